@@ -1,0 +1,63 @@
+# Everything a person or a machine does with this repository; needs Python 3.11 or later with venv, and make.
+PYTHON ?= python3
+VENV ?= .venv
+PY = $(VENV)/bin/python
+PIP_INSTALL = $(PY) -m pip install --quiet --disable-pip-version-check --no-input
+OUT ?= sessions
+SEED ?= 1
+
+.PHONY: demo test sweep bench lint wheel lock
+
+demo: $(VENV)/.run
+	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
+	@echo "Report: $$(ls -t $(OUT)/*/report.html | head -n 1)"
+
+test: $(VENV)/.dev
+	$(PY) -m pytest -n 2 -m "not sweep"
+
+sweep: $(VENV)/.dev
+	$(PY) -m pytest -n 2 -m sweep
+
+bench: $(VENV)/.benchmark
+	$(PY) -m benchmarks
+
+lint: $(VENV)/.dev
+	$(PY) -m ruff check .
+	$(PY) -m ruff format --check .
+	$(PY) -m mypy
+	$(VENV)/bin/lint-imports
+
+wheel: $(VENV)/.build
+	rm -rf build dist
+	$(PY) -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir dist .
+
+# The locks: hashed, without the address of any index. Run it after a change of the dependencies in pyproject.toml.
+COMPILE = CUSTOM_COMPILE_COMMAND="make lock" $(PY) -m piptools compile --quiet --generate-hashes --strip-extras \
+	--allow-unsafe --no-emit-index-url --no-emit-find-links --no-emit-trusted-host
+lock: $(PY)
+	$(PIP_INSTALL) pip-tools
+	$(COMPILE) --output-file requirements/build.txt requirements/build.in
+	$(COMPILE) --output-file requirements/run.txt pyproject.toml
+	$(COMPILE) --constraint requirements/run.txt --extra dev --output-file requirements/dev.txt pyproject.toml
+	$(COMPILE) --constraint requirements/run.txt --extra benchmark --output-file requirements/benchmark.txt pyproject.toml
+
+$(PY):
+	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or later is needed, this is " + sys.version) if sys.version_info < (3, 11) else None'
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.build: requirements/build.txt | $(PY)
+	$(PIP_INSTALL) --require-hashes -r requirements/build.txt
+	@touch $@
+
+$(VENV)/.run: requirements/run.txt pyproject.toml | $(VENV)/.build
+	$(PIP_INSTALL) --require-hashes -r requirements/run.txt
+	$(PIP_INSTALL) --no-deps --no-build-isolation --editable .
+	@touch $@
+
+$(VENV)/.dev: requirements/dev.txt $(VENV)/.run
+	$(PIP_INSTALL) --require-hashes -r requirements/dev.txt
+	@touch $@
+
+$(VENV)/.benchmark: requirements/benchmark.txt $(VENV)/.run
+	$(PIP_INSTALL) --require-hashes -r requirements/benchmark.txt
+	@touch $@

@@ -1,0 +1,61 @@
+"""What the house tests look at: the files of this repository, read once."""
+
+from __future__ import annotations
+
+import ast
+import functools
+from collections.abc import Iterator
+from pathlib import Path
+
+TOP = Path(__file__).resolve().parents[2]
+PRODUCT = ("bench", "instruments", "sim_instruments")
+PACKAGES = (*PRODUCT, "benchmarks")
+TEXT_SUFFIXES = {".py", ".yaml", ".md", ".toml", ".txt", ".in", ".j2", ".css", ".json", ".hex", ""}
+_SKIP = {".git", "__pycache__", "build", "dist", "sessions", ".ruff_cache", ".mypy_cache", ".pytest_cache"}
+_SKIP |= {".hypothesis", ".import_linter_cache"}
+
+
+def python_files(*folders: str) -> list[Path]:
+    """All Python files below some top-level folders, sorted; the one-line backend module with the product."""
+    found = [path for folder in folders for path in sorted((TOP / folder).rglob("*.py"))]
+    return found + ([TOP / "pyvisa_bench.py"] if "bench" in folders else [])
+
+
+@functools.cache
+def tree_of(path: Path) -> ast.Module:
+    """The syntax tree of a file."""
+    return ast.parse(path.read_text(encoding="utf-8"), str(path))
+
+
+def name_of(path: Path) -> str:
+    """A path as a test name: relative to the top."""
+    return path.relative_to(TOP).as_posix()
+
+
+def docstrings(tree: ast.Module) -> Iterator[ast.Constant]:
+    """The docstring nodes of a module, its classes and functions."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and node.body:
+            first = node.body[0]
+            if isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant):
+                yield first.value
+
+
+def imported(tree: ast.Module) -> Iterator[str]:
+    """Full names of everything a module imports, with the members of ``from`` imports."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def text_files() -> Iterator[Path]:
+    """Every text file that belongs to the repository, wherever it lies."""
+    for path in sorted(TOP.rglob("*")):
+        parts = path.relative_to(TOP).parts
+        hidden = any(part.startswith(".") and part != ".ci" for part in parts[:-1]) or parts[0].startswith(".venv")
+        if hidden or _SKIP & set(parts) or any(part.endswith(".egg-info") for part in parts):
+            continue
+        if path.is_file() and path.suffix in TEXT_SUFFIXES:
+            yield path
