@@ -1,0 +1,3 @@
+"""Controller of an unattended calibration bench for inertial-navigation electronics."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,193 @@
+"""Time is an object: the same code runs on the wall clock and on a virtual clock.
+
+This is the only file of the project that sleeps or asks the time (tests/house enforces it). All order and all
+durations come from the monotonic clock in nanoseconds; UTC is a label recorded beside it.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+NS = 1_000_000_000
+VIRTUAL_START_UTC_NS = 946_684_800 * NS  # 2000-01-01T00:00:00Z
+
+
+def to_ns(seconds: float) -> int:
+    """Seconds to whole nanoseconds, rounded to the nearest."""
+    return round(seconds * NS)
+
+
+class Periodic(Protocol):
+    """Handle of a callback registered with ``Clock.every``."""
+
+    def cancel(self) -> None:
+        """Never call back again."""
+
+
+class Clock(Protocol):
+    """What the bench may ask of time."""
+
+    virtual: bool
+
+    def now_ns(self) -> int:
+        """Monotonic time, nanoseconds from an arbitrary origin (0 at the start of a virtual run)."""
+
+    def utc_ns(self) -> int:
+        """UTC, nanoseconds since 1970-01-01."""
+
+    def sleep_until_ns(self, t_mono_ns: int) -> None:
+        """Return at or after ``t_mono_ns``; callbacks that fall due are run on the way."""
+
+    def sleep(self, seconds: float) -> None:
+        """Sleep for a duration."""
+
+    def every(self, period_s: float, callback: Callable[[], None], *, observer: bool = True) -> Periodic:
+        """Call ``callback`` each ``period_s``; ``observer`` promises that it does not change the bench."""
+
+
+@dataclass(eq=False)
+class _Task:
+    due_ns: int
+    period_ns: int
+    callback: Callable[[], None]
+    observer: bool
+    order: int
+    active: bool = True
+    running: bool = False
+
+    def cancel(self) -> None:
+        self.active = False
+
+
+class VirtualClock:
+    """A clock that jumps from event to event in one thread; deterministic.
+
+    Callbacks run inside ``sleep_until_ns`` in order of their due time (registration order breaks ties). A callback
+    may sleep itself; it is not re-entered meanwhile, and its missed ticks are dropped.
+    """
+
+    virtual = True
+
+    def __init__(self, utc_start_ns: int = VIRTUAL_START_UTC_NS) -> None:
+        self._now_ns = 0
+        self._utc_start_ns = utc_start_ns
+        self._tasks: list[_Task] = []
+        self._sleepers: list[int] = []
+        self._order = 0
+
+    def now_ns(self) -> int:
+        return self._now_ns
+
+    def utc_ns(self) -> int:
+        return self._utc_start_ns + self._now_ns
+
+    def sleep(self, seconds: float) -> None:
+        self.sleep_until_ns(self._now_ns + to_ns(seconds))
+
+    def sleep_until_ns(self, t_mono_ns: int) -> None:
+        self._sleepers.append(t_mono_ns)
+        try:
+            while (task := self._next_due(t_mono_ns)) is not None:
+                self._now_ns = max(self._now_ns, task.due_ns)
+                self._run(task)
+            self._now_ns = max(self._now_ns, t_mono_ns)
+        finally:
+            self._sleepers.pop()
+
+    def every(self, period_s: float, callback: Callable[[], None], *, observer: bool = True) -> Periodic:
+        period_ns = to_ns(period_s)
+        if period_ns <= 0:
+            raise ValueError(f"period {period_s} s is not positive")
+        self._tasks = [task for task in self._tasks if task.active]
+        self._order += 1
+        task = _Task(self._now_ns + period_ns, period_ns, callback, observer, self._order)
+        self._tasks.append(task)
+        return task
+
+    def quiet_until_ns(self) -> int:
+        """Time until which nothing but observers runs: nobody can change the simulated bench before it."""
+        horizon = min(self._sleepers, default=self._now_ns)
+        for task in self._tasks:
+            if task.active and not task.observer:
+                horizon = min(horizon, task.due_ns)
+        return max(horizon, self._now_ns)
+
+    def _next_due(self, limit_ns: int) -> _Task | None:
+        due = [t for t in self._tasks if t.active and not t.running and t.due_ns <= limit_ns]
+        return min(due, key=lambda task: (task.due_ns, task.order), default=None)
+
+    def _run(self, task: _Task) -> None:
+        task.running = True
+        try:
+            task.callback()
+        finally:
+            task.running = False
+            task.due_ns += task.period_ns
+            if task.due_ns <= self._now_ns:
+                missed = (self._now_ns - task.due_ns) // task.period_ns + 1
+                task.due_ns += missed * task.period_ns
+
+
+class _Ticker:
+    """One thread that calls back on a fixed grid; ticks missed by an overrun are dropped, never bunched."""
+
+    def __init__(self, period_s: float, callback: Callable[[], None], failures: list[BaseException]) -> None:
+        self._period_s = period_s
+        self._callback = callback
+        self._failures = failures
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._loop, daemon=True)
+        self._thread.start()
+
+    def cancel(self) -> None:
+        self._stop.set()
+        if self._thread is not threading.current_thread():
+            self._thread.join()
+
+    def _loop(self) -> None:
+        due = time.monotonic() + self._period_s
+        while not self._stop.wait(max(0.0, due - time.monotonic())):
+            try:
+                self._callback()
+            except Exception as error:
+                self._failures.append(error)
+                return
+            late = time.monotonic() - due
+            due += self._period_s * (1 + max(0, int(late / self._period_s)))
+
+
+class WallClock:
+    """Real time: monotonic for order and durations, UTC as a label; callbacks run on threads of their own.
+
+    A callback that raises is not called again; its exception is raised by the next sleep of the main thread.
+    """
+
+    virtual = False
+
+    def __init__(self) -> None:
+        self._failures: list[BaseException] = []
+
+    def now_ns(self) -> int:
+        return time.monotonic_ns()
+
+    def utc_ns(self) -> int:
+        return time.time_ns()
+
+    def sleep(self, seconds: float) -> None:
+        self.sleep_until_ns(time.monotonic_ns() + to_ns(max(0.0, seconds)))
+
+    def sleep_until_ns(self, t_mono_ns: int) -> None:
+        while (left_ns := t_mono_ns - time.monotonic_ns()) > 0:
+            time.sleep(left_ns / NS)
+        if self._failures and threading.current_thread() is threading.main_thread():
+            raise self._failures.pop(0)
+
+    def every(self, period_s: float, callback: Callable[[], None], *, observer: bool = True) -> Periodic:
+        del observer
+        if period_s <= 0:
+            raise ValueError(f"period {period_s} s is not positive")
+        return _Ticker(period_s, callback, self._failures)

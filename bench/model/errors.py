@@ -1,0 +1,100 @@
+"""Errors that a technician reads: where, the value, the limit and what to do next.
+
+Every error has a stable code ``B-AREA-NNN`` (listed in docs/errors.md) and maps to one exit status of the contract.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from enum import IntEnum
+
+
+class ExitStatus(IntEnum):
+    """Exit status of the ``bench`` command (docs/errors.md)."""
+
+    PASS = 0
+    VERDICT_FAIL = 1
+    BAD_INPUT = 2
+    SAFE_AFTER_FAULT = 3
+    SAFE_BY_OPERATOR = 4
+    SESSION_DAMAGED = 5
+    INTERNAL = 70
+
+
+class BenchError(Exception):
+    """Base of every error the bench raises on purpose.
+
+    Args:
+        code: stable code, ``B-AREA-NNN``.
+        message: what is wrong, with the value and the limit, in one sentence.
+        where: ``file:line:column``, resource or role of an instrument, or ``byte N`` of a stream.
+        next_step: what the reader can do about it.
+    """
+
+    exit_status = ExitStatus.INTERNAL
+
+    def __init__(self, code: str, message: str, *, where: str = "", next_step: str = "") -> None:
+        super().__init__(message)
+        self.code = code
+        self.message = message
+        self.where = where
+        self.next_step = next_step
+
+    def __str__(self) -> str:
+        place = f"{self.where}: " if self.where else ""
+        advice = f" Next: {self.next_step}" if self.next_step else ""
+        return f"error {self.code}: {place}{self.message}{advice}"
+
+
+class InputError(BenchError):
+    """A file or an argument is wrong; nothing was started."""
+
+    exit_status = ExitStatus.BAD_INPUT
+
+
+class InputErrors(InputError):
+    """All mistakes found in one reading of the input, sorted by position."""
+
+    def __init__(self, errors: Iterable[InputError]) -> None:
+        self.errors = list(errors)
+        first = self.errors[0]
+        super().__init__(first.code, first.message, where=first.where, next_step=first.next_step)
+
+    def __str__(self) -> str:
+        return "\n".join(str(error) for error in self.errors)
+
+
+class InstrumentError(BenchError):
+    """An instrument refused, failed, timed out or is not the one expected; where = role and resource."""
+
+    exit_status = ExitStatus.SAFE_AFTER_FAULT
+
+
+class LinkError(BenchError):
+    """A serial link to the unit under test failed."""
+
+    exit_status = ExitStatus.SAFE_AFTER_FAULT
+
+
+class RunError(BenchError):
+    """The run cannot go on (soak not reached, verify failed ...); the bench was left safe."""
+
+    exit_status = ExitStatus.SAFE_AFTER_FAULT
+
+
+class OperatorStop(BenchError):
+    """The operator ended the run."""
+
+    exit_status = ExitStatus.SAFE_BY_OPERATOR
+
+
+class SessionDamaged(BenchError):
+    """A recorded session is damaged or does not reproduce; where = segment and byte."""
+
+    exit_status = ExitStatus.SESSION_DAMAGED
+
+
+class FitError(BenchError):
+    """The rows do not determine what was asked for, or are not usable."""
+
+    exit_status = ExitStatus.BAD_INPUT

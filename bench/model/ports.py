@@ -1,0 +1,161 @@
+"""What the rooms of the bench ask of each other (Protocols) and the declarations a driver makes about itself.
+
+A driver declares its actions with ``@action``; the static check and the sequencer read the declarations, so neither
+needs to know a model of instrument.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any, Protocol, TypeVar
+
+
+class Effect(Enum):
+    """What an action does to the bench, as far as safety and order are concerned."""
+
+    NONE = "none"  # reads, or sets something without consequence for safety
+    STIMULUS_SET = "stimulus_set"  # programs a level; does not switch the output
+    STIMULUS_ON = "stimulus_on"  # output on
+    STIMULUS_OFF = "stimulus_off"  # output off: always allowed
+    ROUTE = "route"  # closes one route (and opens every other one)
+    ROUTES_OPEN = "routes_open"  # opens every route
+    THERMAL = "thermal"  # changes the temperature of the unit under test
+    POWER = "power"  # changes the supply of the unit under test
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One argument of an action: a quantity with a dimension and limits, or a choice of words or numbers.
+
+    ``dimension`` is a base unit of bench.model.units ("A", "degC" ...), or "" for a choice/plain value.
+    """
+
+    name: str
+    dimension: str = ""
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str | int, ...] = ()
+    required: bool = True
+
+
+@dataclass(frozen=True)
+class Action:
+    """Declaration of one driver method that a sequence may call as ``role.name``."""
+
+    name: str
+    parameters: tuple[Parameter, ...] = ()
+    effect: Effect = Effect.NONE
+    bus_s: float = 0.1  # longest time the call normally takes on the real bus, settling included
+    returns: str = ""  # unit of the value returned, "" if none
+
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+_DECLARATION = "_bench_action"
+
+
+def action(
+    *parameters: Parameter, effect: Effect = Effect.NONE, bus_s: float = 0.1, returns: str = ""
+) -> Callable[[_F], _F]:
+    """Declare a driver method as an action of the sequence language; its name is the method's name."""
+
+    def mark(method: _F) -> _F:
+        setattr(method, _DECLARATION, Action(method.__name__, parameters, effect, bus_s, returns))
+        return method
+
+    return mark
+
+
+def actions_of(driver: type) -> dict[str, Action]:
+    """All actions a driver class declares, by name."""
+    found: dict[str, Action] = {}
+    for name in dir(driver):
+        declaration = getattr(getattr(driver, name, None), _DECLARATION, None)
+        if isinstance(declaration, Action):
+            found[name] = declaration
+    return found
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Who an instrument says it is."""
+
+    manufacturer: str
+    model: str
+    serial: str
+    firmware: str
+
+
+class Transcript(Protocol):
+    """Where every command and reply of an instrument goes."""
+
+    def __call__(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
+        """``direction`` is "tx" or "rx"."""
+
+
+class Instrument(Protocol):
+    """What the sequencer needs of a driver, beside its declared actions."""
+
+    role: str
+
+    def identify(self) -> Identity:
+        """Ask who is there and refuse another model (InstrumentError B-INST-002)."""
+
+    def make_safe(self) -> None:
+        """Bring the instrument to its declared safe state; idempotent, may be called in any state."""
+
+    def drain_errors(self) -> list[str]:
+        """Read the error queue until it is empty; oldest first."""
+
+    def close(self) -> None:
+        """Release the bus session."""
+
+
+class ByteLink(Protocol):
+    """A serial link to the unit under test (pySerial's interface, as far as the bench uses it)."""
+
+    def read(self, size: int = 1) -> bytes:
+        """Up to ``size`` bytes that are there; never waits."""
+
+    def write(self, data: bytes) -> int | None:
+        """Send bytes."""
+
+    @property
+    def in_waiting(self) -> int:
+        """Bytes that can be read at once."""
+
+    def close(self) -> None:
+        """Close the port."""
+
+
+class SessionSink(Protocol):
+    """What the run writes into a session (bench.record.SessionWriter)."""
+
+    def raw(self, link: str, direction: str, t_mono_ns: int, chunk: bytes) -> None:
+        """Raw bytes of a link; direction "rx" or "tx"."""
+
+    def command(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
+        """One command to ("tx") or reply of ("rx") an instrument."""
+
+    def event(self, kind: str, t_mono_ns: int, fields: Mapping[str, Any]) -> None:
+        """Anything that happened: step, record, prompt, slip, alarm ..."""
+
+
+@dataclass(frozen=True)
+class RecordWindow:
+    """One record: ``frames`` frames of a link from an unwrapped counter on, with the conditions it was taken under.
+
+    ``conditions`` holds the loop variables and set-points by field name with unit suffix, for example
+    {"channel": 1, "kind": "gyro", "temperature_degC": -10.0, "current_A": 3e-5, "polarity": 1, "range_A": 2.2e-4,
+     "route": "closed"}; ``polarity`` is +1 or -1, ``route`` is "open" or "closed".
+    """
+
+    number: int
+    link: str
+    first_counter: int
+    frames: int
+    t_start_ns: int
+    t_end_ns: int
+    conditions: Mapping[str, Any] = field(default_factory=dict)
+    step: int = -1

@@ -1,0 +1,117 @@
+"""Quantities with units: ``"10 mA"`` -> 0.01 (ampere). A bare number where a unit is due is an error."""
+
+from __future__ import annotations
+
+import math
+import re
+from decimal import Decimal, InvalidOperation
+from functools import lru_cache
+from typing import Any
+
+from pydantic import BeforeValidator, WithJsonSchema
+
+_PREFIX = {"p": -12, "n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "": 0, "k": 3, "M": 6, "G": 9}
+_PREFIXED = ("A", "V", "Hz", "s", "C", "ohm", "W", "F")
+
+# unit text -> (dimension, factor to the base unit of that dimension)
+_UNITS: dict[str, tuple[str, Decimal]] = {
+    f"{prefix}{base}": (base, Decimal(1).scaleb(exponent)) for base in _PREFIXED for prefix, exponent in _PREFIX.items()
+}
+_UNITS |= {
+    "min": ("s", Decimal(60)),
+    "h": ("s", Decimal(3600)),
+    "degC": ("degC", Decimal(1)),
+    "degC/min": ("degC/min", Decimal(1)),
+    "ppm": ("1", Decimal("1e-6")),
+    "%": ("1", Decimal("0.01")),
+    "1": ("1", Decimal(1)),
+    "deg/s": ("deg/s", Decimal(1)),
+    "g": ("g", Decimal(1)),
+    "ppm/degC": ("1/degC", Decimal("1e-6")),
+}
+
+_QUANTITY = re.compile(r"\s*([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d{1,3})?)\s*(\S*)\s*")
+
+
+def parse_quantity(text: object, dimension: str) -> float:
+    """Read a quantity such as ``"30 uA"`` and return it in the base unit of ``dimension``.
+
+    Args:
+        text: the quantity as text; anything else is refused.
+        dimension: base unit that is due: ``A V Hz s C ohm W F degC degC/min 1 deg/s g 1/degC``.
+    Returns:
+        The nearest float to the decimal value in the base unit (28 digits are kept on the way).
+    Raises:
+        ValueError: no number, no unit, unknown unit, unit of another dimension, or not finite.
+    """
+    if not isinstance(text, str):
+        raise ValueError(f"{text!r} has no unit; write a quantity in {dimension}, for example '10 {dimension}'")
+    match = _QUANTITY.fullmatch(text)
+    if match is None:
+        raise ValueError(f"{text!r} is not a quantity; write a number and a unit, for example '10 {dimension}'")
+    number, unit = match.groups()
+    if unit not in _UNITS:
+        known = ", ".join(sorted(u for u, (d, _) in _UNITS.items() if d == dimension))
+        what = f"has the unknown unit {unit!r}" if unit else "has no unit"
+        raise ValueError(f"{text!r} {what}; use one of: {known}")
+    found, factor = _UNITS[unit]
+    if found != dimension:
+        raise ValueError(f"{text!r} is in {found}; a quantity in {dimension} is due")
+    try:
+        value = float(Decimal(number) * factor)
+    except (InvalidOperation, OverflowError) as error:
+        raise ValueError(f"{text!r} is out of range") from error
+    if not math.isfinite(value):
+        raise ValueError(f"{text!r} is not finite")
+    return value
+
+
+@lru_cache(maxsize=4096)
+def read_quantity(text: str) -> tuple[float, str] | None:
+    """Read a quantity of any dimension: (value in the base unit, dimension), or None if the text is no quantity.
+
+    A number too large for a float is no quantity.
+    """
+    match = _QUANTITY.fullmatch(text)
+    if match is None or match[2] not in _UNITS:
+        return None
+    dimension = _UNITS[match[2]][0]
+    try:
+        return parse_quantity(text, dimension), dimension
+    except ValueError:
+        return None
+
+
+def quantity(dimension: str, low: float | None = None, high: float | None = None) -> Any:
+    """Pydantic annotation: text with a unit of ``dimension`` to a float in the base unit, inside [low, high].
+
+    Use as ``Annotated[float, *quantity("A")]``.
+    """
+
+    def read(value: object) -> float:
+        number = parse_quantity(value, dimension)
+        if low is not None and number < low:
+            raise ValueError(f"{value!r} is below the limit {low:g} {dimension}")
+        if high is not None and number > high:
+            raise ValueError(f"{value!r} is above the limit {high:g} {dimension}")
+        return number
+
+    schema = {
+        "type": "string",
+        "pattern": r"^\s*[-+]?[0-9.]+([eE][-+]?\d+)?\s*\S+\s*$",
+        "description": f"in {dimension}",
+    }
+    return BeforeValidator(read), WithJsonSchema(schema)
+
+
+_DISPLAY_PREFIX = (("G", 9), ("M", 6), ("k", 3), ("", 0), ("m", -3), ("u", -6), ("n", -9), ("p", -12))
+
+
+def format_quantity(value: float, unit: str, digits: int = 6) -> str:
+    """Print a value with an SI prefix: ``format_quantity(3e-5, "A") == "30 uA"``."""
+    if value == 0 or not math.isfinite(value) or unit not in _PREFIXED:
+        return f"{value:.{digits}g} {unit}"
+    for prefix, exponent in _DISPLAY_PREFIX:
+        if abs(value) >= 10.0**exponent * (1 - 1e-12):
+            return f"{value / 10.0**exponent:.{digits}g} {prefix}{unit}"
+    return f"{value:.{digits}g} {unit}"

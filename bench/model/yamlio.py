@@ -1,0 +1,317 @@
+"""The one YAML loader: strict, bounded, and every mistake comes with file:line:column, all at once.
+
+What is refused: duplicate keys, aliases and anchors, tags, several documents, control characters, files over 1 MB,
+nesting over 50, more than 50,000 values, keys that are not text, integers over 64 bits. Plain scalars follow the
+YAML 1.2 core rules: ``1e5`` is a number, ``on`` and ``1:30`` are text, only ``true`` and ``false`` are booleans;
+``.inf`` and ``.nan`` are text. Values are then checked by a pydantic model (types, units, limits, unknown keys).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Generic, NoReturn, TypeVar
+
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from bench.model.errors import InputError, InputErrors
+
+MAX_BYTES = 1_000_000
+MAX_DEPTH = 50
+MAX_VALUES = 50_000
+MAX_LISTED = 100
+_LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+_NOT_TEXT = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
+_INT = re.compile(r"[-+]?(0|[1-9][0-9]*)")
+_HEX = re.compile(r"0x[0-9a-fA-F]+")
+_FLOAT = re.compile(r"[-+]?(\.[0-9]+|(0|[1-9][0-9]*)(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+_CONSTANTS = {"": None, "~": None, "null": None, "true": True, "false": False}
+_MAX_DIGITS = 300
+
+Path_ = tuple[str | int, ...]
+ModelT = TypeVar("ModelT", bound=BaseModel)
+
+
+class StrictModel(BaseModel):
+    """Base of all YAML schemas: unknown keys are errors, instances are frozen."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Position in a YAML file, both 1-based."""
+
+    line: int
+    column: int
+
+
+@dataclass(frozen=True)
+class Document(Generic[ModelT]):
+    """A checked YAML file: the model, the text it came from and the position of every value."""
+
+    model: ModelT
+    text: str
+    name: str
+    marks: dict[Path_, Mark] = field(repr=False)
+
+    def where(self, path: Path_ = ()) -> str:
+        """``file:line:column`` of the value at ``path``, or of its nearest parent that stands in the file."""
+        return _where(self.name, self.marks, path)
+
+
+def load_yaml(path: Path, schema: type[ModelT]) -> Document[ModelT]:
+    """Read and check one YAML file. Raises InputErrors with every mistake found, sorted by position."""
+    try:
+        with path.open("rb") as stream:
+            raw = stream.read(MAX_BYTES + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError("B-YAML-001", f"cannot be read: {reason}", where=str(path)) from error
+    return parse_yaml(raw, str(path), schema)
+
+
+def parse_yaml(raw: bytes | str, name: str, schema: type[ModelT]) -> Document[ModelT]:
+    """Check YAML text against ``schema``; ``name`` is the file name used in messages."""
+    text = _text(raw.encode() if isinstance(raw, str) else raw, name)
+    builder = _Builder(name)
+    tree = builder.build(text)
+    problems = builder.problems
+    try:
+        model = schema.model_validate(tree)
+    except ValidationError as error:
+        raise _all(problems + _schema_problems(error, name, builder.marks)) from error
+    if problems:
+        raise _all(problems)
+    return Document(model, text, name, builder.marks)
+
+
+def _text(raw: bytes, name: str) -> str:
+    if len(raw) > MAX_BYTES:
+        raise InputError("B-YAML-002", f"is larger than {MAX_BYTES} bytes", where=name, next_step="split the file")
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = raw.count(b"\n", 0, error.start) + 1
+        column = error.start - raw.rfind(b"\n", 0, error.start)
+        raise InputError("B-YAML-003", "is not UTF-8 text", where=f"{name}:{line}:{column}") from error
+    wrong = _NOT_TEXT.search(text)
+    if wrong is not None:
+        at = wrong.start()
+        where = f"{name}:{text.count(chr(10), 0, at) + 1}:{at - text.rfind(chr(10), 0, at)}"
+        raise InputError("B-YAML-016", f"holds the control character U+{ord(wrong[0]):04X}", where=where)
+    return text
+
+
+def _mark_at(marks: dict[Path_, Mark], path: Path_) -> Mark:
+    """Position of ``path``; parts that do not stand in the file (names of alternatives, missing keys) are skipped."""
+    found: Path_ = ()
+    for part in path:
+        step = next((k for k in ((*found, part), (*found, str(part))) if k in marks), None)
+        found = found if step is None else step
+    return marks.get(found, Mark(1, 1))
+
+
+def _where(name: str, marks: dict[Path_, Mark], path: Path_) -> str:
+    mark = _mark_at(marks, path)
+    return f"{name}:{mark.line}:{mark.column}"
+
+
+@dataclass(frozen=True, order=True)
+class _Problem:
+    line: int
+    column: int
+    code: str
+    message: str
+    where: str
+    next_step: str = ""
+
+    def error(self) -> InputError:
+        return InputError(self.code, self.message, where=self.where, next_step=self.next_step)
+
+
+def _all(problems: list[_Problem]) -> InputErrors:
+    """Every problem once, in order of position, at most MAX_LISTED of them."""
+    unique = sorted(set(problems))
+    errors = [problem.error() for problem in unique[:MAX_LISTED]]
+    if len(unique) > MAX_LISTED:
+        where = unique[MAX_LISTED].where
+        errors.append(InputError("B-YAML-017", f"{len(unique) - MAX_LISTED} more mistakes are not listed", where=where))
+    return InputErrors(errors)
+
+
+def _schema_problems(error: ValidationError, name: str, marks: dict[Path_, Mark]) -> list[_Problem]:
+    found = []
+    for item in error.errors(include_url=False):
+        mark = _mark_at(marks, tuple(item["loc"]))
+        named = (part for part in reversed(item["loc"]) if isinstance(part, str) and not part.startswith("<"))
+        code, message = _explain(item, next(named, ""))
+        found.append(_Problem(mark.line, mark.column, code, message, f"{name}:{mark.line}:{mark.column}"))
+    return found
+
+
+def _explain(item: Any, key: str) -> tuple[str, str]:
+    kind = item["type"]
+    if kind == "extra_forbidden":
+        return "B-YAML-010", f"unknown key {key!r}"
+    if kind == "missing":
+        return "B-YAML-011", f"the key {key!r} is missing"
+    label = f"{key}: " if key else ""
+    message = str(item["msg"]).removeprefix("Value error, ").removeprefix("Assertion failed, ")
+    if kind == "value_error":
+        return "B-YAML-012", f"{label}{message}"
+    if kind in ("model_type", "model_attributes_type", "dict_type"):
+        message = "a mapping of keys and values is due"
+    return "B-YAML-013", f"{label}{message[:1].lower()}{message[1:]} (found {_shorten(item.get('input'))})"
+
+
+def _shorten(value: object) -> str:
+    if isinstance(value, (dict, list)):
+        return "a mapping" if isinstance(value, dict) else "a list"
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+@dataclass
+class _Level:
+    path: Path_
+    container: dict[str, Any] | list[Any]
+    key: str | None = None
+
+
+class _Builder:
+    """Builds plain Python values from YAML events, with positions; iterative, so depth cannot exhaust the stack."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.marks: dict[Path_, Mark] = {}
+        self.problems: list[_Problem] = []
+        self.values = 0
+
+    def build(self, text: str) -> Any:
+        root: list[Any] = []
+        stack: list[_Level] = []
+        try:
+            for event in self._events(text):
+                self._take(event, stack, root)
+        except yaml.YAMLError as error:
+            line, column = _position(error, text)
+            reason = getattr(error, "problem", None) or str(error).splitlines()[0]
+            where = f"{self.name}:{line}:{column}"
+            self.problems.append(_Problem(line, column, "B-YAML-004", f"is not YAML: {reason}", where))
+            raise _all(self.problems) from error
+        return root[0] if root else None
+
+    def _events(self, text: str) -> Iterator[Any]:
+        yield from yaml.parse(text, Loader=_LOADER)
+
+    def _note(self, code: str, message: str, event: Any, next_step: str = "") -> None:
+        mark = _mark_of(event)
+        where = f"{self.name}:{mark.line}:{mark.column}"
+        self.problems.append(_Problem(mark.line, mark.column, code, message, where, next_step))
+
+    def _refuse(self, code: str, message: str, event: Any, next_step: str = "") -> NoReturn:
+        self._note(code, message, event, next_step)
+        raise _all(self.problems)
+
+    def _take(self, event: Any, stack: list[_Level], root: list[Any]) -> None:
+        if isinstance(event, yaml.AliasEvent):
+            self._refuse("B-YAML-005", "aliases are not allowed", event, "write the value out")
+        if isinstance(event, yaml.DocumentStartEvent) and root:
+            self._refuse("B-YAML-006", "a second document is not allowed", event)
+        if isinstance(event, (yaml.ScalarEvent, yaml.SequenceStartEvent, yaml.MappingStartEvent)):
+            self._node(event, stack, root)
+        elif isinstance(event, (yaml.SequenceEndEvent, yaml.MappingEndEvent)):
+            stack.pop()
+
+    def _node(self, event: Any, stack: list[_Level], root: list[Any]) -> None:
+        self._admit(event)
+        level = stack[-1] if stack else None
+        if level is not None and isinstance(level.container, dict) and level.key is None:
+            self._key(event, level)
+            return
+        value = self._value(event)
+        path = self._attach(level, value, root)
+        if level is None or isinstance(level.container, list):
+            self.marks[path] = _mark_of(event)
+        if not isinstance(event, yaml.ScalarEvent):
+            if len(stack) >= MAX_DEPTH:
+                self._refuse("B-YAML-008", f"nesting over {MAX_DEPTH} levels", event)
+            stack.append(_Level(path, value))
+
+    def _admit(self, event: Any) -> None:
+        if event.anchor is not None:
+            self._refuse("B-YAML-005", "anchors are not allowed", event, "write the value out")
+        if event.tag is not None and event.tag != "!":
+            self._refuse("B-YAML-007", f"the tag {event.tag!r} is not allowed", event)
+        self.values += 1
+        if self.values > MAX_VALUES:
+            self._refuse("B-YAML-015", f"holds more than {MAX_VALUES} values", event, "split the file")
+
+    def _key(self, event: Any, level: _Level) -> None:
+        if not isinstance(event, yaml.ScalarEvent) or (event.implicit[0] and event.value in _CONSTANTS):
+            self._refuse("B-YAML-009", "a key must be text", event, "put the key in quotes")
+        assert isinstance(level.container, dict)
+        if event.value in level.container:
+            self._note("B-YAML-014", f"duplicate key {event.value!r}", event, "keep one of them")
+        level.key = event.value
+        self.marks.setdefault((*level.path, event.value), _mark_of(event))
+
+    @staticmethod
+    def _attach(level: _Level | None, value: Any, root: list[Any]) -> Path_:
+        if level is None:
+            root.append(value)
+            return ()
+        if isinstance(level.container, list):
+            level.container.append(value)
+            return (*level.path, len(level.container) - 1)
+        key, level.key = level.key, None
+        assert key is not None
+        level.container[key] = value
+        return (*level.path, key)
+
+    def _value(self, event: Any) -> Any:
+        if isinstance(event, yaml.SequenceStartEvent):
+            return []
+        if isinstance(event, yaml.MappingStartEvent):
+            return {}
+        if not event.implicit[0]:
+            return event.value
+        value = _plain(event.value)
+        if isinstance(value, int) and not -(2**63) <= value < 2**64:
+            self._note("B-YAML-018", f"the integer {_shorten(event.value)} is over 64 bits", event)
+            return 0
+        return value
+
+
+def _mark_of(event: Any) -> Mark:
+    return Mark(event.start_mark.line + 1, event.start_mark.column + 1)
+
+
+def _position(error: yaml.YAMLError, text: str) -> tuple[int, int]:
+    """Where the parser stopped; a file that ends too early is wrong at its last character, not on the line after."""
+    mark: Any = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
+    if mark is None:
+        return 1, 1
+    last = text.count("\n")
+    if mark.line > last:
+        return last + 1, len(text) - text.rfind("\n")
+    return mark.line + 1, mark.column + 1
+
+
+def _plain(text: str) -> Any:
+    """Value of an unquoted scalar by the core rules of YAML 1.2; what is no number is text."""
+    if text in _CONSTANTS:
+        return _CONSTANTS[text]
+    if _INT.fullmatch(text):
+        return int(text) if len(text) <= _MAX_DIGITS else 2**64
+    if _HEX.fullmatch(text):
+        return int(text, 16)
+    if len(text) > _MAX_DIGITS or not _FLOAT.fullmatch(text):
+        return text
+    number = float(text)
+    return number if abs(number) != float("inf") else text
