@@ -1,0 +1,145 @@
+"""Decoded frames as columns: fields are cut out of the frame bytes only when somebody asks for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.frame.layout import Field, Message
+from bench.model.errors import InputError
+
+Extract = Callable[[NDArray[np.uint8], Field], NDArray[Any]]
+"""Cuts one field out of the frame bytes (n, body): (n,) or (n, count), native byte order."""
+
+
+class MessageBatch:
+    """n frames of one message, in stream order.
+
+    Attributes:
+        offset: (n,) int64, stream offset of the first sync byte.
+        rows: (n, body) uint8, the frames without check and without bytes of variable length.
+        t_ns: (n,) int64, receive stamp of the chunk that completed the frame; None outside a link.
+        counter: (n,) int64, unwrapped counter, which never falls except on a repeated frame (it then carries the
+            counter of the frame it repeats); None without a counter or outside a link.
+        suspect: (n,) bool, check passed but a constant differs or the counter is out of line.
+    """
+
+    __slots__ = ("_columns", "_extract", "counter", "message", "offset", "rest", "rows", "suspect", "t_ns")
+
+    def __init__(self, message: Message, offset: NDArray[np.int64], rows: NDArray[np.uint8], rest: list[bytes] | None,
+                 extract: Extract) -> None:  # fmt: skip
+        self.message = message
+        self.offset = offset
+        self.rows = rows
+        self.rest = rest
+        self.t_ns: NDArray[np.int64] | None = None
+        self.counter: NDArray[np.int64] | None = None
+        self._extract = extract
+        self._columns: dict[str, NDArray[Any]] = {}
+        self.suspect = self._constants_differ()
+
+    def __len__(self) -> int:
+        return len(self.offset)
+
+    def raw(self, name: str) -> NDArray[Any]:
+        """Raw values of a field, or of a bit range as "field.bits": (n,) or (n, count).
+
+        Integers keep the smallest native type that holds them (u24 -> uint32): widen before subtracting. Bytes of
+        variable length give an object array of bytes.
+        Raises: InputError B-FRAME-022 for an unknown name.
+        """
+        column = self._columns.get(name)
+        if column is None:
+            column = self._columns[name] = self._cut(name)
+        return column
+
+    def scaled(self, name: str) -> NDArray[np.float64]:
+        """Values in the field's unit (raw * scale + offset) as float64, (n,) or (n, count)."""
+        item = self._field(name)
+        values = self.raw(name).astype(np.float64)
+        return values * item.scale + item.shift if self.has_scale(name) else values
+
+    def has_scale(self, name: str) -> bool:
+        """Whether physical and raw values of a field differ."""
+        item = self._field(name)
+        return "." not in name and (item.scale != 1.0 or item.shift != 0.0)
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """All fields by name, in wire order."""
+        return {item.name: self.raw(item.name) for item in self.message.fields}
+
+    @staticmethod
+    def join(parts: Sequence[MessageBatch]) -> MessageBatch:
+        """Batches of one message that follow each other in the stream, as one; at least one is needed."""
+        if len(parts) == 1:
+            return parts[0]
+        first = parts[0]
+        rest = None if first.rest is None else [value for part in parts for value in part.rest or []]
+        rows = np.concatenate([part.rows for part in parts])
+        both = MessageBatch(first.message, np.concatenate([part.offset for part in parts]), rows, rest, first._extract)
+        both.suspect = np.concatenate([part.suspect for part in parts])
+        stamps = [part.t_ns for part in parts if part.t_ns is not None]
+        both.t_ns = np.concatenate(stamps) if stamps else None
+        counters = [part.counter for part in parts if part.counter is not None]
+        both.counter = np.concatenate(counters) if counters else None
+        return both
+
+    def _field(self, name: str) -> Field:
+        fields = self.message.by_name
+        base, _, part = name.partition(".")
+        if base not in fields or (part and part not in fields[base].bits):
+            raise InputError(
+                "B-FRAME-022",
+                f"the message {self.message.name!r} has no field {name!r}",
+                where="frame definition",
+                next_step=f"use one of: {', '.join(fields)}",
+            )
+        return fields[base]
+
+    def _cut(self, name: str) -> NDArray[Any]:
+        item = self._field(name)
+        if item.rest:
+            column = np.empty(len(self), object)
+            column[:] = self.rest
+            return column
+        if "." not in name:
+            return self._extract(self.rows, item)
+        low, width = item.bits[name.partition(".")[2]]
+        whole = self.raw(item.name)
+        kind = whole.dtype.type
+        return np.asarray((whole >> kind(low)) & kind((1 << width) - 1))
+
+    def _constants_differ(self) -> NDArray[np.bool_]:
+        different = np.zeros(len(self), np.bool_)
+        for item in self.message.constants:
+            expected = np.frombuffer(item.constant or b"", np.uint8)
+            different |= (self.rows[:, item.offset : item.offset + item.length] != expected).any(axis=1)
+        return different
+
+
+@dataclass(frozen=True)
+class FrameBatch:
+    """What one feed yielded: accepted frames by message, offsets of rejected candidates, bytes now behind us.
+
+    ``position``: stream offset up to which every byte is decided. A rejected candidate is a full sync pattern, with
+    all bytes of its frame there, whose check (or length, or type) fails and that lies inside no accepted frame.
+    """
+
+    messages: Mapping[str, MessageBatch]
+    bad_offset: NDArray[np.int64]
+    position: int
+
+
+@dataclass
+class FrameCounts:
+    """Running totals of a decoder."""
+
+    bytes: int = 0
+    frames: int = 0
+    bad: int = 0
+    skipped_bytes: int = 0
+    by_message: dict[str, int] = field(default_factory=dict)

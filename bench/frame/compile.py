@@ -1,0 +1,171 @@
+"""From a checked YAML document to a Layout; all mistakes at once, each with file:line:column."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+
+from bench.frame.catalogue import ALIASES, CATALOGUE, CrcModel, find_model
+from bench.frame.checksums import CHECKSUMS, Check
+from bench.frame.compile_fields import place_fields
+from bench.frame.crc import Crc
+from bench.frame.layout import Field, Layout, Message
+from bench.frame.schema import MAX_FRAME_BYTES, CheckSpec, FrameSpec
+from bench.model.errors import InputError, InputErrors
+from bench.model.yamlio import Document, Path_
+
+ONLY_MESSAGE = "frame"
+_PARAMETERS = ("width", "poly", "init", "refin", "refout", "xorout")
+
+
+class _Compiler:
+    def __init__(self, document: Document[FrameSpec]) -> None:
+        self.document = document
+        self.spec = document.model
+        self.errors: list[InputError] = []
+
+    def fail(self, code: str, path: Path_, message: str, next_step: str) -> None:
+        self.errors.append(InputError(code, message, where=self.document.where(path), next_step=next_step))
+
+    def build(self) -> Layout:
+        spec = self.spec
+        common = place_fields(spec.fields, ("fields",), (), len(spec.sync), spec.endian, self.fail)
+        check = self._check(spec.crc)
+        length_field = self._reference("length", spec.length.field if spec.length else None, common)
+        type_field = self._reference("type", spec.type.field if spec.type else None, common)
+        messages = self._messages(common, check.size, type_field)
+        self._check_lengths(messages, check.size)
+        if self.errors:
+            raise InputErrors(self.errors)
+        pattern = bytes(spec.sync)
+        for field in messages[0].fields if len(messages) == 1 else common:
+            if field.constant is None:
+                break
+            pattern += field.constant
+        ends = [item.offset + item.length for item in (length_field, type_field) if item is not None]
+        return Layout(
+            sync=bytes(spec.sync),
+            pattern=pattern,
+            header=max([len(pattern), *ends]),
+            messages=tuple(messages),
+            check=check,
+            stored_big=(spec.crc.stored or spec.endian) == "big",
+            length_field=length_field,
+            length_plus=spec.length.plus if spec.length else 0,
+            max_length=spec.length.max if spec.length else max(message.length for message in messages),
+            type_field=type_field,
+            shared_counter=bool(spec.messages) and any(field.counter for field in common),
+            rate_Hz=spec.rate,
+        )
+
+    def _reference(self, key: str, name: str | None, common: Sequence[Field]) -> Field | None:
+        if name is None:
+            return None
+        field = next((item for item in common if item.name == name), None)
+        if field is None or field.kind != "u" or field.count is not None or field.size > 4:
+            message = f"the {key} field {name!r} must be one unsigned integer of up to 32 bits among the common fields"
+            self.fail("B-FRAME-006", (key, "field"), message, "")
+            return None
+        return field
+
+    def _messages(self, common: list[Field], check_size: int, type_field: Field | None) -> list[Message]:
+        spec = self.spec
+        if spec.messages is None:
+            return [self._message(ONLY_MESSAGE, common, None, check_size)]
+        if not spec.messages or spec.type is None or spec.golden is not None or spec.expect is not None:
+            advice = "give 'type', and 'golden' and 'expect' inside each message"
+            self.fail("B-FRAME-007", ("messages",), "messages need a type field and golden frames of their own", advice)
+        start = common[-1].offset + common[-1].length
+        found: list[Message] = []
+        for name, part in spec.messages.items():
+            path: Path_ = ("messages", name)
+            fields = place_fields(part.fields, (*path, "fields"), common, start, spec.endian, self.fail)
+            if any(part.value == other.type_value for other in found):
+                self.fail("B-FRAME-007", (*path, "value"), f"{name}: the type value {part.value} is taken", "")
+            if type_field is not None and part.value >= 1 << (8 * type_field.size):
+                message = f"{name}: the type value {part.value} does not fit the field {type_field.name!r}"
+                self.fail("B-FRAME-007", (*path, "value"), message, "")
+            found.append(self._message(name, fields, part.value, check_size))
+        return found
+
+    def _message(self, name: str, fields: list[Field], type_value: int | None, check_size: int) -> Message:
+        body = fields[-1].offset + fields[-1].length
+        start, stop = self._coverage(fields, name)
+        length = 0 if fields[-1].rest else body + check_size
+        return Message(name, tuple(fields), body, length, start, stop, type_value)
+
+    def _coverage(self, fields: list[Field], message: str) -> tuple[int, int | None]:
+        known = {field.name: field for field in fields}
+        bounds: list[int | None] = []
+        for index, name in enumerate(self.spec.crc.over):
+            field = known.get(name)
+            if name == "sync" and index == 0:
+                bounds.append(0)
+            elif name == "end" and index == 1:
+                bounds.append(None)
+            elif field is None:
+                text = f"the check covers {name!r}, which is no field of the message {message!r}"
+                close = difflib.get_close_matches(name, known, 1)
+                self.fail("B-FRAME-008", ("crc", "over", index), text, f"did you mean {close[0]!r}?" if close else "")
+                bounds.append(None)
+            else:
+                last = field is fields[-1]
+                bounds.append(field.offset if index == 0 else None if last else field.offset + field.length)
+        start = bounds[0] or 0
+        if bounds[1] is not None and bounds[1] <= start:
+            self.fail("B-FRAME-008", ("crc", "over"), f"{self.spec.crc.over} runs backwards in {message!r}", "")
+        return start, bounds[1]
+
+    def _check_lengths(self, messages: list[Message], check_size: int) -> None:
+        length = self.spec.length
+        for message in messages:
+            shortest = message.body + check_size
+            if message.rest is not None and length is None:
+                text = f"{message.name!r} has a field of 'rest' length, so the frame must carry its length"
+                self.fail("B-FRAME-006", ("length",), text, "add 'length: {field: ..., plus: ..., max: ...}'")
+            limit = MAX_FRAME_BYTES if length is None else length.max
+            if shortest > limit:
+                text = f"{message.name!r} is {shortest} bytes long, the limit is {limit}"
+                self.fail("B-FRAME-006", ("length", "max") if length else ("fields",), text, "")
+
+    def _check(self, spec: CheckSpec) -> Check:
+        given = [key for key in _PARAMETERS if getattr(spec, key) is not None]
+        if spec.name is not None:
+            if given:
+                text = f"has a name and the parameter {given[0]!r}"
+                self.fail("B-FRAME-009", ("crc", given[0]), text, "keep the name or all six parameters")
+            return self._named_check(spec.name)
+        missing = [key for key in _PARAMETERS if key not in given]
+        if missing:
+            text = f"has no name and lacks {', '.join(missing)}"
+            self.fail("B-FRAME-009", ("crc",), text, "give a name of the catalogue or all six parameters")
+            return CHECKSUMS["xor-8"]
+        width = spec.width or 1
+        for key in ("poly", "init", "xorout"):
+            if getattr(spec, key) >= 1 << width:
+                self.fail("B-FRAME-009", ("crc", key), f"{key} is wider than {width} bits", "")
+        if spec.poly == 0:
+            self.fail("B-FRAME-009", ("crc", "poly"), "the polynomial must not be 0", "")
+        mask = (1 << width) - 1
+        poly, init, xorout = ((getattr(spec, key) or 0) & mask for key in ("poly", "init", "xorout"))
+        return Crc(CrcModel("custom", width, poly, init, bool(spec.refin), bool(spec.refout), xorout))
+
+    def _named_check(self, name: str) -> Check:
+        key = name.lower()
+        if key in CHECKSUMS:
+            return CHECKSUMS[key]
+        model = find_model(key)
+        if model is None:
+            close = difflib.get_close_matches(key, [*CATALOGUE, *ALIASES, *CHECKSUMS], 3)
+            advice = f"did you mean {' or '.join(close)}?" if close else "use a name of the CRC catalogue"
+            self.fail("B-FRAME-010", ("crc", "name"), f"{name!r} is no known CRC or checksum", advice)
+            return CHECKSUMS["xor-8"]
+        return Crc(model)
+
+
+def compile_frame(document: Document[FrameSpec]) -> Layout:
+    """Compile a frame file.
+
+    Raises: InputErrors (B-FRAME-001 to 010) with every mistake found, each with its position.
+    """
+    return _Compiler(document).build()

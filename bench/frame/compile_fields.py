@@ -1,0 +1,126 @@
+"""From field specifications to fields with offsets; every mistake is collected with its position."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from bench.frame.layout import Field
+from bench.frame.schema import FieldSpec
+from bench.model.yamlio import Path_
+
+Fail = Callable[[str, Path_, str, str], None]
+"""Collects one error: code, path in the file, message, next step."""
+
+_HEX = re.compile(r"(?:[0-9a-fA-F]{2}\s*)*")
+_BIT_RANGE = re.compile(r"(\d{1,2})(?:-(\d{1,2}))?")
+
+
+def read_hex(text: str) -> bytes | None:
+    """Bytes of hex text with optional white space, None if it is not hex."""
+    return bytes.fromhex(text) if _HEX.fullmatch(text.strip()) else None
+
+
+def place_fields(specs: Sequence[FieldSpec], path: Path_, first: Sequence[Field], start: int, endian: str,
+                 fail: Fail) -> list[Field]:  # fmt: skip
+    """Lay fields one behind the other from byte ``start`` on, behind the fields ``first``.
+
+    Returns ``first`` and the new fields. Mistakes go to ``fail``; the field is then placed as well as possible.
+    """
+    placed = list(first)
+    offset = start
+    for index, spec in enumerate(specs):
+        where = (*path, index)
+        field = _field(spec, where, offset, endian, fail)
+        if any(field.name == other.name for other in placed):
+            fail("B-FRAME-001", (*where, "name"), f"the field {field.name!r} exists already", "choose another name")
+        if any(other.rest for other in placed):
+            fail("B-FRAME-002", where, f"{field.name!r} follows a field of 'rest' length, which must be last", "")
+        if field.counter and any(other.counter for other in placed):
+            fail("B-FRAME-003", (*where, "role"), "a message can have one counter only", "")
+        placed.append(field)
+        offset += field.length
+    return placed
+
+
+def _field(spec: FieldSpec, where: Path_, offset: int, endian: str, fail: Fail) -> Field:
+    kind = "b" if spec.type == "bytes" else spec.type[0]
+    count = 0 if spec.count == "rest" else spec.count
+    _check_options(spec, kind, where, fail)
+    field = Field(
+        name=spec.name,
+        kind=kind,
+        size=1 if kind == "b" else int(spec.type[1:]) // 8,
+        count=1 if kind == "b" and count is None else count,
+        offset=offset,
+        big=(spec.endian or endian) == "big",
+        scale=1.0 if spec.scale is None else spec.scale,
+        shift=0.0 if spec.offset is None else spec.offset,
+        unit=spec.unit or "",
+        counter=spec.role == "counter",
+        per=spec.per or "",
+    )
+    bits = _bits(spec, field, where, fail)
+    return replace(field, bits=bits, constant=_constant(spec, field, where, fail))
+
+
+def _check_options(spec: FieldSpec, kind: str, where: Path_, fail: Fail) -> None:
+    def refuse(key: str, reason: str) -> None:
+        fail("B-FRAME-002", (*where, key), f"{spec.name}: {reason}", "")
+
+    if kind == "b":
+        if spec.count is None:
+            refuse("type", "bytes need a 'count' (a number of bytes or 'rest')")
+        for key in ("scale", "offset", "unit", "per", "endian"):
+            if getattr(spec, key) is not None:
+                refuse(key, f"{key!r} makes no sense for bytes")
+    elif spec.count == "rest":
+        refuse("count", "only bytes can have the count 'rest'")
+    if kind != "u":
+        for key in ("bits", "per"):
+            if getattr(spec, key) is not None:
+                refuse(key, f"{key!r} needs an unsigned integer, not {spec.type}")
+    if spec.scale == 0:
+        refuse("scale", "the scale must not be 0")
+    odd = kind != "u" or spec.type in ("u56", "u64") or spec.count is not None or spec.constant is not None
+    if spec.role == "counter" and odd:
+        text = f"{spec.name}: a counter is one unsigned integer of up to 48 bits that varies"
+        fail("B-FRAME-003", (*where, "role"), text, "")
+
+
+def _bits(spec: FieldSpec, field: Field, where: Path_, fail: Fail) -> dict[str, tuple[int, int]]:
+    spans: dict[str, tuple[int, int]] = {}
+    taken = 0
+    for name, text in (spec.bits or {}).items():
+        match = _BIT_RANGE.fullmatch(str(text))
+        low, high = (int(match[1]), int(match[2] or match[1])) if match else (0, -1)
+        if not low <= high < 8 * field.size:
+            advice = f"write a bit 0 to {8 * field.size - 1} or a range such as '1-3'"
+            fail("B-FRAME-004", (*where, "bits", name), f"{spec.name}.{name}: {text!r} is no bit of it", advice)
+            continue
+        mask = (1 << (high + 1)) - (1 << low)
+        if taken & mask:
+            fail("B-FRAME-004", (*where, "bits", name), f"{spec.name}.{name}: bits {text} are taken already", "")
+        taken |= mask
+        spans[name] = (low, high - low + 1)
+    return spans
+
+
+def _constant(spec: FieldSpec, field: Field, where: Path_, fail: Fail) -> bytes | None:
+    value = spec.constant
+    if value is None:
+        return None
+    found: bytes | None = None
+    if isinstance(value, str):
+        found = read_hex(value) if field.kind == "b" else None
+    elif field.kind in "ui" and field.count is None:
+        try:
+            found = value.to_bytes(field.size, "big" if field.big else "little", signed=field.kind == "i")
+        except OverflowError:
+            found = None
+    if found is None or len(found) != field.length or not found:
+        advice = "a whole number for a single integer, hex text of the full length for bytes"
+        fail("B-FRAME-005", (*where, "constant"), f"{spec.name}: {value!r} does not fit {spec.type}", advice)
+        return None
+    return found

@@ -1,0 +1,165 @@
+"""One CRC, two ways: crcmod (C) for a single frame, 16-bit-step tables in numpy for a matrix of frames.
+
+Both work on a little-end register ``s`` with the step ``s = (s >> 8) ^ T8[(s ^ byte) & 0xff]``. A reflected CRC has
+that form by nature; the other kind is aligned to the left of a 16/32/64-bit register that is kept byte-swapped, so
+one kernel without branches serves every model. A CRC is affine in the message: the kernel starts from a zero register
+(leading zero bytes change nothing, odd lengths are padded in front) and the CRC of as many zero bytes is added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import crcmod.crcmod
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.frame.catalogue import CrcModel
+from bench.model.errors import InputError
+
+_BLOCK_ROWS = 4096  # words of a block stay in the second-level cache
+_SINGLE_ROWS = 60  # below this many rows a C call per row is faster than the vectorised kernel
+_CRCMOD_WIDTHS = (8, 16, 24, 32, 64)
+
+
+def require_fast_crc() -> None:
+    """Refuse to work with the pure-Python fallback of crcmod, which is a hundred times slower."""
+    if not getattr(crcmod.crcmod, "_usingExtension", False):
+        raise InputError(
+            "B-FRAME-031",
+            "the compiled part of crcmod is missing (is the package 'crcmod' installed beside 'crcmod-plus'?)",
+            where="python environment",
+            next_step="uninstall both packages, then install 'crcmod-plus' alone",
+        )
+
+
+def reflect(value: int, width: int) -> int:
+    """Reverse the order of the lowest ``width`` bits."""
+    return int(f"{value:0{width}b}"[::-1], 2)
+
+
+class Crc:
+    """A CRC of width 1 to 64 by its parameters.
+
+    ``of`` takes bytes; ``of_rows`` takes (n, length) uint8 and gives (n,) unsigned integers; both agree.
+    Source: R. Williams, "A painless guide to CRC error detection algorithms" (parameter model, tables).
+    """
+
+    def __init__(self, model: CrcModel) -> None:
+        self.model = model
+        self.name = model.name
+        self.size = (model.width + 7) // 8
+        self._register = 16 if model.width <= 16 else 32 if model.width <= 32 else 64
+        self._dtype = np.dtype(f"u{self._register // 8}")
+        self._zeros: dict[int, int] = {}
+        self.of = self._single()
+
+    def of_rows(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
+        """CRC of every row of a (n, length) uint8 matrix, (n,) unsigned of 2, 4 or 8 bytes."""
+        count, length = rows.shape
+        out = np.empty(count, self._dtype)
+        if count < _SINGLE_ROWS and self.model.width in _CRCMOD_WIDTHS:
+            packed = rows.tobytes()
+            of = self.of
+            out[:] = [of(packed[at : at + length]) for at in range(0, count * length, length)]
+            return out
+        for start in range(0, count, _BLOCK_ROWS):
+            out[start : start + _BLOCK_ROWS] = self._linear(rows[start : start + _BLOCK_ROWS])
+        return np.asarray(self._finish(out) ^ self._dtype.type(self._of_zeros(length)))
+
+    def _linear(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
+        count, length = rows.shape
+        padded = np.zeros((count, length + length % 2), np.uint8)
+        padded[:, length % 2 :] = rows
+        words = np.ascontiguousarray(padded.view("<u2").T)
+        table = self._table16
+        if self._register == 16:
+            state = np.zeros(count, np.uint16)
+            for word in words:
+                state = table.take(state ^ word, mode="wrap")
+            return state
+        wide = np.zeros(count, self._dtype)
+        for word in words:
+            wide = (wide >> 16) ^ table.take(wide.astype(np.uint16) ^ word, mode="wrap")
+        return wide
+
+    def _finish(self, state: NDArray[Any]) -> NDArray[Any]:
+        model = self.model
+        if not model.refin:
+            state = state.byteswap() >> self._dtype.type(self._register - model.width)
+        if model.refin != model.refout:
+            turned = np.zeros_like(state)
+            for bit in range(model.width):
+                turned |= ((state >> self._dtype.type(bit)) & self._dtype.type(1)) << self._dtype.type(
+                    model.width - 1 - bit
+                )
+            return turned
+        return state
+
+    @cached_property
+    def _table16(self) -> NDArray[Any]:
+        bytewise = np.array(self._table8, self._dtype)
+        low, high = np.arange(65536) & 0xFF, np.arange(65536) >> 8
+        state = bytewise[low]
+        index = (state & self._dtype.type(0xFF)).astype(np.intp) ^ high
+        return np.asarray((state >> self._dtype.type(8)) ^ bytewise[index])
+
+    @cached_property
+    def _table8(self) -> list[int]:
+        model = self.model
+        if model.refin:
+            return [_reflected_entry(byte, reflect(model.poly, model.width)) for byte in range(256)]
+        poly = model.poly << (self._register - model.width)
+        entries = (_plain_entry(byte, poly, self._register) for byte in range(256))
+        return [int.from_bytes(entry.to_bytes(self._register // 8, "big"), "little") for entry in entries]
+
+    def _single(self) -> Callable[[bytes], int]:
+        model = self.model
+        if model.width not in _CRCMOD_WIDTHS or model.poly == 0:
+            return self._bytewise
+        start = reflect(model.init, model.width) if model.refin else model.init
+        function = crcmod.crcmod.mkCrcFun((1 << model.width) | model.poly, start, model.refin, 0)
+        if model.refin == model.refout:
+            xorout = model.xorout
+            if xorout == 0:
+                return lambda message: int(function(message))
+            return lambda message: int(function(message)) ^ xorout
+        return lambda message: reflect(function(message), model.width) ^ model.xorout
+
+    def _bytewise(self, message: bytes) -> int:
+        """Any width, one table look-up per byte: slow, for the widths that crcmod does not hold."""
+        model = self.model
+        state = reflect(model.init, model.width)
+        if not model.refin:
+            aligned = model.init << (self._register - model.width)
+            state = int.from_bytes(aligned.to_bytes(self._register // 8, "big"), "little")
+        table = self._table8
+        for byte in message:
+            state = (state >> 8) ^ table[(state ^ byte) & 0xFF]
+        if not model.refin:
+            swapped = int.from_bytes(state.to_bytes(self._register // 8, "little"), "big")
+            state = swapped >> (self._register - model.width)
+        if model.refin != model.refout:
+            state = reflect(state, model.width)
+        return state ^ model.xorout
+
+    def _of_zeros(self, length: int) -> int:
+        if length not in self._zeros:
+            self._zeros[length] = self.of(bytes(length))
+        return self._zeros[length]
+
+
+def _reflected_entry(byte: int, poly: int) -> int:
+    for _ in range(8):
+        byte = (byte >> 1) ^ (poly if byte & 1 else 0)
+    return byte
+
+
+def _plain_entry(byte: int, poly: int, register: int) -> int:
+    top, mask = 1 << (register - 1), (1 << register) - 1
+    state = byte << (register - 8)
+    for _ in range(8):
+        state = ((state << 1) ^ (poly if state & top else 0)) & mask
+    return state

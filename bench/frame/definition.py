@@ -1,0 +1,96 @@
+"""A frame definition ready for use: load it, decode with it, encode with it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.frame.batch import FrameBatch, FrameCounts
+from bench.frame.compile import compile_frame
+from bench.frame.crc import require_fast_crc
+from bench.frame.encode import encode_frame, encode_rows
+from bench.frame.golden import check_golden
+from bench.frame.layout import Layout, Message
+from bench.frame.numpy_engine import NumpyDecoder
+from bench.frame.reference import ReferenceDecoder
+from bench.frame.schema import FrameSpec
+from bench.model.errors import InputError
+from bench.model.yamlio import Document, load_yaml, parse_yaml
+
+Engine = Literal["numpy", "reference"]
+
+
+class Decoder(Protocol):
+    """What both engines offer; they give the same results on any input and any chunking."""
+
+    counts: FrameCounts
+
+    def feed(self, chunk: bytes) -> FrameBatch:
+        """Decode what can be decided; the undecided tail waits for the next feed."""
+
+    def finish(self) -> FrameBatch:
+        """End of the stream: decide the tail."""
+
+
+class FrameDefinition:
+    """A compiled frame file.
+
+    Attributes: name; text (the YAML); sha256 of the canonical compiled definition (two texts that mean the same have
+    the same hash); rate_Hz (None if the file states none); messages (names; "frame" where there is only one kind).
+    """
+
+    def __init__(self, document: Document[FrameSpec]) -> None:
+        require_fast_crc()
+        self.name = document.model.frame
+        self.title = document.model.title or self.name
+        self.text = document.text
+        self.layout: Layout = compile_frame(document)
+        check_golden(document, self.layout)
+        self.rate_Hz = self.layout.rate_Hz
+        self.messages = tuple(message.name for message in self.layout.messages)
+        content = json.dumps(self.layout.canonical(), sort_keys=True, separators=(",", ":"))
+        self.sha256 = hashlib.sha256(content.encode()).hexdigest()
+
+    def message(self, name: str = "frame") -> Message:
+        """The layout of one message. Raises: InputError B-FRAME-023 for an unknown name."""
+        for message in self.layout.messages:
+            if message.name == name:
+                return message
+        advice = f"use one of: {', '.join(self.messages)}"
+        raise InputError("B-FRAME-023", f"{self.name} has no message {name!r}", where=self.name, next_step=advice)
+
+    def decoder(self, engine: Engine = "numpy") -> Decoder:
+        """A fresh decoder at the start of a stream."""
+        return NumpyDecoder(self.layout) if engine == "numpy" else ReferenceDecoder(self.layout)
+
+    def encode(self, columns: Mapping[str, Any], n: int, message: str = "frame") -> NDArray[np.uint8]:
+        """Frames of a message of fixed length, check included.
+
+        Args:
+            columns: raw values by field, (n,) or (n, count), or one value for all; named bits as "field.bits".
+                Length, type, constants and check are filled in.
+            n: number of frames.
+        Returns: (n, length) uint8.
+        Raises: InputError B-FRAME-020 (missing, wrong shape), 021 (does not fit), 022 (unknown), 023 (no message).
+        """
+        return encode_rows(self.layout, self.message(message), columns, n)
+
+    def encode_one(self, values: Mapping[str, Any], message: str = "frame") -> bytes:
+        """One frame of any message, variable length included (its last field takes bytes); else like ``encode``."""
+        return encode_frame(self.layout, self.message(message), values)
+
+
+def load_frame(path: Path) -> FrameDefinition:
+    """Read, check and compile a frame file. Raises: InputErrors with every mistake and its file:line:column."""
+    return FrameDefinition(load_yaml(path, FrameSpec))
+
+
+def parse_frame(text: str, name: str) -> FrameDefinition:
+    """Like ``load_frame`` for a text; ``name`` stands for the file in messages."""
+    return FrameDefinition(parse_yaml(text, name, FrameSpec))

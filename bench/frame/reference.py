@@ -1,0 +1,123 @@
+"""The reference engine: one byte at a time, plain Python. It is the oracle of the vectorised engine.
+
+At each position: no sync -> one byte on; sync but not all bytes there -> wait; check, length or type wrong -> count
+one rejected candidate, one byte on; else accept the frame and go on behind it.
+"""
+
+from __future__ import annotations
+
+import struct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch
+from bench.frame.layout import Field, Layout, Message
+
+
+class ReferenceDecoder:
+    """Byte-at-a-time decoder; same interface and results as ``NumpyDecoder``."""
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        self._tail = b""
+        self._position = 0
+        self.counts = FrameCounts()
+
+    def feed(self, chunk: bytes) -> FrameBatch:
+        """Decode what can be decided; the undecided tail waits for the next feed."""
+        self.counts.bytes += len(chunk)
+        return self._run(self._tail + chunk, final=False)
+
+    def finish(self) -> FrameBatch:
+        """End of the stream: candidates whose bytes never came are no frames."""
+        return self._run(self._tail, final=True)
+
+    def _run(self, stream: bytes, final: bool) -> FrameBatch:
+        found: dict[str, list[tuple[int, bytes]]] = {message.name: [] for message in self._layout.messages}
+        bad: list[int] = []
+        at = 0
+        pattern = self._layout.pattern
+        while at < len(stream):
+            if len(stream) - at < len(pattern) and not final:
+                break
+            if stream[at : at + len(pattern)] != pattern:
+                at += 1
+                self.counts.skipped_bytes += 1
+                continue
+            length, message = self._measure(stream, at)
+            if length is None or at + length > len(stream):
+                if not final:
+                    break
+            elif message is not None and self._passes(stream[at : at + length], message):
+                found[message.name].append((at, stream[at : at + length]))
+                at += length
+                continue
+            else:
+                bad.append(self._position + at)
+            at += 1
+            self.counts.skipped_bytes += 1
+        batch = self._batch(found, bad, at)
+        self._tail = stream[at:]
+        return batch
+
+    def _measure(self, stream: bytes, at: int) -> tuple[int | None, Message | None]:
+        """Length and message of the candidate at ``at``; None: not known yet. Implausible ones have length 0."""
+        layout = self._layout
+        if at + layout.header > len(stream):
+            return None, None
+        message: Message | None = layout.messages[0]
+        if layout.type_field is not None:
+            value = _read(stream[at:], layout.type_field)
+            message = next((m for m in layout.messages if m.type_value == value), None)
+        if message is None:
+            return 0, None
+        length = message.length
+        if layout.length_field is not None:
+            length = _read(stream[at:], layout.length_field) + layout.length_plus
+            if length < message.body + layout.check.size or length > layout.max_length:
+                return 0, None
+            if message.length not in (0, length):
+                return 0, None
+        return length, message
+
+    def _passes(self, frame: bytes, message: Message) -> bool:
+        size = self._layout.check.size
+        stop = len(frame) - size if message.cover_stop is None else message.cover_stop
+        stored = int.from_bytes(frame[-size:], "big" if self._layout.stored_big else "little")
+        return self._layout.check.of(frame[message.cover_start : stop]) == stored
+
+    def _batch(self, found: dict[str, list[tuple[int, bytes]]], bad: list[int], consumed: int) -> FrameBatch:
+        messages = {}
+        for message in self._layout.messages:
+            frames = found[message.name]
+            offset = np.array([self._position + at for at, _ in frames], np.int64)
+            rows = np.frombuffer(b"".join(frame[: message.body] for _, frame in frames), np.uint8)
+            size = self._layout.check.size
+            rest = None if message.rest is None else [frame[message.body : -size] for _, frame in frames]
+            messages[message.name] = MessageBatch(message, offset, rows.reshape(len(frames), -1) if frames else
+                                                  np.empty((0, message.body), np.uint8), rest, read_column)  # fmt: skip
+            self.counts.frames += len(frames)
+            self.counts.by_message[message.name] = self.counts.by_message.get(message.name, 0) + len(frames)
+        self.counts.bad += len(bad)
+        self._position += consumed
+        return FrameBatch(messages, np.array(bad, np.int64), self._position)
+
+
+def _read(frame: bytes, item: Field, element: int = 0) -> Any:
+    """One element of a field, by the standard library."""
+    raw = frame[item.offset + element * item.size : item.offset + (element + 1) * item.size]
+    order: Any = "big" if item.big else "little"
+    if item.kind == "f":
+        return struct.unpack((">" if item.big else "<") + ("f" if item.size == 4 else "d"), raw)[0]
+    return int.from_bytes(raw, order, signed=item.kind == "i")
+
+
+def read_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:
+    """Raw values of a field, frame by frame; same shapes and types as ``extract_column``."""
+    frames = [row.tobytes() for row in rows]
+    if item.count is None:
+        return np.array([_read(frame, item) for frame in frames], item.dtype)
+    values = [[_read(frame, item, element) for element in range(item.count)] for frame in frames]
+    return np.array(values, item.dtype).reshape(len(frames), item.count)

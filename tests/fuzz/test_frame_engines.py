@@ -1,0 +1,193 @@
+"""Both engines on damaged streams: identical offsets, counts and fields, whatever the chunks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from crccheck.crc import Crc16Ibm3740
+
+from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, load_frame
+from bench.frame.layout import Field, Message
+
+FRAMES = Path(__file__).resolve().parents[2] / "frames"
+NAMES = ("ngu_a", "ngu_b", "vn100_binary", "ngu_a_100s")
+DAMAGE = ("flip", "drop", "insert", "truncate", "repeat_tail", "garbage", "sync_storm", "false_header")
+SHARES = (0.0, 0.001, 0.01, 0.1, 0.5, 1.0)
+SHORT, FULL = 60, 1000
+Generator = np.random.Generator
+
+
+def random_values(message: Message, generator: Generator) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for item in message.fields:
+        if item.constant is not None or item.name in ("length", "kind"):
+            continue
+        values[item.name] = random_field(item, generator)
+    return values
+
+
+def random_field(item: Field, generator: Generator) -> Any:
+    if item.rest:
+        return generator.bytes(int(generator.integers(0, 80)))
+    shape = (1,) if item.count is None else (1, item.count)
+    if item.kind == "f":
+        return generator.normal(size=shape).astype(np.float32)
+    if generator.random() < 0.05:
+        return np.full(shape, 0xEB90 % (1 << (8 * item.size - 1)))  # embedded sync words
+    low, high = (0, 1 << (8 * item.size)) if item.kind == "u" else (-(1 << (8 * item.size - 1)), 1 << 8 * item.size - 1)
+    return generator.integers(low, high, shape)
+
+
+def damage(kind: str, frame: bytearray, pattern: bytes, generator: Generator) -> bytearray:
+    at = int(generator.integers(len(frame)))
+    if kind == "flip":
+        frame[at] ^= 1 << int(generator.integers(8))
+    elif kind == "drop":
+        del frame[at : at + int(generator.integers(1, 4))]
+    elif kind == "insert":
+        frame[at:at] = generator.bytes(int(generator.integers(1, 4)))
+    elif kind == "truncate":
+        del frame[at:]
+    elif kind == "repeat_tail":
+        frame += frame[at:]
+    elif kind == "garbage":
+        frame += generator.bytes(int(generator.integers(1, 400)))
+    elif kind == "sync_storm":
+        frame += pattern * int(generator.integers(1, 40))
+    elif kind == "false_header":
+        frame[at : at + len(pattern)] = pattern
+    return frame
+
+
+def damaged_stream(definition: FrameDefinition, generator: Generator) -> bytes:
+    stream = bytearray()
+    share = SHARES[generator.integers(len(SHARES))]
+    kinds = DAMAGE if generator.random() < 0.5 else (DAMAGE[generator.integers(len(DAMAGE))],)
+    for _ in range(int(generator.integers(1, 90))):
+        message = definition.message(definition.messages[generator.integers(len(definition.messages))])
+        frame = bytearray(definition.encode_one(random_values(message, generator), message.name))
+        if generator.random() < share:
+            frame = damage(kinds[generator.integers(len(kinds))], frame, definition.layout.pattern, generator)
+        stream += frame
+    return bytes(stream)
+
+
+def chunks_of(stream: bytes, generator: Generator) -> list[bytes]:
+    found, at = [], 0
+    while at < len(stream):
+        found.append(stream[at : at + int(generator.integers(1, 701))])
+        at += len(found[-1])
+    return found
+
+
+def everything(definition: FrameDefinition, engine: str, chunks: list[bytes]) -> tuple[LinkCounts, dict[str, Any]]:
+    """All that a decoder says about a stream, in comparable form; a flush after each chunk."""
+    link = LinkDecoder(definition, engine)  # type: ignore[arg-type]
+    parts = []
+    for chunk in chunks:
+        link.push(0, chunk)
+        parts.append(link.flush())
+    parts.append(link.finish())
+    result: dict[str, Any] = {"bad": [offset for part in parts for offset in part.bad_offset.tolist()]}
+    for name in definition.messages:
+        batches = [part.messages[name] for part in parts]
+        result[name] = [offset for batch in batches for offset in batch.offset.tolist()]
+        result[name, "suspect"] = [mark for batch in batches for mark in batch.suspect.tolist()]
+        result[name, "counter"] = [
+            value for batch in batches if batch.counter is not None for value in batch.counter.tolist()
+        ]
+        for item in definition.message(name).fields:
+            columns = [batch.raw(item.name) for batch in batches]
+            assert len({column.dtype for column in columns}) == 1
+            exact = columns[0].dtype != object
+            result[name, item.name] = [value.tobytes() if exact else value for column in columns for value in column]
+    return link.counts, result
+
+
+def compare(seed: int) -> tuple[int, int]:
+    """One random stream through both engines, whole and in chunks; gives accepted and rejected candidates."""
+    generator = np.random.default_rng(seed)
+    definition = load_frame(FRAMES / f"{NAMES[seed % len(NAMES)]}.yaml")
+    stream = damaged_stream(definition, generator)
+    due = everything(definition, "reference", [stream])
+    for engine, chunks in (
+        ("numpy", [stream]),
+        ("numpy", chunks_of(stream, generator)),
+        ("reference", chunks_of(stream, generator)),
+    ):
+        found = everything(definition, engine, chunks)
+        assert found[0] == due[0], f"seed {seed}, {engine}, {len(chunks)} chunks"
+        assert found[1] == due[1], f"seed {seed}, {engine}, {len(chunks)} chunks"
+    return due[0].frames, due[0].bad
+
+
+def sweep(seeds: range) -> None:
+    totals = np.array([compare(seed) for seed in seeds])
+    print(f"seeds {seeds.start}..{seeds.stop - 1}: {totals[:, 0].sum()} accepted, {totals[:, 1].sum()} rejected")
+    assert totals[:, 0].sum() > 10 * len(seeds)
+    assert totals[:, 1].sum() > len(seeds)
+
+
+def test_engines_agree_on_damaged_streams() -> None:
+    sweep(range(SHORT))
+
+
+@pytest.mark.sweep
+def test_engines_agree_on_a_thousand_damaged_streams() -> None:
+    sweep(range(1000, 1000 + FULL))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.002, 0.3])
+def test_engines_agree_beyond_one_block_and_one_window(share: float) -> None:
+    """Thousands of frames, so that lattice, scan and the changes between them all take part."""
+    generator = np.random.default_rng(77)
+    definition = load_frame(FRAMES / "ngu_a.yaml")
+    count = 9000
+    columns: dict[str, Any] = {"npp": 1, "ppp": generator.integers(0, 65536, (count, 10)), "af_clock": 3}
+    columns |= {"counter": np.arange(count), "master_count": 4, "fg_count": 0xEB90EB, "status": 0}
+    parts = [bytearray(row.tobytes()) for row in definition.encode(columns, count)]
+    for index in np.flatnonzero(generator.random(count) < share):
+        kind = DAMAGE[generator.integers(len(DAMAGE))]
+        parts[index] = damage(kind, parts[index], definition.layout.pattern, generator)
+    stream = b"".join(parts)
+    due = everything(definition, "reference", [stream])
+    assert everything(definition, "numpy", [stream]) == due
+    assert everything(definition, "numpy", [stream[:300_001], stream[300_001:]]) == due
+
+
+def test_a_valid_frame_that_overlaps_another_by_one_byte_is_not_taken() -> None:
+    """The last check byte of the first frame is the first sync byte of the second."""
+    definition = load_frame(FRAMES / "ngu_b.yaml")
+    tries = (definition.encode_one({"command": 1, "payload": i.to_bytes(2, "big")}, "command") for i in range(65536))
+    first = next(frame for frame in tries if frame[-1] == 0xEB)
+    second = definition.encode_one({"command": 2, "payload": b"xyz"}, "command")
+    stream = first + second[1:] + second
+    for engine in ("reference", "numpy"):
+        counts, found = everything(definition, engine, [stream])
+        assert found["command"] == [0, len(first) + len(second) - 1]
+        assert (counts.bad, counts.skipped_bytes) == (0, len(second) - 1)
+
+
+def independent(stream: bytes) -> tuple[list[int], int]:
+    """A third decoder of ngu_a, written against nothing but the wire format, with the oracle's CRC."""
+    at, accepted, rejected = 0, [], 0
+    while (at := stream.find(b"\xeb\x90", at)) >= 0 and at + 57 <= len(stream):
+        if Crc16Ibm3740.calc(stream[at + 2 : at + 55]) == int.from_bytes(stream[at + 55 : at + 57], "big"):
+            accepted.append(at)
+            at += 57
+        else:
+            rejected += 1
+            at += 1
+    return accepted, rejected
+
+
+@pytest.mark.parametrize("seed", range(0, 40, 4))
+def test_an_independent_decoder_agrees(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    definition = load_frame(FRAMES / "ngu_a.yaml")
+    stream = damaged_stream(definition, generator)
+    counts, found = everything(definition, "numpy", [stream])
+    assert (found["frame"], counts.bad) == independent(stream)
