@@ -1,0 +1,1 @@
+"""Drivers of real instruments, one model per file; each file names its class ``DRIVER``. No physics here."""

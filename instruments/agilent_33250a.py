@@ -1,0 +1,61 @@
+"""Agilent 33250A function generator: the 10 MHz square wave that times the unit's master clock.
+
+Source: 33250A User's Guide, remote interface (FUNCtion, FREQuency, VOLTage, OUTPut:LOAD, SYSTem:ERRor?) and
+specifications (square 1 uHz to 80 MHz; 20 mVpp to 20 Vpp into an open circuit). The load setting doubles the amplitude
+when it is wrong; this driver always says high impedance, so amplitudes are those at an open output.
+"""
+
+from __future__ import annotations
+
+from bench.model.ports import Parameter, action
+from instruments.scpi import ScpiInstrument
+from instruments.values import exponent_form
+
+_FREQUENCY_STEP_HZ = 1e-6
+_AMPLITUDE_STEP_V = 1e-3
+
+
+class Agilent33250A(ScpiInstrument):
+    """Control of a square wave symmetric about zero."""
+
+    identity_pattern = r".*,33250A"
+    safe_state = "output off (OUTP OFF), confirmed by OUTP?"
+
+    configured = False
+
+    @action(Parameter("frequency", "Hz", 1e-6, 80e6), Parameter("amplitude", "V", 0.02, 20.0), bus_s=0.8)
+    def square(self, frequency: float, amplitude: float) -> None:
+        """Set a square wave: ``frequency`` hertz with every digit, ``amplitude`` volt peak to peak, no offset.
+
+        Raises: InstrumentError B-INST-008, B-INST-005, B-INST-011.
+        """
+        frequency, amplitude = self.checked("square", frequency=frequency, amplitude=amplitude)
+        self.configured = False
+        self.set("FUNC SQU")
+        self.set("OUTP:LOAD INF")
+        self.set(f"FREQ {exponent_form(frequency)}")
+        self.set("VOLT:UNIT VPP")
+        self.set(f"VOLT {exponent_form(amplitude)}")
+        self.set("VOLT:OFFS 0")
+        self.confirm("FREQ?", frequency, _FREQUENCY_STEP_HZ, "Hz")
+        self.confirm("VOLT?", amplitude, _AMPLITUDE_STEP_V, "V")
+        self.configured = True
+
+    @action(bus_s=0.2)
+    def output_on(self) -> None:
+        """Set the output on and confirm it. Raises: InstrumentError B-INST-010 before ``square``, B-INST-011."""
+        if not self.configured:
+            raise self.error("B-INST-010", "output_on refused: no waveform was set by this run", "set the waveform")
+        self.set("OUTP ON")
+        self.confirm("OUTP?", 1, 0, "")
+
+    @action(bus_s=0.2)
+    def output_off(self) -> None:
+        """Set the output off and confirm it. Raises: InstrumentError B-INST-009."""
+        self.switch_output_off()
+
+    def _go_safe(self) -> None:
+        self.switch_output_off()
+
+
+DRIVER = Agilent33250A

@@ -1,0 +1,52 @@
+"""Agilent 53230A universal counter: frequency of input 1 against the external 10 MHz reference.
+
+Source: 53220A/53230A User's Guide (SENSe:FREQuency:GATE, SENSe:ROSCillator:SOURce, READ?; questionable status bit 10 =
+reference not usable). 9.91E37 is the answer without a signal. The 53131A has other gate commands and is not served.
+"""
+
+from __future__ import annotations
+
+from bench.model.ports import Parameter, action
+from instruments.scpi import ScpiInstrument
+from instruments.values import exponent_form, read_integer, read_number, read_text
+
+_REFERENCE_LOST = 1 << 10
+_BEYOND_GATE_S = 2.0
+
+
+class Agilent53230A(ScpiInstrument):
+    """Measurement of frequency with a timed gate."""
+
+    identity_pattern = r".*,53230A"
+    safe_state = "measurement aborted (ABOR); the counter drives nothing"
+
+    @action(Parameter("gate", "s", 1e-3, 10.0), bus_s=12.0, returns="Hz")
+    def measure_frequency(self, gate: float) -> float:
+        """Measure the frequency of input 1, hertz; the bus call lasts as long as the gate (second).
+
+        Raises: InstrumentError B-INST-008, B-INST-005, B-INST-007 (no signal), B-INST-001 (gate plus 2 s are over).
+        """
+        (gate,) = self.checked("measure_frequency", gate=gate)
+        self.set('FUNC "FREQ 1"')
+        self.set("FREQ:GATE:SOUR TIME")
+        self.set(f"FREQ:GATE:TIME {exponent_form(gate)}")
+        frequency_Hz = self.ask("READ?", read_number, timeout_s=gate + _BEYOND_GATE_S)
+        self.check_errors("READ?")
+        return frequency_Hz
+
+    @action(bus_s=0.2)
+    def reference_locked(self) -> bool:
+        """Get whether the external reference is in use and was never lost since the last question."""
+        external = self.ask("ROSC:SOUR?", read_text).upper().startswith("EXT")
+        lost = self.ask("STAT:QUES:EVEN?", read_integer) & _REFERENCE_LOST
+        return external and not lost
+
+    def _prepare(self) -> None:
+        self.set("ROSC:SOUR EXT")
+
+    def _go_safe(self) -> None:
+        self.bus.write("ABOR", self.timeout_s)
+        self.drain_errors()
+
+
+DRIVER = Agilent53230A

@@ -1,0 +1,80 @@
+"""Agilent E3631A triple supply: auxiliary rails. Rail 1 = +6 V/5 A, 2 = +25 V/1 A, 3 = -25 V/1 A.
+
+The selected rail is hidden state of the instrument, so selecting and using it happen under the bus lock.
+
+Source: E3631A User's Guide (INSTrument:NSELect, VOLTage, CURRent, MEASure, OUTPut). Not confirmed on hardware: the
+programming ranges 6.18 V/5.15 A and 25.75 V/1.03 A, and the read-back resolutions.
+"""
+
+from __future__ import annotations
+
+from bench.model.ports import Effect, Parameter, action
+from instruments.scpi import ScpiInstrument
+from instruments.values import exponent_form, read_number
+
+# rail: lowest voltage (V), highest voltage (V), highest current (A)
+_RAILS = {1: (0.0, 6.18, 5.15), 2: (0.0, 25.75, 1.03), 3: (-25.75, 0.0, 1.03)}
+_VOLTAGE_STEP_V = 0.005
+_CURRENT_STEP_A = 0.002
+_RAIL = Parameter("rail", choices=tuple(_RAILS))
+
+
+class AgilentE3631A(ScpiInstrument):
+    """Control and measurement of the three rails; one switch turns all three on and off."""
+
+    identity_pattern = r"(HEWLETT-PACKARD|HP|AGILENT.*|KEYSIGHT.*),E3631A"
+    safe_state = "all outputs off (OUTP OFF), confirmed by OUTP?"
+
+    configured = False
+
+    @action(
+        _RAIL,
+        Parameter("voltage", "V", -25.75, 25.75),
+        Parameter("current_limit", "A", 0.0, 5.15),
+        effect=Effect.POWER,
+        bus_s=0.5,
+    )
+    def configure(self, rail: int, voltage: float, current_limit: float) -> None:
+        """Set current limit (A) and voltage (V, negative on rail 3) of one rail and read both back.
+
+        Raises: InstrumentError B-INST-008 (limits of the rail), B-INST-005, B-INST-011.
+        """
+        rail, voltage, limit = self.checked("configure", rail=rail, voltage=voltage, current_limit=current_limit)
+        low_V, high_V, high_A = _RAILS[rail]
+        if not (low_V <= voltage <= high_V and limit <= high_A):
+            message = f"configure: rail {rail} takes {low_V} to {high_V} V and up to {high_A} A, not {voltage!r} V, "
+            raise self.error("B-INST-008", f"{message}{limit!r} A; nothing was sent")
+        with self.bus.lock:
+            self.set(f"INST:NSEL {rail}")
+            self.set(f"CURR {exponent_form(limit)}")
+            self.set(f"VOLT {exponent_form(voltage)}")
+            self.confirm("CURR?", limit, _CURRENT_STEP_A, "A")
+            self.confirm("VOLT?", voltage, _VOLTAGE_STEP_V, "V")
+        self.configured = True
+
+    @action(effect=Effect.POWER, bus_s=0.3)
+    def output_on(self) -> None:
+        """Set all outputs on and confirm it. Raises: InstrumentError B-INST-010 before ``configure``, B-INST-011."""
+        if not self.configured:
+            raise self.error("B-INST-010", "output_on refused: no rail was set by this run", "configure it first")
+        self.set("OUTP ON")
+        self.confirm("OUTP?", 1, 0, "")
+
+    @action(effect=Effect.POWER, bus_s=0.3)
+    def output_off(self) -> None:
+        """Set all outputs off and confirm it. Raises: InstrumentError B-INST-009."""
+        self.switch_output_off()
+
+    @action(_RAIL, bus_s=0.5, returns="V")
+    def measure_voltage(self, rail: int) -> float:
+        """Measure the voltage of one rail, volt (negative on rail 3)."""
+        (rail,) = self.checked("measure_voltage", rail=rail)
+        with self.bus.lock:
+            self.set(f"INST:NSEL {rail}")
+            return self.ask("MEAS:VOLT?", read_number)
+
+    def _go_safe(self) -> None:
+        self.switch_output_off()
+
+
+DRIVER = AgilentE3631A

@@ -1,0 +1,124 @@
+"""What all drivers share: identity before anything else, errors drained after each set, limits that reject.
+
+A driver adds its commands as small methods, declared with ``@action``; its limits are written once, in the declaration.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from pyvisa.resources import MessageBasedResource
+
+from bench.model.clock import Clock
+from bench.model.errors import InputError, InstrumentError
+from bench.model.ports import Identity, Transcript, actions_of
+from instruments.bus import BusSession
+from instruments.commands import Commands
+from instruments.values import read_text
+
+
+class BaseInstrument(Commands):
+    """Base of all drivers.
+
+    Class members: ``identity_pattern`` matches "manufacturer,model"; ``safe_state`` says in words what ``make_safe``
+    leaves behind; ``default_options`` are the options a station may give; a source of current names its ranges in
+    ``ranges_A`` (ampere, lowest first), which the static check holds against the register of standards.
+    """
+
+    identity_pattern: ClassVar[str]
+    safe_state: ClassVar[str]
+    longest_error_queue: ClassVar[int] = 32
+    default_options: ClassVar[Mapping[str, Any]] = {}
+    ranges_A: ClassVar[tuple[float, ...]] = ()
+
+    def __init__(
+        self,
+        resource: MessageBasedResource,
+        *,
+        role: str,
+        clock: Clock,
+        transcript: Transcript,
+        options: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.role = role
+        self.clock = clock
+        self.actions = actions_of(type(self))
+        self.options = {**self.default_options, **(options or {})}
+        self.identity: Identity | None = None
+        self.bus = BusSession(resource, role, clock, transcript)
+        self.bus.recover = self.drain_errors
+        if unknown := sorted(set(self.options) - set(self.default_options)):
+            known = ", ".join(self.default_options) or "none"
+            raise self.bad_option(f"unknown option {unknown[0]!r}; known: {known}")
+        self._check_options()
+
+    def identify(self) -> Identity:
+        """Get who is there, refuse another model, then prepare the session. Raises: InstrumentError B-INST-002."""
+        found = self._ask_identity()
+        if not re.fullmatch(self.identity_pattern, f"{found.manufacturer},{found.model}", re.IGNORECASE):
+            message = f"{found.manufacturer} {found.model} answers where {self.identity_pattern!r} is due"
+            raise self.error("B-INST-002", message, "correct the address in the station file; nothing was switched")
+        self.drain_errors()
+        self.identity = found
+        try:
+            self._prepare()
+        except InstrumentError:
+            self.identity = None
+            raise
+        return found
+
+    def make_safe(self) -> None:
+        """Set the declared safe state; idempotent. Raises: InstrumentError B-INST-009 if it cannot be confirmed."""
+        self._ready()
+        self._go_safe()
+
+    def drain_errors(self) -> list[str]:
+        """Get all queued errors, oldest first. Raises: InstrumentError B-INST-006 if the queue does not end."""
+        found: list[str] = []
+        while len(found) <= self.longest_error_queue:
+            problem = self._next_error()
+            if problem is None:
+                return found
+            found.append(problem)
+        message = f"the error queue does not end; {len(found)} read, last {found[-1]!r}"
+        raise self.error("B-INST-006", message, "switch the instrument off and on, then check its cable")
+
+    def raw(self, command: str) -> str | None:
+        """Control by hand: send a command as it is; a query (with "?") returns its reply."""
+        self._ready()
+        if "?" in command:
+            return self.bus.query(command, str, self.timeout_s, repeatable=False)
+        self.bus.write(command, self.timeout_s)
+        return None
+
+    def close(self) -> None:
+        """Release the bus session."""
+        self.bus.close()
+
+    def bad_option(self, message: str) -> InputError:
+        """The error of a wrong option in the station file."""
+        return InputError("B-INST-020", message, where=self.bus.where, next_step="correct the station file")
+
+    def _check_options(self) -> None:
+        """Raise ``bad_option`` for option values the driver cannot use."""
+
+    def _ready(self) -> None:
+        if self.identity is None:
+            self.identify()
+
+    def _prepare(self) -> None:
+        """Set what the driver relies on, without touching any output."""
+
+    def _ask_identity(self) -> Identity:
+        reply = self.bus.query("*IDN?", read_text, self.timeout_s)
+        fields = [field.strip() for field in reply.split(",")]
+        manufacturer, model, serial, firmware = [*fields, "", "", ""][:4]
+        return Identity(manufacturer, model.removeprefix("MODEL "), serial, firmware)
+
+    def _next_error(self) -> str | None:
+        raise NotImplementedError
+
+    def _go_safe(self) -> None:
+        raise NotImplementedError

@@ -1,0 +1,144 @@
+"""Fluke 5720A multifunction calibrator, direct current only.
+
+Not SCPI: errors come from ``FAULT?`` (0 = none; the first 15 are kept, the 16th says overflow) and are explained by
+``EXPLAIN? n``; they are read out before anything could clear them. Currents are sent in exponent form with ``A``:
+``MA`` is milliampere for current but mega for every other unit.
+
+The range the calibrator is really in is not read back: ``OUT?`` does not name it, and no query that does is confirmed.
+After ``RANGELCK OFF``, acknowledged by an empty fault queue, it is the lowest of ``ranges_A`` that holds the value; the
+static check goes by that, and ``OUT?`` confirms the value alone.
+
+Source: Fluke 5700A/5720A Series II Operators Manual, ch. 5 (5-13 responses, 5-14 input buffer of 128 bytes), command
+table 5-2. Not confirmed on hardware: the settling limit of 15 s, whether standby shorts or opens the loop, the fault
+numbers of a compliance trip, and the resolution with which ``OUT?`` answers.
+"""
+
+from __future__ import annotations
+
+from bench.model.errors import InstrumentError
+from bench.model.ports import Effect, Parameter, action
+from instruments.base import BaseInstrument
+from instruments.values import exponent_form, read_integer, read_number, read_text
+
+_OPERATING = 1 << 0
+_SETTLED = 1 << 12
+_SETTLE_LIMIT_S = 15.0
+_POLL_S = 0.25
+_INPUT_BUFFER_BYTES = 128
+# full scale of each range (A) and its resolution (A)
+_RANGES_A = ((2.2e-4, 1e-10), (2.2e-3, 1e-9), (2.2e-2, 1e-8), (2.2e-1, 1e-7), (2.2, 1e-6))
+
+
+def read_output(reply: str) -> float:
+    """The current of an ``OUT?`` reply ``value,A,frequency``, ampere. Raises: ValueError unless it is a dc current."""
+    value, unit, frequency = reply.split(",")
+    if unit.strip().upper() != "A" or read_number(frequency) != 0:
+        raise ValueError("the output is not a dc current")
+    return read_number(value)
+
+
+class Fluke5720A(BaseInstrument):
+    """Control of the calibrator's dc current output; polarity belongs to the switch, so currents are never negative."""
+
+    identity_pattern = r"FLUKE,5720A"
+    safe_state = "standby (STBY), confirmed by the instrument status register"
+    ranges_A = tuple(full_scale for full_scale, _ in _RANGES_A)
+    longest_error_queue = 16
+
+    programmed_A: float | None = None
+
+    @action(effect=Effect.STIMULUS_OFF, bus_s=0.5)
+    def standby(self) -> None:
+        """Set the output to standby and confirm it. Raises: InstrumentError B-INST-009."""
+        self._ready()
+        self._go_safe()
+
+    @action(
+        Parameter("current", "A", 0.0, 2.2),
+        Parameter("range", choices=("lowest_that_holds", "locked"), required=False),
+        effect=Effect.STIMULUS_SET,
+        bus_s=0.5,
+    )
+    def output(self, current: float, range: str = "lowest_that_holds") -> None:  # noqa: A002 - the sequence's word
+        """Set the dc current (ampere) without switching the output on, and read it back.
+
+        ``range`` "locked" keeps the present range (a zero on the range of its point), else the calibrator takes the
+        lowest range that holds the value. Raises: InstrumentError B-INST-008, B-INST-005, B-INST-011.
+        """
+        current, range = self.checked("output", current=current, range=range)  # noqa: A001
+        self.programmed_A = None
+        self.set(f"RANGELCK {'ON' if range == 'locked' else 'OFF'}")
+        self.set(f"OUT {exponent_form(current)} A, 0 HZ")
+        self._confirm_output(current)
+        self.programmed_A = current
+
+    @action(effect=Effect.STIMULUS_ON, bus_s=6.0)
+    def operate(self) -> None:
+        """Set the output on and return when it is on and settled.
+
+        Refused (B-INST-010) unless ``output`` was set before; the fault queue must be empty and the set-point must read
+        back. Raises: InstrumentError B-INST-013 if it trips, B-INST-012 if it does not settle; standby was sent then.
+        """
+        if self.programmed_A is None:
+            raise self.error("B-INST-010", "operate refused: no output was set by this run", "set the output first")
+        self.check_errors("OPER (before)")
+        self._confirm_output(self.programmed_A)
+        self.bus.write("OPER", self.timeout_s)
+        try:
+            if not self.poll(self._is_settled, _SETTLE_LIMIT_S, _POLL_S):
+                message = f"{self.programmed_A!r} A is not settled {_SETTLE_LIMIT_S:g} s after OPER"
+                raise self.error("B-INST-012", message, "look at the load and the calibrator's display")
+            self.check_errors("OPER")
+        except InstrumentError:
+            self.bus.write("STBY", self.timeout_s)
+            raise
+
+    @action()
+    def operating(self) -> bool:
+        """Get whether the output is still on; when it is not, the queued faults are read into the transcript."""
+        on = bool(self._status() & _OPERATING)
+        if not on:
+            self.drain_errors()
+        return on
+
+    def drain_errors(self) -> list[str]:
+        """Get all queued faults with their explanation, oldest first."""
+        return [f"{number} {self._explain(number)}" for number in super().drain_errors()]
+
+    def raw(self, command: str) -> str | None:
+        """Control by hand. Raises: InstrumentError B-INST-014 if the command overruns the input buffer."""
+        if len(command) >= _INPUT_BUFFER_BYTES:
+            message = f"a command of {len(command)} bytes overruns the input buffer of {_INPUT_BUFFER_BYTES} bytes"
+            raise self.error("B-INST-014", message, "send it in parts")
+        return super().raw(command)
+
+    def _is_settled(self) -> bool:
+        status = self._status()
+        if not status & _OPERATING and (faults := self.drain_errors()):
+            message = f"tripped to standby at {self.programmed_A!r} A: {'; '.join(faults)}"
+            raise self.error("B-INST-013", message, "check that the route is closed and the load holds")
+        return bool(status & _OPERATING and status & _SETTLED)
+
+    def _status(self) -> int:
+        return self.ask("ISR?", read_integer)
+
+    def _confirm_output(self, current_A: float) -> None:
+        found_A = self.ask("OUT?", read_output)
+        resolution_A = next(step for full_scale, step in _RANGES_A if current_A <= full_scale)
+        self.agree("OUT?", found_A, current_A, resolution_A, "A")
+
+    def _explain(self, number: str) -> str:
+        return self.bus.query(f"EXPLAIN? {number}", read_text, self.timeout_s).strip('"')
+
+    def _next_error(self) -> str | None:
+        number = self.bus.query("FAULT?", read_integer, self.timeout_s, repeatable=False)
+        return str(number) if number else None
+
+    def _go_safe(self) -> None:
+        self.bus.write("STBY", self.timeout_s)
+        self.drain_errors()
+        if self._status() & _OPERATING:
+            raise self.error("B-INST-009", "still operating after STBY", "press STBY at the front panel")
+
+
+DRIVER = Fluke5720A

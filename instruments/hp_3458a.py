@@ -1,0 +1,72 @@
+"""HP/Agilent 3458A digital multimeter, dc current.
+
+Not SCPI. The GPIB END line is off at power-on, so ``END ALWAYS`` is the first thing sent, before the identity question.
+A reading is triggered, then awaited by serial poll (bit 7, reading available), so no bus call blocks for the seconds a
+reading at 100 power-line cycles with autozero takes.
+
+Source: 3458A User's Guide (END, ERRSTR?, PRESET, STB?, TRIG; DCI ranges and maximum inputs). ``PRESET NORM`` leaves
+TARM AUTO, so one ``TRIG SGL`` gives one reading. Not confirmed on hardware: the serial poll bit with memory off.
+"""
+
+from __future__ import annotations
+
+from bench.model.ports import Identity, Parameter, action
+from instruments.base import BaseInstrument
+from instruments.scpi import read_scpi_error
+from instruments.values import exponent_form, read_number, read_text
+
+_READING_AVAILABLE = 1 << 7
+_READING_LIMIT_S = 15.0
+_POLL_S = 0.25
+# nominal range (A), largest input (A): 120 % of range, but 105 % on the 1 A range
+_LOW_RANGES_A = ((1e-7, 1.2e-7), (1e-6, 1.2e-6), (1e-5, 1.2e-5), (1e-4, 1.2e-4))
+_RANGES_A = (*_LOW_RANGES_A, (1e-3, 1.2e-3), (1e-2, 1.2e-2), (1e-1, 1.2e-1), (1.0, 1.05))
+
+
+class Hp3458A(BaseInstrument):
+    """Measurement of dc current at full resolution."""
+
+    identity_pattern = r"HP,3458A"
+    safe_state = "trigger on hold (TRIG HOLD); the meter drives nothing"
+
+    @action(Parameter("range", "A", 1e-9, 1.05), bus_s=1.0)
+    def configure_current(self, range: float) -> None:  # noqa: A002 - the sequence's word
+        """Set dc current on the smallest range that holds ``range`` (ampere), 100 power-line cycles, autozero on.
+
+        A burden of up to 1.5 V belongs to the 1 A range. Raises: InstrumentError B-INST-008, B-INST-005.
+        """
+        (largest_A,) = self.checked("configure_current", range=range)
+        nominal_A = next(nominal for nominal, limit in _RANGES_A if largest_A <= limit)
+        for command in ("PRESET NORM", "END ALWAYS", f"DCI {exponent_form(nominal_A)}"):
+            self.set(command)
+        for command in ("NPLC 100", "NDIG 8", "AZERO ON", "TRIG HOLD"):
+            self.set(command)
+
+    @action(bus_s=6.0, returns="A")
+    def measure_current(self) -> float:
+        """Measure one dc current, ampere. Raises: InstrumentError B-INST-012 (no reading), B-INST-007 (overload)."""
+        self._ready()
+        self.bus.write("TRIG SGL", self.timeout_s)
+        if not self.poll(self._reading_is_there, _READING_LIMIT_S, _POLL_S):
+            raise self.error("B-INST-012", f"no reading {_READING_LIMIT_S:g} s after TRIG SGL", "check its set-up")
+        current_A = self.bus.read(read_number, "TRIG SGL", self.timeout_s)
+        self.check_errors("TRIG SGL")
+        return current_A
+
+    def _reading_is_there(self) -> bool:
+        return bool(self.bus.status_byte(self.timeout_s) & _READING_AVAILABLE)
+
+    def _ask_identity(self) -> Identity:
+        self.bus.write("END ALWAYS", self.timeout_s)
+        reply = self.bus.query("ID?", read_text, self.timeout_s)
+        return Identity("HP", reply.removeprefix("HP"), "", "")
+
+    def _next_error(self) -> str | None:
+        return self.bus.query("ERRSTR?", read_scpi_error, self.timeout_s, repeatable=False)
+
+    def _go_safe(self) -> None:
+        self.bus.write("TRIG HOLD", self.timeout_s)
+        self.drain_errors()
+
+
+DRIVER = Hp3458A

@@ -1,0 +1,85 @@
+"""HP 6632B system supply (20 V, 5 A): power of the unit under test.
+
+Limits are set before the output can be switched on, the over-voltage trip before the voltage. A tripped protection
+stays latched; clearing it is a decision of a person (``OUTP:PROT:CLE`` by hand).
+
+Source: HP 6631B/6632B/6633B/6634B operating and programming guides (VOLTage, CURRent, VOLTage:PROTection,
+CURRent:PROTection:STATe, OUTPut, MEASure). The model ends at 20.475 V; a 28 V unit needs the 6633B. Not confirmed on
+hardware: programming ranges 20.475 V, 5.1188 A and 22 V over-voltage, and the read-back resolutions.
+"""
+
+from __future__ import annotations
+
+from bench.model.ports import Effect, Parameter, action
+from instruments.scpi import ScpiInstrument
+from instruments.values import exponent_form, read_number
+
+_VOLTAGE_STEP_V = 0.01
+_CURRENT_STEP_A = 0.005
+_TRIP_STEP_V = 0.15
+
+
+class Hp6632B(ScpiInstrument):
+    """Control of the supply with current limit, over-current and over-voltage protection."""
+
+    identity_pattern = r"(HEWLETT-PACKARD|HP|AGILENT.*|KEYSIGHT.*),6632B"
+    safe_state = "output off (OUTP OFF), confirmed by OUTP?"
+
+    configured = False
+
+    @action(
+        Parameter("voltage", "V", 0.0, 20.475),
+        Parameter("current_limit", "A", 0.0, 5.1188),
+        Parameter("over_voltage", "V", 0.0, 22.0),
+        effect=Effect.POWER,
+        bus_s=0.8,
+    )
+    def configure(self, voltage: float, current_limit: float, over_voltage: float) -> None:
+        """Set current limit (A), over-voltage trip (V) and voltage (V), over-current trip on; read all back.
+
+        Raises: InstrumentError B-INST-008 (also when the trip is not above the voltage), B-INST-005, B-INST-011.
+        """
+        voltage, limit, trip = self.checked(
+            "configure", voltage=voltage, current_limit=current_limit, over_voltage=over_voltage
+        )
+        if trip <= voltage:
+            message = f"configure: over_voltage {trip!r} V is not above voltage {voltage!r} V; nothing was sent"
+            raise self.error("B-INST-008", message)
+        self.configured = False
+        self.set(f"CURR {exponent_form(limit)}")
+        self.set("CURR:PROT:STAT ON")
+        self.set(f"VOLT:PROT {exponent_form(trip)}")
+        self.set(f"VOLT {exponent_form(voltage)}")
+        self.confirm("CURR?", limit, _CURRENT_STEP_A, "A")
+        self.confirm("VOLT:PROT?", trip, _TRIP_STEP_V, "V")
+        self.confirm("VOLT?", voltage, _VOLTAGE_STEP_V, "V")
+        self.configured = True
+
+    @action(effect=Effect.POWER, bus_s=0.3)
+    def output_on(self) -> None:
+        """Set the output on and confirm it. Raises: InstrumentError B-INST-010 before ``configure``, B-INST-011."""
+        if not self.configured:
+            raise self.error("B-INST-010", "output_on refused: no limits were set by this run", "configure it first")
+        self.set("OUTP ON")
+        self.confirm("OUTP?", 1, 0, "")
+
+    @action(effect=Effect.POWER, bus_s=0.3)
+    def output_off(self) -> None:
+        """Set the output off and confirm it. Raises: InstrumentError B-INST-009."""
+        self.switch_output_off()
+
+    @action(bus_s=0.3, returns="V")
+    def measure_voltage(self) -> float:
+        """Measure the output voltage, volt."""
+        return self.ask("MEAS:VOLT?", read_number)
+
+    @action(bus_s=0.3, returns="A")
+    def measure_current(self) -> float:
+        """Measure the output current, ampere."""
+        return self.ask("MEAS:CURR?", read_number)
+
+    def _go_safe(self) -> None:
+        self.switch_output_off()
+
+
+DRIVER = Hp6632B

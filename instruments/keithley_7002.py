@@ -1,0 +1,84 @@
+"""Keithley 7002 switch system with one 7012 4x10 matrix card: column = channel, row 1 = direct, row 2 = reversed.
+
+``:CLOS`` only adds crosspoints, so nothing in the instrument keeps two routes apart; this driver does: it opens all,
+verifies, closes one crosspoint and verifies that exactly that one is closed.
+
+Source: Keithley 7001/7002 instruction manuals, ROUTe subsystem; two-pole matrix addressing ``(@slot!row!column)``.
+Not confirmed on hardware: the 250 ms allowance for relays (from public drivers), and that ``:CLOS:STAT?`` lists single
+crosspoints and never a range; a range is treated as a wrong state.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from bench.model.ports import Effect, Parameter, action
+from instruments.scpi import ScpiInstrument
+
+_RELAYS_S = 0.25
+_DIRECT_ROW, _REVERSED_ROW = 1, 2
+
+
+def read_closed(reply: str) -> tuple[str, ...]:
+    """Closed crosspoints of a ``:CLOS:STAT?`` reply, ``"(@1!1!3)" -> ("1!1!3",)``. Raises: ValueError."""
+    compact = reply.replace(" ", "")
+    if not (compact.startswith("(@") and compact.endswith(")")):
+        raise ValueError("a channel list (@...) is due")
+    return tuple(item for item in compact[2:-1].split(",") if item)
+
+
+class Keithley7002(ScpiInstrument):
+    """Control of the relay matrix; at most one route is closed at any time."""
+
+    identity_pattern = r"KEITHLEY.*,7002"
+    safe_state = "all relays open (:OPEN ALL), confirmed by :CLOS:STAT?"
+    default_options: ClassVar[dict[str, Any]] = {"slot": 1}
+
+    @action(
+        Parameter("channel", choices=tuple(range(1, 11))),
+        Parameter("polarity", choices=(1, -1)),
+        effect=Effect.ROUTE,
+        bus_s=0.9,
+    )
+    def route(self, channel: int, polarity: int) -> None:
+        """Set the one closed route: current into ``channel``, reversed by the wiring of row 2 for polarity -1.
+
+        Raises: InstrumentError B-INST-008, B-INST-015 if the relays do not read back as meant (all are opened then).
+        """
+        channel, polarity = self.checked("route", channel=channel, polarity=polarity)
+        self.open_all()
+        crosspoint = f"{self.options['slot']}!{_DIRECT_ROW if polarity == 1 else _REVERSED_ROW}!{channel}"
+        self.set(f":CLOS (@{crosspoint})")
+        self.clock.sleep(_RELAYS_S)
+        if (found := self.closed()) != (crosspoint,):
+            self.bus.write(":OPEN ALL", self.timeout_s)
+            message = f"closed are {', '.join(found) or 'none'} instead of {crosspoint} alone"
+            raise self.error("B-INST-015", message, "check the card, its slot and its wiring")
+
+    @action(effect=Effect.ROUTES_OPEN, bus_s=0.5)
+    def open_all(self) -> None:
+        """Set every relay open and verify it. Raises: InstrumentError B-INST-005, B-INST-015."""
+        self.set(":OPEN ALL")
+        self.clock.sleep(_RELAYS_S)
+        if found := self.closed():
+            message = f"{', '.join(found)} still closed after :OPEN ALL; no route was closed"
+            raise self.error("B-INST-015", message, "check the card and its slot")
+
+    @action()
+    def closed(self) -> tuple[str, ...]:
+        """Get the closed crosspoints as "slot!row!column"."""
+        return self.ask(":CLOS:STAT?", read_closed)
+
+    def _check_options(self) -> None:
+        if self.options["slot"] not in range(1, 11):
+            raise self.bad_option(f"slot {self.options['slot']!r} must be 1 to 10")
+
+    def _go_safe(self) -> None:
+        self.bus.write(":OPEN ALL", self.timeout_s)
+        self.clock.sleep(_RELAYS_S)
+        self.drain_errors()
+        if found := self.closed():
+            raise self.error("B-INST-009", f"{', '.join(found)} still closed after :OPEN ALL", "switch the matrix off")
+
+
+DRIVER = Keithley7002

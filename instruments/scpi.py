@@ -1,0 +1,40 @@
+"""Instruments with the error queue of SCPI (SCPI-99 vol. 2, 21.8: SYSTem:ERRor?)."""
+
+from __future__ import annotations
+
+import re
+
+from instruments.base import BaseInstrument
+from instruments.values import read_integer
+
+_ERROR = re.compile(r'([+-]?\d+)\s*,\s*"?(.*?)"?', re.DOTALL)
+
+
+def read_scpi_error(reply: str) -> str | None:
+    """The error of a ``SYST:ERR?`` reply such as ``-222,"Data out of range"``, or None for number 0.
+
+    Raises: ValueError if the reply has another form.
+    """
+    match = _ERROR.fullmatch(reply)
+    if match is None:
+        raise ValueError('number,"text" is due')
+    return None if int(match[1]) == 0 else f"{int(match[1])} {match[2]}"
+
+
+class ScpiInstrument(BaseInstrument):
+    """A driver of an instrument that answers ``*IDN?`` and ``SYST:ERR?``."""
+
+    def output_is_on(self) -> bool:
+        """Get whether the output is switched on (``OUTP?``)."""
+        return self.ask("OUTP?", read_integer) == 1
+
+    def switch_output_off(self) -> None:
+        """Set the output off, whatever the error queue holds. Raises: InstrumentError B-INST-009 if it stays on."""
+        self._ready()
+        self.bus.write("OUTP OFF", self.timeout_s)
+        self.drain_errors()
+        if self.output_is_on():
+            raise self.error("B-INST-009", "the output is still on after OUTP OFF", "switch it off at the front panel")
+
+    def _next_error(self) -> str | None:
+        return self.bus.query("SYST:ERR?", read_scpi_error, self.timeout_s, repeatable=False)

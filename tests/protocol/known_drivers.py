@@ -1,0 +1,50 @@
+"""Per driver: how it says who it is, and the exchange of its safe state; the walk test wants every driver here."""
+
+from __future__ import annotations
+
+NO_ERROR = (b"SYST:ERR?\n", b'+0,"No error"\n')
+
+IDENTIFY = {
+    "fluke_5720a": [(b"*IDN?\n", b"FLUKE,5720A,7005201,1.4+1.1+1.0\n"), (b"FAULT?\n", b"0\n")],
+    "keithley_7002": [(b"*IDN?\n", b"KEITHLEY INSTRUMENTS INC.,MODEL 7002,0654321,B01 /A02\n"), NO_ERROR],
+    "hp_3458a": [(b"END ALWAYS\n", None), (b"ID?\n", b"HP3458A\r\n"), (b"ERRSTR?\n", b'0,"NO ERROR"\r\n')],
+    "agilent_33250a": [(b"*IDN?\n", b"Agilent Technologies,33250A,0,2.01-1.01-2.00-03-2\n"), NO_ERROR],
+    "agilent_53230a": [
+        (b"*IDN?\n", b"Agilent Technologies,53230A,MY50001234,02.05-1519\n"),
+        NO_ERROR,
+        (b"ROSC:SOUR EXT\n", None),
+        NO_ERROR,
+    ],
+    "thermotron_3800": [(b"IDEN?\n", b"3800 REV 3\n"), (b"ALRM1?\n", b"0\n")],
+    "hp_6632b": [(b"*IDN?\n", b"HEWLETT-PACKARD,6632B,US36001234,A.01.01\n"), NO_ERROR],
+    "agilent_e3631a": [(b"*IDN?\n", b"HEWLETT-PACKARD,E3631A,0,1.4-5.0-1.0\n"), NO_ERROR],
+    "agilent_34970a": [
+        (b"*IDN?\n", b"HEWLETT-PACKARD,34970A,0,13-2-2\n"),
+        NO_ERROR,
+        (b"CONF:TEMP TC,T,(@101,102)\n", None),
+        NO_ERROR,
+        (b"UNIT:TEMP C,(@101,102)\n", None),
+        NO_ERROR,
+    ],
+    "agilent_34401a": [(b"*IDN?\n", b"HEWLETT-PACKARD,34401A,0,10-5-2\n"), NO_ERROR],
+}
+
+_OUTPUT_OFF = [(b"OUTP OFF\n", None), NO_ERROR, (b"OUTP?\n", b"0\n")]
+
+MAKE_SAFE = {
+    "fluke_5720a": [(b"STBY\n", None), (b"FAULT?\n", b"0\n"), (b"ISR?\n", b"4096\n")],
+    "keithley_7002": [(b":OPEN ALL\n", None), NO_ERROR, (b":CLOS:STAT?\n", b"(@)\n")],
+    "hp_3458a": [(b"TRIG HOLD\n", None), (b"ERRSTR?\n", b'0,"NO ERROR"\r\n')],
+    "agilent_33250a": _OUTPUT_OFF,
+    "agilent_53230a": [(b"ABOR\n", None), NO_ERROR],
+    "thermotron_3800": [(b"STOP\n", None), (b"MODE?\n", b"2\n")],
+    "hp_6632b": _OUTPUT_OFF,
+    "agilent_e3631a": _OUTPUT_OFF,
+    "agilent_34970a": [(b"ABOR\n", None), NO_ERROR],
+    "agilent_34401a": [NO_ERROR],
+}
+
+
+def after(command: bytes, ok: tuple[bytes, bytes] = NO_ERROR) -> list[tuple[bytes, bytes | None]]:
+    """A set command that is accepted."""
+    return [(command, None), ok]

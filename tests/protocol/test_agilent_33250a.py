@@ -1,0 +1,46 @@
+"""Exact exchanges of the function generator."""
+
+import pytest
+from known_drivers import IDENTIFY, NO_ERROR, after
+from scripted import scripted
+
+from bench.model.errors import InstrumentError
+
+START = IDENTIFY["agilent_33250a"]
+
+
+def square(frequency: bytes, amplitude: bytes) -> list[tuple[bytes, bytes | None]]:
+    commands = [b"FUNC SQU", b"OUTP:LOAD INF", b"FREQ " + frequency, b"VOLT:UNIT VPP", b"VOLT " + amplitude]
+    return [pair for command in (*commands, b"VOLT:OFFS 0") for pair in after(command + b"\n")]
+
+
+def test_12345678_hz_is_sent_with_every_digit() -> None:
+    read_back = [(b"FREQ?\n", b"+1.234567800000E+07\n"), (b"VOLT?\n", b"+2.500000000000E+00\n")]
+    script = [*START, *square(b"1.2345678E+07", b"2.5E+00"), *read_back, *after(b"OUTP ON\n"), (b"OUTP?\n", b"1\n")]
+    script += [(b"OUTP OFF\n", None), NO_ERROR, (b"OUTP?\n", b"0\n")]
+    with scripted("agilent_33250a", script) as generator:
+        generator.square(12_345_678, 2.5)
+        generator.output_on()
+        generator.output_off()
+
+
+def test_a_rounded_frequency_is_noticed() -> None:
+    script = [*START, *square(b"1.2345678E+07", b"2.5E+00"), (b"FREQ?\n", b"+1.23457E+07\n")]
+    with scripted("agilent_33250a", script) as generator, pytest.raises(InstrumentError, match="12345678") as caught:
+        generator.square(12_345_678.0, 2.5)
+    assert caught.value.code == "B-INST-011"
+
+
+def test_output_on_is_refused_without_a_waveform() -> None:
+    with scripted("agilent_33250a", []) as generator, pytest.raises(InstrumentError) as caught:
+        generator.output_on()
+    assert caught.value.code == "B-INST-010"
+
+
+def test_errors_are_told() -> None:
+    error = [(b"SYST:ERR?\n", b'-221,"Settings conflict"\n'), NO_ERROR]
+    script = [*START, (b"FUNC SQU\n", None), *error]
+    conflict = pytest.raises(InstrumentError, match="-221 Settings conflict")
+    with scripted("agilent_33250a", script) as generator, conflict as caught:
+        generator.square(1e7, 2.5)
+    assert caught.value.code == "B-INST-005"

@@ -1,0 +1,121 @@
+"""Time limits, transcript and the recovery ladder, seen through a driver."""
+
+import threading
+
+import pytest
+from known_drivers import IDENTIFY, NO_ERROR
+from scripted import BUS_ERROR, CLEAR, TIMEOUT, make, scripted
+
+from bench.model.errors import ExitStatus, InstrumentError
+from instruments.bus import bus_lock
+
+VOLTS = (b"MEAS:VOLT?\n", b"+1.00000E+01\n")
+START = IDENTIFY["hp_6632b"]
+
+
+def test_a_late_reply_is_cleared_and_the_read_repeated() -> None:
+    script = [*START, (b"MEAS:VOLT?\n", TIMEOUT), (CLEAR, None), NO_ERROR, VOLTS]
+    with scripted("hp_6632b", script) as supply:
+        assert supply.measure_voltage() == 10.0
+
+
+def test_three_tries_then_the_time_out_is_reported() -> None:
+    once = [(b"MEAS:VOLT?\n", TIMEOUT), (CLEAR, None)]
+    with (
+        scripted("hp_6632b", [*START, *once, NO_ERROR, *once, NO_ERROR, *once]) as supply,
+        pytest.raises(InstrumentError, match=r"no answer to 'MEAS:VOLT\?' within 1 s") as caught,
+    ):
+        supply.measure_voltage()
+    assert caught.value.code == "B-INST-001"
+    assert caught.value.where == "unit_of_test (GPIB0::4::INSTR)"
+    assert caught.value.exit_status == ExitStatus.SAFE_AFTER_FAULT
+
+
+def test_a_dead_instrument_is_given_up_when_its_queue_is_dead_too() -> None:
+    script = [*START, (b"MEAS:VOLT?\n", TIMEOUT), (CLEAR, BUS_ERROR), (b"SYST:ERR?\n", TIMEOUT), (CLEAR, None)]
+    with scripted("hp_6632b", script) as supply, pytest.raises(InstrumentError, match="MEAS:VOLT") as caught:
+        supply.measure_voltage()
+    assert caught.value.code == "B-INST-001"
+
+
+def test_a_set_point_is_never_sent_twice() -> None:
+    script = [*START, (b"CURR 1.0E+00\n", None), (b"SYST:ERR?\n", TIMEOUT), (CLEAR, None)]
+    with scripted("hp_6632b", script) as supply, pytest.raises(InstrumentError) as caught:
+        supply.configure(5.0, 1.0, 6.0)
+    assert caught.value.code == "B-INST-001"
+
+
+def test_a_broken_bus_is_not_retried() -> None:
+    with (
+        scripted("hp_6632b", [*START, (b"MEAS:VOLT?\n", BUS_ERROR)]) as supply,
+        pytest.raises(InstrumentError) as caught,
+    ):
+        supply.measure_voltage()
+    assert caught.value.code == "B-INST-003"
+
+
+def test_garbage_is_read_again_and_then_refused() -> None:
+    with scripted("hp_6632b", [*START, (b"MEAS:VOLT?\n", b"ERROR\n"), (CLEAR, None), NO_ERROR, VOLTS]) as supply:
+        assert supply.measure_voltage() == 10.0
+    once = [(b"MEAS:VOLT?\n", b"nan\n"), (CLEAR, None)]
+    script = [*START, *once, NO_ERROR, (b"MEAS:VOLT?\n", b"\xff\n"), (CLEAR, None), NO_ERROR, *once]
+    with scripted("hp_6632b", script) as supply, pytest.raises(InstrumentError, match="finite number is due") as caught:
+        supply.measure_voltage()
+    assert caught.value.code == "B-INST-004"
+
+
+@pytest.mark.parametrize("reply", [b"+9.90000000E+37\n", b"9.91E37\n"])
+def test_overload_is_an_error_and_not_retried(reply: bytes) -> None:
+    script = [*IDENTIFY["agilent_34401a"], (b"CONF:VOLT:DC\n", None), NO_ERROR, (b"READ?\n", reply)]
+    with scripted("agilent_34401a", script) as meter, pytest.raises(InstrumentError, match="overload") as caught:
+        meter.measure_voltage()
+    assert caught.value.code == "B-INST-007"
+
+
+def test_an_error_queue_without_an_end_is_given_up() -> None:
+    endless = [(b"SYST:ERR?\n", b'-222,"Data out of range"\n')] * 33
+    with scripted("hp_6632b", [START[0], *endless]) as supply, pytest.raises(InstrumentError) as caught:
+        supply.identify()
+    assert caught.value.code == "B-INST-006"
+
+
+def test_every_text_is_in_the_transcript_with_clock_time() -> None:
+    with scripted("hp_6632b", [*START, (b"MEAS:VOLT?\n", TIMEOUT), (CLEAR, None), NO_ERROR, VOLTS]) as supply:
+        supply.test_clock.sleep(2.5)
+        supply.measure_voltage()
+        lines = supply.test_log.lines
+    texts = [line[1:3] for line in lines]
+    assert texts[0] == ("tx", "*IDN?")
+    assert texts[1] == ("rx", "HEWLETT-PACKARD,6632B,US36001234,A.01.01")
+    assert ("tx", "<device clear>") in texts
+    assert texts[-1] == ("rx", "+1.00000E+01")
+    assert {(line[0], line[3]) for line in lines} == {("unit_of_test", 2_500_000_000)}
+
+
+def test_every_command_has_a_time_limit() -> None:
+    script = [*IDENTIFY["agilent_34401a"], (b"CONF:VOLT:DC\n", None), NO_ERROR, (b"READ?\n", b"+5.0E+00\n"), NO_ERROR]
+    with scripted("agilent_34401a", script) as meter:
+        meter.measure_voltage()
+        resource = meter.test_resource
+        meter.close()
+    assert resource.closed
+    assert set(resource.timeouts_ms) == {1000, 5000}
+
+
+def test_one_lock_per_bus() -> None:
+    assert bus_lock("GPIB0::4::INSTR") is bus_lock("GPIB0::22::INSTR")
+    assert bus_lock("GPIB0::4::INSTR") is not bus_lock("GPIB1::4::INSTR")
+    assert bus_lock("TCPIP0::a::INSTR") is not bus_lock("TCPIP0::b::INSTR")
+
+
+def test_another_thread_waits_for_the_bus() -> None:
+    supply = make("hp_6632b", [*START, VOLTS])
+    with bus_lock("GPIB0::9::INSTR"):
+        thread = threading.Thread(target=supply.measure_voltage)
+        thread.start()
+        thread.join(0.05)
+        assert thread.is_alive()
+        assert len(supply.test_resource.events) == 6
+    thread.join(5)
+    assert not thread.is_alive()
+    assert supply.test_resource.events == []

@@ -1,0 +1,174 @@
+"""Walks over all drivers: what every one of them must declare and do."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import math
+import pkgutil
+import re
+from typing import Any
+
+import pytest
+from known_drivers import IDENTIFY, MAKE_SAFE
+from scripted import CLEAR, TIMEOUT, make, scripted
+
+import instruments
+from bench.model.errors import InputError, InstrumentError
+from bench.model.ports import Effect, Parameter, actions_of
+from bench.model.units import parse_quantity
+
+MODULES = [module.name for module in pkgutil.iter_modules(instruments.__path__)]
+DRIVERS = [name for name in MODULES if hasattr(importlib.import_module(f"instruments.{name}"), "DRIVER")]
+SHARED = {"base", "bus", "commands", "scpi", "values"}
+VERBS = ("Set", "Get", "Control", "Measure")
+
+
+def driver_class(name: str) -> Any:
+    return importlib.import_module(f"instruments.{name}").DRIVER
+
+
+def wrong_values(parameter: Parameter) -> list[object]:
+    """Values the parameter must refuse."""
+    wrong: list[object] = [math.nan, math.inf, -math.inf, None, "x", True]
+    if parameter.low is not None:
+        wrong.append(math.nextafter(parameter.low, -math.inf))
+    if parameter.high is not None:
+        wrong.append(math.nextafter(parameter.high, math.inf))
+    return wrong
+
+
+def good_value(parameter: Parameter) -> Any:
+    return parameter.choices[0] if parameter.choices else parameter.high
+
+
+CASES = [
+    (name, action.name, parameter.name)
+    for name in DRIVERS
+    for action in actions_of(driver_class(name)).values()
+    for parameter in action.parameters
+]
+
+
+def test_the_walk_knows_every_driver() -> None:
+    assert set(MODULES) - SHARED == set(DRIVERS) == set(IDENTIFY) == set(MAKE_SAFE)
+    assert len(DRIVERS) == 10
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_declarations(name: str) -> None:
+    driver = driver_class(name)
+    assert re.fullmatch("[a-z0-9_]+", name)
+    re.compile(driver.identity_pattern)
+    assert driver.safe_state
+    assert "Source:" in importlib.import_module(f"instruments.{name}").__doc__
+    actions = actions_of(driver)
+    assert actions
+    for action in actions.values():
+        assert isinstance(action.effect, Effect)
+        assert 0 < action.bus_s <= 15
+        method = getattr(driver, action.name)
+        assert inspect.getdoc(method).split()[0] in VERBS, action.name
+        arguments = list(inspect.signature(method).parameters.values())[1:]
+        assert [argument.name for argument in arguments] == [parameter.name for parameter in action.parameters]
+        for argument, parameter in zip(arguments, action.parameters, strict=True):
+            assert parameter.required is (argument.default is inspect.Parameter.empty)
+            if parameter.choices:
+                assert parameter.dimension == ""
+            else:
+                parse_quantity(f"1 {parameter.dimension}", parameter.dimension)
+                assert parameter.low is not None
+                assert parameter.high is not None
+                assert parameter.low < parameter.high
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_energising_actions_come_with_a_safe_state(name: str) -> None:
+    effects = {action.effect for action in actions_of(driver_class(name)).values()}
+    if Effect.STIMULUS_ON in effects:
+        assert Effect.STIMULUS_OFF in effects
+    if Effect.ROUTE in effects:
+        assert Effect.ROUTES_OPEN in effects
+
+
+@pytest.mark.parametrize(("name", "action", "wrong"), CASES)
+def test_wrong_arguments_are_rejected_before_anything_is_sent(name: str, action: str, wrong: str) -> None:
+    driver = make(name, [])
+    parameters = actions_of(driver_class(name))[action].parameters
+    for value in wrong_values(next(parameter for parameter in parameters if parameter.name == wrong)):
+        arguments = {parameter.name: good_value(parameter) for parameter in parameters} | {wrong: value}
+        with pytest.raises(InstrumentError, match=f"{action}: {wrong}") as caught:
+            getattr(driver, action)(**arguments)
+        assert caught.value.code == "B-INST-008"
+        assert caught.value.where == "unit_of_test (GPIB0::4::INSTR)"
+        assert repr(value) in str(caught.value)
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_safe_state_is_reached_twice_in_a_row(name: str) -> None:
+    with scripted(name, [*IDENTIFY[name], *MAKE_SAFE[name], *MAKE_SAFE[name]]) as driver:
+        driver.make_safe()
+        driver.make_safe()
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_identity_is_checked_first_and_a_stranger_gets_no_other_command(name: str) -> None:
+    questions = [pair for pair in IDENTIFY[name] if pair[0] in (b"*IDN?\n", b"IDEN?\n", b"END ALWAYS\n", b"ID?\n")]
+    strange = [*questions[:-1], (questions[-1][0], b"ACME,9999,0,1\n")]
+    for method, arguments in (("make_safe", ()), ("identify", ()), ("raw", ("*RST",)), ("set", ("OUTP ON",))):
+        with scripted(name, strange) as driver, pytest.raises(InstrumentError, match="9999") as caught:
+            getattr(driver, method)(*arguments)
+        assert caught.value.code == "B-INST-002"
+        assert driver.identity is None
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_every_action_identifies_first(name: str) -> None:
+    """On a mute bus no action gets further than the question who is there."""
+    first = IDENTIFY[name][0][0]
+    for action in actions_of(driver_class(name)).values():
+        driver = make(name, [])
+        sent: list[str] = []
+        driver.test_resource.write = sent.append
+        driver.test_resource.read = driver.test_resource.clear = lambda: (_ for _ in ()).throw(OSError("mute"))
+        with pytest.raises(InstrumentError) as caught:
+            getattr(driver, action.name)(**{parameter.name: good_value(parameter) for parameter in action.parameters})
+        refused_unset = caught.value.code == "B-INST-010" and sent == []
+        refused_limits = caught.value.code == "B-INST-008" and sent == []
+        asked = caught.value.code == "B-INST-003" and sent[0] == first.decode().strip()
+        assert refused_unset or refused_limits or asked, (action.name, caught.value, sent)
+        assert set(sent) <= {"*IDN?", "IDEN?", "END ALWAYS", "ID?"}
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_a_mute_instrument_times_out(name: str) -> None:
+    question = IDENTIFY[name][1 if name == "hp_3458a" else 0][0]
+    driver = make(name, [])
+    resource = driver.test_resource
+    resource.write = lambda command: resource.events.append(("read", TIMEOUT))
+    resource.clear = resource.events.clear
+    with pytest.raises(InstrumentError, match=re.escape(question.decode().strip())) as caught:
+        driver.identify()
+    assert caught.value.code == "B-INST-001"
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_by_hand(name: str) -> None:
+    with scripted(name, [*IDENTIFY[name], (b"XYZ?\n", b"1 2 3\n"), (b"XYZ 1\n", None)]) as driver:
+        assert driver.raw("XYZ?") == "1 2 3"
+        assert driver.raw("XYZ 1") is None
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_by_hand_nothing_is_repeated(name: str) -> None:
+    with scripted(name, [*IDENTIFY[name], (b"XYZ?\n", TIMEOUT), (CLEAR, None)]) as driver:
+        with pytest.raises(InstrumentError, match="XYZ") as caught:
+            driver.raw("XYZ?")
+        assert caught.value.code == "B-INST-001"
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_unknown_options_are_refused(name: str) -> None:
+    with pytest.raises(InputError, match="unknown option 'colour'") as caught:
+        make(name, [], colour="red")
+    assert caught.value.code == "B-INST-020"

@@ -1,0 +1,168 @@
+"""Drivers against the simulators of the same models, which were written from the manuals and not from the drivers."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterator
+from typing import Any
+from unittest.mock import MagicMock
+
+import numpy as np
+import pytest
+import pyvisa
+from known_drivers import IDENTIFY
+from pyvisa.resources import MessageBasedResource
+from scripted import Log
+
+from bench.model.clock import NS, VirtualClock
+from bench.model.errors import InstrumentError
+from sim_instruments.simulation import open_world
+
+SEED = 20
+ADDRESS = {name: f"GPIB0::{number}::INSTR" for number, name in enumerate(sorted(IDENTIFY), 1)}
+IDENTITY_QUESTIONS = {"*IDN?", "IDEN?", "END ALWAYS", "ID?", "<device clear>"}
+
+
+class Bench:
+    """One simulated bench with all drivers, by driver name."""
+
+    def __init__(self, dialect: str = "3800") -> None:
+        self.clock = VirtualClock()
+        entries = {name: {"driver": name, "resource": at, "options": {}} for name, at in ADDRESS.items()}
+        entries["thermotron_3800"]["options"] = {"dialect": dialect}
+        station = {"instruments": entries, "links": {}}
+        self.world = open_world(
+            "af_converter", clock=self.clock, seed=SEED, station=station, unit_factory=lambda *_: MagicMock()
+        )
+        self.visa = pyvisa.ResourceManager(self.world.visa_library)
+        self.log = Log()
+
+    def close(self) -> None:
+        self.visa.close()
+        self.world.close()
+
+    def driver(self, name: str, **options: Any) -> Any:
+        resource = self.visa.open_resource(ADDRESS[name], resource_pyclass=MessageBasedResource)
+        driver_class = importlib.import_module(f"instruments.{name}").DRIVER
+        return driver_class(resource, role=name, clock=self.clock, transcript=self.log, options=options)
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    made = Bench()
+    yield made
+    made.close()
+
+
+@pytest.mark.parametrize("name", sorted(IDENTIFY))
+def test_identity_and_safe_state_from_power_on(bench: Bench, name: str) -> None:
+    driver = bench.driver(name)
+    assert driver.identify().model in driver.identity_pattern
+    driver.make_safe()
+    driver.make_safe()
+    assert driver.drain_errors() == []
+
+
+@pytest.mark.parametrize("name", sorted(IDENTIFY))
+def test_wrong_instrument_gets_no_stimulus(bench: Bench, name: str) -> None:
+    bench.world.faults.instrument(name).identity = "ACME,9999,0,1"
+    driver = bench.driver(name)
+    with pytest.raises(InstrumentError) as caught:
+        driver.make_safe()
+    assert caught.value.code == "B-INST-002"
+    assert {text for _, direction, text, _ in bench.log.lines if direction == "tx"} <= IDENTITY_QUESTIONS
+
+
+@pytest.mark.parametrize("name", sorted(IDENTIFY))
+def test_mute_instrument_is_given_up_within_seconds(bench: Bench, name: str) -> None:
+    driver = bench.driver(name)
+    driver.identify()
+    bench.world.faults.instrument(name).mute = True
+    began_ns = bench.clock.now_ns()
+    with pytest.raises(InstrumentError) as caught:
+        driver.make_safe()
+    assert caught.value.code == "B-INST-001"
+    assert bench.clock.now_ns() - began_ns < 5 * NS
+
+
+@pytest.mark.parametrize("polarity", [1, -1])
+@pytest.mark.parametrize("current", [0.0, 3e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.2])
+def test_a_point(bench: Bench, polarity: int, current: float) -> None:
+    calibrator, switch = bench.driver("fluke_5720a"), bench.driver("keithley_7002")
+    calibrator.standby()
+    switch.route(3, polarity)
+    calibrator.output(current)
+    began_ns = bench.clock.now_ns()
+    calibrator.operate()
+    assert bench.clock.now_ns() - began_ns < 15 * NS
+    assert calibrator.operating() is True
+    channel, current_A, _ = next(call.args for call in reversed(bench.world.unit.set_input.call_args_list))
+    assert channel == 3
+    assert current_A == pytest.approx(polarity * current, rel=1e-4, abs=2e-5)
+    calibrator.standby()
+    assert calibrator.operating() is False
+
+
+def test_operating_into_an_open_circuit_ends_in_standby(bench: Bench) -> None:
+    calibrator = bench.driver("fluke_5720a")
+    calibrator.output(0.01)
+    with pytest.raises(InstrumentError, match="Compliance") as caught:
+        calibrator.operate()
+    assert caught.value.code == "B-INST-013"
+    assert calibrator.operating() is False
+
+
+def test_opening_a_relay_under_current_is_seen_as_a_trip(bench: Bench) -> None:
+    calibrator, switch = bench.driver("fluke_5720a"), bench.driver("keithley_7002")
+    switch.route(1, 1)
+    calibrator.output(0.01)
+    calibrator.operate()
+    switch.open_all()
+    assert calibrator.operating() is False
+    calibrator.standby()
+
+
+def test_late_replies_are_never_taken_for_another_answer(bench: Bench) -> None:
+    supply = bench.driver("hp_6632b")
+    supply.configure(15.0, 1.5, 18.0)
+    supply.output_on()
+    faults = bench.world.faults.instrument("hp_6632b")
+    rng = np.random.default_rng(SEED)
+    for _ in range(300):
+        faults.late_s, faults.late_replies = float(rng.uniform(0.5, 3.0)), int(rng.integers(0, 2))
+        assert 14.9 < supply.measure_voltage() < 15.1
+        assert 0.0 <= supply.measure_current() < 1.5
+    clears = sum(text == "<device clear>" for _, _, text, _ in bench.log.lines)
+    assert clears > 50
+
+
+def test_garbled_replies_are_asked_again(bench: Bench) -> None:
+    supply = bench.driver("hp_6632b")
+    supply.identify()
+    for _ in range(50):
+        bench.world.faults.instrument("hp_6632b").garbled_replies = 1
+        assert abs(supply.measure_voltage()) < 0.1
+
+
+def test_frequencies_arrive_with_every_digit(bench: Bench) -> None:
+    generator = bench.driver("agilent_33250a")
+    generator.square(12_345_678.0, 1.0)
+    assert float(generator.raw("FREQ?")) == 12_345_678.0
+
+
+@pytest.mark.parametrize(("dialect", "other"), [("3800", "8800"), ("8800", "3800")])
+def test_chamber_in_both_dialects(dialect: str, other: str) -> None:
+    bench = Bench(dialect)
+    chamber = bench.driver("thermotron_3800", dialect=dialect)
+    chamber.stop()
+    chamber.set_temperature(-10.0, 0.5)
+    chamber.run()
+    bench.clock.sleep(600.0)
+    assert chamber.measure_air() == pytest.approx(bench.world.thermal.air_degC(bench.clock.now_ns()), abs=0.5)
+    assert chamber.measure_air() < 20.0
+    chamber.hold()
+    chamber.make_safe()
+    with pytest.raises(InstrumentError) as caught:
+        bench.driver("thermotron_3800", dialect=other).identify()
+    assert caught.value.code == "B-INST-002"
+    bench.close()

@@ -1,0 +1,111 @@
+"""Exact exchanges of the chamber in both dialects."""
+
+import pytest
+from known_drivers import IDENTIFY, after
+from scripted import scripted
+
+from bench.model.errors import InputError, InstrumentError
+
+NO_ALARM = (b"ALRM1?\n", b"0\n")
+START = IDENTIFY["thermotron_3800"]
+START_8800 = [(b"IDEN?\n", b"Thermotron 8800 1.0\n"), NO_ALARM]
+CONFIRMED = [(b"MRMP1?\n", b"0.5\n"), (b"SETP1?\n", b"-10.0\n")]
+
+
+def test_3800_answers_nothing_and_gets_more_than_a_second() -> None:
+    script = [*START, *after(b"MRMP1,0.5\n", NO_ALARM), *after(b"SETP1,-10\n", NO_ALARM), *CONFIRMED]
+    script += [*after(b"RUNM\n", NO_ALARM), (b"MODE?\n", b"16\n"), (b"PVAR1?\n", b"22.87\n")]
+    with scripted("thermotron_3800", script) as chamber:
+        chamber.set_temperature(-10.0, 0.5)
+        chamber.run()
+        assert chamber.measure_air() == 22.87
+        assert chamber.test_clock.now_ns() == 3_600_000_000
+
+
+def test_8800_completions_are_read() -> None:
+    script = [*START_8800, (b"MRMP1,0.5\n", b"0\n"), NO_ALARM, (b"SETP1,-10\n", b"0\n"), NO_ALARM, *CONFIRMED]
+    script += [(b"HOLD\n", b"0\n"), NO_ALARM, (b"STOP\n", b"0\n"), (b"MODE?\n", b"2\n"), (b"XYZ\n", b"0\n")]
+    with scripted("thermotron_3800", script, dialect="8800") as chamber:
+        chamber.set_temperature(-10.0, 0.5)
+        chamber.hold()
+        chamber.stop()
+        assert chamber.raw("XYZ") == "0"
+        assert chamber.test_clock.now_ns() == 0
+
+
+def test_8800_refusals_are_told() -> None:
+    with (
+        scripted("thermotron_3800", [*START_8800, (b"RUNM\n", b"3\n")], dialect="8800") as chamber,
+        pytest.raises(InstrumentError, match="completion 3") as caught,
+    ):
+        chamber.run()
+    assert caught.value.code == "B-INST-005"
+
+
+def test_stopping_a_stopped_chamber_is_safe_although_refused() -> None:
+    with scripted(
+        "thermotron_3800", [*START_8800, (b"STOP\n", b"5\n"), (b"MODE?\n", b"2\n")], dialect="8800"
+    ) as chamber:
+        chamber.make_safe()
+
+
+def test_process_alarms_stop_and_deviation_alarms_do_not() -> None:
+    deviation, process = (b"ALRM1?\n", b"1\n"), (b"ALRM1?\n", b"34\n")
+    with scripted("thermotron_3800", [*START, *after(b"HOLD\n", deviation), *after(b"HOLD\n", process)]) as chamber:
+        chamber.hold()
+        with pytest.raises(InstrumentError, match="high process limit alarm") as caught:
+            chamber.hold()
+    assert caught.value.code == "B-INST-005"
+
+
+def test_a_chamber_that_does_not_run_or_stop_is_noticed() -> None:
+    idle = (b"MODE?\n", b"2\n")
+    with scripted("thermotron_3800", [*START, *after(b"RUNM\n", NO_ALARM), *[idle] * 7]) as chamber:
+        with pytest.raises(InstrumentError) as caught:
+            chamber.run()
+        assert caught.value.code == "B-INST-011"
+    for busy in ((b"MODE?\n", b"16\n"), (b"MODE?\n", b"1\n"), (b"MODE?\n", b"24\n")):
+        with scripted("thermotron_3800", [*START, (b"STOP\n", None), *[busy] * 7]) as chamber:
+            with pytest.raises(InstrumentError) as caught:
+                chamber.make_safe()
+            assert caught.value.code == "B-INST-009"
+
+
+def test_alarms() -> None:
+    with scripted("thermotron_3800", [*START, (b"ALRM1?\n", b"51\n"), (b"ALRM1?\n", b"2\n")]) as chamber:
+        chamber.identify()
+        assert chamber.drain_errors() == [
+            "low deviation alarm",
+            "high deviation alarm",
+            "low process limit alarm",
+            "high process limit alarm",
+        ]
+        assert chamber.drain_errors() == ["high deviation alarm"]
+
+
+def test_a_set_point_that_did_not_arrive_is_noticed() -> None:
+    script = [*START, *after(b"MRMP1,0.5\n", NO_ALARM), *after(b"SETP1,-10\n", NO_ALARM), CONFIRMED[0]]
+    with (
+        scripted("thermotron_3800", [*script, (b"SETP1?\n", b"23.0\n")]) as chamber,
+        pytest.raises(InstrumentError, match="SETP1") as caught,
+    ):
+        chamber.set_temperature(-10.0, 0.5)
+    assert caught.value.code == "B-INST-011"
+
+
+def test_the_other_dialect_is_another_instrument() -> None:
+    with (
+        scripted("thermotron_3800", [START[0]], dialect="8800") as chamber,
+        pytest.raises(InstrumentError, match="3800 REV 3") as caught,
+    ):
+        chamber.identify()
+    assert caught.value.code == "B-INST-002"
+
+
+def test_dialects() -> None:
+    with (
+        pytest.raises(InputError, match="neither 3800 nor 8800") as caught,
+        scripted("thermotron_3800", [], dialect="2800"),
+    ):
+        pass
+    assert caught.value.code == "B-INST-020"
