@@ -1,0 +1,4 @@
+"""Simulated instruments, the simulated unit under test and the world that wires them.
+
+Nothing of ``bench`` imports this package statically; a simulated station names it (docs/decisions/0003).
+"""

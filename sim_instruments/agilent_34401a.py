@@ -1,0 +1,85 @@
+"""Simulated HP/Agilent 34401A multimeter on rail 1 (+6 V output) of the auxiliary supply.
+
+Source: 34401A User's Guide (CONFigure, READ?, INITiate, FETCh?, NPLCycles, overload reading 9.9E37).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sim_instruments.agilent_e3631a import AgilentE3631A
+from sim_instruments.scpi import ScpiDevice, ScpiError, command, words
+
+RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)
+OVERLOAD = 9.9e37
+GAIN_SIGMA, OFFSET_SIGMA_V = 1e-5, 2e-5
+LINE_HZ = 50.0
+
+
+class Agilent34401A(ScpiDevice):
+    """DC voltmeter with gain and offset errors drawn once; a reading takes twice the integration time (autozero)."""
+
+    identity = "HEWLETT-PACKARD,34401A,0,11-5-2"
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._gain = float(self.world.rng("34401A gain").normal(1.0, GAIN_SIGMA))
+        self._offset_V = float(self.world.rng("34401A offset").normal(0.0, OFFSET_SIGMA_V))
+        self._noise = self.world.rng("34401A noise")
+
+    def reset(self) -> None:
+        self.range_V: float | None = None  # autorange
+        self.power_line_cycles = 10.0
+        self._last = ""
+
+    def _measure(self) -> str:
+        supply = self.world.instrument(AgilentE3631A)
+        true_V = supply.output(0)[0] if supply is not None else 0.0
+        self.reply_after(2 * self.power_line_cycles / LINE_HZ)
+        if self.range_V is not None and abs(true_V) > 1.2 * self.range_V:
+            return f"{OVERLOAD if true_V > 0 else -OVERLOAD:+.8E}"
+        return f"{true_V * self._gain + self._offset_V + self._noise.normal(0.0, 2e-6):+.8E}"
+
+    @command(":CONFigure:VOLTage[:DC]")
+    def _configure(self, text: str) -> None:
+        first = (words(text) or ["DEF"])[0].upper()
+        self.range_V = None if first in ("DEF", "AUTO") else self._range(first)
+        self.power_line_cycles = 10.0
+
+    def _range(self, text: str) -> float:
+        largest_V = self.number(text, RANGES_V[0], RANGES_V[-1])
+        return next(r for r in RANGES_V if largest_V <= r)
+
+    @command("[:SENSe]:VOLTage[:DC]:NPLCycles")
+    def _set_cycles(self, text: str) -> None:
+        cycles = self.number(text, 0.02, 100.0)
+        self.power_line_cycles = next(c for c in (0.02, 0.2, 1.0, 10.0, 100.0) if cycles <= c)
+
+    @command(":CONFigure?")
+    def _get_configuration(self, _: str) -> str:
+        return f'"VOLT {self.range_V or 10.0:+.6E},+3.000000E-06"'
+
+    @command(":READ?")
+    def _read(self, _: str) -> str:
+        self._last = self._measure()
+        return self._last
+
+    @command(":MEASure:VOLTage[:DC]?")
+    def _measure_voltage(self, text: str) -> str:
+        self._configure(text)
+        return self._read("")
+
+    @command(":INITiate")
+    def _start(self, _: str) -> None:
+        self._last = self._measure()
+        self.busy(2 * self.power_line_cycles / LINE_HZ)
+
+    @command(":FETCh?")
+    def _fetch(self, _: str) -> str:
+        if not self._last:
+            raise ScpiError(-230, "Data stale")
+        self._complete("")
+        return self._last
+
+
+SIMULATOR = Agilent34401A

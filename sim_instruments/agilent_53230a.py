@@ -1,0 +1,110 @@
+"""Simulated Agilent 53230A counter, input 1 on the function generator's output, external 10 MHz reference connected.
+
+Source: 53220A/53230A Programmer's Reference (FREQuency, SENSe:FREQuency:GATE, ROSCillator, questionable status
+bit 10 = reference). Placeholders: without a signal the measurement ends 1 s after its gate with 9.91E37.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sim_instruments.agilent_33250a import Agilent33250A
+from sim_instruments.scpi import ScpiDevice, command, words
+
+NOT_A_NUMBER = 9.91e37
+REFERENCE_BIT = 1 << 10
+EXTERNAL_SIGMA, INTERNAL_SIGMA = 1e-9, 2e-7  # relative errors of the laboratory's 10 MHz and of the built-in crystal
+RESOLUTION_S = 2e-11  # one shot; the resolution of a frequency is this over the gate time
+_NO_SIGNAL_S = 1.0
+
+
+class Agilent53230A(ScpiDevice):
+    """Frequency counter; its reading has the error of the reference in use and noise of its resolution."""
+
+    identity = "Agilent Technologies,53230A,SIM53230,02.05-1519.666-1.19-4.15-127-155-35"
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self._external = float(self.world.rng("counter external reference").normal(0.0, EXTERNAL_SIGMA))
+        self._internal = float(self.world.rng("counter internal reference").normal(0.0, INTERNAL_SIGMA))
+        self._noise = self.world.rng("counter noise")
+
+    def reset(self) -> None:
+        self.gate_s, self.gate_source, self.reference = 0.1, "TIME", "INT"
+        self._event = 0
+
+    def _measure(self) -> str:
+        source = self.world.instrument(Agilent33250A)
+        frequency_Hz = source.true_frequency_Hz if source is not None else 0.0
+        if frequency_Hz == 0.0:
+            self.reply_after(self.gate_s + _NO_SIGNAL_S)
+            return f"{NOT_A_NUMBER:+.15E}"
+        lost = self.world.faults.reference_lost
+        self._event |= REFERENCE_BIT if lost and self.reference == "EXT" else 0
+        error = self._external if self.reference == "EXT" and not lost else self._internal
+        noise = self._noise.normal(0.0, RESOLUTION_S / self.gate_s)
+        self.reply_after(self.gate_s)
+        return f"{frequency_Hz * (1.0 - error + noise):+.15E}"
+
+    @command("[:SENSe]:FUNCtion[:ON]")
+    def _set_function(self, text: str) -> None:
+        self.word(text, "FREQ 1", "FREQ", "FREQUENCY 1", "FREQUENCY")
+
+    @command("[:SENSe]:FUNCtion[:ON]?")
+    def _get_function(self, _: str) -> str:
+        return '"FREQ 1"'
+
+    @command(":CONFigure:FREQuency")
+    def _configure(self, text: str) -> None:
+        if words(text):
+            self.number(words(text)[0].strip(), 1e-3, 4e8)
+        self.gate_s, self.gate_source = 0.1, "TIME"
+
+    @command("[:SENSe]:FREQuency:GATE:SOURce")
+    def _set_gate_source(self, text: str) -> None:
+        self.gate_source = self.word(text, "TIME", "IMMediate", "EXTernal")
+
+    @command("[:SENSe]:FREQuency:GATE:TIME")
+    def _set_gate(self, text: str) -> None:
+        self.gate_s = self.number(text, 1e-6, 1000.0)
+
+    @command("[:SENSe]:FREQuency:GATE:TIME?")
+    def _get_gate(self, _: str) -> str:
+        return f"{self.gate_s:+.15E}"
+
+    @command("[:SENSe]:ROSCillator:SOURce")
+    def _set_reference(self, text: str) -> None:
+        self.reference = self.word(text, "INTernal", "EXTernal")
+        if self.reference == "EXT" and self.world.faults.reference_lost:
+            self._event |= REFERENCE_BIT
+
+    @command("[:SENSe]:ROSCillator:SOURce?")
+    def _get_reference(self, _: str) -> str:
+        return self.reference
+
+    @command("[:SENSe]:ROSCillator:EXTernal:FREQuency")
+    def _set_external(self, text: str) -> None:
+        self.number(text, 1e6, 1e7)
+
+    @command(":STATus:QUEStionable[:EVENt]?")
+    def _questionable(self, _: str) -> str:
+        if self.reference == "EXT" and self.world.faults.reference_lost:
+            self._event |= REFERENCE_BIT
+        value, self._event = self._event, 0
+        return str(value)
+
+    @command(":READ?")
+    def _read(self, _: str) -> str:
+        return self._measure()
+
+    @command(":MEASure:FREQuency?")
+    def _measure_frequency(self, text: str) -> str:
+        self._configure(text)
+        return self._measure()
+
+    @command(":ABORt")
+    def _abort(self, _: str) -> None:
+        self._replies.clear()
+
+
+SIMULATOR = Agilent53230A

@@ -1,0 +1,303 @@
+"""Simulated Fluke 5720A calibrator: DC current into the bench's wiring, with its errors and its trips.
+
+Not SCPI. Faults queue up (15 and an overflow mark) and are read with ``FAULT?``, explained with ``EXPLAIN? n``.
+``MA`` is milliampere for a current; before every other unit it is the multiplier mega.
+
+Source: 5700A/5720A Series II Operators Manual ch. 5 (commands, response syntax, 128-byte input buffer), Table 2 of the
+AF-converter paper (ranges and floors). Placeholders, not confirmed on hardware: fault numbers, settling times, the trip
+into an open circuit within the same instant, standby opening the current loop, reply format of ``OUT?``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from bench.model.clock import NS, to_ns
+from sim_instruments.live import LiveDevice
+from sim_instruments.ranges import CURRENT_RANGES, lowest_range
+from sim_instruments.wiring import TRIP_CURRENT_A
+
+OPERATING_BIT, SETTLED_BIT = 1 << 0, 1 << 12
+FAULT_AVAILABLE = 8  # status byte
+QUEUE_LENGTH = 16
+SETTLE_S = 3.0
+RANGE_CHANGE_S = 2.0
+UNSETTLED_PART = 1e-3  # how far the current is from its value until it has settled
+GAIN_SIGMA = 10e-6
+_ZERO_A = 1e-12
+
+FAULTS = {
+    0: "No Error",
+    501: "Compliance Voltage Exceeded",
+    502: "Current Lost Its Path",
+    503: "Output Overloaded",
+    601: "Queue Overflow",
+    701: "Bad Syntax",
+    702: "Unknown Command",
+    703: "Invalid Number",
+    704: "Value Out Of Range",
+    705: "Value Over Entry Limit",
+    706: "Value Does Not Fit Locked Range",
+    707: "Unit Not Available",
+    708: "Not Possible With A Fault Queued",
+}
+_MULTIPLIER = {"": 1.0, "P": 1e-12, "N": 1e-9, "U": 1e-6, "M": 1e-3, "K": 1e3, "MA": 1e6}
+_VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?)\s*(?:(MA|[PNUMK])?(A|V|HZ|OHM))?", re.IGNORECASE)
+
+
+class _Fault(Exception):
+    """``args[0]`` is the number that goes into the fault queue."""
+
+
+def parse_value(text: str) -> tuple[float, str]:
+    """Number and unit ("A", "V", "HZ", "OHM" or "") of one parameter, multiplier applied."""
+    match = _VALUE.fullmatch(text.strip())
+    if match is None:
+        raise _Fault(703)
+    number, multiplier, unit = match.groups()
+    return float(number) * _MULTIPLIER[(multiplier or "").upper()], (unit or "").upper()
+
+
+class Fluke5720A(LiveDevice):
+    """DC current source; the direct-voltage function exists only so that sending it is the mistake it is."""
+
+    identity = "FLUKE,5720A,SIM5720,1.4+B"
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.faults_queued: deque[int] = deque()
+        self.event_status = 128
+        self._answers: list[str] = []
+        self._answer_after_s = 0.0
+        self._settled_ns = 0
+        self._round = 0  # numbers the settling in progress; a newer one makes the older end without effect
+        gain_on = self.world.options.get("calibrator_gain", True)
+        self.gain = float(self.world.rng("calibrator gain").normal(0.0, GAIN_SIGMA)) if gain_on else 0.0
+        self.world.wiring.on_lost_path = lambda: self.trip(502)
+        self._power_on_state()
+
+    def _power_on_state(self) -> None:
+        self.operating = False
+        self.settled = True
+        self.unit = "V"
+        self.value = 0.0
+        self.range_index = 0
+        self.range_locked = False
+        self.post = "NORMAL"
+        self.limits = {"A": (-2.2, 2.2), "V": (-1100.0, 1100.0)}
+        self.external_guard = False
+
+    # --- physics -----------------------------------------------------------------------------------------------
+
+    def true_current_A(self) -> float:
+        """What the terminals really carry at the present setting once settled, ampere (gain, offset, level error)."""
+        if not self.world.options.get("calibrator_floor", True):
+            return self.value * (1.0 + self.gain)
+        sigma_A = CURRENT_RANGES[self.range_index].floor_A / 2
+        offset_A = self.world.rng("calibrator range offset", self.range_index).normal(0.0, sigma_A)
+        level_A = 0.0
+        if abs(self.value) > _ZERO_A:
+            level = round(abs(self.value) * 1e12)
+            rng = self.world.rng("calibrator level error", self.range_index, level)
+            level_A = float(np.sign(self.value)) * rng.normal(0.0, sigma_A)
+        return float(self.value * (1.0 + self.gain) + offset_A + level_A)
+
+    def trip(self, number: int) -> None:
+        """Drop to standby and queue a fault, as the protection does; nothing happens in standby."""
+        if self.operating:
+            self._fault(number)
+            self._standby()
+
+    def _drive(self, range_changed: bool) -> None:
+        """Apply the present setting to the wires: nearly there at once, exactly there when it has settled."""
+        wiring = self.world.wiring
+        current_A = self.true_current_A()
+        if self.unit == "A" and abs(current_A) > TRIP_CURRENT_A and (self.post != "NORMAL" or not wiring.has_path):
+            self.trip(501)
+            return
+        if self.unit == "V":
+            if abs(self.value) > 0 and wiring.has_path:
+                self.trip(503)
+            self.settled = True
+            return
+        self.settled = False
+        self._round += 1
+        wiring.drive(current_A * (1.0 - UNSETTLED_PART), self.now_ns)
+        mine, settle_s = self._round, SETTLE_S + (RANGE_CHANGE_S if range_changed else 0.0)
+        self._settled_ns = self.now_ns + to_ns(settle_s)
+        self.world.after(settle_s, lambda: self._settle(mine, current_A))
+
+    def _settle(self, number: int, current_A: float) -> None:
+        if number == self._round and self.operating:
+            self.settled = True
+            self.world.wiring.drive(current_A, self.now_ns)
+
+    def _standby(self) -> None:
+        self._round += 1
+        self.operating = False
+        self.settled = True
+        self.world.wiring.drive(None, self.now_ns)
+
+    # --- messages ----------------------------------------------------------------------------------------------
+
+    def _say(self, text: str, after_s: float = 0.0) -> None:
+        self._answers.append(text)
+        self._answer_after_s = max(self._answer_after_s, after_s)
+
+    def execute(self, message: str) -> None:
+        self._answers, self._answer_after_s = [], 0.0
+        self._carry_out(message)
+        if self._answers:
+            self.reply(";".join(self._answers), after_s=self._answer_after_s)
+
+    def _carry_out(self, message: str) -> None:
+        for unit in message.split(";"):
+            word, _, parameters = unit.strip().partition(" ")
+            handler = _COMMANDS.get(word.upper())
+            if handler is None:
+                if word:
+                    self._fault(702)
+                continue
+            try:
+                handler(self, parameters.strip())
+            except _Fault as fault:
+                self._fault(fault.args[0])
+
+    def on_interrupted(self) -> None:
+        self.event_status |= 4
+
+    def status_byte(self) -> int:
+        return super().status_byte() | (FAULT_AVAILABLE if self.faults_queued else 0)
+
+    def _fault(self, number: int) -> None:
+        self.event_status |= 8
+        if len(self.faults_queued) < QUEUE_LENGTH - 1:
+            self.faults_queued.append(number)
+        elif len(self.faults_queued) < QUEUE_LENGTH:
+            self.faults_queued.append(601)
+
+    def _out(self, text: str) -> None:
+        parts = [parse_value(part) for part in text.split(",")]
+        value, unit = parts[0]
+        unit = unit or self.unit
+        frequency_Hz = parts[1][0] if len(parts) > 1 else 0.0
+        if unit not in self.limits or len(parts) > 2:
+            raise _Fault(707)
+        if frequency_Hz != 0:
+            raise _Fault(704)
+        low, high = self.limits[unit]
+        if not low <= value <= high:
+            raise _Fault(705)
+        found = lowest_range(value) if unit == "A" else self.range_index
+        if found is None:
+            raise _Fault(704)
+        if unit == "A" and self.range_locked and self.unit == "A":
+            if found > self.range_index:
+                raise _Fault(706)
+            found = self.range_index
+        changed = found != self.range_index or unit != self.unit
+        if unit != self.unit and self.operating:
+            self._standby()  # another function is another pair of terminals
+        self.value, self.unit, self.range_index = self._resolved(value, unit, found), unit, found
+        if self.operating:
+            self._drive(changed)
+
+    @staticmethod
+    def _resolved(value: float, unit: str, index: int) -> float:
+        if unit != "A":
+            return value
+        return round(value, CURRENT_RANGES[index].decimals)
+
+    def _oper(self, _: str) -> None:
+        if self.unit == "V" and abs(self.value) >= 22 and self.faults_queued:
+            raise _Fault(708)
+        if not self.operating:
+            self.operating = True
+            self._drive(range_changed=False)
+
+    def _limit(self, text: str) -> None:
+        pairs = [parse_value(part) for part in text.split(",")]
+        unit = pairs[0][1] or self.unit
+        if len(pairs) != 2 or unit not in self.limits or pairs[0][0] < 0 or pairs[1][0] > 0:
+            raise _Fault(704)
+        self.limits[unit] = (pairs[1][0], pairs[0][0])
+
+    def _lock(self, text: str) -> None:
+        self.range_locked = self._choice(text, "ON", "OFF") == "ON"
+
+    def _set_post(self, text: str) -> None:
+        self.post = self._choice(text, "NORMAL", "AUX", "IB5725")
+        if self.operating:
+            self._drive(range_changed=True)
+
+    def _set_guard(self, text: str) -> None:
+        self.external_guard = self._choice(text, "ON", "OFF") == "ON"
+
+    @staticmethod
+    def _choice(text: str, *allowed: str) -> str:
+        if text.upper() not in allowed:
+            raise _Fault(701)
+        return text.upper()
+
+    def _ask_out(self, _: str) -> None:
+        self._say(f"{self.value:.7E},{self.unit},0.00E+00")
+
+    def _ask_status(self, _: str) -> None:
+        self._say(str((OPERATING_BIT if self.operating else 0) | (SETTLED_BIT if self.settled else 0)))
+
+    def _ask_fault(self, _: str) -> None:
+        self._say(str(self.faults_queued.popleft() if self.faults_queued else 0))
+
+    def _explain(self, text: str) -> None:
+        try:
+            self._say(f'"{FAULTS[int(text)]}"')
+        except (KeyError, ValueError):
+            raise _Fault(703) from None
+
+    def _ask_complete(self, _: str) -> None:
+        wait_ns = 0 if self.settled else self._settled_ns - self.now_ns
+        self._say("1", after_s=wait_ns / NS)
+
+    def _ask_event_status(self, _: str) -> None:
+        value, self.event_status = self.event_status, 0
+        self._say(str(value))
+
+    def _clear_status(self, _: str) -> None:
+        self.faults_queued.clear()
+        self.event_status = 0
+
+    def _reset(self, _: str) -> None:
+        self._standby()
+        self._power_on_state()
+
+
+_COMMANDS: dict[str, Callable[[Fluke5720A, str], None]] = {
+    "*IDN?": lambda self, _: self._say(self.faults.identity or self.identity),
+    "*RST": Fluke5720A._reset,
+    "*CLS": Fluke5720A._clear_status,
+    "*OPC?": Fluke5720A._ask_complete,
+    "*ESR?": Fluke5720A._ask_event_status,
+    "*STB?": lambda self, _: self._say(str(self.status_byte())),
+    "OUT": Fluke5720A._out,
+    "OUT?": Fluke5720A._ask_out,
+    "OPER": Fluke5720A._oper,
+    "STBY": lambda self, _: self._standby(),
+    "ISR?": Fluke5720A._ask_status,
+    "FAULT?": Fluke5720A._ask_fault,
+    "EXPLAIN?": Fluke5720A._explain,
+    "RANGELCK": Fluke5720A._lock,
+    "RANGELCK?": lambda self, _: self._say("ON" if self.range_locked else "OFF"),
+    "CUR_POST": Fluke5720A._set_post,
+    "CUR_POST?": lambda self, _: self._say(self.post),
+    "EXTGUARD": Fluke5720A._set_guard,
+    "EXTGUARD?": lambda self, _: self._say("ON" if self.external_guard else "OFF"),
+    "LIMIT": Fluke5720A._limit,
+    "LIMIT?": lambda self, _: self._say(",".join(f"{v:.3E}" for v in reversed(self.limits.get(self.unit, (0, 0))))),
+}
+
+SIMULATOR = Fluke5720A

@@ -1,0 +1,125 @@
+"""Simulated HP 6632B system supply (20 V, 5 A), power of the unit under test.
+
+The unit takes a constant current (linear regulators); below its starting voltage, or when the current limit is lower
+than that, it is off.
+
+Source: HP 6631B-6634B operating and programming guides (ranges, VOLT:PROT, CURR:PROT:STAT, OUTP:PROT:CLE). Placeholder:
+protections act at once.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sim_instruments.scpi import ScpiDevice, command
+
+HIGHEST_V, HIGHEST_A, HIGHEST_TRIP_V = 20.475, 5.1188, 22.0
+UNIT_START_V = 12.0
+UNIT_CURRENT_A = 1.25
+_READ_S = 0.05
+_QUESTIONABLE = {"OV": 1, "OC": 2}
+
+
+class Hp6632B(ScpiDevice):
+    """DC supply with over-voltage and over-current trips that stay latched until cleared."""
+
+    identity = "HEWLETT-PACKARD,6632B,SIM6632,A.03.01"
+
+    def __init__(self, *arguments: Any) -> None:
+        self._supplied_V = 0.0
+        super().__init__(*arguments)
+        self._noise = self.world.rng("6632B readings")
+
+    def reset(self) -> None:
+        self.voltage_V, self.current_A, self.trip_V = 0.0, 0.512, HIGHEST_TRIP_V
+        self.over_current_trip, self.on, self.tripped = False, False, ""
+        self._apply()
+
+    def _load(self) -> tuple[float, float]:
+        """Voltage (V) and current (A) at the terminals."""
+        if not self.on or self.tripped:
+            return 0.0, 0.0
+        if self.voltage_V < UNIT_START_V:
+            return self.voltage_V, 0.0
+        if self.current_A >= UNIT_CURRENT_A:
+            return self.voltage_V, UNIT_CURRENT_A
+        return UNIT_START_V / 2, self.current_A  # the limit holds the voltage below the start of the unit
+
+    def _apply(self) -> None:
+        if self.on and not self.tripped:
+            if self.voltage_V > self.trip_V:
+                self.tripped = "OV"
+            elif self.over_current_trip and self.voltage_V >= UNIT_START_V and self.current_A < UNIT_CURRENT_A:
+                self.tripped = "OC"
+        voltage_V = self._load()[0]
+        supplied_V = voltage_V if voltage_V >= UNIT_START_V else 0.0
+        if supplied_V != self._supplied_V:
+            self._supplied_V = supplied_V
+            self.world.unit.set_power(supplied_V > 0, self.now_ns, supplied_V)
+
+    @command("[:SOURce]:VOLTage[:LEVel]")
+    def _set_voltage(self, text: str) -> None:
+        self.voltage_V = self.number(text, 0.0, HIGHEST_V)
+        self._apply()
+
+    @command("[:SOURce]:VOLTage[:LEVel]?")
+    def _get_voltage(self, _: str) -> str:
+        return f"{self.voltage_V:.5E}"
+
+    @command("[:SOURce]:CURRent[:LEVel]")
+    def _set_current(self, text: str) -> None:
+        self.current_A = self.number(text, 0.0, HIGHEST_A)
+        self._apply()
+
+    @command("[:SOURce]:CURRent[:LEVel]?")
+    def _get_current(self, _: str) -> str:
+        return f"{self.current_A:.5E}"
+
+    @command("[:SOURce]:VOLTage:PROTection[:LEVel]")
+    def _set_trip(self, text: str) -> None:
+        self.trip_V = self.number(text, 0.0, HIGHEST_TRIP_V)
+        self._apply()
+
+    @command("[:SOURce]:VOLTage:PROTection[:LEVel]?")
+    def _get_trip(self, _: str) -> str:
+        return f"{self.trip_V:.5E}"
+
+    @command("[:SOURce]:CURRent:PROTection:STATe")
+    def _set_over_current(self, text: str) -> None:
+        self.over_current_trip = self.boolean(text)
+        self._apply()
+
+    @command("[:SOURce]:CURRent:PROTection:STATe?")
+    def _get_over_current(self, _: str) -> str:
+        return "1" if self.over_current_trip else "0"
+
+    @command(":OUTPut[:STATe]")
+    def _set_output(self, text: str) -> None:
+        self.on = self.boolean(text)
+        self._apply()
+
+    @command(":OUTPut[:STATe]?")
+    def _get_output(self, _: str) -> str:
+        return "1" if self.on else "0"
+
+    @command(":OUTPut:PROTection:CLEar")
+    def _clear_protection(self, _: str) -> None:
+        self.tripped = ""
+        self._apply()
+
+    @command(":STATus:QUEStionable:CONDition?")
+    def _questionable(self, _: str) -> str:
+        return str(_QUESTIONABLE.get(self.tripped, 0))
+
+    @command(":MEASure[:SCALar]:VOLTage?")
+    def _measure_voltage(self, _: str) -> str:
+        self.reply_after(_READ_S)
+        return f"{self._load()[0] + self._noise.normal(0.0, 1e-3):.5E}"
+
+    @command(":MEASure[:SCALar]:CURRent?")
+    def _measure_current(self, _: str) -> str:
+        self.reply_after(_READ_S)
+        return f"{self._load()[1] + self._noise.normal(0.0, 2e-4):.5E}"
+
+
+SIMULATOR = Hp6632B

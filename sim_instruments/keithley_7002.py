@@ -1,0 +1,102 @@
+"""Simulated Keithley 7002 switch system with 7012 4 x 10 two-pole matrix cards.
+
+``:CLOS`` adds crosspoints to those already closed; nothing in the instrument keeps two routes apart.
+
+Source: Keithley 7001/7002 instruction manuals (ROUTe subsystem, channel lists ``(@slot!row!column)``), 7012 card
+(4 rows, 10 columns, 1 A). Placeholders: the contacts move at once, ``*OPC?`` waits 15 ms for them; reply of
+``:CLOS:STAT?`` as a list of single crosspoints in order.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from sim_instruments.scpi import MISSING_PARAMETER, ScpiDevice, ScpiError, command
+
+ROWS, COLUMNS = 4, 10
+RELAY_S = 0.015
+_POINT = re.compile(r"(\d+)!(\d+)!(\d+)")
+
+Point = tuple[int, int, int]
+
+
+class Keithley7002(ScpiDevice):
+    """Relay matrix; slot ``options["slot"]`` (1 by default) is the card that is wired to the bench."""
+
+    identity = "KEITHLEY INSTRUMENTS INC.,MODEL 7002,SIM7002,A03 /A02"
+    no_error = '0,"No error"'
+    error_format = '{0},"{1}"'
+    queue_length = 10
+
+    def __init__(self, *arguments: Any) -> None:
+        self._closed: set[Point] = set()
+        super().__init__(*arguments)
+        self._slot = int(self.options.get("slot", 1))
+
+    def reset(self) -> None:
+        if self._closed:
+            self._move(set())
+
+    def _move(self, closed: set[Point]) -> None:
+        self._closed = closed
+        wired = frozenset((row, column) for slot, row, column in closed if slot == self._slot)
+        self.world.wiring.switch(wired, self.now_ns)
+        self.busy(RELAY_S)
+
+    def _points(self, text: str) -> set[Point]:
+        """Crosspoints of a channel list; a range runs over columns, then rows, inside one card."""
+        if not text:
+            raise ScpiError(*MISSING_PARAMETER)
+        if not (text.startswith("(@") and text.endswith(")")):
+            raise ScpiError(-104, "Data type error")
+        found: set[Point] = set()
+        for item in text[2:-1].replace(" ", "").split(","):
+            ends = [self._point(end) for end in item.split(":")]
+            if len(ends) > 2 or ends[0][0] != ends[-1][0]:
+                raise ScpiError(-102, "Syntax error")
+            first, last = ends[0], ends[-1]
+            order = sorted([first[1:], last[1:]])
+            cells = [(row, column) for row in range(1, ROWS + 1) for column in range(1, COLUMNS + 1)]
+            found |= {(first[0], *cell) for cell in cells if order[0] <= cell <= order[1]}
+        return found
+
+    def _point(self, text: str) -> Point:
+        match = _POINT.fullmatch(text)
+        if match is None:
+            raise ScpiError(-102, "Syntax error")
+        slot, row, column = (int(part) for part in match.groups())
+        if slot != self._slot or not 1 <= row <= ROWS or not 1 <= column <= COLUMNS:
+            raise ScpiError(-222, "Parameter data out of range")
+        return slot, row, column
+
+    @staticmethod
+    def _listed(points: set[Point]) -> str:
+        return f"(@{','.join('!'.join(map(str, point)) for point in sorted(points))})"
+
+    @command("[:ROUTe]:CLOSe")
+    def _close(self, text: str) -> None:
+        self._move(self._closed | self._points(text))
+
+    @command("[:ROUTe]:OPEN")
+    def _open(self, text: str) -> None:
+        self._move(set() if text.upper() == "ALL" else self._closed - self._points(text))
+
+    @command("[:ROUTe]:OPEN:ALL")
+    def _open_all(self, _: str) -> None:
+        self._move(set())
+
+    @command("[:ROUTe]:CLOSe:STATe?")
+    def _closed_list(self, _: str) -> str:
+        return self._listed(self._closed)
+
+    @command("[:ROUTe]:CLOSe?")
+    def _is_closed(self, text: str) -> str:
+        return ",".join("1" if point in self._closed else "0" for point in sorted(self._points(text)))
+
+    @command("[:ROUTe]:OPEN?")
+    def _is_open(self, text: str) -> str:
+        return ",".join("0" if point in self._closed else "1" for point in sorted(self._points(text)))
+
+
+SIMULATOR = Keithley7002

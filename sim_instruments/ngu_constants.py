@@ -1,0 +1,38 @@
+"""Design constants of the simulated unit under test: ten AF converters, two oscillators, two ports.
+
+Source: AF-converter paper, table 1 (ranges) and section 2; the values the paper does not print (reset current, AF
+clock, threshold) are chosen so that full scale needs 93 % of the reset current.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+CHANNELS = 10
+GYRO_CHANNELS = 6
+AF_CLOCK_HZ = 256_000.0
+MASTER_HZ = 10_000_000
+GATE_S = 0.01
+GATE_MASTER_PULSES = round(MASTER_HZ * GATE_S)
+INTEGRATED_GATES = 10_000
+REFERENCE_DEGC = 20.0
+
+
+@dataclass(frozen=True)
+class ConverterKind:
+    """One kind of channel: ``k0_C`` coulomb per pulse, full scale in ampere, bias model about 20 degC."""
+
+    name: str
+    k0_C: float
+    full_scale_A: float
+    bias_A: float
+    bias_spread_A: float
+    bias_tc_A_degC: float
+
+
+GYRO = ConverterKind("gyro", 1.25e-6, 0.299, 400e-9, 25e-9, 2e-9)
+ACCELEROMETER = ConverterKind("accelerometer", 1.0e-7, 0.0242, -255e-9, 8e-9, 1e-9)
+KINDS = (GYRO,) * GYRO_CHANNELS + (ACCELEROMETER,) * (CHANNELS - GYRO_CHANNELS)
+
+WHITE_A_RTHZ = 2e-9  # one-sided density of the input noise current
+WALK_A_RTH = 0.3e-9  # random walk of the bias

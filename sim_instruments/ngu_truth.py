@@ -1,0 +1,149 @@
+"""What is true of one simulated unit: drawn once from the seed, known to the simulator and to its truth list only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bench.model.errors import InputError
+from sim_instruments.ngu_constants import CHANNELS, KINDS, REFERENCE_DEGC, WALK_A_RTH
+from sim_instruments.seeds import generator
+
+Float = NDArray[np.float64]
+
+_WALK_STEP_S = 10.0
+_WALK_BLOCK = 4096
+_ALL = np.arange(CHANNELS)
+
+
+class NguTruth:
+    """Parameters of one unit as functions of its temperature (degC); channels are numbered from 1.
+
+    ``dsf_n`` and ``dsf_p`` are the scale-factor errors of the N and P pulses (positive = more current per pulse).
+    ``bias`` is i_AFbias of the paper's equation (1): the correction added to the reading, so the counts reflect the
+    input current minus it and the open-input reading is its negative.
+
+    Args:
+        seed: seed of the run.
+        options: ``master_error_ppm`` and ``af_clock_error_ppm`` replace the drawn clock errors at 20 degC;
+            ``noise`` is "on" or "off" (white noise, bias random walk and sensor noise). Others are not looked at.
+    Raises:
+        InputError: B-NGU-001, an option cannot be read.
+    """
+
+    def __init__(self, seed: int, options: Mapping[str, str] | None = None) -> None:
+        options = options or {}
+        self.seed = seed
+        self.noise = _switch(options, "noise")
+        rng = generator(seed, "ngu truth")
+        self._dsf_ppm = rng.normal(0.0, 400.0, (2, CHANNELS))
+        self._dsf_tc1 = _signed(rng, (2, CHANNELS), 8.0, 0.15)
+        self._dsf_tc2 = _signed(rng, (2, CHANNELS), 0.03, 0.3)
+        spread = np.clip(rng.standard_normal(CHANNELS), -2.5, 2.5)
+        self._bias_A = np.array([k.bias_A for k in KINDS]) + spread * [k.bias_spread_A for k in KINDS]
+        self._bias_tc_A = _signed(rng, (CHANNELS,), 1.0, 0.1) * [k.bias_tc_A_degC for k in KINDS]
+        tilt, cubic = rng.uniform(-0.02, 0.02), rng.uniform(3e-5, 6e-5)
+        self._master = (_number(options, "master_error_ppm", 1.5 + rng.normal(0.0, 0.2)), tilt, cubic)
+        self.af_clock_error_ppm = _number(options, "af_clock_error_ppm", 20.0 + rng.normal(0.0, 1.0))
+        self._walk = np.empty((0, CHANNELS))
+
+    def dsf_n_ppm(self, channel: ArrayLike, unit_degC: ArrayLike) -> Float:
+        """Scale-factor error of the N pulses, ppm; ``channel`` and ``unit_degC`` broadcast."""
+        return self._dsf(0, channel, unit_degC)
+
+    def dsf_p_ppm(self, channel: ArrayLike, unit_degC: ArrayLike) -> Float:
+        """Scale-factor error of the P pulses, ppm; ``channel`` and ``unit_degC`` broadcast."""
+        return self._dsf(1, channel, unit_degC)
+
+    def tc_ppm(self, channel: int, polarity: str, about_degC: float = REFERENCE_DEGC) -> tuple[float, float]:
+        """Linear (ppm/degC) and quadratic (ppm/degC^2) coefficient of ``dsf_n`` ("n") or ``dsf_p`` ("p").
+
+        The linear one is the slope at ``about_degC``, so that dsf(T) = dsf(about) + tc1 dT + tc2 dT^2.
+        """
+        row = "np".index(polarity)
+        tc1, tc2 = self._dsf_tc1[row, channel - 1], self._dsf_tc2[row, channel - 1]
+        return float(tc1 + 2 * tc2 * (about_degC - REFERENCE_DEGC)), float(tc2)
+
+    def bias_A(self, channel: ArrayLike, unit_degC: ArrayLike, t_s: ArrayLike) -> Float:
+        """i_AFbias, ampere, with the random walk at bench time ``t_s`` (seconds); the arguments broadcast."""
+        index = np.asarray(channel) - 1
+        rise = np.asarray(unit_degC, float) - REFERENCE_DEGC
+        return self._bias_A[index] + self._bias_tc_A[index] * rise + self._walk_A(index, np.asarray(t_s, float))
+
+    def bias_tc_A_degC(self, channel: int) -> float:
+        """Temperature coefficient of i_AFbias, ampere per degC."""
+        return float(self._bias_tc_A[channel - 1])
+
+    def all_dsf_ppm(self, unit_degC: float) -> Float:
+        """Scale-factor errors of the N and the P pulses of all channels at one temperature, (2, 10), ppm."""
+        rise = unit_degC - REFERENCE_DEGC
+        return np.asarray(self._dsf_ppm + rise * (self._dsf_tc1 + rise * self._dsf_tc2))
+
+    def all_bias_A(self, unit_degC: float, t_s: float) -> Float:
+        """i_AFbias of all channels at one temperature and bench time, (10,), ampere."""
+        return self._bias_A + (unit_degC - REFERENCE_DEGC) * self._bias_tc_A + self._walk_A(_ALL, t_s)
+
+    def master_error_ppm(self, unit_degC: ArrayLike) -> Float:
+        """Frequency error of the unit's master oscillator, ppm; it sets the gate: t_gate = 10 ms / (1 + error)."""
+        offset, tilt, cubic = self._master
+        rise = np.asarray(unit_degC, float) - REFERENCE_DEGC
+        return np.asarray(offset + tilt * rise + cubic * rise**3)
+
+    def _dsf(self, row: int, channel: ArrayLike, unit_degC: ArrayLike) -> Float:
+        index = np.asarray(channel) - 1
+        rise = np.asarray(unit_degC, float) - REFERENCE_DEGC
+        slope = self._dsf_tc1[row, index] + self._dsf_tc2[row, index] * rise
+        return np.asarray(self._dsf_ppm[row, index] + slope * rise)
+
+    def _walk_A(self, index: NDArray[np.int64], t_s: Float | float) -> Float:
+        """Bias random walk, ampere: drawn on a 10 s grid of bench time and joined by straight lines."""
+        if not self.noise:
+            return np.zeros(np.broadcast(index, t_s).shape)
+        place = np.maximum(t_s, 0.0) / _WALK_STEP_S
+        cell = np.asarray(place).astype(np.int64)
+        while len(self._walk) <= int(cell.max()) + 1:
+            self._walk = np.concatenate((self._walk, self._next_walk_block()))
+        low, high = self._walk[cell, index], self._walk[cell + 1, index]
+        return np.asarray(low + (place - cell) * (high - low))
+
+    def _next_walk_block(self) -> Float:
+        block = len(self._walk) // _WALK_BLOCK
+        steps = generator(self.seed, "ngu bias walk", block).standard_normal((_WALK_BLOCK, CHANNELS))
+        steps *= WALK_A_RTH * np.sqrt(_WALK_STEP_S / 3600.0)
+        return np.cumsum(steps, axis=0) + (self._walk[-1] if block else 0.0)
+
+
+def _signed(rng: np.random.Generator, shape: tuple[int, ...], size: float, spread: float) -> Float:
+    """Values of about ``size`` with either sign."""
+    return rng.choice((-1.0, 1.0), shape) * size * rng.uniform(1 - spread, 1 + spread, shape)
+
+
+def _switch(options: Mapping[str, str], name: str) -> bool:
+    text = options.get(name, "on")
+    if text not in ("on", "off"):
+        raise InputError(
+            "B-NGU-001",
+            f"option {name} is {text!r}; it is 'on' or 'off'",
+            where=f"option {name}",
+            next_step=f"write --set {name}=on or --set {name}=off",
+        )
+    return text == "on"
+
+
+def _number(options: Mapping[str, str], name: str, drawn: float) -> float:
+    if name not in options:
+        return drawn
+    try:
+        value = float(options[name])
+    except ValueError:
+        value = float("nan")
+    if not -1000.0 <= value <= 1000.0:
+        raise InputError(
+            "B-NGU-001",
+            f"option {name} is {options[name]!r}; it is a number of ppm from -1000 to 1000",
+            where=f"option {name}",
+            next_step=f"write for example --set {name}=50",
+        )
+    return value

@@ -1,0 +1,18 @@
+"""Every random draw of the simulated bench comes from a generator named by (seed, purpose)."""
+
+from __future__ import annotations
+
+import zlib
+
+import numpy as np
+
+
+def generator(seed: int, purpose: str, *indexes: int) -> np.random.Generator:
+    """Generator of one purpose; the same (seed, purpose, indexes) gives the same draws in any order of use.
+
+    Args:
+        seed: seed of the run, 0 or positive.
+        purpose: what is drawn, a fixed name such as "calibrator gain".
+        indexes: further non-negative integers that tell draws of one purpose apart (range, level, block ...).
+    """
+    return np.random.default_rng([seed, zlib.crc32(purpose.encode()), *indexes])

@@ -1,0 +1,119 @@
+"""How a run opens a simulated bench: ``open_world`` builds the world a simulated station describes."""
+
+from __future__ import annotations
+
+import importlib
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from pyvisa import rname
+
+from bench.model.clock import Clock
+from bench.model.errors import InputError
+from sim_instruments.live import LiveDevice
+from sim_instruments.thermal import Thermal
+from sim_instruments.world import Unit, World
+
+WORLDS = ("af_converter",)
+WORLD_OPTIONS = {
+    "calibrator_gain": "common gain error of the calibrator, N(0, 10 ppm)",
+    "calibrator_floor": "range offsets and level errors of the calibrator, N(0, floor/2) of Table 2",
+}
+UNIT_OPTIONS = ("noise", "master_error_ppm", "af_clock_error_ppm")
+UnitFactory = Callable[[Clock, int, Callable[[Any], Any], Mapping[str, str]], Unit]
+
+
+def open_world(
+    name: str,
+    *,
+    clock: Clock,
+    seed: int,
+    station: Mapping[str, Any],
+    options: Mapping[str, str] | None = None,
+    unit_factory: UnitFactory | None = None,
+) -> World:
+    """Build a simulated bench and register it under an id of its own.
+
+    Args:
+        name: kind of world; "af_converter" is the one there is.
+        clock: clock of the run.
+        seed: seed of every random draw, 0 or positive.
+        station: {"instruments": {role: {"driver", "resource", "options"}}, "links": {...}}.
+        options: the world's own options (``WORLD_OPTIONS``, each on or off) and the unit's (``UNIT_OPTIONS``), as text.
+        unit_factory: makes the unit under test from (clock, seed, unit temperature function, options); the
+            simulated NGU by default.
+    Raises:
+        InputError: B-SIM-001 unknown world, B-SIM-002 bad option, B-SIM-003 no simulator of that driver,
+            B-SIM-004 bad or doubled VISA address.
+    """
+    if name not in WORLDS:
+        raise InputError(
+            "B-SIM-001", f"no simulated world is called {name!r}", next_step=f"use one of: {', '.join(WORLDS)}"
+        )
+    own, rest = _split_options(options or {})
+    make_unit = unit_factory or _simulated_ngu
+    thermal = Thermal()
+    unit = make_unit(clock, seed, thermal.unit_degC, rest)
+    world = World(clock=clock, seed=seed, unit=unit, thermal=thermal, options=own)
+    try:
+        for role, entry in station.get("instruments", {}).items():
+            _connect(world, role, entry)
+    except InputError:
+        world.close()
+        raise
+    return world
+
+
+def _simulated_ngu(clock: Clock, seed: int, thermal: Callable[[Any], Any], options: Mapping[str, str]) -> Unit:
+    module = importlib.import_module("sim_instruments.ngu")
+    return module.Ngu(clock, seed, thermal, options)
+
+
+def _split_options(options: Mapping[str, str]) -> tuple[dict[str, bool], dict[str, str]]:
+    own = dict.fromkeys(WORLD_OPTIONS, True)
+    rest = {}
+    for key, value in options.items():
+        if key in UNIT_OPTIONS:
+            rest[key] = value
+        elif key not in WORLD_OPTIONS:
+            known = ", ".join((*WORLD_OPTIONS, *UNIT_OPTIONS))
+            raise InputError("B-SIM-002", f"no world option is called {key!r}", next_step=f"use one of: {known}")
+        elif value not in ("on", "off"):
+            raise InputError("B-SIM-002", f"world option {key} is {value!r}", next_step=f"write {key}=on or {key}=off")
+        else:
+            own[key] = value == "on"
+    return own, rest
+
+
+def _connect(world: World, role: str, entry: Mapping[str, Any]) -> None:
+    resource = str(entry["resource"])
+    try:
+        canonical = rname.to_canonical_name(resource)
+    except rname.InvalidResourceName as error:
+        raise InputError("B-SIM-004", f"{resource!r} is not a VISA address", where=role) from error
+    if canonical in world.devices.list_resources():
+        raise InputError(
+            "B-SIM-004", f"two instruments stand at {canonical}", where=role, next_step="give each its own address"
+        )
+    simulator = _simulator(str(entry["driver"]), role)
+    world.connect(canonical, simulator(world, role, entry.get("options") or {}))
+
+
+def _simulator(driver: str, role: str) -> type[LiveDevice]:
+    module_name = f"sim_instruments.{driver}"
+    found: Any = None
+    if re.fullmatch("[a-z0-9_]+", driver):
+        try:
+            found = getattr(importlib.import_module(module_name), "SIMULATOR", None)
+        except ModuleNotFoundError as error:
+            if error.name != module_name:
+                raise
+    if found is None:
+        raise InputError(
+            "B-SIM-003",
+            f"there is no simulator of the driver {driver!r}",
+            where=role,
+            next_step="add sim_instruments/<driver>.py, or use a driver that has one",
+        )
+    return found

@@ -1,0 +1,147 @@
+"""Simulated Thermotron chamber controller, dialects "3800" and "8800" (``options["dialect"]``), channel 1 = air.
+
+The 8800 answers every operation with a completion number, 0 = done. The 3800 answers only queries and misses whatever
+arrives in the second after an operation.
+
+Source: Thermotron 8800 interface command descriptions (ALRM, reply 0 to operations); mode bits as published for the
+3800. Placeholders, not confirmed on hardware: MRMP in degC/min, HOLD, reply of IDEN?, completion numbers of refusals,
+set-point range, deviation band of the alarm, the speed without a ramp.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+from bench.model.clock import NS
+from sim_instruments.live import LiveDevice
+
+PAUSE_NS = NS
+LOW_DEGC, HIGH_DEGC = -70.0, 180.0
+FASTEST_DEGC_MIN = 5.0
+MANUAL_RUN, EDIT_STOP, EDIT_HOLD = 16, 2, 8
+LOW_PROCESS, HIGH_PROCESS = 16, 32
+DONE, UNKNOWN, NOT_NOW, BAD_VALUE = 0, 1, 2, 5
+SENSOR_OFFSET_SIGMA_DEGC = 0.1
+_MESSAGE = re.compile(r"([A-Z]{4})(\d?)(\?|,.*)?")
+
+
+class Thermotron3800(LiveDevice):
+    """Chamber in manual mode: a set-point approached with a ramp; its own sensor has an offset drawn once."""
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.dialect = str(self.options.get("dialect", "3800"))
+        self.identity = f"{self.dialect} PROGRAMMER CONTROLLER V1.2"
+        self.mode = EDIT_STOP
+        self.setpoint_degC, self.rate_degC_min = 23.0, 0.0
+        self._deaf_until_ns = -1
+        rng = self.world.rng("chamber sensor offset")
+        self._offset_degC = float(rng.normal(0.0, SENSOR_OFFSET_SIGMA_DEGC))
+
+    def execute(self, message: str) -> None:
+        if self.now_ns < self._deaf_until_ns:
+            return
+        match = _MESSAGE.fullmatch(message.strip().upper())
+        word, channel, rest = match.groups() if match else ("", "", "")
+        if rest == "?":
+            self._query(word, channel)
+            return
+        operation = _OPERATIONS.get(word)
+        completion = UNKNOWN if operation is None else operation(self, channel, (rest or "").lstrip(","))
+        if self.dialect == "8800":
+            self.reply(str(completion))
+        else:
+            self._deaf_until_ns = self.now_ns + PAUSE_NS
+
+    def _query(self, word: str, channel: str) -> None:
+        answers = {
+            ("IDEN", ""): lambda: self.faults.identity or self.identity,
+            ("PVAR", "1"): lambda: f"{self._air_degC():.1f}",
+            ("SETP", "1"): lambda: f"{self.setpoint_degC:.1f}",
+            ("MRMP", "1"): lambda: f"{self.rate_degC_min:.1f}",
+            ("MODE", ""): lambda: str(self.mode),
+            ("ALRM", "1"): lambda: str(self._alarms()),
+        }
+        answer = answers.get((word, channel))
+        if answer is not None:
+            self.reply(answer())
+        elif self.dialect == "8800":
+            self.reply(str(UNKNOWN))
+
+    def _air_degC(self) -> float:
+        return float(self.world.thermal.air_degC(self.now_ns)) + self._offset_degC
+
+    def _alarms(self) -> int:
+        air_degC = self._air_degC()
+        return (LOW_PROCESS if air_degC < LOW_DEGC else 0) | (HIGH_PROCESS if air_degC > HIGH_DEGC else 0)
+
+    def _apply(self) -> None:
+        """Send the chamber to its set-point, short of it by the fault's shortfall."""
+        thermal, now_ns = self.world.thermal, self.now_ns
+        rate_degC_min = self.rate_degC_min or FASTEST_DEGC_MIN
+        start_degC = thermal.setpoint_degC(now_ns)
+        shortfall_degC = self.world.faults.chamber_shortfall_degC
+        target_degC = self.setpoint_degC - (shortfall_degC if self.setpoint_degC > start_degC else -shortfall_degC)
+        thermal.ramp(target_degC, rate_degC_min, now_ns)
+
+    def _set_point(self, channel: str, text: str) -> int:
+        value = _number(text)
+        if channel != "1" or value is None or not LOW_DEGC <= value <= HIGH_DEGC:
+            return BAD_VALUE
+        self.setpoint_degC = round(value, 1)
+        if self.mode == MANUAL_RUN:
+            self._apply()
+        return DONE
+
+    def _set_rate(self, channel: str, text: str) -> int:
+        value = _number(text)
+        if channel != "1" or value is None or not 0.0 <= value <= 20.0:
+            return BAD_VALUE
+        self.rate_degC_min = round(value, 1)
+        if self.mode == MANUAL_RUN:
+            self._apply()
+        return DONE
+
+    def _run(self, _: str, __: str) -> int:
+        self.mode = MANUAL_RUN
+        self._apply()
+        return DONE
+
+    def _hold(self, _: str, __: str) -> int:
+        if self.mode != MANUAL_RUN:
+            return NOT_NOW
+        self.mode = MANUAL_RUN | EDIT_HOLD
+        self.world.thermal.hold(self.now_ns)
+        return DONE
+
+    def _resume(self, _: str, __: str) -> int:
+        return self._run("", "") if self.mode == MANUAL_RUN | EDIT_HOLD else NOT_NOW
+
+    def _stop(self, _: str, __: str) -> int:
+        if self.mode == EDIT_STOP:
+            return NOT_NOW
+        self.mode = EDIT_STOP
+        self.world.thermal.stop(self.now_ns)
+        return DONE
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+_OPERATIONS: dict[str, Callable[[Thermotron3800, str, str], int]] = {
+    "SETP": Thermotron3800._set_point,
+    "MRMP": Thermotron3800._set_rate,
+    "RUNM": Thermotron3800._run,
+    "RESM": Thermotron3800._resume,
+    "HOLD": Thermotron3800._hold,
+    "STOP": Thermotron3800._stop,
+    "INIT": lambda self, _, __: DONE,
+}
+
+SIMULATOR = Thermotron3800
