@@ -1,0 +1,46 @@
+"""Bus time of the calls that share a settle time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+from bench.model.errors import InputError
+from bench.model.ports import Action
+from bench.plan.drivers import driver_actions
+from bench.plan.plan import Step
+from bench.plan.station import Station
+
+DEFAULT_BUS_S = 0.1
+ON_THE_BUS = ("call", "verify", "send", "unit")
+
+
+def declared_action(station: Station, role: str, name: str) -> Action | None:
+    """Declaration of ``role.name``, or None if the station or the driver has no such thing."""
+    entry = station.instruments.get(role)
+    try:
+        return None if entry is None else driver_actions(entry.driver).get(name)
+    except InputError:
+        return None
+
+
+def _bus_s(step: Step, station: Station) -> float:
+    action = declared_action(station, step.role, step.name)
+    if action is not None:
+        return action.bus_s
+    return 0.0 if step.kind in ("call", "verify") else DEFAULT_BUS_S  # a call of nothing is a mistake of its own
+
+
+def with_bus_time(steps: Iterable[Step], station: Station) -> tuple[Step, ...]:
+    """The same steps; each settle step's argument ``bus_s`` is the bus time of the calls that share it, second."""
+    done: list[Step] = []
+    bus_s = 0.0
+    for step in steps:
+        if step.kind in ON_THE_BUS:
+            bus_s += _bus_s(step, station)
+        elif step.kind in ("settle", "soak", "record"):
+            if step.kind == "settle":
+                step = replace(step, arguments={"bus_s": round(bus_s, 9)})
+            bus_s = 0.0
+        done.append(step)
+    return tuple(done)

@@ -1,0 +1,139 @@
+"""Channels of a sequence: numbers, kinds and levels, and the constants an analysis needs of them."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from bench.model.errors import InputError
+from bench.model.units import format_quantity, read_quantity
+from bench.model.yamlio import Document
+from bench.plan.findings import Findings, suggestion
+from bench.plan.language import Kind, Sequence
+from bench.plan.values import Channel, Quantity, read_text, traced
+
+MAX_CHANNEL = 64
+SCALE_FACTOR = "scale_factor"  # the analysis whose uncertainty needs the declared noise
+NOISE = ("white_noise_per_rtHz", "bias_walk_per_rth")
+_RANGE = re.compile(r"(\d{1,4})\s*-\s*(\d{1,4})")
+
+
+def channel_numbers(raw: int | str | list[int | str]) -> list[int]:
+    """Numbers meant by ``3``, ``"1-6"`` or a list of both. Raises ValueError."""
+    if isinstance(raw, list):
+        return [number for item in raw for number in channel_numbers(item)]
+    match = _RANGE.fullmatch(raw) if isinstance(raw, str) else None
+    if isinstance(raw, str) and match is None:
+        raise ValueError(f"{raw!r} is neither a channel number nor a range such as 1-6")
+    first, last = (int(match[1]), int(match[2])) if match is not None else (int(raw), int(raw))
+    if not 1 <= first <= last <= MAX_CHANNEL:
+        raise ValueError(f"channels {raw} are not inside 1-{MAX_CHANNEL}, lowest first")
+    return list(range(first, last + 1))
+
+
+def declared_channels(document: Document[Sequence], findings: Findings) -> dict[int, Channel]:
+    """All channels of a sequence by number; mistakes go to ``findings`` (B-PLAN-020, -021, -022)."""
+    channels: dict[int, Channel] = {}
+    for index, group in enumerate(document.model.channels):
+        where = document.where(("channels", index, "numbers"))
+        levels = _levels(document, index, findings)
+        try:
+            numbers = channel_numbers(group.numbers)
+        except ValueError as error:
+            findings.add("B-PLAN-020", where, str(error))
+            continue
+        for number in numbers:
+            if number in channels:
+                findings.add("B-PLAN-021", where, f"channel {number} is declared twice", "keep one of them")
+            channels[number] = Channel(number, group.kind, levels, index)
+    return channels
+
+
+def _levels(document: Document[Sequence], index: int, findings: Findings) -> tuple[Quantity, ...]:
+    name = document.model.channels[index].levels
+    table = document.model.tables.get(name)
+    if table is None:
+        where = document.where(("channels", index, "levels"))
+        findings.add("B-PLAN-022", where, f"there is no table {name!r}{suggestion(name, document.model.tables)}")
+        return ()
+    levels = []
+    for position, raw in enumerate(table):
+        where = document.where(("tables", name, position))
+        value = read_text(raw) if isinstance(raw, str) else raw
+        if isinstance(value, Quantity) and value.dimension == "A" and value.value > 0:
+            line = where.split(":")[-2]
+            levels.append(traced(value, f"{name}[{position}], line {line}"))
+        else:
+            findings.add("B-PLAN-022", where, f"level {raw!r} is not a positive current with its unit")
+    return tuple(levels)
+
+
+def campaign_channels(
+    document: Document[Sequence], channels: dict[int, Channel], findings: Findings
+) -> list[dict[str, Any]]:
+    """Constants of each channel for the analysis, in SI base units; [] if the sequence does not describe the unit.
+
+    A kind that the unit lacks (B-PLAN-023) and a level over full scale (B-PLAN-024) go to ``findings``.
+    """
+    uut = document.model.uut
+    entries = []
+    for index, group in enumerate(document.model.channels if uut is not None else ()):
+        kind = None if uut is None else uut.kinds.get(group.kind)
+        if kind is None:
+            where = document.where(("channels", index, "kind"))
+            findings.add("B-PLAN-023", where, f"uut.kinds does not describe {group.kind!r}")
+            continue
+        _check_levels(document, index, kind.full_scale, findings)
+        _check_noise(document, group.kind, kind, findings)
+        entries += [_constants(c, kind) for c in channels.values() if c.group == index]
+    return sorted(entries, key=lambda entry: int(entry["number"]))
+
+
+def _check_levels(document: Document[Sequence], index: int, full_scale_A: float, findings: Findings) -> None:
+    name = document.model.channels[index].levels
+    for position, raw in enumerate(document.model.tables.get(name, [])):
+        found = read_quantity(raw) if isinstance(raw, str) else None
+        if found is not None and found[0] > full_scale_A:
+            where = document.where(("tables", name, position))
+            findings.add(
+                "B-PLAN-024", where, f"level {raw} is above the full scale {format_quantity(full_scale_A, 'A')}"
+            )
+
+
+def _check_noise(document: Document[Sequence], name: str, kind: Kind, findings: Findings) -> None:
+    """The uncertainty of a scale factor rests on the declared noise; there is no default for it (B-PLAN-026)."""
+    for key in NOISE if document.model.analysis == SCALE_FACTOR else ():
+        if getattr(kind, key) is None:
+            where = document.where(("uut", "kinds", name))
+            message = f"the analysis {SCALE_FACTOR} needs {key} of {name!r}"
+            findings.extend(InputError("B-PLAN-026", message, where=where, next_step="take it from the data sheet"))
+
+
+def check_declared(document: Document[Sequence], findings: Findings) -> None:
+    """Note what the scale-factor analysis needs of the unit under test and the sequence does not say (B-PLAN-026)."""
+    uut = document.model.uut
+    if document.model.analysis != SCALE_FACTOR:
+        return
+    if uut is None:
+        message = f"the analysis {SCALE_FACTOR} needs 'uut', the data sheet of the unit under test"
+        findings.add("B-PLAN-026", document.where(("analysis",)), message, "describe the unit under 'uut'")
+    elif uut.temperature_sensor_uncertainty is None:
+        message = f"the analysis {SCALE_FACTOR} needs temperature_sensor_uncertainty of the unit"
+        findings.add("B-PLAN-026", document.where(("uut",)), message, "take it from the unit's data sheet")
+
+
+def _constants(channel: Channel, kind: Kind) -> dict[str, Any]:
+    full_scale, unit = read_quantity(kind.sensor_full_scale) or (0.0, "")
+    entry: dict[str, Any] = {
+        "number": channel.number,
+        "kind": channel.kind,
+        "k0_C": kind.k0,
+        "full_scale_A": kind.full_scale,
+        "sensor_full_scale": full_scale,
+        "sensor_unit": unit,
+        "levels_A": [level.value for level in channel.levels],
+        "stability_limit_ppm": round(kind.stability_limit * 1e6, 6),
+    }
+    if kind.white_noise_per_rtHz is not None and kind.bias_walk_per_rth is not None:
+        entry["noise"] = {"white_A_rtHz": kind.white_noise_per_rtHz, "walk_A_rth": kind.bias_walk_per_rth}
+    return entry

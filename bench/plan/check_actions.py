@@ -1,0 +1,144 @@
+"""Static check of single calls: does the role, the action and each argument exist, and is it inside its limits?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from bench.model.errors import InputError
+from bench.model.ports import Action, Effect, Parameter
+from bench.model.units import read_quantity
+from bench.plan.drivers import driver_actions, driver_class
+from bench.plan.findings import Findings, suggestion
+from bench.plan.plan import Plan, Step
+from bench.plan.station import InstrumentEntry, Station
+
+SOAK_ACTIONS = ("set_temperature", "run")
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A step's declared action (None: it names none) and the arguments whose sort is right."""
+
+    action: Action | None
+    usable: Mapping[str, Any]
+
+
+class ActionCheck:
+    """Checks calls against the declarations of the drivers; the same call is looked at once."""
+
+    def __init__(self, plan: Plan, station: Station, findings: Findings) -> None:
+        self._plan = plan
+        self._station = station
+        self._findings = findings
+        self._seen: dict[Any, Judged] = {}
+
+    def check(self, step: Step) -> Judged:
+        """Declared action of a call or verify step; if it names none a mistake was noted."""
+        if step.kind not in ("call", "verify", "send", "soak"):
+            return Judged(None, step.arguments)
+        key = (step.where, step.role, step.name, tuple((n, _hashable(v)) for n, v in step.arguments.items()))
+        if key not in self._seen:
+            self._seen[key] = Judged(*self._fresh(step))
+        return self._seen[key]
+
+    def _fresh(self, step: Step) -> tuple[Action | None, Mapping[str, Any]]:
+        entry = self._station.instruments.get(step.role)
+        if entry is None:
+            known = suggestion(step.role, self._station.instruments)
+            self._add("B-PLAN-040", step, f"station {self._station.name} has no instrument {step.role!r}{known}")
+            return None, {}
+        try:
+            actions = driver_actions(entry.driver)
+        except InputError as error:
+            where = self._station.document.where(("instruments", step.role, "driver"))
+            self._findings.add(error.code, where, error.message)
+            return None, {}
+        if step.kind == "soak":
+            self._soak(step, entry)
+            return None, step.arguments
+        if step.kind == "send":
+            if not hasattr(driver_class(entry.driver), "raw"):
+                self._add("B-PLAN-053", step, f"the driver of {step.role} takes no raw commands", "write a call")
+            return None, step.arguments
+        action = actions.get(step.name)
+        if action is None:
+            known = suggestion(step.name, actions)
+            self._add("B-PLAN-050", step, f"{step.role} ({entry.driver}) has no action {step.name!r}{known}")
+            return None, {}
+        usable = self._arguments(step, action, entry)
+        if step.kind == "verify" and (action.effect is not Effect.NONE or action.returns):
+            self._add("B-PLAN-054", step, f"{step.role}.{step.name} does not answer true or false")
+        return action, usable
+
+    def _soak(self, step: Step, entry: InstrumentEntry) -> None:
+        actions = driver_actions(entry.driver)
+        missing = [name for name in SOAK_ACTIONS if name not in actions]
+        if missing:
+            self._add("B-PLAN-050", step, f"{step.role} ({entry.driver}) has no action {missing[0]!r}: it cannot soak")
+            return
+        for parameter in actions["set_temperature"].parameters:
+            if step.arguments.get(parameter.name) is not None:
+                self._limits(step, parameter, step.arguments[parameter.name], entry)
+
+    def _arguments(self, step: Step, action: Action, entry: InstrumentEntry) -> dict[str, Any]:
+        dimensions = self._plan.dimensions[step.number]
+        usable: dict[str, Any] = {}
+        parameters = {parameter.name: parameter for parameter in action.parameters}
+        for name, value in step.arguments.items():
+            parameter = parameters.get(name)
+            if parameter is None:
+                message = f"{step.role}.{step.name} has no argument {name!r}{suggestion(name, parameters)}"
+                self._add("B-PLAN-051", step, message)
+            elif value is not None and self._sort_is_right(step, parameter, value, dimensions.get(name, "")):
+                self._limits(step, parameter, value, entry)
+                usable[name] = value
+        for name, parameter in parameters.items():
+            if parameter.required and name not in step.arguments:
+                self._add("B-PLAN-051", step, f"{step.role}.{step.name} needs the argument {name!r}")
+        return usable
+
+    def _sort_is_right(self, step: Step, parameter: Parameter, value: Any, dimension: str) -> bool:
+        if parameter.dimension:
+            right = dimension == parameter.dimension
+            due = f"a quantity in {parameter.dimension} is due"
+        elif parameter.choices:
+            right = not dimension and not isinstance(value, (bool, list)) and value in parameter.choices
+            due = f"one of {', '.join(map(str, parameter.choices))} is due"
+        else:
+            right = not dimension and not isinstance(value, list)
+            due = "a plain value is due"
+        if not right:
+            shown = f"{value} {dimension}".strip()
+            message = f"{step.role}.{step.name}: {parameter.name} is {shown}; {due}"
+            origin = self._plan.origins[step.number].get(parameter.name, "")
+            self._findings.add("B-PLAN-052", step.where, message, origin=origin)
+        return right
+
+    def _limits(self, step: Step, parameter: Parameter, value: Any, entry: InstrumentEntry) -> None:
+        if not parameter.dimension:
+            return
+        low = -math.inf if parameter.low is None else parameter.low
+        high = math.inf if parameter.high is None else parameter.high
+        source = f"driver {entry.driver}"
+        if parameter.name in entry.limits:
+            station_low, station_high = (read_quantity(text) for text in entry.limits[parameter.name])
+            if station_low is not None and station_high is not None and station_low[1] == parameter.dimension:
+                source = f"station {self._station.name}" if (station_low[0], station_high[0]) != (low, high) else source
+                low, high = max(low, station_low[0]), min(high, station_high[0])
+        if not low <= value <= high:
+            unit = parameter.dimension
+            message = (
+                f"{step.role}: {parameter.name} {value:g} {unit} is outside {low:g} to {high:g} {unit} of {source}"
+            )
+            origin = self._plan.origins[step.number].get(parameter.name, "")
+            self._findings.add("B-PLAN-055", step.where, message, origin=origin)
+
+    def _add(self, code: str, step: Step, message: str, next_step: str = "") -> None:
+        self._findings.add(code, step.where, message, next_step)
+
+
+def _hashable(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value

@@ -1,0 +1,235 @@
+"""From a sequence file to a Plan."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+from typing import Any
+
+from bench.frame import FrameDefinition, load_frame
+from bench.model.errors import InputError, InputErrors
+from bench.model.shipped import find_shipped
+from bench.model.yamlio import Document
+from bench.plan.bus_time import with_bus_time
+from bench.plan.channels import campaign_channels, check_declared, declared_channels
+from bench.plan.check import check_steps
+from bench.plan.check_station import check_station
+from bench.plan.expand import Expander, TooManySteps
+from bench.plan.findings import Findings, suggestion
+from bench.plan.language import Sequence
+from bench.plan.language_steps import Step_
+from bench.plan.loading import find_beside, load_both
+from bench.plan.overrides import apply_parameters, split_overrides
+from bench.plan.plan import Phase, Plan, Step, steps_sha256
+from bench.plan.station import Station
+from bench.plan.values import Scope, plain, traced
+
+COMMAND = "command"  # the message of a frame definition that carries commands to the unit
+_SERIAL = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,39}")
+
+
+def compile_sequence(
+    path: str | Path, station: Station | None = None, overrides: Mapping[str, str] | None = None
+) -> Plan:
+    """Compile a sequence into a flat numbered plan.
+
+    Args:
+        path: a sequence file, or the name of a shipped one.
+        station: the bench to plan for; None means the one the sequence names.
+        overrides: ``--set`` values: parameters of the sequence, and ``world.<option>`` of a simulated station.
+    Raises:
+        InputErrors with every mistake, each with file:line:column (codes B-YAML, B-FRAME, B-PLAN).
+    """
+    source = find_shipped("sequences", path)
+    document, station = load_both(source, station)
+    findings = Findings()
+    parameters, world_options = split_overrides(document, overrides or {}, findings)
+    try:
+        station = station.with_options(world_options)
+    except InputErrors as error:
+        findings.extend(error)
+    values = apply_parameters(document, parameters, findings)
+    return _Compiler(source, document, station, values, frozenset(parameters), findings).plan()
+
+
+@dataclass
+class _Compiler:
+    source: Path
+    document: Document[Sequence]
+    station: Station
+    parameters: Mapping[str, Any]
+    given: frozenset[str]
+    findings: Findings
+
+    def plan(self) -> Plan:
+        """The plan. A draft with mistakes is checked as far as that can be done, so that all come at once."""
+        document, findings = self.document, self.findings
+        frames = self._frames()
+        check_declared(document, findings)
+        channels = declared_channels(document, findings)
+        constants = campaign_channels(document, channels, findings)
+        link = next(iter(document.model.frame))
+        rate_Hz = (frames[link].rate_Hz if link in frames else None) or math.nan
+        commands = [n for n in document.model.frame if n not in frames or COMMAND in frames[n].messages]
+        expander = Expander(document, self.station, channels, rate_Hz, commands, findings)
+        scope = Scope(self._variables(expander), expander.role_attribute, {})
+        serial = self._serial(expander, scope)
+        lengths = self._expand(expander, scope)
+        campaign = self._campaign(constants, rate_Hz, serial)
+        plan = self._assembled(expander, lengths, frames, link, campaign)
+        if findings:
+            self._check_draft(plan, expander.doubtful)
+            raise InputErrors(findings.sorted())
+        return plan
+
+    def _check_draft(self, draft: Plan, doubtful: Collection[int]) -> None:
+        of_steps = Findings()
+        check_steps(draft, self.station, of_steps, doubtful)
+        short = PurePath(self.document.name).name + ":"
+        for error in of_steps.all():
+            here = error.where.startswith(short)
+            where = self.document.name + error.where[len(short) - 1 :] if here else error.where
+            self.findings.extend(InputError(error.code, error.message, where=where, next_step=error.next_step))
+        check_station(self.station, self.findings)
+
+    def _assembled(
+        self, expander: Expander, lengths: Mapping[str, float], frames: Mapping[str, FrameDefinition], link: str,
+        campaign: Mapping[str, Any],
+    ) -> Plan:  # fmt: skip
+        model = self.document.model
+        steps = with_bus_time(expander.steps, self.station)
+        return Plan(
+            name=model.sequence,
+            title=model.title,
+            steps=steps,
+            duration_s=lengths.get("campaign", 0.0),
+            prepare_s=lengths.get("prepare", 0.0),
+            record_count=_records(steps),
+            sha256="" if self.findings else steps_sha256(steps),
+            texts=self._texts(frames),
+            campaign=campaign,
+            station=self.station,
+            frames=dict(model.frame),
+            measurement_link=link,
+            link_bytes_s=sum(_bytes_s(definition) for definition in frames.values()),
+            dimensions=tuple(expander.dimensions),
+            origins=tuple(expander.origins),
+            remarks=self._promised(lengths.get("campaign", 0.0), _records(steps)),
+        )
+
+    def _frames(self) -> dict[str, FrameDefinition]:
+        """Frame definitions by link, without those that cannot be used."""
+        frames = {}
+        for link, name in self.document.model.frame.items():
+            where = self.document.where(("frame", link))
+            if link not in self.station.links:
+                known = suggestion(link, self.station.links)
+                self.findings.add("B-PLAN-046", where, f"station {self.station.name} has no link {link!r}{known}")
+            try:
+                frames[link] = load_frame(find_beside(self.source, "frames", name))
+            except InputErrors as error:
+                self.findings.extend(error)
+                continue
+            except InputError as error:
+                self.findings.add("B-PLAN-045", where, error.message, error.next_step)
+                continue
+            if frames[link].rate_Hz is None:
+                advice = "add 'rate: ... Hz' to the frame"
+                self.findings.add("B-PLAN-048", where, f"frame {name!r} names no rate", advice)
+        return frames
+
+    def _serial(self, expander: Expander, scope: Scope) -> str:
+        """Serial number of the unit under test; it becomes part of the session's folder name."""
+        uut = self.document.model.uut
+        serial = "" if uut is None else str(plain(expander.resolve(uut.serial, scope, ("uut", "serial"))))
+        if uut is not None and not _SERIAL.fullmatch(serial):
+            message = f"{serial!r} is not a serial number: letters, digits, '.', '_' and '-', at most 40"
+            expander.fail("B-PLAN-025", ("uut", "serial"), message)
+        return serial
+
+    def _expand(self, expander: Expander, scope: Scope) -> dict[str, float]:
+        model = self.document.model
+        lengths: dict[str, float] = {}
+        phases: list[tuple[Phase, list[Step_], str]] = [
+            ("prepare", model.prepare, "prepare"),
+            ("campaign", model.steps, "steps"),
+            ("finally", model.finally_, "finally"),
+        ]
+        try:
+            for phase, steps, key in phases:
+                expander.begin(phase)
+                expander.run(steps, (key,), scope)
+                if phase == "campaign":
+                    expander.timeline(model.timeline, ("timeline",), scope)
+                lengths[phase] = expander.at_s
+        except TooManySteps:
+            return lengths
+        expander.report_unused()
+        return lengths
+
+    def _variables(self, expander: Expander) -> dict[str, Any]:
+        empty = Scope({}, expander.role_attribute, {})
+        variables = {}
+        for name, raw in self.parameters.items():
+            path = ("parameters", name)
+            value = expander.resolve(raw, empty, path)
+            if isinstance(value, tuple):
+                value = tuple(
+                    traced(v, self._origin(expander, f"{name}[{i}]", (*path, i))) for i, v in enumerate(value)
+                )
+            variables[name] = traced(value, self._origin(expander, name, path))
+        return variables
+
+    def _origin(self, expander: Expander, shown: str, path: tuple[str | int, ...]) -> str:
+        return f"--set {shown}" if path[1] in self.given else f"parameter {shown}, {expander.line(path)}"
+
+    def _promised(self, duration_s: float, records: int) -> tuple[InputError, ...]:
+        """What the file says of its own length must be true; with parameters changed by hand it is not asked."""
+        model = self.document.model
+        findings = Findings()
+        if model.duration not in (None, duration_s):
+            message = f"the campaign lasts {duration_s:.10g} s by plan, not {model.duration:.10g} s"
+            findings.add("B-PLAN-047", self.document.where(("duration",)), message)
+        if model.records not in (None, records):
+            message = f"the campaign holds {records} records, not {model.records}"
+            findings.add("B-PLAN-047", self.document.where(("records",)), message)
+        return tuple(findings.sorted()) if self.parameters == model.parameters else ()
+
+    def _texts(self, frames: Mapping[str, FrameDefinition]) -> dict[str, str]:
+        model = self.document.model
+        texts = {f"sequences/{model.sequence}.yaml": self.document.text}
+        texts[f"stations/{self.station.name}.yaml"] = self.station.document.text
+        for link, definition in frames.items():
+            texts[f"frames/{model.frame[link]}.yaml"] = definition.text
+        return texts
+
+    def _campaign(self, channels: list[dict[str, Any]], rate_Hz: float, serial: str) -> dict[str, Any]:
+        model = self.document.model
+        campaign: dict[str, Any] = {
+            "analysis": model.analysis,
+            "reference_temperature_degC": model.reference_temperature,
+            "rate_Hz": rate_Hz,
+            "channels": channels,
+        }
+        if model.uut is not None:
+            if model.uut.temperature_sensor_uncertainty is not None:
+                campaign["temperature_sensor_u95_degC"] = model.uut.temperature_sensor_uncertainty
+            campaign |= {
+                "af_clock_Hz": model.uut.af_clock,
+                "fg_Hz": model.uut.function_generator,
+                "master_Hz": model.uut.master_clock,
+                "uut": {"model": model.uut.model, "serial": serial},
+            }
+        return campaign
+
+
+def _records(steps: list[Step] | tuple[Step, ...]) -> int:
+    return sum(step.kind == "record" and step.phase == "campaign" for step in steps)
+
+
+def _bytes_s(definition: FrameDefinition) -> float:
+    longest = max(message.length for message in definition.layout.messages)
+    return float(longest or definition.layout.max_length) * (definition.rate_Hz or 0.0)

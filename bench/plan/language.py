@@ -1,0 +1,108 @@
+"""The sequence language: what a file in sequences/ may say (docs/sequences.md is the user's description)."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, StringConstraints, model_validator
+
+from bench.model.units import quantity, read_quantity
+from bench.model.yamlio import StrictModel
+from bench.plan.language_steps import Step_, TimelineEntry
+from bench.plan.templated import Name, Scalar
+
+Title = Annotated[str, StringConstraints(max_length=200)]
+ChannelNumbers = int | str
+
+
+def _sensor(text: str) -> str:
+    found = read_quantity(text)
+    if found is None or found[1] not in ("deg/s", "g") or found[0] <= 0:
+        raise ValueError(f"{text!r} is not a positive rate or acceleration, for example '83 deg/s' or '20 g'")
+    return text
+
+
+class Kind(StrictModel):
+    """Declared constants of one kind of converter channel (AF-converter design table)."""
+
+    k0: Annotated[float, *quantity("C", 1e-12, 1.0)] = Field(description="nominal charge per pulse")
+    full_scale: Annotated[float, *quantity("A", 1e-9, 10.0)]
+    sensor_full_scale: Annotated[str, AfterValidator(_sensor)] = Field(description="sensor's full scale in deg/s or g")
+    stability_limit: Annotated[float, *quantity("1", 0.0, 1.0)]
+    white_noise_per_rtHz: Annotated[float, *quantity("A", 0.0, 1.0)] | None = Field(
+        None, description="white noise of the input current, one sigma, per root hertz"
+    )
+    bias_walk_per_rth: Annotated[float, *quantity("A", 0.0, 1.0)] | None = Field(
+        None, description="random walk of the bias, one sigma, per root hour"
+    )
+
+
+class UnitUnderTest(StrictModel):
+    """The unit under test as its data sheet declares it."""
+
+    model: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,39}$")]
+    serial: Title = Field(description="serial number, or a parameter such as '{serial}'")
+    af_clock: Annotated[float, *quantity("Hz", 1.0, 1e9)]
+    master_clock: Annotated[float, *quantity("Hz", 1.0, 1e10)]
+    function_generator: Annotated[float, *quantity("Hz", 1.0, 1e10)]
+    temperature_sensor_uncertainty: Annotated[float, *quantity("degC", 0.0, 10.0)] | None = Field(
+        None, description="expanded uncertainty of the unit's own temperature sensor, 95 %"
+    )
+    kinds: dict[Literal["gyro", "accelerometer"], Kind]
+
+
+def _hexadecimal(text: str) -> str:
+    bytes.fromhex(text)
+    return text
+
+
+class UnitCommand(StrictModel):
+    """A command the unit under test takes: its number and its payload, bytes in hexadecimal."""
+
+    code: int = Field(ge=0, le=255)
+    payload: Annotated[str, StringConstraints(max_length=400), AfterValidator(_hexadecimal)] = ""
+
+
+class ChannelGroup(StrictModel):
+    """Channels that are alike: the same kind and the same levels."""
+
+    numbers: ChannelNumbers | list[ChannelNumbers] = Field(description="a number, a range such as 1-6, or a list")
+    kind: Literal["gyro", "accelerometer"]
+    levels: Name = Field(description="name of a table of currents")
+
+
+class Procedure(StrictModel):
+    """Steps with a name. Arguments have a default, or ``required``."""
+
+    arguments: dict[Name, Scalar] = Field(default_factory=dict)
+    do: list[Step_] = Field(min_length=1)
+
+
+class Sequence(StrictModel):
+    """One campaign."""
+
+    sequence: Name
+    title: Title = ""
+    station: Name
+    frame: dict[Name, Name] = Field(min_length=1, description="link: frame definition; records count the first link")
+    analysis: Name = "none"
+    reference_temperature: Annotated[float, *quantity("degC", -273.15, 1000.0)] = 20.0
+    duration: Annotated[float, *quantity("s", 0.0)] | None = Field(None, description="the plan must last exactly this")
+    records: int | None = Field(None, ge=0, description="the campaign must hold exactly this many records")
+    uut: UnitUnderTest | None = None
+    unit_commands: dict[Name, UnitCommand] = Field(default_factory=dict)
+    parameters: dict[Name, Scalar | list[Scalar]] = Field({}, description="what --set may change")
+    tables: dict[Name, list[Scalar]] = Field(default_factory=dict)
+    channels: list[ChannelGroup] = Field(default_factory=list)
+    prepare: list[Step_] = Field(default_factory=list)
+    steps: list[Step_] = Field(default_factory=list)
+    timeline: list[TimelineEntry] = Field(default_factory=list)
+    finally_: list[Step_] = Field([], alias="finally")
+    procedures: dict[Name, Procedure] = Field(default_factory=dict)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_form(cls, value: Any) -> Any:
+        if isinstance(value, dict) and bool(value.get("steps")) == bool(value.get("timeline")):
+            raise ValueError("a sequence has either 'steps' (structured form) or 'timeline' (flat form)")
+        return value

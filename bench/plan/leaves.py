@@ -1,0 +1,217 @@
+"""Steps that do something: one function per kind, from the words of the file to the arguments of a plan step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from bench.model.units import parse_quantity
+from bench.plan.findings import suggestion
+from bench.plan.language_steps import (
+    VERBS,
+    CallStep,
+    Prompt,
+    PromptStep,
+    Record,
+    RecordStep,
+    SendStep,
+    SettleStep,
+    Soak,
+    SoakStep,
+    TimelineEntry,
+    UnitStep,
+    VerifyStep,
+)
+from bench.plan.values import Quantity, Scope, named, plain
+
+if TYPE_CHECKING:
+    from bench.plan.expand import Expander, Path
+
+WORDS = VERBS
+
+
+def expand(plan: Expander, step: Any, path: Path, scope: Scope) -> None:
+    """Append the steps of one structured step."""
+    _EXPANDERS[type(step)](plan, step, path, scope)
+
+
+def expand_entry(plan: Expander, entry: TimelineEntry, path: Path, scope: Scope) -> None:
+    """Append the steps of one line of the flat form."""
+    if entry.send is not None:
+        _send(plan, SendStep(send=entry.send), path, scope)
+    elif entry.unit is not None:
+        _unit(plan, UnitStep(unit=entry.unit), path, scope)
+    elif entry.call is not None:
+        _call(plan, entry.call, (*path, "call"), scope)
+    elif entry.verify is not None:
+        _verify(plan, VerifyStep(verify=entry.verify), path, scope)
+    elif entry.record is not None:
+        take_record(plan, entry.record, (*path, "record"), scope)
+    elif entry.soak is not None:
+        soak(plan, entry.soak, (*path, "soak"), scope)
+    elif entry.prompt is not None:
+        prompt(plan, entry.prompt, (*path, "prompt"), scope)
+
+
+def _values(plan: Expander, arguments: Mapping[str, Any], path: Path, scope: Scope) -> dict[str, Any]:
+    return {name: plan.resolve(raw, scope, (*path, name)) for name, raw in arguments.items()}
+
+
+def _role(plan: Expander, role: str, path: Path) -> None:
+    if role not in plan.station.instruments:
+        known = suggestion(role, plan.station.instruments)
+        plan.fail("B-PLAN-040", path, f"station {plan.station.name} has no instrument {role!r}{known}")
+
+
+def _link(plan: Expander, link: str, path: Path) -> None:
+    if link not in plan.document.model.frame:
+        plan.fail("B-PLAN-041", path, f"there is no link {link!r}{suggestion(link, plan.document.model.frame)}")
+
+
+def _duration(plan: Expander, raw: Any, scope: Scope, path: Path) -> Quantity | None:
+    seconds = plan.quantity(raw, "s", scope, path)
+    if seconds is not None and seconds.value < 0:
+        plan.fail("B-PLAN-031", path, f"the duration {seconds.value:g} s is negative", origin=seconds.origin)
+        return None
+    return seconds
+
+
+def _call(plan: Expander, step: CallStep, path: Path, scope: Scope) -> None:
+    called, arguments = next(iter(step.root.items()))
+    role, name = called.split(".")
+    _role(plan, role, path)
+    values = _values(plan, arguments or {}, (*path, called), scope)
+    if "current" in values:
+        plan.programmed(role, values["current"], values.get("range") == "locked")
+    plan.add("call", role, name, values, scope, (*path, called))
+
+
+def _verify(plan: Expander, step: VerifyStep, path: Path, scope: Scope) -> None:
+    role, name = step.verify.split(".")
+    _role(plan, role, (*path, "verify"))
+    plan.add("verify", role, name, {}, scope, (*path, "verify"))
+
+
+def _send(plan: Expander, step: SendStep, path: Path, scope: Scope) -> None:
+    role, text = next(iter(step.send.items()))
+    _role(plan, role, (*path, "send", role))
+    plan.add("send", role, "", {"text": text}, scope, (*path, "send"))
+
+
+def _unit(plan: Expander, step: UnitStep, path: Path, scope: Scope) -> None:
+    link, name = next(iter(step.unit.items()))
+    _link(plan, link, (*path, "unit", link))
+    if link in plan.document.model.frame and link not in plan.command_links:
+        frame = plan.document.model.frame[link]
+        plan.fail(
+            "B-PLAN-039", (*path, "unit", link), f"{link} takes no commands: frame {frame!r} has no 'command' message"
+        )
+    command = plan.document.model.unit_commands.get(name)
+    if command is None:
+        known = suggestion(name, plan.document.model.unit_commands)
+        plan.fail("B-PLAN-049", (*path, "unit", link), f"'unit_commands' has no {name!r}{known}")
+        return
+    arguments = {"command": command.code, "payload": tuple(bytes.fromhex(command.payload))}
+    plan.add("unit", link, name, arguments, scope, (*path, "unit"))
+
+
+def _settle(plan: Expander, step: SettleStep, path: Path, scope: Scope) -> None:
+    seconds = _duration(plan, step.settle, scope, (*path, "settle"))
+    plan.add("settle", "", "", {}, scope, (*path, "settle"), seconds)
+
+
+def _record(plan: Expander, step: RecordStep, path: Path, scope: Scope) -> None:
+    take_record(plan, step.record, (*path, "record"), scope)
+
+
+def take_record(plan: Expander, record: Record, path: Path, scope: Scope) -> None:
+    """Append a record step: a whole number of frames, with its conditions."""
+    seconds = _duration(plan, record.seconds, scope, (*path, "seconds"))
+    if seconds is not None and not math.isnan(plan.rate_Hz):
+        _whole_frames(plan, seconds, (*path, "seconds"))
+    conditions = {**scope.context}
+    for name, value in _values(plan, record.conditions, (*path, "conditions"), scope).items():
+        conditions[named(name, value)] = plain(value)
+    conditions["purpose"] = record.purpose
+    if plan.settle_band_degC is not None:
+        conditions["settle_band_degC"] = plan.settle_band_degC
+    arguments = {
+        "seconds": seconds,
+        "retry": record.retry,
+        "max_lost": plan.quantity(record.max_lost, "1", scope, (*path, "max_lost")),
+        "purpose": record.purpose,
+        "retry_step": len(plan.steps) if plan.retry_step is None else plan.retry_step,
+    }
+    if record.label is not None:
+        conditions["label"] = record.label
+    link = next(iter(plan.document.model.frame))
+    plan.add("record", link, record.label or record.purpose, arguments, scope, path, seconds, conditions)
+
+
+def _whole_frames(plan: Expander, seconds: Quantity, path: Path) -> None:
+    frames = seconds.value * plan.rate_Hz
+    if frames < 1 or abs(frames - round(frames)) > 1e-6:
+        message = f"{seconds.value:g} s is not a whole number of frames at {plan.rate_Hz:g} Hz"
+        plan.fail("B-PLAN-042", path, message, origin=seconds.origin)
+
+
+def _soak(plan: Expander, step: SoakStep, path: Path, scope: Scope) -> None:
+    soak(plan, step.soak, (*path, "soak"), scope)
+
+
+def soak(plan: Expander, step: Soak, path: Path, scope: Scope) -> None:
+    """Append a soak slot."""
+    _role(plan, step.chamber, (*path, "chamber"))
+    slot_s = _duration(plan, step.slot, scope, (*path, "slot"))
+    stable = step.stable
+    for_s = plan.quantity(stable.for_, "s", scope, (*path, "stable", "for"))
+    if for_s is not None and slot_s is not None and for_s.value > slot_s.value:
+        message = f"stable for {for_s.value:g} s does not fit in a slot of {slot_s.value:g} s"
+        plan.fail("B-PLAN-043", (*path, "stable", "for"), message, origin=for_s.origin or slot_s.origin)
+    limit_s = slot_s if step.hold_limit is None else _duration(plan, step.hold_limit, scope, (*path, "hold_limit"))
+    within = plan.quantity(stable.within, "degC", scope, (*path, "stable", "within"))
+    plan.settle_band_degC = None if within is None else within.value
+    arguments = {
+        "temperature": plan.quantity(step.temperature, "degC", scope, (*path, "temperature")),
+        "ramp": plan.quantity(step.ramp, "degC/min", scope, (*path, "ramp")),
+        "slot": slot_s,
+        "within": within,
+        "for": for_s,
+        "sensor": stable.sensor,
+        "late": step.late,
+        "hold_limit": limit_s,
+    }
+    plan.add("soak", step.chamber, "soak", arguments, scope, path, slot_s)
+
+
+def _prompt(plan: Expander, step: PromptStep, path: Path, scope: Scope) -> None:
+    prompt(plan, step.prompt, (*path, "prompt"), scope)
+
+
+def prompt(plan: Expander, step: Prompt, path: Path, scope: Scope) -> None:
+    """Append an operator prompt; limits come out in the base unit of the value."""
+    arguments: dict[str, Any] = {"text": step.text, "confirm": step.confirm}
+    if step.value is not None:
+        arguments["unit"] = step.value.unit
+        for key in ("low", "high"):
+            text = getattr(step.value, key)
+            try:
+                arguments[key] = None if text is None else parse_quantity(text, step.value.unit)
+            except ValueError as error:
+                plan.fail("B-PLAN-031", (*path, "value", key), str(error))
+        if arguments.get("low") is None and arguments.get("high") is None:
+            plan.fail("B-PLAN-044", (*path, "value"), "a value needs a limit: low, high or both")
+    plan.add("prompt", "", "", arguments, scope, path)
+
+
+_EXPANDERS: dict[type, Callable[[Expander, Any, Path, Scope], None]] = {
+    CallStep: _call,
+    VerifyStep: _verify,
+    SendStep: _send,
+    UnitStep: _unit,
+    SettleStep: _settle,
+    RecordStep: _record,
+    SoakStep: _soak,
+    PromptStep: _prompt,
+}

@@ -1,0 +1,92 @@
+"""The compiled plan: one flat, numbered, hashed list of steps. A position in a run is a number in this list."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from bench.model.errors import InputError
+from bench.plan.station import Station
+
+Phase = Literal["prepare", "campaign", "finally"]
+StepKind = Literal["call", "settle", "record", "soak", "prompt", "verify", "unit", "send"]
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step of a plan.
+
+    ``number`` is its index in ``Plan.steps``. ``at_s`` is its planned start inside its phase; planned time advances
+    only in settle, record and soak steps (``duration_s``), all others take no planned time. ``arguments`` hold
+    values in SI base units (temperatures in degC, ramps in degC/min); ``conditions`` say under which loop values
+    and set-points the step is done, with unit suffixes. What each kind holds is listed in docs/sequences.md.
+    """
+
+    number: int
+    phase: Phase
+    kind: StepKind
+    at_s: float
+    duration_s: float
+    role: str
+    name: str
+    arguments: Mapping[str, Any]
+    conditions: Mapping[str, Any]
+    where: str
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A compiled sequence.
+
+    ``duration_s`` is the campaign phase and ``prepare_s`` the preparation before it. ``texts`` holds every YAML file
+    the plan was made of, by "folder/name.yaml". ``campaign`` holds the constants the analysis needs (JSON values).
+    ``frames`` maps each link to the name of its frame definition; records count the frames of ``measurement_link``;
+    ``link_bytes_s`` is what all links together send, byte per second. ``dimensions`` holds, per step, the base unit
+    of each argument that was written with a unit; ``origins`` where the argument (or the "duration") was written, if
+    not at the step itself. ``remarks`` are mistakes that did not keep the plan from being
+    made; the static check reports them with its own.
+    """
+
+    name: str
+    title: str
+    steps: tuple[Step, ...] = field(repr=False)
+    duration_s: float
+    prepare_s: float
+    record_count: int
+    sha256: str
+    texts: Mapping[str, str] = field(repr=False)
+    campaign: Mapping[str, Any] = field(repr=False)
+    station: Station = field(repr=False)
+    frames: Mapping[str, str]
+    measurement_link: str
+    link_bytes_s: float
+    dimensions: tuple[Mapping[str, str], ...] = field(repr=False)
+    origins: tuple[Mapping[str, str], ...] = field(repr=False)
+    remarks: tuple[InputError, ...] = field(repr=False)
+
+    @property
+    def finally_s(self) -> float:
+        """Planned time after the campaign, second."""
+        return sum(step.duration_s for step in self.phase("finally"))
+
+    @property
+    def station_name(self) -> str:
+        """Name of the station the plan is for."""
+        return self.station.name
+
+    def phase(self, phase: Phase) -> tuple[Step, ...]:
+        """Steps of one phase, in order."""
+        return tuple(step for step in self.steps if step.phase == phase)
+
+
+def steps_sha256(steps: Iterable[Step]) -> str:
+    """Hash of a step list: SHA-256 of its canonical JSON, positions in the YAML left out."""
+    digest = hashlib.sha256()
+    encode = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=False).encode
+    for step in steps:
+        row = [step.number, step.phase, step.kind, step.at_s, step.duration_s, step.role, step.name]
+        digest.update(encode([*row, dict(step.arguments), dict(step.conditions)]).encode() + b"\n")
+    return digest.hexdigest()

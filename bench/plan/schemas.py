@@ -1,0 +1,30 @@
+"""JSON Schemas of the YAML files, so that an editor can complete and check them while they are written."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel
+
+from bench.frame.schema import FrameSpec
+from bench.plan.language import Sequence
+from bench.plan.station import StationFile
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+FOLDERS = {"sequence": "sequences", "frame": "frames", "station": "stations"}
+
+
+def json_schemas() -> dict[str, dict[str, Any]]:
+    """Schemas of the three kinds of file, by kind: "sequence", "frame", "station"."""
+    models: dict[str, type[BaseModel]] = {"sequence": Sequence, "frame": FrameSpec, "station": StationFile}
+    return {kind: _schema(kind, model) for kind, model in models.items()}
+
+
+def vscode_settings(folder: str = "schemas") -> dict[str, Any]:
+    """Settings that tell the YAML extension of the editor which schema belongs to which files."""
+    return {"yaml.schemas": {f"{folder}/{kind}.schema.json": f"{FOLDERS[kind]}/*.yaml" for kind in FOLDERS}}
+
+
+def _schema(kind: str, model: type[BaseModel]) -> dict[str, Any]:
+    schema = model.model_json_schema(by_alias=True)
+    return {"$schema": DIALECT, "$id": f"{kind}.schema.json", **schema, "title": f"inertial-bench {kind}"}

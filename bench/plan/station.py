@@ -1,0 +1,252 @@
+"""Station files: which instrument sits at which address of which bench, and the register of its standards."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from datetime import date
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, StringConstraints, WithJsonSchema, field_validator, model_validator
+
+from bench.model.errors import InputErrors
+from bench.model.units import quantity, read_quantity
+from bench.model.yamlio import Document, StrictModel, load_yaml
+from bench.plan.findings import Findings, suggestion
+from bench.plan.templated import Name, Scalar
+
+Words = Annotated[str, StringConstraints(min_length=1, max_length=200)]
+Current = Annotated[float, *quantity("A", -10.0, 10.0)]
+NUMBERS = ("_ppm", "_A", "_V", "_s", "_Hz", "_degC")  # suffixes of options that are numbers
+Fraction = Annotated[float, *quantity("1", -1.0, 1.0)]
+
+
+def _date(value: object) -> date:
+    if not isinstance(value, str):
+        raise ValueError(f"{value!r} is not a date; write YYYY-MM-DD")
+    return date.fromisoformat(value)
+
+
+Date = Annotated[date, BeforeValidator(_date), WithJsonSchema({"type": "string", "format": "date"})]
+
+
+class RangeUncertainty(StrictModel):
+    """Expanded uncertainty of one range, 95 % (k = 2): ``relative`` of the reading plus ``floor``."""
+
+    range: Current
+    relative: Fraction
+    floor: Current
+
+
+class RangeCorrection(StrictModel):
+    """Known error of one range from the certificate: true = (1 + gain) x nominal + offset."""
+
+    range: Current
+    gain: Fraction
+    offset: Current
+
+
+class Standard(StrictModel):
+    """Traceability of an instrument."""
+
+    model: Words
+    serial: Words
+    certificate: Words
+    calibrated: Date
+    due: Date
+    uncertainty: list[RangeUncertainty] = Field(default_factory=list)
+    corrections: list[RangeCorrection] = Field(default_factory=list)
+    traceability: Fraction | None = Field(None, description="uncertainty of the calibrator's own calibration, 95 %")
+    drift: Fraction | None = Field(None, description="change over a campaign that must be expected, 95 %")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Standard:
+        if self.due <= self.calibrated:
+            raise ValueError(f"due {self.due} is not after calibrated {self.calibrated}")
+        return self
+
+
+class InstrumentEntry(StrictModel):
+    """One instrument of the bench under its role."""
+
+    driver: Name
+    resource: Words
+    safe_order: int = Field(ge=1, le=99, description="place in the order in which instruments are made safe")
+    options: dict[Name, Scalar | list[Scalar]] = Field(default_factory=dict)
+    limits: dict[Name, tuple[str, str]] = Field(default_factory=dict, description="argument: [lowest, highest]")
+    standard: Standard | None = None
+
+    @field_validator("limits")
+    @classmethod
+    def _quantities(cls, limits: dict[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
+        for name, (low, high) in limits.items():
+            pair = read_quantity(low), read_quantity(high)
+            if pair[0] is None or pair[1] is None or pair[0][1] != pair[1][1] or pair[0][0] > pair[1][0]:
+                raise ValueError(f"{name}: [{low}, {high}] is not a range of one quantity, lowest first")
+        return limits
+
+
+class LinkEntry(StrictModel):
+    """A serial link to the unit under test; a simulated bench gives the URL itself."""
+
+    frame: Name
+    baud: int = Field(ge=300, le=10_000_000)
+    url: Words | None = None
+
+
+class World(StrictModel):
+    """The simulated wiring and physics. An option set to null is known and left to the world."""
+
+    name: Name
+    options: dict[Name, Scalar | None] = Field(default_factory=dict)
+
+
+class StationFile(StrictModel):
+    """A file in stations/."""
+
+    station: Name
+    title: Annotated[str, StringConstraints(max_length=200)] = ""
+    simulated: bool
+    visa: Literal["@bench", "@py", "@ivi", "@sim"]
+    world: World | None = None
+    instruments: dict[Name, InstrumentEntry] = Field(min_length=1)
+    links: dict[Name, LinkEntry]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> StationFile:
+        if self.simulated != (self.world is not None):
+            raise ValueError("a simulated station has a 'world', a real one has none")
+        missing = [name for name, link in self.links.items() if not self.simulated and link.url is None]
+        if missing:
+            raise ValueError(f"the url of link {missing[0]!r} is missing")
+        return self
+
+
+@dataclass(frozen=True)
+class Station:
+    """A checked station. ``world_options`` are texts; an option of the world that is left alone is absent."""
+
+    document: Document[StationFile] = field(repr=False)
+    world_options: Mapping[str, str]
+
+    @property
+    def file(self) -> StationFile:
+        """What the file says."""
+        return self.document.model
+
+    @property
+    def name(self) -> str:
+        """Name of the station."""
+        return self.file.station
+
+    @property
+    def simulated(self) -> bool:
+        """True when nothing of it is real."""
+        return self.file.simulated
+
+    @property
+    def instruments(self) -> Mapping[str, InstrumentEntry]:
+        """Instruments by role."""
+        return self.file.instruments
+
+    @property
+    def links(self) -> Mapping[str, LinkEntry]:
+        """Links by name."""
+        return self.file.links
+
+    @property
+    def safe_order(self) -> tuple[str, ...]:
+        """Roles in the order in which they are made safe."""
+        return tuple(sorted(self.instruments, key=lambda role: (self.instruments[role].safe_order, role)))
+
+    def wiring(self) -> dict[str, Any]:
+        """Instruments and links as plain values, for whoever opens the bench or its simulation."""
+        return {
+            "instruments": {
+                role: {"driver": entry.driver, "resource": entry.resource, "options": dict(entry.options)}
+                for role, entry in self.instruments.items()
+            },
+            "links": {name: link.model_dump(mode="json") for name, link in self.links.items()},
+        }
+
+    def standards(self) -> dict[str, dict[str, Any]]:
+        """The standards register for the session's manifest, by role, in SI base units."""
+        return {
+            role: _standard(entry.driver, entry.standard)
+            for role, entry in self.instruments.items()
+            if entry.standard is not None
+        }
+
+    def range_that_holds_A(self, role: str, current_A: float) -> float | None:
+        """Lowest range of a role's standard that holds a current, ampere; None if none does."""
+        return next((limit for limit in self.ranges_A(role) if abs(current_A) <= limit), None)
+
+    def ranges_A(self, role: str) -> tuple[float, ...]:
+        """Ranges a role's standard has an uncertainty for, ampere, lowest first."""
+        entry = self.instruments.get(role)
+        standard = None if entry is None else entry.standard
+        return () if standard is None else tuple(sorted(line.range for line in standard.uncertainty))
+
+    def with_options(self, overrides: Mapping[str, str]) -> Station:
+        """Change options of the simulated world.
+
+        Raises: InputErrors with B-PLAN-004 for an option it does not have, B-PLAN-015 for an impossible value.
+        """
+        known = self.file.world.options if self.file.world is not None else {}
+        findings = Findings()
+        for name in sorted(set(overrides) - set(known)):
+            message = f"the world has no option {name!r}{suggestion(name, known)}"
+            findings.add("B-PLAN-004", f"--set world.{name}", message)
+        for name in sorted(set(overrides) & set(known)):
+            if due := wrong_option(name, overrides[name]):
+                findings.add("B-PLAN-015", f"--set world.{name}", f"world option {name} is {overrides[name]!r}; {due}")
+        if findings:
+            raise InputErrors(findings.sorted())
+        return replace(self, world_options={**self.world_options, **overrides})
+
+
+def load_station(path: Path) -> Station:
+    """Read and check a station file. Raises InputErrors."""
+    document = load_yaml(path, StationFile)
+    world = document.model.world
+    options = {} if world is None else {k: option_text(v) for k, v in world.options.items() if v is not None}
+    return Station(document, options)
+
+
+def wrong_option(name: str, text: str) -> str:
+    """What is due if an option of a simulated world cannot have this value, else "".
+
+    As everywhere a name with the suffix of a unit is a number; every other option is on or off.
+    """
+    if not name.endswith(NUMBERS):
+        return "" if text in ("on", "off") else "'on' or 'off' is due"
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    return "" if math.isfinite(number) else "a number is due"
+
+
+def option_text(value: Scalar) -> str:
+    """An option of a world as the text the world is given."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _standard(driver: str, standard: Standard) -> dict[str, Any]:
+    entry: dict[str, Any] = {
+        "driver": driver,
+        "model": standard.model,
+        "serial": standard.serial,
+        "certificate": standard.certificate,
+        "calibrated": standard.calibrated.isoformat(),
+        "due": standard.due.isoformat(),
+        "uncertainty": [{"range_A": u.range, "relative": u.relative, "floor_A": u.floor} for u in standard.uncertainty],
+        "corrections": [{"range_A": c.range, "gain": c.gain, "offset_A": c.offset} for c in standard.corrections],
+    }
+    if standard.traceability is not None:
+        entry["traceability_relative"] = standard.traceability
+    if standard.drift is not None:
+        entry["drift_relative"] = standard.drift
+    return entry

@@ -1,0 +1,114 @@
+"""What a person wants to know before a run: how long, until when, how much disk, and what is dangerous about it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from bench.model.clock import NS, VIRTUAL_START_UTC_NS
+from bench.model.ports import Effect
+from bench.model.units import format_quantity
+from bench.plan.bus_time import declared_action
+from bench.plan.check_actions import Judged
+from bench.plan.check_state import BenchState
+from bench.plan.findings import Findings
+from bench.plan.plan import Plan, Step
+
+STEP_BYTES = 400  # events, commands and replies of a step, with their envelopes
+SECOND_BYTES = 150  # chunk and message indexes of a second
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Key figures of a plan.
+
+    ``duration_s`` is the campaign alone; ``finish_utc_ns`` and ``disk_bytes`` count what comes before and after it
+    too (``prepare_s``, ``finally_s``). ``disk_bytes`` is an upper estimate without compression. ``hazards`` are
+    sentences for the operator.
+    """
+
+    steps: int
+    records: int
+    prepare_s: float
+    duration_s: float
+    finally_s: float
+    finish_utc_ns: int
+    disk_bytes: int
+    hazards: tuple[str, ...]
+
+
+def summarise(plan: Plan, start_utc_ns: int = VIRTUAL_START_UTC_NS) -> Summary:
+    """Key figures of a plan that starts at ``start_utc_ns``."""
+    total_s = plan.prepare_s + plan.duration_s + plan.finally_s
+    return Summary(
+        steps=len(plan.steps),
+        records=plan.record_count,
+        prepare_s=plan.prepare_s,
+        duration_s=plan.duration_s,
+        finally_s=plan.finally_s,
+        finish_utc_ns=start_utc_ns + round(total_s * NS),
+        disk_bytes=round(total_s * (plan.link_bytes_s + SECOND_BYTES) + STEP_BYTES * len(plan.steps)),
+        hazards=(*_stimulus(plan), *_thermal(plan), *_power(plan), *_raw(plan), *_afterwards(plan), *_left_on(plan)),
+    )
+
+
+def _calls(plan: Plan, *effects: Effect) -> list[Step]:
+    found = []
+    for step in plan.steps:
+        action = declared_action(plan.station, step.role, step.name) if step.kind == "call" else None
+        if action is not None and action.effect in effects:
+            found.append(step)
+    return found
+
+
+def _highest(steps: list[Step], argument: str) -> dict[str, float]:
+    highest: dict[str, float] = {}
+    for step in steps:
+        value = step.arguments.get(argument)
+        if isinstance(value, float):
+            highest[step.role] = max(abs(value), highest.get(step.role, 0.0))
+    return highest
+
+
+def _stimulus(plan: Plan) -> list[str]:
+    set_steps, on = _calls(plan, Effect.STIMULUS_SET), _calls(plan, Effect.STIMULUS_ON)
+    return [
+        f"{role}: up to {format_quantity(level, 'A')}, switched on {sum(s.role == role for s in on)} times"
+        for role, level in _highest(set_steps, "current").items()
+    ]
+
+
+def _thermal(plan: Plan) -> list[str]:
+    by_role: dict[str, list[float]] = {}
+    for step in [s for s in plan.steps if s.kind == "soak"] + _calls(plan, Effect.THERMAL):
+        value = step.arguments.get("temperature")
+        if isinstance(value, float):
+            by_role.setdefault(step.role, []).append(value)
+    return [f"{role}: {min(values):g} degC to {max(values):g} degC" for role, values in by_role.items()]
+
+
+def _power(plan: Plan) -> list[str]:
+    volts = _highest(_calls(plan, Effect.POWER), "voltage")
+    return [f"{role}: up to {format_quantity(level, 'V')}" for role, level in volts.items()]
+
+
+def _raw(plan: Plan) -> list[str]:
+    roles = sorted({step.role for step in plan.steps if step.kind == "send"})
+    return [f"{role}: takes raw commands, which the check cannot look into" for role in roles]
+
+
+def _afterwards(plan: Plan) -> list[str]:
+    return [
+        f"{step.role}: after the campaign {step.arguments['temperature']:g} degC for {step.duration_s:g} s; "
+        "only then may it be opened"
+        for step in plan.phase("finally")
+        if step.kind == "soak"
+    ]
+
+
+def _left_on(plan: Plan) -> list[str]:
+    """What still holds energy after the last step, before every instrument is made safe."""
+    state = BenchState(plan, plan.station, Findings())
+    for step in plan.steps:
+        declared = declared_action(plan.station, step.role, step.name) if step.kind == "call" else None
+        state.take(step, Judged(declared, step.arguments))
+    return [f"{role}: on until it is made safe at the end" for role in sorted(state.energised)]

@@ -1,0 +1,112 @@
+"""Values while a sequence is expanded: quantities, channels, and the variables in scope."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any
+
+from bench.model.units import read_quantity
+from bench.plan.findings import suggestion
+from bench.plan.templated import Reference, as_reference
+
+SUFFIX = {"A": "A", "V": "V", "Hz": "Hz", "s": "s", "C": "C", "ohm": "ohm", "W": "W", "F": "F", "degC": "degC"}
+SUFFIX |= {"degC/min": "degC_min", "deg/s": "deg_s", "g": "g", "1": "", "1/degC": "per_degC"}
+_SIGNS = {"+": 1, "-": -1}
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A number in the base unit of its dimension; ``origin`` says where it was written, if not where it is used."""
+
+    value: float
+    dimension: str
+    origin: str = field(default="", compare=False)
+
+
+def traced(value: Any, origin: str) -> Any:
+    """The same value; a quantity that does not know yet where it was written remembers it."""
+    return replace(value, origin=origin) if isinstance(value, Quantity) and not value.origin else value
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """A declared channel of the unit under test; ``levels`` are currents, ``group`` its place in ``channels:``."""
+
+    number: int
+    kind: str
+    levels: tuple[Quantity, ...]
+    group: int
+
+    def attribute(self, name: str) -> Any:
+        """Value of ``{channel.name}``; KeyError if there is none."""
+        return {"number": self.number, "kind": self.kind, "levels": self.levels}[name]
+
+
+class UnknownVariable(Exception):
+    """A reference to a variable that is not in scope; the message says which ones are."""
+
+
+@lru_cache(maxsize=4096)
+def read_text(text: str) -> Any:
+    """What a written-out text is: a Quantity, a sign (``+`` and ``-``), a Reference, or the text itself."""
+    reference = as_reference(text)
+    if reference is not None:
+        return reference
+    found = read_quantity(text)
+    return Quantity(*found) if found is not None else _SIGNS.get(text, text)
+
+
+class Scope:
+    """Variables by name, and roles whose attributes the compiler knows (``{calibrator.range}``)."""
+
+    def __init__(
+        self, variables: Mapping[str, Any], role_attribute: Callable[[str, str], Any], context: Mapping[str, Any]
+    ) -> None:
+        self.variables = variables
+        self.context = context
+        self._role_attribute = role_attribute
+
+    def extended(self, more: Mapping[str, Any], context: Mapping[str, Any] | None = None) -> Scope:
+        """A scope with more variables; ``context`` adds to what identifies the position in the loops."""
+        merged = self.context if context is None else {**self.context, **context}
+        return Scope({**self.variables, **more}, self._role_attribute, merged)
+
+    def resolve(self, raw: Any) -> Any:
+        """Value of what stands in the file. Raises UnknownVariable or ValueError."""
+        if isinstance(raw, str):
+            raw = read_text(raw)
+        if isinstance(raw, (list, tuple)):
+            return tuple(self.resolve(item) for item in raw)
+        return self._look_up(raw) if isinstance(raw, Reference) else raw
+
+    def _look_up(self, reference: Reference) -> Any:
+        if reference.name in self.variables:
+            value = self.variables[reference.name]
+            if not reference.attribute or value is None:  # None: its mistake is noted already
+                return value
+            if isinstance(value, Channel):
+                try:
+                    return value.attribute(reference.attribute)
+                except KeyError:
+                    known = suggestion(reference.attribute, ("number", "kind", "levels"))
+                    raise UnknownVariable(f"{reference}: a channel has no {reference.attribute!r}{known}") from None
+        elif reference.attribute:
+            return self._role_attribute(reference.name, reference.attribute)
+        raise UnknownVariable(f"{reference} is not a variable here{suggestion(reference.name, self.variables)}")
+
+
+def plain(value: Any) -> Any:
+    """A resolved value as a JSON value: quantities in base units, channels by number."""
+    if isinstance(value, Quantity):
+        return value.value
+    if isinstance(value, Channel):
+        return value.number
+    return [plain(item) for item in value] if isinstance(value, tuple) else value
+
+
+def named(name: str, value: Any) -> str:
+    """Name of a condition with the suffix of its unit: ``("current", 1 mA)`` is ``current_A``."""
+    suffix = SUFFIX[value.dimension] if isinstance(value, Quantity) else ""
+    return f"{name}_{suffix}" if suffix else name

@@ -1,0 +1,112 @@
+"""One wrong byte anywhere in a YAML file of the repository: a clean error with its position, or a valid plan."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+import pytest
+
+from bench.frame import load_frame
+from bench.model.errors import InputError, InputErrors
+from bench.plan import check_plan, compile_sequence, load_station
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("sequences", "stations", "frames")
+FILES = sorted(path.relative_to(ROOT) for folder in FOLDERS for path in (ROOT / folder).glob("*.yaml"))
+SEED = 20_000_101
+LARGE_BYTES, LARGE_COUNT = 20_000, 50
+LIMIT_S = 2.0
+POSITION = re.compile(r".+:\d+:\d+")
+
+
+@pytest.fixture
+def bench_folder(tmp_path: Path) -> Path:
+    for folder in FOLDERS:
+        shutil.copytree(ROOT / folder, tmp_path / folder)
+    return tmp_path
+
+
+def load(path: Path) -> None:
+    """Read a file the way the bench does, up to the finished static check."""
+    if path.parent.name == "frames":
+        load_frame(path)
+    elif path.parent.name == "stations":
+        station = load_station(path)
+        errors = check_plan(compile_sequence(path.parents[1] / "sequences" / "timeline_example.yaml", station))
+        if errors:
+            raise InputErrors(errors)
+    else:
+        errors = check_plan(compile_sequence(path))
+        if errors:
+            raise InputErrors(errors)
+
+
+def mutations(raw: bytes, count: int, rng: np.random.Generator) -> Iterator[tuple[int, int, bytes]]:
+    """Flip, replace, insert or remove one byte; half of the new bytes are ones a person could type."""
+    for _ in range(count):
+        at, value, how = int(rng.integers(len(raw))), int(rng.integers(256)), int(rng.integers(4))
+        if rng.integers(2):
+            value = 0x20 + value % 0x5F
+        if how == 0:
+            value = raw[at] ^ (1 << (value % 8))
+        yield at, value, raw[:at] + (b"" if how == 2 else bytes([value])) + raw[at + (how != 3) :]
+
+
+def judge(path: Path, act: Callable[[Path], None]) -> str:
+    """Name of the outcome; fails on anything but a plan or positioned errors in time."""
+    started = process_time()
+    outcome = "valid"
+    try:
+        act(path)
+    except InputError as error:
+        outcome = "refused"
+        for single in error.errors if isinstance(error, InputErrors) else [error]:
+            assert re.fullmatch(r"B-[A-Z]+-\d{3}", single.code)
+            assert POSITION.fullmatch(single.where), f"no position in {single}"
+    assert process_time() - started < LIMIT_S
+    return outcome
+
+
+def sweep(folder: Path, total: int) -> dict[str, int]:
+    rng = np.random.default_rng(SEED)
+    outcomes = {"valid": 0, "refused": 0}
+    share = -(-total // len(FILES))
+    for name in FILES:
+        path = folder / name
+        raw = path.read_bytes()
+        count = min(share, LARGE_COUNT) if len(raw) > LARGE_BYTES else share
+        for at, value, mutant in mutations(raw, count, rng):
+            path.write_bytes(mutant)
+            try:
+                outcomes[judge(path, load)] += 1
+            except Exception:
+                print(f"seed {SEED}: {name} byte {at} value {value}")
+                raise
+        path.write_bytes(raw)
+    print(f"seed {SEED}: {outcomes}")
+    return outcomes
+
+
+def test_files_are_valid_as_they_are(bench_folder: Path) -> None:
+    assert len(FILES) >= 7
+    for name in FILES:
+        assert judge(bench_folder / name, load) == "valid", name
+
+
+@pytest.mark.slow
+def test_one_byte_mutations_short(bench_folder: Path) -> None:
+    outcomes = sweep(bench_folder, 300)
+    assert sum(outcomes.values()) >= 300
+    assert min(outcomes.values()) > 30
+
+
+@pytest.mark.sweep
+def test_one_byte_mutations_full(bench_folder: Path) -> None:
+    outcomes = sweep(bench_folder, 10_000)
+    assert sum(outcomes.values()) >= 10_000
+    assert min(outcomes.values()) > 1_000
