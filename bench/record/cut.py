@@ -1,0 +1,174 @@
+"""Cuts records out of a stream of frames: by the unwrapped counter, never by arrival."""
+
+from __future__ import annotations
+
+from bisect import insort
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.frame import FrameDefinition, LinkBatch, MessageBatch
+from bench.model.errors import InputError
+from bench.model.ports import RecordWindow
+from bench.record.window import OpenWindow, RecordRow, Rows
+
+OVER_RANGE_BITS = "over_range"
+
+
+class RecordCutter:
+    """Sums the per-frame counts of one link over the windows opened on it.
+
+    The result depends on the bytes and their receive stamps only, not on how the stream was cut into batches, so a
+    replay gives the same rows. Feed housekeeping (``feed_context``) before the measurement frames of the same time.
+    Raises: InputError B-REC-020 if the frame definition has no per-frame counts or no counter.
+    """
+
+    def __init__(self, definition: FrameDefinition) -> None:
+        counting = [item for item in definition.layout.messages if any(field.per == "frame" for field in item.fields)]
+        if not counting or counting[0].counter is None:
+            raise InputError(
+                "B-REC-020",
+                f"{definition.name} has no message with a counter and per-frame counts",
+                where=definition.name,
+                next_step="declare 'role: counter' and 'per: frame' in the frame file",
+            )
+        message = counting[0]
+        self._message = message.name
+        self._length = message.length
+        fields = [field for field in message.fields if field.per == "frame"]
+        self._shapes = {field.name: (() if field.count is None else (field.count,)) for field in fields}
+        flagged = [field.name for field in message.fields if OVER_RANGE_BITS in field.bits]
+        self._over_range = f"{flagged[0]}.{OVER_RANGE_BITS}" if flagged else ""
+        self._open: list[OpenWindow] = []  # by first counter
+        self._highest = -1
+        self._previous = (-1, 0)  # counter and stream offset of the newest good frame
+
+    def open(self, window: RecordWindow, *, until_ns: int | None = None) -> None:
+        """Cut this record too. Its frames must not have been fed before.
+
+        ``until_ns``: frames received later do not count (in a replay: when the run gave the record up).
+        """
+        insort(self._open, OpenWindow(window, until_ns, self._shapes), key=lambda item: item.first)
+
+    def feed(self, batch: LinkBatch) -> None:
+        """Take the next frames of the link."""
+        frames = batch.messages[self._message]
+        if len(batch.bad_offset):
+            self._take_bad(batch, frames)
+        if len(frames):
+            steady = not batch.lost and not batch.duplicate and not frames.suspect.any()
+            self._take(frames, steady)
+
+    def feed_context(self, batch: LinkBatch) -> None:
+        """Take the next housekeeping of another link; every field with a unit is averaged over each record."""
+        for frames in batch.messages.values():
+            t_ns = frames.t_ns
+            if not len(frames) or t_ns is None:
+                continue
+            first, last = int(t_ns[0]), int(t_ns[-1])
+            waiting = [item for item in self._open if item.window.t_start_ns <= last and item.window.t_end_ns >= first]
+            units = {field.name: field.unit for field in frames.message.fields if field.unit}
+            if waiting and units:
+                values = {f"{name} {unit}": frames.scaled(name) for name, unit in units.items()}
+                for item in waiting:
+                    item.add_context(t_ns, values)
+
+    def finished(self) -> list[RecordRow]:
+        """Rows of the windows that are complete, in order of their counters; they are forgotten here."""
+        done = [item for item in self._open if item.complete]
+        if done:
+            self._open = [item for item in self._open if not item.complete]
+        return [item.row() for item in done]
+
+    def close(self, number: int) -> RecordRow:
+        """Row of record ``number`` as it stands, complete or not; it is forgotten here."""
+        for index, item in enumerate(self._open):
+            if item.window.number == number:
+                del self._open[index]
+                return item.row()
+        raise KeyError(f"record {number} is not open")
+
+    def close_all(self) -> list[RecordRow]:
+        """Rows of all windows, complete or not: nothing will follow."""
+        rows = [item.row() for item in self._open]
+        self._open = []
+        return rows
+
+    def _take(self, frames: MessageBatch, steady: bool) -> None:
+        assert frames.counter is not None
+        counter = frames.counter
+        fresh: NDArray[np.int64] | None = None
+        if not steady or counter[0] <= self._highest:
+            trusted = np.where(frames.suspect, -1, counter)
+            before = np.maximum.accumulate(np.concatenate(([self._highest], trusted)))[:-1]
+            fresh = np.flatnonzero(trusted > before)
+            self._take_duplicates(counter, before, ~frames.suspect & (counter <= before))
+        kept = counter if fresh is None else counter[fresh]
+        if not len(kept):
+            return
+        for item in self._open:
+            if item.first > kept[-1]:
+                break
+            if not item.complete:
+                self._take_into(item, frames, kept, fresh)
+        self._highest = int(kept[-1])
+        last = -1 if fresh is None else int(fresh[-1])
+        self._previous = (int(kept[-1]), int(frames.offset[last]))
+
+    def _take_into(
+        self, item: OpenWindow, frames: MessageBatch, kept: NDArray[np.int64], fresh: NDArray[np.int64] | None
+    ) -> None:
+        assert frames.t_ns is not None
+        first, stop = (int(value) for value in np.searchsorted(kept, (item.first, item.stop)))
+        given_up = False
+        if item.until_ns is not None:
+            in_time = int(np.searchsorted(frames.t_ns, item.until_ns, side="right"))
+            in_time = in_time if fresh is None else int(np.searchsorted(fresh, in_time))
+            stop = min(stop, in_time)
+            given_up = in_time < len(kept)
+        if first < stop:
+            rows: Rows = slice(first, stop) if fresh is None else fresh[first:stop]
+            columns = {name: frames.raw(name) for name in self._shapes}
+            item.add(columns, rows, frames.t_ns, self._is_over_range(frames, rows, item.window))
+        if given_up or kept[-1] >= item.stop - 1:
+            item.settle()
+
+    def _is_over_range(self, frames: MessageBatch, rows: Rows, window: RecordWindow) -> bool:
+        """Over-range bit of the record's own channel (bit 0 = channel 1); of any channel if it names none."""
+        if not self._over_range:
+            return False
+        bits = int(np.bitwise_or.reduce(frames.raw(self._over_range)[rows]))
+        channel: Any = window.conditions.get("channel")
+        return bool(bits >> (channel - 1) & 1) if isinstance(channel, int) and channel > 0 else bits != 0
+
+    def _take_duplicates(
+        self, counter: NDArray[np.int64], before: NDArray[np.int64], repeated: NDArray[np.bool_]
+    ) -> None:
+        if not repeated.any():
+            return
+        counters, highest = counter[repeated], before[repeated]
+        for item in self._open:
+            if not item.complete:
+                inside = (counters >= item.first) & (counters < item.stop) & (highest < item.stop - 1)
+                item.duplicate += int(np.count_nonzero(inside))
+
+    def _take_bad(self, batch: LinkBatch, frames: MessageBatch) -> None:
+        """Give each rejected candidate the counter its place in the stream suggests."""
+        assert frames.counter is not None or not len(frames)
+        trusted = ~frames.suspect
+        offsets = np.concatenate(([self._previous[1]], frames.offset[trusted]))
+        counters = np.concatenate(([self._previous[0]], frames.counter[trusted] if frames.counter is not None else []))
+        before = np.searchsorted(offsets[1:], batch.bad_offset)
+        known = counters[before] >= 0
+        steps = np.ones(len(before), np.int64)
+        if self._length:
+            steps = np.maximum(1, np.rint((batch.bad_offset - offsets[before]) / self._length).astype(np.int64))
+        guesses = (counters[before] + steps)[known]
+        stamps = batch.bad_t_ns[known]
+        for item in self._open:
+            if not item.complete:
+                inside = (guesses >= item.first) & (guesses < item.stop)
+                if item.until_ns is not None:
+                    inside &= stamps <= item.until_ns
+                item.bad_counters.update(guesses[inside].astype(np.int64).tolist())

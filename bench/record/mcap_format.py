@@ -1,0 +1,96 @@
+"""Records of the MCAP container, as far as sessions use them. Source: MCAP specification, version 0."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+
+MAGIC = b"\x89MCAP0\r\n"
+
+HEADER = 0x01
+FOOTER = 0x02
+CHANNEL = 0x04
+MESSAGE = 0x05
+CHUNK = 0x06
+MESSAGE_INDEX = 0x07
+CHUNK_INDEX = 0x08
+STATISTICS = 0x0B
+SUMMARY_OFFSET = 0x0E
+DATA_END = 0x0F
+KNOWN = frozenset(range(0x01, 0x10))
+
+RECORD = struct.Struct("<BQ")  # opcode, length of the content
+# a message and its envelope: opcode, length, channel, sequence, log time, publish time; CRC, running number, time
+ENVELOPED = struct.Struct("<BQHIQQIQQ")
+CHUNK_HEAD = struct.Struct("<BQQQQII")  # opcode, length, start, end, uncompressed size, CRC, compression text length
+CHUNK_FIXED = 40  # content of a chunk without the compression text and the records: 8 + 8 + 8 + 4 + 4 + 8
+FOOTER_RECORD = struct.Struct("<BQQQI")
+
+
+def record(opcode: int, content: bytes) -> bytes:
+    """A complete record."""
+    return RECORD.pack(opcode, len(content)) + content
+
+
+def text(value: str) -> bytes:
+    """A length-prefixed UTF-8 string."""
+    raw = value.encode()
+    return len(raw).to_bytes(4, "little") + raw
+
+
+def text_map(values: Mapping[str, str]) -> bytes:
+    """A length-prefixed map of strings, sorted by key."""
+    raw = b"".join(text(key) + text(values[key]) for key in sorted(values))
+    return len(raw).to_bytes(4, "little") + raw
+
+
+def header(profile: str, library: str) -> bytes:
+    """Header record."""
+    return record(HEADER, text(profile) + text(library))
+
+
+def channel(number: int, topic: str, encoding: str, metadata: Mapping[str, str]) -> bytes:
+    """Channel record without a schema (schema 0)."""
+    content = struct.pack("<HH", number, 0) + text(topic) + text(encoding) + text_map(metadata)
+    return record(CHANNEL, content)
+
+
+def chunk(start_ns: int, end_ns: int, size: int, crc: int, compression: str, packed: bytes) -> bytes:
+    """Chunk record round already compressed records."""
+    name = compression.encode()
+    length = CHUNK_FIXED + len(name) + len(packed)
+    head = CHUNK_HEAD.pack(CHUNK, length, start_ns, end_ns, size, crc, len(name))
+    return b"".join((head, name, len(packed).to_bytes(8, "little"), packed))
+
+
+def message_index(number: int, entries: list[int]) -> bytes:
+    """Message index of one channel in one chunk; ``entries`` is log time, offset, log time, offset ..."""
+    count = len(entries)
+    return struct.pack(f"<BQHI{count}Q", MESSAGE_INDEX, 6 + 8 * count, number, 8 * count, *entries)
+
+
+def chunk_index(
+    span: tuple[int, int], place: tuple[int, int], indexes: Mapping[int, int], index_bytes: int, sizes: tuple[int, int]
+) -> bytes:
+    """Chunk index: ``span`` start and end time, ``place`` offset and length, ``sizes`` compressed, uncompressed."""
+    offsets = b"".join(struct.pack("<HQ", number, offset) for number, offset in indexes.items())
+    return record(
+        CHUNK_INDEX,
+        struct.pack("<QQQQI", *span, *place, len(offsets))
+        + offsets
+        + index_bytes.to_bytes(8, "little")
+        + text("lz4")
+        + struct.pack("<QQ", *sizes),
+    )
+
+
+def statistics(channels: int, chunks: int, span: tuple[int, int], counts: Mapping[int, int]) -> bytes:
+    """Statistics record; ``counts`` is messages by channel."""
+    per_channel = b"".join(struct.pack("<HQ", number, counts[number]) for number in sorted(counts))
+    head = struct.pack("<QHIIIIQQI", sum(counts.values()), 0, channels, 0, 0, chunks, *span, len(per_channel))
+    return record(STATISTICS, head + per_channel)
+
+
+def summary_offset(opcode: int, start: int, length: int) -> bytes:
+    """Summary offset record of one group."""
+    return record(SUMMARY_OFFSET, struct.pack("<BQQ", opcode, start, length))

@@ -1,0 +1,182 @@
+"""One MCAP file of a session, written chunk by chunk; after a failed write it is cut back to its last whole chunk."""
+
+from __future__ import annotations
+
+import hashlib
+import zlib
+from dataclasses import dataclass, field
+
+import lz4.frame
+
+from bench.record import layout, mcap_format
+from bench.record.files import AppendFile
+
+_HEAD_BYTES = mcap_format.ENVELOPED.size - mcap_format.RECORD.size
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A topic with its number and its record; numbers are the same in every segment of a session."""
+
+    number: int
+    topic: str
+    seed: int
+    record: bytes
+
+    @classmethod
+    def make(cls, number: int, topic: str) -> Channel:
+        """Channel ``number`` for ``topic``; the record says what its payload is."""
+        record = mcap_format.channel(number, topic, layout.ENCODING, {"payload": layout.payload_kind(topic)})
+        return cls(number, topic, layout.topic_seed(topic), record)
+
+
+@dataclass
+class ChunkBuffer:
+    """Messages of the chunk that is being filled: complete records, and where each channel's messages begin."""
+
+    parts: list[bytes] = field(default_factory=list)
+    size: int = 0
+    start_ns: int = 0
+    end_ns: int = 0
+    entries: dict[int, list[int]] = field(default_factory=dict)  # channel -> log time, offset, log time, offset ...
+
+    def add(self, channel: Channel, sequence: int, t_ns: int, payload: bytes) -> None:
+        """Append one message: record head and envelope, then the payload."""
+        if not self.parts:
+            self.start_ns = self.end_ns = t_ns
+        elif t_ns > self.end_ns:
+            self.end_ns = t_ns
+        elif t_ns < self.start_ns:
+            self.start_ns = t_ns
+        entry = self.entries.get(channel.number)
+        if entry is None:
+            self.entries[channel.number] = [t_ns, self.size]
+        else:
+            entry += (t_ns, self.size)
+        crc = layout.envelope_crc(channel.seed, sequence, t_ns, payload)
+        size = len(payload)
+        head = mcap_format.ENVELOPED.pack(
+            mcap_format.MESSAGE, _HEAD_BYTES + size, channel.number, sequence & 0xFFFFFFFF, t_ns, t_ns,
+            crc, sequence, t_ns,
+        )  # fmt: skip
+        self.parts += (head, payload)
+        self.size += mcap_format.ENVELOPED.size + size
+
+
+class SegmentWriter:
+    """Writes one segment. ``chain`` is the chain value of the segment before (32 zero bytes for the first)."""
+
+    def __init__(self, file: AppendFile, number: int, chain: bytes) -> None:
+        self.file = file
+        self.number = number
+        self.offset = 0
+        self._previous = chain
+        self._hash = hashlib.sha256(chain)
+        self._data_crc = 0
+        self._channels: dict[int, Channel] = {}
+        self._counts: dict[int, int] = {}
+        self._chunk_indexes: list[bytes] = []
+        self._start_ns = -1
+        self._end_ns = 0
+        self._write(mcap_format.MAGIC + mcap_format.header(layout.PROFILE, layout.LIBRARY))
+
+    def write_chunk(self, buffer: ChunkBuffer, channels: list[Channel]) -> None:
+        """Write the buffered messages as one chunk; nothing is changed if it fails. Raises OSError.
+
+        ``channels`` are the session's, by number - 1; those new to this segment get their record in front.
+        """
+        fresh = [channels[number - 1] for number in buffer.entries if number not in self._channels]
+        prefix = b"".join(channel.record for channel in fresh)
+        records = prefix + b"".join(buffer.parts)
+        packed = lz4.frame.compress(records)
+        chunk = mcap_format.chunk(buffer.start_ns, buffer.end_ns, len(records), zlib.crc32(records), "lz4", packed)
+        place = self.offset
+        parts = [chunk]
+        at = place + len(chunk)
+        index_places: dict[int, int] = {}
+        for number, entries in buffer.entries.items():
+            if prefix:
+                entries = [value + len(prefix) if k % 2 else value for k, value in enumerate(entries)]
+            index = mcap_format.message_index(number, entries)
+            parts.append(index)
+            index_places[number] = at
+            at += len(index)
+        self._write(b"".join(parts))
+        index_bytes = at - place - len(chunk)
+        self._chunk_indexes.append(
+            mcap_format.chunk_index(
+                (buffer.start_ns, buffer.end_ns),
+                (place, len(chunk)),
+                index_places,
+                index_bytes,
+                (len(packed), len(records)),
+            )
+        )
+        self._register(buffer, fresh)
+
+    def _register(self, buffer: ChunkBuffer, fresh: list[Channel]) -> None:
+        for channel in fresh:
+            self._channels[channel.number] = channel
+        for number, entries in buffer.entries.items():
+            self._counts[number] = self._counts.get(number, 0) + len(entries) // 2
+        self._start_ns = buffer.start_ns if self._start_ns < 0 else min(self._start_ns, buffer.start_ns)
+        self._end_ns = max(self._end_ns, buffer.end_ns)
+
+    def chain(self) -> bytes:
+        """SHA-256 over the chain value before and every byte of this segment so far."""
+        return self._hash.digest()
+
+    def chain_fields(self) -> dict[str, object]:
+        """Content of the hash-chain message: it stands alone in the last chunk and covers all bytes before."""
+        return {
+            "segment": self.number,
+            "bytes": self.offset,
+            "previous": self._previous.hex(),
+            "sha256": self.chain().hex(),
+        }
+
+    def finish(self) -> None:
+        """Write data end, summary and footer. Raises OSError; the file is then cut back and stays readable."""
+        data_end = mcap_format.record(mcap_format.DATA_END, self._data_crc.to_bytes(4, "little"))
+        start = self.offset + len(data_end)
+        groups = [
+            (mcap_format.CHANNEL, b"".join(self._channels[number].record for number in sorted(self._channels))),
+            (
+                mcap_format.STATISTICS,
+                mcap_format.statistics(
+                    len(self._channels), len(self._chunk_indexes), (max(self._start_ns, 0), self._end_ns), self._counts
+                ),
+            ),
+            (mcap_format.CHUNK_INDEX, b"".join(self._chunk_indexes)),
+        ]
+        summary = b"".join(content for _, content in groups)
+        offsets = []
+        at = start
+        for opcode, content in groups:
+            offsets.append(mcap_format.summary_offset(opcode, at, len(content)))
+            at += len(content)
+        summary += b"".join(offsets)
+        footer = mcap_format.FOOTER_RECORD.pack(mcap_format.FOOTER, 20, start, at, 0)[:-4]
+        crc = zlib.crc32(footer, zlib.crc32(summary))
+        self._write(b"".join((data_end, summary, footer, crc.to_bytes(4, "little"), mcap_format.MAGIC)))
+
+    def _write(self, block: bytes) -> None:
+        done = 0
+        try:
+            while done < len(block):
+                count = self.file.write(block[done:] if done else block)
+                if count <= 0:
+                    raise OSError(28, "nothing could be written")
+                done += count
+        except OSError:
+            self._cut_back()
+            raise
+        self._hash.update(block)
+        self._data_crc = zlib.crc32(block, self._data_crc)
+        self.offset += len(block)
+
+    def _cut_back(self) -> None:
+        try:
+            self.file.truncate(self.offset)
+        except OSError:
+            return  # the torn tail stays; the reader ends at the last whole chunk

@@ -1,0 +1,180 @@
+"""Decodes the raw bytes of a session again and cuts its records anew: nothing but the session is read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, parse_frame
+from bench.model.errors import InputError, SessionDamaged
+from bench.record import Damage, Message, RecordCutter, RecordRow, SessionReader
+from bench.replay.windows import RESUME, RecordedWindow, recorded_windows
+
+BATCH_BYTES = 4_000_000
+MEASUREMENT = "measurement"
+
+Event = tuple[str, int, Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """What a session says when its bytes are decoded again.
+
+    ``rows``: all records that count, by number; ``counts``: totals by link; ``events``: (kind, t_mono_ns, fields) in
+    order; ``damage``: what could not be read; ``notes``: sentences about anything that differs from the recording.
+    """
+
+    manifest: Mapping[str, Any]
+    texts: Mapping[str, str]
+    rows: tuple[RecordRow, ...]
+    counts: Mapping[str, LinkCounts]
+    events: list[Event]
+    session_sha256: str
+    damage: tuple[Damage, ...]
+    unfinished: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def measurement_rows(self) -> list[RecordRow]:
+        """The records an analysis sees: those without a purpose of their own, such as a wiring check."""
+        return [row for row in self.rows if row.window.conditions.get("purpose", MEASUREMENT) == MEASUREMENT]
+
+    @property
+    def totals(self) -> dict[str, int]:
+        """Frames of all links: good, bad, lost."""
+        links = self.counts.values()
+        return {
+            "frames": sum(link.frames for link in links),
+            "frames_bad": sum(link.bad for link in links),
+            "frames_lost": sum(link.lost for link in links),
+        }
+
+
+def replay_rows(folder: Path, *, strict: bool = False) -> Replayed:
+    """Decode a session again.
+
+    Args:   folder: the session. strict: refuse a damaged one instead of using what is whole.
+    Raises: InputError B-REC-010 (no session), B-RPL-001 (a record on a link without a frame definition);
+            SessionDamaged B-REC-011 (strict and damaged), B-REC-012 (no manifest), B-RPL-002 (frame text missing),
+            B-RPL-003 (incomplete record event).
+    """
+    reader = SessionReader(folder, strict=strict)
+    manifest, texts = reader.manifest, reader.texts
+    definitions = _definitions(folder, manifest, texts)
+    windows = recorded_windows(reader.select(frozenset({"/event"})))
+    for item in windows:
+        if item.window.link not in definitions:
+            raise InputError(
+                "B-RPL-001",
+                f"record {item.window.number} is on the link {item.window.link!r}, which has no frame",
+                where=str(folder),
+                next_step="name the link and its frame file in the manifest under 'links'",
+            )
+    replay = _Replay(definitions, windows)
+    topics = frozenset({"/event", *replay.topics})
+    for message in reader.messages(topics):
+        replay.take(message)
+    replay.end_part()
+    return Replayed(
+        manifest, texts, tuple(row for _, row in sorted(replay.rows.items())), replay.counts, replay.events,
+        reader.sha256, tuple(reader.damage), tuple(reader.unfinished), tuple(_notes(manifest, definitions)),
+    )  # fmt: skip
+
+
+def _definitions(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str, FrameDefinition]:
+    found = {}
+    for link, name in sorted(manifest.get("links", {}).items()):
+        if name not in texts:
+            raise SessionDamaged(
+                "B-RPL-002",
+                f"the frame definition {name!r} of link {link!r} is not in the session",
+                where=str(folder),
+                next_step="'bench recover' lists what the session still holds",
+            )
+        found[link] = parse_frame(texts[name], name)
+    return found
+
+
+def _notes(manifest: Mapping[str, Any], definitions: Mapping[str, FrameDefinition]) -> list[str]:
+    recorded = manifest.get("frame_sha256", {})
+    return [
+        f"The frame definition of {link} is understood differently today: recorded {recorded[link][:12]}, "
+        f"now {definition.sha256[:12]}."
+        for link, definition in definitions.items()
+        if link in recorded and recorded[link] != definition.sha256
+    ]
+
+
+def _added(before: LinkCounts, more: LinkCounts) -> LinkCounts:
+    return LinkCounts(
+        before.bytes + more.bytes, before.frames + more.frames, before.bad + more.bad, before.lost + more.lost,
+        before.duplicate + more.duplicate, before.skipped_bytes + more.skipped_bytes, before.suspect + more.suspect,
+    )  # fmt: skip
+
+
+@dataclass
+class _Replay:
+    """Links and cutters of one part of a session; a resume starts a new part with fresh decoders."""
+
+    definitions: Mapping[str, FrameDefinition]
+    windows: list[RecordedWindow]
+    rows: dict[int, RecordRow] = field(default_factory=dict)
+    counts: dict[str, LinkCounts] = field(default_factory=dict)
+    events: list[Event] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self._part = 0
+        self._pending = 0
+        self.topics = {f"/link/{link}/rx": link for link in self.definitions}
+        self._begin()
+
+    def _begin(self) -> None:
+        self._decoders = {link: LinkDecoder(definition) for link, definition in self.definitions.items()}
+        self._cutters: dict[str, RecordCutter] = {}
+        for item in self.windows:
+            if item.part == self._part:
+                link = item.window.link
+                if link not in self._cutters:
+                    self._cutters[link] = RecordCutter(self.definitions[link])
+                self._cutters[link].open(item.window, until_ns=item.until_ns)
+
+    def take(self, message: Message) -> None:
+        """Take the next message of the session."""
+        link = self.topics.get(message.topic)
+        if link is not None:
+            self._decoders[link].push(message.t_ns, message.payload)
+            self._pending += len(message.payload)
+            if self._pending >= BATCH_BYTES:
+                self._decode()
+            return
+        kind, fields = message.event()
+        self.events.append((kind, message.t_ns, fields))
+        if kind == RESUME:
+            self.end_part()
+            self._part += 1
+            self._begin()
+
+    def _decode(self) -> None:
+        """Decode what is queued, links without records first: their frames are the context of the others."""
+        self._pending = 0
+        for link in sorted(self._decoders, key=lambda name: (name in self._cutters, name)):
+            batch = self._decoders[link].flush()
+            for other, cutter in self._cutters.items():
+                if other == link:
+                    cutter.feed(batch)
+                    self._keep(cutter.finished())
+                else:
+                    cutter.feed_context(batch)
+
+    def _keep(self, rows: list[RecordRow]) -> None:
+        self.rows.update({row.window.number: row for row in rows})
+
+    def end_part(self) -> None:
+        """Decode what is left; records that are still open end here, complete or not."""
+        self._decode()
+        for cutter in self._cutters.values():
+            self._keep(cutter.close_all())
+        for link, decoder in self._decoders.items():
+            self.counts[link] = _added(self.counts.get(link, LinkCounts()), decoder.counts)
