@@ -1,0 +1,86 @@
+"""Everything a step needs while it is executed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from bench.model.clock import Clock
+from bench.model.ports import Instrument, SessionSink
+from bench.plan import Plan, Step
+from bench.record import RecordCutter, RecordRow
+from bench.run.acquisition import Acquisition
+from bench.run.operator import Operator
+from bench.run.stop import StopSwitch
+from bench.run.timing import Timeline
+
+CHAMBER = "chamber"
+
+
+class Listener(Protocol):
+    """Who watches a run (progress bar, plain lines)."""
+
+    def step(self, step: Step, at_s: float) -> None:
+        """A step begins; ``at_s`` = seconds since the start of the run."""
+
+    def record(self, row: RecordRow) -> None:
+        """A record is complete."""
+
+    def message(self, text: str) -> None:
+        """Something a person should read."""
+
+
+class InUse:
+    """Which instruments the steps are talking to right now, so that nobody cuts into a sequence of commands."""
+
+    def __init__(self) -> None:
+        self._roles: set[str] = set()
+
+    @contextmanager
+    def take(self, role: str) -> Iterator[None]:
+        """Use an instrument for one step."""
+        self._roles.add(role)
+        try:
+            yield
+        finally:
+            self._roles.discard(role)
+
+    def __contains__(self, role: object) -> bool:
+        return role in self._roles
+
+
+@dataclass
+class RunContext:
+    """State of one run; the flat plan plus these few values are the whole position.
+
+    ``settled`` is False from a soak that was left before the temperature was stable (policy skip) to the next soak.
+    """
+
+    plan: Plan
+    instruments: dict[str, Instrument]
+    acquisition: Acquisition
+    cutter: RecordCutter
+    clock: Clock
+    sink: SessionSink
+    operator: Operator
+    listener: Listener
+    stop: StopSwitch
+    timeline: Timeline
+    measurement_link: str
+    rows: dict[int, RecordRow] = field(default_factory=dict)
+    record_count: int = 0
+    retaken: int = 0
+    overruns: int = 0
+    settled: bool = True
+    in_use: InUse = field(default_factory=InUse)
+
+    def event(self, kind: str, **fields: object) -> None:
+        """Write an event with the time of now."""
+        self.sink.event(kind, self.clock.now_ns(), fields)
+
+    @property
+    def unit_temperature_degC(self) -> float:
+        """Newest temperature the unit reported, degC; NaN if there is none of the last seconds."""
+        return self.acquisition.unit_temperature_degC()

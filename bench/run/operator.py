@@ -1,0 +1,80 @@
+"""Questions to the person at the bench, and their answers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from bench.model.errors import RunError
+
+
+@dataclass(frozen=True)
+class Question:
+    """An operator prompt. ``low``/``high`` bound the value asked for; no ``unit`` means a plain confirmation."""
+
+    text: str
+    confirm: str = "operator"
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What was answered and by whom ("simulation" when nobody was asked)."""
+
+    by: str
+    value: float | None = None
+
+
+class Operator(Protocol):
+    """Whoever answers prompts."""
+
+    def ask(self, question: Question) -> Answer:
+        """Block until answered; raise OperatorStop on refusal."""
+
+
+class SimulatedOperator:
+    """Confirms every prompt and answers with the (geometric) middle of the limits; on a simulated bench only."""
+
+    def ask(self, question: Question) -> Answer:
+        if not question.unit:
+            return Answer("simulation")
+        limits = [limit for limit in (question.low, question.high) if limit is not None]
+        if not limits:
+            return Answer("simulation")
+        if min(limits) > 0:
+            return Answer("simulation", math.prod(limits) ** (1 / len(limits)))
+        return Answer("simulation", sum(limits) / len(limits))
+
+
+def judge(question: Question, answer: Answer, where: str) -> None:
+    """Raise RunError when a value is missing or outside the limits of its prompt."""
+    if not question.unit:
+        return
+    if answer.value is None:
+        raise RunError("B-RUN-040", f"no value was given for '{question.text}'", where=where)
+    low = -math.inf if question.low is None else question.low
+    high = math.inf if question.high is None else question.high
+    if not low <= answer.value <= high:
+        limits = f"{question.low} ... {question.high} {question.unit}"
+        raise RunError(
+            "B-RUN-041",
+            f"{answer.value} {question.unit} is outside {limits} for '{question.text}'",
+            where=where,
+            next_step="correct the set-up, then start again",
+        )
+
+
+def answer_fields(question: Question, answer: Answer) -> dict[str, Any]:
+    """The prompt as an event of the session."""
+    return {
+        "text": question.text,
+        "confirm": question.confirm,
+        "by": answer.by,
+        "value": answer.value,
+        "unit": question.unit,
+        "low": question.low,
+        "high": question.high,
+    }

@@ -1,0 +1,47 @@
+"""Bring the whole bench to its safe state, whatever happened before."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from bench.model.clock import Clock
+from bench.model.errors import RunError
+from bench.model.ports import Instrument
+
+ATTEMPTS = 3
+PAUSE_S = 2.0
+
+
+def make_safe(instruments: Mapping[str, Instrument], order: Sequence[str], clock: Clock) -> list[RunError]:
+    """Call ``make_safe`` of every instrument, the ones named in ``order`` first; never stops at a failure.
+
+    An instrument that fails is tried again after all others are safe: it may only have been silent for a while.
+
+    Returns:
+        One B-RUN-060 per instrument that could not be confirmed safe; empty when the whole bench is safe.
+    """
+    roles = [role for role in order if role in instruments]
+    roles += [role for role in instruments if role not in roles]
+    failures: dict[str, RunError] = {}
+    for attempt in range(ATTEMPTS):
+        if attempt:
+            clock.sleep(PAUSE_S)
+        failures = {role: failure for role in roles if (failure := _try(role, instruments[role])) is not None}
+        roles = list(failures)
+        if not roles:
+            break
+    return list(failures.values())
+
+
+def _try(role: str, instrument: Instrument) -> RunError | None:
+    try:
+        instrument.make_safe()
+    except Exception as error:  # whatever it is, the instruments after this one must still be made safe
+        reason = " ".join(str(error).split())
+        return RunError(
+            "B-RUN-060",
+            f"not confirmed safe ({reason})",
+            where=role,
+            next_step="switch it off at its front panel before anybody touches the bench",
+        )
+    return None

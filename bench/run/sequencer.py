@@ -1,0 +1,165 @@
+"""The timer-driven sequencer: executes the flat plan step by step and always leaves the bench safe."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+from bench.model.clock import NS
+from bench.model.errors import BenchError, OperatorStop, RunError
+from bench.plan import Step
+from bench.plan.plan import Phase
+from bench.record import Journal, RecordError, RecordRow
+from bench.run.context import CHAMBER, RunContext
+from bench.run.patience import patient
+from bench.run.recording import measurement_rows
+from bench.run.safety import make_safe
+from bench.run.steps import EXECUTORS
+from bench.run.stop import unforeseen
+from bench.run.timing import Timeline
+
+PHASES: tuple[Phase, ...] = ("prepare", "campaign", "finally")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended: its valid records, slip and lateness; ``error`` is None when every step was done.
+
+    ``unsafe`` has one error for each instrument that could not be confirmed safe (empty: the bench is safe).
+    """
+
+    rows: Sequence[RecordRow]
+    slip_s: float
+    overruns: int
+    retaken: int
+    lateness_ms: tuple[float, float, float]  # median, 99th percentile, maximum
+    error: BenchError | None = None
+    unsafe: Sequence[RunError] = field(default_factory=tuple)
+    steps_done: int = 0
+
+
+class Sequencer:
+    """Executes a plan under a clock. One object per run."""
+
+    def __init__(self, context: RunContext, journal: Journal, safe_order: Sequence[str]) -> None:
+        self._context = context
+        self._journal_step = patient(journal.step, context.listener)
+        self._safe_order = safe_order
+        self._done = 0
+        self._start_ns = context.clock.now_ns()
+        self._slip_ns = 0
+        self._lateness_ns: list[int] = []
+
+    def run(self) -> Outcome:
+        """Execute every step, then make the bench safe, whatever happened. Errors are part of the outcome, not raised.
+
+        An error nobody foresaw becomes B-INT-001: the session must still be closed and say what it holds.
+        """
+        context = self._context
+        try:
+            error = self._attempt()
+        except OperatorStop as stopped:  # a second signal on the way out of a step
+            error = stopped
+        finally:
+            context.stop.shield()
+            with context.in_use.take(CHAMBER):
+                unsafe = make_safe(context.instruments, self._safe_order, context.clock)
+        if error is not None:
+            self._note("error", code=error.code, text=str(error), step=self._done)
+        self._note("safe", failures=[str(failure) for failure in unsafe])
+        with suppress(BenchError):  # what a broken link still holds is not worth the outcome
+            context.acquisition.stop()
+        outcome = self._outcome(error, unsafe)
+        self._note(
+            "end",
+            steps=self._done,
+            records=len(outcome.rows),
+            slip_s=outcome.slip_s,
+            overruns=outcome.overruns,
+            retaken=outcome.retaken,
+            lateness_ms=list(outcome.lateness_ms),
+            error=error.code if error else None,
+        )
+        return outcome
+
+    def _attempt(self) -> BenchError | None:
+        try:
+            for phase in PHASES:
+                if steps := self._context.plan.phase(phase):
+                    self._run_phase(steps)
+        except Exception as problem:
+            return unforeseen(problem)
+        finally:
+            self._context.stop.shield()
+        return None
+
+    def _note(self, kind: str, **fields: object) -> None:
+        """Write an event of the end; a disk that refuses it changes nothing any more."""
+        with suppress(RecordError):
+            self._context.event(kind, **fields)
+
+    def _run_phase(self, steps: Sequence[Step]) -> None:
+        context = self._context
+        context.timeline = Timeline(context.clock, context.stop, context.clock.now_ns())
+        context.event("phase", name=steps[0].phase, t_start_ns=context.clock.now_ns())
+        position = 0
+        record: Step | None = None
+        attempts: dict[int, int] = {}  # by number of the verify step
+        try:
+            while position < len(steps):
+                step = steps[position]
+                record = step if step.kind == "record" else record
+                try:
+                    self._execute(step)
+                except RunError as error:
+                    tried = attempts.get(step.number, 0)
+                    if step.kind != "verify" or record is None or tried >= int(record.arguments["retry"]):
+                        raise
+                    attempts[step.number] = tried + 1
+                    first = int(record.arguments["retry_step"]) - steps[0].number
+                    self._retake(error, steps[first:position])
+                    position = first
+                else:
+                    position += 1
+        finally:
+            self._slip_ns += context.timeline.slip_ns
+            self._lateness_ns += context.timeline.lateness_ns
+
+    def _execute(self, step: Step) -> None:
+        context = self._context
+        context.stop.check()
+        context.listener.step(step, (context.clock.now_ns() - self._start_ns) / NS)
+        context.timeline.reach(step.at_s)
+        EXECUTORS[step.kind](context, step)
+        self._journal_step(step.number, step.phase, context.clock.now_ns(), step.conditions)
+        self._done = step.number + 1
+
+    def _retake(self, error: RunError, again: Sequence[Step]) -> None:
+        """Take back every record of the steps that are done again."""
+        context = self._context
+        context.listener.message(f"{error.where}: {error.message}; the point is taken again")
+        for step in again:
+            if step.kind == "record":
+                context.event("retake", record=context.record_count, reason=error.message)
+                context.rows.pop(context.record_count, None)
+                context.record_count -= 1
+                context.retaken += 1
+        context.timeline.add_slip(context.clock.now_ns() - context.timeline.target_ns(again[0].at_s))
+
+    def _outcome(self, error: BenchError | None, unsafe: Sequence[RunError]) -> Outcome:
+        context = self._context
+        late = sorted(self._lateness_ns)
+        quantiles = (
+            tuple(late[min(len(late) - 1, int(q * len(late)))] / 1e6 for q in (0.5, 0.99, 1.0)) if late else (0.0,) * 3
+        )
+        return Outcome(
+            rows=measurement_rows(context.rows),
+            slip_s=self._slip_ns / NS,
+            overruns=context.overruns,
+            retaken=context.retaken,
+            lateness_ms=(quantiles[0], quantiles[1], quantiles[2]),
+            error=error,
+            unsafe=tuple(unsafe),
+            steps_done=self._done,
+        )

@@ -1,0 +1,246 @@
+"""One run from the opened station to the closed session folder."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Collection, Mapping
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from bench.frame import FrameDefinition, parse_frame
+from bench.model.clock import NS, Clock
+from bench.model.errors import InputError, RunError
+from bench.plan import Plan
+from bench.record import Journal, RecordCutter, RecordError, SessionWriter
+from bench.run.acquisition import Acquisition, LinkReader
+from bench.run.beginning import begin_safely, check_space, identities_of
+from bench.run.context import CHAMBER, Listener, RunContext
+from bench.run.environment import EnvironmentLog
+from bench.run.listening import SafeListener
+from bench.run.opener import OpenBench, open_bench
+from bench.run.operator import Operator
+from bench.run.patience import patient
+from bench.run.provenance import software
+from bench.run.sequencer import Outcome, Sequencer
+from bench.run.stop import StopSwitch, guarded
+from bench.run.timing import Timeline
+from bench.run.transcript import HeldTranscript, new_folder
+
+CLOCK_PAIR_S = 600.0
+SYNC_S = 1.0
+_STEP_FIELDS = ("number", "phase", "kind", "at_s", "duration_s", "role", "name", "arguments", "conditions", "where")
+
+Event = tuple[str, int, Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Conducted:
+    """A run that has ended: where its session is, how it ended, what simulated truth says (empty on a real bench).
+
+    ``counts``: frames, frames_bad, frames_lost over all links; ``events``: the kinds asked for, in order.
+    """
+
+    folder: Path
+    manifest: Mapping[str, Any]
+    outcome: Outcome
+    session_sha256: str
+    counts: Mapping[str, int]
+    events: list[Event]
+    truth: list[dict[str, Any]]
+
+
+def session_name(plan: Plan, clock: Clock) -> str:
+    """``<UTC start>_<sequence>_<serial number of the unit>``."""
+    start = datetime.fromtimestamp(clock.utc_ns() // NS, UTC).strftime("%Y%m%dT%H%M%SZ")
+    serial = re.sub(r"[^A-Za-z0-9.-]", "-", str(plan.campaign.get("uut", {}).get("serial", "none")))
+    return f"{start}_{plan.name}_{serial}"
+
+
+def manifest_of(
+    plan: Plan, name: str, seed: int, clock: Clock, identities: Mapping[str, Any], frames: Mapping[str, str]
+) -> dict[str, Any]:
+    """Everything a reader needs to know before the first stimulus (docs/session-format.md)."""
+    station = plan.station
+    return {
+        "schema": 1,
+        "session": name,
+        "sequence": plan.name,
+        "title": plan.title,
+        "simulated": station.simulated,
+        "seed": seed if station.simulated else None,
+        "clock": "virtual" if clock.virtual else "wall",
+        "station": station.name,
+        "campaign": dict(plan.campaign),
+        "standards": station.standards(),
+        "identities": dict(identities),
+        "links": {link: f"frames/{frame}.yaml" for link, frame in plan.frames.items()},
+        "measurement_link": plan.measurement_link,
+        "plan_sha256": plan.sha256,
+        "frame_sha256": dict(frames),
+        "planned": {
+            "prepare_s": plan.prepare_s,
+            "duration_s": plan.duration_s,
+            "finally_s": plan.finally_s,
+            "records": plan.record_count,
+            "steps": len(plan.steps),
+        },
+        "software": software(),
+    }
+
+
+def conduct(
+    plan: Plan,
+    *,
+    clock: Clock,
+    seed: int,
+    out: Path,
+    operator: Operator,
+    listener: Listener,
+    keep_events: Collection[str] = (),
+) -> Conducted:
+    """Run a plan on its station and close the session.
+
+    The bench is always left safe; how the run ended is in the outcome. Only what happens before the session exists
+    (a bench that does not open, a wrong identity) is raised.
+    """
+    frames = {
+        link: parse_frame(plan.texts[f"frames/{frame}.yaml"], f"frames/{frame}.yaml")
+        for link, frame in plan.frames.items()
+    }
+    _check_links(plan)
+    check_space(plan, out)
+    name = session_name(plan, clock)
+    transcript = HeldTranscript()
+    with StopSwitch() as stop:
+        bench = open_bench(plan.station, clock, transcript, seed=seed)
+        try:
+            identities = identities_of(begin_safely(bench, clock))
+            folder = new_folder(out, name)
+            manifest = manifest_of(plan, name, seed, clock, identities, {k: f.sha256 for k, f in frames.items()})
+            texts = {**plan.texts, "plan.json": plan_json(plan)}
+            writer = SessionWriter.create(folder, manifest, texts, t_mono_ns=clock.now_ns())
+            transcript.attach(writer)
+            sink = KeepingSink(writer, keep_events)
+            run = _Run(plan, bench, frames, writer, sink, clock, stop)
+            outcome = _closed(writer, run.sequence(operator, SafeListener(listener)))
+            truth = [] if bench.world is None else bench.world.truth([row.window for row in outcome.rows])
+        finally:
+            bench.close()
+    return Conducted(folder, manifest, outcome, writer.chain, run.counts(), sink.events, truth)
+
+
+def _closed(writer: SessionWriter, outcome: Outcome) -> Outcome:
+    """Close the session; one that cannot be closed is the error of a run that had none."""
+    try:
+        writer.close("done" if outcome.error is None else outcome.error.code)
+    except RecordError as error:
+        problem = RunError(
+            "B-RUN-061",
+            f"the session could not be closed: {error.message}; what was not written is lost",
+            where=error.where,
+            next_step="free space; 'bench recover' lists what the session holds",
+        )
+        return replace(outcome, error=outcome.error or problem)
+    return outcome
+
+
+def _check_links(plan: Plan) -> None:
+    for link in plan.frames:
+        if link not in plan.station.links:
+            message = f"station {plan.station.name!r} has no link {link!r}"
+            raise InputError("B-RUN-004", message, where=link, next_step="add it to the station file")
+
+
+def plan_json(plan: Plan) -> str:
+    """The compiled steps as they are stored in the session."""
+    steps = [{name: getattr(step, name) for name in _STEP_FIELDS} for step in plan.steps]
+    return json.dumps(steps, separators=(",", ":"), default=dict)
+
+
+class KeepingSink:
+    """Passes everything to the session writer and keeps events of some kinds for the end of the run."""
+
+    def __init__(self, writer: SessionWriter, kinds: Collection[str]) -> None:
+        self.raw = writer.raw
+        self.command = writer.command
+        self.events: list[Event] = []
+        self._writer = writer
+        self._kinds = frozenset(kinds)
+
+    def event(self, kind: str, t_mono_ns: int, fields: Mapping[str, Any]) -> None:
+        """Write an event."""
+        self._writer.event(kind, t_mono_ns, fields)
+        if kind in self._kinds:
+            self.events.append((kind, t_mono_ns, fields))
+
+
+@dataclass
+class _Run:
+    plan: Plan
+    bench: OpenBench
+    frames: Mapping[str, FrameDefinition]
+    writer: SessionWriter
+    sink: KeepingSink
+    clock: Clock
+    stop: StopSwitch
+
+    def __post_init__(self) -> None:
+        self.cutter = RecordCutter(self.frames[self.plan.measurement_link])
+        self.readers = self._readers()
+
+    def sequence(self, operator: Operator, listener: Listener) -> Outcome:
+        """Run the plan with everything that goes on beside it."""
+        clock = self.clock
+        self._pair()
+        stop = self.stop
+        with closing(Journal(self.writer.folder)) as journal, ExitStack() as beside:
+            tick = patient(self.writer.tick, listener)
+            acquisition = Acquisition(self.readers, clock, tick, stop)
+            context = RunContext(
+                self.plan,
+                self.bench.instruments,
+                acquisition,
+                self.cutter,
+                clock,
+                self.sink,
+                operator,
+                listener,
+                stop,
+                Timeline(clock, stop, clock.now_ns()),
+                self.plan.measurement_link,
+            )
+            chamber = self.bench.instruments.get(CHAMBER)
+            environment = EnvironmentLog(chamber, acquisition, clock, self.sink, context.in_use, stop)
+            beside.callback(environment.stop)
+            beside.callback(clock.every(CLOCK_PAIR_S, guarded(self._pair, stop)).cancel)
+            if not clock.virtual:
+                beside.callback(clock.every(SYNC_S, guarded(patient(self.writer.sync, listener), stop)).cancel)
+            outcome = Sequencer(context, journal, self.plan.station.safe_order).run()
+        self._pair()
+        if outcome.error is None:
+            journal.path.unlink()
+        return outcome
+
+    def _pair(self) -> None:
+        self.writer.clock_pair(self.clock.now_ns(), self.clock.utc_ns())
+
+    def counts(self) -> dict[str, int]:
+        """Frames of all links: good, bad, lost."""
+        totals = [reader.decoder.counts for reader in self.readers.values()]
+        return {
+            "frames": sum(link.frames for link in totals),
+            "frames_bad": sum(link.bad for link in totals),
+            "frames_lost": sum(link.lost for link in totals),
+        }
+
+    def _readers(self) -> dict[str, LinkReader]:
+        readers = {}
+        measured = self.plan.measurement_link
+        for link in sorted(self.plan.frames, key=lambda name: name == measured):
+            feed = self.cutter.feed if link == measured else self.cutter.feed_context
+            readers[link] = LinkReader(link, self.bench.links[link], self.frames[link], self.clock, self.sink, [feed])
+        return readers

@@ -1,0 +1,149 @@
+"""What each kind of step does. One function per kind; the table at the end is the whole dispatch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from bench.model.clock import NS, to_ns
+from bench.model.errors import InstrumentError, LinkError, RunError
+from bench.model.ports import Effect, Instrument, actions_of
+from bench.model.quality import Quality
+from bench.plan import Step
+from bench.run.context import RunContext
+from bench.run.operator import Question, answer_fields, judge
+from bench.run.recording import take_record
+from bench.run.soak import soak
+
+ANSWER_S = 2.0
+PROMPT_SLIP_NS = NS  # a person takes longer; the simulated one takes no time
+DONE = 0  # status of an answer
+OVERLOAD = "B-INST-007"
+NO_READING = (OVERLOAD, "B-INST-001", "B-INST-004")  # overload, silence, a reply that is not understood
+
+
+def call(context: RunContext, step: Step) -> None:
+    """Call a declared action of an instrument; its reading, if any, becomes an event.
+
+    An action that only measures and gets no reading is a flagged reading: it is no reason to end a run.
+    """
+    try:
+        _act(context, step)
+    except InstrumentError as error:
+        if error.code not in NO_READING or not _only_measures(context.instruments[step.role], step.name):
+            raise
+        flag = Quality.OVERLOAD if error.code == OVERLOAD else Quality.NOT_FINITE
+        context.event(
+            "reading", step=step.number, role=step.role, name=step.name, value=None,
+            quality=int(flag), code=error.code, text=error.message,
+        )  # fmt: skip
+        context.listener.message(f"{error.where}: {error.message}; the reading is flagged, the run goes on")
+
+
+def _act(context: RunContext, step: Step) -> object:
+    method = getattr(context.instruments[step.role], step.name)
+    with context.in_use.take(step.role):
+        result = method(**step.arguments)
+    if result is not None:
+        context.event("reading", step=step.number, role=step.role, name=step.name, value=result)
+    return result
+
+
+def _only_measures(instrument: Instrument, name: str) -> bool:
+    declared = actions_of(type(instrument)).get(name)
+    return declared is not None and declared.effect is Effect.NONE and bool(declared.returns)
+
+
+def verify(context: RunContext, step: Step) -> None:
+    """The action must return True; otherwise the record before it is not valid. Raises: RunError B-RUN-030."""
+    if _act(context, step) is not True:
+        raise RunError(
+            "B-RUN-030",
+            f"{step.name} is not true after the dwell",
+            where=step.role,
+            next_step="look for a trip in the transcript of the instrument, then start again",
+        )
+
+
+def settle(context: RunContext, step: Step) -> None:
+    """Wait for the planned end of the settle time, but never less than the plan leaves after its bus calls."""
+    end_s = step.at_s + step.duration_s
+    rest_ns = to_ns(max(0.0, step.duration_s - float(step.arguments.get("bus_s", 0.0))))
+    overrun_ns = context.clock.now_ns() + rest_ns - context.timeline.target_ns(end_s)
+    if overrun_ns > 0:
+        context.timeline.add_slip(overrun_ns)
+        context.overruns += 1
+        context.event("overrun", step=step.number, seconds=overrun_ns / NS)
+    context.timeline.wait_until(end_s)
+
+
+def record(context: RunContext, step: Step) -> None:
+    """Take a record."""
+    take_record(context, step)
+
+
+def prompt(context: RunContext, step: Step) -> None:
+    """Ask the operator; the answer is recorded and judged."""
+    arguments = step.arguments
+    question = Question(
+        str(arguments["text"]),
+        str(arguments.get("confirm", "operator")),
+        str(arguments.get("unit", "")),
+        arguments.get("low"),
+        arguments.get("high"),
+    )
+    asked_ns = context.clock.now_ns()
+    with context.stop.at_once():
+        answer = context.operator.ask(question)
+    waited_ns = context.clock.now_ns() - asked_ns
+    if waited_ns > PROMPT_SLIP_NS:
+        context.timeline.add_slip(waited_ns)
+        context.event("slip", step=step.number, seconds=waited_ns / NS, reason="prompt")
+    context.event("prompt", step=step.number, **answer_fields(question, answer))
+    judge(question, answer, step.where)
+
+
+def send(context: RunContext, step: Step) -> None:
+    """Send a raw command of the flat timeline; a query's reply is recorded."""
+    with context.in_use.take(step.role):
+        context.instruments[step.role].raw(str(step.arguments["text"]))  # type: ignore[attr-defined]
+
+
+def unit(context: RunContext, step: Step) -> None:
+    """Send a command to the unit under test and wait for its answer.
+
+    Raises: LinkError B-RUN-022 (no answer to this command), B-RUN-023 (the answer is a refusal).
+    """
+    reader, number = context.acquisition.readers[step.role], int(step.arguments["command"])
+    with context.acquisition.lock:
+        context.acquisition.refresh()  # an answer that is there already belongs to somebody else's command
+        reader.answers.clear()
+        reader.write(reader.definition.encode_one(step.arguments, "command"))
+    deadline = context.clock.now_ns() + to_ns(ANSWER_S)
+    if not context.acquisition.wait_until(lambda: any(found[0] == number for found in reader.answers), deadline):
+        raise LinkError(
+            "B-RUN-022",
+            f"the unit did not answer '{step.name}' within {ANSWER_S:g} s",
+            where=step.role,
+            next_step="check supply and cable of the unit, then start again",
+        )
+    _, status, payload = next(found for found in reader.answers if found[0] == number)
+    context.event("answer", step=step.number, role=step.role, name=step.name, status=status, payload=payload.hex())
+    if status != DONE:
+        raise LinkError(
+            "B-RUN-023",
+            f"the unit refused '{step.name}' with status {status}",
+            where=step.role,
+            next_step=f"check its code {number} and payload in the sequence against the unit's manual",
+        )
+
+
+EXECUTORS: dict[str, Callable[[RunContext, Step], object]] = {
+    "call": call,
+    "verify": verify,
+    "settle": settle,
+    "record": record,
+    "soak": soak,
+    "prompt": prompt,
+    "send": send,
+    "unit": unit,
+}

@@ -1,0 +1,106 @@
+"""The wish to stop: of the operator (first Ctrl-C or SIGTERM: at the next check, the second: at once) or of a fault.
+
+A hang-up of the terminal (SIGHUP) stops nothing: an unattended run does not need the terminal it was started from.
+"""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+from bench.model.errors import BenchError, OperatorStop
+
+_STOPS = (signal.SIGINT, signal.SIGTERM)
+_HANGUPS = tuple(filter(None, [getattr(signal, "SIGHUP", None)]))  # not every system has it
+_INTERNAL = "B-INT-001"
+
+
+class StopSwitch:
+    """Turns signals into a request that the sequencer honours between steps and while it waits.
+
+    Use as a context manager around a run; the previous handlers are put back. Once ``shield`` was called no signal
+    raises any more: nothing may interrupt the way to the safe state.
+    """
+
+    def __init__(self) -> None:
+        self.requested = ""
+        self.fault: BenchError | None = None
+        self._shielded = False
+        self._at_once = False
+        self._previous: dict[int, Any] = {}
+
+    def __enter__(self) -> StopSwitch:
+        for number in _STOPS:
+            self._previous[number] = signal.signal(number, self._on_signal)
+        for number in _HANGUPS:
+            self._previous[number] = signal.signal(number, signal.SIG_IGN)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    def _on_signal(self, number: int, _: FrameType | None) -> None:
+        name = signal.Signals(number).name
+        again, self.requested = bool(self.requested), self.requested or name
+        if self._shielded:
+            return
+        if again:
+            raise OperatorStop("B-RUN-011", f"stopped at once by a second signal ({name})")
+        if self._at_once:
+            self.check()
+
+    @contextmanager
+    def at_once(self) -> Iterator[None]:
+        """While a person is asked: the first signal raises where it arrives, nothing is under way then."""
+        self.check()
+        self._at_once = True
+        try:
+            yield
+        finally:
+            self._at_once = False
+
+    def fail(self, error: BenchError) -> None:
+        """End the run at the next check because of an error on another thread; the first one counts."""
+        self.fault = self.fault or error
+
+    def shield(self) -> None:
+        """From now on signals are noted and raise nothing."""
+        self._shielded = True
+
+    def check(self) -> None:
+        """Raise the fault of another thread, or OperatorStop B-RUN-010 if a stop was requested."""
+        if self.fault is not None:
+            raise self.fault
+        if self.requested:
+            raise OperatorStop("B-RUN-010", f"stopped by the operator ({self.requested})")
+
+
+def unforeseen(error: Exception) -> BenchError:
+    """The error itself if it is one the bench raises on purpose, else B-INT-001 that names the place in the source."""
+    if isinstance(error, BenchError):
+        return error
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    module = trace.tb_frame.f_globals.get("__name__", "?") if trace is not None else "?"
+    place = f"{module}:{trace.tb_lineno}" if trace is not None else "?"
+    text = " ".join(str(error).split())
+    return BenchError(
+        _INTERNAL, f"{type(error).__name__}: {text}", where=place, next_step="report this with the command you gave"
+    )
+
+
+def guarded(callback: Callable[[], None], stop: StopSwitch) -> Callable[[], None]:
+    """The same callback for ``Clock.every``: its error ends the run safely instead of killing a thread unseen."""
+
+    def call() -> None:
+        try:
+            callback()
+        except Exception as error:
+            stop.fail(unforeseen(error))
+
+    return call
