@@ -1,0 +1,56 @@
+"""Analyses by name: a campaign names its analysis, the registry names the module that does it."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+from bench.campaigns import scale_factor
+from bench.campaigns.scale_factor import Analysis
+from bench.model.errors import FitError
+
+if TYPE_CHECKING:
+    from bench.record import RecordRow
+
+
+class AnalysisModule(Protocol):
+    """What a file in bench/campaigns offers to be an analysis."""
+
+    METHODS: tuple[str, ...]
+
+    def analyse(
+        self,
+        rows: Sequence[RecordRow],
+        campaign: Mapping[str, Any],
+        standards: Mapping[str, Mapping[str, Any]],
+        method: str = ...,
+    ) -> Analysis:
+        """From records and the manifest's constants to estimates."""
+
+
+ANALYSES: Mapping[str, AnalysisModule] = {"scale_factor": scale_factor}
+
+
+def analysis_module(name: str) -> AnalysisModule:
+    """The module of an analysis. Raises FitError B-FIT-011 for an unknown name."""
+    try:
+        return ANALYSES[name]
+    except KeyError:
+        close = difflib.get_close_matches(name, ANALYSES, n=1)
+        raise FitError(
+            "B-FIT-011",
+            f"unknown analysis {name!r}",
+            next_step=f"did you mean {close[0]!r}?" if close else f"use one of: {', '.join(ANALYSES)}",
+        ) from None
+
+
+def analyse(
+    rows: Sequence[RecordRow],
+    campaign: Mapping[str, Any],
+    standards: Mapping[str, Mapping[str, Any]],
+    method: str | None = None,
+) -> Analysis:
+    """Run the analysis the campaign names, with its default method (the first it lists) unless told otherwise."""
+    module = analysis_module(str(campaign.get("analysis", "")))
+    return module.analyse(rows, campaign, standards, method or module.METHODS[0])

@@ -1,0 +1,138 @@
+"""results.json: its form, its JSON Schema, and the writer that gives the same bytes for the same numbers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from importlib import resources
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from bench.campaigns.scale_factor import Analysis
+from bench.model.errors import InputError
+
+SCHEMA_FILE = "results.schema.json"
+_Count = Annotated[int, Field(ge=0)]
+_Plain = str | bool | int | float | None
+
+
+class _Closed(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+
+class Estimate(_Closed):
+    """One quantity with its uncertainty, the conditions it holds for and the verdict."""
+
+    quantity: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+    unit: str
+    value: float
+    std_uncertainty: Annotated[float, Field(ge=0)]
+    coverage_factor: Annotated[float, Field(gt=0)]
+    expanded_uncertainty: Annotated[float, Field(ge=0)]
+    conditions: dict[str, _Plain]
+    n: _Count
+    dropped: _Count
+    limit: float | None
+    verdict: Literal["pass", "fail", "conditional_pass", "conditional_fail", "none"]
+
+
+class Quality(_Closed):
+    """Counts of what was recorded and what became of it."""
+
+    records: _Count
+    frames: _Count
+    frames_bad: _Count
+    frames_lost: _Count
+    splices: _Count
+    retaken: _Count
+
+
+class Provenance(_Closed):
+    """What the numbers were made from; more keys are allowed."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    simulated: bool
+    plan_sha256: str
+    frame_sha256: str
+    session_sha256: str
+    software: str
+
+
+class UnitUnderTest(_Closed):
+    """Who was calibrated; more keys are allowed."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+
+    model: str
+    serial: str
+
+
+class Results(_Closed):
+    """The document results.json of a session."""
+
+    schema_version: Literal[1] = Field(alias="schema")
+    session: str
+    campaign: str
+    method: str
+    uut: UnitUnderTest
+    estimates: list[Estimate]
+    quality: Quality
+    provenance: Provenance
+    notes: list[str]
+
+
+def build_results(
+    session_name: str, analysis: Analysis, counts: Mapping[str, int], provenance: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Assemble and check the document of results.json.
+
+    Args:    session_name: name of the session folder without a suffix.   analysis: what ``analyse`` returned.
+             counts: records, frames, frames_bad, frames_lost, splices, retaken; missing ones are 0.
+             provenance: simulated, plan_sha256, frame_sha256, session_sha256, software and more.
+    Raises:  InputError B-FIT-010 if the document would not be valid, naming the first wrong field.
+    """
+    document = {
+        "schema": 1,
+        "session": session_name,
+        "campaign": analysis.campaign,
+        "method": analysis.method,
+        "uut": dict(analysis.uut),
+        "estimates": analysis.estimates,
+        "quality": {name: int(counts.get(name, 0)) for name in Quality.model_fields},
+        "provenance": dict(provenance),
+        "notes": analysis.notes,
+    }
+    validate_results(document)
+    return document
+
+
+def validate_results(document: object, where: str = "results.json") -> None:
+    """Check a document against the form of results.json. Raises InputError B-FIT-010 naming the first wrong field."""
+    try:
+        Results.model_validate(document)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(str(part) for part in first["loc"])
+        raise InputError(
+            "B-FIT-010",
+            f"{place}: {first['msg'][:1].lower()}{first['msg'][1:]} (found {str(first['input'])[:60]})",
+            where=where,
+            next_step="fit the session again with 'bench fit'; do not edit results by hand",
+        ) from error
+
+
+def results_json(document: Mapping[str, Any]) -> str:
+    """Canonical text of a document: sorted keys, shortest exact floats, one trailing newline."""
+    return json.dumps(document, sort_keys=True, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
+
+
+def results_schema() -> dict[str, Any]:
+    """JSON Schema of results.json, made from the same declarations that check it."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Results.model_json_schema(by_alias=True)}
+
+
+def shipped_schema() -> str:
+    """Text of the JSON Schema file that ships with the package."""
+    return resources.files("bench.campaigns").joinpath(SCHEMA_FILE).read_text(encoding="utf-8")

@@ -1,0 +1,115 @@
+"""The scale-factor campaign: from records to estimates, residuals, budget and notes.
+
+Source: AF-converter paper section 3; docs/decisions/0004-scale-factor-equations.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from bench.campaigns.clock_estimates import clock_estimates
+from bench.campaigns.constants import Campaign, read_campaign, read_standards
+from bench.campaigns.estimates import at_full_scale
+from bench.campaigns.explain import coefficient_estimates, components, residuals
+from bench.campaigns.group_estimates import (
+    bias_estimates,
+    conditions_of,
+    drift_estimates,
+    scale_factor_estimates,
+)
+from bench.campaigns.group_fit import Fitted, fit_groups
+from bench.campaigns.groups import campaign_rows, group_rows
+from bench.campaigns.judged_estimates import change_estimates, residual_estimates
+from bench.campaigns.missing import missing_groups
+from bench.campaigns.notes import notes
+from bench.fit.scale_factor import METHODS as FIT_METHODS
+
+if TYPE_CHECKING:
+    from bench.record import RecordRow
+
+METHODS: tuple[str, ...] = FIT_METHODS
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """Result of an analysis; ``estimates`` are entries of results.json, the rest explains them in the report.
+
+    ``missing`` names, one sentence each, what the campaign promises and has no result; empty if it is complete.
+    """
+
+    campaign: str
+    method: str
+    uut: Mapping[str, Any]
+    estimates: list[dict[str, Any]]
+    residuals: list[dict[str, Any]]  # one per closed row
+    components: list[dict[str, Any]]  # uncertainty budget
+    table: list[dict[str, Any]]  # estimates at full scale in nA and the sensor's unit
+    groups: list[dict[str, Any]]  # reduced chi-square per channel and temperature
+    notes: list[str]
+    missing: list[str]
+
+
+def analyse(
+    rows: Sequence[RecordRow],
+    campaign: Mapping[str, Any],
+    standards: Mapping[str, Mapping[str, Any]],
+    method: str = "gls",
+) -> Analysis:
+    """Estimate scale-factor errors, their temperature coefficients, biases and clock errors of a campaign.
+
+    Args:    rows: records with their counts and conditions.   campaign, standards: sections of the session manifest.
+             method: "gls", "paper" (equation 11) or "ols" (equation 10).
+    Returns: Analysis. Groups that are not determined have no estimate and are named in ``missing`` and ``notes``.
+    Raises:  FitError B-FIT-003 to B-FIT-009; B-FIT-001, -005, -006 or -012 if no group at all is determined.
+    Source:  AF-converter paper section 3; docs/decisions/0004.
+    """
+    constants, register = read_campaign(campaign), read_standards(standards)
+    chosen = campaign_rows(rows)
+    fitted = fit_groups(group_rows(chosen, constants.master_Hz), constants, register, method)
+    found: list[dict[str, Any]] = []
+    for one in fitted.groups:
+        if one.group.repeat == 0:
+            found += scale_factor_estimates(one, fitted, constants, register) + bias_estimates(one, fitted, constants)
+    found += residual_estimates(fitted, constants, register)
+    found += coefficient_estimates(fitted, constants, register)
+    found += clock_estimates(chosen, constants, register)
+    found += drift_estimates(fitted, constants)
+    found += change_estimates(found, constants)
+    missing = missing_groups(chosen, fitted, constants)
+    return Analysis(
+        campaign=constants.analysis,
+        method=method,
+        uut=dict(constants.uut),
+        estimates=found,
+        residuals=residuals(fitted.groups, constants),
+        components=components(fitted, constants, register),
+        table=_table(found, constants),
+        groups=_quality_of_fit(fitted, constants),
+        notes=[*(f"No result: {one}" for one in missing), *notes(fitted, constants, register, chosen)],
+        missing=missing,
+    )
+
+
+def _table(estimates: list[dict[str, Any]], campaign: Campaign) -> list[dict[str, Any]]:
+    wanted = ("dsf_n", "dsf_p", "dsf_asymmetry", "bias")
+    return [
+        at_full_scale(one, campaign.channel(one["conditions"]["channel"]))
+        for one in estimates
+        if one["quantity"] in wanted
+    ]
+
+
+def _quality_of_fit(fitted: Fitted, campaign: Campaign) -> list[dict[str, Any]]:
+    return [
+        conditions_of(one, campaign)
+        | {
+            "repeat": one.group.repeat,
+            "reduced_chi2": one.fit.reduced_chi2,
+            "dof": one.fit.dof,
+            "n": one.fit.n,
+            "dropped": one.group.dropped + one.fit.dropped,
+        }
+        for one in fitted.groups
+    ]
