@@ -1,0 +1,172 @@
+"""The ``bench`` command line: arguments in, one exit status out, never a traceback."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated, NoReturn
+
+import typer
+from typer.exceptions import Abort, TyperException
+
+from bench import __version__
+from bench.model.errors import BenchError, ExitStatus
+
+app = typer.Typer(
+    name="bench",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Controller of an unattended calibration bench. Exit status: 0 pass, 1 a verdict fails, 2 bad input, "
+    "3 ended safely after a fault, 4 ended safely by the operator, 5 session damaged, 70 internal error.",
+)
+
+Sequence = Annotated[str, typer.Argument(help="a sequence file, or the name of a shipped one")]
+SessionFolder = Annotated[Path, typer.Argument(help="the folder of a session")]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="change a parameter of the sequence or world.<option>"),
+]
+StationName = Annotated[
+    str | None, typer.Option("--station", help="a station file or name; default: the one the sequence names")
+]
+AsJson = Annotated[bool, typer.Option("--json", help="print one JSON document on standard output and nothing else")]
+Method = Annotated[str | None, typer.Option("--method", help="gls (default), paper or ols")]
+
+
+@app.command(epilog="Example: bench check scale_factor_38h --plot timetable.svg")
+def check(
+    sequence: Sequence,
+    station: StationName = None,
+    settings: Settings = None,
+    plot: Annotated[Path | None, typer.Option("--plot", help="draw the timetable as SVG")] = None,
+    json: AsJson = False,
+) -> None:
+    """Load, compile and check everything without touching an instrument."""
+    from bench.commands import check as check_command
+
+    raise typer.Exit(check_command.check(sequence, station, settings or [], plot, json))
+
+
+@app.command(epilog="Example: bench run scale_factor_38h --clock virtual --seed 1 --out sessions")
+def run(
+    sequence: Sequence,
+    station: StationName = None,
+    settings: Settings = None,
+    clock: Annotated[
+        str | None, typer.Option("--clock", help="virtual or wall; default: virtual on a simulated station, else wall")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", help="of the simulated bench", min=0)] = 1,
+    out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
+    truth: Annotated[bool, typer.Option("--truth", help="write the simulated truth beside the session")] = False,
+    json: AsJson = False,
+) -> None:
+    """Run a campaign; ends with the result table, results.json and report.html in the session's folder."""
+    from bench.commands import run as run_command
+
+    request = run_command.Request(sequence, station, settings or [], clock, seed, out, truth, json)
+    raise typer.Exit(run_command.run(request))
+
+
+@app.command(epilog="Example: bench replay sessions/20000101T000000Z_scale_factor_38h_SIM-1")
+def replay(session: SessionFolder, json: AsJson = False) -> None:
+    """Decode the raw bytes again through today's decoder and fits; says whether every number is identical."""
+    from bench.commands import session as session_command
+
+    raise typer.Exit(session_command.replay(session, json))
+
+
+@app.command(epilog="Example: bench fit sessions/20000101T000000Z_scale_factor_38h_SIM-1 --method paper")
+def fit(session: SessionFolder, method: Method = None, json: AsJson = False) -> None:
+    """Results of a session by a method of your choice; nothing is written."""
+    from bench.commands import session as session_command
+
+    raise typer.Exit(session_command.fit(session, method, json))
+
+
+@app.command(epilog="Example: bench report sessions/20000101T000000Z_scale_factor_38h_SIM-1")
+def report(session: SessionFolder) -> None:
+    """Write report.html again from the session alone."""
+    from bench.commands import session as session_command
+
+    raise typer.Exit(session_command.report(session))
+
+
+@app.command(epilog="Example: bench decode vn100_binary F00379 --csv vn100.csv")
+def decode(
+    frame: Annotated[str, typer.Argument(help="a frame file, or the name of a shipped one")],
+    file: Annotated[Path, typer.Argument(help="a raw capture")],
+    csv: Annotated[Path | None, typer.Option("--csv", help="write the decoded fields")] = None,
+    json: AsJson = False,
+) -> None:
+    """Decode any raw capture with a frame definition; counts of good, bad and lost frames."""
+    from bench.commands import decode as decode_command
+
+    raise typer.Exit(decode_command.decode(frame, file, csv, json))
+
+
+@app.command(epilog="Example: bench recover sessions/20000101T000000Z_scale_factor_38h_SIM-1")
+def recover(session: SessionFolder, json: AsJson = False) -> None:
+    """List what a damaged session still holds."""
+    from bench.commands import recover as recover_command
+
+    raise typer.Exit(recover_command.recover(session, json))
+
+
+@app.command(epilog='Example: bench talk calibrator "OUT?"')
+def talk(
+    instrument: Annotated[str, typer.Argument(help="role in the station file")],
+    command: Annotated[
+        str | None, typer.Argument(help="one command; without it: type commands, an empty line ends")
+    ] = None,
+    station: Annotated[str, typer.Option("--station", help="a station file or name")] = "af_bench_sim",
+    out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
+) -> None:
+    """Reach an instrument by hand; every command and reply goes to a session of its own."""
+    from bench.commands import talk as talk_command
+
+    raise typer.Exit(talk_command.talk(instrument, command, station, out))
+
+
+@app.command(epilog="Example: bench schema --vscode")
+def schema(
+    folder: Annotated[Path, typer.Option("--out", help="folder for the schema files")] = Path(".bench-schemas"),
+    vscode: Annotated[bool, typer.Option("--vscode", help="register them in .vscode/settings.json")] = False,
+) -> None:
+    """Write JSON Schemas of sequence, frame, station and results files for editors."""
+    from bench.commands import schema as schema_command
+
+    raise typer.Exit(schema_command.schema(folder, vscode))
+
+
+@app.command()
+def version() -> None:
+    """Print the version."""
+    typer.echo(__version__)
+
+
+def main() -> NoReturn:
+    """Entry point: BenchErrors become one clear message and their exit status."""
+    try:
+        status = app(sys.argv[1:] or ["--help"], standalone_mode=False)
+    except BenchError as error:
+        for line in (str(error), *getattr(error, "__notes__", ())):
+            typer.echo(line, err=True)
+        sys.exit(error.exit_status)
+    except TyperException as error:
+        text = " ".join(error.format_message().split())
+        typer.echo(f"error B-CLI-011: {text} Next: add --help to see how the command is used", err=True)
+        sys.exit(ExitStatus.BAD_INPUT)
+    except (Abort, KeyboardInterrupt):
+        typer.echo("ended by the operator", err=True)
+        sys.exit(ExitStatus.SAFE_BY_OPERATOR)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is still in the buffers
+        sys.exit(ExitStatus.PASS)
+    except Exception as error:  # the last line of defence: a technician never sees a traceback
+        text = " ".join(str(error).split())
+        message = f"error B-INT-001: {type(error).__name__}: {text} Next: report this with the command you gave"
+        typer.echo(message, err=True)
+        sys.exit(ExitStatus.INTERNAL)
+    sys.exit(status or 0)

@@ -1,0 +1,122 @@
+"""``bench run``: from the words of the command line to results.json and report.html."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from bench.campaigns.results import results_json
+from bench.commands.loading import checked_plan
+from bench.commands.output import write_file
+from bench.commands.tables import print_results
+from bench.commands.terminal import TerminalOperator, console, watcher
+from bench.commands.view import KEPT_EVENTS, SessionView, analyse_view, happenings, report_html
+from bench.model.clock import Clock, VirtualClock, WallClock
+from bench.model.errors import ExitStatus, InputError
+from bench.plan import Plan
+from bench.run.operator import SimulatedOperator
+from bench.run.session import Conducted, conduct
+
+
+@dataclass(frozen=True)
+class Request:
+    """Arguments of ``bench run``."""
+
+    sequence: str
+    station: str | None
+    settings: list[str]
+    clock: str | None
+    seed: int
+    out: Path
+    truth: bool
+    json: bool
+
+
+def run(request: Request) -> int:
+    """Run a campaign and return the exit status of the contract."""
+    if request.clock not in (None, "virtual", "wall"):
+        raise InputError(
+            "B-CLI-004", f"{request.clock!r} is no clock", where="--clock", next_step="use virtual or wall"
+        )
+    plan = checked_plan(request.sequence, request.station, request.settings)
+    virtual = plan.station.simulated if request.clock is None else request.clock == "virtual"
+    clock: Clock = VirtualClock() if virtual else WallClock()
+    operator = SimulatedOperator() if plan.station.simulated else TerminalOperator()
+    out = console(stderr=True)
+    with watcher(plan, out) as listener:
+        done = conduct(
+            plan,
+            clock=clock,
+            seed=request.seed,
+            out=request.out,
+            operator=operator,
+            listener=listener,
+            keep_events=KEPT_EVENTS,
+        )
+    if request.truth and done.truth:
+        path = done.folder.with_name(done.folder.name + ".truth.json")
+        write_file(path, json.dumps({"estimates": done.truth}, sort_keys=True, indent=1) + "\n")
+    return _finish(plan, done, request)
+
+
+def _finish(plan: Plan, done: Conducted, request: Request) -> int:
+    out = console(stderr=request.json)
+    error = done.outcome.error
+    for failure in done.outcome.unsafe:
+        console(stderr=True).print(str(failure))
+    view = view_of(plan, done)
+    if error is not None:
+        console(stderr=True).print(str(error))
+        left = "NOT confirmed safe" if done.outcome.unsafe else "safe"
+        out.print(f"The bench is {left}; {len(view.rows)} of {plan.record_count} records are in {done.folder}")
+        return error.exit_status
+    status = _results(view, done, request, out) if view.has_analysis else ExitStatus.PASS
+    if not view.has_analysis:
+        _say_happenings(view, out)
+        out.print(f"{len(view.rows)} records in {done.folder}; the sequence asks for no analysis")
+    return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else status
+
+
+def _results(view: SessionView, done: Conducted, request: Request, out: Console) -> int:
+    """Write first, tell afterwards: a terminal that is gone must not cost the results."""
+    results, analysis = analyse_view(view)
+    write_file(done.folder / "results.json", results_json(results))
+    write_file(done.folder / "report.html", report_html(view, results, analysis))
+    _say_happenings(view, out)
+    if request.json:
+        sys.stdout.write(results_json(results))
+    else:
+        print_results(out, results, analysis)
+    out.print(f"session  {done.folder}")
+    out.print(f"results  {done.folder / 'results.json'}")
+    out.print(f"report   {done.folder / 'report.html'}")
+    return verdict_status(results, analysis.missing)
+
+
+def _say_happenings(view: SessionView, out: Console) -> None:
+    for line in happenings(view):
+        out.print(line)
+
+
+def view_of(plan: Plan, done: Conducted) -> SessionView:
+    """What the run itself knows about its session."""
+    return SessionView(
+        manifest=done.manifest,
+        rows=done.outcome.rows,
+        counts=done.counts,
+        session_sha256=done.session_sha256,
+        plan_steps=plan.steps,
+        events=done.events,
+    )
+
+
+def verdict_status(results: Mapping[str, Any], missing: Sequence[str]) -> int:
+    """1 if a verdict is fail or conditional_fail or a result that the records promise is missing, else 0."""
+    failed = any(one["verdict"] in ("fail", "conditional_fail") for one in results["estimates"])
+    return ExitStatus.VERDICT_FAIL if failed or missing else ExitStatus.PASS

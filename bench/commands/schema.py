@@ -1,0 +1,41 @@
+"""``bench schema``: JSON Schemas for editors."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from bench.campaigns.results import results_schema
+from bench.commands.output import write_file
+from bench.commands.terminal import console
+from bench.model.errors import ExitStatus, InputError
+from bench.plan.schemas import json_schemas, vscode_settings
+
+
+def schema(folder: Path, vscode: bool) -> int:
+    """Write one schema file per kind of file; with ``vscode`` also register them in .vscode/settings.json."""
+    kinds: dict[str, Any] = {**json_schemas(), "results": results_schema()}
+    for kind, content in kinds.items():
+        write_file(folder / f"{kind}.schema.json", json.dumps(content, indent=1, sort_keys=True) + "\n")
+    console().print(f"{len(kinds)} schemas written to {folder}")
+    if vscode:
+        _register(folder)
+    return ExitStatus.PASS
+
+
+def _register(folder: Path) -> None:
+    path = Path(".vscode/settings.json")
+    try:
+        settings = json.loads(path.read_text() if path.exists() else "{}")
+        registered = settings.setdefault("yaml.schemas", {})
+        registered.update(vscode_settings(f"./{folder.as_posix()}")["yaml.schemas"])
+    except (ValueError, AttributeError) as error:  # comments, or a list where an object is due
+        raise InputError(
+            "B-CLI-002",
+            f"is not plain JSON ({error}); nothing was changed",
+            where=str(path),
+            next_step="remove the comments, or register the schemas by hand",
+        ) from error
+    write_file(path, json.dumps(settings, indent=1) + "\n")
+    console().print(f"registered in {path} (the YAML extension of the editor reads them)")

@@ -1,0 +1,112 @@
+"""Commands that read a recorded session and nothing else: replay, fit, report."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from bench.campaigns.results import results_json
+from bench.campaigns.scale_factor import Analysis
+from bench.commands.output import write_file
+from bench.commands.tables import print_results
+from bench.commands.terminal import console
+from bench.commands.view import KEPT_EVENTS, SessionView, analyse_view, plan_steps_of, report_html
+from bench.model.errors import ExitStatus, InputError, SessionDamaged
+from bench.replay import compare, replay_rows
+
+SHOWN_DIFFERENCES = 20
+
+
+def replay(folder: Path, as_json: bool) -> int:
+    """Decode the raw bytes again and compare every number with results.json; exit 5 if one differs."""
+    results, analysis, view = _analysed(folder, None, strict=True)
+    stored = _stored_results(folder)
+    differences = compare(stored, json.loads(results_json(results)))
+    if as_json:
+        sys.stdout.write(results_json({"identical": not differences, "results": results}))
+    else:
+        print_results(console(), results, analysis)
+        for note in view.notes:
+            console().print(note)
+    if differences:
+        for one in differences[:SHOWN_DIFFERENCES]:
+            console(stderr=True).print(f"  {one}")
+        raise SessionDamaged(
+            "B-CLI-009",
+            f"{len(differences)} values differ between results.json and the replay, the first are listed above",
+            where=str(folder),
+            next_step=f"compare the software: stored {_software(stored)}, now {_software(results)}",
+        )
+    console(stderr=as_json).print(f"replay of {folder}: every number is identical")
+    return ExitStatus.PASS
+
+
+def _software(results: Mapping[str, Any]) -> str:
+    return str(results.get("provenance", {}).get("software", "unknown"))
+
+
+def fit(folder: Path, method: str | None, as_json: bool) -> int:
+    """Print the results of a session by a method; nothing is written."""
+    results, analysis, view = _analysed(folder, method)
+    if as_json:
+        sys.stdout.write(results_json(results))
+        return _status(view)
+    print_results(console(), results, analysis)
+    for note in [*analysis.notes, *view.notes]:
+        console().print(note)
+    return _status(view)
+
+
+def report(folder: Path) -> int:
+    """Write report.html again."""
+    results, analysis, view = _analysed(folder, None)
+    path = folder / "report.html"
+    write_file(path, report_html(view, results, analysis))
+    console().print(f"report   {path}")
+    return _status(view)
+
+
+def _analysed(folder: Path, method: str | None, strict: bool = False) -> tuple[dict[str, Any], Analysis, SessionView]:
+    view = read_view(folder, strict=strict)
+    if not view.has_analysis:
+        raise InputError("B-CLI-008", "the sequence of this session asks for no analysis", where=str(folder))
+    results, analysis = analyse_view(view, method)
+    return results, analysis, view
+
+
+def read_view(folder: Path, strict: bool = False) -> SessionView:
+    """A session as its folder holds it; damage is listed in its notes, unless ``strict`` (then SessionDamaged)."""
+    replayed = replay_rows(folder, strict=strict)
+    notes = [*replayed.notes, *(f"damaged: {one}" for one in replayed.damage)]
+    notes += [f"{name} has no end: the run did not finish" for name in replayed.unfinished]
+    return SessionView(
+        manifest=replayed.manifest,
+        rows=replayed.measurement_rows,
+        counts=replayed.totals,
+        session_sha256=replayed.session_sha256,
+        plan_steps=plan_steps_of(replayed.texts),
+        events=[event for event in replayed.events if event[0] in KEPT_EVENTS],
+        notes=notes,
+        damaged=bool(replayed.damage),
+    )
+
+
+def _status(view: SessionView) -> int:
+    return ExitStatus.SESSION_DAMAGED if view.damaged else ExitStatus.PASS
+
+
+def _stored_results(folder: Path) -> Mapping[str, Any]:
+    path = folder / "results.json"
+    try:
+        stored: dict[str, Any] = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise InputError(
+            "B-CLI-010",
+            f"cannot be read ({error}), so there is nothing to compare with",
+            where=str(path),
+            next_step="'bench fit' prints the results of the session",
+        ) from error
+    return stored

@@ -1,0 +1,86 @@
+"""The result table at the end of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from bench.campaigns.scale_factor import Analysis
+
+WIDTH = 110
+_COLUMNS = (
+    "channel", "kind", "set degC", "unit degC", "DSF_N ppm", "DSF_P ppm", "N - P ppm", "U 95 % ppm", "verdict",
+)  # fmt: skip
+_SCALE_FACTORS = ("dsf_n", "dsf_p", "dsf_asymmetry")
+_JUDGED = ("dsf_n_residual", "dsf_p_residual", "dsf_n_change", "dsf_p_change")
+_SEVERITY = ("fail", "conditional_fail", "conditional_pass", "pass")
+Group = Mapping[str, Mapping[str, Any]]
+
+
+def print_results(out: Console, results: Mapping[str, Any], analysis: Analysis) -> None:
+    """Scale-factor errors per channel and temperature, their expanded uncertainty (95 %), and what is missing.
+
+    "unit degC" is the measured temperature the values hold for; the verdict is the worst of what compensation leaves
+    over and the change since the previous calibration.
+    """
+    simulated = " (SIMULATED, not a calibration)" if results["provenance"]["simulated"] else ""
+    uut = f"{results['uut']['model']} {results['uut']['serial']}"
+    title = f"{results['campaign']} of {uut}{simulated}, method {analysis.method}"
+    table = Table(title=title, box=box.SIMPLE, title_justify="left", collapse_padding=True, pad_edge=False)
+    for name in _COLUMNS:
+        table.add_column(name, justify="left" if name in ("kind", "verdict") else "right", no_wrap=True)
+    for row in _rows(results["estimates"]):
+        table.add_row(*row)
+    out.print(table)
+    _print_missing(out, analysis.missing)
+    quality = results["quality"]
+    out.print(
+        f"{quality['records']} records, {quality['frames']} frames, {quality['frames_bad']} bad, "
+        f"{quality['frames_lost']} lost, {quality['retaken']} retaken"
+    )
+
+
+def _print_missing(out: Console, missing: Sequence[str]) -> None:
+    if missing:
+        out.print(f"MISSING: {len(missing)} promised without a result", highlight=False)
+    for one in missing:
+        out.print(f"  {one}", markup=False, highlight=False, width=min(out.width, WIDTH))
+
+
+def _rows(estimates: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
+    groups: dict[tuple[int, float], dict[str, Mapping[str, Any]]] = {}
+    for one in estimates:
+        conditions = one["conditions"]
+        known = one["quantity"] in _SCALE_FACTORS + _JUDGED
+        if known and conditions.get("temperature_degC") is not None:
+            groups.setdefault((conditions["channel"], conditions["temperature_degC"]), {})[one["quantity"]] = one
+    return [_row(*place, found) for place, found in groups.items()]
+
+
+def _row(channel: int, temperature_degC: float, found: Group) -> tuple[str, ...]:
+    known = found["dsf_n"]
+    measured_degC = known["conditions"].get("unit_temperature_degC")
+    return (
+        str(channel),
+        str(known["conditions"]["kind"]),
+        f"{temperature_degC:g}",
+        "-" if measured_degC is None else f"{measured_degC:.2f}",
+        _value(found["dsf_n"]),
+        _value(found["dsf_p"]),
+        _value(found["dsf_asymmetry"], 3),
+        f"{max(found[name]['expanded_uncertainty'] for name in ('dsf_n', 'dsf_p')):.1f}",
+        _worst(found),
+    )
+
+
+def _worst(found: Group) -> str:
+    verdicts = {found[name]["verdict"] for name in _JUDGED if name in found}
+    return next((one for one in _SEVERITY if one in verdicts), "none").replace("_", " ")
+
+
+def _value(estimate: Mapping[str, Any], decimals: int = 2) -> str:
+    return f"{estimate['value']:+.{decimals}f}"

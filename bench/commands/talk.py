@@ -1,0 +1,51 @@
+"""``bench talk``: an instrument by hand, recorded."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from bench.commands.terminal import console
+from bench.model.clock import VirtualClock, WallClock
+from bench.model.errors import BenchError, ExitStatus, InputError
+from bench.model.shipped import find_shipped
+from bench.plan import load_station
+from bench.run.talk import TalkSession
+
+
+def talk(role: str, command: str | None, station_name: str, out: Path) -> int:
+    """Send one command, or what is typed until an empty line; replies are printed, everything is recorded."""
+    station = load_station(find_shipped("stations", station_name))
+    if role not in station.instruments:
+        known = ", ".join(sorted(station.instruments))
+        raise InputError(
+            "B-CLI-003",
+            f"station {station.name} has no instrument {role!r}",
+            where=role,
+            next_step=f"use one of: {known}",
+        )
+    clock = VirtualClock() if station.simulated else WallClock()
+    printer = console()
+    with TalkSession(station, role, clock, out) as session:
+        for line in [command] if command is not None else _typed(role):
+            try:
+                reply = session.send(line)
+            except BenchError as error:
+                console(stderr=True).print(str(error))
+                if command is not None:
+                    return error.exit_status
+            else:
+                printer.print(reply if reply is not None else "ok")
+        printer.print(f"recorded in {session.folder}; the instrument is left as it is, nothing was made safe")
+    return ExitStatus.PASS
+
+
+def _typed(role: str) -> Iterator[str]:
+    while True:
+        if sys.stdin.isatty():
+            print(f"{role}> ", end="", flush=True)  # noqa: T201
+        line = sys.stdin.readline().strip()
+        if not line:
+            return
+        yield line

@@ -1,0 +1,126 @@
+"""What a finished session holds, in the form that analysis and report need; from a run or from the folder alone."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from bench import __version__
+from bench.campaigns.registry import analyse
+from bench.campaigns.results import build_results
+from bench.campaigns.scale_factor import Analysis
+from bench.model.clock import NS
+from bench.record import RecordRow
+from bench.report import TemperatureTrace, build_report, report_model
+
+SOFTWARE = f"inertial-bench {__version__}"
+KEPT_EVENTS = ("environment", "prompt", "phase", "slip", "overrun", "late", "retake", "error", "end")
+
+
+@dataclass
+class SessionView:
+    """One session: manifest, records, counts and the few events that a report shows.
+
+    ``counts``: frames, frames_bad, frames_lost over all links; ``events``: (kind, t_mono_ns, fields) in order.
+    """
+
+    manifest: Mapping[str, Any]
+    rows: Sequence[RecordRow]
+    counts: Mapping[str, int]
+    session_sha256: str
+    plan_steps: Sequence[Any] = ()
+    events: list[tuple[str, int, Mapping[str, Any]]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    damaged: bool = False
+
+    def events_of(self, kind: str) -> list[tuple[int, Mapping[str, Any]]]:
+        """Times and fields of all events of one kind."""
+        return [(t_ns, fields) for found, t_ns, fields in self.events if found == kind]
+
+    @property
+    def has_analysis(self) -> bool:
+        """False for a sequence that only records."""
+        return str(self.manifest["campaign"].get("analysis", "none")) != "none"
+
+
+def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str, Any], Analysis]:
+    """Estimates of a session and the document results.json."""
+    manifest = view.manifest
+    analysis = analyse(view.rows, manifest["campaign"], manifest["standards"], method)
+    counts = {
+        **view.counts,
+        "records": len(view.rows),
+        "retaken": len(view.events_of("retake")),
+        "splices": 0,
+    }
+    provenance = {
+        "simulated": manifest["simulated"],
+        "plan_sha256": manifest["plan_sha256"],
+        "frame_sha256": manifest["frame_sha256"][manifest["measurement_link"]],
+        "session_sha256": view.session_sha256,
+        "software": SOFTWARE,
+    }
+    return build_results(manifest["session"], analysis, counts, provenance), analysis
+
+
+def report_html(view: SessionView, results: Mapping[str, Any], analysis: Analysis) -> str:
+    """The report as one HTML page."""
+    model = report_model(
+        results,
+        view.rows,
+        view.plan_steps,
+        temperature_trace(view),
+        view.manifest,
+        prepare_s=float(view.manifest["planned"]["prepare_s"]),
+        residuals=analysis.residuals,
+        components=analysis.components,
+        prompts=[dict(fields) for _, fields in view.events_of("prompt")],
+        notes=[*analysis.notes, *happenings(view), *view.notes],
+    )
+    return build_report(model)
+
+
+def temperature_trace(view: SessionView) -> TemperatureTrace:
+    """Temperatures against seconds from the start of the campaign phase."""
+    start_ns = next((t for t, fields in view.events_of("phase") if fields["name"] == "campaign"), 0)
+    readings = view.events_of("environment")
+    return TemperatureTrace(
+        t_s=np.array([(t_ns - start_ns) / NS for t_ns, _ in readings]),
+        air_degC=np.array([_number(fields["air_degC"]) for _, fields in readings]),
+        unit_degC=np.array([_number(fields["unit_degC"]) for _, fields in readings]),
+    )
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+def happenings(view: SessionView) -> list[str]:
+    """Sentences about everything that did not go to plan, and how punctual the run was."""
+    said = []
+    for kind in ("late", "slip", "overrun", "retake", "error"):
+        said += [f"{kind} at {t_ns / NS:.0f} s: {_plain(fields)}" for t_ns, fields in view.events_of(kind)]
+    for _, fields in view.events_of("end"):
+        median, p99, worst = fields["lateness_ms"]
+        said.append(
+            f"Timer: {fields['steps']} steps; timed waits ended {median:.3g} ms late in the median, "
+            f"{p99:.3g} ms at the 99th percentile, {worst:.3g} ms at worst; "
+            f"slip {fields['slip_s']:.3g} s, {fields['overruns']} overruns."
+        )
+    return said
+
+
+def _plain(fields: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in fields.items())
+
+
+def plan_steps_of(texts: Mapping[str, str]) -> Sequence[Any]:
+    """The compiled plan as it was stored in the session, () if there is none."""
+    text = texts.get("plan.json")
+    return () if text is None else tuple(SimpleNamespace(**step) for step in json.loads(text))

@@ -1,0 +1,94 @@
+"""From what a session and its analysis hold to the model of a report."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from bench.model.quality import Quality
+from bench.report.model import PlannedStep, Record, RecordCounts, ReportModel, Residual, TemperatureTrace
+from bench.report.timetable import timetable
+
+_ORIGIN = ("sequence", "station", "clock", "seed", "links", "software")
+
+
+def report_model(
+    results: Mapping[str, Any],
+    rows: Sequence[Record],
+    plan_steps: Sequence[PlannedStep],
+    trace: TemperatureTrace | None,
+    manifest: Mapping[str, Any],
+    *,
+    prepare_s: float | None = None,
+    residuals: Iterable[Mapping[str, Any]] = (),
+    components: Iterable[Mapping[str, Any]] = (),
+    prompts: Iterable[Mapping[str, Any]] = (),
+    notes: Iterable[str] = (),
+) -> ReportModel:
+    """Gather what a report shows; nothing is fitted here and nothing is read from disk.
+
+    Args:
+        results: the document of results.json.   rows: the records as cut, in order.
+        plan_steps: the compiled plan ((), if the session has none).   trace: temperatures of the run, if any.
+        manifest: the session's manifest; "campaign", "standards", "title" and the entries on versions are read.
+        prepare_s: length of the preparation; by default up to the end of its last step.
+        residuals: per row of the fit {"channel", "kind", "temperature_degC", "current_A" (signed), "residual_ppm"
+            or "residual_A", optionally "std_ppm"}.   components: rows of the table of uncertainty components.
+        prompts: operator prompts and answers.   notes: sentences of the analysis.
+    """
+    length_s = _prepare_s(plan_steps) if prepare_s is None else prepare_s
+    return ReportModel(
+        title=str(manifest.get("title") or results.get("campaign", "Campaign")),
+        results=results,
+        campaign=manifest.get("campaign", {}),
+        standards=manifest.get("standards", {}),
+        origin={name: manifest[name] for name in _ORIGIN if name in manifest},
+        identities=manifest.get("identities", {}),
+        timetable=timetable(plan_steps, length_s),
+        trace=trace or TemperatureTrace(),
+        residuals=tuple(one for item in residuals if (one := _residual(item)) is not None),
+        components=tuple(components),
+        counts=record_counts(rows),
+        prompts=tuple(prompts),
+        notes=tuple(notes),
+    )
+
+
+def record_counts(rows: Sequence[Record]) -> RecordCounts:
+    """Count records and frames, and every quality flag by name (one record may carry several)."""
+    flags: Counter[str] = Counter()
+    for row in rows:
+        flags.update(str(flag.name).lower() for flag in Quality(row.quality))
+    return RecordCounts(
+        records=len(rows),
+        flagged=sum(1 for row in rows if row.quality),
+        frames=sum(row.frames for row in rows),
+        bad=sum(row.bad for row in rows),
+        lost=sum(row.lost for row in rows),
+        by_flag=dict(sorted(flags.items())),
+    )
+
+
+def _prepare_s(steps: Sequence[PlannedStep]) -> float:
+    return max((step.at_s + step.duration_s for step in steps if step.phase == "prepare"), default=0.0)
+
+
+def _residual(item: Mapping[str, Any]) -> Residual | None:
+    """One residual in ppm of its level; rows at zero current have none."""
+    current_A = float(item.get("current_A", 0.0))
+    ppm = item.get("residual_ppm")
+    if ppm is None and current_A and item.get("residual_A") is not None:
+        ppm = 1e6 * float(item["residual_A"]) / abs(current_A)
+    if ppm is None or not math.isfinite(ppm) or not current_A:
+        return None
+    conditions = item.get("conditions", item)
+    return Residual(
+        channel=int(conditions["channel"]),
+        kind=str(conditions.get("kind", "")),
+        temperature_degC=float(conditions["temperature_degC"]),
+        current_A=current_A,
+        residual_ppm=float(ppm),
+        std_ppm=float(item.get("std_ppm", math.nan)),
+    )

@@ -1,0 +1,155 @@
+"""What a report is made of, before any drawing: plain values with units, nothing to compute twice."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def _no_floats() -> Floats:
+    return np.empty(0)
+
+
+class PlannedStep(Protocol):
+    """The fields of a plan step that the timetable reads; times in seconds from the start of the phase."""
+
+    @property
+    def phase(self) -> str: ...
+    @property
+    def kind(self) -> str: ...
+    @property
+    def at_s(self) -> float: ...
+    @property
+    def duration_s(self) -> float: ...
+    @property
+    def arguments(self) -> Mapping[str, Any]: ...
+    @property
+    def conditions(self) -> Mapping[str, Any]: ...
+
+
+class Window(Protocol):
+    """The conditions of a record, for example {"channel": 1, "temperature_degC": -10.0}."""
+
+    @property
+    def conditions(self) -> Mapping[str, Any]: ...
+
+
+class Record(Protocol):
+    """The fields of a cut record that the page on quality reads."""
+
+    @property
+    def window(self) -> Window: ...
+    @property
+    def frames(self) -> int: ...
+    @property
+    def lost(self) -> int: ...
+    @property
+    def bad(self) -> int: ...
+    @property
+    def quality(self) -> int: ...
+
+
+class TimedPlan(Protocol):
+    """A compiled plan, as far as its timetable is concerned."""
+
+    @property
+    def title(self) -> str: ...
+    @property
+    def steps(self) -> Sequence[PlannedStep]: ...
+    @property
+    def prepare_s(self) -> float: ...
+
+
+@dataclass(frozen=True)
+class TemperatureTrace:
+    """Temperatures of a run, (n,), degC, at ``t_s`` seconds from the start of the campaign phase; NaN = no reading.
+
+    ``planned_degC`` may stay empty: it is then drawn from the soak steps of the plan.
+    """
+
+    t_s: Floats = field(default_factory=_no_floats)
+    air_degC: Floats = field(default_factory=_no_floats)
+    unit_degC: Floats = field(default_factory=_no_floats)
+    planned_degC: Floats = field(default_factory=_no_floats)
+
+
+@dataclass(frozen=True)
+class Bar:
+    """A stretch of the timetable on one lane; seconds from the start of the campaign, negative while preparing."""
+
+    lane: str
+    kind: str
+    start_s: float
+    duration_s: float
+
+
+@dataclass(frozen=True)
+class Timetable:
+    """Lanes of bars and the planned temperature as corners of a polyline, (k,), seconds and degC."""
+
+    bars: tuple[Bar, ...] = ()
+    planned_t_s: Floats = field(default_factory=_no_floats)
+    planned_degC: Floats = field(default_factory=_no_floats)
+
+    @property
+    def lanes(self) -> tuple[str, ...]:
+        """Names of the lanes, in order of first use."""
+        return tuple(dict.fromkeys(bar.lane for bar in self.bars))
+
+
+@dataclass(frozen=True)
+class Residual:
+    """One row of the fit: what was left over, ppm of the level, at a signed current of one channel and temperature."""
+
+    channel: int
+    kind: str
+    temperature_degC: float
+    current_A: float
+    residual_ppm: float
+    std_ppm: float = float("nan")
+
+
+@dataclass(frozen=True)
+class RecordCounts:
+    """Records and frames of the session, by what became of them."""
+
+    records: int = 0
+    flagged: int = 0
+    frames: int = 0
+    bad: int = 0
+    lost: int = 0
+    by_flag: Mapping[str, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ReportModel:
+    """Everything a report shows. ``results`` is the document of results.json; the rest explains it."""
+
+    title: str
+    results: Mapping[str, Any]
+    campaign: Mapping[str, Any] = field(default_factory=dict)
+    standards: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    origin: Mapping[str, Any] = field(default_factory=dict)
+    identities: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    timetable: Timetable = field(default_factory=Timetable)
+    trace: TemperatureTrace = field(default_factory=TemperatureTrace)
+    residuals: tuple[Residual, ...] = ()
+    components: tuple[Mapping[str, Any], ...] = ()
+    counts: RecordCounts = field(default_factory=RecordCounts)
+    prompts: tuple[Mapping[str, Any], ...] = ()
+    notes: tuple[str, ...] = ()
+
+    @property
+    def simulated(self) -> bool:
+        """True unless the provenance says that a real bench was measured; a report never guesses in its favour."""
+        return self.results.get("provenance", {}).get("simulated") is not False
+
+    def estimates(self, quantity: str) -> list[Mapping[str, Any]]:
+        """The estimates of one quantity, in the order of results.json."""
+        return [row for row in self.results.get("estimates", ()) if row["quantity"] == quantity]

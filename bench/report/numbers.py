@@ -1,0 +1,77 @@
+"""How numbers are printed: as many digits as the uncertainty supports, units in the header, decimal point always."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+_SIGNIFICANT = 2
+_UNIT_TEXT = {
+    "ppm": "ppm",
+    "ppb": "ppb",
+    "degC": "°C",
+    "degC_min": "°C/min",
+    "A": "A",
+    "nA": "nA",
+    "V": "V",
+    "Hz": "Hz",
+    "s": "s",
+    "h": "h",
+    "min": "min",
+    "mV": "mV",
+}
+
+
+def decimals_for(uncertainty: float) -> int:
+    """Decimals that show an uncertainty with two significant digits; 0 at least, 9 at most."""
+    if not math.isfinite(uncertainty) or uncertainty <= 0:
+        return 3
+    exponent = int(f"{uncertainty:.{_SIGNIFICANT - 1}e}".partition("e")[2])  # after rounding: 0.996 is 1.0
+    return min(9, max(0, _SIGNIFICANT - 1 - exponent))
+
+
+def number(value: object, decimals: int | None = None) -> str:
+    """A number for a table cell: thin thousands, a real minus sign; a dash where there is none."""
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return "–"
+    if not isinstance(value, int | float):
+        return str(value)
+    if decimals is not None:
+        text = f"{value:z,.{decimals}f}"
+    else:
+        text = f"{value:,d}" if isinstance(value, int) else f"{value:.6g}"
+    return text.replace(",", "\u202f").replace("-", "−")
+
+
+def with_uncertainty(value: float, expanded: float | None) -> str:
+    """``412.3 ± 9.9``: both to the last digit that means something."""
+    if expanded is None or not math.isfinite(expanded):
+        return number(value)
+    places = decimals_for(expanded)
+    return f"{number(value, places)} ± {number(expanded, places)}"
+
+
+def unit_text(unit: str) -> str:
+    """A unit as it is printed: degC becomes °C, 1e-6 notation stays."""
+    return unit.replace("degC2", "°C²").replace("degC^2", "°C²").replace("degC", "°C")
+
+
+def header(key: str) -> str:
+    """A field name as a column header: ``std_uncertainty_ppm`` becomes ``std uncertainty / ppm``."""
+    words = key.split("_")
+    for length in (2, 1):
+        unit = "_".join(words[-length:])
+        if len(words) > length and unit in _UNIT_TEXT:
+            return f"{' '.join(words[:-length])} / {_UNIT_TEXT[unit]}"
+    return key.replace("_", " ")
+
+
+def cell(value: Any) -> str:
+    """Any plain value of a document as the text of a table cell."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list | tuple):
+        return ", ".join(cell(one) for one in value)
+    if isinstance(value, dict):
+        return ", ".join(f"{header(str(key))} {cell(one)}" for key, one in value.items())
+    return number(value)
