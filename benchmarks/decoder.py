@@ -1,0 +1,145 @@
+"""Decoder, encoder and CRC costs side by side in one run: CPU nanoseconds per frame on clean ngu_a frames.
+
+Run: python benchmarks/decoder.py [FRAMES]. Every decoder yields all fields of all frames, checks verified.
+``construct`` is shown where it is installed (extra ``benchmark``).
+"""
+
+from __future__ import annotations
+
+import struct
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from time import process_time
+
+import crcmod
+import numpy as np
+
+from bench.frame import FrameDefinition, LinkDecoder, load_frame
+
+FRAMES = Path(__file__).resolve().parent.parent / "frames"
+SEED = 20240501
+LENGTH = 57
+FIELDS = ("counter", "npp", "ppp", "af_clock", "master_count", "fg_count", "status")
+BLOCK_BYTES = 2_000_000
+
+
+def columns(count: int) -> dict[str, np.ndarray]:
+    """Seeded contents of ``count`` frames of ngu_a."""
+    generator = np.random.default_rng(SEED)
+    return {
+        "counter": (np.arange(count) % 65536).astype(np.uint16),
+        "npp": generator.integers(0, 2561, (count, 10)).astype(np.uint16),
+        "ppp": generator.integers(0, 2561, (count, 10)).astype(np.uint16),
+        "af_clock": np.full(count, 2560, np.uint32),
+        "master_count": np.full(count, 100_000, np.uint32),
+        "fg_count": np.full(count, 100_000, np.uint32),
+        "status": np.zeros(count, np.uint16),
+    }
+
+
+def vectorised(definition: FrameDefinition, stream: bytes, block_bytes: int) -> int:
+    """The product's own way: LinkDecoder in blocks, every field extracted."""
+    link = LinkDecoder(definition)
+    found = 0
+    for at in range(0, len(stream), block_bytes):
+        link.push(at * 10_000_000 // LENGTH, stream[at : at + block_bytes])
+        batch = link.flush().messages["frame"]
+        for name in FIELDS:
+            batch.raw(name)
+        found += len(batch)
+    return found
+
+
+def peer_loop(stream: bytes) -> int:
+    """The best simple program: bytes.find, crcmod in C, one struct call per frame."""
+    check = crcmod.mkCrcFun(0x11021, 0xFFFF, False, 0)
+    unpack = struct.Struct(">2xH10H10HBHBHBHHH").unpack_from
+    at, rows = stream.find(b"\xeb\x90"), []
+    while at >= 0 and at + LENGTH <= len(stream):
+        if check(stream[at + 2 : at + 55]) == stream[at + 55] << 8 | stream[at + 56]:
+            values = unpack(stream, at)
+            clock, master, generator = (values[i] << 16 | values[i + 1] for i in (21, 23, 25))
+            rows.append((values[0], values[1:11], values[11:21], clock, master, generator, values[27]))
+            at += LENGTH
+            if stream[at : at + 2] == b"\xeb\x90":
+                continue
+        else:
+            at += 1
+        at = stream.find(b"\xeb\x90", at)
+    return len(rows)
+
+
+def construct_loop(stream: bytes) -> int:
+    """The declarative peer, compiled."""
+    from construct import Array, Bytes, Checksum, Const, Int16ub, Int24ub, RawCopy, Struct, this
+
+    check = crcmod.mkCrcFun(0x11021, 0xFFFF, False, 0)
+    body = Struct(
+        "counter" / Int16ub,
+        "npp" / Array(10, Int16ub),
+        "ppp" / Array(10, Int16ub),
+        "clocks" / Array(3, Int24ub),
+        "status" / Int16ub,
+    )
+    frame = Struct(
+        "sync" / Const(b"\xeb\x90"),
+        "body" / RawCopy(body),
+        "crc" / Checksum(Bytes(2), lambda message: check(message).to_bytes(2, "big"), this.body.data),
+    )
+    return sum(frame.parse(stream[at : at + LENGTH]) is not None for at in range(0, len(stream), LENGTH))
+
+
+def cost_ns(work: Callable[[], int], frames: int, repeats: int = 3) -> float:
+    """Least CPU time of a few passes, nanoseconds per frame."""
+    best = float("inf")
+    for _ in range(repeats):
+        start = process_time()
+        found = work()
+        best = min(best, process_time() - start)
+        if found != frames:
+            raise SystemExit(f"decoded {found} of {frames} frames")
+    return best / frames * 1e9
+
+
+def damaged(stream: bytes, share: float) -> tuple[bytes, int]:
+    """Flip one bit in a share of the frames; gives the number of frames left good."""
+    frames = np.frombuffer(stream, np.uint8).reshape(-1, LENGTH).copy()
+    generator = np.random.default_rng(SEED + 1)
+    hit = generator.random(len(frames)) < share
+    frames[hit, generator.integers(2, LENGTH, hit.sum())] ^= 1
+    return frames.tobytes(), int(len(frames) - hit.sum())
+
+
+def main() -> None:
+    """Print one table."""
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 400_000
+    definition = load_frame(FRAMES / "ngu_a.yaml")
+    content = columns(count)
+    stream = definition.encode(content, count).tobytes()
+    hurt, good = damaged(stream, 0.01)
+    few = stream[: 20_000 * LENGTH]
+    small = stream[: 200 * 100 * LENGTH]
+    rows = [
+        ("memcpy of the bytes", cost_ns(lambda: len(bytearray(stream)) // LENGTH, count)),
+        ("numpy engine, 2 MB blocks, all fields", cost_ns(lambda: vectorised(definition, stream, BLOCK_BYTES), count)),
+        ("numpy engine, 1 % of the frames damaged", cost_ns(lambda: vectorised(definition, hurt, BLOCK_BYTES), good)),
+        ("numpy engine, 100 frames per feed", cost_ns(lambda: vectorised(definition, small, 100 * LENGTH), 20_000)),
+        ("find + crcmod + struct loop", cost_ns(lambda: peer_loop(few), 20_000)),
+        ("encoder, all fields and CRC", cost_ns(lambda: len(definition.encode(content, count)), count)),
+    ]
+    try:
+        rows.append(("construct", cost_ns(lambda: construct_loop(few[: 2000 * LENGTH]), 2000, 1)))
+    except ImportError:
+        sys.stdout.write("construct is not installed: left out\n")
+    ours = rows[1][1]
+    lines = [
+        f"{count} frames of {LENGTH} bytes, seed {SEED}, CPU time",
+        f"{'way':<42}{'ns/frame':>12}{'x numpy engine':>16}",
+    ]
+    lines += [f"{name:<42}{cost:>12.1f}{cost / ours:>16.2f}" for name, cost in rows]
+    sys.stdout.write("\n".join(lines) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,207 @@
+"""A synthetic campaign for the tests of the report: ten channels, five temperatures, seeded numbers, no physics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from bench.model.quality import Quality
+from bench.report import ReportModel, TemperatureTrace, report_model
+
+TEMPERATURES_degC = (-10.0, 5.0, 20.0, 35.0, 50.0)
+LEVELS_A = {
+    "gyro": (3e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.2),
+    "accelerometer": (5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2),
+}
+_SLOT_s, _POINT_s = 9000.0, 120.0
+
+
+@dataclass(frozen=True)
+class SampleStep:
+    phase: str
+    kind: str
+    at_s: float
+    duration_s: float
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    conditions: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class SampleWindow:
+    conditions: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class SampleRow:
+    window: SampleWindow
+    frames: int = 10_000
+    lost: int = 0
+    bad: int = 0
+    quality: Quality = Quality.GOOD
+
+
+@dataclass(frozen=True)
+class SamplePlan:
+    title: str
+    steps: tuple[SampleStep, ...]
+    prepare_s: float
+
+
+def kind_of(channel: int) -> str:
+    return "gyro" if channel <= 6 else "accelerometer"
+
+
+def sample_steps(temperatures: tuple[float, ...] = TEMPERATURES_degC) -> tuple[SampleStep, ...]:
+    steps = [SampleStep("prepare", "prompt", 0.0, 0.0), SampleStep("prepare", "settle", 0.0, 600.0)]
+    now_s = 0.0
+    for index, temperature in enumerate(temperatures):
+        arguments = {"temperature_degC": temperature, "ramp_degC_min": 0.5}
+        steps.append(SampleStep("campaign", "soak", now_s, _SLOT_s, arguments, {"temperature_degC": temperature}))
+        now_s += _SLOT_s
+        rounds = [(channel, 0) for channel in range(1, 11)]
+        rounds += [(1, 1)] if index == len(temperatures) - 1 else []
+        for channel, repeat in rounds:
+            for _ in range(15):
+                conditions = {"channel": channel, "repeat": repeat}
+                steps.append(SampleStep("campaign", "settle", now_s, 20.0, {}, {"channel": channel}))
+                steps.append(SampleStep("campaign", "record", now_s + 20.0, 100.0, {}, conditions))
+                now_s += _POINT_s
+    steps.append(SampleStep("finally", "settle", 0.0, 60.0))
+    return tuple(steps)
+
+
+def estimate(quantity: str, unit: str, value: float, expanded: float, **conditions: Any) -> dict[str, Any]:
+    return {
+        "quantity": quantity,
+        "unit": unit,
+        "value": value,
+        "std_uncertainty": expanded / 1.96,
+        "coverage_factor": 1.96,
+        "expanded_uncertainty": expanded,
+        "conditions": conditions,
+        "n": 14,
+        "dropped": 0,
+        "limit": None,
+        "verdict": "none",
+    }
+
+
+def sample_estimates(rng: np.random.Generator) -> list[dict[str, Any]]:
+    rows = []
+    for channel in range(1, 11):
+        base = {"channel": channel, "kind": kind_of(channel)}
+        n, p = rng.normal(0.0, 400.0, 2)
+        for t in TEMPERATURES_degC:
+            where = {**base, "temperature_degC": t, "unit_temperature_degC": t + 0.4}
+            rows.append(estimate("dsf_n", "ppm", n + 8.0 * (t - 20), 19.9, **where))
+            rows.append(estimate("dsf_p", "ppm", p + 7.0 * (t - 20), 19.9, **where))
+            rows.append(estimate("dsf_asymmetry", "ppm", n - p + (t - 20), 0.2, **where))
+            rows.append(estimate("bias", "A", -4e-7, 1e-8, **where))
+        reference = {**base, "reference_temperature_degC": 20.0}
+        for order, unit, value in (("tc0", "", 100.0), ("tc1", "/degC", 8.0), ("tc2", "/degC2", 0.03)):
+            rows += [estimate(f"{q}_{order}", f"ppm{unit}", value, value / 50, **reference) for q in ("dsf_n", "dsf_p")]
+            rows.append(estimate(f"bias_{order}", f"A{unit}", value * 1e-9, value * 1e-11, **reference))
+    drift = {"channel": 1, "kind": "gyro", "temperature_degC": 50.0, "repeat": 1}
+    rows.append(estimate("dsf_n_drift", "ppm", 0.3, 2.1, **drift))
+    rows.append(estimate("master_clock_error", "ppm", 1.5, 0.01, temperature_degC=50.0))
+    return rows
+
+
+def sample_results(simulated: bool = True) -> dict[str, Any]:
+    return {
+        "schema": 1,
+        "session": "2000-01-01T000000Z_scale_factor_38h_NGU-SIM-1",
+        "campaign": "scale_factor",
+        "uut": {"model": "NGU", "serial": "SIM-1"},
+        "estimates": sample_estimates(np.random.default_rng(7)),
+        "quality": {
+            "records": 765,
+            "frames": 15_048_000,
+            "frames_bad": 3,
+            "frames_lost": 2,
+            "splices": 0,
+            "retaken": 1,
+        },
+        "provenance": {
+            "simulated": simulated,
+            "plan_sha256": "ab" * 32,
+            "frame_sha256": "cd" * 32,
+            "session_sha256": "ef" * 32,
+            "software": "inertial-bench 0.1.0",
+        },
+    }
+
+
+def sample_residuals(rng: np.random.Generator) -> list[dict[str, Any]]:
+    rows = []
+    for channel in range(1, 11):
+        floor_A = 5e-9 if channel <= 6 else 4e-10
+        for t in TEMPERATURES_degC:
+            for level in LEVELS_A[kind_of(channel)]:
+                for sign in (1, -1):
+                    residual = rng.normal(0.0, floor_A + 1e-6 * level)
+                    where = {"channel": channel, "kind": kind_of(channel), "temperature_degC": t}
+                    rows.append({**where, "current_A": sign * level, "residual_A": residual})
+            rows.append({"channel": channel, "temperature_degC": t, "current_A": 0.0, "residual_A": floor_A})
+    return rows
+
+
+def sample_trace() -> TemperatureTrace:
+    t_s = np.arange(0.0, 136_800.0, 10.0)
+    corners = np.array([0, 3960, 27000, 28800, 54000, 55800, 81000, 82800, 108000, 109800, 136800])
+    air = np.interp(t_s, corners, [23, -10, -10, 5, 5, 20, 20, 35, 35, 50, 50])
+    unit = air.copy()
+    for index in range(1, unit.size):
+        unit[index] = unit[index - 1] + (air[index] - unit[index - 1]) * 10 / 1500
+    return TemperatureTrace(t_s, air, unit)
+
+
+def sample_manifest() -> dict[str, Any]:
+    channels = [
+        {
+            "number": number,
+            "kind": kind_of(number),
+            "full_scale_A": 0.299 if number <= 6 else 0.0242,
+            "sensor_full_scale": 83.0 if number <= 6 else 20.2,
+            "sensor_unit": "deg/s" if number <= 6 else "g",
+        }
+        for number in range(1, 11)
+    ]
+    standard = {
+        "driver": "fluke_5720a",
+        "model": "5720A",
+        "serial": "SIM-5720",
+        "certificate": "SIM-0001",
+        "calibrated": "1999-11-01",
+        "due": "2000-11-01",
+        "corrections": [{"range_A": 2.2e-4, "gain": 0.0, "offset_A": 0.0}],
+    }
+    return {
+        "title": "AF-converter scale factor, 5 temperatures x 10 channels x 15 steps",
+        "campaign": {"reference_temperature_degC": 20.0, "channels": channels},
+        "standards": {"calibrator": standard, "counter": {**standard, "model": "53230A", "corrections": []}},
+        "software": {"python": "3.11", "packages": {"numpy": "2.4"}},
+        "identities": {"calibrator": {"manufacturer": "FLUKE", "model": "5720A"}},
+    }
+
+
+def sample_model(simulated: bool = True) -> ReportModel:
+    rows = [SampleRow(SampleWindow({"channel": 1}))] * 764
+    rows.append(SampleRow(SampleWindow({"channel": 1}), 9_990, 10, 2, Quality.LOST | Quality.RETAKEN))
+    return report_model(
+        sample_results(simulated),
+        rows,
+        sample_steps(),
+        sample_trace(),
+        sample_manifest(),
+        residuals=sample_residuals(np.random.default_rng(8)),
+        components=[
+            {"kind": "gyro", "component": "calibrator gain", "distribution": "normal", "std_uncertainty_ppm": 10.0},
+            {"kind": "gyro", "component": "quantisation", "distribution": "triangular", "std_uncertainty_ppm": 1.84},
+        ],
+        prompts=[{"step": 0, "text": "Calibrator output floating?", "confirm": "operator", "by": "simulation"}],
+        notes=["The bias of this campaign is diagnostic; it enters no coefficient."],
+    )

@@ -1,0 +1,141 @@
+"""What a person sees and answers: questions, plain lines, texts that look like markup, settings, output files."""
+
+from __future__ import annotations
+
+import io
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from bench.commands.loading import settings_of
+from bench.commands.output import write_file
+from bench.commands.terminal import PlainLines, ProgressBar, TerminalOperator, console, describe, hours
+from bench.model.errors import BenchError
+from bench.run.operator import Question
+
+PLAN: Any = SimpleNamespace(steps=(None,) * 9, record_count=100, prepare_s=10.0, duration_s=90.0, finally_s=0.0)
+
+
+def step(kind: str, **fields: Any) -> Any:
+    given = {"kind": kind, "number": 3, "role": "switch", "name": "route", "conditions": {}}
+    return SimpleNamespace(**{**given, **fields})
+
+
+@pytest.fixture
+def typed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What the person at the terminal will type, line by line; then the input ends."""
+    lines: list[str] = []
+
+    def read(prompt: str) -> str:
+        if not lines:
+            raise EOFError
+        return lines.pop(0)
+
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True))
+    monkeypatch.setattr("builtins.input", read)
+    return lines
+
+
+def test_a_confirmation_is_asked_for_until_it_is_clear(typed: list[str]) -> None:
+    typed += ["", "perhaps", "YES"]
+    assert TerminalOperator().ask(Question("door closed?", "operator")).by == "operator"
+    assert typed == []
+
+
+def test_a_value_is_asked_for_until_it_can_be_read(typed: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    typed += ["a little", "3", "3 V", "0.2 kohm"]
+    assert TerminalOperator().ask(Question("resistance?", unit="ohm")).value == 200.0
+    assert len(capsys.readouterr().err.splitlines()) >= 4
+
+
+@pytest.mark.parametrize("unit", ["", "ohm"])
+@pytest.mark.parametrize("answer", [["stop"], []])
+def test_a_refusal(typed: list[str], unit: str, answer: list[str]) -> None:
+    typed += answer
+    with pytest.raises(BenchError) as caught:
+        TerminalOperator().ask(Question("ready?", unit=unit))
+    assert caught.value.code == "B-CLI-006"
+
+
+def test_nobody_at_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: False))
+    with pytest.raises(BenchError) as caught:
+        TerminalOperator().ask(Question("ready?"))
+    assert caught.value.code == "B-CLI-005"
+
+
+@pytest.mark.parametrize("text", ["[/dev/ttyUSB0]", "limits [0 A, 220 mA]", ":on: GPIB0::4::INSTR", "[bold]x[/red]"])
+def test_texts_that_look_like_markup_are_printed_as_they_are(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    console(stderr=True).print(text)
+    assert capsys.readouterr().err == text + "\n"
+
+
+def test_a_long_error_stays_on_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    console(stderr=True).print("word " * 100)
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_broken_pipe_is_an_error_and_not_an_exit(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Closed(io.StringIO):
+        def write(self, text: str) -> int:
+            raise BrokenPipeError
+
+    monkeypatch.setattr(sys, "stderr", Closed())
+    with pytest.raises(BrokenPipeError):
+        console(stderr=True).print("x")
+
+
+def test_plain_lines_tell_soaks_prompts_and_every_50th_record(capsys: pytest.CaptureFixture[str]) -> None:
+    with PlainLines(PLAN, console()) as lines:
+        lines.step(step("soak", conditions={"temperature_degC": -10.0}), 3661.0)
+        lines.step(step("call"), 3662.0)
+        for number in range(1, 101):
+            lines.record(SimpleNamespace(lost=2 if number == 100 else 0))  # type: ignore[arg-type]
+        lines.message("[careful]")
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].split() == ["1:01:01", "step", "4/9", "soak", "-10", "degC"]
+    assert said[1:] == ["record 50/100", "record 100/100, 2 frames lost", "[careful]"]
+
+
+def test_the_progress_bar_takes_everything(capsys: pytest.CaptureFixture[str]) -> None:
+    with ProgressBar(PLAN, console(stderr=True)) as bar:
+        bar.step(step("soak", conditions={"label": "[x]"}), 50.0)
+        bar.record(SimpleNamespace(lost=3))  # type: ignore[arg-type]
+        bar.message("[careful]")
+    said = capsys.readouterr().err
+    assert "[careful]" in said
+    assert "1/100 records, 3 lost" in said
+
+
+@pytest.mark.parametrize(
+    ("conditions", "words"),
+    [
+        ({"channel": 3, "current_A": 1e-3, "polarity": -1}, "switch.route             channel 3 -1 mA"),
+        ({"channel": 3, "route": "open", "current_A": 0.0}, "switch.route             channel 3 open"),
+    ],
+)
+def test_a_step_in_words(conditions: dict[str, Any], words: str) -> None:
+    assert describe(step("call", conditions=conditions)) == words
+
+
+def test_hours() -> None:
+    assert [hours(seconds) for seconds in (0.4, 59.6, 136_800.0)] == ["0:00:00", "0:01:00", "38:00:00"]
+
+
+def test_settings() -> None:
+    assert settings_of(["a=1 V", "b = x=y "]) == {"a": "1 V", "b": "x=y"}
+    for wrong in ("a", "=1", ""):
+        with pytest.raises(BenchError) as caught:
+            settings_of([wrong])
+        assert caught.value.code == "B-CLI-001"
+
+
+def test_an_output_file_brings_its_folder_or_a_clear_error(tmp_path: Path) -> None:
+    write_file(tmp_path / "new" / "x.json", "{}")
+    assert (tmp_path / "new" / "x.json").read_text() == "{}"
+    with pytest.raises(BenchError) as caught:
+        write_file(tmp_path / "new" / "x.json" / "y", "")
+    assert caught.value.code == "B-CLI-007"

@@ -1,0 +1,116 @@
+"""CRC and checksum engines against the published check values and against crccheck."""
+
+from __future__ import annotations
+
+import crccheck.crc
+import crcmod.crcmod
+import numpy as np
+import pytest
+
+from bench.frame import CATALOGUE, CHECKSUMS, Crc, CrcModel, find_model
+from bench.frame.crc import require_fast_crc
+from bench.model.errors import InputError
+
+CHECK_TEXT = b"123456789"
+ORACLES = {kind._names[0].lower(): kind for kind in crccheck.crc.ALLCRCCLASSES if kind._width <= 64}
+SEED = 411
+
+
+def test_the_catalogue_holds_every_model_the_oracle_knows() -> None:
+    assert set(CATALOGUE) == set(ORACLES)
+    assert len(CATALOGUE) == 112
+
+
+def test_aliases_lead_to_the_same_model_as_the_oracle() -> None:
+    aliases = [(alias, name) for name, kind in ORACLES.items() for alias in kind._names[1:]]
+    assert len(aliases) > 60
+    for alias, name in aliases:
+        model = find_model(alias)
+        assert model is not None
+        assert model.name == name
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_published_check_value_single_and_vectorised(name: str) -> None:
+    model = CATALOGUE[name]
+    crc = Crc(model)
+    assert crc.of(CHECK_TEXT) == model.check
+    many = np.tile(np.frombuffer(CHECK_TEXT, np.uint8), (200, 1))  # 200 rows: the vectorised kernel
+    assert set(crc.of_rows(many).tolist()) == {model.check}
+    assert crc.of_rows(many[:1]).tolist() == [model.check]
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_random_messages_agree_with_the_oracle(name: str) -> None:
+    generator = np.random.default_rng(SEED)
+    crc = Crc(CATALOGUE[name])
+    for length in (1, 2, 7, 53, 94):
+        rows = generator.integers(0, 256, (70, length), dtype=np.uint8)
+        due = [ORACLES[name].calc(row.tobytes()) for row in rows[:3]]
+        assert crc.of_rows(rows)[:3].tolist() == due
+        assert [crc.of(row.tobytes()) for row in rows[:3]] == due
+        assert crc.of_rows(rows).tolist() == [crc.of(row.tobytes()) for row in rows]
+
+
+@pytest.mark.parametrize("width", [1, 5, 8, 11, 16, 17, 24, 31, 32, 40, 63, 64])
+@pytest.mark.parametrize(("refin", "refout"), [(False, False), (True, True), (False, True), (True, False)])
+def test_any_parameters_agree_with_the_oracle(width: int, refin: bool, refout: bool) -> None:
+    generator = np.random.default_rng(SEED + width)
+    poly, init, xorout = (int(generator.integers(0, 1 << 63)) * 2 + 1 & ((1 << width) - 1) for _ in range(3))
+    crc = Crc(CrcModel("custom", width, poly, init, refin, refout, xorout))
+    message = generator.integers(0, 256, 61, dtype=np.uint8)
+    due = crccheck.crc.Crc(width, poly, init, refin, refout, xorout).calc(message.tobytes())
+    assert crc.of(message.tobytes()) == due
+    assert crc.of_rows(np.tile(message, (200, 1)))[-1] == due
+
+
+def test_blocks_longer_than_one_pass_and_strided_rows() -> None:
+    generator = np.random.default_rng(SEED)
+    frames = generator.integers(0, 256, (9000, 57), dtype=np.uint8)
+    crc = Crc(CATALOGUE["crc-32/iso-hdlc"])
+    values = crc.of_rows(frames[:, 2:55])
+    for row in (0, 4095, 4096, 8191, 8192, 8999):
+        assert values[row] == ORACLES["crc-32/iso-hdlc"].calc(frames[row, 2:55].tobytes())
+
+
+def test_no_rows_give_no_values() -> None:
+    assert Crc(CATALOGUE["crc-16/arc"]).of_rows(np.empty((0, 9), np.uint8)).shape == (0,)
+    assert Crc(CATALOGUE["crc-15/can"]).of_rows(np.empty((0, 9), np.uint8)).shape == (0,)
+
+
+# Fletcher: published test vectors "abcde", "abcdef", "abcdefgh"; XOR and sums by hand.
+@pytest.mark.parametrize(
+    ("name", "message", "due"),
+    [
+        ("fletcher-16", b"abcde", 0xC8F0),
+        ("fletcher-16", b"abcdef", 0x2057),
+        ("fletcher-16", b"abcdefgh", 0x0627),
+        ("fletcher-32", b"abcde", 0xF04FC729),
+        ("fletcher-32", b"abcdef", 0x56502D2A),
+        ("fletcher-32", b"abcdefgh", 0xEBE19591),
+        ("xor-8", b"\x01\x02\x04\xff", 0xF8),
+        ("sum-8", b"\xff\x02", 0x01),
+        ("sum-16", b"\xff\x02", 0x101),
+    ],
+)
+def test_checksums(name: str, message: bytes, due: int) -> None:
+    check = CHECKSUMS[name]
+    assert check.of(message) == due
+    assert check.of_rows(np.tile(np.frombuffer(message, np.uint8), (3, 1))).tolist() == [due] * 3
+
+
+@pytest.mark.parametrize("name", CHECKSUMS)
+def test_checksums_of_one_message_and_of_many_agree(name: str) -> None:
+    generator = np.random.default_rng(SEED)
+    for length in (1, 2, 255, 2000):
+        rows = generator.integers(0, 256, (5, length), dtype=np.uint8)
+        rows[0] = 255
+        assert CHECKSUMS[name].of_rows(rows).tolist() == [CHECKSUMS[name].of(row.tobytes()) for row in rows]
+
+
+def test_missing_compiled_part_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    require_fast_crc()
+    monkeypatch.setattr(crcmod.crcmod, "_usingExtension", False)
+    with pytest.raises(InputError) as caught:
+        require_fast_crc()
+    assert caught.value.code == "B-FRAME-031"

@@ -1,0 +1,300 @@
+"""The definition language: what it can say, and what it refuses with a code and a position."""
+
+from __future__ import annotations
+
+import struct
+
+import jsonschema
+import pytest
+from crccheck.crc import Crc8Smbus, Crc16Modbus, Crc32
+
+from bench.frame import FrameDefinition, frame_schema, parse_frame
+from bench.model.errors import InputErrors
+
+HEAD = "frame: sample\nendian: big\nsync: [0xA5, 0x5A]\n"
+
+
+def sample(
+    fields: str = "{name: value, type: u16}", over: str = "[value, end]", body: str = "0007", **keys: str
+) -> str:
+    """A small frame file with CRC-8/SMBUS over the body, whose golden frame is right unless a key overrides it."""
+    golden = "a55a" + body + f"{Crc8Smbus.calc(bytes.fromhex(body)):02x}"
+    text = {
+        "fields": f"[{fields}]",
+        "crc": f"{{name: crc-8/smbus, over: {over}}}",
+        "golden": f'"{golden}"',
+        "expect": "{value: 7}",
+    } | keys
+    return HEAD + "".join(f"{key}: {value}\n" for key, value in text.items() if value)
+
+
+def refused(text: str) -> list[tuple[str, str]]:
+    with pytest.raises(InputErrors) as caught:
+        parse_frame(text, "sample.yaml")
+    assert caught.value.exit_status == 2
+    return [(error.code, error.where) for error in caught.value.errors]
+
+
+def codes(text: str) -> set[str]:
+    found = refused(text)
+    assert all(where.startswith("sample.yaml:") for _, where in found)
+    return {code for code, _ in found}
+
+
+def test_the_sample_is_accepted() -> None:
+    definition = parse_frame(sample(), "sample.yaml")
+    assert (definition.name, definition.messages, definition.rate_Hz) == ("sample", ("frame",), None)
+
+
+def test_every_type_and_byte_order() -> None:
+    values = {
+        "u8": 200, "u16": 60000, "u24": 0xABCDEF, "u32": 4_000_000_000, "u40": 1 << 39, "u48": (1 << 48) - 2,
+        "u56": (1 << 56) - 3, "u64": (1 << 64) - 5, "i8": -100, "i16": -30000, "i24": -8_000_000, "i32": -2_000_000_000,
+        "i40": -(1 << 39), "i48": -(1 << 40) - 1, "i56": -(1 << 55) + 1, "i64": -(1 << 63), "f32": 1.5, "f64": -0.1,
+    }  # fmt: skip
+    fields, wire = [], b""
+    for kind, value in values.items():
+        for order in ("big", "little"):
+            fields.append(f"{{name: {kind}_{order}, type: {kind}, endian: {order}}}")
+            if kind[0] == "f":
+                code = ("f" if kind == "f32" else "d") if order == "big" else ("<f" if kind == "f32" else "<d")
+                wire += struct.pack(code if code[0] == "<" else ">" + code, value)
+            else:
+                wire += value.to_bytes(int(kind[1:]) // 8, order, signed=kind[0] == "i")  # type: ignore[arg-type]
+    text = sample(", ".join(fields), "[u8_big, end]", wire.hex(), expect="{u8_big: 200, f64_little: -0.1}")
+    definition = parse_frame(text, "sample.yaml")
+    frame = b"\xa5\x5a" + wire + bytes([Crc8Smbus.calc(wire)])
+    for engine in ("numpy", "reference"):
+        batch = definition.decoder(engine).feed(frame * 3).messages["frame"]  # type: ignore[arg-type]
+        for kind, value in values.items():
+            for order in ("big", "little"):
+                assert batch.raw(f"{kind}_{order}").tolist() == [value] * 3, (engine, kind, order)
+    columns = {name: column[:1] for name, column in batch.columns().items()}
+    assert definition.encode(columns, 1).tobytes() == frame
+    assert definition.encode_one(columns) == frame
+
+
+def test_arrays_of_odd_widths_bits_scale_and_offset() -> None:
+    fields = (
+        "{name: value, type: u24, count: 3}, {name: low, type: i24, count: 2, endian: little}, "
+        '{name: flags, type: u16, bits: {one: 0, many: "4-15"}}, '
+        "{name: level, type: u16, scale: 0.5, offset: -40, unit: degC}"
+    )
+    wire = bytes.fromhex("000001 000002 ffffff ffffff 000080 abc1 0064")
+    text = sample(fields, "[value, end]", wire.hex(), expect="{value: [1, 2, 16777215], level: 10}")
+    frame = b"\xa5\x5a" + wire + bytes([Crc8Smbus.calc(wire)])
+    for engine in ("numpy", "reference"):
+        batch = parse_frame(text, "sample.yaml").decoder(engine).feed(frame).messages["frame"]  # type: ignore[arg-type]
+        assert batch.raw("value").tolist() == [[1, 2, 0xFFFFFF]]
+        assert batch.raw("low").tolist() == [[-1, -0x800000]]
+        assert (batch.raw("flags.one")[0], batch.raw("flags.many")[0]) == (1, 0xABC)
+        assert batch.scaled("level").tolist() == [10.0]
+        assert batch.scaled("flags.many").tolist() == [2748.0]
+
+
+def test_crc_by_parameters_stored_little_over_a_part() -> None:
+    body = bytes.fromhex("0102 0304")
+    stored = Crc16Modbus.calc(body[:2]).to_bytes(2, "little").hex()
+    crc = (
+        "{width: 16, poly: 0x8005, init: 0xffff, refin: true, refout: true, xorout: 0, "
+        "over: [value, value], stored: little}"
+    )
+    fields = "{name: value, type: u16}, {name: free, type: u16}"
+    text = sample(fields, crc=crc, golden=f'"a55a{body.hex()}{stored}"', expect="{value: 258}")
+    definition = parse_frame(text, "sample.yaml")
+    assert definition.encode_one({"value": 258, "free": 772}).hex() == f"a55a{body.hex()}{stored}"
+
+
+def test_check_over_the_sync_bytes_and_checksum_by_name() -> None:
+    golden = bytes.fromhex("a55a0007")
+    crc = Crc32.calc(golden).to_bytes(4, "big").hex()
+    parse_frame(sample(crc="{name: CRC-32, over: [sync, end]}", golden=f'"{golden.hex()}{crc}"'), "sample.yaml")
+    parse_frame(sample(crc="{name: xor-8, over: [sync, end]}", golden='"a55a0007f8"'), "sample.yaml")
+
+
+def test_constants_behind_the_sync_extend_the_pattern_and_others_mark_frames_suspect() -> None:
+    tail = '{name: tail, type: bytes, count: 1, constant: "ff"}'
+    fields = "{name: kind, type: u8, constant: 3}, {name: value, type: u16}, " + tail
+    definition = parse_frame(sample(fields, "[kind, end]", "030007ff"), "sample.yaml")
+    assert definition.layout.pattern == b"\xa5\x5a\x03"
+    odd = bytes.fromhex("0300080f")
+    other = bytes.fromhex("040009ff")
+    stream = b"".join(b"\xa5\x5a" + body + bytes([Crc8Smbus.calc(body)]) for body in (odd, other))
+    for engine in ("numpy", "reference"):
+        found = definition.decoder(engine).feed(stream)  # type: ignore[arg-type]
+        assert found.messages["frame"].raw("value").tolist() == [8]
+        assert found.messages["frame"].suspect.tolist() == [True]
+        assert len(found.bad_offset) == 0
+    assert definition.encode_one({"value": 7}).hex().startswith("a55a030007ff")
+
+
+def test_hash_is_of_the_meaning_not_of_the_text() -> None:
+    plain = parse_frame(sample(), "a.yaml").sha256
+    crc = "{width: 8, poly: 7, init: 0, refin: false, refout: false, xorout: 0, over: [value, end]}"
+    assert parse_frame("# a comment\n" + sample(title="Something else"), "b.yaml").sha256 == plain
+    assert parse_frame(sample(crc=crc), "b.yaml").sha256 == plain
+    assert parse_frame(sample("{name: value, type: u16, scale: 2}", expect="{value: 14}"), "b.yaml").sha256 != plain
+    assert parse_frame(sample("{name: value, type: i16}"), "b.yaml").sha256 != plain
+    assert parse_frame(sample(rate="2 Hz"), "b.yaml").sha256 != plain
+
+
+MESSAGES = """frame: sample
+endian: big
+sync: [0xA5]
+fields: [{name: size, type: u8}, {name: kind, type: u8}]
+length: {field: size, plus: 0, max: 40}
+type: {field: kind}
+messages:
+  one: {value: 1, fields: [{name: text, type: bytes, count: rest}], golden: "GOLDEN1", expect: {text: "0102"}}
+  two: {value: 2, fields: [{name: value, type: u16}], golden: "GOLDEN2", expect: {value: 9}}
+crc: {name: crc-8/smbus, over: [size, end]}
+"""
+
+
+def with_crc8(body: str) -> str:
+    return f"a5{body}{Crc8Smbus.calc(bytes.fromhex(body)):02x}"
+
+
+def messages_text(old: str = "", new: str = "") -> str:
+    text = MESSAGES.replace("GOLDEN1", with_crc8("06010102")).replace("GOLDEN2", with_crc8("06020009"))
+    assert old in text
+    return text.replace(old, new)
+
+
+def test_messages_of_variable_length() -> None:
+    definition: FrameDefinition = parse_frame(messages_text(), "sample.yaml")
+    assert definition.messages == ("one", "two")
+    stream = bytes.fromhex(with_crc8("0401") + with_crc8("06020009") + with_crc8("0501ee"))
+    for engine in ("numpy", "reference"):
+        found = definition.decoder(engine).feed(stream)  # type: ignore[arg-type]
+        assert found.messages["one"].raw("text").tolist() == [b"", b"\xee"]
+        assert found.messages["two"].raw("value").tolist() == [9]
+        assert found.messages["one"].offset.tolist() == [0, 11 - 1]
+
+
+def test_an_overlong_length_byte_hides_a_frame_only_until_the_end_of_the_stream() -> None:
+    definition = parse_frame(messages_text(), "sample.yaml")
+    stream = bytes.fromhex("a52801" + with_crc8("06020009"))
+    for engine in ("numpy", "reference"):
+        decoder = definition.decoder(engine)  # type: ignore[arg-type]
+        assert len(decoder.feed(stream).messages["two"]) == 0
+        assert decoder.finish().messages["two"].offset.tolist() == [3]
+        assert (decoder.counts.bad, decoder.counts.skipped_bytes) == (0, 3)
+
+
+def test_a_length_or_type_that_makes_no_sense_is_a_bad_candidate() -> None:
+    definition = parse_frame(messages_text(), "sample.yaml")
+    stream = bytes.fromhex("a50301" + "a52901" + "a50609" + "a50702" + with_crc8("06020009"))
+    for engine in ("numpy", "reference"):
+        found = definition.decoder(engine).feed(stream)  # type: ignore[arg-type]
+        assert found.bad_offset.tolist() == [0, 3, 6, 9]
+        assert len(found.messages["two"]) == 1
+
+
+REFUSALS = {
+    "duplicate name B-FRAME-001": sample("{name: value, type: u16}, {name: value, type: u8}", body="000700"),
+    "scale of bytes B-FRAME-002": sample(
+        "{name: value, type: u16}, {name: b, type: bytes, count: 1, scale: 2}", body="000701"
+    ),
+    "bytes without count B-FRAME-002": sample("{name: value, type: u16}, {name: b, type: bytes}", body="000701"),
+    "rest of numbers B-FRAME-002": sample("{name: value, type: u16, count: rest}"),
+    "bits of a float B-FRAME-002": sample("{name: value, type: f32, bits: {a: 1}}", body="40e00000"),
+    "scale zero B-FRAME-002": sample("{name: value, type: u16, scale: 0}"),
+    "field behind rest B-FRAME-002": messages_text("count: rest}]", "count: rest}, {name: x, type: u8}]"),
+    "array counter B-FRAME-003": sample("{name: value, type: u8, count: 2, role: counter}"),
+    "wide counter B-FRAME-003": sample("{name: value, type: u64, role: counter}", body="0000000000000007"),
+    "two counters B-FRAME-003": sample(
+        "{name: value, type: u16, role: counter}, {name: v, type: u8, role: counter}", body="000701"
+    ),
+    "bit 16 of u16 B-FRAME-004": sample("{name: value, type: u16, bits: {a: 16}}"),
+    "bits backwards B-FRAME-004": sample('{name: value, type: u16, bits: {a: "5-2"}}'),
+    "bits twice B-FRAME-004": sample('{name: value, type: u16, bits: {a: "2-5", b: 3}}'),
+    "constant too big B-FRAME-005": sample(
+        "{name: value, type: u16}, {name: c, type: u8, constant: 256}", body="000700"
+    ),
+    "constant no hex B-FRAME-005": sample(
+        "{name: value, type: u16}, {name: c, type: bytes, count: 1, constant: zz}", body="000700"
+    ),
+    "length field unknown B-FRAME-006": messages_text("field: size", "field: seize"),
+    "type field in array B-FRAME-006": messages_text("{name: kind, type: u8}", "{name: kind, type: u8, count: 1}"),
+    "rest without length B-FRAME-006": messages_text("length: {field: size, plus: 0, max: 40}\n", ""),
+    "longer than max B-FRAME-006": messages_text("max: 40", "max: 4"),
+    "longer than any frame B-FRAME-006": sample("{name: value, type: u64, count: 60000}"),
+    "messages without type B-FRAME-007": messages_text("type: {field: kind}\n", ""),
+    "type value twice B-FRAME-007": messages_text("value: 2,", "value: 1,"),
+    "type value too big B-FRAME-007": messages_text("value: 2,", "value: 256,"),
+    "coverage unknown B-FRAME-008": sample(over="[valeu, end]"),
+    "coverage backwards B-FRAME-008": sample(
+        "{name: value, type: u16}, {name: x, type: u8}, {name: y, type: u8}", "[x, value]", "00070000"
+    ),
+    "parameters missing B-FRAME-009": sample(crc="{width: 16, poly: 7, over: [value, end]}"),
+    "name and parameters B-FRAME-009": sample(crc="{name: crc-8, poly: 7, over: [value, end]}"),
+    "init too wide B-FRAME-009": sample(
+        crc="{width: 8, poly: 7, init: 256, refin: false, refout: false, xorout: 0, over: [value, end]}"
+    ),
+    "polynomial zero B-FRAME-009": sample(
+        crc="{width: 8, poly: 0, init: 0, refin: false, refout: false, xorout: 0, over: [value, end]}"
+    ),
+    "CRC name unknown B-FRAME-010": sample(crc="{name: crc-16/ibm3740, over: [value, end]}"),
+    "golden check fails B-FRAME-011": sample(golden='"a55a000700"'),
+    "golden too short B-FRAME-011": sample(golden='"a55a00"'),
+    "golden no sync B-FRAME-011": sample(golden='"a55b000715"'),
+    "golden no hex B-FRAME-011": sample(golden="none"),
+    "golden missing B-FRAME-011": sample(golden=""),
+    "golden of another message B-FRAME-011": messages_text(with_crc8("06020009"), with_crc8("06010009")),
+    "other value B-FRAME-012": sample(expect="{value: 8}"),
+    "expect of another kind B-FRAME-012": sample(expect="{value: [7]}"),
+    "expect text B-FRAME-012": sample(expect="{value: seven}"),
+    "expect a map B-FRAME-012": sample(expect="{value: {a: 1}}"),
+    "one count of a billion B-FRAME-012": sample(
+        "{name: value, type: u32}", body="3b9aca00", expect="{value: 1000000001}"
+    ),
+    "a whole number too exact B-FRAME-012": sample(expect="{value: 7.0000001}"),
+    "scaled value B-FRAME-012": sample("{name: value, type: u16, scale: 0.1}", expect="{value: 0.70001}"),
+    "float B-FRAME-012": sample("{name: value, type: f32}", body="3f800000", expect="{value: 1.00001}"),
+    "truth for a number B-FRAME-012": sample(body="0001", expect="{value: true}"),
+    "hex of other bytes B-FRAME-012": sample("{name: value, type: bytes, count: 2}", expect='{value: "0008"}'),
+    "number for bytes B-FRAME-012": sample("{name: value, type: bytes, count: 2}"),
+    "constant differs in golden B-FRAME-012": sample(
+        "{name: value, type: u16}, {name: c, type: u8, constant: 5}", body="000706"
+    ),
+    "expect unknown B-FRAME-013": sample(expect="{value: 7, valve: 1}"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSALS)
+def test_refusals(case: str) -> None:
+    assert case[-11:] in codes(REFUSALS[case])
+
+
+def test_positions_and_all_mistakes_at_once() -> None:
+    text = sample("{name: value, type: u16, bits: {a: 16}}, {name: value, type: u8}", "[nothing, end]")
+    fields, check = text.splitlines()[3:5]
+    assert refused(text) == [
+        ("B-FRAME-004", f"sample.yaml:4:{fields.index('a: 16') + 1}"),
+        ("B-FRAME-001", f"sample.yaml:4:{fields.rindex('name: value') + 1}"),
+        ("B-FRAME-008", f"sample.yaml:5:{check.index('nothing') + 1}"),
+    ]
+
+
+def test_the_message_shows_computed_and_stored_check() -> None:
+    with pytest.raises(InputErrors, match=r"over bytes 2 to 3 is 0x15, stored is 0x00"):
+        parse_frame(sample(golden='"a55a000700"'), "sample.yaml")
+
+
+def test_wrong_names_get_a_proposal() -> None:
+    with pytest.raises(InputErrors, match="did you mean crc-16/ibm-3740"):
+        parse_frame(REFUSALS["CRC name unknown B-FRAME-010"], "sample.yaml")
+    with pytest.raises(InputErrors, match="did you mean 'value'"):
+        parse_frame(REFUSALS["coverage unknown B-FRAME-008"], "sample.yaml")
+
+
+def test_schema_accepts_the_sample_and_refuses_unknown_keys() -> None:
+    checker = jsonschema.Draft202012Validator(frame_schema())
+    good = {
+        "frame": "sample", "endian": "big", "sync": [165], "rate": "10 Hz", "fields": [{"name": "v", "type": "u24"}],
+        "crc": {"name": "crc-8", "over": ["v", "end"]}, "golden": "a5 00", "expect": {"v": 1},
+    }  # fmt: skip
+    assert checker.is_valid(good)
+    assert not checker.is_valid(good | {"colour": "blue"})
+    assert not checker.is_valid(good | {"fields": [{"name": "v", "type": "u25"}]})

@@ -1,0 +1,144 @@
+"""Shipped frame files against golden bytes that struct and crccheck made, and against nothing of the product."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from crccheck.crc import Crc16Ibm3740, Crc16Xmodem
+
+from bench.frame import FrameDefinition, MessageBatch, load_frame
+
+ROOT = Path(__file__).resolve().parents[2]
+GOLDEN = ROOT / "tests" / "golden"
+NAMES = sorted(path.stem for path in (ROOT / "frames").glob("*.yaml"))
+NPP = [1291, 1280, 0, 2560, 640, 1279, 1300, 7, 1281, 65535]
+PPP = [1269, 1280, 2560, 0, 1920, 1281, 1260, 2553, 1279, 0]
+NPP_100S = [12910000, 12800000, 0, 25600000, 6400000, 12790000, 13000000, 70000, 12810000, 4294967295]
+PPP_100S = [12690000, 12800000, 25600000, 0, 19200000, 12810000, 12600000, 25530000, 12790000, 1]
+STATUS = 1 | 1 << 3 | 2 << 12
+FLOATS = [0.25 + 0.125 * index * (-1) ** index for index in range(29)]
+
+
+def frame_of(name: str) -> FrameDefinition:
+    return load_frame(ROOT / "frames" / f"{name}.yaml")
+
+
+def golden_bytes(name: str) -> bytes:
+    return bytes.fromhex((GOLDEN / f"{name}.hex").read_text(encoding="ascii"))
+
+
+def u24(value: int) -> bytes:
+    return struct.pack(">I", value)[1:]
+
+
+def with_crc(sync: bytes, body: bytes, crc: type = Crc16Ibm3740) -> bytes:
+    return sync + body + struct.pack(">H", crc.calc(body))
+
+
+def ngu_a() -> bytes:
+    body = struct.pack(">H10H10H", 17, *NPP, *PPP) + u24(2560) + u24(100001) + u24(99999) + struct.pack(">H", STATUS)
+    return with_crc(b"\xeb\x90", body)
+
+
+def ngu_a_100s() -> bytes:
+    body = struct.pack(">H10I10I3IH", 3, *NPP_100S, *PPP_100S, 25600512, 1000001500, 999999999, STATUS)
+    return with_crc(b"\xeb\xa0", body)
+
+
+def ngu_b(kind: int, payload: bytes) -> bytes:
+    return with_crc(b"\xeb\x9b", struct.pack(">BB", len(payload) + 6, kind) + payload)
+
+
+def vn100() -> bytes:
+    return with_crc(b"\xfa", bytes.fromhex("143e003a00") + struct.pack("<29f", *FLOATS), Crc16Xmodem)
+
+
+HOUSEKEEPING = struct.pack(">H4hHH3HH", 513, -1023, -998, 2004, 5001, 28012, 1850, 5003, 15010, 14990, 3)
+INDEPENDENT = {
+    "ngu_a": ngu_a(),
+    "ngu_a_100s": ngu_a_100s(),
+    "ngu_b.housekeeping": ngu_b(1, HOUSEKEEPING),
+    "ngu_b.answer": ngu_b(2, b"\x01\x00NGU SIM-1 1.0"),
+    "ngu_b.command": ngu_b(3, b"\x02\x64"),
+    "vn100_binary": vn100(),
+}
+
+
+def decode(name: str, frame: bytes, message: str = "frame") -> MessageBatch:
+    batch = frame_of(name).decoder().feed(frame).messages[message]
+    assert len(batch) == 1
+    return batch
+
+
+@pytest.mark.parametrize("name", INDEPENDENT)
+def test_golden_files_are_what_struct_and_crccheck_make(name: str) -> None:
+    assert golden_bytes(name) == INDEPENDENT[name]
+
+
+def test_every_shipped_frame_has_a_golden_file() -> None:
+    assert {name.partition(".")[0] for name in INDEPENDENT} == set(NAMES)
+    assert {path.stem for path in GOLDEN.glob("*.hex")} >= set(INDEPENDENT)
+
+
+def test_the_golden_frame_inside_the_definition_is_the_golden_file() -> None:
+    for name, frame in INDEPENDENT.items():
+        text = " ".join(frame_of(name.partition(".")[0]).text.split())
+        assert frame.hex(" ") in text
+
+
+def test_ngu_a_fields() -> None:
+    batch = decode("ngu_a", INDEPENDENT["ngu_a"])
+    assert len(INDEPENDENT["ngu_a"]) == 57
+    assert batch.raw("npp").tolist() == [NPP]
+    assert batch.raw("ppp").tolist() == [PPP]
+    clocks = [batch.raw(name)[0] for name in ("counter", "af_clock", "master_count", "fg_count", "status")]
+    assert clocks == [17, 2560, 100001, 99999, STATUS]
+    bits = [batch.raw(f"status.{name}")[0] for name in ("calibrating", "over_range", "mode")]
+    assert bits == [1, 4, 2]
+
+
+def test_ngu_a_100s_fields() -> None:
+    batch = decode("ngu_a_100s", INDEPENDENT["ngu_a_100s"])
+    assert batch.raw("npp").tolist() == [NPP_100S]
+    assert batch.raw("ppp").tolist() == [PPP_100S]
+    assert [batch.raw(name)[0] for name in ("counter", "af_clock", "master_count")] == [3, 25600512, 1000001500]
+
+
+def test_ngu_b_messages() -> None:
+    stream = b"".join(frame for name, frame in INDEPENDENT.items() if name.startswith("ngu_b"))
+    messages = frame_of("ngu_b").decoder().feed(stream).messages
+    housekeeping, answer, command = (messages[name] for name in ("housekeeping", "answer", "command"))
+    np.testing.assert_allclose(housekeeping.scaled("unit_temperature")[0], [-10.23, -9.98, 20.04, 50.01], rtol=1e-15)
+    np.testing.assert_allclose(housekeeping.scaled("supply_voltage"), [28.012], rtol=1e-15)
+    assert housekeeping.raw("unit_temperature").tolist() == [[-1023, -998, 2004, 5001]]
+    assert (answer.raw("command")[0], answer.raw("payload")[0]) == (1, b"NGU SIM-1 1.0")
+    assert (command.raw("command")[0], command.raw("payload")[0]) == (2, b"\x64")
+
+
+def test_vn100_fields() -> None:
+    batch = decode("vn100_binary", INDEPENDENT["vn100_binary"])
+    assert len(INDEPENDENT["vn100_binary"]) == 124
+    names = [item.name for item in batch.message.fields if item.name != "header"]
+    assert [batch.scaled(name)[0] for name in names] == FLOATS
+
+
+@pytest.mark.parametrize("name", ["ngu_a", "ngu_a_100s", "vn100_binary"])
+def test_vectorised_encoder_gives_the_golden_bytes(name: str) -> None:
+    columns = decode(name, INDEPENDENT[name]).columns()
+    repeated = {field: np.repeat(values, 100, axis=0) for field, values in columns.items()}
+    rows = frame_of(name).encode(repeated, 100)
+    assert {row.tobytes() for row in rows} == {INDEPENDENT[name]}
+
+
+def test_encoder_of_single_frames_gives_the_golden_bytes() -> None:
+    definition = frame_of("ngu_b")
+    assert definition.encode_one({"command": 2, "payload": b"\x64"}, "command") == INDEPENDENT["ngu_b.command"]
+    answer = definition.encode_one({"command": 1, "status": 0, "payload": b"NGU SIM-1 1.0"}, "answer")
+    assert answer == INDEPENDENT["ngu_b.answer"]
+    columns = decode("ngu_b", INDEPENDENT["ngu_b.housekeeping"], "housekeeping").columns()
+    del columns["length"], columns["kind"]
+    assert definition.encode_one(columns, "housekeeping") == INDEPENDENT["ngu_b.housekeeping"]
+    assert definition.encode(columns, 1, "housekeeping").tobytes() == INDEPENDENT["ngu_b.housekeeping"]

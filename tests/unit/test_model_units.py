@@ -1,0 +1,109 @@
+"""Quantities: exact decimal conversion, and a clear refusal of everything else."""
+
+from __future__ import annotations
+
+import math
+from decimal import Decimal
+from fractions import Fraction
+from typing import Annotated
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import TypeAdapter, ValidationError
+
+from bench.model.units import format_quantity, parse_quantity, quantity, read_quantity
+
+
+@pytest.mark.parametrize(
+    ("text", "dimension", "expected"),
+    [
+        ("30 uA", "A", 3e-5),
+        ("30 µA", "A", 3e-5),
+        ("30 μA", "A", 3e-5),
+        ("100uA", "A", 1e-4),
+        ("0.1 nA", "A", 1e-10),
+        ("-15 V", "V", -15.0),
+        ("1.25 uC", "C", 1.25e-6),
+        ("10 MHz", "Hz", 1e7),
+        ("256 kHz", "Hz", 256e3),
+        ("1 Mohm", "ohm", 1e6),
+        ("38 h", "s", 136800.0),
+        ("150 min", "s", 9000.0),
+        ("0.5 degC/min", "degC/min", 0.5),
+        ("-10 degC", "degC", -10.0),
+        ("20 ppm", "1", 2e-5),
+        ("0.1 %", "1", 1e-3),
+        ("83 deg/s", "deg/s", 83.0),
+        ("20.2 g", "g", 20.2),
+        ("8 ppm/degC", "1/degC", 8e-6),
+        ("1e-3 A", "A", 1e-3),
+        (" +.5 mA ", "A", 5e-4),
+    ],
+)
+def test_the_nearest_float_of_the_written_decimal(text: str, dimension: str, expected: float) -> None:
+    assert parse_quantity(text, dimension) == expected
+    assert read_quantity(text) == (expected, dimension)
+
+
+@pytest.mark.parametrize(
+    "text", [10, 10.0, True, None, "10", "10 ", "mA", "", "1 2 A", "ten A", "1e5", "nan A", "inf A"]
+)
+def test_no_number_or_no_unit_is_refused(text: object) -> None:
+    with pytest.raises(ValueError, match=r"quantity|unit"):
+        parse_quantity(text, "A")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("10 V", "a quantity in A is due"),
+        ("10 ma", "unknown unit 'ma'"),
+        ("1e999 A", "not finite"),
+        ("10 K", "unknown unit"),
+    ],
+)
+def test_wrong_unit_names_what_is_due(text: str, says: str) -> None:
+    with pytest.raises(ValueError, match=says):
+        parse_quantity(text, "A")
+
+
+@given(
+    st.decimals(-1000, 1000, allow_nan=False, allow_infinity=False, places=6), st.sampled_from(["", "m", "u", "n", "k"])
+)
+def test_prefixes_against_exact_fractions(number: Decimal, prefix: str) -> None:
+    factor = {
+        "": Fraction(1),
+        "m": Fraction(1, 10**3),
+        "u": Fraction(1, 10**6),
+        "n": Fraction(1, 10**9),
+        "k": Fraction(10**3),
+    }
+    assert parse_quantity(f"{number:f} {prefix}A", "A") == float(Fraction(number) * factor[prefix])
+
+
+def test_limits_are_part_of_the_annotation() -> None:
+    adapter: TypeAdapter[float] = TypeAdapter(Annotated[float, *quantity("A", 0.0, 0.22)])
+    assert adapter.validate_python("220 mA") == 0.22
+    for text, says in (("221 mA", "above the limit 0.22 A"), ("-1 nA", "below the limit 0 A")):
+        with pytest.raises(ValidationError, match=says):
+            adapter.validate_python(text)
+
+
+def test_read_quantity_leaves_other_text_alone() -> None:
+    for text in ("lowest_that_holds", "1-6", "+", "5", "{level}", "10 apples"):
+        assert read_quantity(text) is None
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [(3e-5, "A", "30 uA"), (0.22, "A", "220 mA"), (1e7, "Hz", "10 MHz"), (0.0, "A", "0 A"), (20.0, "degC", "20 degC"),
+     (-1.5e-9, "A", "-1.5 nA"), (1e-15, "A", "1e-15 A"), (math.inf, "A", "inf A")],
+)  # fmt: skip
+def test_printing(value: float, unit: str, text: str) -> None:
+    assert format_quantity(value, unit) == text
+
+
+@given(st.floats(1e-11, 1e9))
+def test_printing_with_all_digits_reads_back(value: float) -> None:
+    assert parse_quantity(format_quantity(value, "A", 17), "A") == pytest.approx(value, rel=3e-16)

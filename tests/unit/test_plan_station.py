@@ -1,0 +1,60 @@
+"""Station files: the register of standards, the safe order, ranges, and the options of the world."""
+
+from __future__ import annotations
+
+import pytest
+
+from bench.model.shipped import find_shipped
+from bench.plan import Station, load_station
+
+
+@pytest.fixture(scope="module")
+def station() -> Station:
+    return load_station(find_shipped("stations", "af_bench_sim"))
+
+
+def test_ten_instruments_at_ten_addresses(station: Station) -> None:
+    resources = [entry["resource"] for entry in station.wiring()["instruments"].values()]
+    assert len(resources) == len(set(resources)) == 10
+    assert set(station.wiring()["links"]) == {"port_a", "port_b"}
+    assert station.simulated
+
+
+def test_the_current_goes_off_before_a_relay_moves_and_power_goes_last(station: Station) -> None:
+    order = station.safe_order
+    assert order[:3] == ("calibrator", "switch", "chamber")
+    assert order.index("supply") > order.index("aux_supply") > order.index("function_generator")
+
+
+def test_the_register_of_standards_is_in_si_units(station: Station) -> None:
+    standards = station.standards()
+    assert set(standards) == set(station.instruments)
+    calibrator = standards["calibrator"]
+    assert calibrator["due"] == "2000-11-01"
+    table_2 = [
+        (2.2e-4, 2e-5, 6e-9),
+        (2.2e-3, 2e-5, 7e-9),
+        (2.2e-2, 2e-5, 4e-8),
+        (0.22, 2e-5, 7e-7),
+        (2.2, 3.2e-5, 1.2e-5),
+    ]
+    assert [(u["range_A"], u["relative"], u["floor_A"]) for u in calibrator["uncertainty"]] == table_2
+    assert all(c["gain"] == c["offset_A"] == 0.0 for c in calibrator["corrections"])
+
+
+@pytest.mark.parametrize(
+    ("current_A", "range_A"),
+    [(0.0, 2.2e-4), (2.2e-4, 2.2e-4), (2.3e-4, 2.2e-3), (-0.1, 0.22), (2.2, 2.2), (2.3, None)],
+)
+def test_the_lowest_range_that_holds(station: Station, current_A: float, range_A: float | None) -> None:
+    assert station.range_that_holds_A("calibrator", current_A) == range_A
+
+
+def test_a_role_without_a_standard_holds_nothing(station: Station) -> None:
+    assert station.range_that_holds_A("nobody", 1.0) is None
+
+
+def test_options_left_to_the_world_are_absent_until_they_are_set(station: Station) -> None:
+    assert "master_error_ppm" not in station.world_options
+    assert station.with_options({"master_error_ppm": "-50"}).world_options["master_error_ppm"] == "-50"
+    assert "master_error_ppm" not in station.world_options

@@ -1,0 +1,259 @@
+"""Records against plain Python sums: any damage, any chunking, any batching, windows over every edge."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from record_frames import FRAME_NS, MASTER, Stream, chunks_of, housekeeping, stream
+from record_sample import NS, frame
+
+from bench.frame import LinkDecoder, parse_frame
+from bench.model.errors import InputError
+from bench.model.ports import RecordWindow
+from bench.model.quality import Quality
+from bench.record import RecordCutter, RecordRow
+
+NAMES = ("npp", "ppp", "af_clock", "master_count", "fg_count")
+
+
+def window(number: int, first: int, frames: int, **conditions: object) -> RecordWindow:
+    return RecordWindow(
+        number, "port_a", first, frames, first * FRAME_NS, (first + frames + 1) * FRAME_NS, dict(conditions)
+    )
+
+
+def cut(
+    pieces: list[tuple[int, bytes]], windows: list[RecordWindow], flush_each: int = 1, until_ns: int | None = None
+) -> list[RecordRow]:
+    """Rows of all windows, flushing the decoder after every ``flush_each`` pieces (receive time, bytes)."""
+    decoder = LinkDecoder(frame("ngu_a"))
+    cutter = RecordCutter(frame("ngu_a"))
+    for item in windows:
+        cutter.open(item, until_ns=until_ns)
+    rows = []
+    for index, (t_ns, chunk) in enumerate(pieces):
+        decoder.push(t_ns, chunk)
+        if index % flush_each == flush_each - 1:
+            cutter.feed(decoder.flush())
+            rows += cutter.finished()
+    cutter.feed(decoder.flush())
+    return sorted(rows + cutter.finished() + cutter.close_all(), key=lambda row: row.window.number)
+
+
+def by_second(made: Stream, keep: np.ndarray | None = None) -> list[tuple[int, bytes]]:
+    """One piece per second of stream time; frames outside ``keep`` are lost on the way."""
+    pieces = []
+    for start in range(0, len(made.counter), 100):
+        rows = [k for k in range(start, min(start + 100, len(made.counter))) if keep is None or keep[k]]
+        if rows:
+            pieces.append((int(made.counter[rows[-1]] + 1) * FRAME_NS, made.frames[rows].tobytes()))
+    return pieces
+
+
+def test_sums_of_whole_records_are_exact() -> None:
+    made = stream(5000, first_counter=65_000)  # the counter wraps inside
+    windows = [window(1, 65_007, 1000), window(2, 66_100, 3), window(3, 66_103, 2050)]
+    rows = cut(by_second(made), windows)
+    for row, (first, frames) in zip(rows, [(7, 1000), (1100, 3), (1103, 2050)], strict=True):
+        for name in NAMES:
+            assert np.atleast_1d(row.sums[name]).tolist() == made.expected(name, slice(first, first + frames))
+            assert row.sums[name].dtype == np.int64
+        assert (row.frames, row.lost, row.bad, row.quality) == (frames, 0, 0, Quality.GOOD)
+
+
+def test_windows_may_overlap() -> None:
+    made = stream(600)
+    rows = cut(by_second(made), [window(1, 10, 400), window(2, 50, 100), window(3, 390, 30)])
+    expected = [made.expected("npp", slice(a, b)) for a, b in ((10, 410), (50, 150), (390, 420))]
+    assert [row.sums["npp"].tolist() for row in rows] == expected
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), flush_each=st.integers(1, 40))
+def test_lost_frames_and_any_batching(seed: int, flush_each: int) -> None:
+    rng = np.random.default_rng(seed)
+    count = 900
+    made = stream(count, seed=seed % 1000)
+    keep = rng.random(count) > rng.choice([0.0, 0.01, 0.3])
+    keep[0] = True
+    spans = [(int(rng.integers(1, 300)), int(rng.integers(1, 300))) for _ in range(3)]
+    windows = [window(k, first, frames) for k, (first, frames) in enumerate(spans)]
+    rows = cut(by_second(made, keep), windows, flush_each)
+    for row, (first, frames) in zip(rows, spans, strict=True):
+        inside = [k for k in range(first, first + frames) if keep[k]]
+        for name in NAMES:
+            expected = made.expected(name, inside) if inside else [0] * row.sums[name].size
+            assert np.atleast_1d(row.sums[name]).tolist() == expected
+        assert (row.frames, row.lost, row.bad) == (len(inside), frames - len(inside), 0)
+        assert bool(row.quality & Quality.LOST) == (row.lost > 0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_damaged_bytes_give_the_same_rows_however_they_arrive(seed: int) -> None:
+    """Flips, drops and insertions; chunks of 1-700 bytes; the batches must not matter."""
+    rng = np.random.default_rng(seed)
+    made = stream(1200, seed=seed % 1000)
+    raw = bytearray(made.frames.tobytes())
+    for at in rng.integers(0, len(raw), 30).tolist():
+        kind = rng.integers(0, 3)
+        if kind == 0:
+            raw[at % len(raw)] ^= 1 << int(rng.integers(0, 8))
+        elif kind == 1:
+            del raw[at % len(raw)]
+        else:
+            raw.insert(at % len(raw), int(rng.integers(0, 256)))
+    pieces, sent = [], 0
+    for chunk in chunks_of(bytes(raw), rng):
+        sent += len(chunk)
+        pieces.append((sent * FRAME_NS // 57, chunk))
+    windows = [window(k, 10 + 170 * k, 160) for k in range(7)]
+    reference = cut(pieces, windows, 1)
+    for flush_each in (3, 17, len(pieces)):
+        assert [comparable(row) for row in cut(pieces, windows, flush_each)] == [comparable(row) for row in reference]
+    assert all(row.frames + row.lost == 160 and row.bad <= row.lost for row in reference)
+
+
+def comparable(row: RecordRow) -> tuple[object, ...]:
+    sums = {name: value.tolist() for name, value in row.sums.items()}
+    return sums, row.frames, row.lost, row.bad, row.quality, row.duplicate, row.suspect, dict(row.context)
+
+
+def test_bad_frames_are_counted_where_they_are() -> None:
+    made = stream(500)
+    for k in (99, 100, 250, 251, 299, 300):
+        made.frames[k, 20] ^= 0x40
+    rows = cut(by_second(made), [window(1, 100, 200)])
+    assert (rows[0].bad, rows[0].lost, rows[0].frames) == (4, 4, 196)
+    assert rows[0].quality == Quality.LOST | Quality.BAD_FRAMES
+    kept = [k for k in range(100, 300) if k not in (100, 250, 251, 299)]
+    assert rows[0].sums["npp"].tolist() == made.expected("npp", kept)
+
+
+def test_repeated_frames_count_once() -> None:
+    made = stream(400)
+    frames = [*range(150), *range(140, 150), *range(150, 400)]
+    pieces = [(k * FRAME_NS + FRAME_NS, made.frames[k].tobytes()) for k in frames]
+    for flush_each in (1, 7, 1000):
+        row = cut(pieces, [window(1, 100, 200)], flush_each)[0]
+        assert row.sums["npp"].tolist() == made.expected("npp", slice(100, 300))
+        assert (row.frames, row.lost, row.duplicate, row.quality) == (200, 0, 10, Quality.DUPLICATE)
+
+
+def test_impossible_counts_are_left_out_and_flagged() -> None:
+    made = stream(400)
+    made.columns["master_count"][150] = MASTER * 2
+    made.columns["npp"][170, 3] = 60_000  # more pulses than clock edges
+    made.frames = frame("ngu_a").encode(made.columns, 400)
+    row = cut(by_second(made), [window(1, 100, 200)])[0]
+    kept = [k for k in range(100, 300) if k not in (150, 170)]
+    assert row.sums["npp"].tolist() == made.expected("npp", kept)
+    assert int(row.sums["master_count"]) == MASTER * 198
+    assert (row.suspect, row.lost) == (2, 2)
+    assert row.quality == Quality.SUSPECT | Quality.LOST
+
+
+@pytest.mark.parametrize(("channel", "flagged"), [(3, True), (4, False), (None, True)])
+def test_over_range_of_the_records_own_channel(channel: int | None, flagged: bool) -> None:
+    made = stream(300)
+    made.columns["status"][150] = 1 << 3  # bit 3 = channel 3
+    made.frames = frame("ngu_a").encode(made.columns, 300)
+    conditions = {} if channel is None else {"channel": channel}
+    rows = cut(by_second(made), [window(1, 100, 100, **conditions), window(2, 200, 50, **conditions)])
+    assert rows[0].quality == (Quality.OVER_RANGE if flagged else Quality.GOOD)
+    assert rows[1].quality == Quality.GOOD
+
+
+def test_frames_after_the_time_limit_do_not_count() -> None:
+    made = stream(300)
+    pieces = [((k + 1) * FRAME_NS, made.frames[k].tobytes()) for k in range(300)]
+    for flush_each in (1, 300):
+        row = cut(pieces, [window(1, 100, 100)], flush_each, until_ns=150 * FRAME_NS)[0]
+        assert (row.frames, row.lost) == (50, 50)
+        assert row.sums["npp"].tolist() == made.expected("npp", slice(100, 150))
+
+
+def test_context_is_the_mean_between_first_and_last_frame() -> None:
+    made = stream(400)
+    house, cutter, decoder = LinkDecoder(frame("ngu_b")), RecordCutter(frame("ngu_a")), LinkDecoder(frame("ngu_a"))
+    cutter.open(window(1, 110, 200))
+    for second in range(4):
+        t_ns = (second + 1) * NS
+        house.push(t_ns, housekeeping(10, 10 * second, temperature_degC=20.0 + second))
+        decoder.push(t_ns, made.frames[100 * second : 100 * second + 100].tobytes())
+        cutter.feed_context(house.flush())
+        cutter.feed(decoder.flush())
+    row = cutter.close(1)
+    # frames 110-309 arrive at 2, 3 and 4 s, the window ends at 3.11 s: housekeeping of 2 and 3 s counts
+    assert row.context["unit_temperature_degC"] == pytest.approx(21.5 + 0.045 + 0.015)
+    assert row.context["unit_temperature_4_degC"] == pytest.approx(21.5 + 0.045 + 0.03)
+    assert row.context["supply_voltage_V"] == pytest.approx(28.0)
+    assert row.context["rails_2_V"] == pytest.approx(15.0)
+
+
+def cut_with_housekeeping(degC: float | None, flush_each: int, **conditions: object) -> RecordRow:
+    """One record of seconds 2 and 3, with a unit temperature of ``degC`` all the time, or only after it (None)."""
+    made = stream(600)
+    house, cutter, decoder = LinkDecoder(frame("ngu_b")), RecordCutter(frame("ngu_a")), LinkDecoder(frame("ngu_a"))
+    cutter.open(window(1, 110, 200, **conditions))
+    for second in range(6):
+        t_ns = (second + 1) * NS
+        if degC is not None or second > 4:
+            house.push(t_ns, housekeeping(10, 10 * second, temperature_degC=degC or 20.0))
+        decoder.push(t_ns, made.frames[100 * second : 100 * second + 100].tobytes())
+        if second % flush_each == flush_each - 1:
+            cutter.feed_context(house.flush())
+            cutter.feed(decoder.flush())
+    return cutter.close(1)
+
+
+@pytest.mark.parametrize("flush_each", [1, 3, 6])
+def test_a_record_without_a_unit_temperature_is_stale(flush_each: int) -> None:
+    row = cut_with_housekeeping(None, flush_each, temperature_degC=20.0)
+    assert (row.quality, row.context) == (Quality.STALE, {})
+    assert cut_with_housekeeping(20.0, flush_each, temperature_degC=20.0).quality == Quality.GOOD
+
+
+@pytest.mark.parametrize("flush_each", [1, 3, 6])
+@pytest.mark.parametrize(
+    ("degC", "conditions", "quality"),
+    [
+        (50.2, {"temperature_degC": 50.0, "settle_band_degC": 1.0}, Quality.GOOD),
+        (48.8, {"temperature_degC": 50.0, "settle_band_degC": 1.0}, Quality.NOT_SETTLED),
+        (51.1, {"temperature_degC": 50.0, "settle_band_degC": 1.0}, Quality.NOT_SETTLED),
+        (23.0, {"temperature_degC": 50.0}, Quality.GOOD),  # an older session states no band
+        (23.0, {"temperature_degC": 50.0, "settle_band_degC": None}, Quality.GOOD),
+        (50.2, {"temperature_degC": 50.0, "settle_band_degC": 1.0, "settled": False}, Quality.NOT_SETTLED),
+        (None, {"temperature_degC": 50.0, "settle_band_degC": 1.0}, Quality.STALE),
+        (None, {"temperature_degC": 50.0, "settled": False}, Quality.STALE | Quality.NOT_SETTLED),
+    ],
+)
+def test_a_unit_off_its_temperature_is_not_settled(
+    degC: float | None, conditions: dict[str, object], quality: Quality, flush_each: int
+) -> None:
+    """The chamber may fail long after the soak; each record is judged by its own mean, however it was decoded."""
+    assert cut_with_housekeeping(degC, flush_each, **conditions).quality == quality
+
+
+def test_a_record_without_frames() -> None:
+    row = cut(by_second(stream(50)), [window(1, 100, 20)])[0]
+    assert (row.frames, row.lost, row.quality, row.context) == (0, 20, Quality.LOST, {})
+    assert row.sums["npp"].tolist() == [0] * 10
+
+
+def test_close_takes_one_record_and_forgets_it() -> None:
+    cutter = RecordCutter(frame("ngu_a"))
+    cutter.open(window(7, 0, 5))
+    assert cutter.close(7).frames == 0
+    with pytest.raises(KeyError):
+        cutter.close(7)
+
+
+def test_frames_without_counts_cannot_be_cut() -> None:
+    with pytest.raises(InputError, match="B-REC-020"):
+        RecordCutter(frame("vn100_binary"))
+    text = frame("ngu_a").text.replace(", role: counter", "")
+    with pytest.raises(InputError, match="B-REC-020"):
+        RecordCutter(parse_frame(text, "no counter"))

@@ -1,0 +1,133 @@
+"""The step journal: every finished step, never one that did not happen."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from record_sample import FaultyFiles, no_space
+
+from bench.record import Journal, JournalEntry, RecordError, read_journal
+from bench.record.journal import JOURNAL_NAME
+
+SEED = 20
+
+
+def written(folder: Path, count: int = 20) -> list[JournalEntry]:
+    journal = Journal(folder)
+    entries = []
+    for number in range(count):
+        conditions = {"channel": number % 10 + 1, "temperature_degC": -10.0, "kind": "gyro"}
+        journal.step(number, "campaign", number * 1000, conditions)
+        entries.append(JournalEntry(number, "campaign", number * 1000, conditions))
+    journal.sync()
+    journal.close()
+    return entries
+
+
+def test_what_was_written_is_read(tmp_path: Path) -> None:
+    entries = written(tmp_path)
+    state = read_journal(tmp_path)
+    assert (list(state.entries), state.torn) == (entries, False)
+    assert state.good_bytes == (tmp_path / JOURNAL_NAME).stat().st_size
+
+
+def test_each_step_is_in_the_file_at_once(tmp_path: Path) -> None:
+    journal = Journal(tmp_path)
+    for number in range(3):
+        journal.step(number, "prepare", 0, {})
+        assert len(read_journal(tmp_path).entries) == number + 1
+    journal.close()
+
+
+def test_no_journal_is_an_empty_one(tmp_path: Path) -> None:
+    assert read_journal(tmp_path).entries == ()
+
+
+def test_cut_anywhere_gives_the_whole_lines_before(tmp_path: Path) -> None:
+    entries = written(tmp_path, 8)
+    path = tmp_path / JOURNAL_NAME
+    content = path.read_bytes()
+    for stop in range(len(content) + 1):
+        path.write_bytes(content[:stop])
+        state = read_journal(tmp_path)
+        assert list(state.entries) == entries[: content[:stop].count(b"\n")]
+        assert state.torn == (stop != state.good_bytes)
+
+
+def test_power_cut_yields_no_phantom(tmp_path: Path) -> None:
+    """Synced lines are kept; the 512-byte sectors behind them are kept, zeroed, garbled or cut."""
+    rng = np.random.default_rng(SEED)
+    entries = written(tmp_path, 40)
+    path = tmp_path / JOURNAL_NAME
+    content = path.read_bytes()
+    ends = [at + 1 for at, byte in enumerate(content) if byte == 10]
+    for _ in range(1500):
+        synced = int(rng.integers(0, len(ends)))
+        after = bytearray(content)
+        for start in range(ends[synced], len(after), 512):
+            sector = slice(start, min(start + 512, len(after)))
+            kind = rng.integers(0, 4)
+            if kind == 1:
+                after[sector] = bytes(sector.stop - sector.start)
+            elif kind == 2:
+                after[sector] = rng.bytes(sector.stop - sector.start)
+            elif kind == 3:
+                del after[start:]
+                break
+        path.write_bytes(after + bytes(int(rng.integers(0, 2)) * 4096))
+        got = list(read_journal(tmp_path).entries)
+        assert got == entries[: len(got)], f"seed {SEED}"
+        assert len(got) > synced, f"seed {SEED}"
+
+
+def test_flipped_bits_end_the_good_part(tmp_path: Path) -> None:
+    entries = written(tmp_path, 5)
+    path = tmp_path / JOURNAL_NAME
+    content = path.read_bytes()
+    for at in range(len(content)):
+        for bit in (0, 3, 7):
+            damaged = bytearray(content)
+            damaged[at] ^= 1 << bit
+            path.write_bytes(damaged)
+            got = list(read_journal(tmp_path).entries)
+            assert got == entries[: content[:at].count(b"\n")]
+
+
+def test_lines_out_of_place_are_refused(tmp_path: Path) -> None:
+    written(tmp_path, 5)
+    path = tmp_path / JOURNAL_NAME
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(lines[0] + lines[2] + lines[1])
+    assert len(read_journal(tmp_path).entries) == 1
+
+
+def test_reopened_journal_goes_on_behind_its_good_part(tmp_path: Path) -> None:
+    written(tmp_path, 3)
+    path = tmp_path / JOURNAL_NAME
+    path.write_bytes(path.read_bytes() + b"00000000 {torn")
+    journal = Journal(tmp_path)
+    journal.step(3, "campaign", 9, {})
+    journal.close()
+    state = read_journal(tmp_path)
+    assert [entry.number for entry in state.entries] == [0, 1, 2, 3]
+    assert not state.torn
+
+
+def test_a_full_disk_keeps_the_lines_before(tmp_path: Path) -> None:
+    disk = FaultyFiles(lambda kind, n: {3: 10, 4: no_space()}.get(n) if kind == "write" else None)
+    journal = Journal(tmp_path, disk)
+    journal.step(0, "campaign", 0, {})
+    journal.step(1, "campaign", 1, {})
+    for _ in range(2):
+        with pytest.raises(RecordError, match="B-REC-005"):
+            journal.step(2, "campaign", 2, {})
+    journal.step(2, "campaign", 3, {})
+    journal.close()
+    assert [entry.t_mono_ns for entry in read_journal(tmp_path).entries] == [0, 1, 3]
+
+
+def test_a_folder_without_a_journal_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="B-REC-005"):
+        Journal(tmp_path / "not there")
