@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from collections.abc import Mapping
+from typing import Protocol
 
 from bench.campaigns import scale_factor
-from bench.campaigns.scale_factor import Analysis
+from bench.campaigns.analysis import Analysis
+from bench.campaigns.material import Material
 from bench.model.errors import FitError
-
-if TYPE_CHECKING:
-    from bench.record import RecordRow
 
 
 class AnalysisModule(Protocol):
@@ -19,13 +17,7 @@ class AnalysisModule(Protocol):
 
     METHODS: tuple[str, ...]
 
-    def analyse(
-        self,
-        rows: Sequence[RecordRow],
-        campaign: Mapping[str, Any],
-        standards: Mapping[str, Mapping[str, Any]],
-        method: str = ...,
-    ) -> Analysis:
+    def analyse(self, material: Material, method: str = ...) -> Analysis:
         """From records and the manifest's constants to estimates."""
 
 
@@ -45,12 +37,7 @@ def analysis_module(name: str) -> AnalysisModule:
         ) from None
 
 
-def analyse(
-    rows: Sequence[RecordRow],
-    campaign: Mapping[str, Any],
-    standards: Mapping[str, Mapping[str, Any]],
-    method: str | None = None,
-) -> Analysis:
+def analyse(material: Material, method: str | None = None) -> Analysis:
     """Run the analysis the campaign names, with its default method (the first it lists) unless told otherwise."""
-    module = analysis_module(str(campaign.get("analysis", "")))
-    return module.analyse(rows, campaign, standards, method or module.METHODS[0])
+    module = analysis_module(str(material.campaign.get("analysis", "")))
+    return module.analyse(material, method or module.METHODS[0])

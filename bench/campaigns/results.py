@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from bench.campaigns.scale_factor import Analysis
+from bench.campaigns.analysis import Analysis
 from bench.model.errors import InputError
 
 SCHEMA_FILE = "results.schema.json"

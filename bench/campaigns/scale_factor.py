@@ -5,10 +5,9 @@ Source: AF-converter paper section 3; docs/decisions/0004-scale-factor-equations
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from bench.campaigns.analysis import Analysis
 from bench.campaigns.clock_estimates import clock_estimates
 from bench.campaigns.constants import Campaign, read_campaign, read_standards
 from bench.campaigns.estimates import at_full_scale
@@ -22,51 +21,25 @@ from bench.campaigns.group_estimates import (
 from bench.campaigns.group_fit import Fitted, fit_groups
 from bench.campaigns.groups import campaign_rows, group_rows
 from bench.campaigns.judged_estimates import change_estimates, residual_estimates
+from bench.campaigns.material import Material
 from bench.campaigns.missing import missing_groups
 from bench.campaigns.notes import notes
 from bench.fit.scale_factor import METHODS as FIT_METHODS
 
-if TYPE_CHECKING:
-    from bench.record import RecordRow
-
 METHODS: tuple[str, ...] = FIT_METHODS
 
 
-@dataclass(frozen=True)
-class Analysis:
-    """Result of an analysis; ``estimates`` are entries of results.json, the rest explains them in the report.
-
-    ``missing`` names, one sentence each, what the campaign promises and has no result; empty if it is complete.
-    """
-
-    campaign: str
-    method: str
-    uut: Mapping[str, Any]
-    estimates: list[dict[str, Any]]
-    residuals: list[dict[str, Any]]  # one per closed row
-    components: list[dict[str, Any]]  # uncertainty budget
-    table: list[dict[str, Any]]  # estimates at full scale in nA and the sensor's unit
-    groups: list[dict[str, Any]]  # reduced chi-square per channel and temperature
-    notes: list[str]
-    missing: list[str]
-
-
-def analyse(
-    rows: Sequence[RecordRow],
-    campaign: Mapping[str, Any],
-    standards: Mapping[str, Mapping[str, Any]],
-    method: str = "gls",
-) -> Analysis:
+def analyse(material: Material, method: str = "gls") -> Analysis:
     """Estimate scale-factor errors, their temperature coefficients, biases and clock errors of a campaign.
 
-    Args:    rows: records with their counts and conditions.   campaign, standards: sections of the session manifest.
+    Args:    material: records with their counts and conditions, sections of the session manifest.
              method: "gls", "paper" (equation 11) or "ols" (equation 10).
     Returns: Analysis. Groups that are not determined have no estimate and are named in ``missing`` and ``notes``.
     Raises:  FitError B-FIT-003 to B-FIT-009; B-FIT-001, -005, -006 or -012 if no group at all is determined.
     Source:  AF-converter paper section 3; docs/decisions/0004.
     """
-    constants, register = read_campaign(campaign), read_standards(standards)
-    chosen = campaign_rows(rows)
+    constants, register = read_campaign(material.campaign), read_standards(material.standards)
+    chosen = campaign_rows(material.rows)
     fitted = fit_groups(group_rows(chosen, constants.master_Hz), constants, register, method)
     found: list[dict[str, Any]] = []
     for one in fitted.groups:

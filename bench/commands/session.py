@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from bench.campaigns.analysis import Analysis
 from bench.campaigns.results import results_json
-from bench.campaigns.scale_factor import Analysis
 from bench.commands.output import write_file
 from bench.commands.tables import print_results
 from bench.commands.terminal import console

@@ -9,7 +9,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from bench.campaigns.scale_factor import Analysis
+from bench.campaigns.analysis import Analysis
 
 WIDTH = 110
 _COLUMNS = (

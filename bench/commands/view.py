@@ -10,17 +10,19 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench import __version__
+from bench.campaigns.analysis import Analysis
+from bench.campaigns.material import Material, Reading, Trace
 from bench.campaigns.registry import analyse
 from bench.campaigns.results import build_results
-from bench.campaigns.scale_factor import Analysis
 from bench.model.clock import NS
 from bench.record import RecordRow
 from bench.report import TemperatureTrace, build_report, report_model
 
 SOFTWARE = f"inertial-bench {__version__}"
-KEPT_EVENTS = ("environment", "prompt", "phase", "slip", "overrun", "late", "retake", "error", "end")
+KEPT_EVENTS = ("environment", "prompt", "phase", "slip", "overrun", "late", "retake", "error", "end", "reading")
 
 
 @dataclass
@@ -38,6 +40,7 @@ class SessionView:
     events: list[tuple[str, int, Mapping[str, Any]]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     damaged: bool = False
+    series: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
     def events_of(self, kind: str) -> list[tuple[int, Mapping[str, Any]]]:
         """Times and fields of all events of one kind."""
@@ -52,7 +55,7 @@ class SessionView:
 def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str, Any], Analysis]:
     """Estimates of a session and the document results.json."""
     manifest = view.manifest
-    analysis = analyse(view.rows, manifest["campaign"], manifest["standards"], method)
+    analysis = analyse(material_of(view), method)
     counts = {
         **view.counts,
         "records": len(view.rows),
@@ -67,6 +70,34 @@ def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str
         "software": SOFTWARE,
     }
     return build_results(manifest["session"], analysis, counts, provenance), analysis
+
+
+def material_of(view: SessionView) -> Material:
+    """What the analysis may see of a session."""
+    temperatures = view.events_of("environment")
+    return Material(
+        rows=view.rows,
+        campaign=view.manifest["campaign"],
+        standards=view.manifest["standards"],
+        trace=Trace(
+            t_s=np.array([t_ns / NS for t_ns, _ in temperatures]),
+            air_degC=np.array([_number(fields["air_degC"]) for _, fields in temperatures]),
+            unit_degC=np.array([_number(fields["unit_degC"]) for _, fields in temperatures]),
+        ),
+        readings=[_reading(t_ns, fields) for t_ns, fields in view.events_of("reading")],
+        series=view.series,
+    )
+
+
+def _reading(t_ns: int, fields: Mapping[str, Any]) -> Reading:
+    return Reading(
+        t_s=t_ns / NS,
+        step=int(fields["step"]),
+        role=str(fields["role"]),
+        name=str(fields["name"]),
+        value=fields["value"],
+        conditions=dict(fields.get("conditions", {})),
+    )
 
 
 def report_html(view: SessionView, results: Mapping[str, Any], analysis: Analysis) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from conftest import SEED, Rehearsal, tiny_plan
 
+from bench.campaigns.material import Material
 from bench.campaigns.registry import analyse
 from bench.model.clock import NS
 from bench.model.errors import BenchError, ExitStatus
@@ -26,7 +27,7 @@ TRIPPED_POINT = 10  # number of the record during which the calibrator trips
 def worst_ppm(rehearsal: Rehearsal) -> float:
     """Largest difference of a scale-factor error from the truth, ppm."""
     run = rehearsal.run
-    found = analyse(run.outcome.rows, run.manifest["campaign"], run.manifest["standards"], None).estimates
+    found = analyse(Material(run.outcome.rows, run.manifest["campaign"], run.manifest["standards"])).estimates
     true = {one["quantity"]: one["value"] for one in run.truth if one["quantity"] in ("dsf_n", "dsf_p")}
     errors = {one["quantity"]: abs(one["value"] - true[one["quantity"]]) for one in found if one["quantity"] in true}
     assert set(errors) == {"dsf_n", "dsf_p"}
@@ -192,7 +193,9 @@ def test_one_frame_in_a_hundred_lost_during_part_of_the_campaign(tmp_path: Path,
     flagged = [row.window.number for row in outcome.rows if row.quality & Quality.LOST]
     assert flagged == [6 + 2, 7 + 2, 8 + 2]  # two wiring records come first
     assert found.run.counts["frames_lost"] >= sum(row.lost for row in outcome.rows) > 0
-    estimates = analyse(outcome.rows, found.run.manifest["campaign"], found.run.manifest["standards"], None).estimates
+    estimates = analyse(
+        Material(outcome.rows, found.run.manifest["campaign"], found.run.manifest["standards"])
+    ).estimates
     assert {one["dropped"] for one in estimates if one["quantity"] == "dsf_n"} == {3}
     assert worst_ppm(found) < GYRO_LIMIT_ppm
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from bench.campaigns import analyse
+from bench.campaigns.material import Material
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record import RecordRow
@@ -156,7 +157,7 @@ def gain_off() -> list[tuple[dict[tuple[str, str], list[float]], Any]]:
     found = []
     for seed in range(1, 21):
         rows, truth = rows_of(seed, gain=False)
-        analysis = analyse(rows, campaign, standards)
+        analysis = analyse(Material(rows, campaign, standards))
         found.append((errors(analysis.estimates, truth), analysis))
     return found
 
@@ -191,7 +192,7 @@ def test_no_error_beyond_45_ppm_with_the_gain_of_table_2() -> None:
     worst = 0.0
     for seed in range(1, 21):
         rows, truth = rows_of(seed, gain=True)
-        found = errors(analyse(rows, campaign, standards).estimates, truth)
+        found = errors(analyse(Material(rows, campaign, standards)).estimates, truth)
         values = [found[kind, quantity] for kind in LIMIT_ppm for quantity in ("dsf_n", "dsf_p")]
         worst = max(worst, float(np.max(np.abs(np.concatenate(values)))))
     sys.stdout.write(f"worst over 20 seeds with the gain of Table 2: {worst:.1f} ppm\n")
@@ -210,7 +211,7 @@ def test_clock_error_of_50_ppm_does_not_reach_the_scale_factors(option: str) -> 
 
     def found(seed: int, error: str) -> dict[tuple[str, str], list[float]]:
         rows, truth = rows_of(seed, gain=False, **{option: error})
-        return errors(analyse(rows, campaign, standards).estimates, truth)
+        return errors(analyse(Material(rows, campaign, standards)).estimates, truth)
 
     runs = {error: [found(seed, error) for seed in range(1, 9)] for error in ("-50", "0", "50")}
     for kind, scatter_ppm in (("gyro", 0.45), ("accelerometer", 0.16)):
@@ -226,7 +227,7 @@ def test_one_seed() -> None:
     """Short form of the sweep above: seed 1, gain off."""
     campaign, standards = manifest()
     rows, truth = rows_of(1, gain=False)
-    found = errors(analyse(rows, campaign, standards).estimates, truth)
+    found = errors(analyse(Material(rows, campaign, standards)).estimates, truth)
     for kind, limit_ppm in LIMIT_ppm.items():
         assert len(found[kind, "dsf_n"]) == (30 if kind == "gyro" else 20)
         assert np.max(np.abs(found[kind, "dsf_n"] + found[kind, "dsf_p"])) < limit_ppm

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from bench.campaigns import analyse
-from bench.campaigns.scale_factor import Analysis
+from bench.campaigns.analysis import Analysis
+from bench.campaigns.material import Material
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 
@@ -17,7 +18,7 @@ SEED = 21
 
 
 def run(campaign: sim.SimulatedCampaign, **changes: Any) -> Analysis:
-    return analyse(campaign.rows, campaign.campaign | changes, campaign.standards)
+    return analyse(Material(campaign.rows, campaign.campaign | changes, campaign.standards))
 
 
 def of(analysis: Analysis, quantity: str, **conditions: Any) -> list[dict[str, Any]]:
@@ -79,7 +80,7 @@ def test_clock_estimates_recover_the_clock_errors(campaign: sim.SimulatedCampaig
 
 def test_function_generator_of_the_register_replaces_the_papers_limit(campaign: sim.SimulatedCampaign) -> None:
     standards = campaign.standards | {"function_generator": {"uncertainty": [{"range_A": 0, "relative": 1e-6}]}}
-    found = analyse(campaign.rows, campaign.campaign, standards).estimates
+    found = analyse(Material(campaign.rows, campaign.campaign, standards)).estimates
     assert next(one for one in found if one["quantity"] == "master_clock_error")["std_uncertainty"] == pytest.approx(
         0.5, abs=1e-3
     )
@@ -117,7 +118,7 @@ def test_flagged_records_are_left_out_and_counted(campaign: sim.SimulatedCampaig
     rows = list(campaign.rows)
     wrong = dataclasses.replace(rows[12], quality=flag, sums=rows[12].sums | {"npp": rows[12].sums["npp"] * 2})
     rows[12] = wrong
-    analysis = analyse(rows, campaign.campaign, campaign.standards)
+    analysis = analyse(Material(rows, campaign.campaign, campaign.standards))
     first = of(analysis, "dsf_n", channel=1, temperature_degC=-10.0)[0]
     assert (first["n"], first["dropped"]) == (13, 1)
     assert first["value"] == pytest.approx(of(clean, "dsf_n")[0]["value"], abs=6.0)
@@ -157,7 +158,7 @@ def test_group_that_is_not_determined_is_named_and_the_others_stand(campaign: si
         else row
         for row in campaign.rows
     ]
-    analysis = analyse(bad, campaign.campaign, campaign.standards)
+    analysis = analyse(Material(bad, campaign.campaign, campaign.standards))
     assert of(analysis, "dsf_n", channel=2, temperature_degC=-10.0) == []
     assert len(of(analysis, "dsf_n", channel=2)) == 4
     assert any("B-FIT-005" in note and "channel 2 at -10 degC" in note for note in analysis.notes)
@@ -166,7 +167,7 @@ def test_group_that_is_not_determined_is_named_and_the_others_stand(campaign: si
 def test_positive_rows_only_are_refused(campaign: sim.SimulatedCampaign) -> None:
     rows = [row for row in campaign.rows if row.window.conditions["polarity"] >= 0]
     with pytest.raises(FitError, match="K_P is not determined") as caught:
-        analyse(rows, campaign.campaign, campaign.standards)
+        analyse(Material(rows, campaign.campaign, campaign.standards))
     assert caught.value.code == "B-FIT-005"
     assert caught.value.where == "channel 1 at -10 degC"
 
@@ -193,7 +194,7 @@ def test_chi_square_that_exceeds_the_declared_uncertainties_is_noted(campaign: s
 
 def test_traceability_and_drift_of_the_calibrator_are_added_when_stated(campaign: sim.SimulatedCampaign) -> None:
     calibrator = campaign.standards["calibrator"] | {"traceability_relative": 10e-6, "drift_relative": 4e-6}
-    plain, full = run(campaign), analyse(campaign.rows, campaign.campaign, {"calibrator": calibrator})
+    plain, full = run(campaign), analyse(Material(campaign.rows, campaign.campaign, {"calibrator": calibrator}))
     for quantity, extra in (("dsf_n", np.hypot(5.0, 2.0)), ("dsf_asymmetry", 0.0), ("dsf_n_tc1", 2.0 / 60.0)):
         before, after = of(plain, quantity)[0]["std_uncertainty"], of(full, quantity)[0]["std_uncertainty"]
         assert after == pytest.approx(np.hypot(before, extra), rel=1e-2)
@@ -238,7 +239,7 @@ def test_same_rows_in_another_order_give_the_same_numbers(campaign: sim.Simulate
 
 def test_no_record_is_an_error(campaign: sim.SimulatedCampaign) -> None:
     with pytest.raises(FitError) as caught:
-        analyse([], campaign.campaign, campaign.standards)
+        analyse(Material([], campaign.campaign, campaign.standards))
     assert caught.value.code == "B-FIT-007"
 
 
@@ -294,5 +295,5 @@ def test_record_of_an_undeclared_channel_is_named(campaign: sim.SimulatedCampaig
 @pytest.mark.parametrize("standards", [{}, {"calibrator": {}}, {"calibrator": {"uncertainty": [{"range_A": 1.0}]}}])
 def test_register_without_the_calibrator_is_an_error(campaign: sim.SimulatedCampaign, standards: dict) -> None:
     with pytest.raises(FitError) as caught:
-        analyse(campaign.rows, campaign.campaign, standards)
+        analyse(Material(campaign.rows, campaign.campaign, standards))
     assert caught.value.code == "B-FIT-009"

@@ -10,7 +10,8 @@ import pytest
 from rich.console import Console
 
 from bench.campaigns import analyse, build_results
-from bench.campaigns.scale_factor import Analysis
+from bench.campaigns.analysis import Analysis
+from bench.campaigns.material import Material
 from bench.commands.tables import WIDTH, print_results
 from bench.model.quality import Quality
 
@@ -24,7 +25,7 @@ def campaign() -> sim.SimulatedCampaign:
 
 def run(campaign: sim.SimulatedCampaign, keep: Callable[[dict[str, Any]], bool]) -> Analysis:
     rows = [row for row in campaign.rows if keep(row.window.conditions)]
-    return analyse(rows, campaign.campaign, campaign.standards)
+    return analyse(Material(rows, campaign.campaign, campaign.standards))
 
 
 def printed(analysis: Analysis, width: int = WIDTH) -> str:
@@ -58,7 +59,7 @@ def test_a_repeat_whose_records_are_flagged_is_missing(campaign: sim.SimulatedCa
         dataclasses.replace(row, quality=Quality.TRIPPED) if row.window.conditions["repeat"] else row
         for row in campaign.rows
     ]
-    analysis = analyse(rows, campaign.campaign, campaign.standards)
+    analysis = analyse(Material(rows, campaign.campaign, campaign.standards))
     (one,) = analysis.missing
     assert one.startswith("channel 1 at 50 degC, repeat 1: ")
     assert "left out: 15 tripped" in one
@@ -72,7 +73,7 @@ def test_what_is_left_of_a_group_that_is_not_determined_is_told(campaign: sim.Si
         else row
         for row in campaign.rows
     ]
-    analysis = analyse(rows, campaign.campaign, campaign.standards)
+    analysis = analyse(Material(rows, campaign.campaign, campaign.standards))
     (one,) = analysis.missing
     assert one.startswith("channel 1 at -10 degC: K_P is not determined")
     assert one.endswith("(B-FIT-005); left out: 7 not settled")
@@ -81,7 +82,7 @@ def test_what_is_left_of_a_group_that_is_not_determined_is_told(campaign: sim.Si
 
 def test_a_missing_bias_is_noted(campaign: sim.SimulatedCampaign) -> None:
     rows = [dataclasses.replace(campaign.rows[0], quality=Quality.TRIPPED), *campaign.rows[1:]]
-    analysis = analyse(rows, campaign.campaign, campaign.standards)
+    analysis = analyse(Material(rows, campaign.campaign, campaign.standards))
     assert analysis.missing == []
     assert any(note == "No bias of channel 1 at -10 degC: its open record is not usable." for note in analysis.notes)
 

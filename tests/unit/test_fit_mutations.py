@@ -9,6 +9,7 @@ import pytest
 
 from bench.campaigns import analyse, group_fit
 from bench.campaigns.groups import group_rows
+from bench.campaigns.material import Material
 from bench.fit import Bias, Converter, RangeSpecification, Readings, ScaleFactor, fit_scale_factor
 from bench.fit import scale_factor as code
 from bench.model.errors import FitError
@@ -98,7 +99,7 @@ def test_bias_sign_flipped(monkeypatch: pytest.MonkeyPatch) -> None:
     campaign = sim.simulate(13, sim.Switches(), {1: "gyro", 2: "accelerometer"})
 
     def worst_score() -> float:
-        found = analyse(campaign.rows, campaign.campaign, campaign.standards).estimates
+        found = analyse(Material(campaign.rows, campaign.campaign, campaign.standards)).estimates
         biases = [one for one in found if one["quantity"] == "bias"]
         assert len(biases) == 10
         return max(abs(one["value"] - campaign.truth(one)) / one["std_uncertainty"] for one in biases)

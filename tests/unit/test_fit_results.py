@@ -9,6 +9,7 @@ import jsonschema
 import pytest
 
 from bench.campaigns import analyse, analysis_module, build_results, registry, results_json, validate_results
+from bench.campaigns.material import Material
 from bench.campaigns.results import results_schema, shipped_schema
 from bench.model.errors import FitError, InputError
 
@@ -18,7 +19,7 @@ PROVENANCE = {"simulated": True, "plan_sha256": "a", "frame_sha256": "b", "sessi
 @pytest.fixture(scope="module")
 def document() -> dict[str, Any]:
     campaign = sim.simulate(30, sim.Switches(), repeat_channel=1)
-    analysis = registry.analyse(campaign.rows, campaign.campaign, campaign.standards)
+    analysis = registry.analyse(Material(campaign.rows, campaign.campaign, campaign.standards))
     return build_results("session", analysis, {"records": 165, "frames": 1_650_000, "flagged": 2}, PROVENANCE)
 
 
@@ -87,6 +88,6 @@ def test_text_is_canonical_and_keeps_every_bit(document: dict[str, Any]) -> None
 def test_analysis_by_name() -> None:
     assert analysis_module("scale_factor").METHODS == ("gls", "paper", "ols")
     with pytest.raises(FitError, match="unknown analysis 'scale_facto'") as caught:
-        analyse([], {"analysis": "scale_facto"}, {})
+        analyse(Material([], {"analysis": "scale_facto"}, {}))
     assert caught.value.code == "B-FIT-011"
     assert "scale_factor" in caught.value.next_step

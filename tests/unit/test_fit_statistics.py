@@ -11,6 +11,7 @@ from bench.campaigns import analyse
 from bench.campaigns.constants import read_campaign, read_standards
 from bench.campaigns.group_fit import fit_groups
 from bench.campaigns.groups import campaign_rows, group_rows
+from bench.campaigns.material import Material
 
 CAMPAIGNS = 500
 SCALE_FACTORS = ("dsf_n", "dsf_p")
@@ -33,7 +34,7 @@ def run(seeds: range, switches: sim.Switches) -> tuple[dict[tuple[str, str], Sco
     chi2: dict[str, list[float]] = {}
     for seed in seeds:
         campaign = sim.simulate(seed, switches)
-        analysis = analyse(campaign.rows, campaign.campaign, campaign.standards)
+        analysis = analyse(Material(campaign.rows, campaign.campaign, campaign.standards))
         fresh = set()
         for one in analysis.estimates:
             if "channel" not in one["conditions"] or one["quantity"].endswith("_residual"):

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from bench.campaigns import analyse, groups
+from bench.campaigns.analysis import Analysis
 from bench.campaigns.constants import read_campaign, read_standards
 from bench.campaigns.group_fit import fit_groups
 from bench.campaigns.groups import campaign_rows, group_rows
-from bench.campaigns.scale_factor import Analysis
+from bench.campaigns.material import Material
 from bench.campaigns.temperatures import LONGEST_REACH_s, UnitTemperature, unit_temperatures
 from bench.model.errors import FitError
 from bench.model.quality import Quality
@@ -22,7 +23,7 @@ SCALE_FACTORS = ("dsf_n", "dsf_p", "dsf_asymmetry")
 
 
 def run(campaign: sim.SimulatedCampaign, **changes: Any) -> Analysis:
-    return analyse(campaign.rows, campaign.campaign | changes, campaign.standards)
+    return analyse(Material(campaign.rows, campaign.campaign | changes, campaign.standards))
 
 
 def of(analysis: Analysis, quantity: str, **conditions: Any) -> list[dict[str, Any]]:
@@ -234,7 +235,7 @@ def test_declared_drift_of_the_calibrator_is_in_the_coefficient() -> None:
         campaign = sim.simulate(seed, sim.Switches(gain_drift_sigma=2e-6))
         for declared in scores:
             calibrator = campaign.standards["calibrator"] | ({"drift_relative": 4e-6} if declared else {})
-            analysis = analyse(campaign.rows, campaign.campaign, {"calibrator": calibrator})
+            analysis = analyse(Material(campaign.rows, campaign.campaign, {"calibrator": calibrator}))
             scores[declared] += [
                 (one["value"] - campaign.truth(one)) / one["std_uncertainty"]
                 for name in ("dsf_n_tc1", "dsf_p_tc1") for one in of(analysis, name)

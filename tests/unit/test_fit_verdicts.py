@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 from bench.campaigns import analyse
-from bench.campaigns.scale_factor import Analysis
+from bench.campaigns.analysis import Analysis
+from bench.campaigns.material import Material
 
 SEED = 5
 RESIDUALS = ("dsf_n_residual", "dsf_p_residual")
 
 
 def run(campaign: sim.SimulatedCampaign, **changes: Any) -> Analysis:
-    return analyse(campaign.rows, campaign.campaign | changes, campaign.standards)
+    return analyse(Material(campaign.rows, campaign.campaign | changes, campaign.standards))
 
 
 def of(analysis: Analysis, *quantities: str) -> list[dict[str, Any]]:

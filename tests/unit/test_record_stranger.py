@@ -13,6 +13,7 @@ import pytest
 from record_frames import AF_CLOCK, FRAME_NS, constant_stream, housekeeping
 from record_sample import NS, ROOT, frame
 
+from bench.campaigns.material import Material
 from bench.campaigns.registry import analyse
 from bench.model.errors import SessionDamaged
 from bench.record import SessionReader
@@ -130,7 +131,7 @@ def test_a_strangers_session_is_replayed_and_fitted(tmp_path: Path, variant: str
         assert int(row.sums["af_clock"]) == AF_CLOCK * RECORD_FRAMES
         assert row.quality == 0
         assert row.context["unit_temperature_degC"] == pytest.approx(20.035, abs=1e-9)
-    analysis = analyse(done.rows, done.manifest["campaign"], done.manifest["standards"])
+    analysis = analyse(Material(done.rows, done.manifest["campaign"], done.manifest["standards"]))
     for estimate in analysis.estimates:
         if estimate["quantity"] in DSF:
             error_ppm = estimate["value"] - 1e6 * DSF[estimate["quantity"]]

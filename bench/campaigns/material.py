@@ -1,0 +1,59 @@
+"""Everything an analysis may see of a session: records, temperatures, readings, constants; nothing of any truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from bench.record import RecordRow
+
+Floats = NDArray[np.float64]
+
+
+def _none() -> Floats:
+    return np.empty(0)
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Temperatures of the whole run, about one a minute, all (k,), degC; NaN = no reading.
+
+    ``t_s``: seconds of the bench clock, the one that stamps records; the preparation is included.
+    """
+
+    t_s: Floats = field(default_factory=_none)
+    air_degC: Floats = field(default_factory=_none)
+    unit_degC: Floats = field(default_factory=_none)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A value that an instrument returned to a step; ``value`` is None if it gave none."""
+
+    t_s: float
+    step: int
+    role: str
+    name: str
+    value: Any
+    conditions: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Material:
+    """What a session gives to an analysis.
+
+    ``rows``: the measuring records, by number.   ``campaign``, ``standards``: sections of the manifest.
+    ``series``: columns of an imported log, (n,) each, "t_s" among them; empty for a session of this bench.
+    """
+
+    rows: Sequence[RecordRow]
+    campaign: Mapping[str, Any]
+    standards: Mapping[str, Mapping[str, Any]]
+    trace: Trace = field(default_factory=Trace)
+    readings: Sequence[Reading] = ()
+    series: Mapping[str, Floats] = field(default_factory=dict)
