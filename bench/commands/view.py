@@ -112,6 +112,8 @@ def report_html(view: SessionView, results: Mapping[str, Any], analysis: Analysi
         residuals=analysis.residuals,
         components=analysis.components,
         prompts=[dict(fields) for _, fields in view.events_of("prompt")],
+        figures=analysis.figures,
+        tables=analysis.tables,
         notes=[*analysis.notes, *happenings(view), *view.notes],
     )
     return build_report(model)

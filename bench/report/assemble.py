@@ -25,6 +25,8 @@ def report_model(
     residuals: Iterable[Mapping[str, Any]] = (),
     components: Iterable[Mapping[str, Any]] = (),
     prompts: Iterable[Mapping[str, Any]] = (),
+    figures: Iterable[Mapping[str, Any]] = (),
+    tables: Iterable[Mapping[str, Any]] = (),
     notes: Iterable[str] = (),
 ) -> ReportModel:
     """Gather what a report shows; nothing is fitted here and nothing is read from disk.
@@ -36,7 +38,8 @@ def report_model(
         prepare_s: length of the preparation; by default up to the end of its last step.
         residuals: per row of the fit {"channel", "kind", "temperature_degC", "current_A" (signed), "residual_ppm"
             or "residual_A", optionally "std_ppm"}.   components: rows of the table of uncertainty components.
-        prompts: operator prompts and answers.   notes: sentences of the analysis.
+        prompts: operator prompts and answers.   figures, tables: documents of the analysis (bench.campaigns.analysis).
+        notes: sentences of the analysis.
     """
     length_s = _prepare_s(plan_steps) if prepare_s is None else prepare_s
     return ReportModel(
@@ -52,6 +55,8 @@ def report_model(
         components=tuple(components),
         counts=record_counts(rows),
         prompts=tuple(prompts),
+        figures=tuple(figures),
+        tables=tuple(tables),
         notes=tuple(notes),
     )
 

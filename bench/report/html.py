@@ -10,12 +10,14 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from bench.report.figures import timetable_picture
+from bench.report.graphs import analysis_pictures
 from bench.report.model import ReportModel
 from bench.report.multiples import dsf_picture, residual_picture
 from bench.report.numbers import number
 from bench.report.style import Picture
 from bench.report.tables import (
     Table,
+    analysis_tables,
     coefficient_table,
     documents_table,
     other_table,
@@ -94,8 +96,21 @@ def _summary(model: ReportModel) -> Section:
         "frames bad": quality.get("frames_bad", model.counts.bad),
         "rows left out of the fits": sum(int(row.get("dropped") or 0) for row in estimates),
     }
-    tables = (pairs_table("The campaign at a glance.", ("item", "value"), lines), verdict_table(model))
-    return Section("summary", "Summary", tables=tuple(table for table in tables if table))
+    table = pairs_table("The campaign at a glance.", ("item", "value"), lines)
+    return Section("summary", "Summary", tables=(table,) if table else ())
+
+
+def _verdicts(model: ReportModel) -> Section:
+    table = verdict_table(model)
+    return Section("verdicts", "Verdicts", tables=(table,) if table else ())
+
+
+def _figures(model: ReportModel) -> Section:
+    return Section("figures", "Figures", pictures=tuple(analysis_pictures(model.figures)))
+
+
+def _explanations(model: ReportModel) -> Section:
+    return Section("explanations", "Tables of the analysis", tables=tuple(analysis_tables(model.tables)))
 
 
 def _scale_factor(model: ReportModel) -> Section:
@@ -180,7 +195,10 @@ _SECTIONS: tuple[Callable[[ReportModel], Section], ...] = (
     _scale_factor,
     _coefficients,
     _residuals,
+    _figures,
+    _verdicts,
     _others,
+    _explanations,
     _quality,
     _standards,
     _components,

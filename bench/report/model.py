@@ -143,6 +143,8 @@ class ReportModel:
     components: tuple[Mapping[str, Any], ...] = ()
     counts: RecordCounts = field(default_factory=RecordCounts)
     prompts: tuple[Mapping[str, Any], ...] = ()
+    figures: tuple[Mapping[str, Any], ...] = ()
+    tables: tuple[Mapping[str, Any], ...] = ()
     notes: tuple[str, ...] = ()
 
     @property

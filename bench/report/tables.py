@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +12,7 @@ from bench.report.model import ReportModel
 from bench.report.numbers import cell, decimals_for, header, number, unit_text, with_uncertainty
 
 _SCALE_FACTOR = ("dsf_n", "dsf_p", "dsf_asymmetry")
-_COEFFICIENTS = ("tc0", "tc1", "tc2")
+_COEFFICIENTS = ("tc0", "tc1", "tc2", "tc3")
 _COLUMNS = (
     *("role", "manufacturer", "model", "serial", "firmware"),
     *("step", "text", "value", "unit", "low", "high", "by"),
@@ -91,16 +93,16 @@ def coefficient_table(model: ReportModel) -> Table | None:
             found.setdefault((str(row["conditions"].get("channel", "–")), quantity), {})[order] = row
     if not found:
         return None
+    orders = [order for order in _COEFFICIENTS if any(order in entry for entry in found.values())]
     lines = []
     for (channel, quantity), entry in found.items():
         scale, unit = _readable(list(entry.values()))
-        lines.append((channel, f"{quantity} / {unit}", *(_value(entry.get(order), scale) for order in _COEFFICIENTS)))
+        lines.append((channel, f"{quantity} / {unit}", *(_value(entry.get(order), scale) for order in orders)))
     conditions = next(iter(next(iter(found.values())).values()))["conditions"]
     reference = conditions.get("reference_temperature_degC", model.campaign.get("reference_temperature_degC"))
     caption = f"Value at {cell(reference)} °C and coefficients about it: value ± expanded uncertainty."
-    return Table(
-        caption, ("channel", "quantity", f"at {cell(reference)} °C", "per °C", "per °C²"), tuple(lines), stub=2
-    )
+    heads = dict(zip(_COEFFICIENTS, (f"at {cell(reference)} °C", "per °C", "per °C²", "per °C³"), strict=True))
+    return Table(caption, ("channel", "quantity", *(heads[order] for order in orders)), tuple(lines), stub=2)
 
 
 def _value(row: Mapping[str, Any] | None, scale: float = 1.0) -> str:
@@ -163,21 +165,55 @@ def other_table(model: ReportModel) -> Table | None:
 
 
 def verdict_table(model: ReportModel) -> Table | None:
-    """Every estimate that is judged, with its limit; none where a campaign judges nothing."""
-    rows = tuple(
-        (
-            row["quantity"],
-            _conditions(row["conditions"]),
-            _value(row),
-            number(row.get("limit")),
-            unit_text(row["unit"]),
-            str(row["verdict"]).replace("_", " "),
-        )
-        for row in model.results.get("estimates", ())
-        if row.get("verdict", "none") != "none"
+    """What is judged, one row per quantity and channel: the estimate nearest to its limit; None without verdicts."""
+    judged: dict[tuple[str, Any], list[Mapping[str, Any]]] = {}
+    for row in model.results.get("estimates", ()):
+        if row.get("verdict", "none") != "none":
+            judged.setdefault((row["quantity"], row["conditions"].get("channel", "–")), []).append(row)
+    rows = tuple(_verdict_row(quantity, channel, group) for (quantity, channel), group in judged.items())
+    rule = model.results.get("decision_rule")
+    headers = ("quantity", "channel", "judged", "worst: value ± U", "limit", "unit", "conformance", "verdicts")
+    caption = (
+        "Judged by a limit: the estimate nearest to it stands for its channel, all are in results.json. "
+        + (f"Decision rule: {str(rule).replace('_', ' ')}. " if rule else "")
+        + "Conformance: probability that the true value is inside the limit."
     )
-    headers = ("quantity", "conditions", "value ± expanded uncertainty", "limit", "unit", "verdict")
-    return Table("Estimates judged by a limit.", headers, rows, stub=2) if rows else None
+    return Table(caption, headers, rows, stub=2) if rows else None
+
+
+def _verdict_row(quantity: str, channel: Any, group: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    worst = max(group, key=lambda row: (abs(row["value"]) + row["expanded_uncertainty"]) / (row["limit"] or math.inf))
+    scale, unit = _readable([worst])
+    counted = Counter(str(row["verdict"]).replace("_", " ") for row in group)
+    limit = worst.get("limit")
+    probability = worst.get("conformance_probability")
+    return (
+        quantity,
+        str(channel),
+        str(len(group)),
+        _value(worst, scale),
+        number(None if limit is None else limit * scale),
+        unit_text(unit),
+        "–" if probability is None else _percent(probability),
+        ", ".join(f"{count} {name}" for name, count in sorted(counted.items())),
+    )
+
+
+def _percent(probability: float) -> str:
+    """Per cent, never rounded up to certainty."""
+    return "> 99.99 %" if probability > 0.9999 else f"{100.0 * probability:.2f} %"
+
+
+def analysis_tables(documents: Sequence[Mapping[str, Any]]) -> list[Table]:
+    """The tables an analysis describes as plain documents."""
+    return [
+        Table(
+            ". ".join(text for text in (str(one["title"]), str(one.get("caption", ""))) if text),
+            tuple(str(text) for text in one["headers"]),
+            tuple(tuple(cell(value) for value in row) for row in one["rows"]),
+        )
+        for one in documents
+    ]
 
 
 def _conditions(conditions: Mapping[str, Any]) -> str:

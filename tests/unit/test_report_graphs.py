@@ -1,0 +1,101 @@
+"""Figures and tables that an analysis describes as documents come out in the page, complete and the same each time."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from report_sample import sample_model
+
+from bench.report import build_report
+from bench.report.graphs import analysis_pictures
+
+
+def figure(title: str, **more: Any) -> dict[str, Any]:
+    series = [
+        {"label": "up", "x": [0.0, 1.0, 2.0], "y": [1.0, 2.0, 4.0]},
+        {
+            "label": "readings",
+            "x": [0.0, 1.0],
+            "y": [1.1, 2.2],
+            "style": "points",
+            "low": [1.0, 2.0],
+            "high": [1.2, 2.4],
+        },
+        {"label": "95 %", "x": [0.0, 2.0], "low": [0.5, 3.0], "high": [1.5, 5.0], "style": "band"},
+    ]
+    return {
+        "title": title,
+        "caption": "What it shows.",
+        "x_label": "T / °C",
+        "y_label": "bias / nA",
+        "series": series,
+    } | more
+
+
+def texts(svg: str) -> list[str]:
+    return re.findall(r"<text[^>]*>([^<]*)</text>", svg)
+
+
+def test_a_group_is_one_picture_with_a_panel_per_figure() -> None:
+    pictures = analysis_pictures(
+        [figure("channel 1", group="bias"), figure("alone"), figure("channel 2", group="bias")]
+    )
+    assert [picture.description for picture in pictures] == ["channel 1, channel 2.", "alone."]
+    words = texts(pictures[0].svg)
+    assert {"channel 1", "channel 2", "T / °C", "bias / nA"} <= set(words)
+    assert [words.count(label) for label in ("up", "readings", "95 %")] == [1, 1, 1]  # one legend for all panels
+    assert pictures[0].caption == "What it shows."
+
+
+def test_logarithmic_axes() -> None:
+    series = [{"label": "adev", "x": [1.0, 10.0, 100.0], "y": [1e-3, 1e-2, 1e-1]}]
+    linear, logarithmic = (
+        analysis_pictures([figure("Allan", x_log=log, y_log=log, series=series)])[0].svg for log in (False, True)
+    )
+    assert "20" in texts(linear)
+    assert "20" not in texts(logarithmic)
+
+
+def test_error_bars_reach_from_low_to_high_only() -> None:
+    bars = [{"label": "r", "x": [1.0], "y": [5.0], "low": [5.0], "high": [9.0], "style": "points"}]
+    plain = [{"label": "r", "x": [1.0], "y": [5.0], "style": "points"}]
+    with_bars, without = (analysis_pictures([figure("f", series=one)])[0].svg for one in (bars, plain))
+    assert len(with_bars) > len(without)
+
+
+def test_figures_and_tables_are_in_the_page_and_the_bytes_repeat() -> None:
+    table = {"title": "Budget", "caption": "Channel 1.", "headers": ["component", "u / ppm"], "rows": [["gain", 10.0]]}
+    model = replace(sample_model(), figures=(figure("Bias of channel 1"),), tables=(table,))
+    page = build_report(model)
+    assert "Bias of channel 1" in page
+    assert "Budget. Channel 1." in page
+    assert ">gain</th><td>10</td>" in page
+    assert page == build_report(model)
+
+
+@pytest.mark.parametrize("probability", [0.99999, 1.0])
+def test_a_probability_is_never_rounded_up_to_certainty(probability: float) -> None:
+    model = sample_model()
+    judged = {
+        "quantity": "bias_residual",
+        "unit": "A",
+        "value": 1e-9,
+        "std_uncertainty": 1e-10,
+        "coverage_factor": 2.0,
+        "expanded_uncertainty": 2e-10,
+        "conditions": {"channel": 1, "kind": "gyro"},
+        "n": 1,
+        "dropped": 0,
+        "limit": 24e-9,
+        "verdict": "pass",
+        "conformance_probability": probability,
+    }
+    results = {**model.results, "estimates": [judged, {**judged, "value": -5e-9}], "decision_rule": "non_binary"}
+    page = build_report(replace(model, results=results))
+    assert "&gt; 99.99 %" in page
+    assert "−5.00 ± 0.20" in page  # the one nearer to the limit stands for the channel
+    assert "2 pass" in page
+    assert "Decision rule: non binary" in page
