@@ -6,7 +6,7 @@ PIP_INSTALL = $(PY) -m pip install --quiet --disable-pip-version-check --no-inpu
 OUT ?= sessions
 SEED ?= 1
 
-.PHONY: demo test sweep bench lint wheel lock
+.PHONY: demo test sweep validate bench lint wheel lock
 
 demo: $(VENV)/.run
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
@@ -17,6 +17,9 @@ test: $(VENV)/.dev
 
 sweep: $(VENV)/.dev
 	$(PY) -m pytest -n 2 -m sweep
+
+validate: $(VENV)/.dev
+	PYTHONPATH=tests $(PY) -m pytest -q -p validation_record --validation-record docs/validation.md
 
 bench: $(VENV)/.benchmark
 	$(PY) -m benchmarks

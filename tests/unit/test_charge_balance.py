@@ -49,6 +49,10 @@ def _sine(rng, n):
 SHAPES = (_direct, _noise_near_zero, _slow_noise, _switching, _sine)
 
 
+@pytest.mark.validates(
+    "three-state charge balance of the simulated converter, closed form",
+    against="a loop over every clock edge",
+)
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: shape.__name__.strip("_"))
 @pytest.mark.parametrize("case", range(12))
 def test_counts_equal_the_clock_by_clock_loop(shape, case):

@@ -27,6 +27,10 @@ def readings(**changes: object) -> Readings:
     return Readings(**(values | {name: np.asarray(value, dtype=float) for name, value in changes.items()}))
 
 
+@pytest.mark.validates(
+    "AF paper (1) and 4.1: clock ratio and master-clock error",
+    against="closed form for clocks off by +50 and -30 ppm",
+)
 def test_clock_ratio_and_master_error_from_clocks_of_known_error() -> None:
     af, master = 50e-6, -30e-6
     gate_s = np.array([100.0])
@@ -41,6 +45,10 @@ def test_clock_without_pulses_is_not_a_number() -> None:
     assert np.isnan(master_clock_error(np.zeros(1), np.ones(1), 1e7)).all()
 
 
+@pytest.mark.validates(
+    "coverage factor for 95 %",
+    against="JCGM 100:2008 table G.2",
+)
 @pytest.mark.parametrize(("dof", "table"), [(1, 12.71), (2, 4.30), (10, 2.23), (50, 2.01), (float("inf"), 1.960)])
 def test_coverage_factor_is_that_of_the_guides_table(dof: float, table: float) -> None:
     """JCGM 100:2008 table G.2, column 95 %."""
@@ -119,6 +127,10 @@ def test_noise_of_a_gyro_gate_is_the_design_figure() -> None:
     assert np.sqrt(parts["white noise of the converter"][0, 0]) == pytest.approx(0.1414e-9, rel=1e-3)
 
 
+@pytest.mark.validates(
+    "covariance of gate averages of a random walk",
+    against="20,000 simulated walks",
+)
 def test_random_walk_covariance_against_simulated_walks() -> None:
     rng = np.random.default_rng(4)
     seconds, steps = 12, 100

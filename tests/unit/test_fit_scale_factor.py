@@ -1,6 +1,7 @@
 """The fit of one channel at one temperature: exact recovery, independent methods, refusals."""
 
 import dataclasses
+from collections.abc import Callable
 
 import fit_simulation as sim
 import numpy as np
@@ -47,13 +48,25 @@ def closed_form_ppm(rows: Readings, level_A: float) -> np.ndarray:
     return np.asarray(1e6 * (k / sim.KIND["gyro"]["k0_C"] - 1))
 
 
+@pytest.mark.validates(
+    "AF paper (4) to (9), (7) corrected: joint model of one group",
+    against="each level's two equations solved for K_N and K_P on their own",
+)
 @pytest.mark.parametrize("level_A", sim.KIND["gyro"]["levels_A"])
-def test_the_papers_differences_solved_level_by_level_agree(level_A: float) -> None:
+def test_the_papers_differences_solved_level_by_level_agree(
+    record_property: Callable[[str, object], None], level_A: float
+) -> None:
     rows, _ = one_group(5, IDEAL)
-    np.testing.assert_allclose(closed_form_ppm(rows, level_A), fit(rows).dsf_ppm, atol=1e-5)
+    closed = closed_form_ppm(rows, level_A)
+    record_property("obtained", f"{level_A:g} A: {np.max(np.abs(closed - fit(rows).dsf_ppm)):.1e} ppm")
+    np.testing.assert_allclose(closed, fit(rows).dsf_ppm, atol=1e-5)
 
 
-def test_ols_is_equation_10_stacked() -> None:
+@pytest.mark.validates(
+    "AF paper (10) and (11), signs corrected",
+    against="the equations stacked as printed in the decision record and solved by numpy.linalg.lstsq",
+)
+def test_ols_is_equation_10_stacked(record_property: Callable[[str, object], None]) -> None:
     rows, _ = one_group(6, sim.Switches())
     ratio = sim.F_AF0_Hz * rows.gate_s / rows.af_count
     c = np.column_stack([rows.n_count, -rows.p_count]) * (ratio / rows.gate_s)[:, None]
@@ -65,10 +78,16 @@ def test_ols_is_equation_10_stacked() -> None:
     for method, weight in (("ols", np.ones(12)), ("paper", 1 / np.abs(current))):
         k, *_ = np.linalg.lstsq(np.array(stacked) * weight[:, None], np.array(current) * weight)
         expected = 1e6 * (k / sim.KIND["gyro"]["k0_C"] - 1)
-        np.testing.assert_allclose(fit(rows, method=method).dsf_ppm, expected, atol=1e-6)
+        found = fit(rows, method=method).dsf_ppm
+        record_property("obtained", f"{method}: {np.max(np.abs(found - expected)):.1e} ppm, limit 1e-6")
+        np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
-def test_gls_agrees_with_a_numerical_search_over_every_unknown() -> None:
+@pytest.mark.validates(
+    "generalised least squares of one group, value and covariance",
+    against="every offset and linearity error as an unknown with a prior, minimised by scipy.optimize",
+)
+def test_gls_agrees_with_a_numerical_search_over_every_unknown(record_property: Callable[[str, object], None]) -> None:
     """Second method: offsets and linearity errors as unknowns with priors, minimised by scipy.optimize."""
     rows, _ = one_group(8, sim.Switches())
     quiet = dataclasses.replace(CONVERTER["gyro"], walk_A_rth=0.0)
@@ -97,6 +116,7 @@ def test_gls_agrees_with_a_numerical_search_over_every_unknown() -> None:
     found = scipy.optimize.least_squares(
         misfit, start, jac=lambda _x: slopes, x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15
     )
+    record_property("obtained", f"{np.max(np.abs(found.x[:2] - result.dsf_ppm)):.1e} ppm, limit 1e-4")
     np.testing.assert_allclose(found.x[:2], result.dsf_ppm, atol=1e-4)
     assert 2 * found.cost == pytest.approx(result.chi2, rel=1e-6)
     spread = np.linalg.inv(found.jac.T @ found.jac)[:2, :2]
