@@ -1,10 +1,10 @@
-"""What the whole 38-hour campaign costs, against a simple loop that would merely decode its stream.
+"""What the 38-hour and the 25-hour campaign cost, against a simple loop that would merely decode their streams.
 
-The campaign is ``bench run`` in a process of its own, everything included: start of Python, simulated bench, drivers,
+A campaign is ``bench run`` in a process of its own, everything included: start of Python, simulated bench, drivers,
 recording, decoding, fit and report. The loop is find + crcmod + struct on frames held in memory; its cost per frame
-is measured in the same run and multiplied by the frames of the counted link.
+of either port is measured in the same run and multiplied by the frames of that port.
 
-Run: python -m benchmarks.campaign.
+Run: python -m benchmarks.campaign [SEQUENCE].
 """
 
 from __future__ import annotations
@@ -18,11 +18,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from bench.frame import load_frame
-from benchmarks.decoder import FRAMES, columns, cost_ns, peer_loop
+from benchmarks.decoder import FRAMES, columns, cost_ns, housekeeping, housekeeping_loop, peer_loop
 
 RATES_Hz = (100.0, 10.0)  # counted link, housekeeping link
 LOOP_FRAMES = 50_000
-TWICE = ("dwell=200 s", "settle=40 s", "slot=18000 s")
+CAMPAIGNS = {  # and the settings that make them last twice as long
+    "scale_factor_38h": ("dwell=200 s", "settle=40 s", "slot=18000 s"),
+    "bias_ramp_25h": (),
+}
 DONE = (0, 1)  # every verdict passes, or one fails: the campaign is complete either way
 
 
@@ -36,10 +39,10 @@ class Cost:
     records: int
 
 
-def campaign_cost(*settings: str) -> Cost:
-    """Run the campaign on the simulated bench and read what it cost the system."""
+def campaign_cost(sequence: str, *settings: str) -> Cost:
+    """Run a campaign on the simulated bench and read what it cost the system."""
     with TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "bench", "run", "scale_factor_38h"]
+        command = [sys.executable, "-m", "bench", "run", sequence]
         command += ["--clock", "virtual", "--seed", "1", "--out", folder]
         command += [word for setting in settings for word in ("--set", setting)]
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
@@ -55,29 +58,47 @@ def campaign_cost(*settings: str) -> Cost:
     return Cost(usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024, quality["frames"], quality["records"])
 
 
-def loop_ns() -> float:
-    """CPU nanoseconds per frame of the find + crcmod + struct loop."""
-    stream = load_frame(FRAMES / "ngu_a.yaml").encode(columns(LOOP_FRAMES), LOOP_FRAMES).tobytes()
-    return cost_ns(lambda: peer_loop(stream), LOOP_FRAMES, 5)
+def loop_ns() -> tuple[float, float]:
+    """CPU nanoseconds per frame of the find + crcmod + struct loop: counted link, housekeeping link."""
+    counted = load_frame(FRAMES / "ngu_a.yaml").encode(columns(LOOP_FRAMES), LOOP_FRAMES).tobytes()
+    beside = load_frame(FRAMES / "ngu_b.yaml").encode(housekeeping(LOOP_FRAMES), LOOP_FRAMES, "housekeeping").tobytes()
+    return (
+        cost_ns(lambda: peer_loop(counted), LOOP_FRAMES, 5),
+        cost_ns(lambda: housekeeping_loop(beside), LOOP_FRAMES, 5),
+    )
+
+
+def loop_s(each_ns: tuple[float, float], frames: int) -> float:
+    """CPU seconds of the loop for all frames of a campaign, which come at the rates of both links."""
+    return sum(cost * frames * rate / sum(RATES_Hz) for cost, rate in zip(each_ns, RATES_Hz, strict=True)) * 1e-9
+
+
+def measured(sequence: str, twice: tuple[str, ...]) -> list[str]:
+    """Lines of the table of one campaign; ``twice`` makes it last twice as long."""
+    before_ns = loop_ns()
+    once = campaign_cost(sequence)
+    long = campaign_cost(sequence, *twice) if twice else None
+    each_ns = [min(pair) for pair in zip(before_ns, loop_ns(), strict=True)]
+    simple_s = loop_s((each_ns[0], each_ns[1]), once.frames)
+    name = f"bench run {sequence}, everything"
+    rows = [
+        f"{sequence}: {once.records} records, {once.frames} frames of both links",
+        f"{'':<52}{'CPU s':>10}{'peak MB':>10}",
+        f"{name:<52}{once.cpu_s:>10.1f}{once.peak_MB:>10.0f}",
+        f"{'find + crcmod + struct loop, both links':<52}{simple_s:>10.1f}",
+        f"campaign / loop {once.cpu_s / simple_s:.3f}",
+    ]
+    if long is not None:
+        rows.insert(3, f"{'the same, twice as long':<52}{long.cpu_s:>10.1f}{long.peak_MB:>10.0f}")
+        rows[-1] += f"    twice as long / once {long.cpu_s / once.cpu_s:.2f}"
+    return rows
 
 
 def main() -> None:
-    """Print one table."""
-    before_ns = loop_ns()
-    once = campaign_cost()
-    twice = campaign_cost(*TWICE)
-    per_frame_ns = min(before_ns, loop_ns())
-    counted = once.frames * RATES_Hz[0] / sum(RATES_Hz)
-    loop_s = per_frame_ns * counted * 1e-9
-    rows = [
-        f"campaign: {once.records} records, {once.frames} frames of both links",
-        f"{'':<52}{'CPU s':>10}{'peak MB':>10}",
-        f"{'bench run scale_factor_38h, everything':<52}{once.cpu_s:>10.1f}{once.peak_MB:>10.0f}",
-        f"{'the same, twice as long':<52}{twice.cpu_s:>10.1f}{twice.peak_MB:>10.0f}",
-        f"{f'find + crcmod + struct loop, {counted:.0f} frames decoded':<52}{loop_s:>10.1f}",
-        f"campaign / loop {once.cpu_s / loop_s:.3f}    twice as long / once {twice.cpu_s / once.cpu_s:.2f}",
-    ]
-    sys.stdout.write("\n".join(rows) + "\n")
+    """Print one table for each campaign."""
+    for sequence in sys.argv[1:] or CAMPAIGNS:
+        sys.stdout.write("\n".join(measured(sequence, CAMPAIGNS.get(sequence, ()))) + "\n\n")
+        sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -70,6 +70,38 @@ def peer_loop(stream: bytes) -> int:
     return len(rows)
 
 
+def housekeeping(count: int) -> dict[str, np.ndarray]:
+    """Seeded contents of ``count`` housekeeping frames of ngu_b."""
+    generator = np.random.default_rng(SEED)
+    return {
+        "counter": (np.arange(count) % 65536).astype(np.uint16),
+        "unit_temperature": generator.integers(-1000, 5000, (count, 4)).astype(np.int16),
+        "supply_voltage": np.full(count, 18_000, np.uint16),
+        "supply_current": np.full(count, 1850, np.uint16),
+        "rails": np.tile(np.array([5000, 15_000, 15_000], np.uint16), (count, 1)),
+        "status": np.ones(count, np.uint16),
+    }
+
+
+def housekeeping_loop(stream: bytes) -> int:
+    """The same simple program for port B, whose frames say how long they are."""
+    check = crcmod.mkCrcFun(0x11021, 0xFFFF, False, 0)
+    unpack = struct.Struct(">2xBBH4hHH3HH").unpack_from
+    at, rows = stream.find(b"\xeb\x9b"), []
+    while at >= 0 and at + 4 <= len(stream):
+        end = at + stream[at + 2]
+        if end > at + 4 and check(stream[at + 2 : end - 2]) == stream[end - 2] << 8 | stream[end - 1]:
+            if stream[at + 3] == 1:
+                rows.append(unpack(stream, at))
+            at = end
+            if stream[at : at + 2] == b"\xeb\x9b":
+                continue
+        else:
+            at += 1
+        at = stream.find(b"\xeb\x9b", at)
+    return len(rows)
+
+
 def construct_loop(stream: bytes) -> int:
     """The declarative peer, compiled."""
     from construct import Array, Bytes, Checksum, Const, Int16ub, Int24ub, RawCopy, Struct, this

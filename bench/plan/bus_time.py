@@ -24,7 +24,8 @@ def declared_action(station: Station, role: str, name: str) -> Action | None:
         return None
 
 
-def _bus_s(step: Step, station: Station) -> float:
+def bus_s(step: Step, station: Station) -> float:
+    """Longest time that one call normally takes on the bus, second."""
     action = declared_action(station, step.role, step.name)
     if action is not None:
         return action.bus_s
@@ -34,13 +35,13 @@ def _bus_s(step: Step, station: Station) -> float:
 def with_bus_time(steps: Iterable[Step], station: Station) -> tuple[Step, ...]:
     """The same steps; each settle step's argument ``bus_s`` is the bus time of the calls that share it, second."""
     done: list[Step] = []
-    bus_s = 0.0
+    total_s = 0.0
     for step in steps:
         if step.kind in ON_THE_BUS:
-            bus_s += _bus_s(step, station)
+            total_s += bus_s(step, station)
         elif step.kind in ("settle", "soak", "record"):
             if step.kind == "settle":
-                step = replace(step, arguments={"bus_s": round(bus_s, 9)})
-            bus_s = 0.0
+                step = replace(step, arguments={"bus_s": round(total_s, 9)})
+            total_s = 0.0
         done.append(step)
     return tuple(done)

@@ -13,7 +13,7 @@ from bench.plan.language import Kind, Sequence
 from bench.plan.values import Channel, Quantity, read_text, traced
 
 MAX_CHANNEL = 64
-SCALE_FACTOR = "scale_factor"  # the analysis whose uncertainty needs the declared noise
+NEED_DATA_SHEET = ("scale_factor", "bias_ramp", "dmm_method")  # analyses whose uncertainty needs the declared noise
 NOISE = ("white_noise_per_rtHz", "bias_walk_per_rth")
 _RANGE = re.compile(r"(\d{1,4})\s*-\s*(\d{1,4})")
 
@@ -51,6 +51,8 @@ def declared_channels(document: Document[Sequence], findings: Findings) -> dict[
 
 def _levels(document: Document[Sequence], index: int, findings: Findings) -> tuple[Quantity, ...]:
     name = document.model.channels[index].levels
+    if name is None:
+        return ()
     table = document.model.tables.get(name)
     if table is None:
         where = document.where(("channels", index, "levels"))
@@ -91,6 +93,8 @@ def campaign_channels(
 
 def _check_levels(document: Document[Sequence], index: int, full_scale_A: float, findings: Findings) -> None:
     name = document.model.channels[index].levels
+    if name is None:
+        return
     for position, raw in enumerate(document.model.tables.get(name, [])):
         found = read_quantity(raw) if isinstance(raw, str) else None
         if found is not None and found[0] > full_scale_A:
@@ -101,24 +105,25 @@ def _check_levels(document: Document[Sequence], index: int, full_scale_A: float,
 
 
 def _check_noise(document: Document[Sequence], name: str, kind: Kind, findings: Findings) -> None:
-    """The uncertainty of a scale factor rests on the declared noise; there is no default for it (B-PLAN-026)."""
-    for key in NOISE if document.model.analysis == SCALE_FACTOR else ():
+    """The uncertainty of these analyses rests on the declared noise; there is no default for it (B-PLAN-026)."""
+    analysis = document.model.analysis
+    for key in NOISE if analysis in NEED_DATA_SHEET else ():
         if getattr(kind, key) is None:
             where = document.where(("uut", "kinds", name))
-            message = f"the analysis {SCALE_FACTOR} needs {key} of {name!r}"
+            message = f"the analysis {analysis} needs {key} of {name!r}"
             findings.extend(InputError("B-PLAN-026", message, where=where, next_step="take it from the data sheet"))
 
 
 def check_declared(document: Document[Sequence], findings: Findings) -> None:
-    """Note what the scale-factor analysis needs of the unit under test and the sequence does not say (B-PLAN-026)."""
-    uut = document.model.uut
-    if document.model.analysis != SCALE_FACTOR:
+    """Note what the analysis needs of the unit under test and the sequence does not say (B-PLAN-026)."""
+    uut, analysis = document.model.uut, document.model.analysis
+    if analysis not in NEED_DATA_SHEET:
         return
     if uut is None:
-        message = f"the analysis {SCALE_FACTOR} needs 'uut', the data sheet of the unit under test"
+        message = f"the analysis {analysis} needs 'uut', the data sheet of the unit under test"
         findings.add("B-PLAN-026", document.where(("analysis",)), message, "describe the unit under 'uut'")
     elif uut.temperature_sensor_uncertainty is None:
-        message = f"the analysis {SCALE_FACTOR} needs temperature_sensor_uncertainty of the unit"
+        message = f"the analysis {analysis} needs temperature_sensor_uncertainty of the unit"
         findings.add("B-PLAN-026", document.where(("uut",)), message, "take it from the unit's data sheet")
 
 
@@ -134,6 +139,8 @@ def _constants(channel: Channel, kind: Kind) -> dict[str, Any]:
         "levels_A": [level.value for level in channel.levels],
         "stability_limit_ppm": round(kind.stability_limit * 1e6, 6),
     }
+    if kind.bias_stability_limit is not None:
+        entry["bias_stability_limit_A"] = kind.bias_stability_limit
     if kind.white_noise_per_rtHz is not None and kind.bias_walk_per_rth is not None:
         entry["noise"] = {"white_A_rtHz": kind.white_noise_per_rtHz, "walk_A_rth": kind.bias_walk_per_rth}
     return entry

@@ -20,6 +20,7 @@ from bench.plan.check_records import check_record
 from bench.plan.check_register import check_used_ranges
 from bench.plan.check_state import BenchState
 from bench.plan.check_station import check_station
+from bench.plan.check_windows import check_windows
 from bench.plan.expand import DURATION
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan
@@ -60,6 +61,7 @@ def check_steps(
         if step.kind == "record":
             check_record(plan, step, state, findings)
     _bus_time(plan, findings, doubtful)
+    check_windows(plan, station, findings, doubtful)
     return state
 
 
@@ -77,7 +79,7 @@ def _bus_time(plan: Plan, findings: Findings, doubtful: Collection[int]) -> None
                 findings.add("B-PLAN-060", step.where, message, "settle longer, or call less", origin)
             first = None
         elif step.kind == "record" and first is not None:
-            if first.kind != "verify":
+            if first.kind != "verify" and not step.arguments.get("follows"):
                 message = f"{first.role}.{first.name} is followed by a record without a settle time"
                 findings.add("B-PLAN-061", step.where, message, "add a settle step before the record")
             first = None

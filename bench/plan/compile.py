@@ -21,6 +21,7 @@ from bench.plan.expand import Expander, TooManySteps
 from bench.plan.findings import Findings, suggestion
 from bench.plan.language import Sequence
 from bench.plan.language_steps import Step_
+from bench.plan.leaves import TIMED
 from bench.plan.loading import find_beside, load_both
 from bench.plan.overrides import apply_parameters, split_overrides
 from bench.plan.plan import Phase, Plan, Step, steps_sha256
@@ -74,7 +75,8 @@ class _Compiler:
         link = next(iter(document.model.frame))
         rate_Hz = (frames[link].rate_Hz if link in frames else None) or math.nan
         commands = [n for n in document.model.frame if n not in frames or COMMAND in frames[n].messages]
-        expander = Expander(document, self.station, channels, rate_Hz, commands, findings)
+        timed = link not in frames or counts_pulses(frames[link])
+        expander = Expander(document, self.station, channels, rate_Hz, commands, timed, findings)
         scope = Scope(self._variables(expander), expander.role_attribute, {})
         serial = self._serial(expander, scope)
         lengths = self._expand(expander, scope)
@@ -213,6 +215,7 @@ class _Compiler:
             "reference_temperature_degC": model.reference_temperature,
             "rate_Hz": rate_Hz,
             "channels": channels,
+            "decision": {"rule": model.decision.rule},
         }
         if model.uut is not None:
             if model.uut.temperature_sensor_uncertainty is not None:
@@ -224,6 +227,12 @@ class _Compiler:
                 "uut": {"model": model.uut.model, "serial": serial},
             }
         return campaign
+
+
+def counts_pulses(definition: FrameDefinition) -> bool:
+    """Whether a message of these frames holds what the pulses of a record are timed by."""
+    messages = definition.layout.messages
+    return any({item.name for item in one.fields if item.per == "frame"}.issuperset(TIMED) for one in messages)
 
 
 def _records(steps: list[Step] | tuple[Step, ...]) -> int:

@@ -40,6 +40,7 @@ class Expander:
         channels: Mapping[int, Channel],
         rate_Hz: float,
         command_links: Collection[str],
+        counts_pulses: bool,
         findings: Findings,
     ) -> None:
         self.document = document
@@ -53,6 +54,7 @@ class Expander:
         self.at_s = 0.0
         self.levels_A: dict[str, float | None] = {}
         self.ranges_A: dict[str, float | None] = {}
+        self.counts_pulses = counts_pulses
         self.settle_band_degC: float | None = None
         self.dimensions: list[Mapping[str, str]] = []
         self.origins: list[Mapping[str, str]] = []

@@ -29,6 +29,9 @@ class Kind(StrictModel):
     full_scale: Annotated[float, *quantity("A", 1e-9, 10.0)]
     sensor_full_scale: Annotated[str, AfterValidator(_sensor)] = Field(description="sensor's full scale in deg/s or g")
     stability_limit: Annotated[float, *quantity("1", 0.0, 1.0)]
+    bias_stability_limit: Annotated[float, *quantity("A", 0.0, 1.0)] | None = Field(
+        None, description="how far the bias may be from what compensates it"
+    )
     white_noise_per_rtHz: Annotated[float, *quantity("A", 0.0, 1.0)] | None = Field(
         None, description="white noise of the input current, one sigma, per root hertz"
     )
@@ -64,11 +67,11 @@ class UnitCommand(StrictModel):
 
 
 class ChannelGroup(StrictModel):
-    """Channels that are alike: the same kind and the same levels."""
+    """Channels that are alike: the same kind and the same levels, if they have any."""
 
     numbers: ChannelNumbers | list[ChannelNumbers] = Field(description="a number, a range such as 1-6, or a list")
     kind: Literal["gyro", "accelerometer"]
-    levels: Name = Field(description="name of a table of currents")
+    levels: Name | None = Field(None, description="name of a table of currents; none for channels that stay open")
 
 
 class Procedure(StrictModel):
@@ -76,6 +79,12 @@ class Procedure(StrictModel):
 
     arguments: dict[Name, Scalar] = Field(default_factory=dict)
     do: list[Step_] = Field(min_length=1)
+
+
+class Decision(StrictModel):
+    """How a value is judged against its limit (ILAC-G8:09/2019)."""
+
+    rule: Literal["simple", "guard_band", "non_binary"] = "non_binary"
 
 
 class Sequence(StrictModel):
@@ -87,6 +96,7 @@ class Sequence(StrictModel):
     frame: dict[Name, Name] = Field(min_length=1, description="link: frame definition; records count the first link")
     analysis: Name = "none"
     reference_temperature: Annotated[float, *quantity("degC", -273.15, 1000.0)] = 20.0
+    decision: Decision = Decision()
     duration: Annotated[float, *quantity("s", 0.0)] | None = Field(None, description="the plan must last exactly this")
     records: int | None = Field(None, ge=0, description="the campaign must hold exactly this many records")
     uut: UnitUnderTest | None = None

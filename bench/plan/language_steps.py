@@ -80,6 +80,9 @@ class Record(StrictModel):
     """Take a record of the counted link; taken again up to ``retry`` times when more than ``max_lost`` is lost."""
 
     seconds: Duration
+    windows: int | None = Field(None, strict=True, ge=1, le=10_000, description="this many records without a gap")
+    follows: bool = Field(False, strict=True, description="begins with the frame behind the record before it")
+    pulse_timing: bool = Field(False, strict=True, description="keep when in the record the pulses came")
     retry: int = Field(0, ge=0, le=10)
     max_lost: Annotated[Any, *templated("1", 0.0, 1.0)] = 0.0
     purpose: Name = "measurement"

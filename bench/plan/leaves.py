@@ -6,7 +6,9 @@ import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from bench.model.ports import Effect
 from bench.model.units import parse_quantity
+from bench.plan.bus_time import declared_action
 from bench.plan.findings import suggestion
 from bench.plan.language_steps import (
     VERBS,
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
     from bench.plan.expand import Expander, Path
 
 WORDS = VERBS
+TIMED = ("npp", "ppp")  # counts whose pulses can be timed
+MOST_TIMED_FRAMES = 100_000  # the square of the frame's number times its pulses still sums up exactly
 
 
 def expand(plan: Expander, step: Any, path: Path, scope: Scope) -> None:
@@ -84,6 +88,9 @@ def _call(plan: Expander, step: CallStep, path: Path, scope: Scope) -> None:
     values = _values(plan, arguments or {}, (*path, called), scope)
     if "current" in values:
         plan.programmed(role, values["current"], values.get("range") == "locked")
+    declared = declared_action(plan.station, role, name)
+    if declared is not None and declared.effect is Effect.THERMAL:
+        plan.settle_band_degC = None  # the temperature moves on: the band of the soak before says nothing any more
     plan.add("call", role, name, values, scope, (*path, called))
 
 
@@ -126,7 +133,7 @@ def _record(plan: Expander, step: RecordStep, path: Path, scope: Scope) -> None:
 
 
 def take_record(plan: Expander, record: Record, path: Path, scope: Scope) -> None:
-    """Append a record step: a whole number of frames, with its conditions."""
+    """Append one record step, or one for each of its windows: a whole number of frames, with its conditions."""
     seconds = _duration(plan, record.seconds, scope, (*path, "seconds"))
     if seconds is not None and not math.isnan(plan.rate_Hz):
         _whole_frames(plan, seconds, (*path, "seconds"))
@@ -134,9 +141,9 @@ def take_record(plan: Expander, record: Record, path: Path, scope: Scope) -> Non
     for name, value in _values(plan, record.conditions, (*path, "conditions"), scope).items():
         conditions[named(name, value)] = plain(value)
     conditions["purpose"] = record.purpose
-    if plan.settle_band_degC is not None:
+    if plan.settle_band_degC is not None and "temperature_degC" in conditions:
         conditions["settle_band_degC"] = plan.settle_band_degC
-    arguments = {
+    arguments: dict[str, Any] = {
         "seconds": seconds,
         "retry": record.retry,
         "max_lost": plan.quantity(record.max_lost, "1", scope, (*path, "max_lost")),
@@ -145,8 +152,39 @@ def take_record(plan: Expander, record: Record, path: Path, scope: Scope) -> Non
     }
     if record.label is not None:
         conditions["label"] = record.label
+    if record.pulse_timing:
+        arguments["pulse_timing"] = True
+        _can_time_pulses(plan, seconds, (*path, "pulse_timing"))
+    if record.windows is not None and record.windows > 1 and record.retry:
+        message = f"{record.windows} windows without a gap cannot be taken again (retry {record.retry})"
+        plan.fail("B-PLAN-068", (*path, "retry"), message, "leave 'retry' out; lost frames are counted in each window")
+    _windows(plan, record, arguments, conditions, path, scope, seconds)
+
+
+def _windows(
+    plan: Expander, record: Record, arguments: Mapping[str, Any], conditions: Mapping[str, Any], path: Path,
+    scope: Scope, seconds: Quantity | None,
+) -> None:  # fmt: skip
     link = next(iter(plan.document.model.frame))
-    plan.add("record", link, record.label or record.purpose, arguments, scope, path, seconds, conditions)
+    for index in range(record.windows or 1):
+        follows = {"follows": True} if record.follows or index else {}
+        numbered = {} if record.windows is None else {"window_index": index}
+        plan.add(
+            "record", link, record.label or record.purpose, {**arguments, **follows}, scope, path, seconds,
+            {**conditions, **numbered},
+        )  # fmt: skip
+
+
+def _can_time_pulses(plan: Expander, seconds: Quantity | None, path: Path) -> None:
+    """Note what keeps ``pulse_timing`` from being kept (B-PLAN-069)."""
+    if not plan.counts_pulses:
+        frame = next(iter(plan.document.model.frame.values()))
+        message = f"frame {frame!r} has no {' and '.join(TIMED)} counts per frame, so no pulse has a time"
+        plan.fail("B-PLAN-069", path, message, "leave 'pulse_timing' out, or count a link that has them")
+    elif seconds is not None and seconds.value * plan.rate_Hz > MOST_TIMED_FRAMES:
+        frames = round(seconds.value * plan.rate_Hz)
+        message = f"pulse times of {frames} frames do not fit; {MOST_TIMED_FRAMES} are allowed"
+        plan.fail("B-PLAN-069", path, message, "take shorter records; 'windows' makes many without a gap")
 
 
 def _whole_frames(plan: Expander, seconds: Quantity, path: Path) -> None:

@@ -3,6 +3,7 @@
 from bench.record.cut import RecordCutter
 from bench.record.journal import Journal, JournalEntry, JournalState, read_journal
 from bench.record.layout import Message, canonical_json
+from bench.record.packed import PackedList, PackedRows
 from bench.record.reader import SessionReader
 from bench.record.resume import resume_session
 from bench.record.scan import Damage
@@ -15,6 +16,8 @@ __all__ = [
     "JournalEntry",
     "JournalState",
     "Message",
+    "PackedList",
+    "PackedRows",
     "RecordCutter",
     "RecordError",
     "RecordRow",

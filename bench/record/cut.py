@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame import FrameDefinition, LinkBatch, MessageBatch
+from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
 from bench.record.window import OpenWindow, RecordRow, Rows
@@ -39,17 +40,20 @@ class RecordCutter:
         fields = [field for field in message.fields if field.per == "frame"]
         self._shapes = {field.name: (() if field.count is None else (field.count,)) for field in fields}
         flagged = [field.name for field in message.fields if OVER_RANGE_BITS in field.bits]
+        self._period_ns = round(NS / definition.rate_Hz) if definition.rate_Hz else 1
         self._over_range = f"{flagged[0]}.{OVER_RANGE_BITS}" if flagged else ""
         self._open: list[OpenWindow] = []  # by first counter
         self._highest = -1
         self._previous = (-1, 0)  # counter and stream offset of the newest good frame
 
-    def open(self, window: RecordWindow, *, until_ns: int | None = None) -> None:
+    def open(self, window: RecordWindow, *, until_ns: int | None = None, timed: bool = False) -> None:
         """Cut this record too. Its frames must not have been fed before.
 
         ``until_ns``: frames received later do not count (in a replay: when the run gave the record up).
+        ``timed``: keep when in the record the pulses came (``RecordRow.timing``).
         """
-        insort(self._open, OpenWindow(window, until_ns, self._shapes), key=lambda item: item.first)
+        item = OpenWindow(window, until_ns, self._shapes, timed, self._period_ns)
+        insort(self._open, item, key=lambda item: item.first)
 
     def feed(self, batch: LinkBatch) -> None:
         """Take the next frames of the link."""

@@ -136,7 +136,11 @@ class SegmentWriter:
         }
 
     def finish(self) -> None:
-        """Write data end, summary and footer. Raises OSError; the file is then cut back and stays readable."""
+        """Write data end, summary and footer. Raises OSError; the file is then cut back and stays readable.
+
+        The index is forgotten: a finished segment may wait long for its sync.
+        """
+        indexes, self._chunk_indexes = self._chunk_indexes, []
         data_end = mcap_format.record(mcap_format.DATA_END, self._data_crc.to_bytes(4, "little"))
         start = self.offset + len(data_end)
         groups = [
@@ -144,10 +148,10 @@ class SegmentWriter:
             (
                 mcap_format.STATISTICS,
                 mcap_format.statistics(
-                    len(self._channels), len(self._chunk_indexes), (max(self._start_ns, 0), self._end_ns), self._counts
+                    len(self._channels), len(indexes), (max(self._start_ns, 0), self._end_ns), self._counts
                 ),
             ),
-            (mcap_format.CHUNK_INDEX, b"".join(self._chunk_indexes)),
+            (mcap_format.CHUNK_INDEX, b"".join(indexes)),
         ]
         summary = b"".join(content for _, content in groups)
         offsets = []

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record.gate import implausible
+from bench.record.timing import pulse_timing
 
 Rows = slice | NDArray[np.int64]
 UNIT_TEMPERATURE = "unit_temperature_degC"
@@ -55,10 +56,12 @@ class RecordRow:
         quality: GOOD or why not. STALE: the conditions name a temperature, but no housekeeping with a unit temperature
             came inside the record. NOT_SETTLED: the mean unit temperature is off its target (``is_off_target``), or
             the soak before it ended unstable (condition ``settled`` false).
-        context: means of the housekeeping received from the first to the last good frame of the record (and inside
+        context: means of the housekeeping received from one frame before the first to the last good frame (and inside
             t_start_ns to t_end_ns), by "<field>_<unit>" over all elements of a field and "<field>_<k>_<unit>" (k from
             1) for each element of an array.
         duplicate: frames received twice (counted once). suspect: frames left out because they cannot be true.
+        timing: when in the record the pulses came (bench.record.timing); empty if it was not asked for or a frame is
+            missing or suspect.
     """
 
     window: RecordWindow
@@ -70,15 +73,21 @@ class RecordRow:
     context: Mapping[str, float] = field(default_factory=dict)
     duplicate: int = 0
     suspect: int = 0
+    timing: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
 
 
 @dataclass
 class OpenWindow:
-    """A record being cut. ``until_ns``: frames received later do not belong to it, whatever their counter."""
+    """A record being cut. ``until_ns``: frames received later do not belong to it, whatever their counter.
+
+    ``timed``: keep when the pulses came. ``period_ns``: how long the counts of one frame take, 1 if nobody knows.
+    """
 
     window: RecordWindow
     until_ns: int | None
     shapes: Mapping[str, tuple[int, ...]]
+    timed: bool = False
+    period_ns: int = 1
     complete: bool = False
     duplicate: int = 0
     over_range: bool = False
@@ -88,6 +97,7 @@ class OpenWindow:
     _pieces: list[Mapping[str, NDArray[Any]]] = field(default_factory=list)
     _context: list[tuple[NDArray[np.int64], Mapping[str, NDArray[np.float64]]]] = field(default_factory=list)
     _sums: dict[str, NDArray[np.int64]] = field(default_factory=dict)
+    _timing: dict[str, NDArray[np.int64]] = field(default_factory=dict)
     _frames: int = 0
     _suspect: int = 0
 
@@ -132,6 +142,8 @@ class OpenWindow:
         self._suspect = 0 if wrong is None else int(wrong.sum())
         self._frames = at - self._suspect
         self._sums = total
+        if self.timed and self._frames == self.window.frames:
+            self._timing = pulse_timing(self._pieces, self.first)
         self._pieces = []
 
     def row(self) -> RecordRow:
@@ -148,8 +160,9 @@ class OpenWindow:
         ):  # fmt: skip
             quality |= flag if wrong else Quality.GOOD
         return RecordRow(
-            self.window, self._sums, self._frames, lost, bad, quality, means, self.duplicate, self._suspect
-        )
+            self.window, self._sums, self._frames, lost, bad, quality, means, self.duplicate, self._suspect,
+            self._timing,
+        )  # fmt: skip
 
     def _thermal_quality(self, unit_degC: float | None) -> Quality:
         """Flags of the temperature, from the record alone: the same in the run and in a replay."""
@@ -160,9 +173,12 @@ class OpenWindow:
         return quality | (Quality.NOT_SETTLED if is_off_target(conditions, unit_degC) else Quality.GOOD)
 
     def _means(self) -> dict[str, float]:
-        """Means between the first and the last frame: other housekeeping may or may not have been decoded yet."""
+        """Means over the time its frames counted, from one frame before the first one was received to the last.
+
+        Other housekeeping may or may not have been decoded yet.
+        """
         t_ns = np.concatenate([stamps for stamps, _ in self._context]) if self._context else np.empty(0, np.int64)
-        first = int(np.searchsorted(t_ns, self.first_stamp_ns, side="left"))
+        first = int(np.searchsorted(t_ns, self.first_stamp_ns - self.period_ns, side="right"))
         stop = int(np.searchsorted(t_ns, self.last_stamp_ns, side="right"))
         if stop <= first:
             return {}

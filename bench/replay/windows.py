@@ -17,12 +17,13 @@ RESUME = "resume"
 class RecordedWindow:
     """A record window and the time after which the run no longer waited for frames.
 
-    ``part`` counts the "resume" events before it: counters start anew with each.
+    ``part`` counts the "resume" events before it: counters start anew with each. ``timed``: its pulses were timed.
     """
 
     window: RecordWindow
     until_ns: int
     part: int
+    timed: bool = False
 
 
 def recorded_windows(events: Iterable[Message]) -> list[RecordedWindow]:
@@ -42,7 +43,8 @@ def recorded_windows(events: Iterable[Message]) -> list[RecordedWindow]:
         elif kind == "record":
             window = _window(fields, message)
             found.pop(window.number, None)
-            found[window.number] = RecordedWindow(window, message.t_ns, part)
+            timed = fields.get("pulse_timing") is True
+            found[window.number] = RecordedWindow(window, message.t_ns, part, timed)
     return list(found.values())
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from bench.model.clock import Clock
-from bench.model.ports import Instrument, SessionSink
+from bench.model.ports import Instrument, RecordWindow, SessionSink
 from bench.plan import Plan, Step
-from bench.record import RecordCutter, RecordRow
+from bench.record import PackedRows, RecordCutter, RecordRow
 from bench.run.acquisition import Acquisition
 from bench.run.operator import Operator
 from bench.run.stop import StopSwitch
@@ -56,6 +56,7 @@ class RunContext:
     """State of one run; the flat plan plus these few values are the whole position.
 
     ``settled`` is False from a soak that was left before the temperature was stable (policy skip) to the next soak.
+    ``ahead`` holds the windows that are open before their record step, by number of the step.
     """
 
     plan: Plan
@@ -69,7 +70,8 @@ class RunContext:
     stop: StopSwitch
     timeline: Timeline
     measurement_link: str
-    rows: dict[int, RecordRow] = field(default_factory=dict)
+    rows: PackedRows = field(default_factory=PackedRows)
+    ahead: dict[int, RecordWindow] = field(default_factory=dict)
     record_count: int = 0
     retaken: int = 0
     overruns: int = 0

@@ -15,7 +15,7 @@ from bench.frame import FrameDefinition, parse_frame
 from bench.model.clock import NS, Clock
 from bench.model.errors import InputError, RunError
 from bench.plan import Plan
-from bench.record import Journal, RecordCutter, RecordError, SessionWriter
+from bench.record import Journal, PackedList, RecordCutter, RecordError, SessionWriter
 from bench.run.acquisition import Acquisition, LinkReader
 from bench.run.beginning import begin_safely, check_space, identities_of
 from bench.run.context import CHAMBER, Listener, RunContext
@@ -167,7 +167,7 @@ class KeepingSink:
     def __init__(self, writer: SessionWriter, kinds: Collection[str]) -> None:
         self.raw = writer.raw
         self.command = writer.command
-        self.events: list[Event] = []
+        self._kept: PackedList[Event] = PackedList()
         self._writer = writer
         self._kinds = frozenset(kinds)
 
@@ -175,7 +175,12 @@ class KeepingSink:
         """Write an event."""
         self._writer.event(kind, t_mono_ns, fields)
         if kind in self._kinds:
-            self.events.append((kind, t_mono_ns, fields))
+            self._kept.append((kind, t_mono_ns, fields))
+
+    @property
+    def events(self) -> list[Event]:
+        """The events that were kept, in order."""
+        return list(self._kept)
 
 
 @dataclass

@@ -35,7 +35,7 @@ class Timeline:
     def wait_until(self, at_s: float) -> None:
         """Wait for a planned moment and note how late it is left."""
         target = self.target_ns(at_s)
-        self._wait_ns(target)
+        self.wait_until_ns(target)
         late = self.clock.now_ns() - target
         self.lateness_ns.append(late)
 
@@ -44,16 +44,13 @@ class Timeline:
         if self.target_ns(at_s) > self.clock.now_ns():
             self.wait_until(at_s)
 
-    def wait_for(self, seconds: float) -> None:
-        """Wait for a duration from now on."""
-        self._wait_ns(self.clock.now_ns() + to_ns(seconds))
+    def wait_until_ns(self, t_mono_ns: int) -> None:
+        """Wait for a moment of the bench clock; a stop ends the wait."""
+        while (now := self.clock.now_ns()) < t_mono_ns:
+            self.stop.check()
+            self.clock.sleep_until_ns(t_mono_ns if self.clock.virtual else min(t_mono_ns, now + _WALL_SLICE_NS))
+        self.stop.check()
 
     def add_slip(self, slip_ns: int) -> None:
         """Shift everything that follows."""
         self.slip_ns += slip_ns
-
-    def _wait_ns(self, target_ns: int) -> None:
-        while (now := self.clock.now_ns()) < target_ns:
-            self.stop.check()
-            self.clock.sleep_until_ns(target_ns if self.clock.virtual else min(target_ns, now + _WALL_SLICE_NS))
-        self.stop.check()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,6 +13,7 @@ from bench.plan import Plan, Step, check_plan, compile_sequence, summarise
 TEMPERATURES_DEGC = (-10.0, 5.0, 20.0, 35.0, 50.0)
 GYRO_A = (30e-6, 100e-6, 1e-3, 10e-3, 100e-3, 200e-3)
 ACCELEROMETER_A = (500e-6, 1e-3, 2e-3, 5e-3, 10e-3, 20e-3)
+SHIPPED = sorted(path.stem for path in (Path(__file__).resolve().parents[2] / "sequences").glob("*.yaml"))
 RANGES_A = (220e-6, 2.2e-3, 22e-3, 220e-3)
 
 
@@ -165,7 +167,7 @@ def test_constants_for_the_analysis(campaign: Plan) -> None:
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["scale_factor_38h", "scale_factor_short", "timeline_example"])
+@pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_sequences_pass_the_static_check(name: str) -> None:
     assert check_plan(compile_sequence(name)) == []
 
@@ -181,9 +183,9 @@ def test_overrides_reach_the_plan_and_the_world() -> None:
     plan = compile_sequence("scale_factor_short", overrides={"dwell": "20 s", "world.master_error_ppm": "50"})
     assert {step.duration_s for step in records(plan)} == {20.0}
     assert check_plan(plan) == []
-    assert plan.station.world_options == {
-        "calibrator_gain": "on", "calibrator_floor": "on", "noise": "on", "master_error_ppm": "50",
-    }  # fmt: skip
+    shipped = compile_sequence("scale_factor_short").station.world_options
+    assert plan.station.world_options == {**shipped, "master_error_ppm": "50"}
+    assert "master_error_ppm" not in shipped
 
 
 def test_the_serial_number_of_the_unit_is_given_without_editing_the_file() -> None:
@@ -213,3 +215,43 @@ def test_summary_names_time_disk_and_hazards(campaign: Plan) -> None:
     assert "supply: on until it is made safe at the end" in summary.hazards
     assert not any("raw commands" in hazard for hazard in summary.hazards)
     assert any("raw commands" in hazard for hazard in summarise(compile_sequence("timeline_example")).hazards)
+
+
+@pytest.mark.parametrize(
+    ("name", "seconds", "counts"),
+    [
+        ("bias_ramp_25h", 100.0, (72, 360, 36, 360, 72)),
+        ("bias_ramp_25h_integrated", 100.0, (72, 360, 36, 360, 72)),
+        ("bias_ramp_short", 20.0, (60, 120, 120, 120, 120)),
+    ],
+)
+def test_bias_campaigns_are_one_chain_of_windows(name: str, seconds: float, counts: tuple[int, ...]) -> None:
+    plan = compile_sequence(name)
+    branches = ("hold_start", "up", "hold_top", "down", "hold_end")
+    expected = [(branch, k) for branch, count in zip(branches, counts, strict=True) for k in range(count)]
+    found = records(plan)
+    assert [(s.conditions["branch"], s.conditions["window_index"]) for s in found] == expected
+    assert [s.at_s for s in found] == [seconds * k for k in range(sum(counts))]
+    assert [bool(s.arguments.get("follows")) for s in found] == [False] + [True] * (len(found) - 1)
+    assert {bool(s.arguments.get("pulse_timing")) for s in found} == {"integrated" not in name}
+    assert plan.duration_s == seconds * sum(counts) == (10_800.0 if "short" in name else 90_000.0)
+    assert {s.kind for s in plan.phase("campaign")} == {"record", "call"}
+    assert {frozenset(s.conditions) for s in found} == {frozenset({"route", "branch", "window_index", "purpose"})}
+
+
+@pytest.mark.parametrize("name", ["bias_ramp_25h", "bias_ramp_25h_integrated", "bias_ramp_short"])
+def test_each_ramp_fills_its_branch(name: str) -> None:
+    """The chamber is sent off right before a branch and arrives when the branch ends."""
+    plan = compile_sequence(name)
+    steps = plan.phase("campaign")
+    (before,) = [s for s in plan.phase("prepare") if s.kind == "soak"]
+    now_degC = float(before.arguments["temperature"])
+    for branch in ("up", "down"):
+        first = next(s for s in steps if s.conditions.get("branch") == branch)
+        length_s = sum(s.duration_s for s in steps if s.conditions.get("branch") == branch)
+        call, run = plan.steps[first.number - 2 : first.number]
+        assert (call.name, run.name, call.at_s) == ("set_temperature", "run", first.at_s)
+        ramp_s = 60.0 * abs(call.arguments["temperature"] - now_degC) / call.arguments["ramp"]
+        assert ramp_s == pytest.approx(length_s)
+        now_degC = call.arguments["temperature"]
+    assert now_degC == before.arguments["temperature"]

@@ -25,7 +25,8 @@ def test_a_reading_becomes_an_event(tmp_path: Path) -> None:
     rig.instruments["logger"].answers["measure"] = [21.5]
     rig.step("call", "logger", "measure")
     assert rig.run().error is None
-    assert rig.events("reading") == [{"step": 0, "role": "logger", "name": "measure", "value": 21.5}]
+    expected = {"step": 0, "role": "logger", "name": "measure", "value": 21.5, "conditions": {}}
+    assert rig.events("reading") == [expected]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,57 @@
+"""When in a record the pulses came: what estimators of a rate need of its frames, without keeping the frames."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+TIMED = ("npp", "ppp")
+_EXACT = 1 << 53  # float64 holds every whole number below
+
+
+def pulse_timing(pieces: Sequence[Mapping[str, NDArray[Any]]], first_counter: int) -> dict[str, NDArray[np.int64]]:
+    """Moments of the pulses of a record in which no frame is missing, and its first and last frame with a pulse.
+
+    Args: pieces: consecutive parts of the record, each with its count fields by name, (n,) or (n, channels).
+          first_counter: unwrapped counter of the first frame.
+    Returns: int64 arrays (channels,) by "<field>.<key>" for "npp" and "ppp", with x_j pulses in frame j = 1, 2, ...:
+        "moment1" = sum of j x_j, "moment2" = sum of j^2 x_j; "first" and "last" = unwrapped counter of the first and
+        last frame with a pulse (-1: there is none), "at_first" and "at_last" = pulses in that frame (0: none).
+        Fields that a frame format does not have are left out.
+    """
+    timing: dict[str, NDArray[np.int64]] = {}
+    for name in (name for name in TIMED if pieces and name in pieces[0]):
+        counts = np.concatenate([piece[name] for piece in pieces])
+        counts = counts[:, None] if counts.ndim == 1 else counts
+        found = {**_moments(counts), **_ends(counts, first_counter)}
+        timing |= {f"{name}.{key}": value for key, value in found.items()}
+    return timing
+
+
+def _moments(counts: NDArray[Any]) -> dict[str, NDArray[np.int64]]:
+    """Exact weighted sums of (n, channels): in float64, three times as fast, as long as that holds every digit."""
+    place = np.arange(1, len(counts) + 1, dtype=np.int64)
+    weights = np.stack((place, place * place))
+    if len(counts) ** 3 * int(counts.max(initial=0)) < _EXACT:
+        sums = (weights.astype(np.float64) @ counts.astype(np.float64)).astype(np.int64)
+    else:
+        sums = weights @ counts.astype(np.int64)
+    return {"moment1": sums[0], "moment2": sums[1]}
+
+
+def _ends(counts: NDArray[Any], first_counter: int) -> dict[str, NDArray[np.int64]]:
+    """First and last frame with a pulse, by channel."""
+    channels = np.ascontiguousarray(counts.T)
+    pulsed = channels != 0
+    first, last = pulsed.argmax(axis=1), len(counts) - 1 - pulsed[:, ::-1].argmax(axis=1)
+    none = ~pulsed.any(axis=1)
+    each = np.arange(len(channels))
+    return {
+        "first": np.where(none, -1, first_counter + first),
+        "last": np.where(none, -1, first_counter + last),
+        "at_first": channels[each, first].astype(np.int64),
+        "at_last": np.where(none, 0, channels[each, last].astype(np.int64)),
+    }

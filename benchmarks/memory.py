@@ -1,0 +1,85 @@
+"""Whether a long campaign needs more memory the longer it lasts: what is held after the first hour and at the end.
+
+The 25-hour bias campaign with its simulated bench, in this process, up to its last step: what results and report need
+afterwards is not part of it. Held is what Python and numpy have allocated (tracemalloc): resident memory follows it,
+but comes and goes by a few MiB from run to run with the free places between. Bytes that wait for the decoder (1 MB at
+most) are part of it, so neighbouring hours differ by up to that.
+
+Run: python -m benchmarks.memory [SEQUENCE].
+"""
+
+from __future__ import annotations
+
+import gc
+import sys
+import tracemalloc
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from bench.model.clock import NS, VirtualClock
+from bench.plan import Plan, Step, compile_sequence
+from bench.record import RecordRow
+from bench.run.operator import SimulatedOperator
+from bench.run.session import conduct
+
+HOUR_s = 3600.0
+EACH_h = 4
+
+
+def held_MiB() -> float:
+    """Memory that is allocated now, garbage collected."""
+    gc.collect()
+    return tracemalloc.get_traced_memory()[0] / 2**20
+
+
+@dataclass
+class Watch:
+    """Takes a value each virtual hour and when the last step of ``plan`` begins; ``seen`` holds (hour, MiB)."""
+
+    clock: VirtualClock
+    plan: Plan
+    seen: list[tuple[float, float]] = field(default_factory=list)
+
+    def look(self) -> None:
+        """Take a value now."""
+        self.seen.append((self.clock.now_ns() / NS / HOUR_s, held_MiB()))
+
+    def step(self, step: Step, at_s: float) -> None:
+        """A step begins."""
+        if step.number == len(self.plan.steps) - 1:
+            self.look()
+
+    def record(self, row: RecordRow) -> None:
+        """A record is complete."""
+
+    def message(self, text: str) -> None:
+        """Something a person should read."""
+
+
+def watched(sequence: str) -> list[tuple[float, float]]:
+    """Run a sequence: (virtual hour, MiB held), each hour and at the end."""
+    clock, plan = VirtualClock(), compile_sequence(sequence)
+    watch = Watch(clock, plan)
+    clock.every(HOUR_s, watch.look)
+    tracemalloc.start(1)
+    with TemporaryDirectory() as folder:
+        conduct(
+            plan, clock=clock, seed=1, out=Path(folder), operator=SimulatedOperator(), listener=watch,
+            keep_events=("environment", "phase", "slip", "late", "reading", "end"),
+        )  # fmt: skip
+    tracemalloc.stop()
+    return watch.seen
+
+
+def main() -> None:
+    """Print one table."""
+    seen = watched(sys.argv[1] if len(sys.argv) > 1 else "bias_ramp_25h")
+    rows = [f"{'virtual hour':>12}{'held MiB':>14}{'growth MiB':>12}"]
+    rows += [f"{hour:>12.2f}{now:>14.2f}{now - seen[0][1]:>12.2f}" for hour, now in [*seen[::EACH_h], seen[-1]]]
+    rows.append(f"most after the first hour: {max(now for _, now in seen) - seen[0][1]:+.2f} MiB")
+    sys.stdout.write("\n".join(rows) + "\n")
+
+
+if __name__ == "__main__":
+    main()
