@@ -24,16 +24,23 @@ _RANGES_A = (*_LOW_RANGES_A, (1e-3, 1.2e-3), (1e-2, 1.2e-2), (1e-1, 1.2e-1), (1.
 
 
 class Hp3458A(BaseInstrument):
-    """Measurement of dc current at full resolution."""
+    """Measurement of dc current at full resolution.
+
+    The meter stands in the current loop, so its range is changed only while no current flows: a relay that moves under
+    current would open the loop. Burden (User's Guide): about 75 mV at full scale of the 100 uA range (730 ohm), 100 mV
+    of 1 mA (100 ohm) and 10 mA (10 ohm), 250 mV of 100 mA (1 ohm), below 1.5 V of 1 A (0.1 ohm).
+    """
 
     identity_pattern = r"HP,3458A"
+    ranges_A = tuple(nominal for nominal, _ in _RANGES_A)
     safe_state = "trigger on hold (TRIG HOLD); the meter drives nothing"
 
     @action(Parameter("range", "A", 1e-9, 1.05), bus_s=1.0)
-    def configure_current(self, range: float) -> None:  # noqa: A002 - the sequence's word
+    def configure_current(self, range: float) -> float:  # noqa: A002 - the sequence's word
         """Set dc current on the smallest range that holds ``range`` (ampere), 100 power-line cycles, autozero on.
 
-        A burden of up to 1.5 V belongs to the 1 A range. Raises: InstrumentError B-INST-008, B-INST-005.
+        Returns the range the meter says it is in, ampere: the readings that follow belong to it.
+        Raises: InstrumentError B-INST-008, B-INST-005, B-INST-011.
         """
         (largest_A,) = self.checked("configure_current", range=range)
         nominal_A = next(nominal for nominal, limit in _RANGES_A if largest_A <= limit)
@@ -41,6 +48,8 @@ class Hp3458A(BaseInstrument):
             self.set(command)
         for command in ("NPLC 100", "NDIG 8", "AZERO ON", "TRIG HOLD"):
             self.set(command)
+        self.agree("RANGE?", self.ask("RANGE?", read_number), nominal_A, 1e-6 * nominal_A, "A")
+        return nominal_A
 
     @action(bus_s=6.0, returns="A")
     def measure_current(self) -> float:

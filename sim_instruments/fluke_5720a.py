@@ -29,6 +29,7 @@ SETTLE_S = 3.0
 RANGE_CHANGE_S = 2.0
 UNSETTLED_PART = 1e-3  # how far the current is from its value until it has settled
 GAIN_SIGMA = 10e-6
+DAY_S = 86_400.0
 _ZERO_A = 1e-12
 
 FAULTS = {
@@ -72,6 +73,7 @@ class Fluke5720A(LiveDevice):
         super().__init__(*arguments)
         self.faults_queued: deque[int] = deque()
         self.event_status = 128
+        self._began_ns = self.now_ns
         self._answers: list[str] = []
         self._answer_after_s = 0.0
         self._settled_ns = 0
@@ -95,9 +97,14 @@ class Fluke5720A(LiveDevice):
     # --- physics -----------------------------------------------------------------------------------------------
 
     def true_current_A(self) -> float:
-        """What the terminals really carry at the present setting once settled, ampere (gain, offset, level error)."""
+        """What the terminals really carry at the present setting once settled, ampere (gain, offset, level error).
+
+        The world's option ``calibrator_drift_ppm`` makes the gain rise by that much a day, from the run's start.
+        """
+        drift = 1e-6 * float(self.world.options.get("calibrator_drift_ppm", 0.0)) * (self.now_ns - self._began_ns) / NS
+        gain = self.gain + drift / DAY_S
         if not self.world.options.get("calibrator_floor", True):
-            return self.value * (1.0 + self.gain)
+            return self.value * (1.0 + gain)
         sigma_A = CURRENT_RANGES[self.range_index].floor_A / 2
         offset_A = self.world.rng("calibrator range offset", self.range_index).normal(0.0, sigma_A)
         level_A = 0.0
@@ -105,7 +112,7 @@ class Fluke5720A(LiveDevice):
             level = round(abs(self.value) * 1e12)
             rng = self.world.rng("calibrator level error", self.range_index, level)
             level_A = float(np.sign(self.value)) * rng.normal(0.0, sigma_A)
-        return float(self.value * (1.0 + self.gain) + offset_A + level_A)
+        return float(self.value * (1.0 + gain) + offset_A + level_A)
 
     def trip(self, number: int) -> None:
         """Drop to standby and queue a fault, as the protection does; nothing happens in standby."""

@@ -23,7 +23,12 @@ OVERLOAD = 1e38
 CURRENT_RANGES_A = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 VOLTAGE_RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)
 LINE_HZ = 50.0
-GAIN_SIGMA, OFFSET_SIGMA = 5e-6, 2e-7  # relative to reading, relative to range
+# dc current, 1 year: 95 % of reading and of range; each range has its own shunt, so each draws its own errors
+ACCURACY = {
+    1e-7: (30e-6, 400e-6), 1e-6: (20e-6, 40e-6), 1e-5: (20e-6, 10e-6), 1e-4: (20e-6, 8e-6),
+    1e-3: (20e-6, 5e-6), 1e-2: (20e-6, 5e-6), 1e-1: (35e-6, 5e-6), 1.0: (110e-6, 10e-6),
+}  # fmt: skip
+LINEARITY_STEPS = 100  # inputs within a hundredth of the range share one linearity error
 NOISE_PER_ROOT_CYCLE = 1e-8  # of range, for one power-line cycle
 
 
@@ -32,15 +37,16 @@ class _Rejected(Exception):
 
 
 class Hp3458A(LiveDevice):
-    """DC current meter; every error of its own is drawn once per run, its noise per reading."""
+    """DC current meter; the errors of its ranges are drawn once per run, its noise per reading.
+
+    The world's option ``dmm_errors`` set to off leaves the noise alone.
+    """
 
     identity = "HP3458A"
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.errors: deque[int] = deque()
-        self._gain = float(self.world.rng("3458A gain").normal(0.0, GAIN_SIGMA))
-        self._offset = float(self.world.rng("3458A offset").normal(0.0, OFFSET_SIGMA))
         self._noise = self.world.rng("3458A noise")
         self._power_on()
         self.end_mode = "OFF"
@@ -64,10 +70,22 @@ class Hp3458A(LiveDevice):
         else:
             true, limit = 0.0, self.range * 1.2
         noise = self._noise.normal(0.0, NOISE_PER_ROOT_CYCLE / max(self.power_line_cycles, 1e-4) ** 0.5)
-        value = true * (1.0 + self._gain) + self.range * (self._offset + noise)
+        value = true + self.error_A(true) + self.range * noise
         if abs(true) > limit:
             value = OVERLOAD if true > 0 else -OVERLOAD
         self._answer(f"{value: .8E}", after_s=self.reading_s)
+
+    def error_A(self, true_A: float) -> float:
+        """What the present range adds to a current: its gain, its zero, its linearity; ampere."""
+        if self.function != "DCI" or not self.world.options.get("dmm_errors", True):
+            return 0.0
+        number = CURRENT_RANGES_A.index(self.range)
+        relative, floor = (half / 2.0 for half in ACCURACY[self.range])
+        gain = self.world.rng("3458A gain", number).normal(0.0, relative)
+        zero = self.world.rng("3458A zero", number).normal(0.0, floor)
+        step = round(abs(true_A) / self.range * LINEARITY_STEPS)
+        linearity = self.world.rng("3458A linearity", number, step).normal(0.0, floor) if step else 0.0
+        return float(true_A * gain + self.range * (zero + (linearity if true_A > 0 else -linearity)))
 
     def _answer(self, text: str, after_s: float = 0.0) -> None:
         self.reply(text + "\r", after_s=after_s, end=self.end_mode != "OFF")

@@ -11,11 +11,11 @@ from collections.abc import Mapping
 
 from bench.model.clock import NS, Clock, VirtualClock
 from sim_instruments.faults import LinkFaults
-from sim_instruments.ngu_block import Thermal
 from sim_instruments.ngu_commands import CommandReader, Request
 from sim_instruments.ngu_core import AHEAD_NS, UnitCore
 from sim_instruments.ngu_port import Port
 from sim_instruments.ngu_truth import NguTruth
+from sim_instruments.thermal import TemperatureFunction
 
 ANSWER_NS = 2_000_000  # from a command to its answer
 NOMINAL_SUPPLY_V = 28.0
@@ -27,13 +27,16 @@ class Ngu:
     Args:
         clock: clock of the run; with a virtual one the unit works ahead while nothing can change it.
         seed: seed of the unit's truth and of all its noise.
-        thermal: unit temperature, degC, at bench times in nanoseconds, (n,) to (n,).
+        thermal: unit temperature, degC, at bench times in nanoseconds, (n,) to (n,); a ``UnitTemperature`` also
+            tells where it has turned, a plain function has no past and shows no hysteresis.
         options: see NguTruth.
     Raises:
         InputError: B-NGU-001, an option cannot be read.
     """
 
-    def __init__(self, clock: Clock, seed: int, thermal: Thermal, options: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self, clock: Clock, seed: int, thermal: TemperatureFunction, options: Mapping[str, str] | None = None
+    ) -> None:
         self.truth = NguTruth(seed, options)
         self._ports = {"port_a": Port(), "port_b": Port()}
         self._clock = clock
@@ -133,7 +136,7 @@ class Ngu:
         return self.truth.tc_ppm(channel, side, temperature_degC)
 
     def bias(self, channel: int, temperature_degC: float, t_ns: int) -> float:
-        """i_AFbias, ampere, at a bench time: the negative of the open-input reading."""
+        """Centre of the loop of i_AFbias, ampere, at a bench time: the negative of the open-input reading."""
         return float(self.truth.bias_A(channel, temperature_degC, t_ns / NS))
 
     def master_clock_error(self, temperature_degC: float) -> float:

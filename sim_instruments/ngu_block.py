@@ -1,8 +1,11 @@
-"""Blocks of 1,000 gates: within one, temperature-dependent parameters of the unit stay what they are at its start."""
+"""Blocks of 1,000 gates: within one, the temperature-dependent parameters of the unit stay what they are.
+
+They are those of the middle of the block, extrapolated from what is true at its start (temperature, rate, turning
+points), because what the chamber is told during a block must not change what the unit has already done.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,9 +15,9 @@ from bench.model.clock import NS
 from sim_instruments.ngu_constants import AF_CLOCK_HZ, CHANNELS, GATE_S, KINDS, WHITE_A_RTHZ
 from sim_instruments.ngu_truth import NguTruth
 from sim_instruments.seeds import generator
+from sim_instruments.thermal import TemperatureFunction, UnitTemperature
 
 Int64 = NDArray[np.int64]
-Thermal = Callable[[NDArray[np.int64]], NDArray[np.float64]]
 
 BLOCK_GATES = 1000
 CHARGE_BITS = 40  # charge unit = design pulse charge / 2^40: 10 s at full scale fit 64 bits, rounding is below 1 pA
@@ -24,6 +27,7 @@ _UNIFORM_SUM = 4 * 0xFFFF  # largest sum of four 16-bit numbers
 _UNIFORM_SIGMA = np.sqrt(4 * ((1 << 32) - 1) / 12)
 _K0_C = np.array([kind.k0_C for kind in KINDS])
 _GATES = np.arange(1, BLOCK_GATES + 1)
+_HALF_BLOCK_S = 0.5 * BLOCK_GATES * GATE_S
 
 
 @dataclass(frozen=True)
@@ -75,9 +79,9 @@ class GateBlock:
 class BlockFactory:
     """Makes the blocks of one power-on period; a block depends on the seed, its number and the state at its start."""
 
-    def __init__(self, truth: NguTruth, thermal: Thermal, epoch_ns: int, period: int) -> None:
+    def __init__(self, truth: NguTruth, thermal: TemperatureFunction, epoch_ns: int, period: int) -> None:
         self._truth = truth
-        self._thermal = thermal
+        self._thermal = UnitTemperature.of(thermal)
         self.epoch_ns = epoch_ns
         self._period = period
         self._clock_Hz = AF_CLOCK_HZ * (1.0 + truth.af_clock_error_ppm * 1e-6)
@@ -90,7 +94,9 @@ class BlockFactory:
     def make(self, number: int, start_s: float) -> GateBlock:
         """Block ``number`` (from 0) whose first gate starts ``start_s`` after the epoch."""
         start_ns = self.epoch_ns + round(start_s * NS)
-        unit_degC = float(self._thermal(np.array([start_ns]))[0])
+        now_degC = float(self._thermal(np.array([start_ns]))[0])
+        unit_degC = now_degC + _HALF_BLOCK_S * self._thermal.rate_degC_s(start_ns)
+        play_offset_degC = self._truth.play_offset_degC(self._thermal.turns_degC(start_ns), unit_degC)
         gate_s = GATE_S / (1.0 + 1e-6 * float(self._truth.master_error_ppm(unit_degC)))
         ends_s = np.asarray(start_s + _GATES * gate_s, np.float64)
         edges = np.floor(np.concatenate(([start_s], ends_s)) * self._clock_Hz).astype(np.int64)
@@ -104,7 +110,7 @@ class BlockFactory:
             ends_ns=self.epoch_ns + np.rint(ends_s * NS).astype(np.int64),
             edges=edges,
             quanta=converters,
-            bias_A=self._truth.all_bias_A(unit_degC, start_ns / NS),
+            bias_A=self._truth.all_bias_A(unit_degC, start_ns / NS + _HALF_BLOCK_S, play_offset_degC),
             noise=noise,
             noise_peak=peak,
         )

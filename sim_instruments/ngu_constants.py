@@ -20,18 +20,26 @@ REFERENCE_DEGC = 20.0
 
 @dataclass(frozen=True)
 class ConverterKind:
-    """One kind of channel: ``k0_C`` coulomb per pulse, full scale in ampere, bias model about 20 degC."""
+    """One kind of channel: ``k0_C`` coulomb per pulse, full scale in ampere, bias model about 20 degC.
+
+    ``bias_tc1_A`` to ``bias_tc3_A`` are the sizes of the coefficients of degC, degC2 and degC3; ``hysteresis_A`` is
+    the size of the loop (falling minus rising branch) and ``half_width_degC`` the half-width of its play.
+    """
 
     name: str
     k0_C: float
     full_scale_A: float
     bias_A: float
     bias_spread_A: float
-    bias_tc_A_degC: float
+    bias_tc1_A: float
+    bias_tc2_A: float
+    bias_tc3_A: float
+    hysteresis_A: float
+    half_width_degC: float
 
 
-GYRO = ConverterKind("gyro", 1.25e-6, 0.299, 400e-9, 25e-9, 2e-9)
-ACCELEROMETER = ConverterKind("accelerometer", 1.0e-7, 0.0242, -255e-9, 8e-9, 1e-9)
+GYRO = ConverterKind("gyro", 1.25e-6, 0.299, 400e-9, 25e-9, 2e-9, 4e-12, 8e-14, 20e-9, 2.5)
+ACCELEROMETER = ConverterKind("accelerometer", 1.0e-7, 0.0242, -255e-9, 8e-9, 1e-9, 2e-12, 5e-14, 18e-9, 3.0)
 KINDS = (GYRO,) * GYRO_CHANNELS + (ACCELEROMETER,) * (CHANNELS - GYRO_CHANNELS)
 
 WHITE_A_RTHZ = 2e-9  # one-sided density of the input noise current

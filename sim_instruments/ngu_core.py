@@ -14,13 +14,14 @@ from dataclasses import dataclass, replace
 from bench.frame import load_frame
 from bench.model.clock import NS
 from bench.model.shipped import find_shipped
-from sim_instruments.ngu_block import BlockFactory, Thermal
+from sim_instruments.ngu_block import BlockFactory
 from sim_instruments.ngu_commands import IDENTITY, START_MODES, Command, Request, Status
 from sim_instruments.ngu_framer import Framer, FramerState, Mode
 from sim_instruments.ngu_gates import Drive, GateMachine, GateRows, GateState
 from sim_instruments.ngu_housekeeping import GATES_PER_FRAME, Housekeeping
 from sim_instruments.ngu_port import Port
 from sim_instruments.ngu_truth import NguTruth
+from sim_instruments.thermal import TemperatureFunction
 
 BOOT_NS = NS  # from power on to the start of the first gate
 AHEAD_NS = 100 * NS  # generated at once at most
@@ -56,7 +57,7 @@ class UnitCore:
         given_ns: bench time up to which somebody may have seen them; nothing changes before it any more.
     """
 
-    def __init__(self, truth: NguTruth, thermal: Thermal, ports: Mapping[str, Port], start_ns: int) -> None:
+    def __init__(self, truth: NguTruth, thermal: TemperatureFunction, ports: Mapping[str, Port], start_ns: int) -> None:
         gates, integrated = (load_frame(find_shipped("frames", name)) for name in ("ngu_a", "ngu_a_100s"))
         self.definition_b = load_frame(find_shipped("frames", "ngu_b"))
         self._truth = truth

@@ -45,6 +45,7 @@ def count_windows(
     t_start_s: ArrayLike,
     unit_degC: ArrayLike,
     *,
+    play_offset_degC: ArrayLike = 0.0,
     settle_s: float = 20.0,
     window_s: float = 100.0,
     fg_Hz: float = 1e7,
@@ -55,7 +56,8 @@ def count_windows(
         truth: the unit; its options say whether there is noise.
         input_A: current into every channel, (m, 10), ampere, applied ``settle_s`` before the record starts.
         t_start_s: start of each record, (m,), seconds of bench time (for the bias random walk).
-        unit_degC: unit temperature, (m,) or one for all.
+        unit_degC: unit temperature in the middle of the record, (m,) or one for all.
+        play_offset_degC: state of the hysteresis in the middle of the record, P - T, (m, 10) or one for all.
         settle_s: time from the change of the input to the start of the record.
         window_s: length of a record by the unit's nominal master clock.
         fg_Hz: true frequency of the function generator.
@@ -69,18 +71,18 @@ def count_windows(
     instants_s = np.stack((start_s - settle_s, start_s, start_s + gate_s), axis=1)
     edges = np.floor(instants_s * clock_Hz).astype(np.int64)
     clocks = edges[:, 1:] - edges[:, :-1]
-    currents = _currents_A(truth, input_A, start_s, degC, (settle_s, window_s))
+    middle_s = (start_s + window_s / 2)[:, None]
+    bias_A = truth.bias_A(_NUMBERS, degC[:, None], middle_s, play_offset_degC)
+    currents = _currents_A(truth, input_A - bias_A, (settle_s, window_s))
     npp, ppp = _pulses(truth, currents, degC, clocks)
     fg = (np.floor(instants_s[:, 2] * fg_Hz) - np.floor(instants_s[:, 1] * fg_Hz)).astype(np.int64)
     master = np.full(m, round(MASTER_HZ * window_s), np.int64)
     return WindowCounts(npp, ppp, clocks[:, 1], master, fg)
 
 
-def _currents_A(truth: NguTruth, input_A: Float, start_s: Float, degC: Float, spans_s: tuple[float, float]) -> Float:
-    """Net current in the settle time and in the record, (m, 10, 2), ampere."""
-    middle_s = start_s + spans_s[1] / 2
-    bias_A = truth.bias_A(_NUMBERS, degC[:, None], middle_s[:, None])
-    net_A = np.repeat((input_A - bias_A)[:, :, None], 2, axis=2)
+def _currents_A(truth: NguTruth, steady_A: Float, spans_s: tuple[float, float]) -> Float:
+    """Net current in the settle time and in the record with its white noise, (m, 10, 2), ampere."""
+    net_A = np.repeat(steady_A[:, :, None], 2, axis=2)
     if truth.noise:
         rng = generator(truth.seed, "ngu window noise")
         net_A += rng.standard_normal(net_A.shape) * (WHITE_A_RTHZ / np.sqrt(2.0 * np.array(spans_s)))

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame import FrameDefinition
-from sim_instruments.ngu_block import Thermal
 from sim_instruments.ngu_framer import Mode
 from sim_instruments.ngu_gates import GateRows
 from sim_instruments.ngu_port import Port
 from sim_instruments.seeds import generator
+from sim_instruments.thermal import TemperatureFunction
 
 GATES_PER_FRAME = 10
 _BLOCK = 4096  # frames whose sensor noise is drawn together
@@ -31,7 +31,9 @@ class Housekeeping:
 
     zero_frame = 0  # frames sent before the one with counter 0
 
-    def __init__(self, port: Port, definition: FrameDefinition, thermal: Thermal, seed: int, *, noise: bool) -> None:
+    def __init__(
+        self, port: Port, definition: FrameDefinition, thermal: TemperatureFunction, seed: int, *, noise: bool
+    ) -> None:
         self._port = port
         self._definition = definition
         self._thermal = thermal

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import math
 import re
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -19,8 +20,11 @@ WORLDS = ("af_converter",)
 WORLD_OPTIONS = {
     "calibrator_gain": "common gain error of the calibrator, N(0, 10 ppm)",
     "calibrator_floor": "range offsets and level errors of the calibrator, N(0, floor/2) of Table 2",
+    "dmm_errors": "gain, zero and linearity of the multimeter's current ranges",
 }
-UNIT_OPTIONS = ("noise", "master_error_ppm", "af_clock_error_ppm")
+WORLD_NUMBERS = {"calibrator_drift_ppm": "rise of the calibrator's gain per day"}
+MOST = 1000.0
+UNIT_OPTIONS = ("noise", "hysteresis", "master_error_ppm", "af_clock_error_ppm")
 UnitFactory = Callable[[Clock, int, Callable[[Any], Any], Mapping[str, str]], Unit]
 
 
@@ -40,7 +44,8 @@ def open_world(
         clock: clock of the run.
         seed: seed of every random draw, 0 or positive.
         station: {"instruments": {role: {"driver", "resource", "options"}}, "links": {...}}.
-        options: the world's own options (``WORLD_OPTIONS``, each on or off) and the unit's (``UNIT_OPTIONS``), as text.
+        options: the world's own options (``WORLD_OPTIONS``, each on or off, ``WORLD_NUMBERS``) and the unit's
+            (``UNIT_OPTIONS``), as text.
         unit_factory: makes the unit under test from (clock, seed, unit temperature function, options); the
             simulated NGU by default.
     Raises:
@@ -54,7 +59,7 @@ def open_world(
     own, rest = _split_options(options or {})
     make_unit = unit_factory or _simulated_ngu
     thermal = Thermal()
-    unit = make_unit(clock, seed, thermal.unit_degC, rest)
+    unit = make_unit(clock, seed, thermal.unit, rest)
     world = World(clock=clock, seed=seed, unit=unit, thermal=thermal, options=own)
     try:
         for role, entry in station.get("instruments", {}).items():
@@ -70,20 +75,34 @@ def _simulated_ngu(clock: Clock, seed: int, thermal: Callable[[Any], Any], optio
     return module.Ngu(clock, seed, thermal, options)
 
 
-def _split_options(options: Mapping[str, str]) -> tuple[dict[str, bool], dict[str, str]]:
-    own = dict.fromkeys(WORLD_OPTIONS, True)
+def _split_options(options: Mapping[str, str]) -> tuple[dict[str, bool | float], dict[str, str]]:
+    own: dict[str, bool | float] = dict.fromkeys(WORLD_OPTIONS, True)
     rest = {}
     for key, value in options.items():
         if key in UNIT_OPTIONS:
             rest[key] = value
+        elif key in WORLD_NUMBERS:
+            own[key] = _number(key, value)
         elif key not in WORLD_OPTIONS:
-            known = ", ".join((*WORLD_OPTIONS, *UNIT_OPTIONS))
+            known = ", ".join((*WORLD_OPTIONS, *WORLD_NUMBERS, *UNIT_OPTIONS))
             raise InputError("B-SIM-002", f"no world option is called {key!r}", next_step=f"use one of: {known}")
         elif value not in ("on", "off"):
             raise InputError("B-SIM-002", f"world option {key} is {value!r}", next_step=f"write {key}=on or {key}=off")
         else:
             own[key] = value == "on"
     return own, rest
+
+
+def _number(key: str, value: str) -> float:
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if not abs(number) <= MOST:
+        raise InputError(
+            "B-SIM-002", f"world option {key} is {value!r}", next_step=f"write a number from -{MOST:g} to {MOST:g}"
+        )
+    return number
 
 
 def _connect(world: World, role: str, entry: Mapping[str, Any]) -> None:

@@ -2,16 +2,23 @@
 
 Between two commands the set-point is a straight line, so air and unit are sums of a line and two exponentials.
 Each command starts a new segment from the state the last one has reached; nothing is integrated step by step.
+A unit that remembers where its temperature has turned (hysteresis) finds the turning points here, exactly.
 """
 
 from __future__ import annotations
 
+import bisect
+import itertools
+import math
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from bench.model.clock import NS
+from sim_instruments.play import follow, play_after
 
 AIR_LAG_S = 120.0  # air behind the controller's set-point
 UNIT_LAG_S = 1500.0  # unit under test behind the air, 25 min
@@ -20,6 +27,36 @@ START_DEGC = 23.0
 LAB_DEGC = 23.0
 _LAB_SWING_DEGC = 0.3
 _DAY_S = 86_400.0
+_SETTLED_S = 1e6  # after so long without a command nothing moves any more
+_BISECTIONS = 64
+
+TemperatureFunction = Callable[[NDArray[np.int64]], NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class UnitTemperature:
+    """Temperature of the unit at bench times, and what the unit itself carries of it at a moment.
+
+    Attributes:
+        degC: temperature at bench times in nanoseconds, (n,) to (n,).
+        rate_degC_s: its derivative at one bench time, degC per second.
+        turns_degC: where it started and where it has turned since, oldest first; empty: nothing is known of the past.
+    """
+
+    degC: TemperatureFunction
+    rate_degC_s: Callable[[int], float]
+    turns_degC: Callable[[int], tuple[float, ...]]
+
+    def __call__(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Temperature at bench times, (n,), degC."""
+        return self.degC(t_ns)
+
+    @classmethod
+    def of(cls, temperature: TemperatureFunction) -> UnitTemperature:
+        """The temperature itself, or a plain function of time as one without a past that moves in steps."""
+        if isinstance(temperature, cls):
+            return temperature
+        return cls(temperature, lambda _t_ns: 0.0, lambda _t_ns: ())
 
 
 @dataclass(frozen=True)
@@ -49,6 +86,32 @@ class _Segment:
             self.unit_degC - unit_line - unit_decay,
         )
 
+    def turns_s(self, length_s: float) -> list[float]:
+        """Where the unit's temperature turns, seconds from the start and before ``length_s``: air and unit are equal.
+
+        Their difference is a constant and two exponentials, so it has one extreme at most and one zero on either side.
+        """
+        _, slope, air_lag_s, _, air_decay, _, fast, slow = self.coefficients()
+        rate, decay = 1.0 / air_lag_s - 1.0 / UNIT_LAG_S, air_decay - fast
+
+        def above_unit(t_s: float) -> float:
+            return slope * UNIT_LAG_S + decay * math.exp(-t_s / air_lag_s) - slow * math.exp(-t_s / UNIT_LAG_S)
+
+        ratio = decay * UNIT_LAG_S / (slow * air_lag_s) if slow else 0.0
+        extreme_s = math.log(ratio) / rate if ratio > 0.0 else 0.0
+        knots = [0.0, *([extreme_s] if 0.0 < extreme_s < length_s else []), length_s]
+        pairs = itertools.pairwise(knots)
+        return [_zero(above_unit, *pair) for pair in pairs if above_unit(pair[0]) * above_unit(pair[1]) < 0.0]
+
+
+def _zero(function: Callable[[float], float], low: float, high: float) -> float:
+    """Zero of a function that changes its sign between two places."""
+    falls = function(low) > 0.0
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if (function(middle) > 0.0) == falls else (low, middle)
+    return 0.5 * (low + high)
+
 
 class Thermal:
     """Chamber air and unit temperature as functions of time; commands may only be given in order of time."""
@@ -57,6 +120,7 @@ class Thermal:
         self._segments = [_Segment(0, START_DEGC, 0.0, AIR_LAG_S, START_DEGC, START_DEGC)]
         self._lock = threading.Lock()
         self._tables = self._tabulate()
+        self._turns: tuple[list[int], tuple[float, ...]] = ([0], (START_DEGC,))
 
     def ramp(self, target_degC: float, rate_degC_min: float, t_ns: int) -> None:
         """Let the controller's set-point go to ``target_degC`` at ``rate_degC_min`` (> 0) from where the air is."""
@@ -91,6 +155,35 @@ class Thermal:
         t_s, (slope, lag, _, _, line, fast, slow) = self._elapsed(t_ns)
         return line + slope * t_s + fast * np.exp(-t_s / lag) + slow * np.exp(-t_s / UNIT_LAG_S)
 
+    def unit_rate_degC_s(self, t_ns: int) -> float:
+        """How fast the unit warms at ``t_ns``, degC per second; what it will be told later does not enter."""
+        t_s, (slope, lag, _, _, _, fast, slow) = self._elapsed(t_ns)
+        return float(slope - fast / lag * np.exp(-t_s / lag) - slow / UNIT_LAG_S * np.exp(-t_s / UNIT_LAG_S))
+
+    def turns_degC(self, t_ns: int) -> tuple[float, ...]:
+        """Temperatures of the unit where it started and where it may have turned up to ``t_ns``, oldest first."""
+        times_ns, degC = self._turns
+        return degC[: bisect.bisect_right(times_ns, t_ns)]
+
+    def play_offset_degC(self, t_ns: NDArray[np.int64], half_width_degC: ArrayLike) -> NDArray[np.float64]:
+        """Play operator of the unit's temperature minus that temperature, degC: +-half-width on a long branch.
+
+        ``t_ns`` is (n,), bench clock; ``half_width_degC`` is () or (n,).
+        """
+        t_ns = np.asarray(t_ns, np.int64)
+        half_width = np.broadcast_to(np.asarray(half_width_degC, float), t_ns.shape)
+        times_ns, degC = self._turns
+        state = np.empty(t_ns.shape)
+        for count in np.unique(last := np.searchsorted(times_ns, t_ns, side="right")):
+            state[last == count] = play_after(degC[:count], half_width[last == count])
+        unit = self.unit_degC(t_ns)
+        return follow(state, unit, half_width) - unit
+
+    @property
+    def unit(self) -> UnitTemperature:
+        """What the unit under test knows of all this."""
+        return UnitTemperature(self.unit_degC, self.unit_rate_degC_s, self.turns_degC)
+
     @staticmethod
     def lab_degC(t_ns: int | np.ndarray) -> np.ndarray:
         """Laboratory air: 23 degC with a daily swing of 0.3 degC."""
@@ -108,6 +201,16 @@ class Thermal:
             kept = [s for s in self._segments if s.start_ns < t_ns]
             self._segments = [*kept, _Segment(t_ns, setpoint_degC, slope_degC_s, air_lag_s, air, unit)]
             self._tables = self._tabulate()
+        self._turns = self._find_turns()
+
+    def _find_turns(self) -> tuple[list[int], tuple[float, ...]]:
+        """Times and temperatures: the start of every segment (a turn or not) and every turn inside one."""
+        ends_ns = [s.start_ns for s in self._segments[1:]] + [self._segments[-1].start_ns + round(_SETTLED_S * NS)]
+        times_ns = []
+        for segment, end_ns in zip(self._segments, ends_ns, strict=True):
+            inside = segment.turns_s((end_ns - segment.start_ns) / NS)
+            times_ns += [segment.start_ns, *(segment.start_ns + round(t_s * NS) for t_s in inside)]
+        return times_ns, tuple(self.unit_degC(np.array(times_ns)).tolist())
 
     def _tabulate(self) -> tuple[np.ndarray, np.ndarray]:
         rows = np.array([segment.coefficients() for segment in self._segments])

@@ -17,7 +17,8 @@ from sim_instruments.faults import Faults
 from sim_instruments.live import LiveDevice
 from sim_instruments.seeds import generator
 from sim_instruments.thermal import Thermal
-from sim_instruments.truth import UnitTruth, estimates
+from sim_instruments.truth import estimates
+from sim_instruments.unit_truth import UnitTruth
 from sim_instruments.wiring import UnitInputs, Wiring
 
 
@@ -45,7 +46,13 @@ class World:
     """
 
     def __init__(
-        self, *, clock: Clock, seed: int, unit: Unit, thermal: Thermal, options: Mapping[str, bool] | None = None
+        self,
+        *,
+        clock: Clock,
+        seed: int,
+        unit: Unit,
+        thermal: Thermal,
+        options: Mapping[str, bool | float] | None = None,
     ) -> None:
         self.clock = clock
         self.seed = seed

@@ -12,7 +12,8 @@ START = IDENTIFY["hp_3458a"]
 
 def configured(range_text: bytes) -> list[tuple[bytes, bytes | None]]:
     commands = (b"PRESET NORM\n", b"END ALWAYS\n", b"DCI " + range_text + b"\n", b"NPLC 100\n", b"NDIG 8\n")
-    return [pair for command in (*commands, b"AZERO ON\n", b"TRIG HOLD\n") for pair in after(command, NO_ERROR)]
+    setting = [pair for command in (*commands, b"AZERO ON\n", b"TRIG HOLD\n") for pair in after(command, NO_ERROR)]
+    return [*setting, (b"RANGE?\n", b" " + range_text + b"\r\n")]
 
 
 def test_one_reading_is_triggered_and_awaited_by_serial_poll() -> None:
@@ -21,7 +22,7 @@ def test_one_reading_is_triggered_and_awaited_by_serial_poll() -> None:
     script += [(READ, b" 1.000012345E-01\r\n"), NO_ERROR]
     with scripted("hp_3458a", script) as meter:
         assert meter.identify().model == "3458A"
-        meter.configure_current(0.1)
+        assert meter.configure_current(0.1) == 0.1
         assert meter.measure_current() == 0.1000012345
         assert meter.test_clock.now_ns() == 750_000_000
         assert max(meter.test_resource.timeouts_ms) <= 1000
@@ -34,6 +35,13 @@ def test_one_reading_is_triggered_and_awaited_by_serial_poll() -> None:
 def test_the_smallest_range_that_holds(largest: float, sent: bytes) -> None:
     with scripted("hp_3458a", [*START, *configured(sent)]) as meter:
         meter.configure_current(largest)
+
+
+def test_a_range_that_was_not_taken_is_an_error() -> None:
+    script = [*START, *configured(b"1.0E-03")[:-1], (b"RANGE?\n", b" 1.0E-02\r\n")]
+    with scripted("hp_3458a", script) as meter, pytest.raises(InstrumentError, match="RANGE") as caught:
+        meter.configure_current(1e-3)
+    assert caught.value.code == "B-INST-011"
 
 
 def test_overload() -> None:

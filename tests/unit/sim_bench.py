@@ -32,6 +32,9 @@ class PlainTruth:
     """Parameters chosen so that every expected value can be written down."""
 
     af_clock_error_ppm = 20.0
+    kinds = ("gyro",) * 6 + ("accelerometer",) * 4
+    half_width_degC = np.full(10, 2.0)
+    hysteresis_A = np.full(10, 8e-9)
 
     def dsf_n_ppm(self, channel: Any, unit_degC: Any) -> Any:
         return 100.0 * channel + unit_degC
@@ -42,11 +45,17 @@ class PlainTruth:
     def tc_ppm(self, channel: int, polarity: str, about_degC: float) -> tuple[float, float]:
         return (1.0 if polarity == "n" else 0.0, about_degC / 1000.0)
 
-    def bias_A(self, channel: Any, unit_degC: Any, t_s: Any) -> Any:
-        return 1e-9 * channel + 0 * unit_degC + 1e-12 * t_s
+    def bias_A(self, channel: Any, unit_degC: Any, t_s: Any, play_offset_degC: Any = 0.0) -> Any:
+        return 1e-9 * channel + 0 * unit_degC + 1e-12 * t_s + 2e-9 * play_offset_degC
+
+    def bias_tc_A(self, channel: int, order: int) -> float:
+        return 1e-12 * channel / order
 
     def master_error_ppm(self, unit_degC: Any) -> Any:
         return np.asarray(unit_degC) * 0 + 1.5
+
+    def master_tc_ppm(self, order: int) -> float:
+        return 0.0 if order else 1.5
 
 
 class RecordingUnit:

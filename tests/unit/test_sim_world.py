@@ -201,7 +201,7 @@ def test_truth_is_taken_at_the_true_unit_temperature() -> None:
         assert found["dsf_n", 2, -10.0] == pytest.approx(200.0 + mean_degC, abs=1e-3)
         assert found["dsf_p", 2, -10.0] == 100.0
         assert found["dsf_asymmetry", 2, -10.0] == pytest.approx(100.0 + mean_degC, abs=1e-3)
-        assert found["bias", 2, -10.0] == pytest.approx(2e-9 + 1e-12 * 9050, rel=1e-9)
+        assert found["bias", 2, -10.0] == pytest.approx(2e-9 + 1e-12 * 9050 + 2e-9 * 2.0, rel=1e-9)
         assert found["master_clock_error", None, -10.0] == pytest.approx(1.5, rel=1e-12)
         assert found["clock_ratio_error", None, -10.0] == pytest.approx(-18.5, abs=1e-3)
         assert found["dsf_n_tc1", 2, None] == 1.0
