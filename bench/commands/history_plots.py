@@ -1,0 +1,59 @@
+"""The panels of ``bench history compare --plot``."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from bench.fit import coverage_factor
+from bench.model.errors import InputError
+from bench.report.history_plot import FORMATS, MOST_PANELS, Panel, line_years, plot_history
+from bench.store import Comparison, ParameterHistory
+
+_EPOCH_YEAR = 1970.0
+
+
+def draw(comparison: Comparison, path: Path) -> None:
+    """Draw the parameters with the clearest drift. Raises: InputError B-CLI-007 if the file cannot be written."""
+    if path.suffix not in FORMATS:
+        raise InputError("B-CLI-007", "is neither .svg nor .png", where=str(path), next_step="name such a file")
+    histories = sorted(comparison.parameters, key=_clearest)[:MOST_PANELS]
+    series = comparison.series
+    left = len(comparison.parameters) - len(histories)
+    more = f", {left} more parameters not drawn" if left > 0 else ""
+    title = f"{' '.join(series.uut)}: {len(series.calibrations)} calibrations, clearest drift first{more}"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        plot_history([_panel(one) for one in histories], title, bool(series.calibrations[-1]["simulated"]), path)
+    except OSError as error:
+        raise InputError(
+            "B-CLI-007",
+            f"cannot be written: {error.strerror}",
+            where=str(path),
+            next_step="check the folder, its permissions and the space on the disk",
+        ) from error
+
+
+def _clearest(one: ParameterHistory) -> float:
+    """Drift over its standard uncertainty, the largest first; what has no line comes last."""
+    return 0.0 if one.line is None else -abs(one.line.rate) / one.line.rate_std
+
+
+def _panel(one: ParameterHistory) -> Panel:
+    empty = np.empty(0)
+    at = line_years(one.t_year[0], one.t_year[-1]) if one.line else empty
+    return Panel(
+        title=one.parameter.label,
+        unit=one.parameter.unit,
+        year=one.t_year + _EPOCH_YEAR,
+        value=one.value,
+        expanded=one.factor * one.std,
+        line_year=at + _EPOCH_YEAR,
+        line=one.line.at(at) if one.line else empty,
+        line_expanded=coverage_factor() * one.line.std_at(at) if one.line else empty,
+        action_sigma=3.0 * one.chart.sigma if one.chart else math.nan,
+        limit=one.limit,
+        outside=np.isin(one.rows, one.outside),
+    )

@@ -1,0 +1,33 @@
+"""Floor 4: the calibration history, an SQL database of results, reports and approvals."""
+
+from bench.store.address import chosen_url
+from bench.store.approval import Approved, approve
+from bench.store.comparison import Comparison, ParameterHistory, compare_unit
+from bench.store.due import Due, dues_of
+from bench.store.errors import StoreError
+from bench.store.export import export_history
+from bench.store.pair import compare_pair
+from bench.store.reading import Shown, list_calibrations, show_calibration, units_of
+from bench.store.recording import Recorded, record_calibration
+from bench.store.selection import Filters
+
+__all__ = [
+    "Approved",
+    "Comparison",
+    "Due",
+    "Filters",
+    "ParameterHistory",
+    "Recorded",
+    "Shown",
+    "StoreError",
+    "approve",
+    "chosen_url",
+    "compare_pair",
+    "compare_unit",
+    "dues_of",
+    "export_history",
+    "list_calibrations",
+    "record_calibration",
+    "show_calibration",
+    "units_of",
+]

@@ -1,0 +1,122 @@
+"""Compares all calibrations of one unit: drift, agreement of each with the one before, control limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.fit.drift import (
+    NO_STANDARD,
+    DriftLine,
+    IndividualsChart,
+    en_scores,
+    fit_drift_line,
+    individuals_chart,
+)
+from bench.store.selection import Filters
+from bench.store.series import Array, Parameter, Series, read_series
+
+LEAST_FOR_CONTROL = 8  # calibrations; fewer moving ranges say too little about the scatter
+
+
+@dataclass(frozen=True)
+class ParameterHistory:
+    """One parameter over all calibrations that have it; arrays (m,) in order of time."""
+
+    parameter: Parameter
+    rows: NDArray[np.int64]  # calibrations in the series
+    t_year: Array
+    value: Array
+    std: Array
+    factor: Array
+    en: Array  # against the calibration before; NaN for the first
+    line: DriftLine | None  # None if all calibrations were made at one time
+    chart: IndividualsChart | None  # of the residuals about the line
+    limit: float  # of the value; NaN if there is none
+    change_limit: float  # of the change since the last calibration; NaN if there is none
+
+    @property
+    def outside(self) -> NDArray[np.int64]:
+        """Calibrations beyond the action limits."""
+        if self.chart is None or self.line is None:
+            return self.rows[:0]
+        low, high = self.chart.action
+        return self.rows[(self.line.residual < low) | (self.line.residual > high)]
+
+    def as_json(self, series: Series) -> dict[str, Any]:
+        """Numbers for people and machines."""
+        line, chart = self.line, self.chart
+        en = self.en[np.isfinite(self.en)]
+        return {
+            **vars(self.parameter),
+            "calibrations": int(self.value.size),
+            "value": float(self.value[-1]),
+            "expanded_uncertainty": float(self.factor[-1] * self.std[-1]),
+            "change": float(self.value[-1] - self.value[-2]) if self.value.size > 1 else None,
+            "en": float(en[-1]) if en.size else None,
+            "en_worst": float(en[np.abs(en).argmax()]) if en.size else None,
+            "en_above_1": int((np.abs(en) > 1.0).sum()),
+            "rate_per_year": None if line is None else line.rate,
+            "rate_expanded_uncertainty": None if line is None else line.rate_expanded,
+            "reduced_chi2": line.chi2 / line.dof if line and line.dof else None,
+            "control_sigma": None if chart is None else chart.sigma,
+            "control_limits_2_sigma": None if chart is None else list(chart.warning),
+            "control_limits_3_sigma": None if chart is None else list(chart.action),
+            "moving_range_limit": None if chart is None else chart.range_limit,
+            "out_of_control": [series.calibrations[row]["session"] for row in self.outside],
+            "limit": None if np.isnan(self.limit) else self.limit,
+            "change_limit": None if np.isnan(self.change_limit) else self.change_limit,
+        }
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """All calibrations of a unit against each other."""
+
+    series: Series
+    parameters: list[ParameterHistory]
+
+
+def compare_unit(url: str, filters: Filters) -> Comparison:
+    """Compare all calibrations of a unit, newest results of each.
+
+    Args:   url: of the history.   filters: the unit (may be left out if there is one only), campaign, quantity.
+    Raises: StoreError B-STORE-001 to B-STORE-005, B-STORE-007, B-STORE-009.
+    """
+    series = read_series(url, filters)
+    return Comparison(series, [_history(series, column) for column in range(len(series.parameters))])
+
+
+def _history(series: Series, column: int) -> ParameterHistory:
+    rows = np.flatnonzero(np.isfinite(series.value[:, column]))
+    t = series.t_year[rows]
+    value, std, factor = (grid[rows, column] for grid in (series.value, series.std, series.factor))
+    shared, standard = np.minimum(series.shared[rows, column], std), series.standard[rows, column]
+    line = None
+    if np.unique(t).size > 1 and (std > 0.0).all():
+        line = fit_drift_line(t, value, std, shared, standard)
+    chart = individuals_chart(line.residual) if line and value.size >= LEAST_FOR_CONTROL else None
+    return ParameterHistory(
+        parameter=series.parameters[column],
+        rows=rows,
+        t_year=t,
+        value=value,
+        std=std,
+        factor=factor,
+        en=_en_of_each(value, std * factor, shared * factor, standard),
+        line=line,
+        chart=chart,
+        limit=float(series.limit[column]),
+        change_limit=float(series.change_limit[column]),
+    )
+
+
+def _en_of_each(value: Array, expanded: Array, shared: Array, standard: NDArray[np.int64]) -> Array:
+    """E_n of each calibration against the one before, (m,), NaN for the first."""
+    same = (standard[1:] == standard[:-1]) & (standard[1:] != NO_STANDARD)
+    parts = np.where(same, shared[:-1], 0.0), np.where(same, shared[1:], 0.0)
+    found = en_scores(np.diff(value), (expanded[:-1], expanded[1:]), parts)
+    return np.concatenate([[np.nan], found])

@@ -1,0 +1,160 @@
+"""What results.json and the manifest of a session give to the tables of the history: pure, no database."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from bench.model.clock import NS
+from bench.store.errors import StoreError
+from bench.store.shared import shared_components
+
+Row = dict[str, Any]
+
+# Conditions that are results themselves: no two calibrations agree in them, so they do not name a parameter.
+MEASURED = ("unit_temperature_degC",)
+# Table 1 of the AF-converter paper is a stability specification: it limits how far these may move.
+_CHANGES = {"dsf_n": "stability_limit_ppm", "dsf_p": "stability_limit_ppm"}
+_LAST_NS = 2**63
+_STORED = (
+    "quantity", "unit", "conditions", "value", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "n",
+    "dropped", "limit", "verdict",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Contents:
+    """Rows of one session, without the keys that the database gives."""
+
+    calibration: Row
+    standards: Sequence[Row]
+    shared: Sequence[Row]
+    result_set: Row
+    quality: Sequence[Row]
+    parameters: Sequence[Row]  # one per estimate, in its order
+    estimates: Sequence[Row]
+
+
+def canonical(document: Any) -> str:
+    """The one text of a JSON document: sorted keys, shortest exact floats."""
+    return json.dumps(document, sort_keys=True, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+
+def digest(text: str) -> str:
+    """SHA-256 of a text, hexadecimal."""
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def digest_of_file(path: Path) -> str:
+    """SHA-256 of a file, hexadecimal. Raises: OSError."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def started_utc_ns(session: str) -> int | None:
+    """When a session began, as its name says (``20260401T080000Z_...``); None if it does not, or not before 2262."""
+    try:
+        moment = datetime.strptime(session[:16], "%Y%m%dT%H%M%SZ").replace(tzinfo=UTC)
+    except ValueError:
+        return None
+    began_ns = int(moment.timestamp()) * NS
+    return began_ns if began_ns < _LAST_NS else None
+
+
+def contents_of(document: Mapping[str, Any], manifest: Mapping[str, Any], started_ns: int | None) -> Contents:
+    """Rows of a session. Raises: StoreError B-STORE-008 naming what the documents do not say."""
+    try:
+        return _contents(document, manifest, started_ns)
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise StoreError(
+            "B-STORE-008",
+            f"results.json or the manifest does not say what the history needs ({type(error).__name__} {error})",
+            where=str(document.get("session", "results.json")),
+            next_step="fit the session again with 'bench fit'; do not edit results by hand",
+        ) from error
+
+
+def _contents(document: Mapping[str, Any], manifest: Mapping[str, Any], started_ns: int | None) -> Contents:
+    provenance = document["provenance"]
+    session = str(document["session"])
+    began_ns = started_utc_ns(session) if started_ns is None else started_ns
+    if began_ns is None:
+        raise ValueError(f"when {session!r} was taken")
+    calibration = {
+        "session": session,
+        "session_sha256": str(provenance["session_sha256"]),
+        "campaign": str(document["campaign"]),
+        "uut_model": str(document["uut"]["model"]),
+        "uut_serial": str(document["uut"]["serial"]),
+        "started_utc_ns": began_ns,
+        "simulated": bool(provenance["simulated"]),
+        "sequence": str(manifest.get("sequence", "")),
+        "station": str(manifest.get("station", "")),
+        "plan_sha256": str(provenance["plan_sha256"]),
+        "frame_sha256": str(provenance["frame_sha256"]),
+    }
+    limits = _change_limits(manifest)
+    result_set = {
+        "results_sha256": digest(canonical(document)),
+        "method": str(document["method"]),
+        "software": str(provenance["software"]),
+        "decision_rule": _text_or_none(document.get("decision_rule")),
+        "notes": canonical(list(document["notes"])),
+        "estimates": len(document["estimates"]),
+    }
+    return Contents(
+        calibration=calibration,
+        standards=[_standard(role, entry) for role, entry in sorted(manifest.get("standards", {}).items())],
+        shared=shared_components(manifest.get("standards", {}), str(document["campaign"])),
+        result_set=result_set,
+        quality=[{"name": name, "count": int(count)} for name, count in sorted(document["quality"].items())],
+        parameters=[_parameter(one) for one in document["estimates"]],
+        estimates=[_estimate(number, one, limits) for number, one in enumerate(document["estimates"])],
+    )
+
+
+def _text_or_none(value: Any) -> str | None:
+    return value if value is None or isinstance(value, str) else canonical(value)
+
+
+def _standard(role: str, entry: Mapping[str, Any]) -> Row:
+    traceability = entry.get("traceability_relative")
+    texts = {name: str(entry.get(name, "")) for name in ("model", "serial", "certificate", "calibrated", "due")}
+    return {"role": role, **texts, "traceability_relative": None if traceability is None else float(traceability)}
+
+
+def _parameter(one: Mapping[str, Any]) -> Row:
+    conditions = {name: value for name, value in one["conditions"].items() if name not in MEASURED}
+    row = {"quantity": str(one["quantity"]), "unit": str(one["unit"]), "conditions": canonical(conditions)}
+    return {**row, "sha256": digest(canonical(row))}
+
+
+def _estimate(position: int, one: Mapping[str, Any], limits: Mapping[tuple[str, Any], float]) -> Row:
+    measured = {name: one["conditions"][name] for name in MEASURED if name in one["conditions"]}
+    further = {name: value for name, value in one.items() if name not in _STORED}
+    limit = one["limit"]
+    return {
+        "position": position,
+        **{name: float(one[name]) for name in ("value", "std_uncertainty", "coverage_factor", "expanded_uncertainty")},
+        "n": int(one["n"]),
+        "dropped": int(one["dropped"]),
+        "limit_value": None if limit is None else float(limit),
+        "verdict": str(one["verdict"]),
+        "change_limit": limits.get((one["quantity"], one["conditions"].get("channel"))),
+        "measured": canonical(measured) if measured else None,
+        "further": canonical(further) if further else None,
+    }
+
+
+def _change_limits(manifest: Mapping[str, Any]) -> dict[tuple[str, Any], float]:
+    """Stability limits by quantity and channel, as the campaign declares them."""
+    return {
+        (quantity, channel["number"]): float(channel[key])
+        for quantity, key in _CHANGES.items()
+        for channel in manifest["campaign"].get("channels", ())
+        if channel.get(key) is not None
+    }

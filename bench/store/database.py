@@ -1,0 +1,168 @@
+"""Opens a history for reading or writing: short waits, one transaction, the version of its tables checked first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+
+from sqlalchemy import Connection, Engine, create_engine, event, inspect, select, text
+from sqlalchemy.pool import NullPool
+
+from bench.store.address import Address, history_address
+from bench.store.errors import StoreError, explained
+from bench.store.tables import METADATA, VERSION, history
+
+WAIT_S = 3
+_WRITE_LIMIT_MS = 10_000
+# A server that is gone without a word is given up as soon as a lock would be.
+_DEAD_NETWORK = {
+    "tcp_user_timeout": WAIT_S * 1000,
+    "keepalives_idle": WAIT_S,
+    "keepalives_interval": 1,
+    "keepalives_count": 3,
+}
+_LOCK = 0x62656E6368  # any number, the same for every writer of this software
+
+# From a version of the tables to the next one; a history is brought up to date when it is opened.
+UPGRADES: Mapping[int, Callable[[Connection], None]] = {}
+
+
+@contextmanager
+def writing(url: str, software: str) -> Iterator[Connection]:
+    """A transaction that writes all or nothing; the only writer meanwhile; the tables are made if there are none.
+
+    Raises: StoreError B-STORE-001 to B-STORE-006; never later than a few seconds when others hold the history.
+    """
+    address = history_address(url)
+    _make_folder(address)
+    with explained(address.where), _transaction(address, write=True) as connection:
+        _lock(connection)
+        if not inspect(connection).has_table(history.name):
+            _create(connection, address, software)
+        _require_version(connection, address)
+        yield connection
+
+
+@contextmanager
+def reading(url: str) -> Iterator[Connection]:
+    """A transaction that reads one state of the history.
+
+    Raises: StoreError B-STORE-007 if there is none yet, B-STORE-001 to B-STORE-005.
+    """
+    address = history_address(url)
+    if address.file is not None and not address.file.is_file():
+        raise _absent(address)
+    with explained(address.where):
+        with _transaction(address, write=False) as connection:
+            if not inspect(connection).has_table(history.name):
+                if inspect(connection).get_table_names():
+                    raise _no_history(address)
+                raise _absent(address)
+            old = _version(connection, address) < VERSION
+        if old:
+            with writing(url, ""):  # brings it up to date
+                pass
+        with _transaction(address, write=False) as connection:
+            _require_version(connection, address)
+            yield connection
+
+
+@contextmanager
+def _transaction(address: Address, *, write: bool) -> Iterator[Connection]:
+    engine = _sqlite(address, write) if address.file is not None else _postgresql(address, write)
+    try:
+        with engine.begin() as connection:
+            yield connection
+    finally:
+        engine.dispose()
+
+
+def _sqlite(address: Address, write: bool) -> Engine:
+    """The library's own habit of committing before some statements is switched off: a transaction is one."""
+    engine = create_engine(address.url, poolclass=NullPool, connect_args={"timeout": WAIT_S, "isolation_level": None})
+
+    @event.listens_for(engine, "begin")
+    def begin(connection: Connection) -> None:
+        connection.exec_driver_sql("PRAGMA foreign_keys = ON")
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if write else "BEGIN")
+
+    return engine
+
+
+def _postgresql(address: Address, write: bool) -> Engine:
+    options = f"-c lock_timeout={WAIT_S * 1000}"
+    if write:
+        options += f" -c statement_timeout={_WRITE_LIMIT_MS}"
+    else:
+        options += " -c default_transaction_read_only=on -c default_transaction_isolation=repeatable\\ read"
+    arguments = {"connect_timeout": WAIT_S, "options": options, **_DEAD_NETWORK}
+    return create_engine(address.url, poolclass=NullPool, connect_args=arguments)
+
+
+def _lock(connection: Connection) -> None:
+    """One writer at a time; a SQLite transaction of ours is that already."""
+    if connection.dialect.name == "postgresql":
+        connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": _LOCK})
+
+
+def _create(connection: Connection, address: Address, software: str) -> None:
+    """Make the tables; not beside those of somebody else in one SQLite file."""
+    if address.file is not None and inspect(connection).get_table_names():
+        raise _no_history(address)
+    METADATA.create_all(connection)
+    connection.execute(history.insert(), {"version": VERSION, "software": software})
+
+
+def _version(connection: Connection, address: Address) -> int:
+    found = connection.execute(select(history.c.version)).scalars().all()
+    if len(found) != 1:
+        raise _no_history(address)
+    return int(found[0])
+
+
+def _require_version(connection: Connection, address: Address) -> None:
+    """Bring older tables up to date. Raises StoreError B-STORE-005 for tables of a later or unknown version."""
+    found = version = _version(connection, address)
+    while version < VERSION and version in UPGRADES:
+        UPGRADES[version](connection)
+        version += 1
+    if version != VERSION:
+        raise StoreError(
+            "B-STORE-005",
+            f"the history has tables of version {version}, this software knows version {VERSION}",
+            where=address.where,
+            next_step="use the release that wrote it, or import the sessions into a new history",
+        )
+    if found != version:
+        connection.execute(history.update(), {"version": version})
+
+
+def _make_folder(address: Address) -> None:
+    try:
+        if address.file is not None:
+            address.file.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StoreError(
+            "B-STORE-002",
+            f"the folder of the history cannot be made ({error.strerror})",
+            where=address.where,
+            next_step="name another with --history, then 'bench history import SESSION'",
+        ) from error
+
+
+def _absent(address: Address) -> StoreError:
+    return StoreError(
+        "B-STORE-007",
+        "there is no history yet",
+        where=address.where,
+        next_step="'bench run' begins one, 'bench history import SESSION' adds a session; --history names another",
+    )
+
+
+def _no_history(address: Address) -> StoreError:
+    return StoreError(
+        "B-STORE-004",
+        "this is a database, but no calibration history",
+        where=address.where,
+        next_step="name another with --history",
+    )

@@ -1,0 +1,88 @@
+"""What can go wrong with the history, as one sentence and the next step; a run prints it as a warning and goes on."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from sqlalchemy.exc import DatabaseError, SQLAlchemyError
+
+from bench.model.errors import BenchError, ExitStatus
+
+_IMPORT_LATER = "repair it, then 'bench history import SESSION' adds what is missing"
+_LOCKED = {"55P03", "57014", "40P01"}  # lock not available, statement cancelled by its time limit, deadlock
+_REFUSED = {"25006", "42501"}  # read-only transaction, insufficient privilege
+_FULL = {"53100"}
+
+
+class StoreError(BenchError):
+    """The calibration history cannot do what was asked; nothing of it was changed."""
+
+    exit_status = ExitStatus.BAD_INPUT
+
+
+@contextmanager
+def explained(where: str) -> Iterator[None]:
+    """Turn what the database library raises into a StoreError.
+
+    Raises: StoreError B-STORE-002 (cannot be opened), B-STORE-003 (locked), B-STORE-004 (damaged or no history),
+            B-STORE-006 (cannot be written).
+    """
+    try:
+        yield
+    except (SQLAlchemyError, sqlite3.Error) as error:
+        original = getattr(error, "orig", None) or error
+        text = " ".join(str(original).split())[:200]
+        code, message, advice = _sqlite(original) if isinstance(original, sqlite3.Error) else _server(error, original)
+        raise StoreError(code, f"{message} ({text})", where=where, next_step=advice) from error
+
+
+def _sqlite(error: sqlite3.Error) -> tuple[str, str, str]:
+    name = str(getattr(error, "sqlite_errorname", ""))
+    if name.startswith(("SQLITE_BUSY", "SQLITE_LOCKED")):
+        return _locked()
+    if name.startswith(("SQLITE_READONLY", "SQLITE_FULL", "SQLITE_IOERR", "SQLITE_PERM")):
+        return _refused()
+    if name.startswith("SQLITE_CANTOPEN"):
+        return _unreachable()
+    return _damaged()
+
+
+def _server(error: Exception, original: BaseException) -> tuple[str, str, str]:
+    state = getattr(original, "sqlstate", None)
+    if state in _LOCKED:
+        return _locked()
+    if state in _REFUSED | _FULL:
+        return _refused()
+    if isinstance(error, DatabaseError) and state is not None and not state.startswith(("08", "28", "3D", "57P")):
+        return _damaged()
+    return _unreachable()
+
+
+def _locked() -> tuple[str, str, str]:
+    return (
+        "B-STORE-003",
+        "the history is locked by another program",
+        "wait until it is free, then 'bench history import SESSION' adds what is missing",
+    )
+
+
+def _refused() -> tuple[str, str, str]:
+    return (
+        "B-STORE-006",
+        "the history cannot be written",
+        "check its permissions and the space on the disk, then 'bench history import SESSION'",
+    )
+
+
+def _unreachable() -> tuple[str, str, str]:
+    return (
+        "B-STORE-002",
+        "the history cannot be opened",
+        "check the folder or the server it names, then 'bench history import SESSION'",
+    )
+
+
+def _damaged() -> tuple[str, str, str]:
+    return "B-STORE-004", "this is no calibration history, or a damaged one", _IMPORT_LATER

@@ -1,0 +1,181 @@
+"""Lists calibrations, and gives one back as it was written."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from sqlalchemy import Connection, Table, select
+
+from bench.model.clock import NS
+from bench.store.database import reading
+from bench.store.selection import Filters, find_calibration, selected, units
+from bench.store.tables import (
+    approvals,
+    estimates,
+    parameters,
+    quality_counts,
+    report_revisions,
+    result_sets,
+    shared_components,
+    standards,
+)
+
+Row = dict[str, Any]
+_WORST = ("fail", "conditional_fail", "conditional_pass", "pass")
+
+
+def utc_text(utc_ns: int) -> str:
+    """A time as people write it, to the second."""
+    return datetime.fromtimestamp(utc_ns // NS, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def list_calibrations(url: str, filters: Filters) -> list[Row]:
+    """Calibrations in order of time, each with its newest revision, worst verdict and who approved that revision.
+
+    Raises: StoreError B-STORE-001 to B-STORE-005, B-STORE-007, B-STORE-009.
+    """
+    with reading(url) as connection:
+        rows = [dict(row) for row in connection.execute(selected(connection, filters)).mappings()]
+        kept = [row["result_set_id"] for row in rows]
+        verdicts = _verdicts(connection, kept)
+        approved = _approvals(connection, [row["revision_id"] for row in rows])
+    return [
+        {
+            "started_utc": utc_text(row["started_utc_ns"]),
+            **{name: row[name] for name in ("session", "session_sha256", "campaign", "uut_model", "uut_serial")},
+            **{name: row[name] for name in ("simulated", "method", "software", "estimates", "revision")},
+            "verdict": next((one for one in _WORST if one in verdicts.get(row["result_set_id"], ())), "none"),
+            "approved_by": [one["approved_by"] for one in approved.get(row["revision_id"], [])],
+        }
+        for row in rows
+    ]
+
+
+def _verdicts(connection: Connection, result_set_ids: Iterable[int]) -> dict[int, set[str]]:
+    wanted = set(result_set_ids)
+    query = select(estimates.c.result_set_id, estimates.c.verdict).where(estimates.c.verdict != "none").distinct()
+    found: dict[int, set[str]] = {}
+    for number, verdict in connection.execute(query):
+        if number in wanted:
+            found.setdefault(number, set()).add(verdict)
+    return found
+
+
+def _approvals(connection: Connection, revision_ids: Iterable[int]) -> dict[int, list[Row]]:
+    wanted = set(revision_ids)
+    found: dict[int, list[Row]] = {}
+    for row in connection.execute(select(approvals).order_by(approvals.c.id)).mappings():
+        if row["revision_id"] in wanted:
+            found.setdefault(row["revision_id"], []).append(dict(row))
+    return found
+
+
+def units_of(url: str) -> list[tuple[str, str]]:
+    """Model and serial number of every unit. Raises: StoreError B-STORE-001 to B-STORE-005, B-STORE-007."""
+    with reading(url) as connection:
+        return units(connection)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """One calibration: everything the history knows about it."""
+
+    calibration: Row
+    revisions: list[Row]  # with their approvals
+    standards: list[Row]
+    shared: list[Row]
+    quality: dict[str, int]
+    estimates: list[Row]  # of the newest revision, as in results.json
+    notes: list[str]
+
+    def as_json(self) -> Row:
+        """One JSON document."""
+        return {**self.calibration, **{name: value for name, value in vars(self).items() if name != "calibration"}}
+
+
+def show_calibration(url: str, name: str) -> Shown:
+    """One calibration, named by its session or the beginning of its SHA-256.
+
+    Raises: StoreError B-STORE-001 to B-STORE-005, B-STORE-007, B-STORE-009.
+    """
+    with reading(url) as connection:
+        found = find_calibration(connection, name)
+        number, result_set = found["id"], found["result_set_id"]
+        counts = connection.execute(select(quality_counts).where(quality_counts.c.result_set_id == result_set))
+        stated = select(result_sets.c.notes).where(result_sets.c.id == result_set)
+        return Shown(
+            calibration=_calibration(found),
+            revisions=_revisions(connection, number),
+            standards=_rows(connection, standards, number),
+            shared=_rows(connection, shared_components, number),
+            quality={row["name"]: row["count"] for row in counts.mappings()},
+            estimates=stored_estimates(connection, result_set),
+            notes=json.loads(connection.execute(stated).scalar_one()),
+        )
+
+
+def stored_estimates(connection: Connection, result_set: int) -> list[Row]:
+    """Estimates in the form and order of results.json, every number as it was."""
+    query = (
+        select(estimates, parameters.c.quantity, parameters.c.unit, parameters.c.conditions)
+        .join(parameters, parameters.c.id == estimates.c.parameter_id)
+        .where(estimates.c.result_set_id == result_set)
+        .order_by(estimates.c.position)
+    )
+    return [_estimate(dict(row)) for row in connection.execute(query).mappings()]
+
+
+def _estimate(row: Row) -> Row:
+    numbers = ("value", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "n", "dropped", "verdict")
+    return {
+        "quantity": row["quantity"],
+        "unit": row["unit"],
+        **{name: row[name] for name in numbers},
+        "conditions": {**json.loads(row["conditions"]), **json.loads(row["measured"] or "{}")},
+        "limit": row["limit_value"],
+        **json.loads(row["further"] or "{}"),
+    }
+
+
+def _calibration(found: Row) -> Row:
+    """What a person asks of a calibration, with times as text."""
+    left_out = ("id", "started_utc_ns", "imported_utc_ns", "estimates", "revision_id", "result_set_id")
+    times = {"started_utc": utc_text(found["started_utc_ns"]), "imported_utc": utc_text(found["imported_utc_ns"])}
+    return {**times, **{name: value for name, value in found.items() if name not in left_out}}
+
+
+def _revisions(connection: Connection, calibration: int) -> list[Row]:
+    query = (
+        select(report_revisions, result_sets.c.method, result_sets.c.results_sha256)
+        .join(result_sets, result_sets.c.id == report_revisions.c.result_set_id)
+        .where(report_revisions.c.calibration_id == calibration)
+        .order_by(report_revisions.c.number)
+    )
+    rows = [dict(row) for row in connection.execute(query).mappings()]
+    approved = _approvals(connection, [row["id"] for row in rows])
+    names = ("number", "method", "results_sha256", "report_sha256", "software", "reason")
+    return [
+        {
+            **{name: row[name] for name in names},
+            "created_utc": utc_text(row["created_utc_ns"]),
+            "approvals": [
+                {
+                    "by": one["approved_by"],
+                    "statement": one["statement"],
+                    "approved_utc": utc_text(one["approved_utc_ns"]),
+                }
+                for one in approved.get(row["id"], [])
+            ],
+        }
+        for row in rows
+    ]
+
+
+def _rows(connection: Connection, table: Table, calibration: int) -> list[Row]:
+    columns = [column for column in table.c if column.name != "calibration_id"]
+    query = select(*columns).where(table.c.calibration_id == calibration).order_by(columns[0])
+    return [dict(row) for row in connection.execute(query).mappings()]

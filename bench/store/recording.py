@@ -1,0 +1,144 @@
+"""Writes a calibration into the history in one transaction; the same session again changes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from sqlalchemy import Connection, Table, select
+
+from bench.model.clock import Clock, WallClock
+from bench.store import tables
+from bench.store.contents import Contents, Row, contents_of
+from bench.store.database import writing
+from bench.store.errors import StoreError
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What became of a session: ``new`` calibration, ``revised`` (a further revision) or ``unchanged``."""
+
+    outcome: Literal["new", "revised", "unchanged"]
+    session: str
+    revision: int
+
+
+def record_calibration(
+    url: str,
+    document: Mapping[str, Any],
+    manifest: Mapping[str, Any],
+    report_sha256: str | None,
+    *,
+    reason: str = "",
+    started_utc_ns: int | None = None,
+    clock: Clock | None = None,
+) -> Recorded:
+    """Add a session to the history, or a revision of it if its results or its report have changed.
+
+    Args:   url: of the history; a SQLite file is made if there is none.   document: results.json.
+            manifest: of the session.   report_sha256: of report.html, None if there is none.
+            reason: why there is a new revision; by default what has changed.
+            started_utc_ns: when the session began, if its name does not say it.   clock: labels the revision.
+    Raises: StoreError B-STORE-001 to B-STORE-006 (the history), B-STORE-008 (the documents), B-STORE-014 (anything
+            else: a run that has its results must not end here). Nothing is half written.
+    """
+    try:
+        contents = contents_of(document, manifest, started_utc_ns)
+        return _record(url, contents, report_sha256, reason, (clock or WallClock()).utc_ns())
+    except StoreError:
+        raise
+    except Exception as error:
+        raise StoreError(
+            "B-STORE-014",
+            f"the history failed in a way nobody foresaw ({type(error).__name__}: {' '.join(str(error).split())})",
+            where=str(document.get("session", "")),
+            next_step="'bench history import SESSION' tries again; please report it",
+        ) from error
+
+
+def _record(url: str, contents: Contents, report_sha256: str | None, reason: str, now_ns: int) -> Recorded:
+    session = contents.calibration["session"]
+    with writing(url, contents.result_set["software"]) as connection:
+        known = _id(connection, tables.calibrations, session_sha256=contents.calibration["session_sha256"])
+        calibration = known or _new_calibration(connection, contents, now_ns)
+        results_sha256 = contents.result_set["results_sha256"]
+        stored = _id(connection, tables.result_sets, calibration_id=calibration, results_sha256=results_sha256)
+        last = _last_revision(connection, calibration)
+        same_report = last is not None and report_sha256 in (None, last["report_sha256"])
+        if last is not None and stored == last["result_set_id"] and same_report:
+            return Recorded("unchanged", session, last["number"])
+        result_set = stored or _new_results(connection, contents, calibration)
+        revision = {
+            "calibration_id": calibration,
+            "number": 1 if last is None else last["number"] + 1,
+            "result_set_id": result_set,
+            "report_sha256": report_sha256,
+            "software": contents.result_set["software"],
+            "reason": reason or _change(last, result_set, contents.result_set),
+            "created_utc_ns": now_ns,
+        }
+        connection.execute(tables.report_revisions.insert(), revision)
+    return Recorded("new" if known is None else "revised", session, revision["number"])
+
+
+def _id(connection: Connection, table: Table, **keys: Any) -> int | None:
+    query = select(table.c.id).where(*(table.c[name] == value for name, value in keys.items()))
+    return connection.execute(query).scalar_one_or_none()
+
+
+def _add(connection: Connection, table: Table, row: Row) -> int:
+    """Insert one row; its key."""
+    key = connection.execute(table.insert(), row).inserted_primary_key
+    assert key is not None
+    return int(key[0])
+
+
+def _insert(connection: Connection, table: Table, rows: Sequence[Row], **keys: int) -> None:
+    if rows:
+        connection.execute(table.insert(), [{**keys, **row} for row in rows])
+
+
+def _new_calibration(connection: Connection, contents: Contents, now_ns: int) -> int:
+    row = {**contents.calibration, "imported_utc_ns": now_ns}
+    calibration = _add(connection, tables.calibrations, row)
+    _insert(connection, tables.standards, contents.standards, calibration_id=calibration)
+    _insert(connection, tables.shared_components, contents.shared, calibration_id=calibration)
+    return calibration
+
+
+def _new_results(connection: Connection, contents: Contents, calibration: int) -> int:
+    row = {**contents.result_set, "calibration_id": calibration}
+    result_set = _add(connection, tables.result_sets, row)
+    known = _parameters(connection, contents.parameters)
+    rows = [
+        {"parameter_id": known[parameter["sha256"]], **estimate}
+        for parameter, estimate in zip(contents.parameters, contents.estimates, strict=True)
+    ]
+    _insert(connection, tables.estimates, rows, result_set_id=result_set)
+    _insert(connection, tables.quality_counts, contents.quality, result_set_id=result_set)
+    return result_set
+
+
+def _parameters(connection: Connection, wanted: Sequence[Row]) -> dict[str, int]:
+    """Keys of the parameters by their hash; those that no calibration had yet are added."""
+    by_hash = {row["sha256"]: row for row in wanted}
+    query = select(tables.parameters.c.sha256, tables.parameters.c.id).where(tables.parameters.c.sha256.in_(by_hash))
+    known = {row.sha256 for row in connection.execute(query)}
+    _insert(connection, tables.parameters, [row for sha256, row in by_hash.items() if sha256 not in known])
+    return {row.sha256: row.id for row in connection.execute(query)}
+
+
+def _last_revision(connection: Connection, calibration: int) -> Row | None:
+    revisions = tables.report_revisions
+    query = select(revisions).where(revisions.c.calibration_id == calibration).order_by(revisions.c.number.desc())
+    found = connection.execute(query.limit(1)).mappings().first()
+    return None if found is None else dict(found)
+
+
+def _change(last: Row | None, result_set: int, row: Row) -> str:
+    if last is None:
+        return "first results"
+    if last["result_set_id"] == result_set:
+        return "the report was written again"
+    return f"other results: method {row['method']}, {row['software']}"

@@ -1,0 +1,187 @@
+"""The calibrations of one unit as arrays: one row per calibration, one column per parameter of a campaign."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sqlalchemy import Connection, Select, select
+
+from bench.fit.drift import NO_STANDARD
+from bench.model.clock import NS
+from bench.store.database import reading
+from bench.store.errors import StoreError
+from bench.store.selection import Filters, find_calibration, find_unit, selected
+from bench.store.tables import estimates, parameters, shared_components
+
+Array = NDArray[np.float64]
+YEAR_S = 365.25 * 86400.0
+_AT_ONCE = 10_000  # every database takes as many values in one statement
+_NUMBERS = ("value", "std_uncertainty", "coverage_factor")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What a column holds."""
+
+    campaign: str
+    quantity: str
+    unit: str
+    conditions: dict[str, Any]
+
+    @property
+    def label(self) -> str:
+        """Quantity and conditions in one line; the kind of a channel is left out."""
+        plain = {name.removesuffix("_degC"): value for name, value in self.conditions.items() if name != "kind"}
+        named = ", ".join(f"{name} {_plain(value)}" for name, value in plain.items())
+        return f"{self.quantity} ({named})" if named else self.quantity
+
+
+def _plain(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+@dataclass(frozen=True)
+class Series:
+    """Newest results of every calibration of a unit; NaN where a calibration has no such parameter.
+
+    ``shared``: standard uncertainty that comes from the standard labelled ``standard`` (NO_STANDARD where none does).
+    """
+
+    uut: tuple[str, str]
+    calibrations: list[dict[str, Any]]  # (c,)
+    parameters: list[Parameter]  # (p,)
+    t_year: Array  # (c,) since 1970
+    value: Array  # (c, p)
+    std: Array  # (c, p)
+    factor: Array  # (c, p)
+    shared: Array  # (c, p)
+    standard: NDArray[np.int64]  # (c, p)
+    limit: Array  # (p,) of the newest calibration of the campaign; NaN if there is none
+    change_limit: Array  # (p,) the same, of the change since that calibration
+    notes: list[str] = field(default_factory=list)
+
+
+def read_series(url: str, filters: Filters) -> Series:
+    """Read the calibrations of one unit; the unit may be left out if the history has only one.
+
+    Simulated calibrations never stand beside real ones: if there are both, only the real ones count.
+    Raises: StoreError B-STORE-001 to B-STORE-005, B-STORE-007, B-STORE-009.
+    """
+    with reading(url) as connection:
+        uut = find_unit(connection, filters.uut)
+        whole = Filters(" ".join(uut), filters.campaign, filters.quantity)
+        rows = [dict(row) for row in connection.execute(selected(connection, whole)).mappings()]
+        notes = []
+        if any(row["simulated"] for row in rows) and not all(row["simulated"] for row in rows):
+            left_out = sum(row["simulated"] for row in rows)
+            notes.append(f"{left_out} simulated calibrations of this unit are left out")
+            rows = [row for row in rows if not row["simulated"]]
+        return _series(connection, uut, rows, filters.quantity, notes)
+
+
+def read_pair(url: str, first: str, second: str) -> Series:
+    """Two calibrations in the order given. Raises as ``read_series``, and B-STORE-011 if they are of two units."""
+    with reading(url) as connection:
+        rows = [find_calibration(connection, name) for name in (first, second)]
+        units = [(str(row["uut_model"]), str(row["uut_serial"])) for row in rows]
+        if units[0] != units[1] or rows[0]["campaign"] != rows[1]["campaign"]:
+            said = [f"{row['campaign']} of {' '.join(unit)}" for row, unit in zip(rows, units, strict=True)]
+            raise StoreError(
+                "B-STORE-011",
+                f"these cannot be compared: {said[0]}, {said[1]}",
+                where=f"{first}, {second}",
+                next_step="compare two calibrations of one unit by the same campaign",
+            )
+        return _series(connection, units[0], rows, None, [])
+
+
+def _series(
+    connection: Connection, uut: tuple[str, str], rows: list[dict[str, Any]], quantity: str | None, notes: list[str]
+) -> Series:
+    table, described = _numbers(connection, [row["result_set_id"] for row in rows], quantity)
+    places = _places(np.array([row["result_set_id"] for row in rows], dtype=np.int64), table[:, 0].astype(np.int64))
+    names = sorted({str(row["campaign"]) for row in rows})
+    campaign = np.array([names.index(row["campaign"]) for row in rows], dtype=np.int64)
+    many = max(described, default=0) + 1
+    codes, columns = np.unique(campaign[places] * many + table[:, 1].astype(np.int64), return_inverse=True)
+    column_of = {(names[code // many], code % many): number for number, code in enumerate(codes.tolist())}
+    grids = np.full((len(_NUMBERS), len(rows), len(column_of)), np.nan)
+    grids[:, places, columns] = table[:, 2:].T
+    found = [Parameter(name, *described[number]) for name, number in column_of]
+    shared, standard = _shared(connection, rows, found)
+    t_year = np.array([row["started_utc_ns"] / NS / YEAR_S for row in rows])
+    limit, change_limit = _limits(connection, rows, column_of)
+    value, std, factor = grids
+    return Series(uut, rows, found, t_year, value, std, factor, shared, standard, limit, change_limit, notes)
+
+
+def _places(known: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Where each of ``wanted`` stands in ``known``."""
+    order = known.argsort()
+    return order[np.searchsorted(known[order], wanted)]
+
+
+def _numbers(
+    connection: Connection, result_sets: Sequence[int], quantity: str | None
+) -> tuple[Array, dict[int, tuple[str, str, dict[str, Any]]]]:
+    """Rows (result set, parameter, numbers ...) of the estimates wanted, and what the parameters are."""
+    query = select(parameters.c.id, parameters.c.quantity, parameters.c.unit, parameters.c.conditions)
+    if quantity is not None:
+        query = query.where(parameters.c.quantity == quantity)
+    described = {row.id: (row.quantity, row.unit, json.loads(row.conditions)) for row in connection.execute(query)}
+    columns = (estimates.c.result_set_id, estimates.c.parameter_id, *(estimates.c[name] for name in _NUMBERS))
+    found = []
+    for start in range(0, len(result_sets), _AT_ONCE):
+        some = select(*columns).where(estimates.c.result_set_id.in_(result_sets[start : start + _AT_ONCE]))
+        found.append(np.array(_plain_rows(connection, some), dtype=np.float64).reshape(-1, len(columns)))
+    table = np.vstack(found) if found else np.empty((0, len(columns)))
+    return table[np.isin(table[:, 1], list(described))], described
+
+
+def _plain_rows(connection: Connection, query: Select[Any]) -> list[tuple[Any, ...]]:
+    """Rows as the driver gives them: of 200,000 rows the library's own row objects would take most of the time."""
+    result = connection.execute(query)
+    assert result.cursor is not None
+    rows = result.cursor.fetchall()
+    result.close()
+    return list(rows)
+
+
+def _limits(
+    connection: Connection, rows: list[dict[str, Any]], column_of: dict[tuple[str, int], int]
+) -> tuple[Array, Array]:
+    """Limits of the newest calibration of every campaign: of the value, and of its change."""
+    newest = {str(row["campaign"]): int(row["result_set_id"]) for row in rows}
+    limits = np.full((2, len(column_of)), np.nan)
+    for campaign, result_set in newest.items():
+        query = select(estimates.c.parameter_id, estimates.c.limit_value, estimates.c.change_limit)
+        for number, *found in connection.execute(query.where(estimates.c.result_set_id == result_set)):
+            column = column_of.get((campaign, number))
+            if column is not None:
+                limits[:, column] = [np.nan if limit is None else limit for limit in found]
+    return limits[0], limits[1]
+
+
+def _shared(
+    connection: Connection, rows: list[dict[str, Any]], found: list[Parameter]
+) -> tuple[Array, NDArray[np.int64]]:
+    """Shared standard uncertainty and the label of its standard, (c, p) each."""
+    ids = {row["id"]: number for number, row in enumerate(rows)}
+    shared = np.zeros((len(rows), len(found)))
+    standard = np.full(shared.shape, NO_STANDARD)
+    labels: dict[str, int] = {}
+    columns: dict[tuple[str, str], list[int]] = {}
+    for number, parameter in enumerate(found):
+        columns.setdefault((parameter.quantity, parameter.unit), []).append(number)
+    for row in connection.execute(select(shared_components)).mappings():
+        place = ids.get(row["calibration_id"])
+        touched = columns.get((row["quantity"], row["unit"]))
+        if place is not None and touched:
+            shared[place, touched] = row["std_uncertainty"]
+            standard[place, touched] = labels.setdefault(row["standard"], len(labels))
+    return shared, standard

@@ -1,0 +1,212 @@
+"""Comparison of a unit's calibrations: drift found again, agreement, control, due dates, what stays out."""
+
+from __future__ import annotations
+
+import copy
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import store_sample
+from store_database import BACKENDS, new_history
+from store_sample import FACTOR, Drift, GAIN_ppm, OWN_ppm
+
+from bench.store import Filters, StoreError, compare_pair, compare_unit, dues_of, export_history, record_calibration
+from bench.store.series import YEAR_S
+
+SEED = 17
+Documents = list[tuple[dict[str, Any], dict[str, Any]]]
+
+
+@pytest.fixture(params=BACKENDS)
+def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    return new_history(request.param, tmp_path)
+
+
+def write(url: str, documents: Documents) -> Documents:
+    for document, manifest in documents:
+        record_calibration(url, document, manifest, None)
+    return documents
+
+
+def test_drift_is_found_again_within_its_interval(url: str) -> None:
+    write(url, store_sample.calibrations(24, 60.0, SEED))
+    comparison = compare_unit(url, Filters())
+    assert len(comparison.parameters) == 200
+    wanted = {"dsf_n": 12.0, "dsf_p": 12.0, "dsf_asymmetry": 0.0, "bias": 1e-9}
+    scores: dict[str, list[float]] = {name: [] for name in wanted}
+    for one in comparison.parameters:
+        assert one.line is not None
+        assert one.value.size == 24
+        name = one.parameter.quantity
+        scores[name].append((one.line.rate - wanted[name]) / np.sqrt(one.line.covariance[1, 1]))
+    print(f"seed {SEED}: largest scores { ({name: round(max(map(abs, found)), 2) for name, found in scores.items()}) }")
+    independent = np.array(scores["dsf_asymmetry"] + scores["bias"])
+    assert abs(independent.std() - 1.0) < 0.2
+    assert max(abs(score) for found in scores.values() for score in found) < 5.0
+
+
+def test_arrays_are_what_was_written(url: str) -> None:
+    documents = write(url, store_sample.calibrations(5, 200.0, SEED))
+    comparison = compare_unit(url, Filters("A1", "scale_factor", "dsf_p"))
+    assert {one.parameter.quantity for one in comparison.parameters} == {"dsf_p"}
+    assert "unit_temperature_degC" not in comparison.parameters[0].parameter.conditions
+    for one in comparison.parameters:
+        place = one.parameter.conditions
+        written = [
+            estimate["value"]
+            for document, _ in documents
+            for estimate in document["estimates"]
+            if estimate["quantity"] == "dsf_p" and place.items() <= estimate["conditions"].items()
+        ]
+        assert one.value.tolist() == written
+    certificates = [manifest["standards"]["calibrator"]["certificate"] for _, manifest in documents]
+    labels = comparison.series.standard[:, 0]
+    assert [labels[i] == labels[j] for i in range(5) for j in range(5)] == [
+        a == b for a in certificates for b in certificates
+    ]
+    assert (comparison.series.shared == GAIN_ppm).all()
+    t = comparison.series.t_year * YEAR_S
+    np.testing.assert_allclose(np.diff(t), 200 * 86400.0, atol=2.0)
+
+
+def test_two_calibrations_with_and_without_the_same_certificate(url: str) -> None:
+    documents = write(url, store_sample.calibrations(3, 200.0, SEED))
+    names = [document["session"] for document, _ in documents]
+    own, all_of_it = OWN_ppm, float(np.hypot(OWN_ppm, GAIN_ppm))
+    for pair, single in (((0, 1), own), ((1, 2), all_of_it)):  # the certificate changes after a year
+        found = compare_pair(url, names[pair[0]], names[pair[1]])
+        assert found["sessions"] == [names[one] for one in pair]
+        first = found["parameters"][0]
+        values = [documents[one][0]["estimates"][0]["value"] for one in pair]
+        assert first["quantity"] == "dsf_n"
+        assert first["values"] == values
+        assert first["change_expanded_uncertainty"] == pytest.approx(FACTOR * single * np.sqrt(2.0))
+        assert first["en"] == pytest.approx((values[1] - values[0]) / (FACTOR * single * np.sqrt(2.0)))
+        assert first["shared_standard"] is (single == own)
+    backwards = compare_pair(url, names[1], names[0])["parameters"][0]
+    assert backwards["en"] == pytest.approx(-compare_pair(url, names[0], names[1])["parameters"][0]["en"])
+
+
+def test_what_cannot_be_compared(url: str) -> None:
+    documents = write(url, store_sample.calibrations(2, 200.0, SEED))
+    other = copy.deepcopy(documents[0][0]) | {"uut": {"model": "NGU", "serial": "B2"}}
+    other["provenance"]["session_sha256"] = "e" * 64
+    empty = store_sample.document("20260101T000000Z_scale_factor_38h_A1", "d" * 64, [])
+    write(url, [(other, documents[0][1]), (empty, documents[0][1])])
+    for wrong in ("e" * 12, empty["session"]):
+        with pytest.raises(StoreError) as caught:
+            compare_pair(url, documents[1][0]["session"], wrong)
+        assert caught.value.code == "B-STORE-011"
+    with pytest.raises(StoreError, match="say which") as caught:
+        compare_unit(url, Filters())
+    assert caught.value.code == "B-STORE-009"
+    assert "NGU B2" in caught.value.next_step
+
+
+def test_a_jump_is_out_of_control(url: str) -> None:
+    documents = store_sample.calibrations(20, 30.0, SEED)
+    estimate = documents[11][0]["estimates"][2]
+    estimate["value"] += 60.0 * OWN_ppm
+    write(url, documents)
+    comparison = compare_unit(url, Filters(None, None, "dsf_asymmetry"))
+    flagged = [one for one in comparison.parameters if one.outside.size]
+    place = {name: estimate["conditions"][name] for name in ("channel", "temperature_degC")}
+    jumped = [one for one in flagged if place.items() <= one.parameter.conditions.items()]
+    assert len(jumped) == 1
+    shown = jumped[0].as_json(comparison.series)
+    assert shown["out_of_control"] == [documents[11][0]["session"]]
+    assert abs(shown["en_worst"]) > 10.0
+    assert shown["reduced_chi2"] > 10.0
+    assert len(flagged) < 6  # of 50
+
+
+def test_few_calibrations_have_no_control_limits_and_one_has_no_drift(url: str) -> None:
+    documents = write(url, store_sample.calibrations(1, 30.0, SEED))
+    comparison = compare_unit(url, Filters())
+    assert all(one.line is None and one.chart is None for one in comparison.parameters)
+    (due,) = dues_of(comparison, 365)
+    assert due.due_utc_ns - due.last_utc_ns == 365 * 86400 * 10**9
+    assert due.governed_by == ""
+    again = copy.deepcopy(documents[0][0])
+    again["provenance"]["session_sha256"] = "c" * 64  # another seed of a simulated bench begins at the same time
+    write(url, [(again, documents[0][1])])
+    comparison = compare_unit(url, Filters())
+    assert all(one.line is None and one.value.size == 2 for one in comparison.parameters)
+    assert [one.as_json(comparison.series)["en"] for one in comparison.parameters] == [0.0] * 200
+
+
+@pytest.mark.parametrize(("ppm_per_year", "most_days"), [(12.0, 365), (12.0, 3653), (150.0, 3653)])
+def test_due_when_the_drift_reaches_the_stability_limit(tmp_path: Path, ppm_per_year: float, most_days: int) -> None:
+    url = new_history("sqlite", tmp_path)
+    write(url, store_sample.calibrations(16, 90.0, SEED, Drift(dsf_ppm=ppm_per_year)))
+    (due,) = dues_of(compare_unit(url, Filters()), most_days)
+    days = (due.due_utc_ns - due.last_utc_ns) / 86400e9
+    # gyroscope channels have the narrower limit, 100 ppm; 20 ppm of it are uncertainty, a few more that of the rate
+    latest, earliest = (100.0 - 20.0) / ppm_per_year * 365.25, (100.0 - 20.0) / (ppm_per_year + 8.0) * 365.25
+    if latest > most_days:
+        assert days == most_days
+    else:
+        assert 0.75 * earliest < days < latest
+        assert due.governed_by.startswith(("dsf_n (channel", "dsf_p (channel"))
+
+
+def test_the_newest_revision_counts_and_simulated_ones_stand_apart(url: str) -> None:
+    documents = write(url, store_sample.calibrations(3, 30.0, SEED))
+    revised = copy.deepcopy(documents[2])
+    revised[0]["estimates"][0]["value"] = 1.0
+    simulated = copy.deepcopy(documents[1])
+    simulated[0]["provenance"] |= {"simulated": True, "session_sha256": "b" * 64}
+    simulated[0]["estimates"][0]["value"] = 2.0
+    write(url, [revised, simulated])
+    comparison = compare_unit(url, Filters(None, None, "dsf_n"))
+    assert [row["revision"] for row in comparison.series.calibrations] == [1, 1, 2]
+    assert comparison.parameters[0].value[-1] == 1.0
+    assert 2.0 not in comparison.parameters[0].value
+    assert comparison.series.notes == ["1 simulated calibrations of this unit are left out"]
+
+
+def test_a_parameter_that_some_calibrations_do_not_have(url: str) -> None:
+    documents = store_sample.calibrations(4, 30.0, SEED)
+    del documents[1][0]["estimates"][0], documents[3][0]["estimates"][3]
+    documents[2][0]["estimates"][2] |= {"std_uncertainty": 0.0, "expanded_uncertainty": 0.0}
+    write(url, documents)
+    comparison = compare_unit(url, Filters())
+    rows = {one.parameter.label: one for one in comparison.parameters}
+    place = "(channel 1, temperature -10)"
+    assert rows[f"dsf_n {place}"].rows.tolist() == [0, 2, 3]
+    assert rows[f"bias {place}"].rows.tolist() == [0, 1, 2]
+    assert rows[f"dsf_asymmetry {place}"].line is None  # one states no uncertainty: no weight, no line
+    assert rows[f"dsf_p {place}"].line is not None
+    assert dues_of(comparison, 365)[0].calibrations == 4
+
+
+def test_exports_hold_every_revision_exactly(url: str, tmp_path: Path) -> None:
+    documents = write(url, store_sample.calibrations(2, 30.0, SEED))
+    revised = copy.deepcopy(documents[1])
+    revised[0]["estimates"][0]["value"] = 1 / 3
+    write(url, [revised])
+    path = tmp_path / "deep" / "history.csv"
+    assert export_history(url, Filters(), path) == 600
+    with path.open(newline="", encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["newest"] for row in rows] == ["True"] * 200 + ["False"] * 200 + ["True"] * 200
+    written = [one for document, _ in (*documents, revised) for one in document["estimates"]]
+    for name in ("value", "std_uncertainty", "coverage_factor", "expanded_uncertainty"):
+        assert [float(row[name]) for row in rows] == [one[name] for one in written]
+    assert rows[0]["limit"] == ""
+    assert (rows[0]["channel"], rows[0]["temperature_degC"]) == ("1", "-10.0")
+    assert export_history(url, Filters(None, None, "bias"), path) == 150
+
+
+def test_parquet_holds_the_same(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+    url = new_history("sqlite", tmp_path)
+    (document, _) = write(url, store_sample.calibrations(1, 30.0, SEED))[0]
+    assert export_history(url, Filters(), tmp_path / "history.parquet") == 200
+    rows = parquet.read_table(tmp_path / "history.parquet").to_pylist()
+    assert [row["value"] for row in rows] == [one["value"] for one in document["estimates"]]
+    assert rows[0]["limit"] is None
+    assert rows[0]["channel"] == 1

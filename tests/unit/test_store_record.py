@@ -1,0 +1,169 @@
+"""What is written comes back: every bit of every number, revisions, approvals; and the same session changes nothing."""
+
+from __future__ import annotations
+
+import copy
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+import store_sample
+from sqlalchemy import func, select
+from store_database import BACKENDS, new_history
+
+from bench.model.clock import VirtualClock
+from bench.store import Filters, StoreError, approve, list_calibrations, record_calibration, show_calibration
+from bench.store.database import reading
+from bench.store.shared import shared_components
+from bench.store.tables import estimates, parameters
+
+SEED = 3
+AWKWARD = (0.1 + 0.2, 5e-324, -1.7976931348623157e308, 0.0, 1 / 3, 4.0000000000000001e-7, 2.0**-1074 * 3, 1e22)
+
+
+@pytest.fixture(params=BACKENDS)
+def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+    return new_history(request.param, tmp_path)
+
+
+def one() -> tuple[dict[str, Any], dict[str, Any]]:
+    return store_sample.calibrations(1, 30.0, SEED)[0]
+
+
+def code_of(caught: pytest.ExceptionInfo[StoreError]) -> str:
+    assert str(caught.value).startswith(f"error {caught.value.code}: ")
+    assert caught.value.next_step
+    return caught.value.code
+
+
+def test_every_number_comes_back_bit_by_bit(url: str) -> None:
+    document, manifest = one()
+    document["estimates"] = document["estimates"][: len(AWKWARD)]
+    for estimate, value in zip(document["estimates"], AWKWARD, strict=True):
+        estimate |= {"value": value, "std_uncertainty": abs(value), "conformance_probability": 0.975, "limit": 100.0}
+    record_calibration(url, document, manifest, "r")
+    shown = show_calibration(url, document["session"])
+    assert shown.estimates == document["estimates"]
+    for stored, value in zip(shown.estimates, AWKWARD, strict=True):
+        assert stored["value"].hex() == value.hex()
+    assert shown.quality == document["quality"]
+    assert shown.notes == document["notes"]
+    assert shown.calibration["simulated"] is False
+    assert shown.calibration["started_utc"] == "2014-05-13T16:53:20Z"
+    assert shown.standards[0]["certificate"] == "C-0"
+
+
+def test_the_same_session_again_changes_nothing(url: str) -> None:
+    document, manifest = one()
+    first = record_calibration(url, document, manifest, "r", clock=VirtualClock())
+    before = show_calibration(url, document["session"])
+    again = record_calibration(url, copy.deepcopy(document), manifest, "r")
+    assert (first.outcome, again.outcome, again.revision) == ("new", "unchanged", 1)
+    assert show_calibration(url, document["session"]) == before
+    assert record_calibration(url, document, manifest, None).outcome == "unchanged"  # the report is not there any more
+
+
+def test_other_results_and_other_reports_are_revisions_and_the_old_ones_stay(url: str) -> None:
+    document, manifest = one()
+    record_calibration(url, document, manifest, "r1")
+    record_calibration(url, document, manifest, "r2")
+    other = copy.deepcopy(document) | {"method": "paper"}
+    other["estimates"][0]["value"] += 1.0
+    record_calibration(url, other, manifest, "r2", reason="customer asked")
+    assert record_calibration(url, document, manifest, "r2").revision == 4  # back to the first numbers
+    shown = show_calibration(url, document["session"])
+    assert shown.estimates == document["estimates"]
+    assert [one["report_sha256"] for one in shown.revisions] == ["r1", "r2", "r2", "r2"]
+    assert [one["method"] for one in shown.revisions] == ["gls", "gls", "paper", "gls"]
+    reasons = [one["reason"] for one in shown.revisions]
+    assert reasons[:3] == ["first results", "the report was written again", "customer asked"]
+    with reading(url) as connection:
+        assert connection.execute(select(func.count()).select_from(estimates)).scalar_one() == 2 * 200
+        assert connection.execute(select(func.count()).select_from(parameters)).scalar_one() == 200
+        old = select(estimates.c.value).where(estimates.c.position == 0).order_by(estimates.c.result_set_id)
+        first = document["estimates"][0]["value"]
+        assert connection.execute(old).scalars().all() == [first, first + 1.0]
+
+
+def test_an_approval_belongs_to_one_revision(url: str) -> None:
+    document, manifest = one()
+    record_calibration(url, document, manifest, "r1")
+    done = approve(url, document["session"][:-2] + "A1", " A. Meyer ", "released", "r1", clock=VirtualClock())
+    assert (done.revision, done.report_sha256) == (1, "r1")
+    assert list_calibrations(url, Filters())[0]["approved_by"] == ["A. Meyer"]
+    record_calibration(url, document, manifest, "r2")
+    assert list_calibrations(url, Filters())[0]["approved_by"] == []  # the new revision is not approved
+    revisions = show_calibration(url, document["session"]).revisions
+    expected = {"by": "A. Meyer", "statement": "released", "approved_utc": "2000-01-01T00:00:00Z"}
+    assert revisions[0]["approvals"] == [expected]
+    assert revisions[1]["approvals"] == []
+    for by, statement, report in ((" ", "released", None), ("A. Meyer", "", None), ("A. Meyer", "released", "r1")):
+        with pytest.raises(StoreError) as caught:
+            approve(url, document["session"], by, statement, report)
+        assert code_of(caught) == "B-STORE-010"
+
+
+def test_sessions_are_found_by_name_and_by_hash_and_suggested(url: str) -> None:
+    (first, manifest), (second, _) = store_sample.calibrations(2, 30.0, SEED)
+    second["provenance"]["session_sha256"] = "abcdef" + "0" * 58
+    for document in (first, second):
+        record_calibration(url, document, manifest, None)
+    assert show_calibration(url, "ABCDEF").calibration["session"] == second["session"]
+    assert show_calibration(url, f"sessions/{first['session']}/").calibration["session"] == first["session"]
+    with pytest.raises(StoreError) as caught:
+        show_calibration(url, first["session"][:-1])
+    assert code_of(caught) == "B-STORE-009"
+    assert first["session"] in caught.value.next_step
+    third = copy.deepcopy(first)
+    third["provenance"]["session_sha256"] = "9" * 64  # a simulated bench gives one name to all its seeds
+    record_calibration(url, third, manifest, None)
+    with pytest.raises(StoreError) as caught:
+        show_calibration(url, first["session"])
+    assert code_of(caught) == "B-STORE-009"
+    assert "999999" in caught.value.next_step
+
+
+def test_filters_leave_what_they_name(url: str) -> None:
+    for document, manifest in store_sample.calibrations(3, 30.0, SEED):
+        record_calibration(url, document, manifest, None)
+    other = store_sample.document("20200101T000000Z_bias_B2", "f" * 64, [], campaign="bias_ramp")
+    record_calibration(url, {**other, "uut": {"model": "NGU", "serial": "B2"}}, {"campaign": {}}, None)
+    counts = [
+        len(list_calibrations(url, filters))
+        for filters in (Filters(), Filters("A1"), Filters("NGU A1"), Filters("NGU/B2"), Filters(None, "bias_ramp"),
+                        Filters(None, None, "dsf_n"), Filters("B2", None, "dsf_n"))
+    ]  # fmt: skip
+    assert counts == [4, 3, 3, 1, 1, 3, 0]
+    for wrong in (Filters("A2"), Filters(None, "scale"), Filters(None, None, "dsf_m")):
+        with pytest.raises(StoreError) as caught:
+            list_calibrations(url, wrong)
+        assert code_of(caught) == "B-STORE-009"
+    with pytest.raises(StoreError, match="dsf_n"):
+        list_calibrations(url, Filters(None, None, "dsf_m"))
+
+
+def test_documents_that_do_not_say_enough(url: str) -> None:
+    document, manifest = one()
+    for broken in ({**document, "session": "mine"}, {k: v for k, v in document.items() if k != "uut"}):
+        with pytest.raises(StoreError) as caught:
+            record_calibration(url, broken, manifest, None)
+        assert code_of(caught) == "B-STORE-008"
+    record_calibration(url, {**document, "session": "mine"}, manifest, None, started_utc_ns=0)
+    assert show_calibration(url, "mine").calibration["started_utc"] == "1970-01-01T00:00:00Z"
+
+
+def test_what_a_standard_shares_is_the_least_of_its_ranges() -> None:
+    register = store_sample.standards("C-9")
+    found = {one["quantity"]: one for one in shared_components(register, "scale_factor")}
+    assert {name: one["std_uncertainty"] for name, one in found.items()} == {"dsf_n": 10.0, "dsf_p": 10.0}
+    assert found["dsf_n"]["standard"] == "5720A 77 C-9"
+    register["calibrator"]["traceability_relative"] = 3e-5  # 15 ppm standard
+    assert shared_components(register, "scale_factor")[0]["std_uncertainty"] == pytest.approx(math.hypot(10.0, 15.0))
+    assert shared_components(register, "bias_ramp") == []
+    generator = {"function_generator": {"model": "33250A", "serial": "1", "certificate": "F-1"}}
+    (clock,) = shared_components(generator, "bias_ramp")
+    assert clock["quantity"] == "master_clock_error"
+    assert clock["std_uncertainty"] == pytest.approx(3.0 / math.sqrt(3.0))
+    generator["function_generator"]["certificate"] = ""  # nobody knows whether it is the same
+    assert shared_components(generator, "bias_ramp") == []

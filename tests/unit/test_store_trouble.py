@@ -1,0 +1,198 @@
+"""A history that is missing, locked, read-only, damaged or of another version: one error with a next step, soon."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import store_sample
+from sqlalchemy import Connection
+from store_database import BACKENDS, new_history
+
+from bench.model.errors import ExitStatus
+from bench.store import (
+    Filters,
+    StoreError,
+    chosen_url,
+    compare_unit,
+    export_history,
+    list_calibrations,
+    record_calibration,
+    show_calibration,
+)
+from bench.store import database as opened
+
+
+def record(url: str) -> str:
+    """Record a calibration; the code of the error, "" if there was none."""
+    document, manifest = store_sample.calibrations(1, 30.0, 1)[0]
+    try:
+        record_calibration(url, document, manifest, "r")
+    except StoreError as error:
+        said = error
+    else:
+        return ""
+    assert said.exit_status == ExitStatus.BAD_INPUT
+    assert said.next_step
+    assert "\n" not in str(said)
+    return said.code
+
+
+def read(url: str) -> str:
+    """List the history; the code of the error, "" if there was none."""
+    try:
+        list_calibrations(url, Filters())
+    except StoreError as error:
+        return error.code
+    return ""
+
+
+def test_where_the_history_is(tmp_path: Path) -> None:
+    assert chosen_url(None, Path("sessions"), {}) == "sqlite:///sessions/history.sqlite"
+    assert chosen_url(None, tmp_path, {"BENCH_HISTORY": "sqlite:///a"}) == "sqlite:///a"
+    assert chosen_url("sqlite:///b", tmp_path, {"BENCH_HISTORY": "sqlite:///a"}) == "sqlite:///b"
+
+
+@pytest.mark.parametrize("url", ["", "history.sqlite", "mysql://somewhere/x", "sqlite://", "sqlite:///:memory:", "a b"])
+def test_no_address(url: str) -> None:
+    assert record(url) == read(url) == "B-STORE-001"
+
+
+def test_a_driver_that_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bench.store.address.find_spec", lambda name: None)
+    with pytest.raises(StoreError, match=r"inertial-bench\[postgresql\]") as caught:
+        list_calibrations("postgresql://me:secret@127.0.0.1/x", Filters())
+    assert caught.value.code == "B-STORE-001"
+    assert "secret" not in str(caught.value)
+
+
+def test_a_server_or_a_folder_that_is_not_there(tmp_path: Path) -> None:
+    pytest.importorskip("psycopg")
+    assert record("postgresql://me@127.0.0.1:1/x") == read("postgresql://me@127.0.0.1:1/x") == "B-STORE-002"
+    (tmp_path / "file").write_text("")
+    assert record(f"sqlite:///{tmp_path}/file/history.sqlite") == "B-STORE-002"
+    assert record(f"sqlite:///{tmp_path}") == "B-STORE-002"  # a folder where a file is due
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_another_program_holds_it(backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(opened, "WAIT_S", 1)
+    url = new_history(backend, tmp_path)
+    assert record(url) == ""
+    with opened.writing(url, ""):
+        assert record(url) == "B-STORE-003"
+        assert read(url) == ""  # one that is being written can still be read
+    assert record(url) == ""
+
+
+def test_damaged_files_and_other_databases(tmp_path: Path) -> None:
+    path = tmp_path / "history.sqlite"
+    url = f"sqlite:///{path}"
+    path.write_bytes(b"not a database, but long enough to look like one" * 100)
+    assert record(url) == read(url) == "B-STORE-004"
+    path.unlink()
+    with sqlite3.connect(path) as connection:
+        connection.execute("CREATE TABLE addresses (name TEXT)")
+    connection.close()
+    assert record(url) == read(url) == "B-STORE-004"
+    path.unlink()
+    assert record(url) == ""
+    whole = path.read_bytes()
+    path.write_bytes(whole[:4096] + b"\xff" * 4096 * 8 + whole[4096 * 9 :])
+    assert record(url) == "B-STORE-004"
+    path.write_bytes(whole)
+    with sqlite3.connect(path) as connection:
+        connection.execute("DELETE FROM history")
+    connection.close()
+    assert record(url) == read(url) == "B-STORE-004"
+
+
+def test_an_empty_file_is_filled_and_a_missing_one_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "history.sqlite"
+    url = f"sqlite:///{path}"
+    assert read(url) == "B-STORE-007"
+    assert not path.parent.exists()
+    assert record(url) == ""
+    path.write_bytes(b"")
+    assert read(url) == "B-STORE-007"
+    assert record(url) == read(url) == ""
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_tables_of_another_version(backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    url = new_history(backend, tmp_path)
+    assert record(url) == ""
+    monkeypatch.setattr(opened, "VERSION", 2)
+    assert record(url) == read(url) == "B-STORE-005"  # nobody has written the step from 1 to 2
+    steps: list[int] = []
+
+    def step(connection: Connection) -> None:
+        steps.append(1)
+        connection.exec_driver_sql("ALTER TABLE calibrations ADD COLUMN remark TEXT")
+
+    upgrades: dict[int, Callable[[Connection], None]] = {1: step}
+    monkeypatch.setattr(opened, "UPGRADES", upgrades)
+    assert read(url) == record(url) == ""
+    assert steps == [1]
+    monkeypatch.setattr(opened, "VERSION", 1)
+    assert record(url) == read(url) == "B-STORE-005"  # written by a later release
+
+
+@pytest.mark.skipif(os.geteuid() == 0 and sys.platform == "linux", reason="root may write everywhere")
+def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
+    path = tmp_path / "history.sqlite"
+    assert record(f"sqlite:///{path}") == ""
+    path.chmod(0o444)
+    tmp_path.chmod(0o555)
+    assert record(f"sqlite:///{path}") == "B-STORE-006"
+    assert read(f"sqlite:///{path}") == ""
+    tmp_path.chmod(0o755)
+
+
+def test_a_history_that_is_read_only(tmp_path: Path) -> None:
+    """As on a full or write-protected disk, which also stops root."""
+    path = tmp_path / "history.sqlite"
+    assert record(f"sqlite:///{path}") == ""
+    address = f"sqlite:///file:{path}?mode=ro&uri=true"
+    document, manifest = store_sample.calibrations(2, 30.0, 1)[1]
+    with pytest.raises(StoreError) as caught:
+        record_calibration(address, document, manifest, None)
+    assert caught.value.code == "B-STORE-006"
+    assert len(list_calibrations(f"sqlite:///{path}", Filters())) == 1
+
+
+def test_an_empty_history_has_nothing_to_compare(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path / 'history.sqlite'}"
+    with opened.writing(url, ""):
+        pass
+    assert list_calibrations(url, Filters()) == []
+    for ask in (lambda: compare_unit(url, Filters()), lambda: show_calibration(url, "x")):
+        with pytest.raises(StoreError, match="import") as caught:
+            ask()
+        assert caught.value.code == "B-STORE-009"
+
+
+def test_exports_that_are_not_possible(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    url = f"sqlite:///{tmp_path / 'history.sqlite'}"
+    assert record(url) == ""
+    monkeypatch.setattr("bench.store.export.find_spec", lambda name: None)
+    for name, said in (("x.parquet", r"inertial-bench\[parquet\]"), ("x.xlsx", "neither .csv nor .parquet")):
+        with pytest.raises(StoreError, match=said) as caught:
+            export_history(url, Filters(), tmp_path / name)
+        assert caught.value.code == "B-STORE-012"
+        assert not (tmp_path / name).exists()
+
+
+def test_what_nobody_foresaw_does_not_end_a_run_either(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    url = f"sqlite:///{tmp_path / 'history.sqlite'}"
+    assert record(url) == ""
+    monkeypatch.setattr("bench.store.recording._new_calibration", lambda *_: 1 / 0)
+    document, manifest = store_sample.calibrations(2, 30.0, 1)[1]
+    with pytest.raises(StoreError, match="ZeroDivisionError") as caught:
+        record_calibration(url, document, manifest, None)
+    assert caught.value.code == "B-STORE-014"
+    assert len(list_calibrations(url, Filters())) == 1
