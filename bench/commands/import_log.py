@@ -1,0 +1,130 @@
+"""``bench import``: a delimited log of another system becomes a session, with its bytes as they are."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from bench.campaigns.registry import analysis_module
+from bench.campaigns.results import results_json
+from bench.commands.console import console
+from bench.commands.output import write_file
+from bench.commands.session import read_view
+from bench.commands.tables import print_results
+from bench.commands.view import analyse_view, report_html
+from bench.model.clock import NS
+from bench.model.errors import ExitStatus, FitError, InputError
+from bench.model.yamlio import Document
+from bench.plan.mapping import LogMapping, load_mapping
+from bench.record import SessionWriter
+from bench.replay.delimited import LogParser
+from bench.replay.series import IMPORT, LINK, MAPPING
+from bench.replay.survey import Survey, file_lines, survey
+from bench.run.provenance import software
+from bench.run.transcript import new_folder
+
+NO_ANALYSIS = "none"
+ROTATE_BYTES = 32_000_000  # a reader holds one segment in memory
+
+
+def import_log(mapping_file: Path, file: Path, out: Path) -> int:
+    """Check a log against its mapping, write the session, and fit it if the mapping names an analysis."""
+    document = load_mapping(mapping_file)
+    mapping = document.model
+    if mapping.analysis != NO_ANALYSIS:
+        _known_analysis(document)
+    found = survey(file, mapping)
+    folder = _write(document, file, found, out)
+    counts = found.counts
+    console().print(
+        f"{file}: {counts.rows} rows, {counts.overload_rows} with an overload, {counts.bad_rows} cannot be read"
+    )
+    if mapping.analysis != NO_ANALYSIS:
+        _results(folder)
+    console().print(f"session  {folder}")
+    return ExitStatus.PASS
+
+
+def _known_analysis(document: Document[LogMapping]) -> None:
+    """Refuse an unknown name before anything is written, with its position."""
+    try:
+        analysis_module(document.model.analysis)
+    except FitError as error:
+        raise InputError(
+            error.code, error.message, where=document.where(("analysis",)), next_step=error.next_step
+        ) from error
+
+
+def _results(folder: Path) -> None:
+    """Results and report from the session alone, as ``bench fit`` and ``bench report`` make them later."""
+    view = read_view(folder)
+    results, analysis = analyse_view(view)
+    write_file(folder / "results.json", results_json(results))
+    write_file(folder / "report.html", report_html(view, results, analysis))
+    print_results(console(), results, analysis)
+    console().print(f"results  {folder / 'results.json'}")
+    console().print(f"report   {folder / 'report.html'}")
+
+
+def _write(document: Document[LogMapping], file: Path, found: Survey, out: Path) -> Path:
+    """The session: every line of the file is a message, stamped with the time of its row."""
+    mapping = document.model
+    name = session_name(mapping, found)
+    folder = new_folder(out, name)
+    writer = SessionWriter.create(folder, _manifest(document, name, file, found), {MAPPING: document.text}, t_mono_ns=0)
+    writer.clock_pair(0, found.first_ns)
+    parser, t_ns, since = LogParser(mapping, str(file)), 0, 0
+    for line in file_lines(file, found.size):
+        row = parser.row(line)
+        t_ns = t_ns if row is None else row.t_ns - found.first_ns
+        writer.raw(LINK, "rx", t_ns, line)
+        since += len(line)
+        if since > ROTATE_BYTES:
+            writer.tick(t_ns)
+            since = 0
+    writer.clock_pair(t_ns, found.first_ns + t_ns)
+    writer.close("imported")
+    return folder
+
+
+def session_name(mapping: LogMapping, found: Survey) -> str:
+    """``<UTC of the first row>_<mapping>_<serial number>``."""
+    start = datetime.fromtimestamp(found.first_ns // NS, UTC).strftime("%Y%m%dT%H%M%SZ")
+    serial = re.sub(r"[^A-Za-z0-9.-]", "-", mapping.uut.serial)
+    return f"{start}_{mapping.mapping}_{serial}"
+
+
+def _manifest(document: Document[LogMapping], name: str, file: Path, found: Survey) -> dict[str, Any]:
+    """Manifest of an imported session (docs/session-format.md); the mapping stands where a plan would."""
+    mapping = document.model
+    sha256 = hashlib.sha256(document.text.encode()).hexdigest()
+    counts = found.counts
+    return {
+        "schema": 1,
+        "kind": IMPORT,
+        "session": name,
+        "sequence": mapping.mapping,
+        "title": mapping.title or mapping.mapping,
+        "simulated": False,
+        "clock": "log",
+        "campaign": mapping.campaign(),
+        "standards": {},
+        "identities": {},
+        "links": {},
+        "measurement_link": LINK,
+        "plan_sha256": sha256,
+        "frame_sha256": {LINK: sha256},
+        "planned": {"prepare_s": 0.0, "duration_s": (found.last_ns - found.first_ns) / NS, "records": 0, "steps": 0},
+        "log": {
+            "file": file.name,
+            "bytes": found.size,
+            "sha256": found.sha256,
+            "rows": counts.rows,
+            "overload_rows": counts.overload_rows,
+            "bad_rows": counts.bad_rows,
+        },
+        "software": software(),
+    }

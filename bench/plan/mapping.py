@@ -1,0 +1,233 @@
+"""The mapping language: what the columns of a delimited log of another system mean (docs/importing.md)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, StringConstraints, model_validator
+
+from bench.model.units import quantity, read_quantity
+from bench.model.yamlio import Document, StrictModel, load_yaml
+from bench.plan.schemas import DIALECT
+from bench.plan.templated import Name
+
+UnitName = Annotated[str, StringConstraints(min_length=1, max_length=80)]
+Header = Annotated[str, StringConstraints(min_length=1, max_length=200)]
+Role = Literal["temperature", "set_point", "reading", "reference"]
+ELAPSED, UNIX, ISO = "elapsed", "unix", "iso"
+TEMPERATURES = ("temperature", "set_point")
+_PROBE = datetime(2001, 12, 23, 21, 43, 56)
+_ZONE = r"^(UTC|[+-](0[0-9]|1[0-4]):[0-5][0-9])$"
+
+
+def _unit(text: str) -> str:
+    if read_quantity(f"1 {text}") is None:
+        raise ValueError(f"{text!r} is no unit; write one such as V, mV, uA, ohm, degC or ppm")
+    return text
+
+
+def _second(text: str) -> str:
+    found = read_quantity(f"1 {text}")
+    if found is None or found[1] != "s":
+        raise ValueError(f"{text!r} is no unit of time; write s, ms, min or h")
+    return text
+
+
+def _time_format(text: str) -> str:
+    """A word of the language, or a pattern that tells one second of one day from any other."""
+    if text in (ELAPSED, UNIX, ISO):
+        return text
+    if "%" not in text:
+        raise ValueError(f"{text!r} is neither iso, unix, elapsed nor a pattern such as '%d/%m/%Y %H:%M:%S'")
+    try:
+        read = datetime.strptime(_PROBE.replace(tzinfo=UTC).strftime(text), text).replace(tzinfo=None)
+    except ValueError as error:
+        raise ValueError(f"{text!r} is no pattern that can be read: {error}") from error
+    if read != _PROBE:
+        raise ValueError(f"{text!r} does not tell date and time to the second; {_PROBE} would be read as {read}")
+    return text
+
+
+def _instant(text: str) -> str:
+    try:
+        known = datetime.fromisoformat(text).tzinfo is not None
+    except ValueError as error:
+        raise ValueError(f"{text!r} is no time such as 2024-10-20T01:18:45+00:00") from error
+    if not known:
+        raise ValueError(f"{text!r} has no zone; end it with Z or an offset such as +02:00")
+    return text
+
+
+class TimeColumn(StrictModel):
+    """The column that says when a row was taken."""
+
+    role: Literal["time"]
+    format: Annotated[str, AfterValidator(_time_format)] = Field(
+        description="iso, unix (since 1970), elapsed (since 'start'), or a strptime pattern such as '%d/%m/%Y %H:%M:%S'"
+    )
+    unit: Annotated[str, AfterValidator(_second)] | None = Field(None, description="of unix and elapsed times")
+    zone: Annotated[str, StringConstraints(pattern=_ZONE)] | None = Field(
+        None, description="UTC or an offset such as +02:00; of iso times and patterns without %z"
+    )
+    start: Annotated[str, AfterValidator(_instant)] | None = Field(
+        None, description="UTC of the elapsed time 0, such as 2024-10-20T01:18:45Z"
+    )
+
+    @model_validator(mode="after")
+    def _complete(self) -> TimeColumn:
+        numeric = self.format in (ELAPSED, UNIX)
+        due = {"unit": numeric, "start": self.format == ELAPSED, "zone": not numeric and "%z" not in self.format}
+        for key, wanted in due.items():
+            if wanted != (getattr(self, key) is not None):
+                verb = "needs" if wanted else "takes no"
+                raise ValueError(f"the time format {self.format!r} {verb} {key!r}")
+        return self
+
+    @property
+    def offset_s(self) -> float:
+        """Seconds that the zone is ahead of UTC."""
+        if self.zone in (None, "UTC"):
+            return 0.0
+        sign, hours, minutes = self.zone[0], int(self.zone[1:3]), int(self.zone[4:6])
+        return (-1 if sign == "-" else 1) * timedelta(hours=hours, minutes=minutes).total_seconds()
+
+
+class ValueColumn(StrictModel):
+    """A column of numbers that is read."""
+
+    role: Role
+    quantity: Name = Field(description="its name in results and reports")
+    unit: Annotated[str, AfterValidator(_unit)] = Field(description="of the numbers in the file")
+
+    @property
+    def factor(self) -> float:
+        """What a number of the file is multiplied by."""
+        found = read_quantity(f"1 {self.unit}")
+        assert found is not None
+        return found[0]
+
+    @property
+    def dimension(self) -> str:
+        """Base unit of the values."""
+        found = read_quantity(f"1 {self.unit}")
+        assert found is not None
+        return found[1]
+
+
+class IgnoredColumn(StrictModel):
+    """A column that is known and not read."""
+
+    role: Literal["ignore"]
+
+
+Column = Annotated[TimeColumn | ValueColumn | IgnoredColumn, Field(discriminator="role")]
+
+
+class FileForm(StrictModel):
+    """How the file is written."""
+
+    delimiter: Annotated[str, StringConstraints(pattern=r'^([^"\r\n0-9.+-]|whitespace)$')] = Field(
+        ",", description='one character, "\\t" for a tab, or whitespace for runs of blanks and tabs'
+    )
+    header: int | None = Field(None, ge=1, le=10_000, description="line of the column names; default: the first one")
+    decimal: Literal[".", ","] = "."
+    comment: Annotated[str, StringConstraints(min_length=1, max_length=10)] | None = Field(
+        None, description="lines that begin with this are skipped"
+    )
+    encoding: Literal["utf-8", "latin-1"] = "utf-8"
+
+    @model_validator(mode="after")
+    def _decimal_is_not_delimiter(self) -> FileForm:
+        if self.decimal == self.delimiter:
+            raise ValueError(f"{self.decimal!r} cannot be both decimal sign and delimiter")
+        return self
+
+
+class Overload(StrictModel):
+    """What an instrument writes when it could not measure; such values are left out and counted."""
+
+    at_least: float | None = Field(None, gt=0, description="magnitude from which a number is a sentinel")
+    values: list[str | int | float] = Field(default_factory=list, description="sentinels, numbers or texts such as OL")
+
+
+class UnitOfLog(StrictModel):
+    """Whose log it is."""
+
+    model: UnitName
+    serial: UnitName
+
+
+class LogMapping(StrictModel):
+    """One kind of delimited log."""
+
+    mapping: Name
+    title: Annotated[str, StringConstraints(max_length=200)] = ""
+    uut: UnitOfLog
+    analysis: Name = "none"
+    reference_temperature: Annotated[float, *quantity("degC", -273.15, 1000.0)] = 20.0
+    file: FileForm = Field(default_factory=lambda: FileForm.model_validate({}))
+    columns: dict[Header, Column]
+    overload: Overload = Field(default_factory=lambda: Overload.model_validate({}))
+    bad_rows: Annotated[float, *quantity("1", 0.0, 1.0)] = Field(
+        0.0, description="share of rows that may be unreadable before the file is refused, such as '1 %'"
+    )
+
+    @model_validator(mode="after")
+    def _columns_fit_together(self) -> LogMapping:
+        times = [header for header, column in self.columns.items() if column.role == "time"]
+        if len(times) != 1:
+            raise ValueError(f"{len(times)} columns have the role time, one is due")
+        names = Counter(column.quantity for column in self.values.values())
+        if twice := [name for name, count in names.items() if count > 1]:
+            raise ValueError(f"two columns have the quantity {twice[0]!r}")
+        roles = {column.role for column in self.values.values()}
+        if self.analysis != "none" and not {"temperature", "reading"} <= roles:
+            raise ValueError(f"the analysis {self.analysis!r} needs a column of the roles temperature and reading each")
+        self._check_units()
+        return self
+
+    def _check_units(self) -> None:
+        for header, column in self.values.items():
+            if column.role in TEMPERATURES and column.dimension != "degC":
+                raise ValueError(f"column {header!r}: the role {column.role} needs the unit degC, not {column.unit!r}")
+        references = {column.dimension for column in self.values.values() if column.role == "reference"}
+        compared = references | {column.dimension for column in self.values.values() if column.role == "reading"}
+        if references and len(compared) > 1:
+            raise ValueError(f"readings and references have different units: {', '.join(sorted(compared))}")
+
+    @property
+    def time(self) -> tuple[str, TimeColumn]:
+        """Header and description of the column of time."""
+        return next((header, one) for header, one in self.columns.items() if isinstance(one, TimeColumn))
+
+    @property
+    def values(self) -> Mapping[str, ValueColumn]:
+        """Columns of numbers, by header."""
+        return {header: one for header, one in self.columns.items() if isinstance(one, ValueColumn)}
+
+    def campaign(self) -> dict[str, Any]:
+        """The section ``campaign`` of the manifest of an imported session."""
+        return {
+            "analysis": self.analysis,
+            "reference_temperature_degC": self.reference_temperature,
+            "uut": {"model": self.uut.model, "serial": self.uut.serial},
+            "columns": [
+                {"header": header, "name": one.quantity, "role": one.role, "unit": one.dimension}
+                for header, one in self.values.items()
+            ],
+        }
+
+
+def load_mapping(path: Path) -> Document[LogMapping]:
+    """Read and check a mapping file. Raises InputErrors with every mistake and its position."""
+    return load_yaml(path, LogMapping)
+
+
+def mapping_schema() -> dict[str, Any]:
+    """JSON Schema of a mapping file, for editors."""
+    schema = LogMapping.model_json_schema()
+    return {"$schema": DIALECT, "$id": "mapping.schema.json", **schema, "title": "inertial-bench mapping"}

@@ -1,0 +1,239 @@
+"""Reads a delimited log line by line with a mapping: times, values, what is overloaded and what cannot be read."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+from bench.model.errors import InputError
+from bench.plan.findings import suggestion
+from bench.plan.mapping import FileForm, LogMapping, Overload, ValueColumn
+from bench.replay.log_time import TimeReader
+
+MAX_LINE_BYTES = 100_000
+SHOWN = 5
+_BLANK = "whitespace"
+
+
+@dataclass(frozen=True, slots=True)
+class LogRow:
+    """One row: ``t_ns`` UTC since 1970, ``values`` in base units in the order of the mapping, NaN where overloaded."""
+
+    line: int
+    t_ns: int
+    values: tuple[float, ...]
+
+
+@dataclass
+class LogCounts:
+    """What became of the lines after the header; ``bad`` holds line and reason of the first few.
+
+    ``rows``: read, with those that hold an overload; ``overloads``: values by quantity.
+    """
+
+    rows: int = 0
+    bad_rows: int = 0
+    overload_rows: int = 0
+    overloads: dict[str, int] = field(default_factory=dict)
+    bad: list[tuple[int, str]] = field(default_factory=list)
+
+    def sentences(self) -> list[str]:
+        """What a reader of the results must know about rows that do not count."""
+        found = []
+        if self.overload_rows:
+            where = ", ".join(f"{name} {count}" for name, count in self.overloads.items())
+            found.append(f"{self.overload_rows} of {self.rows} rows of the log hold overload sentinels ({where}).")
+        if self.bad_rows:
+            found.append(f"{self.bad_rows} rows of the log cannot be read: {listed(self.bad)}.")
+        return found
+
+
+def listed(bad: Sequence[tuple[int, str]]) -> str:
+    """The first bad rows with their line numbers."""
+    return "; ".join(f"line {line}: {why}" for line, why in bad)
+
+
+class LogParser:
+    """Takes the lines of one log in order and gives its rows. ``name`` is the file in messages."""
+
+    def __init__(self, mapping: LogMapping, name: str) -> None:
+        self.counts = LogCounts()
+        self._name = name
+        self._form = mapping.file
+        self._columns = list(mapping.values.items())
+        self._time_header, column = mapping.time
+        self._time = TimeReader(column, mapping.file.decimal)
+        self._sentinels = _Sentinels(mapping.overload, mapping.file)
+        self._readers: list[tuple[int, ValueColumn, float]] = []
+        self._time_at = 0
+        self._width = 0
+        self._line = 0
+        self._last: LogRow | None = None
+
+    def row(self, raw: bytes) -> LogRow | None:
+        """The next line of the file; None if it is no row (comment, blank, header) or a bad one.
+
+        Raises: InputError B-IMP-002 (not text), B-IMP-003 (a column is missing), B-IMP-006 (time goes back).
+        """
+        self._line += 1
+        text = self._text(raw)
+        if self._width == 0:
+            if self._is_header(text):
+                self._take_header(self._fields(text))
+            return None
+        if self._passed_over(text):
+            return None
+        try:
+            row = self._read(self._fields(text))
+        except ValueError as error:
+            self.counts.bad_rows += 1
+            if len(self.counts.bad) < SHOWN:
+                self.counts.bad.append((self._line, str(error)))
+            return None
+        return self._in_order(row)
+
+    def finish(self) -> None:
+        """Say that the file has ended. Raises InputError B-IMP-004 if there was no header or no row."""
+        what = "no row that can be read" if self._width else "no line of column names"
+        if self.counts.rows:
+            return
+        why = f"; {listed(self.counts.bad)}" if self.counts.bad else ""
+        raise InputError(
+            "B-IMP-004",
+            f"holds {what}{why}",
+            where=self._name,
+            next_step="compare delimiter, header and time format of the mapping with the first lines of the file",
+        )
+
+    def _text(self, raw: bytes) -> str:
+        try:
+            text = raw.decode(self._form.encoding).rstrip("\r\n")
+        except UnicodeDecodeError as error:
+            raise self._not_text(f"byte {error.start + 1} is not {self._form.encoding}") from error
+        if len(raw) > MAX_LINE_BYTES:
+            raise self._not_text(f"longer than {MAX_LINE_BYTES} bytes")
+        if not text.isprintable() and (wrong := next((c for c in text if c < " " and c != "\t"), None)) is not None:
+            raise self._not_text(f"holds the control character U+{ord(wrong):04X}")
+        return text.removeprefix("\ufeff") if self._line == 1 else text
+
+    def _not_text(self, why: str) -> InputError:
+        return InputError(
+            "B-IMP-002",
+            f"is not the text of a delimited log: {why}",
+            where=f"{self._name}:{self._line}",
+            next_step="name the exported text file; 'file: {encoding: latin-1}' in the mapping if it is not UTF-8",
+        )
+
+    def _passed_over(self, text: str) -> bool:
+        comment = self._form.comment
+        return not text.strip() or (comment is not None and text.lstrip().startswith(comment))
+
+    def _is_header(self, text: str) -> bool:
+        return not self._passed_over(text) if self._form.header is None else self._line == self._form.header
+
+    def _fields(self, text: str) -> list[str]:
+        if self._form.delimiter == _BLANK:
+            return text.split()
+        if '"' not in text:
+            return text.split(self._form.delimiter)
+        try:  # one line at a time: a stray quotation mark must not swallow the rest of the file
+            return next(csv.reader([text], delimiter=self._form.delimiter, strict=True))
+        except csv.Error as error:
+            raise ValueError(f"quotation marks: {error}") from error
+
+    def _take_header(self, headers: list[str]) -> None:
+        names = [name.strip() for name in headers]
+        self._width = len(names)
+        self._time_at = self._place(names, self._time_header)
+        self._readers = [(self._place(names, header), one, one.factor) for header, one in self._columns]
+        self.counts.overloads = {}
+
+    def _place(self, names: list[str], header: str) -> int:
+        if names.count(header) == 1:
+            return names.index(header)
+        why = f"has the column {header!r} {names.count(header)} times"
+        if header not in names:
+            why = f"has no column {header!r}{suggestion(header, [name for name in names if name][:40])}"
+        raise InputError(
+            "B-IMP-003",
+            why,
+            where=f"{self._name}:{self._line}",
+            next_step="correct the column of the mapping, or its 'file: {delimiter: ..., header: ...}'",
+        )
+
+    def _read(self, fields: list[str]) -> LogRow:
+        if len(fields) != self._width:
+            raise ValueError(f"{len(fields)} fields, {self._width} are due")
+        t_ns = self._time.utc_ns(fields[self._time_at].strip())
+        values, over = [], []
+        for place, column, factor in self._readers:
+            text = fields[place].strip()
+            number = self._sentinels.number(text)
+            if number is None:
+                over.append(column.quantity)
+                values.append(math.nan)
+            elif math.isfinite(number):
+                values.append(number * factor)
+            else:
+                raise ValueError(f"{column.quantity}: {text!r} is not finite")
+        self._count(over)
+        return LogRow(self._line, t_ns, tuple(values))
+
+    def _count(self, over: list[str]) -> None:
+        self.counts.rows += 1
+        self.counts.overload_rows += bool(over)
+        for name in over:
+            self.counts.overloads[name] = self.counts.overloads.get(name, 0) + 1
+
+    def _in_order(self, row: LogRow) -> LogRow:
+        last, self._last = self._last, row
+        if last is None or row.t_ns >= last.t_ns:
+            return row
+        raise InputError(
+            "B-IMP-006",
+            f"the time goes back by {(last.t_ns - row.t_ns) / 1e9:g} s after line {last.line}",
+            where=f"{self._name}:{row.line}",
+            next_step="cut the file where the clock was set or the log began anew, and import the parts",
+        )
+
+
+class _Sentinels:
+    """Tells numbers from what an instrument writes when it could not measure."""
+
+    def __init__(self, overload: Overload, form: FileForm) -> None:
+        self._limit = overload.at_least
+        self._texts = {one.strip().casefold() for one in overload.values if isinstance(one, str)}
+        self._numbers = {float(one) for one in overload.values if not isinstance(one, str)}
+        self._comma = form.decimal == ","
+
+    def number(self, text: str) -> float | None:
+        """The number that a text is, or None for a sentinel. Raises ValueError if it is neither."""
+        if self._texts and text.casefold() in self._texts:
+            return None
+        if self._comma:
+            if "." in text:
+                raise ValueError(f"{text!r} is no number with a decimal comma")
+            text = text.replace(",", ".")
+        try:
+            if "_" in text:
+                raise ValueError(text)
+            number = float(text)
+        except ValueError:
+            raise ValueError(f"{text!r} is no number") from None
+        beyond = self._limit is not None and abs(number) >= self._limit
+        return None if beyond or number in self._numbers else number
+
+
+def lines_of(chunks: Iterable[bytes]) -> Iterator[bytes]:
+    """Lines, with their ends, of bytes that are cut anywhere; no more than a line over the limit is held."""
+    rest = b""
+    for chunk in chunks:
+        *whole, rest = (rest + chunk).split(b"\n")
+        yield from (line + b"\n" for line in whole)
+        if len(rest) > MAX_LINE_BYTES:
+            yield rest
+            rest = b""
+    if rest:
+        yield rest

@@ -1,0 +1,83 @@
+"""The columns of an imported log, read again from the bytes of its session; nothing but the session is used."""
+
+from __future__ import annotations
+
+import hashlib
+from array import array
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.model.clock import NS
+from bench.model.errors import SessionDamaged
+from bench.model.yamlio import parse_yaml
+from bench.plan.mapping import LogMapping
+from bench.record import SessionReader
+from bench.replay.delimited import LogCounts, LogParser, lines_of
+
+IMPORT = "import"  # ``kind`` in the manifest of an imported session
+LINK = "log"
+MAPPING = "mapping.yaml"
+_TOPIC = f"/link/{LINK}/rx"
+
+
+@dataclass(frozen=True)
+class ImportedSeries:
+    """Columns by quantity, (n,) each, base units, NaN where the instrument overloaded; "t_s" from the first row on.
+
+    ``sha256``: of the bytes of the file; ``notes``: sentences on what is left out or changed.
+    """
+
+    columns: Mapping[str, NDArray[np.float64]]
+    counts: LogCounts
+    sha256: str
+    notes: tuple[str, ...]
+
+
+def replay_series(folder: Path) -> ImportedSeries:
+    """Read the log of an imported session again.
+
+    Raises: SessionDamaged B-IMP-007 if the session holds no mapping, B-REC-012 (no manifest); InputError B-IMP-002 to
+            B-IMP-006 if the log cannot be read through its mapping.
+    """
+    reader = SessionReader(folder)
+    manifest, texts = reader.manifest, reader.texts
+    if MAPPING not in texts:
+        raise SessionDamaged(
+            "B-IMP-007",
+            f"the text of {MAPPING!r} is not in the session, so its log cannot be read",
+            where=str(folder),
+            next_step="import the file again, or see 'bench recover' for what the session still holds",
+        )
+    mapping = parse_yaml(texts[MAPPING], MAPPING, LogMapping).model
+    names = [column.quantity for column in mapping.values.values()]
+    parser, digest = LogParser(mapping, str(manifest.get("log", {}).get("file", folder))), hashlib.sha256()
+    held = [array("d") for _ in ("t_s", *names)]
+    first_ns = None
+    for line in lines_of(_payloads(reader)):
+        digest.update(line)
+        row = parser.row(line)
+        if row is not None:
+            first_ns = row.t_ns if first_ns is None else first_ns
+            for store, value in zip(held, ((row.t_ns - first_ns) / NS, *row.values), strict=True):
+                store.append(value)
+    parser.finish()
+    columns = {name: np.array(store) for name, store in zip(("t_s", *names), held, strict=True)}
+    return ImportedSeries(columns, parser.counts, digest.hexdigest(), _notes(manifest, parser, digest.hexdigest()))
+
+
+def _payloads(reader: SessionReader) -> Iterator[bytes]:
+    for message in reader.messages(frozenset({_TOPIC})):
+        yield message.payload
+
+
+def _notes(manifest: Mapping[str, object], parser: LogParser, sha256: str) -> tuple[str, ...]:
+    said = parser.counts.sentences()
+    log = manifest.get("log")
+    recorded = log.get("sha256") if isinstance(log, Mapping) else None
+    if recorded is not None and recorded != sha256:
+        said.append(f"The log is not the file that was imported: SHA-256 {recorded[:12]} then, {sha256[:12]} now.")
+    return tuple(said)

@@ -1,0 +1,190 @@
+"""Delimited text as loggers of all kinds write it: what is read, what is counted, what is refused and where."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from import_sample import LOG, SHORT
+
+from bench.model.errors import InputError
+from bench.model.yamlio import parse_yaml
+from bench.plan.mapping import LogMapping
+from bench.replay.delimited import MAX_LINE_BYTES, LogParser, LogRow, lines_of
+from bench.replay.survey import Survey, survey
+
+UTC_2024_ns = 1_704_067_200 * 10**9  # 2024-01-01T00:00:00Z
+
+
+def mapped(*changes: tuple[str, str]) -> LogMapping:
+    text = SHORT
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new, 1)
+    return parse_yaml(text, "m.yaml", LogMapping).model
+
+
+def read(content: bytes, mapping: LogMapping) -> tuple[list[LogRow], LogParser]:
+    parser = LogParser(mapping, "log.csv")
+    rows = [row for line in lines_of([content]) if (row := parser.row(line)) is not None]
+    return rows, parser
+
+
+def surveyed(tmp_path: Path, content: bytes, mapping: LogMapping | None = None) -> Survey:
+    path = tmp_path / "log.csv"
+    path.write_bytes(content)
+    return survey(path, mapping or mapped())
+
+
+def test_a_plain_log_in_base_units() -> None:
+    rows, parser = read(LOG.encode(), mapped())
+    assert [row.t_ns - UTC_2024_ns for row in rows] == [0, 10 * 10**9]
+    assert [row.values for row in rows] == [(20.5, 1.0), (20.6, pytest.approx(1.001, rel=1e-15))]
+    assert [row.line for row in rows] == [2, 3]
+    assert parser.counts.sentences() == []
+
+
+@pytest.mark.parametrize(
+    ("form", "text"),
+    [
+        ('delimiter: ";", decimal: ","', "time;T;U\n2024-01-01T00:00:00;20,5;1000\n"),
+        ("delimiter: whitespace", "time  T\tU\n2024-01-01T00:00:00   20.5 1000\n"),
+        ('delimiter: "\\t"', "time\tT\tU\n2024-01-01T00:00:00\t20.5\t1000\n"),
+        ('comment: "#"', "# made by a logger\n\n#\ntime,T,U\n# pause\n2024-01-01T00:00:00,20.5,1000"),
+        ("header: 3", "Logger 5\nSerial,12,x,y\ntime,T,U\n2024-01-01T00:00:00,20.5,1000\n"),
+        ("encoding: latin-1", "time,T,U,T [\xb0C]\n2024-01-01T00:00:00,20.5,1000,\xb0\n"),
+        ("delimiter: ','", '"time","T","U","a ""b"", c"\n"2024-01-01T00:00:00",20.5," 1000 ","x,y"\n'),
+        ("delimiter: ','", "\ufefftime , T,U,\r\n2024-01-01T00:00:00,20.5,1000,\r\n"),
+    ],
+)
+def test_forms_of_files(form: str, text: str) -> None:
+    encoding = "latin-1" if "latin-1" in form else "utf-8"
+    rows, parser = read(text.encode(encoding), mapped(("uut:", f"file: {{{form}}}\nuut:")))
+    assert [(row.t_ns, row.values) for row in rows] == [(UTC_2024_ns, (20.5, 1.0))]
+    assert parser.counts.bad_rows == 0
+
+
+@pytest.mark.parametrize(
+    ("column", "text", "after_2024_s"),
+    [
+        ("format: iso, zone: UTC", "2024-01-01T00:00:00.25", 0.25),
+        ("format: iso, zone: +02:00", "2024-01-01 02:00:00", 0.0),
+        ("format: iso, zone: UTC", "2023-12-31T19:00:01-05:00", 1.0),
+        ("format: unix, unit: s", "1704067200.125", 0.125),
+        ("format: unix, unit: ms", "1704067200125", 0.125),
+        ("format: elapsed, unit: min, start: 2024-01-01T01:00:00+01:00", "1.5", 90.0),
+        ('format: "%d.%m.%Y %H:%M:%S", zone: -01:30', "31.12.2023 22:30:02", 2.0),
+        ('format: "%m/%d/%y %I:%M:%S %p", zone: UTC', "01/01/24 12:00:03 AM", 3.0),
+        ('format: "%Y%m%d%H%M%S%z"', "20240101010004+0100", 4.0),
+    ],
+)
+def test_times(column: str, text: str, after_2024_s: float) -> None:
+    rows, _ = read(f"time,T,U\n{text},20,1\n".encode(), mapped(("format: iso, zone: UTC", column)))
+    assert rows[0].t_ns - UTC_2024_ns == round(after_2024_s * 1e9)
+
+
+def test_overloads_are_left_out_and_counted_never_read_as_numbers() -> None:
+    text = "time,T,U\n" + "".join(
+        f"2024-01-01T00:00:0{index},20,{value}\n"
+        for index, value in enumerate(("1", "9.9E+37", "-1e38", "OL", " ol ", "-999"))
+    )
+    mapping = mapped(("uut:", "overload: {at_least: 1e37, values: [OL, -999]}\nuut:"))
+    rows, parser = read(text.encode(), mapping)
+    assert [math.isnan(row.values[1]) for row in rows] == [False, True, True, True, True, True]
+    assert (parser.counts.rows, parser.counts.overload_rows, parser.counts.overloads) == (6, 5, {"voltage": 5})
+    assert parser.counts.sentences() == ["5 of 6 rows of the log hold overload sentinels (voltage 5)."]
+
+
+@pytest.mark.parametrize(
+    ("row", "why"),
+    [
+        ("2024-01-01T00:00:10,20", "2 fields, 3 are due"),
+        ("2024-01-01T00:00:10,20,1,1", "4 fields, 3 are due"),
+        ("2024-01-01T00:00:10,20,", "'' is no number"),
+        ("2024-01-01T00:00:10,20,1_0", "'1_0' is no number"),
+        ("2024-01-01T00:00:10,20,nan", "'nan' is not finite"),
+        ("2024-01-01T00:00:10,20,inf", "'inf' is not finite"),
+        ("yesterday,20,1", "'yesterday' is no time"),
+        ('2024-01-01T00:00:10,20,"1', "quotation marks"),
+    ],
+)
+def test_a_bad_row_is_counted_and_listed_with_its_line(row: str, why: str) -> None:
+    rows, parser = read((LOG + row + "\n2024-01-01T00:00:20,21,1002\n").encode(), mapped())
+    assert len(rows) == 3
+    assert parser.counts.bad_rows == 1
+    line, said = parser.counts.bad[0]
+    assert line == 4
+    assert why in said
+    assert "line 4: " in parser.counts.sentences()[0]
+
+
+def test_numbers_of_the_wrong_decimal_sign_are_bad_rows() -> None:
+    _, parser = read(
+        b"time;T;U\n2024-01-01T00:00:00;20.5;1\n", mapped(("uut:", 'file: {delimiter: ";", decimal: ","}\nuut:'))
+    )
+    assert "decimal comma" in parser.counts.bad[0][1]
+
+
+def test_what_a_survey_says(tmp_path: Path) -> None:
+    found = surveyed(tmp_path, LOG.encode())
+    assert (found.first_ns, found.last_ns - found.first_ns) == (UTC_2024_ns, 10 * 10**9)
+    assert (found.counts.rows, found.size) == (2, len(LOG))
+
+
+def test_no_file_and_an_empty_one(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"B-IMP-001.*cannot be read"):
+        survey(tmp_path / "absent.csv", mapped())
+    with pytest.raises(InputError, match=r"B-IMP-001.*is empty"):
+        surveyed(tmp_path, b"")
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        (LOG.encode() + b"\xff\xfe\n", "byte 1 is not utf-8"),
+        (LOG.encode() + b"a\x00b,1,2\n", r"control character U\+0000"),
+        (LOG.encode() + b"x" * (MAX_LINE_BYTES + 10), "longer than"),
+    ],
+)
+def test_what_is_no_text(tmp_path: Path, content: bytes, why: str) -> None:
+    with pytest.raises(InputError, match=rf"B-IMP-002.*log.csv:4: .*{why}"):
+        surveyed(tmp_path, content)
+
+
+@pytest.mark.parametrize(
+    ("header", "why"),
+    [("time,t,U", "no column 'T'"), ("time,T,T,U", "the column 'T' 2 times"), ("time;T;U", "no column")],
+)
+def test_a_missing_column(tmp_path: Path, header: str, why: str) -> None:
+    with pytest.raises(InputError, match=f"B-IMP-003.*log.csv:1: .*{why}"):
+        surveyed(tmp_path, LOG.replace("time,T,U", header).encode())
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [(b"time,T,U\n", "no row"), (b"time,T,U\nx,y,z\n", "line 2: 'x' is no time"), (b"\n\n", "no line of column names")],
+)
+def test_nothing_to_read(tmp_path: Path, content: bytes, why: str) -> None:
+    with pytest.raises(InputError, match=f"B-IMP-004.*{why}"):
+        surveyed(tmp_path, content)
+
+
+def test_more_bad_rows_than_declared(tmp_path: Path) -> None:
+    content = (LOG + "x,1,2\n").encode()
+    with pytest.raises(InputError, match=r"B-IMP-005.*1 of 3 rows cannot be read, 0 % may be: line 4"):
+        surveyed(tmp_path, content)
+    assert surveyed(tmp_path, content, mapped(("uut:", "bad_rows: 40 %\nuut:"))).counts.bad_rows == 1
+
+
+def test_time_that_goes_back(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"B-IMP-006.*log.csv:4: the time goes back by 5 s after line 3"):
+        surveyed(tmp_path, (LOG + "2024-01-01T00:00:05,20,1\n").encode())
+    assert surveyed(tmp_path, (LOG + "2024-01-01T00:00:10,20,1\n").encode()).counts.rows == 3  # twice the same is none
+
+
+@pytest.mark.parametrize("size", [1, 2, 7, 1000])
+def test_lines_do_not_depend_on_how_the_bytes_are_cut(size: int) -> None:
+    content = b"a\r\n\nbc\n\xc3\xa4 no end"
+    chunks = [content[at : at + size] for at in range(0, len(content), size)]
+    assert list(lines_of(chunks)) == [b"a\r\n", b"\n", b"bc\n", b"\xc3\xa4 no end"]
