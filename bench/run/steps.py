@@ -34,7 +34,7 @@ def call(context: RunContext, step: Step) -> None:
         flag = Quality.OVERLOAD if error.code == OVERLOAD else Quality.NOT_FINITE
         context.event(
             "reading", step=step.number, role=step.role, name=step.name, value=None,
-            quality=int(flag), code=error.code, text=error.message,
+            conditions=dict(step.conditions), quality=int(flag), code=error.code, text=error.message,
         )  # fmt: skip
         context.listener.message(f"{error.where}: {error.message}; the reading is flagged, the run goes on")
 
@@ -44,7 +44,8 @@ def _act(context: RunContext, step: Step) -> object:
     with context.in_use.take(step.role):
         result = method(**step.arguments)
     if result is not None:
-        context.event("reading", step=step.number, role=step.role, name=step.name, value=result)
+        conditions = dict(step.conditions)
+        context.event("reading", step=step.number, role=step.role, name=step.name, value=result, conditions=conditions)
     return result
 
 
