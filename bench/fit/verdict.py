@@ -1,6 +1,6 @@
-"""Coverage factor and verdicts with a guard band.
+"""Coverage factor, and verdicts by the decision rules of a campaign.
 
-Source: JCGM 100:2008 annex G (coverage); ILAC-G8:09/2019 section 4.2 (non-binary statement, guard band w = U).
+Source: JCGM 100:2008 annex G (coverage); ILAC-G8:09/2019 section 4.2 (simple acceptance, guard band, non-binary).
 """
 
 from __future__ import annotations
@@ -10,12 +10,18 @@ from functools import cache
 
 from scipy import special
 
+SIMPLE, GUARD_BAND, NON_BINARY = "simple", "guard_band", "non_binary"
+RULES = (SIMPLE, GUARD_BAND, NON_BINARY)
+
 
 @cache
 def coverage_factor(dof: float = math.inf, probability: float = 0.95) -> float:
     """Two-sided coverage factor: Student's t for ``dof`` degrees of freedom, the normal one for infinity.
 
-    Source: JCGM 100:2008 table G.2.
+    Args:    dof: degrees of freedom, not necessarily whole.   probability: of the interval.
+    Returns: coverage factor.
+    Raises:  nothing.
+    Source:  JCGM 100:2008 table G.2.
     """
     upper = 0.5 + probability / 2
     if math.isinf(dof):
@@ -23,18 +29,24 @@ def coverage_factor(dof: float = math.inf, probability: float = 0.95) -> float:
     return float(special.stdtrit(dof, upper))
 
 
-def verdict(value: float, expanded_uncertainty: float, limit: float | None) -> str:
-    """Judge |value| against a symmetric limit with the guard band w = U; all three in one unit.
+def verdict(value: float, expanded_uncertainty: float, limit: float | None, rule: str = NON_BINARY) -> str:
+    """Judge |value| against a symmetric limit; guard band w = U, all three in one unit.
 
-    Returns: "pass" below limit - U, "conditional_pass" up to the limit, "conditional_fail" up to limit + U, "fail"
-             above; "none" without a limit. A value that is not finite fails.
-    Source:  ILAC-G8:09/2019 section 4.2.3.
+    Args:    rule: "simple": "pass" up to the limit, else "fail"; "guard_band": "pass" up to limit - U, else "fail";
+             "non_binary": "pass" up to limit - U, "conditional_pass" up to the limit, "conditional_fail" up to
+             limit + U, else "fail".
+    Returns: the verdict; "none" without a limit. A value that is not finite fails.
+    Raises:  nothing; ``bench.fit.decision.checked_rule`` refuses an unknown rule.
+    Source:  ILAC-G8:09/2019 sections 4.2.1 to 4.2.3.
     """
     if limit is None:
         return "none"
     size = abs(value)
-    if size <= limit - expanded_uncertainty:
+    accepted = limit if rule == SIMPLE else limit - expanded_uncertainty
+    if size <= accepted:
         return "pass"
+    if rule != NON_BINARY:
+        return "fail"
     if size <= limit:
         return "conditional_pass"
     return "conditional_fail" if size <= limit + expanded_uncertainty else "fail"

@@ -1,0 +1,67 @@
+"""``bench coefficients``: compensation of a unit as coefficients.json and coefficients.h."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from bench.campaigns.analysis import Analysis
+from bench.campaigns.coefficients import coefficients_of, merged
+from bench.campaigns.coefficients_header import header_text
+from bench.campaigns.results import results_json
+from bench.commands.console import console
+from bench.commands.output import write_file
+from bench.commands.session import read_view
+from bench.commands.view import SessionView, analyse_view
+from bench.model.errors import ExitStatus, InputError
+
+JSON_NAME, HEADER_NAME = "coefficients.json", "coefficients.h"
+
+
+def coefficients(folders: Sequence[Path], out: Path) -> int:
+    """Fit the sessions again, merge their coefficients and write both files.
+
+    Raises: InputError B-COEF-001 to -006; SessionDamaged for a session that is not whole.
+    """
+    document = merged([_document(folder) for folder in folders])
+    for path in _write(out, document):
+        console().print(f"wrote    {path}")
+    for source in document["sources"]:
+        for one in source["missing"]:
+            console().print(f"MISSING  {one}")
+    return ExitStatus.PASS
+
+
+def write_coefficients(
+    folder: Path, analysis: Analysis, results: Mapping[str, Any], campaign: Mapping[str, Any]
+) -> list[Path]:
+    """Write coefficients.json and coefficients.h of one session; nothing if its analysis has no compensation.
+
+    ``campaign``: that section of the manifest. Returns the files written.
+    Raises: InputError B-COEF-004, B-COEF-006, B-CLI-007.
+    """
+    if not analysis.compensation:
+        return []
+    return _write(folder, merged([coefficients_of(analysis, results, campaign)]))
+
+
+def _document(folder: Path) -> dict[str, Any]:
+    view: SessionView = read_view(folder, strict=True)
+    if view.has_analysis:
+        results, analysis = analyse_view(view)
+        if analysis.compensation:
+            return coefficients_of(analysis, results, view.manifest["campaign"])
+    raise InputError(
+        "B-COEF-005",
+        "the session gives no coefficients",
+        where=str(folder),
+        next_step="name a session of a scale-factor or bias campaign with more than one temperature",
+    )
+
+
+def _write(folder: Path, document: Mapping[str, Any]) -> list[Path]:
+    texts = {JSON_NAME: results_json(document), HEADER_NAME: header_text(document)}
+    for name, text in texts.items():
+        write_file(folder / name, text)
+    return [folder / name for name in texts]
