@@ -11,6 +11,7 @@ import typer
 from typer.exceptions import Abort, TyperException
 
 from bench import __version__
+from bench.commands.history_app import app as history_app
 from bench.model.errors import BenchError, ExitStatus
 
 app = typer.Typer(
@@ -21,6 +22,7 @@ app = typer.Typer(
     help="Controller of an unattended calibration bench. Exit status: 0 pass, 1 a verdict fails, 2 bad input, "
     "3 ended safely after a fault, 4 ended safely by the operator, 5 session damaged, 70 internal error.",
 )
+app.add_typer(history_app, name="history")
 
 Sequence = Annotated[str, typer.Argument(help="a sequence file, or the name of a shipped one")]
 SessionFolder = Annotated[Path, typer.Argument(help="the folder of a session")]
@@ -60,12 +62,15 @@ def run(
     seed: Annotated[int, typer.Option("--seed", help="of the simulated bench", min=0)] = 1,
     out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
     truth: Annotated[bool, typer.Option("--truth", help="write the simulated truth beside the session")] = False,
+    history: Annotated[
+        str | None, typer.Option("--history", help="URL of the calibration history; default: history.sqlite in --out")
+    ] = None,
     json: AsJson = False,
 ) -> None:
     """Run a campaign; ends with the result table, results.json and report.html in the session's folder."""
     from bench.commands import run as run_command
 
-    request = run_command.Request(sequence, station, settings or [], clock, seed, out, truth, json)
+    request = run_command.Request(sequence, station, settings or [], clock, seed, out, truth, json, history)
     raise typer.Exit(run_command.run(request))
 
 
@@ -104,6 +109,29 @@ def decode(
     from bench.commands import decode as decode_command
 
     raise typer.Exit(decode_command.decode(frame, file, csv, json))
+
+
+@app.command(epilog="Example: bench coefficients sessions/SCALE_FACTOR sessions/BIAS --out compensation")
+def coefficients(
+    sessions: Annotated[list[Path], typer.Argument(metavar="SESSION...", help="sessions of one unit")],
+    out: Annotated[Path, typer.Option("--out", help="folder for coefficients.json and coefficients.h")] = Path(),
+) -> None:
+    """Merge the compensation of a scale-factor and a bias session of one unit; a bias only from the bias campaign."""
+    from bench.commands import coefficients as coefficients_command
+
+    raise typer.Exit(coefficients_command.coefficients(sessions, out))
+
+
+@app.command("import", epilog="Example: bench import docs/mappings/tckit_1v_ramp.yaml log.dsv --out sessions")
+def import_(
+    mapping: Annotated[Path, typer.Argument(help="a mapping file: what the columns of the log mean")],
+    file: Annotated[Path, typer.Argument(help="a delimited text file with one row of column names")],
+    out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
+) -> None:
+    """Turn a delimited log of another system into a session; results and report if the mapping names an analysis."""
+    from bench.commands import import_log as import_command
+
+    raise typer.Exit(import_command.import_log(mapping, file, out))
 
 
 @app.command(epilog="Example: bench recover sessions/20000101T000000Z_scale_factor_38h_SIM-1")

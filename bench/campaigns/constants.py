@@ -14,6 +14,11 @@ from bench.model.errors import FitError
 
 CALIBRATOR = "calibrator"
 FUNCTION_GENERATOR = "function_generator"
+METER = "dmm"
+DRIFT_UNKNOWN = (
+    "The uncertainty of the calibrator is for 24 hours; a drift over the campaign is not included, "
+    "so the temperature coefficients (tc1, tc2) and the drift of channels are stated without it."
+)
 _FG_RECTANGULAR_LIMIT = 3e-6  # paper section 4.1: stability of the function generator below 3 ppm
 
 
@@ -89,13 +94,17 @@ class Campaign(_Tolerant):
 
 @dataclass(frozen=True)
 class Standards:
-    """Uncertainties (standard, relative or ampere) and corrections of the standards that matter here."""
+    """Uncertainties (standard, relative or ampere) and corrections of the standards that matter here.
+
+    ``drift``: of the calibrator over the campaign; ``drift_source`` says who knows it.
+    """
 
     ranges: Mapping[float, RangeSpecification]
     traceability: float | None  # standard, relative; None = not stated
     drift: float | None
     function_generator: float
     notes: tuple[str, ...] = field(default=())
+    drift_source: str = "standards register"
 
 
 def read_campaign(campaign: Mapping[str, Any]) -> Campaign:
@@ -112,40 +121,53 @@ def read_campaign(campaign: Mapping[str, Any]) -> Campaign:
         ) from error
 
 
-def read_standards(standards: Mapping[str, Mapping[str, Any]]) -> Standards:
-    """Read the register as it stood when the session was made; stated uncertainties are 95 %, k = 2.
+def read_ranges(standards: Mapping[str, Mapping[str, Any]], role: str) -> dict[float, RangeSpecification]:
+    """Uncertainty (95 %, k = 2) and correction of each range of a standard, by full scale in ampere.
 
-    Raises: FitError B-FIT-009 if the calibrator or one of its numbers is missing.
+    Raises: FitError B-FIT-009 if the register has no such standard or one of its numbers is missing.
     """
     try:
-        calibrator = standards[CALIBRATOR]
-        corrections = {float(one["range_A"]): one for one in calibrator.get("corrections") or ()}
-        ranges = {
+        entry = standards[role]
+        corrections = {float(one["range_A"]): one for one in entry.get("corrections") or ()}
+        return {
             float(one["range_A"]): RangeSpecification(
                 relative=float(one["relative"]),
                 floor_A=float(one["floor_A"]),
                 gain=float(corrections.get(float(one["range_A"]), {}).get("gain", 0.0)),
                 offset_A=float(corrections.get(float(one["range_A"]), {}).get("offset_A", 0.0)),
             )
-            for one in calibrator["uncertainty"]
+            for one in entry["uncertainty"]
         }
-        generator = _function_generator(standards.get(FUNCTION_GENERATOR, {}))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise FitError(
-            "B-FIT-009",
-            f"the standards register does not say what the fit needs of the calibrator ({error!r})",
-            where="manifest: standards.calibrator",
-            next_step="give range_A, relative and floor_A of each range in the station file",
-        ) from error
+        raise _register_error(role, error) from error
+
+
+def _register_error(role: str, error: Exception) -> FitError:
+    return FitError(
+        "B-FIT-009",
+        f"the standards register does not say what the fit needs of the {role} ({error!r})",
+        where=f"manifest: standards.{role}",
+        next_step="give range, relative and floor of each range in the station file",
+    )
+
+
+def read_standards(standards: Mapping[str, Mapping[str, Any]]) -> Standards:
+    """Read the register as it stood when the session was made; stated uncertainties are 95 %, k = 2.
+
+    Raises: FitError B-FIT-009 if the calibrator or one of its numbers is missing.
+    """
+    ranges = read_ranges(standards, CALIBRATOR)
+    calibrator = standards[CALIBRATOR]
+    try:
+        generator = _function_generator(standards.get(FUNCTION_GENERATOR, {}))
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise _register_error(FUNCTION_GENERATOR, error) from error
     traceability, drift = (_half(calibrator, key) for key in ("traceability_relative", "drift_relative"))
     notes = []
     if traceability is None:
         notes.append("The uncertainty of the calibrator is relative to its own calibration; that one is not included.")
     if drift is None:
-        notes.append(
-            "The uncertainty of the calibrator is for 24 hours; a drift over the campaign is not included, "
-            "so the temperature coefficients (tc1, tc2) and the drift of channels are stated without it."
-        )
+        notes.append(DRIFT_UNKNOWN)
     return Standards(ranges, traceability, drift, generator, tuple(notes))
 
 

@@ -1,4 +1,4 @@
-"""Estimates of every channel and temperature: scale-factor errors, asymmetry, bias, drift."""
+"""Estimates of every channel and temperature: scale-factor errors, asymmetry, bias."""
 
 from __future__ import annotations
 
@@ -76,25 +76,3 @@ def bias_estimates(one: GroupFit, fitted: Fitted, campaign: Campaign) -> list[di
     conditions = conditions_of(one, campaign) | {"unit_temperature_degC": at_degC}
     rows = one.group.opened.gate_s.size
     return [estimate("bias", "A", one.bias.value_A, std_A, conditions, n=rows, dropped=one.group.open_planned - rows)]
-
-
-def drift_estimates(fitted: Fitted, campaign: Campaign) -> list[dict[str, Any]]:
-    """Repeat minus first visit of a channel, at the temperature of the first; everything common cancels."""
-    found = []
-    first = {(one.group.channel, one.group.temperature_degC): one for one in fitted.groups if one.group.repeat == 0}
-    for again in (one for one in fitted.groups if one.group.repeat):
-        start = first.get((again.group.channel, again.group.temperature_degC))
-        if start is None:
-            continue
-        slopes = fitted.slopes_ppm_degC(again.group.channel, again.fit.unit_temperature_degC)
-        warmer_degC = again.fit.unit_temperature_degC - start.fit.unit_temperature_degC
-        change = again.fit.dsf_ppm - start.fit.dsf_ppm - np.array(slopes) * warmer_degC
-        variance = np.diag(again.fit.noise_ppm2 + start.fit.noise_ppm2) + (again.fit.gain_ppm - start.fit.gain_ppm) ** 2
-        for label in again.fit.shared_ppm.keys() | start.fit.shared_ppm.keys():
-            there = start.fit.shared_ppm.get(label, np.zeros(2))
-            variance = variance + (again.fit.shared_ppm.get(label, np.zeros(2)) - there) ** 2
-        for index, quantity in enumerate(QUANTITIES):
-            conditions = conditions_of(start, campaign) | {"repeat": again.group.repeat}
-            std_ppm = float(np.sqrt(variance[index]))
-            found.append(estimate(f"{quantity}_drift", "ppm", change[index], std_ppm, conditions, n=again.fit.n))
-    return found

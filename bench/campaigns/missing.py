@@ -2,31 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import TYPE_CHECKING
 
 from bench.campaigns.constants import Campaign
-from bench.campaigns.group_fit import Fitted, reasons
+from bench.campaigns.group_fit import reasons
 from bench.campaigns.groups import Group, Place, place_name, place_of
+from bench.model.errors import FitError
 
 if TYPE_CHECKING:
     from bench.record import RecordRow
 
 
-def missing_groups(rows: Iterable[RecordRow], fitted: Fitted, campaign: Campaign) -> list[str]:
+def missing_groups(
+    rows: Iterable[RecordRow],
+    done: Collection[Place],
+    refused: Iterable[tuple[Group, FitError]],
+    campaign: Campaign,
+) -> list[str]:
     """Every promised channel and temperature without scale-factor errors, with the reason; one sentence each.
 
     Promised are all places the records name, and every declared channel at every temperature any record names.
     A channel without any record is named once.
     """
     taken = {place_of(row.window.conditions): None for row in rows}
-    done = {one.group.place for one in fitted.groups}
-    refused = {group.place: f"{error.message} ({error.code}){_left_out(group)}" for group, error in fitted.refused}
+    reason = {group.place: f"{error.message} ({error.code}){_left_out(group)}" for group, error in refused}
     recorded = {channel for channel, _, _ in taken}
     places: dict[Place, None] = dict(taken)
     for temperature_degC in dict.fromkeys(at for _, at, _ in taken):
         places |= {(one.number, temperature_degC, 0): None for one in campaign.channels if one.number in recorded}
-    found = [f"{place_name(place)}: {refused.get(place, 'no record')}" for place in sorted(places) if place not in done]
+    found = [f"{place_name(place)}: {reason.get(place, 'no record')}" for place in sorted(places) if place not in done]
     return found + [f"channel {one.number}: no record" for one in campaign.channels if one.number not in recorded]
 
 

@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Mapping
 from typing import Protocol
 
-from bench.campaigns import scale_factor
+from bench.campaigns import bias_ramp, dmm_method, scale_factor, temperature_ramp
 from bench.campaigns.analysis import Analysis
 from bench.campaigns.material import Material
 from bench.model.errors import FitError
@@ -21,7 +21,12 @@ class AnalysisModule(Protocol):
         """From records and the manifest's constants to estimates."""
 
 
-ANALYSES: Mapping[str, AnalysisModule] = {"scale_factor": scale_factor}
+ANALYSES: Mapping[str, AnalysisModule] = {
+    "scale_factor": scale_factor,
+    "bias_ramp": bias_ramp,
+    "dmm_method": dmm_method,
+    "temperature_ramp": temperature_ramp,
+}
 
 
 def analysis_module(name: str) -> AnalysisModule:

@@ -10,6 +10,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from bench.campaigns.analysis import Analysis
+from bench.campaigns.estimates import judged, rule_of
+from bench.fit.decision import Rule
 from bench.model.errors import InputError
 
 SCHEMA_FILE = "results.schema.json"
@@ -35,6 +37,10 @@ class Estimate(_Closed):
     dropped: _Count
     limit: float | None
     verdict: Literal["pass", "fail", "conditional_pass", "conditional_fail", "none"]
+    conformance_probability: Annotated[float, Field(ge=0, le=1)] | None = Field(
+        None, description="that the true value is within the limit; absent in documents of version 0.1"
+    )
+    dof: Annotated[float, Field(gt=0)] | None = Field(None, description="effective; absent = infinite")
 
 
 class Quality(_Closed):
@@ -81,25 +87,34 @@ class Results(_Closed):
     quality: Quality
     provenance: Provenance
     notes: list[str]
+    decision_rule: Rule | None = Field(None, description="absent in documents of version 0.1, which are non_binary")
 
 
 def build_results(
-    session_name: str, analysis: Analysis, counts: Mapping[str, int], provenance: Mapping[str, Any]
+    session_name: str,
+    analysis: Analysis,
+    counts: Mapping[str, int],
+    provenance: Mapping[str, Any],
+    decision: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Assemble and check the document of results.json.
+    """Assemble and check the document of results.json; every estimate is judged by the rule of the campaign.
 
     Args:    session_name: name of the session folder without a suffix.   analysis: what ``analyse`` returned.
              counts: records, frames, frames_bad, frames_lost, splices, retaken; missing ones are 0.
              provenance: simulated, plan_sha256, frame_sha256, session_sha256, software and more.
-    Raises:  InputError B-FIT-010 if the document would not be valid, naming the first wrong field.
+             decision: the entry "decision" of the manifest's campaign, None for the non-binary rule.
+    Raises:  InputError B-FIT-010 if the document would not be valid, naming the first wrong field; FitError B-FIT-041
+             for an unknown rule.
     """
+    rule = rule_of(decision)
     document = {
         "schema": 1,
         "session": session_name,
         "campaign": analysis.campaign,
         "method": analysis.method,
         "uut": dict(analysis.uut),
-        "estimates": analysis.estimates,
+        "decision_rule": rule,
+        "estimates": [judged(one, rule) for one in analysis.estimates],
         "quality": {name: int(counts.get(name, 0)) for name in Quality.model_fields},
         "provenance": dict(provenance),
         "notes": analysis.notes,

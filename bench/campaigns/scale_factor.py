@@ -8,14 +8,16 @@ from __future__ import annotations
 from typing import Any
 
 from bench.campaigns.analysis import Analysis
+from bench.campaigns.budgets import budget_tables
+from bench.campaigns.calibrator_drift import calibrator_drift
 from bench.campaigns.clock_estimates import clock_estimates
+from bench.campaigns.coefficients import scale_factor_compensation
 from bench.campaigns.constants import Campaign, read_campaign, read_standards
 from bench.campaigns.estimates import at_full_scale
 from bench.campaigns.explain import coefficient_estimates, components, residuals
 from bench.campaigns.group_estimates import (
     bias_estimates,
     conditions_of,
-    drift_estimates,
     scale_factor_estimates,
 )
 from bench.campaigns.group_fit import Fitted, fit_groups
@@ -24,6 +26,8 @@ from bench.campaigns.judged_estimates import change_estimates, residual_estimate
 from bench.campaigns.material import Material
 from bench.campaigns.missing import missing_groups
 from bench.campaigns.notes import notes
+from bench.campaigns.repeats import drift_estimates, repeats
+from bench.campaigns.zero_gain import zero_gain_notes, zero_gain_table
 from bench.fit.scale_factor import METHODS as FIT_METHODS
 
 METHODS: tuple[str, ...] = FIT_METHODS
@@ -41,6 +45,10 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
     constants, register = read_campaign(material.campaign), read_standards(material.standards)
     chosen = campaign_rows(material.rows)
     fitted = fit_groups(group_rows(chosen, constants.master_Hz), constants, register, method)
+    again = repeats(fitted, constants, register, method)
+    drift = calibrator_drift(again, fitted, chosen, material.readings)
+    register = drift.applied_to(register)
+    zero_gain = zero_gain_table(fitted, constants, register, method)
     found: list[dict[str, Any]] = []
     for one in fitted.groups:
         if one.group.repeat == 0:
@@ -48,9 +56,9 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
     found += residual_estimates(fitted, constants, register)
     found += coefficient_estimates(fitted, constants, register)
     found += clock_estimates(chosen, constants, register)
-    found += drift_estimates(fitted, constants)
+    found += drift_estimates(again, fitted, constants) + drift.estimates
     found += change_estimates(found, constants)
-    missing = missing_groups(chosen, fitted, constants)
+    missing = missing_groups(chosen, {one.group.place for one in fitted.groups}, fitted.refused, constants)
     return Analysis(
         campaign=constants.analysis,
         method=method,
@@ -60,8 +68,15 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
         components=components(fitted, constants, register),
         table=_table(found, constants),
         groups=_quality_of_fit(fitted, constants),
-        notes=[*(f"No result: {one}" for one in missing), *notes(fitted, constants, register, chosen)],
+        notes=[
+            *(f"No result: {one}" for one in missing),
+            *notes(fitted, constants, register, chosen),
+            *drift.notes,
+            *zero_gain_notes(zero_gain),
+        ],
         missing=missing,
+        tables=[*budget_tables(fitted, constants, register, method), *zero_gain],
+        compensation=scale_factor_compensation(fitted, constants),
     )
 
 

@@ -8,8 +8,9 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 
+from bench.commands.console import console
 from bench.commands.loading import checked_plan
-from bench.commands.terminal import console, hours
+from bench.commands.terminal import hours
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import ExitStatus, InputError
 from bench.plan.summary import summarise

@@ -6,7 +6,7 @@ import json
 import sys
 from pathlib import Path
 
-from bench.commands.terminal import console
+from bench.commands.console import console
 from bench.frame import load_frame
 from bench.frame.table import decode_file, write_csv
 from bench.model.errors import ExitStatus

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from bench.commands.terminal import console
+from bench.commands.console import console
 from bench.model.errors import ExitStatus
 from bench.record.recover import recover_session
 

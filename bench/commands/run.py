@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,16 +13,19 @@ from typing import Any
 from rich.console import Console
 
 from bench.campaigns.results import results_json
+from bench.commands.console import console
+from bench.commands.finish import finish
 from bench.commands.loading import checked_plan
 from bench.commands.output import write_file
 from bench.commands.tables import print_results
-from bench.commands.terminal import TerminalOperator, console, watcher
-from bench.commands.view import KEPT_EVENTS, SessionView, analyse_view, happenings, report_html
+from bench.commands.terminal import TerminalOperator, watcher
+from bench.commands.view import KEPT_EVENTS, SessionView, happenings
 from bench.model.clock import Clock, VirtualClock, WallClock
 from bench.model.errors import ExitStatus, InputError
 from bench.plan import Plan
 from bench.run.operator import SimulatedOperator
 from bench.run.session import Conducted, conduct
+from bench.store import chosen_url
 
 
 @dataclass(frozen=True)
@@ -36,6 +40,7 @@ class Request:
     out: Path
     truth: bool
     json: bool
+    history: str | None = None
 
 
 def run(request: Request) -> int:
@@ -84,19 +89,16 @@ def _finish(plan: Plan, done: Conducted, request: Request) -> int:
 
 
 def _results(view: SessionView, done: Conducted, request: Request, out: Console) -> int:
-    """Write first, tell afterwards: a terminal that is gone must not cost the results."""
-    results, analysis = analyse_view(view)
-    write_file(done.folder / "results.json", results_json(results))
-    write_file(done.folder / "report.html", report_html(view, results, analysis))
+    """Write first, tell afterwards."""
+    url = chosen_url(request.history, request.out, os.environ)
+    finished = finish(done.folder, view, url)
     _say_happenings(view, out)
     if request.json:
-        sys.stdout.write(results_json(results))
+        sys.stdout.write(results_json(finished.results))
     else:
-        print_results(out, results, analysis)
-    out.print(f"session  {done.folder}")
-    out.print(f"results  {done.folder / 'results.json'}")
-    out.print(f"report   {done.folder / 'report.html'}")
-    return verdict_status(results, analysis.missing)
+        print_results(out, finished.results, finished.analysis)
+    finished.tell(out, console(stderr=True))
+    return verdict_status(finished.results, finished.analysis.missing)
 
 
 def _say_happenings(view: SessionView, out: Console) -> None:

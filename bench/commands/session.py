@@ -8,23 +8,29 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from bench.campaigns.analysis import Analysis
 from bench.campaigns.results import results_json
+from bench.commands.console import console
 from bench.commands.output import write_file
 from bench.commands.tables import print_results
-from bench.commands.terminal import console
 from bench.commands.view import KEPT_EVENTS, SessionView, analyse_view, plan_steps_of, report_html
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
 from bench.replay import compare, replay_rows
+from bench.replay.compare import ABSENT, Difference
+from bench.replay.series import IMPORT, replay_series
 
 SHOWN_DIFFERENCES = 20
+SOFTWARE_PATH = "provenance.software"  # another version may give the same numbers
 
 
 def replay(folder: Path, as_json: bool) -> int:
     """Decode the raw bytes again and compare every number with results.json; exit 5 if one differs."""
     results, analysis, view = _analysed(folder, None, strict=True)
     stored = _stored_results(folder)
-    differences = compare(stored, json.loads(results_json(results)))
+    differences, added = _differences(stored, json.loads(results_json(results)))
     if as_json:
         sys.stdout.write(results_json({"identical": not differences, "results": results}))
     else:
@@ -40,8 +46,17 @@ def replay(folder: Path, as_json: bool) -> int:
             where=str(folder),
             next_step=f"compare the software: stored {_software(stored)}, now {_software(results)}",
         )
+    if added:
+        console(stderr=as_json).print(f"{added} values are new: the software of the run did not give them")
     console(stderr=as_json).print(f"replay of {folder}: every number is identical")
     return ExitStatus.PASS
+
+
+def _differences(stored: Any, now: Any) -> tuple[list[Difference], int]:
+    """What the run wrote and is not the same now, and how many values only today's software gives."""
+    found = [one for one in compare(stored, now) if one.path != SOFTWARE_PATH]
+    added = sum(one.first == ABSENT for one in found)
+    return [one for one in found if one.first != ABSENT], added
 
 
 def _software(results: Mapping[str, Any]) -> str:
@@ -82,6 +97,11 @@ def read_view(folder: Path, strict: bool = False) -> SessionView:
     replayed = replay_rows(folder, strict=strict)
     notes = [*replayed.notes, *(f"damaged: {one}" for one in replayed.damage)]
     notes += [f"{name} has no end: the run did not finish" for name in replayed.unfinished]
+    series: Mapping[str, NDArray[np.float64]] = {}
+    if replayed.manifest.get("kind") == IMPORT:
+        imported = replay_series(folder)
+        series = imported.columns
+        notes += imported.notes
     return SessionView(
         manifest=replayed.manifest,
         rows=replayed.measurement_rows,
@@ -91,6 +111,7 @@ def read_view(folder: Path, strict: bool = False) -> SessionView:
         events=[event for event in replayed.events if event[0] in KEPT_EVENTS],
         notes=notes,
         damaged=bool(replayed.damage),
+        series=series,
     )
 
 

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from bench.commands.terminal import console
+from bench.commands.console import console
 from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.model.shipped import find_shipped

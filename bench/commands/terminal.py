@@ -9,6 +9,7 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from bench.commands.console import console
 from bench.model.errors import OperatorStop, RunError
 from bench.model.units import format_quantity, parse_quantity
 from bench.plan import Plan, Step
@@ -16,21 +17,6 @@ from bench.record import RecordRow
 from bench.run.operator import Answer, Question
 
 PLAIN_EVERY = 50
-PLAIN_COLUMNS = 110
-
-
-class _Console(Console):
-    def on_broken_pipe(self) -> None:
-        """Nobody reads any more: an error like any other, not an exit with a status of its own."""
-        raise BrokenPipeError
-
-
-def console(stderr: bool = False) -> Console:
-    """The console of the command line; it falls back to plain text where there is no terminal."""
-    found = _Console(stderr=stderr, highlight=False, soft_wrap=True, markup=False, emoji=False)
-    if not found.is_terminal:
-        found.width = PLAIN_COLUMNS
-    return found
 
 
 def hours(seconds: float) -> str:

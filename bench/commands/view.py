@@ -69,7 +69,8 @@ def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str
         "session_sha256": view.session_sha256,
         "software": SOFTWARE,
     }
-    return build_results(manifest["session"], analysis, counts, provenance), analysis
+    decision = manifest["campaign"].get("decision")
+    return build_results(manifest["session"], analysis, counts, provenance, decision), analysis
 
 
 def material_of(view: SessionView) -> Material:

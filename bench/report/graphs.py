@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from bench.report.figures import thin
 from bench.report.style import Picture, drawing, inline_svg, look
+from bench.report.tables import label
 
 _COLUMNS = 2
 _LINE_STYLES = ("-", (0, (4, 2)), (0, (1, 1.2)), (0, (6, 2, 1, 2)))
@@ -58,8 +59,8 @@ def _draw(axes: Axes, document: Document) -> None:
     for index, series in enumerate(document["series"]):
         _draw_series(axes, series, index)
     axes.set_title(str(document["title"]), loc="left")
-    axes.set_xlabel(str(document["x_label"]))
-    axes.set_ylabel(str(document["y_label"]))
+    axes.set_xlabel(label(str(document["x_label"])))
+    axes.set_ylabel(label(str(document["y_label"])))
     if document.get("x_log"):
         axes.set_xscale("log")
     if document.get("y_log"):
@@ -68,30 +69,30 @@ def _draw(axes: Axes, document: Document) -> None:
 
 def _draw_series(axes: Axes, series: Document, index: int) -> None:
     x = np.asarray(series["x"], np.float64)
-    label, style, seen = str(series["label"]), series.get("style", "line"), look(index)
+    name, style, seen = str(series["label"]), series.get("style", "line"), look(index)
     colour = seen["color"]
     if style == "band":
-        axes.fill_between(x, series["low"], series["high"], color=colour, alpha=0.18, linewidth=0.0, label=label)
+        axes.fill_between(x, series["low"], series["high"], color=colour, alpha=0.18, linewidth=0.0, label=name)
         return
     y = np.asarray(series["y"], np.float64)
     if style == "points":
         few = len(x) <= _FEW
         if "low" in series:
             reach = np.abs(np.stack((y - np.asarray(series["low"]), np.asarray(series["high"]) - y)))
-            axes.errorbar(x, y, reach, linestyle="none", linewidth=0.7, capsize=2.0, label=label, **seen)
+            axes.errorbar(x, y, reach, linestyle="none", linewidth=0.7, capsize=2.0, label=name, **seen)
         else:
-            axes.plot(x, y, linestyle="none", markersize=3.2 if few else 1.4, label=label, **seen)
+            axes.plot(x, y, linestyle="none", markersize=3.2 if few else 1.4, label=name, **seen)
         return
     if np.all(np.diff(x) >= 0):
         x, y = thin(x, y)
-    axes.plot(x, y, color=colour, linestyle=_LINE_STYLES[index % len(_LINE_STYLES)], label=label)
+    axes.plot(x, y, color=colour, linestyle=_LINE_STYLES[index % len(_LINE_STYLES)], label=name)
 
 
 def _legend(figure: Figure, panels: Sequence[Axes]) -> None:
     """One legend for all panels: an entry per label, as its first panel draws it."""
     found: dict[str, Any] = {}
     for axes in panels:
-        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-            found.setdefault(label, handle)
+        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(name, handle)
     if len(found) > 1:
         figure.legend(list(found.values()), list(found), loc="outside upper center", ncols=min(4, len(found)))

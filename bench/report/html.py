@@ -18,6 +18,7 @@ from bench.report.style import Picture
 from bench.report.tables import (
     Table,
     analysis_tables,
+    channel_table,
     coefficient_table,
     documents_table,
     other_table,
@@ -94,7 +95,7 @@ def _summary(model: ReportModel) -> Section:
         "frames": quality.get("frames", model.counts.frames),
         "frames lost": quality.get("frames_lost", model.counts.lost),
         "frames bad": quality.get("frames_bad", model.counts.bad),
-        "rows left out of the fits": sum(int(row.get("dropped") or 0) for row in estimates),
+        "most rows left out of an estimate": max((int(row.get("dropped") or 0) for row in estimates), default=0),
     }
     table = pairs_table("The campaign at a glance.", ("item", "value"), lines)
     return Section("summary", "Summary", tables=(table,) if table else ())
@@ -130,8 +131,8 @@ def _residuals(model: ReportModel) -> Section:
 
 
 def _others(model: ReportModel) -> Section:
-    table = other_table(model)
-    return Section("others", "Other results", tables=(*pivot_tables(model), *((table,) if table else ())))
+    tables = (channel_table(model), other_table(model))
+    return Section("others", "Other results", tables=(*pivot_tables(model), *(table for table in tables if table)))
 
 
 def _timetable(model: ReportModel) -> Section:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -20,6 +21,10 @@ _COLUMNS = (
     *("range_A", "gain", "offset_A"),
 )
 _PIVOT = {"channel", "temperature_degC"}
+_AMPERE = re.compile(r"A(?![A-Za-z])")
+_NUMERAL = re.compile(r"-(?=[0-9])")
+_NO_SIZE = re.compile(r"-(0(?:\.0+)?)$")
+_COMMA_UNIT = re.compile(r", (?=(?:°C|nA|ppm|ppb|min|h|s|A|%)$)")
 
 
 @dataclass(frozen=True)
@@ -97,7 +102,8 @@ def coefficient_table(model: ReportModel) -> Table | None:
     lines = []
     for (channel, quantity), entry in found.items():
         scale, unit = _readable(list(entry.values()))
-        lines.append((channel, f"{quantity} / {unit}", *(_value(entry.get(order), scale) for order in orders)))
+        values = (_value(entry.get(order), scale) for order in orders)
+        lines.append((channel, f"{quantity} / {unit.partition('/')[0]}", *values))
     conditions = next(iter(next(iter(found.values())).values()))["conditions"]
     reference = conditions.get("reference_temperature_degC", model.campaign.get("reference_temperature_degC"))
     caption = f"Value at {cell(reference)} °C and coefficients about it: value ± expanded uncertainty."
@@ -148,15 +154,38 @@ def _pivots(row: Mapping[str, Any]) -> bool:
 def _readable(rows: Sequence[Mapping[str, Any]]) -> tuple[float, str]:
     """Factor and unit for printing: currents of the unit under test read best in nanoampere."""
     unit = str(rows[0]["unit"])
-    small = unit.partition("/")[0] == "A" and max(abs(row["value"]) for row in rows) < 1e-3
+    small = _AMPERE.match(unit) and max(abs(row["value"]) for row in rows) < 1e-3
     return (1e9, f"n{unit}") if small else (1.0, unit)
+
+
+def channel_table(model: ReportModel) -> Table | None:
+    """Quantities known once per channel: channels down, quantities across."""
+    found: dict[str, dict[Any, Mapping[str, Any]]] = {}
+    for row in _further(model):
+        if _once_per_channel(row):
+            found.setdefault(row["quantity"], {})[row["conditions"]["channel"]] = row
+    if not found:
+        return None
+    scales = {quantity: _readable(list(rows.values())) for quantity, rows in found.items()}
+    channels = sorted({channel for rows in found.values() for channel in rows})
+    body = tuple(
+        (str(channel), *(_value(rows.get(channel), scales[quantity][0]) for quantity, rows in found.items()))
+        for channel in channels
+    )
+    headers = (f"{quantity} / {unit_text(scales[quantity][1])}" for quantity in found)
+    return Table("Per channel: value ± expanded uncertainty.", ("channel", *headers), body)
+
+
+def _once_per_channel(row: Mapping[str, Any]) -> bool:
+    conditions = row["conditions"]
+    return "channel" in conditions and not {"temperature_degC", "repeat"} & conditions.keys()
 
 
 def other_table(model: ReportModel) -> Table | None:
     """Every estimate that has no table of its own, with its conditions."""
     rows = []
     for row in _further(model):
-        if not _pivots(row):
+        if not _pivots(row) and not _once_per_channel(row):
             scale, unit = _readable([row])
             rows.append((row["quantity"], _conditions(row["conditions"]), _value(row, scale), unit_text(unit)))
     headers = ("quantity", "conditions", "value ± expanded uncertainty", "unit")
@@ -209,11 +238,21 @@ def analysis_tables(documents: Sequence[Mapping[str, Any]]) -> list[Table]:
     return [
         Table(
             ". ".join(text for text in (str(one["title"]), str(one.get("caption", ""))) if text),
-            tuple(str(text) for text in one["headers"]),
-            tuple(tuple(cell(value) for value in row) for row in one["rows"]),
+            tuple(label(str(text)) for text in one["headers"]),
+            tuple(tuple(_plain(value) for value in row) for row in one["rows"]),
         )
         for one in documents
     ]
+
+
+def label(text: str) -> str:
+    """A heading of an analysis as the page prints it: ``width, degC`` becomes ``width / °C``."""
+    return _COMMA_UNIT.sub(" / ", unit_text(text))
+
+
+def _plain(value: Any) -> str:
+    """A cell; a number that comes as text gets its minus sign too, and nothing is minus zero."""
+    return _NUMERAL.sub("−", _NO_SIZE.sub(r"\1", value)) if isinstance(value, str) and value[:1] == "-" else cell(value)
 
 
 def _conditions(conditions: Mapping[str, Any]) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from conftest import Rehearsal, tiny_plan
+from rehearsal import Rehearsal, tiny_plan
 
 from bench.model.errors import BenchError
 from bench.record import RecordError, SessionWriter

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest import SEED, Rehearsal, tiny_plan
+from rehearsal import SEED, Rehearsal, tiny_plan
 
 from bench.campaigns.material import Material
 from bench.campaigns.registry import analyse

@@ -9,7 +9,7 @@ from subprocess import CompletedProcess
 
 import jsonschema
 import pytest
-from conftest import NAME, SEED, bench, run_short
+from rehearsal import NAME, SEED, bench, run_short
 
 from bench.campaigns.results import results_schema
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from conftest import Watched
+from rehearsal import Watched
 
 from bench.model.clock import WallClock
 from bench.plan import check_plan, compile_sequence

@@ -16,7 +16,7 @@ from subprocess import CompletedProcess
 from typing import Any
 
 import pytest
-from conftest import ROOT, bench
+from rehearsal import ROOT, bench
 
 import bench.commands.run as run_command
 from bench import cli

@@ -100,6 +100,18 @@ def test_reduced_chi_square(record_property: Callable[[str, object], None], tabl
     assert 0.9 <= mean <= 1.1
 
 
+@pytest.mark.parametrize("kind", ["gyro", "accelerometer"])
+def test_intervals_without_the_common_gain_do_not_cover(table_2, kind: str) -> None:
+    """The gain averages over nothing: without it less than a third of the intervals hold the truth."""
+    for quantity in SCALE_FACTORS:
+        scores = table_2[0][kind, quantity]
+        error = scores.pooled()
+        std_ppm = error / np.array(scores.score)
+        share = float(np.mean(np.abs(error) <= 1.96 * np.sqrt(std_ppm**2 - 10.0**2)))
+        sys.stdout.write(f"{kind} {quantity}: without the gain the interval holds the truth in {share:.3f}\n")
+        assert share < 0.35
+
+
 COEFFICIENTS = [f"{quantity}_tc{order}" for quantity in (*SCALE_FACTORS, "bias") for order in (0, 1, 2)]
 
 

@@ -1,0 +1,21 @@
+"""The console of the command line: plain text where there is no terminal."""
+
+from __future__ import annotations
+
+from rich.console import Console
+
+PLAIN_COLUMNS = 110
+
+
+class _Console(Console):
+    def on_broken_pipe(self) -> None:
+        """Nobody reads any more: an error like any other, not an exit with a status of its own."""
+        raise BrokenPipeError
+
+
+def console(stderr: bool = False) -> Console:
+    """The console of the command line; it falls back to plain text where there is no terminal."""
+    found = _Console(stderr=stderr, highlight=False, soft_wrap=True, markup=False, emoji=False)
+    if not found.is_terminal:
+        found.width = PLAIN_COLUMNS
+    return found
