@@ -88,7 +88,9 @@ def components_of(
         *_range_errors(one, index, standards),
         _effect("calibrator gain, common to all rows", gain_ppm, "ppm", effect_ppm, _REGISTER, common="gain"),
         _effect("calibrator traceability", trace_ppm, "ppm", trace_ppm, _REGISTER, common="traceability"),
-        _effect("calibrator drift over the campaign", drift_ppm, "ppm", drift_ppm, standards.drift_source, common="drift"),
+        _effect(
+            "calibrator drift over the campaign", drift_ppm, "ppm", drift_ppm, standards.drift_source, common="drift"
+        ),
         _effect(
             "temperature sensor of the unit", sensor_degC, "degC", slopes[index] * sensor_degC, _DECLARED,
             common="temperature sensor",

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.campaigns.analysis import Analysis
+from bench.commands.summary_table import print_summary
 
 WIDTH = 110
 _COLUMNS = (
@@ -22,7 +23,7 @@ Group = Mapping[str, Mapping[str, Any]]
 
 
 def print_results(out: Console, results: Mapping[str, Any], analysis: Analysis) -> None:
-    """Scale-factor errors per channel and temperature, their expanded uncertainty (95 %), and what is missing.
+    """The results as a table, and what is missing: scale-factor errors per channel and temperature, else a summary.
 
     "unit degC" is the measured temperature the values hold for; the verdict is the worst of what compensation leaves
     over and the change since the previous calibration.
@@ -30,18 +31,31 @@ def print_results(out: Console, results: Mapping[str, Any], analysis: Analysis) 
     simulated = " (SIMULATED, not a calibration)" if results["provenance"]["simulated"] else ""
     uut = f"{results['uut']['model']} {results['uut']['serial']}"
     title = f"{results['campaign']} of {uut}{simulated}, method {analysis.method}"
-    table = Table(title=title, box=box.SIMPLE, title_justify="left", collapse_padding=True, pad_edge=False)
-    for name in _COLUMNS:
-        table.add_column(name, justify="left" if name in ("kind", "verdict") else "right", no_wrap=True)
-    for row in _rows(results["estimates"]):
-        table.add_row(*row)
-    out.print(table)
+    rows = _rows(results["estimates"])
+    if rows:
+        _print_scale_factors(out, title, rows)
+    else:
+        print_summary(out, title, results["estimates"], _reference_degC(results["estimates"]))
     _print_missing(out, analysis.missing)
     quality = results["quality"]
     out.print(
         f"{quality['records']} records, {quality['frames']} frames, {quality['frames_bad']} bad, "
         f"{quality['frames_lost']} lost, {quality['retaken']} retaken"
     )
+
+
+def _print_scale_factors(out: Console, title: str, rows: Sequence[tuple[str, ...]]) -> None:
+    table = Table(title=title, box=box.SIMPLE, title_justify="left", collapse_padding=True, pad_edge=False)
+    for name in _COLUMNS:
+        table.add_column(name, justify="left" if name in ("kind", "verdict") else "right", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    out.print(table)
+
+
+def _reference_degC(estimates: Sequence[Mapping[str, Any]]) -> float | None:
+    found = (one["conditions"].get("reference_temperature_degC") for one in estimates)
+    return next((value for value in found if value is not None), None)
 
 
 def _print_missing(out: Console, missing: Sequence[str]) -> None:
@@ -58,7 +72,7 @@ def _rows(estimates: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
         known = one["quantity"] in _SCALE_FACTORS + _JUDGED
         if known and conditions.get("temperature_degC") is not None:
             groups.setdefault((conditions["channel"], conditions["temperature_degC"]), {})[one["quantity"]] = one
-    return [_row(*place, found) for place, found in groups.items()]
+    return [_row(*place, found) for place, found in groups.items() if found.keys() >= set(_SCALE_FACTORS)]
 
 
 def _row(channel: int, temperature_degC: float, found: Group) -> tuple[str, ...]:
