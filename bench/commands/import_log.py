@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from bench.campaigns.registry import analysis_module
-from bench.campaigns.results import results_json
 from bench.commands.console import console
-from bench.commands.output import write_file
+from bench.commands.finish import finish
 from bench.commands.session import read_view
 from bench.commands.tables import print_results
-from bench.commands.view import analyse_view, report_html
 from bench.model.clock import NS
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.yamlio import Document
@@ -25,6 +24,7 @@ from bench.replay.series import IMPORT, LINK, MAPPING
 from bench.replay.survey import Survey, file_lines, survey
 from bench.run.provenance import software
 from bench.run.transcript import new_folder
+from bench.store import chosen_url
 
 NO_ANALYSIS = "none"
 ROTATE_BYTES = 32_000_000  # a reader holds one segment in memory
@@ -42,9 +42,10 @@ def import_log(mapping_file: Path, file: Path, out: Path) -> int:
     console().print(
         f"{file}: {counts.rows} rows, {counts.overload_rows} with an overload, {counts.bad_rows} cannot be read"
     )
-    if mapping.analysis != NO_ANALYSIS:
-        _results(folder)
-    console().print(f"session  {folder}")
+    if mapping.analysis == NO_ANALYSIS:
+        console().print(f"session  {folder}")
+    else:
+        _results(folder, out)
     return ExitStatus.PASS
 
 
@@ -58,15 +59,11 @@ def _known_analysis(document: Document[LogMapping]) -> None:
         ) from error
 
 
-def _results(folder: Path) -> None:
+def _results(folder: Path, out: Path) -> None:
     """Results and report from the session alone, as ``bench fit`` and ``bench report`` make them later."""
-    view = read_view(folder)
-    results, analysis = analyse_view(view)
-    write_file(folder / "results.json", results_json(results))
-    write_file(folder / "report.html", report_html(view, results, analysis))
-    print_results(console(), results, analysis)
-    console().print(f"results  {folder / 'results.json'}")
-    console().print(f"report   {folder / 'report.html'}")
+    finished = finish(folder, read_view(folder), chosen_url(None, out, os.environ))
+    print_results(console(), finished.results, finished.analysis)
+    finished.tell(console(), console(stderr=True))
 
 
 def _write(document: Document[LogMapping], file: Path, found: Survey, out: Path) -> Path:

@@ -21,7 +21,7 @@ Estimate = Mapping[str, Any]
 
 
 def print_summary(out: Console, title: str, estimates: Sequence[Estimate], reference_degC: float | None) -> None:
-    """Estimates of each channel for the campaign or its reference temperature, then those without a channel.
+    """Estimates that hold for the campaign or its reference temperature: each channel, then those without a channel.
 
     Currents are in nA; every value stands with its expanded uncertainty. Curvatures are in results.json.
     """
@@ -30,11 +30,12 @@ def print_summary(out: Console, title: str, estimates: Sequence[Estimate], refer
     whole: list[Estimate] = []
     for one in estimates:
         conditions = one["conditions"]
-        if one["quantity"].endswith(_CURVATURES):
+        elsewhere = conditions.get("temperature_degC", reference_degC) != reference_degC
+        if elsewhere or one["quantity"].endswith(_CURVATURES):
             continue
         if "channel" not in conditions:
             whole.append(one)
-        elif "repeat" not in conditions and conditions.get("temperature_degC", reference_degC) == reference_degC:
+        elif "repeat" not in conditions:
             by_quantity.setdefault(one["quantity"], {}).setdefault(conditions["channel"], one)
     if by_quantity:
         out.print(_by_channel(by_quantity))

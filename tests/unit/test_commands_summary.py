@@ -43,6 +43,6 @@ def test_channels_down_and_quantities_across_at_the_reference_temperature() -> N
 
 
 def test_a_long_list_says_what_it_leaves_out() -> None:
-    text = printed([one("up_minus_down", 1.0, 0.1, "ppm", temperature_degC=float(t)) for t in range(30)])
+    text = printed([one("up_minus_down", 1.0, 0.1, "ppm", reading=f"meter {k}") for k in range(30)])
     assert text.count("up_minus_down") == 24
     assert "... and 6 more in results.json" in text
