@@ -1,0 +1,62 @@
+"""The whole 25-hour bias campaign against the simulated truth, through drivers, ports, frames, records and fit."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+SEEDS = range(1, 21)
+OFF_SEEDS = (1, 2, 3)
+JUDGED = ("hysteresis_width", "play_half_width", "thermal_lag")
+
+
+def campaign(out: Path, seed: int, *settings: str) -> tuple[list[dict[str, Any]], dict[tuple[Any, ...], float]]:
+    """Estimates and truth of one campaign."""
+    command = [sys.executable, "-m", "bench", "run", "bias_ramp_25h", "--truth"]
+    command += ["--seed", str(seed), "--out", str(out)]
+    command += [word for setting in settings for word in ("--set", setting)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(next(out.glob("*/results.json")).read_text())["estimates"]
+    truth = json.loads(next(out.glob("*.truth.json")).read_text())["estimates"]
+    return found, {_key(one): one["value"] for one in truth}
+
+
+def _key(estimate: dict[str, Any]) -> tuple[Any, ...]:
+    return estimate["quantity"], *sorted(estimate["conditions"].items())
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("seed", SEEDS)
+def test_campaign_against_truth(tmp_path: Path, seed: int) -> None:
+    found, truth = campaign(tmp_path, seed)
+    known = [(one, one["value"] - truth[_key(one)]) for one in found if _key(one) in truth]
+    assert {one["quantity"] for one, _ in known} >= {"bias", "bias_tc1", "master_clock_error", *JUDGED}
+    widths = [error for one, error in known if one["quantity"] == "hysteresis_width"]
+    print(f"seed {seed}: mean width error {np.mean(widths) * 1e9:.3f} nA")
+    assert len(widths) == 10
+    assert abs(np.mean(widths)) < 1e-9
+    for one, error in known:
+        limit = {"bias": 4e-9, "bias_tc1": 1e-10}.get(one["quantity"])
+        if limit is not None:
+            assert abs(error) < limit, one
+        if one["quantity"] in JUDGED:
+            assert abs(error) < 5 * one["std_uncertainty"], one
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("seed", OFF_SEEDS)
+def test_a_unit_without_hysteresis_shows_none(tmp_path: Path, seed: int) -> None:
+    found, _ = campaign(tmp_path, seed, "world.hysteresis=off")
+    assert not [one for one in found if one["quantity"] == "play_half_width"]
+    lags = [one for one in found if one["quantity"] == "thermal_lag"]
+    assert len(lags) == 10
+    for one in found:
+        if one["quantity"] == "hysteresis_width":
+            assert abs(one["value"]) < 4 * one["std_uncertainty"], one
