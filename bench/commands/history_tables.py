@@ -14,20 +14,19 @@ from bench.store.comparison import LEAST_FOR_CONTROL
 
 Row = Mapping[str, Any]
 _LEFT = {"session", "campaign", "unit under test", "quantity", "conditions", "parameter", "governed by", "statement"}
+_WHOLE = ("session", "unit under test")
 _LONGEST = "longest interval"
 
 
 def print_listing(out: Console, rows: Sequence[Row]) -> None:
     """One line per calibration."""
-    heads = ("session", "unit under test", "campaign", "method", "estimates", "verdict", "revision", "approved by")
+    heads = ("session", "unit under test", "campaign", "verdict", "rev.", "approved by")
     table = _table(f"{len(rows)} calibrations", heads)
     for row in rows:
         table.add_row(
             row["session"] + _mark(row["simulated"]),
             f"{row['uut_model']} {row['uut_serial']}",
             row["campaign"],
-            row["method"],
-            str(row["estimates"]),
             row["verdict"].replace("_", " "),
             str(row["revision"]),
             ", ".join(row["approved_by"]) or "-",
@@ -132,7 +131,7 @@ def print_due(out: Console, rows: Sequence[Row]) -> None:
 def _table(title: str, heads: Sequence[str]) -> Table:
     table = Table(title=title or None, box=box.SIMPLE, title_justify="left", collapse_padding=True, pad_edge=False)
     for name in heads:
-        table.add_column(name, justify="left" if name in _LEFT else "right", overflow="fold", no_wrap=name == "session")
+        table.add_column(name, justify="left" if name in _LEFT else "right", overflow="fold", no_wrap=name in _WHOLE)
     return table
 
 

@@ -30,8 +30,10 @@ def test_a_campaign_ends_with_its_files_and_exit_status_0(short: Short) -> None:
     folder, done = short
     assert done.returncode == 0, done.stderr
     assert sorted(contents(folder)) == [
-        "report.html", "results.json", "session.0001.mcap", "session.0002.mcap", "session.0003.mcap",
+        "coefficients.h", "coefficients.json", "report.html", "results.json",
+        "session.0001.mcap", "session.0002.mcap", "session.0003.mcap",
     ]  # fmt: skip
+    assert (folder.parent / "history.sqlite").is_file()
     assert "SIMULATED" in done.stdout
     assert str(folder / "report.html") in done.stdout
     assert "Traceback" not in done.stdout + done.stderr
@@ -89,6 +91,10 @@ def test_scale_factors_agree_with_the_simulated_truth(short: Short) -> None:
         assert worst[kind] < limit_ppm
 
 
+@pytest.mark.validates(
+    "replay of a session from its raw bytes",
+    against="every number the run itself wrote, in a copy without the simulated truth",
+)
 def test_a_copy_elsewhere_replays_fits_and_reports_without_the_truth(short: Short, tmp_path: Path) -> None:
     folder, _ = short
     copy = tmp_path / "somewhere" / "else"

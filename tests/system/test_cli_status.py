@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 from rehearsal import ROOT, bench
 
+import bench.commands.finish as finish_command
 import bench.commands.run as run_command
 from bench import cli
 from bench.commands.session import read_view
@@ -85,8 +86,9 @@ def test_1_a_verdict_fails(short: Short, monkeypatch: pytest.MonkeyPatch, tmp_pa
     assert run_command.verdict_status(results, analysis.missing) == ExitStatus.PASS
     assert run_command.verdict_status(results, ["channel 2 at 25 degC"]) == ExitStatus.VERDICT_FAIL
     results["estimates"][3]["verdict"] = "fail"
-    monkeypatch.setattr(run_command, "analyse_view", lambda view: (results, analysis))
-    monkeypatch.setattr(run_command, "report_html", lambda *_: "")
+    monkeypatch.setattr(finish_command, "analyse_view", lambda view: (results, analysis))
+    monkeypatch.setattr(finish_command, "report_html", lambda *_: "")
+    monkeypatch.setattr(finish_command, "write_coefficients", lambda *_: [])
     monkeypatch.setattr(run_command.SessionView, "has_analysis", True)
     assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.VERDICT_FAIL
     for verdict, status in (("conditional_fail", ExitStatus.VERDICT_FAIL), ("conditional_pass", ExitStatus.PASS)):
@@ -145,7 +147,7 @@ def test_2_settings_of_an_editor_are_not_spoiled(tmp_path: Path, inside: Inside)
 
 def test_2_a_session_that_asks_for_no_analysis(tmp_path: Path, inside: Inside) -> None:
     assert inside("run", "timeline_example", "--out", str(tmp_path)).returncode == 0
-    (session,) = tmp_path.iterdir()
+    (session,) = (path for path in tmp_path.iterdir() if path.is_dir())
     for command in ("fit", "replay", "report"):
         refused(inside(command, str(session)), 2, "B-CLI-008")
 
@@ -218,7 +220,7 @@ def test_4_ctrl_c_under_the_wall_clock_ends_safely_within_5_s(tmp_path: Path) ->
     refused(CompletedProcess(command, process.returncode, out, err), 4, "B-RUN-010")
     assert "The bench is safe" in out
     assert took_s < 5.0
-    (session,) = tmp_path.iterdir()
+    (session,) = (path for path in tmp_path.iterdir() if path.is_dir())
     assert (session / "journal.jsonl").exists()
     assert not (session / "session.open").exists()
     recovered = bench("recover", str(session), "--json")
@@ -292,7 +294,7 @@ def test_70_an_error_nobody_foresaw_during_a_run_closes_the_session(
     monkeypatch.setattr(DRIVER, "route", fails)
     assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.INTERNAL
     assert "B-INT-001" in capsys.readouterr().err
-    (session,) = tmp_path.iterdir()
+    (session,) = (path for path in tmp_path.iterdir() if path.is_dir())
     assert not (session / "session.open").exists()
 
 
@@ -333,7 +335,7 @@ def test_results_are_written_when_nobody_listens(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "bench", "run", "scale_factor_short", "--out", str(tmp_path)]
     subprocess.run(command, stdout=write, stderr=write, check=False)
     os.close(write)
-    (session,) = tmp_path.iterdir()
+    (session,) = (path for path in tmp_path.iterdir() if path.is_dir())
     assert (session / "results.json").exists()
     assert (session / "report.html").exists()
 

@@ -118,7 +118,7 @@ def test_settling_stopped_by_standby_changes_nothing_later() -> None:
 
 
 def test_multimeter_in_the_loop_reads_the_current() -> None:
-    with open_bench() as bench:
+    with open_bench(options={"dmm_errors": "off"}) as bench:
         bench["dmm"].timeout = 10_000
         bench.send("switch", ":CLOS (@1!2!1)")
         operate(bench)

@@ -33,6 +33,8 @@ def open_plain(name: str = "af_converter", changes: dict | None = None, options:
         ("B-SIM-001", {"name": "moon"}),
         ("B-SIM-002", {"options": {"calibrator_gain": "maybe"}}),
         ("B-SIM-002", {"options": {"calibrator_gian": "off"}}),
+        ("B-SIM-002", {"options": {"calibrator_drift_ppm": "fast"}}),
+        ("B-SIM-002", {"options": {"calibrator_drift_ppm": "nan"}}),
         ("B-SIM-003", {"changes": {"extra": {"driver": "no_such_model", "resource": "GPIB0::20::INSTR"}}}),
         ("B-SIM-003", {"changes": {"extra": {"driver": "../../etc", "resource": "GPIB0::20::INSTR"}}}),
         ("B-SIM-003", {"changes": {"extra": {"driver": "wiring", "resource": "GPIB0::20::INSTR"}}}),
@@ -57,7 +59,7 @@ def test_refused_world_is_not_left_registered() -> None:
 def test_unit_gets_its_own_options_only() -> None:
     with open_bench(options={"calibrator_gain": "off", "noise": "off"}) as bench:
         assert bench.unit.options == {"noise": "off"}
-        assert bench.world.options == {"calibrator_gain": False, "calibrator_floor": True}
+        assert bench.world.options == {"calibrator_gain": False, "calibrator_floor": True, "dmm_errors": True}
 
 
 def test_names_for_visa_and_serial() -> None:
