@@ -6,6 +6,10 @@ PIP_INSTALL = $(PY) -m pip install --quiet --disable-pip-version-check --no-inpu
 OUT ?= sessions
 SEED ?= 1
 
+# One thread for the linear algebra, as `bench` itself sets it: small matrices, results that do not depend on the cores.
+export OPENBLAS_NUM_THREADS ?= 1
+export OMP_NUM_THREADS ?= 1
+
 .PHONY: demo test sweep validate bench lint wheel lock
 
 demo: $(VENV)/.run

@@ -34,7 +34,7 @@ StationName = Annotated[
     str | None, typer.Option("--station", help="a station file or name; default: the one the sequence names")
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="print one JSON document on standard output and nothing else")]
-Method = Annotated[str | None, typer.Option("--method", help="gls (default), paper or ols")]
+Method = Annotated[str | None, typer.Option("--method", help="a method of the analysis; a wrong one lists them")]
 
 
 @app.command(epilog="Example: bench check scale_factor_38h --plot timetable.svg")
@@ -176,6 +176,8 @@ def version() -> None:
 
 def main() -> NoReturn:
     """Entry point: BenchErrors become one clear message and their exit status."""
+    for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # read when numpy is imported, which is later
+        os.environ.setdefault(variable, "1")  # the matrices are small, and no result may depend on the cores
     try:
         status = app(sys.argv[1:] or ["--help"], standalone_mode=False)
     except BenchError as error:

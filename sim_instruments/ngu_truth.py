@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bench.model.errors import InputError
-from sim_instruments.ngu_constants import CHANNELS, KINDS, REFERENCE_DEGC, WALK_A_RTH
+from sim_instruments.ngu_constants import CHANNELS, KINDS, REFERENCE_DEGC
+from sim_instruments.ngu_walk import BiasWalk
 from sim_instruments.play import follow, play_after
 from sim_instruments.seeds import generator
 
 Float = NDArray[np.float64]
 
-_WALK_STEP_S = 10.0
-_WALK_BLOCK = 4096
 _ALL = np.arange(CHANNELS)
 
 
@@ -53,7 +52,7 @@ class NguTruth:
         self.af_clock_error_ppm = _number(options, "af_clock_error_ppm", 20.0 + rng.normal(0.0, 1.0))
         self.half_width_degC, self.hysteresis_A = self._draw_hysteresis()
         self._stiffness_A_degC = self.hysteresis_A / (2.0 * self.half_width_degC)  # h of h (P - T)
-        self._walk = np.empty((0, CHANNELS))
+        self._walk = BiasWalk(seed)
         self._play: tuple[Sequence[float], Float] = ((), np.empty(0))
 
     def dsf_n_ppm(self, channel: ArrayLike, unit_degC: ArrayLike) -> Float:
@@ -145,21 +144,8 @@ class NguTruth:
         return np.asarray(self._dsf_ppm[row, index] + slope * rise)
 
     def _walk_A(self, index: NDArray[np.int64], t_s: Float | float) -> Float:
-        """Bias random walk, ampere: drawn on a 10 s grid of bench time and joined by straight lines."""
-        if not self.noise:
-            return np.zeros(np.broadcast(index, t_s).shape)
-        place = np.maximum(t_s, 0.0) / _WALK_STEP_S
-        cell = np.asarray(place).astype(np.int64)
-        while len(self._walk) <= int(cell.max()) + 1:
-            self._walk = np.concatenate((self._walk, self._next_walk_block()))
-        low, high = self._walk[cell, index], self._walk[cell + 1, index]
-        return np.asarray(low + (place - cell) * (high - low))
-
-    def _next_walk_block(self) -> Float:
-        block = len(self._walk) // _WALK_BLOCK
-        steps = generator(self.seed, "ngu bias walk", block).standard_normal((_WALK_BLOCK, CHANNELS))
-        steps *= WALK_A_RTH * np.sqrt(_WALK_STEP_S / 3600.0)
-        return np.cumsum(steps, axis=0) + (self._walk[-1] if block else 0.0)
+        """Bias random walk, ampere."""
+        return self._walk.at(index, t_s) if self.noise else np.zeros(np.broadcast(index, t_s).shape)
 
 
 def _polynomial(coefficients: Sequence[float] | Float, rise_degC: Float) -> Float:

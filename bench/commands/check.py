@@ -8,13 +8,11 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 
-from bench.commands.console import console
+from bench.commands.console import console, hours
 from bench.commands.loading import checked_plan
-from bench.commands.terminal import hours
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import ExitStatus, InputError
 from bench.plan.summary import summarise
-from bench.report import plot_timetable
 
 
 def check(sequence: str, station: str | None, settings: list[str], plot: Path | None, as_json: bool) -> int:
@@ -23,6 +21,8 @@ def check(sequence: str, station: str | None, settings: list[str], plot: Path | 
     start_ns = VIRTUAL_START_UTC_NS if plan.station.simulated else WallClock().utc_ns()
     summary = summarise(plan, start_ns)
     if plot is not None:
+        from bench.report import plot_timetable  # matplotlib takes longer to load than a sequence to check
+
         try:
             plot_timetable(plan, plot)
         except OSError as error:

@@ -18,17 +18,25 @@ from bench.record import SessionReader
 from bench.store import Recorded, StoreError, record_calibration
 from bench.store.contents import digest_of_file, started_utc_ns
 
+NO_ANALYSIS = "none"
 _CLOCK = frozenset({"/clock"})
 
 
 def import_sessions(place: Place, folders: list[Path], reason: str, as_json: bool) -> int:
-    """Add each session; what cannot be added is said, and the others are added all the same."""
+    """Add each session; what cannot be added is said, and the others are added all the same.
+
+    ``sessions/*`` also names the history itself, files of simulated truth and recordings without an analysis: with
+    other names beside them these are passed over, each with a line.
+    """
     url = place.of([str(folder) for folder in folders])
     done: list[Recorded] = []
     status: int = ExitStatus.PASS
     for folder in folders:
         try:
-            done.append(import_session(url, folder, reason))
+            if len(folders) > 1 and (why := _no_calibration(folder)):
+                console(stderr=True).print(f"{'skipped':<10} {folder}: {why}")
+            else:
+                done.append(import_session(url, folder, reason))
         except BenchError as error:
             console(stderr=True).print(str(error))
             status = error.exit_status
@@ -38,6 +46,14 @@ def import_sessions(place: Place, folders: list[Path], reason: str, as_json: boo
         for one in done:
             console().print(f"{one.outcome:<10} {one.session}, revision {one.revision}")
     return status
+
+
+def _no_calibration(folder: Path) -> str:
+    """Why something beside the sessions is none of a calibration, else ""."""
+    if folder.is_file():
+        return "a file, no session"
+    analysis = SessionReader(folder).manifest["campaign"].get("analysis", NO_ANALYSIS)
+    return "its sequence asks for no analysis" if analysis == NO_ANALYSIS else ""
 
 
 def import_session(url: str, folder: Path, reason: str = "") -> Recorded:

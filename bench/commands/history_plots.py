@@ -44,16 +44,19 @@ def _clearest(one: ParameterHistory) -> float:
 def _panel(one: ParameterHistory) -> Panel:
     empty = np.empty(0)
     at = line_years(one.t_year[0], one.t_year[-1]) if one.line else empty
+    unit = one.parameter.unit
+    nano = unit == "A" or unit.startswith("A/")
+    scale = 1e9 if nano else 1.0
     return Panel(
         title=one.parameter.label,
-        unit=one.parameter.unit,
+        unit=f"n{unit}" if nano else unit,
         year=one.t_year + _EPOCH_YEAR,
-        value=one.value,
-        expanded=one.factor * one.std,
+        value=scale * one.value,
+        expanded=scale * one.factor * one.std,
         line_year=at + _EPOCH_YEAR,
-        line=one.line.at(at) if one.line else empty,
-        line_expanded=coverage_factor() * one.line.std_at(at) if one.line else empty,
-        action_sigma=3.0 * one.chart.sigma if one.chart else math.nan,
-        limit=one.limit,
+        line=scale * one.line.at(at) if one.line else empty,
+        line_expanded=scale * coverage_factor() * one.line.std_at(at) if one.line else empty,
+        action_sigma=3.0 * scale * one.chart.sigma if one.chart else math.nan,
+        limit=scale * one.limit,
         outside=np.isin(one.rows, one.outside),
     )

@@ -11,20 +11,34 @@ from rich.table import Table
 
 from bench.store import Comparison, Due, Shown
 from bench.store.comparison import LEAST_FOR_CONTROL
+from bench.store.series import conditions_text
 
 Row = Mapping[str, Any]
-_LEFT = {"session", "campaign", "unit under test", "quantity", "conditions", "parameter", "governed by", "statement"}
-_WHOLE = ("session", "unit under test")
+_LEFT = {
+    "session",
+    "sha-256",
+    "unit",
+    "campaign",
+    "unit under test",
+    "approved by",
+    "quantity",
+    "conditions",
+    "parameter",
+    "governed by",
+    "statement",
+}
+_WHOLE = {"sha-256", "campaign", "revision", "value", "first", "second", "change", "U 95 %", "E_n", "verdict"}
 _LONGEST = "longest interval"
 
 
 def print_listing(out: Console, rows: Sequence[Row]) -> None:
     """One line per calibration."""
-    heads = ("session", "unit under test", "campaign", "verdict", "rev.", "approved by")
+    heads = ("session", "sha-256", "unit", "campaign", "verdict", "revision", "approved by")
     table = _table(f"{len(rows)} calibrations", heads)
     for row in rows:
         table.add_row(
             row["session"] + _mark(row["simulated"]),
+            row["session_sha256"][:8],
             f"{row['uut_model']} {row['uut_serial']}",
             row["campaign"],
             row["verdict"].replace("_", " "),
@@ -52,9 +66,9 @@ def print_shown(out: Console, shown: Shown) -> None:
     table = _table("Estimates", ("quantity", "conditions", "value", "U 95 %", "unit", "n", "limit", "verdict"))
     for one in shown.estimates:
         limit = "-" if one["limit"] is None else f"{one['limit']:g}"
-        said = ", ".join(f"{name} {_short(value)}" for name, value in one["conditions"].items())
         table.add_row(
-            one["quantity"], said, f"{one['value']:.6g}", f"{one['expanded_uncertainty']:.3g}", one["unit"],
+            one["quantity"], conditions_text(one["conditions"]), f"{one['value']:.6g}",
+            f"{one['expanded_uncertainty']:.3g}", one["unit"],
             str(one["n"]), limit, one["verdict"].replace("_", " "),
         )  # fmt: skip
     out.print(table)
@@ -67,9 +81,9 @@ def print_pair(out: Console, pair: Row) -> None:
     out.print(f"  against {second} (method {pair['methods'][1]})")
     table = _table("", ("quantity", "conditions", "first", "second", "change", "U 95 %", "unit", "E_n"))
     for one in pair["parameters"]:
-        conditions = ", ".join(f"{name} {_short(value)}" for name, value in one["conditions"].items())
         table.add_row(
-            one["quantity"], conditions, *(f"{value:.6g}" for value in one["values"]), f"{one['change']:+.3g}",
+            one["quantity"], conditions_text(one["conditions"]), *(f"{value:.6g}" for value in one["values"]),
+            f"{one['change']:+.3g}",
             f"{one['change_expanded_uncertainty']:.3g}", one["unit"], _number(one["en"], "+.2f"),
         )  # fmt: skip
     out.print(table)
@@ -141,7 +155,3 @@ def _mark(simulated: bool) -> str:
 
 def _number(value: float | None, form: str) -> str:
     return "-" if value is None else format(value, form)
-
-
-def _short(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -17,6 +17,7 @@ from bench.commands.tables import print_results
 from bench.model.clock import NS
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.yamlio import Document
+from bench.plan.check_analysis import ASKED, OF_LOGS
 from bench.plan.mapping import LogMapping, load_mapping
 from bench.record import SessionWriter
 from bench.replay.delimited import LogParser
@@ -50,9 +51,17 @@ def import_log(mapping_file: Path, file: Path, out: Path) -> int:
 
 
 def _known_analysis(document: Document[LogMapping]) -> None:
-    """Refuse an unknown name before anything is written, with its position."""
+    """Refuse a name that is unknown, or of records instead of logs, before anything is written, with its position."""
+    name = document.model.analysis
+    if name in ASKED:
+        raise InputError(
+            "B-FIT-011",
+            f"the analysis {name!r} is made of a bench's records, not of a log",
+            where=document.where(("analysis",)),
+            next_step=f"write one of: {', '.join((*OF_LOGS, NO_ANALYSIS))}",
+        )
     try:
-        analysis_module(document.model.analysis)
+        analysis_module(name)
     except FitError as error:
         raise InputError(
             error.code, error.message, where=document.where(("analysis",)), next_step=error.next_step

@@ -25,7 +25,7 @@ from bench.model.errors import ExitStatus, InputError
 from bench.plan import Plan
 from bench.run.operator import SimulatedOperator
 from bench.run.session import Conducted, conduct
-from bench.store import chosen_url
+from bench.store import check_history_url, chosen_url
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,7 @@ def run(request: Request) -> int:
             "B-CLI-004", f"{request.clock!r} is no clock", where="--clock", next_step="use virtual or wall"
         )
     plan = checked_plan(request.sequence, request.station, request.settings)
+    check_history_url(chosen_url(request.history, request.out, os.environ))
     virtual = plan.station.simulated if request.clock is None else request.clock == "virtual"
     clock: Clock = VirtualClock() if virtual else WallClock()
     operator = SimulatedOperator() if plan.station.simulated else TerminalOperator()

@@ -44,7 +44,7 @@ def replay(folder: Path, as_json: bool) -> int:
             "B-CLI-009",
             f"{len(differences)} values differ between results.json and the replay, the first are listed above",
             where=str(folder),
-            next_step=f"compare the software: stored {_software(stored)}, now {_software(results)}",
+            next_step=_why(stored, results),
         )
     if added:
         console(stderr=as_json).print(f"{added} values are new: the software of the run did not give them")
@@ -57,6 +57,16 @@ def _differences(stored: Any, now: Any) -> tuple[list[Difference], int]:
     found = [one for one in compare(stored, now) if one.path != SOFTWARE_PATH]
     added = sum(one.first == ABSENT for one in found)
     return [one for one in found if one.first != ABSENT], added
+
+
+def _why(stored: Mapping[str, Any], results: Mapping[str, Any]) -> str:
+    """What to look at first: the recording, the software, or else the file of results."""
+    recordings = [one.get("provenance", {}).get("session_sha256") for one in (stored, results)]
+    if recordings[0] != recordings[1]:
+        return "results.json is of another recording, or this one is not whole: 'bench recover' says which"
+    if _software(stored) != _software(results):
+        return f"compare the software: stored {_software(stored)}, now {_software(results)}"
+    return "the recording and the software are the same, so results.json was changed, or made on another machine"
 
 
 def _software(results: Mapping[str, Any]) -> str:

@@ -9,7 +9,7 @@ from types import TracebackType
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from bench.commands.console import console
+from bench.commands.console import console, hours
 from bench.model.errors import OperatorStop, RunError
 from bench.model.units import format_quantity, parse_quantity
 from bench.plan import Plan, Step
@@ -17,12 +17,6 @@ from bench.record import RecordRow
 from bench.run.operator import Answer, Question
 
 PLAIN_EVERY = 50
-
-
-def hours(seconds: float) -> str:
-    """Seconds as ``H:MM:SS``."""
-    whole = round(seconds)
-    return f"{whole // 3600}:{whole % 3600 // 60:02d}:{whole % 60:02d}"
 
 
 def describe(step: Step) -> str:

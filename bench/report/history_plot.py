@@ -19,6 +19,7 @@ Floats = NDArray[np.float64]
 FORMATS = (".svg", ".png")
 MOST_PANELS = 12
 _PANELS_PER_ROW = 3
+_LEAST_YEARS = 2.0  # to each side of calibrations that were made at one time
 _WATERMARK = "SIMULATED — not a calibration"
 _LINE_POINTS = 60
 
@@ -82,7 +83,11 @@ def _draw(axes: Axes, panel: Panel) -> None:
     if math.isfinite(panel.limit):
         for sign in (-1.0, 1.0):
             axes.axhline(sign * panel.limit, color=VERMILION, linewidth=0.9)
+    middle, span = float(panel.year[0] + panel.year[-1]) / 2.0, float(panel.year[-1] - panel.year[0])
+    if span == 0.0:
+        axes.set_xlim(middle - _LEAST_YEARS, middle + _LEAST_YEARS)
     axes.set_title(panel.title)
     axes.set_xlabel("Year")
     axes.set_ylabel(panel.unit)
+    axes.ticklabel_format(axis="x", useOffset=False)
     axes.locator_params(axis="x", nbins=5, integer=True)

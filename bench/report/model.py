@@ -17,7 +17,10 @@ def _no_floats() -> Floats:
 
 
 class PlannedStep(Protocol):
-    """The fields of a plan step that the timetable reads; times in seconds from the start of the phase."""
+    """The fields of a plan step that the timetable reads; times in seconds from the start of the phase.
+
+    ``arguments`` of a soak and of a chamber's ``set_temperature``: "temperature" (degC) and "ramp" (degC/min).
+    """
 
     @property
     def phase(self) -> str: ...
@@ -27,6 +30,10 @@ class PlannedStep(Protocol):
     def at_s(self) -> float: ...
     @property
     def duration_s(self) -> float: ...
+    @property
+    def role(self) -> str: ...
+    @property
+    def name(self) -> str: ...
     @property
     def arguments(self) -> Mapping[str, Any]: ...
     @property
@@ -70,7 +77,7 @@ class TimedPlan(Protocol):
 class TemperatureTrace:
     """Temperatures of a run, (n,), degC, at ``t_s`` seconds from the start of the campaign phase; NaN = no reading.
 
-    ``planned_degC`` may stay empty: it is then drawn from the soak steps of the plan.
+    ``planned_degC`` may stay empty: the timetable's is drawn then.
     """
 
     t_s: Floats = field(default_factory=_no_floats)

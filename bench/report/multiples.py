@@ -20,6 +20,7 @@ _SERIES = (
     ("dsf_p", "P (negative current)", VERMILION, "s--", 1.0),
 )
 _APART = 0.008  # of the span of temperatures, to each side
+_LEAST_SPAN_degC = 1.0  # of the axis: a campaign at one temperature differs by hundredths between its records
 _LINEAR_ppm = 1.0
 
 
@@ -29,13 +30,16 @@ def dsf_picture(model: ReportModel) -> Picture | None:
     if not channels:
         return None
     warmth = [unit_temperature_degC(row["conditions"]) for row in model.estimates("dsf_n") + model.estimates("dsf_p")]
-    apart_degC = _APART * (max(warmth) - min(warmth))
+    span_degC = max(max(warmth) - min(warmth), _LEAST_SPAN_degC)
+    middle_degC = (max(warmth) + min(warmth)) / 2.0
+    apart_degC = _APART * span_degC
     with drawing():
         figure, panels = _panels([f"channel {number}, {kind}" for number, kind in channels])
         for (number, _), axes in zip(channels, panels, strict=True):
             for quantity, label, colour, drawn, side in _SERIES:
                 rows = [row for row in model.estimates(quantity) if row["conditions"].get("channel") == number]
                 _error_bars(axes, rows, label, colour, drawn, side * apart_degC)
+            axes.set_xlim(middle_degC - 0.55 * span_degC, middle_degC + 0.55 * span_degC)
             axes.set_ylabel("Scale-factor error / ppm")
             axes.set_xlabel("Unit temperature / °C")
         _legend(figure, panels[0])

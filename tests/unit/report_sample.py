@@ -27,6 +27,8 @@ class SampleStep:
     duration_s: float
     arguments: Mapping[str, Any] = field(default_factory=dict)
     conditions: Mapping[str, Any] = field(default_factory=dict)
+    role: str = ""
+    name: str = ""
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ def sample_steps(temperatures: tuple[float, ...] = TEMPERATURES_degC) -> tuple[S
     steps = [SampleStep("prepare", "prompt", 0.0, 0.0), SampleStep("prepare", "settle", 0.0, 600.0)]
     now_s = 0.0
     for index, temperature in enumerate(temperatures):
-        arguments = {"temperature_degC": temperature, "ramp_degC_min": 0.5}
+        arguments = {"temperature": temperature, "ramp": 0.5}
         steps.append(SampleStep("campaign", "soak", now_s, _SLOT_s, arguments, {"temperature_degC": temperature}))
         now_s += _SLOT_s
         rounds = [(channel, 0) for channel in range(1, 11)]

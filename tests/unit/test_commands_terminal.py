@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from bench.commands.console import console
+from bench.commands.console import console, hours
 from bench.commands.loading import settings_of
 from bench.commands.output import write_file
-from bench.commands.terminal import PlainLines, ProgressBar, TerminalOperator, describe, hours
+from bench.commands.terminal import PlainLines, ProgressBar, TerminalOperator, describe
 from bench.model.errors import BenchError
 from bench.run.operator import Question
 

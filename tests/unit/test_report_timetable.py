@@ -7,9 +7,12 @@ from pathlib import Path
 import numpy as np
 from report_sample import SamplePlan, SampleStep, sample_steps
 
+from bench.model.shipped import find_shipped
+from bench.plan import compile_sequence
 from bench.report import TemperatureTrace, plot_timetable
 from bench.report.figures import thin, timetable_picture
-from bench.report.timetable import planned_temperature, timetable
+from bench.report.planned import planned_temperature
+from bench.report.timetable import timetable
 
 
 def test_bars_cover_exactly_the_planned_time() -> None:
@@ -28,7 +31,7 @@ def test_preparation_lies_before_hour_0_and_the_end_after_the_campaign() -> None
 
 
 def test_planned_temperature_ramps_then_holds() -> None:
-    t_s, degC = planned_temperature(sample_steps((-10.0, 5.0)), start_degC=23.0)
+    t_s, degC = planned_temperature(sample_steps((-10.0, 5.0)), 600.0, start_degC=23.0)
     assert np.interp([0.0, 1980.0, 3960.0, 27_000.0, 27_900.0, 28_800.0], t_s, degC).tolist() == [
         23.0,
         6.5,
@@ -37,7 +40,65 @@ def test_planned_temperature_ramps_then_holds() -> None:
         -2.5,
         5.0,
     ]
-    assert t_s[-1] == 2 * (9000.0 + 18_000.0) + 1800.0
+    assert (t_s[0], t_s[-1]) == (0.0, 2 * (9000.0 + 18_000.0) + 1800.0 + 60.0)
+
+
+def chamber(at_s: float, name: str, temperature: float = 0.0, ramp: float = 0.0) -> SampleStep:
+    arguments = {"temperature": temperature, "ramp": ramp} if name == "set_temperature" else {}
+    return SampleStep("campaign", "call", at_s, 0.0, arguments, {}, "chamber", name)
+
+
+def record(at_s: float, seconds: float) -> SampleStep:
+    return SampleStep("campaign", "record", at_s, seconds)
+
+
+def corners(*steps: SampleStep, prepare_s: float = 0.0) -> list[tuple[float, float]]:
+    t_s, degC = planned_temperature(steps, prepare_s, start_degC=23.0)
+    return list(zip(t_s.tolist(), degC.tolist(), strict=True))
+
+
+def test_commands_to_the_chamber_are_planned_like_soaks_in_every_phase() -> None:
+    asked = {"temperature": 3.0, "ramp": 1.0}
+    planned = corners(
+        SampleStep("prepare", "soak", 10.0, 1800.0, asked),
+        record(0.0, 600.0),
+        chamber(600.0, "set_temperature", 13.0, 0.5),
+        chamber(600.0, "run"),
+        record(600.0, 1800.0),
+        SampleStep("finally", "soak", 0.0, 900.0, {"temperature": 23.0, "ramp": 1.0}),
+        prepare_s=1810.0,
+    )
+    assert planned == [
+        (-1800.0, 23.0), (-600.0, 3.0), (600.0, 3.0), (1800.0, 13.0), (2400.0, 13.0), (3000.0, 23.0), (3300.0, 23.0)
+    ]  # fmt: skip
+
+
+def test_a_set_point_counts_from_run_on_and_a_new_one_at_once() -> None:
+    asked = chamber(0.0, "set_temperature", 43.0, 1.0)
+    assert corners(asked, record(0.0, 60.0)) == []
+    on_the_way = (asked, chamber(60.0, "run"), chamber(660.0, "set_temperature", 23.0, 2.0), record(660.0, 600.0))
+    assert corners(*on_the_way) == [(60.0, 23.0), (660.0, 33.0), (960.0, 23.0), (1260.0, 23.0)]
+
+
+def test_the_ramp_stands_still_on_hold_and_ends_with_stop() -> None:
+    begun = (chamber(0.0, "set_temperature", 43.0, 1.0), chamber(0.0, "run"), chamber(300.0, "hold"))
+    assert corners(*begun, record(300.0, 60.0)) == [(0.0, 23.0), (300.0, 28.0), (360.0, 28.0)]
+    assert corners(*begun, chamber(600.0, "run"), record(600.0, 1200.0))[2:] == [
+        (600.0, 28.0), (1500.0, 43.0), (1800.0, 43.0)
+    ]  # fmt: skip
+    stopped = corners(*begun, chamber(600.0, "stop"), record(600.0, 100.0))
+    assert stopped[:-1] == [(0.0, 23.0), (300.0, 28.0), (600.0, 28.0)]
+    assert stopped[-1][0] == 600.0
+    assert np.isnan(stopped[-1][1])
+
+
+def test_shipped_bias_ramp_is_planned_from_the_room_to_both_ends_and_back() -> None:
+    plan = compile_sequence(find_shipped("sequences", "bias_ramp_25h"))
+    planned = corners(*plan.steps, prepare_s=plan.prepare_s)
+    assert planned[0] == (-10_800.0, 23.0)
+    assert planned[-1] == (94_500.0, 23.0)
+    hours = [(t_s / 3600.0, degC) for t_s, degC in planned[2:-2]]
+    assert hours == [(2.0, -10.0), (12.0, 50.0), (13.0, 50.0), (23.0, -10.0), (25.0, -10.0)]
 
 
 def test_plan_without_soak_or_channels_has_lanes_by_kind() -> None:
