@@ -38,6 +38,8 @@ def print_results(out: Console, results: Mapping[str, Any], analysis: Analysis) 
         print_summary(out, title, results["estimates"], _reference_degC(results["estimates"]))
     _print_missing(out, analysis.missing)
     quality = results["quality"]
+    if not quality["records"] and not quality["frames"]:
+        return  # an imported log has none
     out.print(
         f"{quality['records']} records, {quality['frames']} frames, {quality['frames_bad']} bad, "
         f"{quality['frames_lost']} lost, {quality['retaken']} retaken"

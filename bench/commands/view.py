@@ -49,7 +49,7 @@ class SessionView:
     @property
     def has_analysis(self) -> bool:
         """False for a sequence that only records."""
-        return str(self.manifest["campaign"].get("analysis", "none")) != "none"
+        return str(self.manifest.get("campaign", {}).get("analysis", "none")) != "none"
 
 
 def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str, Any], Analysis]:

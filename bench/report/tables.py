@@ -96,6 +96,7 @@ def coefficient_table(model: ReportModel) -> Table | None:
         quantity, _, order = row["quantity"].rpartition("_")
         if order in _COEFFICIENTS:
             found.setdefault((str(row["conditions"].get("channel", "–")), quantity), {})[order] = row
+    _add_reference_values(model, found)
     if not found:
         return None
     orders = [order for order in _COEFFICIENTS if any(order in entry for entry in found.values())]
@@ -109,6 +110,17 @@ def coefficient_table(model: ReportModel) -> Table | None:
     caption = f"Value at {cell(reference)} °C and coefficients about it: value ± expanded uncertainty."
     heads = dict(zip(_COEFFICIENTS, (f"at {cell(reference)} °C", "per °C", "per °C²", "per °C³"), strict=True))
     return Table(caption, ("channel", "quantity", *(heads[order] for order in orders)), tuple(lines), stub=2)
+
+
+def _add_reference_values(model: ReportModel, found: dict[tuple[str, str], dict[str, Mapping[str, Any]]]) -> None:
+    """Where a fit gives no constant, the value of the quantity at its reference temperature stands for it."""
+    for row in model.results.get("estimates", ()):
+        conditions = row["conditions"]
+        entry = found.get((str(conditions.get("channel", "–")), row["quantity"]))
+        if entry and "tc0" not in entry:
+            reference = next(iter(entry.values()))["conditions"].get("reference_temperature_degC")
+            if reference is not None and conditions.get("temperature_degC") == reference:
+                entry["tc0"] = row
 
 
 def _value(row: Mapping[str, Any] | None, scale: float = 1.0) -> str:

@@ -11,6 +11,7 @@ from report_sample import sample_model
 
 from bench.report import build_report
 from bench.report.graphs import analysis_pictures
+from bench.report.tables import coefficient_table
 
 
 def figure(title: str, **more: Any) -> dict[str, Any]:
@@ -99,3 +100,18 @@ def test_a_probability_is_never_rounded_up_to_certainty(probability: float) -> N
     assert "−5.00 ± 0.20" in page  # the one nearer to the limit stands for the channel
     assert "2 pass" in page
     assert "Decision rule: non binary" in page
+
+
+def test_a_coefficient_without_constant_shows_the_value_at_its_reference_temperature() -> None:
+    def entry(quantity: str, unit: str, value: float, **where: Any) -> dict[str, Any]:
+        return {"quantity": quantity, "unit": unit, "value": value, "expanded_uncertainty": 1e-10, "conditions": where}
+
+    estimates = [
+        entry("bias", "A", 368e-9, channel=1, temperature_degC=-10.0),
+        entry("bias", "A", 436.57e-9, channel=1, temperature_degC=20.0),
+        entry("bias_tc1", "A/degC", 2.1e-9, channel=1, reference_temperature_degC=20.0),
+    ]
+    model = sample_model()
+    table = coefficient_table(replace(model, results={**model.results, "estimates": estimates}))
+    assert table is not None
+    assert table.rows == (("1", "bias / nA", "436.57 ± 0.10", "2.10 ± 0.10"),)
