@@ -14,10 +14,15 @@ class _Console(Console):
 
 
 def console(stderr: bool = False) -> Console:
-    """The console of the command line; it falls back to plain text where there is no terminal."""
+    """The console of the command line; it falls back to plain text where there is no terminal.
+
+    A terminal that is narrower than the tables breaks their lines; a table made to fit it would cut numbers off.
+    """
     found = _Console(stderr=stderr, highlight=False, soft_wrap=True, markup=False, emoji=False)
     if not found.is_terminal:
         found.width = PLAIN_COLUMNS
+    elif not stderr:
+        found.width = max(found.width, PLAIN_COLUMNS)
     return found
 
 

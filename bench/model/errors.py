@@ -42,7 +42,8 @@ class BenchError(Exception):
 
     def __str__(self) -> str:
         place = f"{self.where}: " if self.where else ""
-        advice = f" Next: {self.next_step}" if self.next_step else ""
+        stop = "" if self.message.endswith((".", "!", "?")) else "."
+        advice = f"{stop} Next: {self.next_step}" if self.next_step else ""
         return f"error {self.code}: {place}{self.message}{advice}"
 
 

@@ -45,10 +45,10 @@ def parse_quantity(text: object, dimension: str) -> float:
         ValueError: no number, no unit, unknown unit, unit of another dimension, or not finite.
     """
     if not isinstance(text, str):
-        raise ValueError(f"{text!r} has no unit; write a quantity in {dimension}, for example '10 {dimension}'")
+        raise ValueError(f"{text!r} has no unit; write {_due(dimension)}, for example {_example(dimension)}")
     match = _QUANTITY.fullmatch(text)
     if match is None:
-        raise ValueError(f"{text!r} is not a quantity; write a number and a unit, for example '10 {dimension}'")
+        raise ValueError(f"{text!r} is not a quantity; write a number and a unit, for example {_example(dimension)}")
     number, unit = match.groups()
     if unit not in _UNITS:
         known = ", ".join(sorted(u for u, (d, _) in _UNITS.items() if d == dimension))
@@ -56,7 +56,7 @@ def parse_quantity(text: object, dimension: str) -> float:
         raise ValueError(f"{text!r} {what}; use one of: {known}")
     found, factor = _UNITS[unit]
     if found != dimension:
-        raise ValueError(f"{text!r} is in {found}; a quantity in {dimension} is due")
+        raise ValueError(f"{text!r} is {_due(found).removeprefix('a quantity ')}; {_due(dimension)} is due")
     try:
         value = float(Decimal(number) * factor)
     except (InvalidOperation, OverflowError) as error:
@@ -64,6 +64,14 @@ def parse_quantity(text: object, dimension: str) -> float:
     if not math.isfinite(value):
         raise ValueError(f"{text!r} is not finite")
     return value
+
+
+def _due(dimension: str) -> str:
+    return "a ratio" if dimension == "1" else f"a quantity in {dimension}"
+
+
+def _example(dimension: str) -> str:
+    return "'10 ppm'" if dimension == "1" else f"'10 {dimension}'"
 
 
 @lru_cache(maxsize=4096)
@@ -88,12 +96,14 @@ def quantity(dimension: str, low: float | None = None, high: float | None = None
     Use as ``Annotated[float, *quantity("A")]``.
     """
 
+    unit = "" if dimension == "1" else dimension
+
     def read(value: object) -> float:
         number = parse_quantity(value, dimension)
         if low is not None and number < low:
-            raise ValueError(f"{value!r} is below the limit {low:g} {dimension}")
+            raise ValueError(f"{value!r} is below the limit {low:g} {unit}".rstrip())
         if high is not None and number > high:
-            raise ValueError(f"{value!r} is above the limit {high:g} {dimension}")
+            raise ValueError(f"{value!r} is above the limit {high:g} {unit}".rstrip())
         return number
 
     schema = {

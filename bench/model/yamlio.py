@@ -166,6 +166,9 @@ def _explain(item: Any, key: str) -> tuple[str, str]:
         return "B-YAML-012", f"{label}{message}"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         message = "a mapping of keys and values is due"
+    elif kind == "union_tag_invalid":
+        field = str(item["ctx"]["discriminator"]).strip("'")
+        return "B-YAML-013", f"{label}{field} is {item['ctx']['tag']!r}; it should be {item['ctx']['expected_tags']}"
     return "B-YAML-013", f"{label}{message[:1].lower()}{message[1:]} (found {_shorten(item.get('input'))})"
 
 

@@ -16,6 +16,7 @@ from bench.model.clock import NS, VIRTUAL_START_UTC_NS
 from bench.model.errors import InputError
 from bench.plan.bus_time import ON_THE_BUS
 from bench.plan.check_actions import ActionCheck
+from bench.plan.check_analysis import check_asked
 from bench.plan.check_records import check_record
 from bench.plan.check_register import check_used_ranges
 from bench.plan.check_state import BenchState
@@ -44,6 +45,8 @@ def check_plan(
     _due_dates(plan, station, start_utc_ns, findings)
     for remark in plan.remarks:
         findings.extend(remark)
+    if not findings:  # a condition may be missing because of one of those
+        check_asked(plan, findings)
     return findings.sorted()
 
 

@@ -24,14 +24,15 @@ class BenchState:
     switches it off; after raw text to a switch, its route counts as unknown until a call routes or opens it.
     ``untrusted`` roles had a call that could not be read: what is said of their order from there on would be guessed.
     ``closed`` holds the arguments of the route that each switch has closed; ``level_A`` and ``range_A`` what each
-    source was last set to (None: not known), ``used_A`` every range it was set to; ``target_degC`` is where the
-    temperature was last sent.
+    source was last set to (None: not known), ``used_A`` every range a source or a meter was set to;
+    ``target_degC`` is where the temperature was last sent.
     """
 
     def __init__(self, plan: Plan, station: Station, findings: Findings) -> None:
         self._findings = findings
         self._station = station
         self._origins = plan.origins
+        self._metered = plan.campaign.get("analysis") == "dmm_method"
         self._full_scale = {int(c["number"]): float(c["full_scale_A"]) for c in plan.campaign.get("channels", [])}
         self._effects = {role: _effects(entry.driver) for role, entry in station.instruments.items()}
         self.switches = _with(Effect.ROUTE, self._effects)
@@ -55,6 +56,7 @@ class BenchState:
             self._raw(step)
         elif step.kind == "call" and judged.action is not None:
             self._call(step, judged.action.effect, judged.usable)
+            self._measure(step.role, judged.usable)
         elif step.kind == "call":
             self._forget(step.role)
 
@@ -92,6 +94,16 @@ class BenchState:
         locked = usable.get("range") == "locked"
         held_A = None if level_A is None else range_after(ladder_A, level_A, locked, self.range_A.get(role))
         self.range_A[role] = held_A
+        if held_A is not None:
+            self.used_A.setdefault(role, set()).add(held_A)
+
+    def _measure(self, role: str, usable: Mapping[str, Any]) -> None:
+        """Range of a meter that is a standard: the register gives it uncertainties, or the analysis asks for them."""
+        wanted_A = usable.get("range")
+        standard = self._metered or bool(self._station.ranges_A(role))
+        if role in self.sources or not isinstance(wanted_A, float) or not standard:
+            return
+        held_A = range_after(driver_ladder_A(self._station.instruments[role].driver), wanted_A, False, None)
         if held_A is not None:
             self.used_A.setdefault(role, set()).add(held_A)
 

@@ -16,6 +16,7 @@ from bench.model.yamlio import Document
 from bench.plan.bus_time import with_bus_time
 from bench.plan.channels import campaign_channels, check_declared, declared_channels
 from bench.plan.check import check_steps
+from bench.plan.check_analysis import check_named
 from bench.plan.check_station import check_station
 from bench.plan.expand import Expander, TooManySteps
 from bench.plan.findings import Findings, suggestion
@@ -70,6 +71,7 @@ class _Compiler:
         document, findings = self.document, self.findings
         frames = self._frames()
         check_declared(document, findings)
+        check_named(document, findings)
         channels = declared_channels(document, findings)
         constants = campaign_channels(document, channels, findings)
         link = next(iter(document.model.frame))

@@ -21,6 +21,7 @@ Words = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 Current = Annotated[float, *quantity("A", -10.0, 10.0)]
 NUMBERS = ("_ppm", "_A", "_V", "_s", "_Hz", "_degC")  # suffixes of options that are numbers
 Fraction = Annotated[float, *quantity("1", -1.0, 1.0)]
+Share = Annotated[float, *quantity("1", 0.0, 1.0)]  # of an uncertainty: never negative
 
 
 def _date(value: object) -> date:
@@ -36,8 +37,8 @@ class RangeUncertainty(StrictModel):
     """Expanded uncertainty of one range, 95 % (k = 2): ``relative`` of the reading plus ``floor``."""
 
     range: Current
-    relative: Fraction
-    floor: Current
+    relative: Share
+    floor: Annotated[float, *quantity("A", 0.0, 10.0)]
 
 
 class RangeCorrection(StrictModel):
@@ -58,8 +59,8 @@ class Standard(StrictModel):
     due: Date
     uncertainty: list[RangeUncertainty] = Field(default_factory=list)
     corrections: list[RangeCorrection] = Field(default_factory=list)
-    traceability: Fraction | None = Field(None, description="uncertainty of the calibrator's own calibration, 95 %")
-    drift: Fraction | None = Field(None, description="change over a campaign that must be expected, 95 %")
+    traceability: Share | None = Field(None, description="uncertainty of the calibrator's own calibration, 95 %")
+    drift: Share | None = Field(None, description="change over a campaign that must be expected, 95 %")
 
     @model_validator(mode="after")
     def _in_order(self) -> Standard:

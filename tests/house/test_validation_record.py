@@ -37,6 +37,6 @@ def test_the_record_lists_the_marked_tests() -> None:
 
 def test_nothing_in_the_record_has_failed_and_every_row_is_a_comparison() -> None:
     rows = recorded()
-    assert len(rows) >= 15
+    assert len(rows) >= 70
     assert [test for test, row in rows.items() if "FAILED" in row["figure"]] == []
     assert [test for test, row in rows.items() if len(row["against"]) < 10] == []

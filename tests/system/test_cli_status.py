@@ -238,6 +238,13 @@ def wait_for_the_session(folder: Path) -> None:
     raise AssertionError("the run did not start")
 
 
+def test_2_an_address_of_the_history_that_is_none_is_refused_before_the_run(tmp_path: Path, inside: Inside) -> None:
+    out = tmp_path / "out"
+    for url in ("nonsense", "mysql://user@host/calibrations"):
+        refused(inside("run", "timeline_example", "--history", url, "--out", str(out)), 2, "B-STORE-001")
+    assert not out.exists()
+
+
 # --- 5 -------------------------------------------------------------------------------------------------------------
 
 
@@ -248,7 +255,12 @@ def test_5_numbers_that_differ(short: Short, tmp_path: Path, inside: Inside) -> 
     stored["estimates"][0]["value"] += 1e-9
     (copy / "results.json").write_text(json.dumps(stored))
     done = inside("replay", str(copy))
-    assert "1 values differ" in refused(done, 5, "B-CLI-009")
+    assert "results.json was changed" in refused(done, 5, "B-CLI-009")
+    stored["provenance"]["session_sha256"] = "0" * 64
+    (copy / "results.json").write_text(json.dumps(stored))
+    line = refused(inside("replay", str(copy)), 5, "B-CLI-009")
+    assert "2 values differ" in line
+    assert "of another recording" in line
     assert "estimates[0].value" in done.stderr
     (copy / "results.json").unlink()
     refused(inside("replay", str(copy)), 2, "B-CLI-010")

@@ -69,7 +69,13 @@ def material(rehearsal: Rehearsal) -> Material:
     return Material(rehearsal.run.outcome.rows, manifest["campaign"], manifest["standards"], readings=readings)
 
 
-def test_a_drifting_calibrator_is_seen_by_the_meter(tmp_path: Path, rehearse: Callable[..., Rehearsal]) -> None:
+@pytest.mark.validates(
+    "drift of the calibrator from a check by the meter before and after",
+    against="a simulated calibrator that rises by 20 ppm a day, read through the instruments",
+)
+def test_a_drifting_calibrator_is_seen_by_the_meter(
+    record_property: Callable[[str, object], None], tmp_path: Path, rehearse: Callable[..., Rehearsal]
+) -> None:
     plan = tiny(tmp_path)
     assert check_plan(plan) == []
     rehearsal = rehearse(plan, arrange=drifting)
@@ -82,6 +88,7 @@ def test_a_drifting_calibrator_is_seen_by_the_meter(tmp_path: Path, rehearse: Ca
     for one in checks:
         expected_ppm = RATE_ppm_d * one["conditions"]["hours"] / 24.0
         sys.stdout.write(f"{one['value']:.3f} +- {one['expanded_uncertainty']:.3f} ppm, drawn {expected_ppm:.3f} ppm\n")
+        record_property("obtained", f"{one['value']:.3f} of {expected_ppm:.3f} ppm")
         assert expected_ppm > 2.0
         assert one["value"] == pytest.approx(expected_ppm, abs=0.05)
     component = {one["std_uncertainty_ppm"] for one in analysis.components if "drift" in one["component"]}

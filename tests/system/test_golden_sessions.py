@@ -37,6 +37,10 @@ def test_there_is_one() -> None:
     assert SESSIONS
 
 
+@pytest.mark.validates(
+    "results of a recorded session, limit 1e-9",
+    against="the results stored with it by release 0.1.0",
+)
 @pytest.mark.parametrize("folder", SESSIONS, ids=lambda path: f"{path.parent.name}/{path.name}")
 def test_an_earlier_release_stays_readable(folder: Path) -> None:
     stored = json.loads((folder / "results.json").read_text(encoding="utf-8"))

@@ -110,6 +110,24 @@ def test_a_lost_results_file_is_computed_again(say: Say, session: Path) -> None:
     )
 
 
+def test_import_of_everything_in_the_folder(say: Say, session: Path) -> None:
+    """What the shell makes of sessions/*: the history, truth beside a session, a recording without an analysis."""
+    (session.parent / "history.sqlite").write_bytes(b"")
+    (session.parent / f"{session.name}.truth.json").write_text("{}")
+    status, text, complaint = say("import", *sorted(str(path) for path in session.parent.iterdir()))
+    assert (status, text) == (0, f"new        {GOLDEN.name}, revision 1\n")
+    assert complaint.count("skipped") == 2
+    refused(say("import", str(session.parent / "history.sqlite")), "B-REC-010")
+
+
+def test_list_tells_calibrations_of_one_name_apart(say: Say, session: Path) -> None:
+    say("import", str(session))
+    text = say("list", "--out", str(session.parent))[1]
+    sha256 = json.loads((session / "results.json").read_text())["provenance"]["session_sha256"]
+    assert sha256[:8] in text
+    assert all(head in text for head in ("campaign", "verdict", "revision", "approved by"))
+
+
 def test_import_refuses_what_does_not_belong_together(say: Say, session: Path, tmp_path: Path) -> None:
     results = session / "results.json"
     good = results.read_text()

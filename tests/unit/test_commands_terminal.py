@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from bench.commands.console import console, hours
+from bench.commands.console import PLAIN_COLUMNS, console, hours
 from bench.commands.loading import settings_of
 from bench.commands.output import write_file
 from bench.commands.terminal import PlainLines, ProgressBar, TerminalOperator, describe
@@ -140,3 +140,13 @@ def test_an_output_file_brings_its_folder_or_a_clear_error(tmp_path: Path) -> No
     with pytest.raises(BenchError) as caught:
         write_file(tmp_path / "new" / "x.json" / "y", "")
     assert caught.value.code == "B-CLI-007"
+
+
+def test_a_narrow_terminal_cuts_no_number_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "80")
+    assert console().is_terminal
+    assert console().width == PLAIN_COLUMNS
+    assert console(stderr=True).width == 80
+    monkeypatch.setenv("COLUMNS", "160")
+    assert console().width == 160

@@ -9,7 +9,7 @@ from bench.model import errors
 
 def test_an_error_says_code_place_message_and_next_step() -> None:
     error = errors.InputError("B-TEST-001", "10 mA is over 1 mA", where="a.yaml:1:2", next_step="lower it")
-    assert str(error) == "error B-TEST-001: a.yaml:1:2: 10 mA is over 1 mA Next: lower it"
+    assert str(error) == "error B-TEST-001: a.yaml:1:2: 10 mA is over 1 mA. Next: lower it"
     assert str(errors.InputError("B-TEST-001", "wrong")) == "error B-TEST-001: wrong"
 
 

@@ -42,6 +42,13 @@ def test_a_correction_without_uncertainty_names_the_ranges_b_plan_064(tmp_path: 
     assert "fluke_5720a has 220 uA, 2.2 mA, 22 mA, 220 mA, 2.2 A" in found[1].message
 
 
+@pytest.mark.parametrize("line", ["relative: -20 ppm, floor: 7 nA", "relative: 20 ppm, floor: -7 nA"])
+def test_an_uncertainty_is_never_negative(tmp_path: Path, line: str) -> None:
+    found = mistakes(make_bench(tmp_path, station=("relative: 20 ppm, floor: 7 nA", line)))
+    assert [error.code for error in found] == ["B-YAML-012"]
+    assert "is below the limit 0" in found[0].message
+
+
 def test_a_range_that_is_used_needs_an_uncertainty_b_plan_066(tmp_path: Path) -> None:
     lines = "        - {range: 2.2 mA, relative: 20 ppm, floor: 7 nA}\n"
     text = changed('range: "{calibrator.range}", ', "")  # the condition would have been the first to notice

@@ -15,6 +15,18 @@ GYRO_A = (30e-6, 100e-6, 1e-3, 10e-3, 100e-3, 200e-3)
 ACCELEROMETER_A = (500e-6, 1e-3, 2e-3, 5e-3, 10e-3, 20e-3)
 SHIPPED = sorted(path.stem for path in (Path(__file__).resolve().parents[2] / "sequences").glob("*.yaml"))
 RANGES_A = (220e-6, 2.2e-3, 22e-3, 220e-3)
+POINT_s, SOAK_s = 120.0, 9000.0
+# every shipped sequence: how long its campaign lasts, in seconds, and its records
+PLANS = {
+    "bias_ramp_25h": (900 * 100.0, 900),
+    "bias_ramp_25h_integrated": (900 * 100.0, 900),
+    "bias_ramp_short": (540 * 20.0, 540),
+    "dmm_method": (SOAK_s + 100.0 + 10 * 17 * 135.0, 10 * 17),  # 15 points of the table and one level again
+    "scale_factor_38h": (5 * SOAK_s + 765 * POINT_s, 5 * 10 * 15 + 15),
+    "scale_factor_short": (10_350.0, 2 * 3 * 15 + 15),
+    "scale_factor_zero_per_range": (5 * SOAK_s + 985 * POINT_s, 765 + 5 * (6 * 6 + 4 * 2)),
+    "timeline_example": (142.0, 1),
+}
 
 
 @pytest.fixture(scope="module")
@@ -167,9 +179,15 @@ def test_constants_for_the_analysis(campaign: Plan) -> None:
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", SHIPPED)
-def test_shipped_sequences_pass_the_static_check(name: str) -> None:
-    assert check_plan(compile_sequence(name)) == []
+def test_every_shipped_sequence_is_named() -> None:
+    assert sorted(PLANS) == SHIPPED
+
+
+@pytest.mark.parametrize("name", PLANS)
+def test_shipped_sequences_pass_the_static_check_and_last_as_long_as_meant(name: str) -> None:
+    plan = compile_sequence(name)
+    assert check_plan(plan) == []
+    assert (plan.duration_s, plan.record_count) == PLANS[name]
 
 
 def test_same_file_same_hash_and_another_value_another_hash() -> None:

@@ -1,0 +1,58 @@
+"""Static check of what the analysis will ask of the records: it asks only when the campaign is over.
+
+The analyses themselves live floors above; a test holds these names to theirs.
+"""
+
+from __future__ import annotations
+
+from bench.model.yamlio import Document
+from bench.plan.findings import Findings, suggestion
+from bench.plan.language import Sequence
+from bench.plan.plan import Plan, Step
+
+NONE = "none"
+OF_LOGS = ("temperature_ramp",)  # made of imported logs, not of records
+BRANCHES = ("hold_start", "up", "hold_top", "down", "hold_end")
+_POINT = ("channel", "temperature_degC", "current_A", "polarity", "range_A")
+ASKED = {"scale_factor": _POINT, "dmm_method": _POINT, "bias_ramp": ("route", "branch")}
+ASKED_OF_OPEN = ("channel", "temperature_degC", "route", "branch")  # an open input needs no level, polarity or range
+METER = "measure_current"
+
+
+def check_named(document: Document[Sequence], findings: Findings) -> None:
+    """Note an analysis that does not exist or is not made of records (B-PLAN-077)."""
+    name = document.model.analysis
+    if name not in (NONE, *ASKED):
+        where = document.where(("analysis",))
+        if name in OF_LOGS:
+            message = f"the analysis {name!r} is made of imported logs, not of records"
+        else:
+            message = f"there is no analysis {name!r}{suggestion(name, (NONE, *ASKED))}"
+        findings.add("B-PLAN-077", where, message, f"write one of: {', '.join((*ASKED, NONE))}")
+
+
+def check_asked(plan: Plan, findings: Findings) -> None:
+    """Note what an analysis would leave out or take for something else (B-PLAN-078)."""
+    name = str(plan.campaign.get("analysis", NONE))
+    records = [step for step in plan.phase("campaign") if step.kind == "record"]
+    for step in records if name in ASKED else ():
+        if step.conditions.get("purpose", "measurement") == "measurement":
+            _check_conditions(name, step, findings)
+    read = any(step.kind == "call" and step.name == METER for step in plan.phase("campaign"))
+    if name == "dmm_method" and records and not read:
+        message = f"the analysis {name} needs readings of the meter, and no step calls {METER}"
+        findings.add("B-PLAN-078", records[0].where, message, "read the meter before each record with a closed route")
+
+
+def _check_conditions(name: str, step: Step, findings: Findings) -> None:
+    asked = [one for one in ASKED[name] if one in ASKED_OF_OPEN or step.conditions.get("route") != "open"]
+    branch = step.conditions.get("branch", "up")
+    if missing := [one for one in asked if one not in step.conditions]:
+        message = f"the analysis {name} asks for the condition {', '.join(missing)}, which the record does not have"
+        findings.add("B-PLAN-078", step.where, message, "docs/sequences.md says what each analysis asks for")
+    elif name == "bias_ramp" and branch not in BRANCHES:
+        message = f"the analysis {name} knows no branch {branch!r}{suggestion(str(branch), BRANCHES)}"
+        findings.add("B-PLAN-078", step.where, message, f"write one of: {', '.join(BRANCHES)}")
+    elif name == "bias_ramp" and (step.conditions["route"] != "open" or "channel" in step.conditions):
+        message = f"the analysis {name} asks for an open input and for all channels at once"
+        findings.add("B-PLAN-078", step.where, message, "write 'route: open' and no channel")
