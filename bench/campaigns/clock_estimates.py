@@ -23,9 +23,8 @@ _PPM = 1e6
 def clock_estimates(rows: Iterable[RecordRow], campaign: Campaign, standards: Standards) -> list[dict[str, Any]]:
     """clock_ratio_error (r - 1) and master_clock_error at every temperature, from all good records taken there.
 
-    The uncertainty takes the fractions of a pulse at the ends of each record as independent of those of every other.
-    Two steady clocks sweep these fractions evenly, so the mean over many records is better than stated (about four
-    times on the simulated bench); a pair of clocks that is locked would not be, and nothing in a record tells.
+    The uncertainty takes the fraction of a pulse at the ends of a record as common to all of them: two steady clocks
+    and records at a steady pace may cut every count at the same place, and nothing in a record tells.
     """
     members_at: dict[float, list[RecordRow]] = {}
     taken = list(rows)
@@ -54,6 +53,6 @@ def _clock(quantity: str, values: Any, noise: Any, common: float, conditions: di
     n = int(seen.sum())
     if n == 0:
         return []
-    std = float(np.hypot(np.sqrt(np.sum(noise[seen] ** 2)) / n, common))
+    std = float(np.hypot(np.mean(noise[seen]), common))
     value_ppm, std_ppm = float(np.mean(values[seen])) * _PPM, std * _PPM
     return [estimate(quantity, "ppm", value_ppm, std_ppm, conditions, n=n, dropped=int((~seen).sum()))]

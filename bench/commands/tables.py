@@ -17,7 +17,6 @@ _COLUMNS = (
     "channel", "kind", "set degC", "unit degC", "DSF_N ppm", "DSF_P ppm", "N - P ppm", "U 95 % ppm", "verdict",
 )  # fmt: skip
 _SCALE_FACTORS = ("dsf_n", "dsf_p", "dsf_asymmetry")
-_JUDGED = ("dsf_n_residual", "dsf_p_residual", "dsf_n_change", "dsf_p_change")
 _SEVERITY = ("fail", "conditional_fail", "conditional_pass", "pass")
 Group = Mapping[str, Mapping[str, Any]]
 
@@ -69,12 +68,20 @@ def _print_missing(out: Console, missing: Sequence[str]) -> None:
 
 def _rows(estimates: Sequence[Mapping[str, Any]]) -> list[tuple[str, ...]]:
     groups: dict[tuple[int, float], dict[str, Mapping[str, Any]]] = {}
+    verdicts: dict[tuple[int, float], set[str]] = {}
     for one in estimates:
         conditions = one["conditions"]
-        known = one["quantity"] in _SCALE_FACTORS + _JUDGED
-        if known and conditions.get("temperature_degC") is not None:
-            groups.setdefault((conditions["channel"], conditions["temperature_degC"]), {})[one["quantity"]] = one
-    return [_row(*place, found) for place, found in groups.items() if found.keys() >= set(_SCALE_FACTORS)]
+        if conditions.get("channel") is None or conditions.get("temperature_degC") is None:
+            continue
+        place = conditions["channel"], conditions["temperature_degC"]
+        verdicts.setdefault(place, set()).add(one["verdict"])
+        if one["quantity"] in _SCALE_FACTORS:
+            groups.setdefault(place, {})[one["quantity"]] = one
+    return [
+        (*_row(*place, found), _worst(verdicts[place]))
+        for place, found in groups.items()
+        if found.keys() >= set(_SCALE_FACTORS)
+    ]
 
 
 def _row(channel: int, temperature_degC: float, found: Group) -> tuple[str, ...]:
@@ -89,12 +96,10 @@ def _row(channel: int, temperature_degC: float, found: Group) -> tuple[str, ...]
         _value(found["dsf_p"]),
         _value(found["dsf_asymmetry"], 3),
         f"{max(found[name]['expanded_uncertainty'] for name in ('dsf_n', 'dsf_p')):.1f}",
-        _worst(found),
     )
 
 
-def _worst(found: Group) -> str:
-    verdicts = {found[name]["verdict"] for name in _JUDGED if name in found}
+def _worst(verdicts: set[str]) -> str:
     return next((one for one in _SEVERITY if one in verdicts), "none").replace("_", " ")
 
 

@@ -20,6 +20,7 @@ _COLUMNS = (
     *("kind", "quantity", "component", "evaluation", "distribution", "std_uncertainty_ppm"),
     *("range_A", "gain", "offset_A"),
 )
+_PROSE = 40  # characters of a cell that is a sentence rather than a value
 _PIVOT = {"channel", "temperature_degC"}
 _AMPERE = re.compile(r"A(?![A-Za-z])")
 _NUMERAL = re.compile(r"-(?=[0-9])")
@@ -252,6 +253,7 @@ def analysis_tables(documents: Sequence[Mapping[str, Any]]) -> list[Table]:
             ". ".join(text for text in (str(one["title"]), str(one.get("caption", ""))) if text),
             tuple(label(str(text)) for text in one["headers"]),
             tuple(tuple(_plain(value) for value in row) for row in one["rows"]),
+            prose=any(isinstance(value, str) and len(value) > _PROSE for row in one["rows"] for value in row),
         )
         for one in documents
     ]
