@@ -48,7 +48,7 @@ def print_summary(out: Console, title: str, estimates: Sequence[Estimate], refer
 def _by_channel(by_quantity: Mapping[str, Mapping[Any, Estimate]]) -> Table:
     shown = list(by_quantity)[:_MOST_COLUMNS]
     table = Table(box=box.SIMPLE, collapse_padding=True, pad_edge=False)
-    table.add_column("channel", justify="right")
+    table.add_column("ch", justify="right", no_wrap=True)
     for quantity in shown:
         unit = _unit(next(iter(by_quantity[quantity].values())))
         table.add_column(f"{quantity.replace('_', chr(10))}\n{unit}", justify="right", no_wrap=True)

@@ -17,18 +17,20 @@ Array = NDArray[np.float64]
 LONGEST_s = 300.0  # a gap that any chamber bridges: readings come once a minute
 _SLOPE_s = 900.0  # stretch on either side from which the slopes are taken
 _WORST_degC = 0.3
+_MEMORY_s = 10_800.0
 
 
 def require_known(drive: Drive, from_s: float) -> Drive:
     """The drive itself, if no gap of its readings can hide a corner of the temperature.
 
-    Args:    drive: readings, joined by straight lines.   from_s: start of what is fitted; earlier gaps do not count.
+    Args:    drive: readings, joined by straight lines.   from_s: start of what is fitted; a gap that ended
+             3 h before it does not count, the unit has forgotten it.
     Raises:  FitError B-FIT-024 naming the gap, if the readings before and after it do not lie on its chord within
              0.3 degC: lag and hysteresis of the time after it would rest on an invented temperature.
     Source:  see the module.
     """
     for k in np.flatnonzero(np.diff(drive.t_s) > LONGEST_s):
-        if drive.t_s[k + 1] > from_s and hidden_degC(drive, int(k)) > _WORST_degC:
+        if drive.t_s[k + 1] > from_s - _MEMORY_s and hidden_degC(drive, int(k)) > _WORST_degC:
             raise FitError(
                 "B-FIT-024",
                 f"the temperature that drives the unit is unknown from {drive.t_s[k] - from_s:.0f} s to "

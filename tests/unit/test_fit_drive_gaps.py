@@ -36,8 +36,10 @@ def test_a_gap_that_hides_a_turn_is_refused(gap_s: tuple[float, float], name: st
     assert "joint_unit_sensor" in refusal.value.next_step, name
 
 
-def test_a_gap_before_what_is_fitted_does_not_count() -> None:
-    require_known(ramp((5400.0, 9000.0)), 10_000.0)
+def test_a_gap_long_before_what_is_fitted_does_not_count() -> None:
+    require_known(ramp((5400.0, 9000.0)), 20_000.0)
+    with pytest.raises(FitError, match="B-FIT-024"):
+        require_known(ramp((5400.0, 9000.0)), 9100.0)
 
 
 def test_the_distance_of_one_corner_from_the_chord() -> None:
