@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bench.campaigns.bias_records import RampRecords
-from bench.campaigns.constants import CALIBRATOR, FUNCTION_GENERATOR, Campaign, read_standards
+from bench.campaigns.constants import Campaign, read_generator
 from bench.campaigns.estimates import estimate
-from bench.fit.oscillator import GENERATOR_STD, OscillatorFit, OscillatorWindows, fit_oscillator
+from bench.fit.oscillator import OscillatorFit, OscillatorWindows, fit_oscillator
 
 _ORDER = 3
 
@@ -19,7 +19,6 @@ def fit_master_clock(
     """Cubic of dMSTR about the reference temperature. Raises FitError B-FIT-026 if the windows do not determine it."""
     pulses = records.pulses
     length_s = (pulses.frames + pulses.lost) * pulses.frame_s
-    stated = FUNCTION_GENERATOR in standards and CALIBRATOR in standards
     return fit_oscillator(
         OscillatorWindows(
             times_s=records.start_s + length_s / 2.0,
@@ -31,7 +30,7 @@ def fit_master_clock(
         campaign.fg_Hz,
         order=_ORDER,
         reference_degC=campaign.reference_temperature_degC,
-        generator_std=read_standards(standards).function_generator if stated else float(GENERATOR_STD),
+        generator_std=read_generator(standards),
         sensor_std_degC=campaign.sensor_std_degC,
     )
 

@@ -5,6 +5,7 @@ All temperatures of the estimates are those of the unit's own sensor, which is w
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -20,7 +21,7 @@ from bench.fit.hysteresis_loop import width_at
 from bench.fit.hysteresis_model import WIDTH
 
 Floats = NDArray[np.float64]
-TEMPERATURES_degC = (-10.0, 5.0, 20.0, 35.0, 50.0)
+STEP_degC = 15.0  # between the temperatures of the estimates, counted from the reference temperature
 DSF_STD = 400e-6  # of a converter whose scale factor is not calibrated (design: drawn with 400 ppm)
 HOUR_s = 3600.0
 _OPEN_degC = 1.0  # nearer to an end the loop closes by itself, whatever the channel does
@@ -28,9 +29,15 @@ _REACH_degC = 0.6  # how far beyond the ends of the loop a polynomial may be rea
 
 
 def temperatures(one: ChannelFit) -> list[float]:
-    """Temperatures at which estimates are given, as far as the ramp reached them."""
+    """Temperatures at which estimates are given: the reference and every 15 degC from it, as far as the ramp reached.
+
+    A ramp that reaches none of them has one in its middle, to a whole degree.
+    """
+    reference_degC = one.fit.reference_degC
     low, high = (end + one.offset_degC for end in one.fit.loop_degC)
-    return [at for at in TEMPERATURES_degC if low - _REACH_degC <= at <= high + _REACH_degC]
+    first = math.ceil((low - _REACH_degC - reference_degC) / STEP_degC)
+    last = math.floor((high + _REACH_degC - reference_degC) / STEP_degC)
+    return [reference_degC + STEP_degC * k for k in range(first, last + 1)] or [float(round((low + high) / 2.0))]
 
 
 def on_sensor(one: ChannelFit) -> tuple[Floats, Floats]:
@@ -95,6 +102,8 @@ def _hysteresis(
     one: ChannelFit, campaign: Campaign, channel: Mapping[str, Any], counts: Mapping[str, int]
 ) -> list[dict[str, Any]]:
     fit = one.fit
+    if not one.there_and_back:
+        return []
     places: list[tuple[dict[str, float], float, float]] = [
         ({"reference_temperature_degC": campaign.reference_temperature_degC}, fit.value(WIDTH), fit.std(WIDTH))
     ]

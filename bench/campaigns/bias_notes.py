@@ -23,8 +23,8 @@ def notes(fits: Sequence[ChannelFit], records: RampRecords, campaign: Campaign, 
     found = [f"{count} windows left out of the fits: {reason}." for reason, count in sorted(records.left_out.items())]
     found.append(
         f"Hysteresis, thermal lag and the polynomial were fitted together, the unit driven by {driver}. The bias is "
-        "that in the middle of the loop, its random walk averaged over the campaign; temperatures are those of the "
-        "unit's own sensor."
+        "that in the middle of the loop, its random walk averaged over the campaign"
+        + ("." if any(one.sensor_problem for one in fits) else "; temperatures are those of the unit's own sensor.")
     )
     found += _estimators(fits) + _naive(fits, campaign, method)
     for one in fits:

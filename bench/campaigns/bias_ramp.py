@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from bench.campaigns.analysis import Analysis
 from bench.campaigns.bias_clock import fit_master_clock, master_clock_compensation, master_clock_estimates
 from bench.campaigns.bias_estimates import channel_estimates, on_sensor, temperatures
@@ -25,6 +27,7 @@ from bench.fit.oscillator import OscillatorFit
 from bench.model.errors import FitError
 
 METHODS: tuple[str, ...] = FIT_METHODS
+_NO_LOOP = "; hysteresis width, play half-width and thermal lag are not stated without it"
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -39,7 +42,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     campaign = read_campaign(material.campaign)
     records = ramp_records(material.rows, campaign.master_Hz)
     fits, missing = _fit_all(material, records, campaign, method)
-    clock = _master_clock(material, records, campaign, missing)
+    clock = _master_clock(material, records, campaign, fits, missing)
     limits = _limits(material.campaign)
     found = [
         entry
@@ -95,7 +98,8 @@ def _fit_all(
     drive = drive_of(material.trace, records, method)
     readings = channel_readings(records, campaign)
     missing = [f"channel {one.number}: no record" for one in campaign.channels if one.number not in readings]
-    missing += [f"branch {name}: no usable record" for name in (RISING, FALLING) if name not in records.branch]
+    lost = [name for name in (RISING, FALLING) if name not in records.branch]
+    missing += [f"branch {name}: no usable record{_NO_LOOP}" for name in lost]
     fits: list[ChannelFit] = []
     refused: list[FitError] = []
     for number, one in readings.items():
@@ -104,6 +108,7 @@ def _fit_all(
         except FitError as error:
             refused.append(error)
             missing.append(f"channel {number}: {error.message} ({error.code})")
+    missing += _without_sensor(fits)
     if not fits:
         raise (
             refused[0]
@@ -117,9 +122,25 @@ def _fit_all(
     return fits, missing
 
 
+def _without_sensor(fits: list[ChannelFit]) -> list[str]:
+    """Compensation goes by the unit's own sensor, so there is none without it."""
+    by_problem: dict[str, list[str]] = {}
+    for one in fits:
+        if one.sensor_problem:
+            by_problem.setdefault(one.sensor_problem, []).append(str(one.readings.channel.number))
+    return [
+        f"compensation of the bias, channel {', '.join(numbers)}: the unit's own sensor {problem}; temperatures of the "
+        "results are the lagged ones of the fit"
+        for problem, numbers in by_problem.items()
+    ]
+
+
 def _master_clock(
-    material: Material, records: RampRecords, campaign: Campaign, missing: list[str]
+    material: Material, records: RampRecords, campaign: Campaign, fits: list[ChannelFit], missing: list[str]
 ) -> OscillatorFit | None:
+    if any(one.sensor_problem and np.isfinite(records.unit_degC).any() for one in fits):
+        missing.append("master oscillator: the unit's own sensor, over which it is stated, does not follow the unit")
+        return None
     try:
         return fit_master_clock(records, campaign, material.standards)
     except FitError as error:
@@ -147,5 +168,6 @@ def _compensation(fits: list[ChannelFit], clock: OscillatorFit | None) -> list[d
             "valid_degC": [end + one.offset_degC for end in one.fit.loop_degC],
         }
         for one in fits
+        if not one.sensor_problem
     ]
     return [*found, master_clock_compensation(clock)] if clock is not None else found

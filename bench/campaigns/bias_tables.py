@@ -20,13 +20,13 @@ Table = dict[str, Any]
 
 
 def tables(fits: Sequence[ChannelFit], campaign: Campaign) -> list[Table]:
-    """All tables, in the order of the report."""
-    return [_fits(fits), _widths(fits), _budget(fits, campaign)]
+    """All tables that have rows, in the order of the report."""
+    return [one for one in (_fits(fits), _widths(fits), _budget(fits, campaign)) if one["rows"]]
 
 
 def _fits(fits: Iterable[ChannelFit]) -> Table:
     rows = []
-    for one in fits:
+    for one in (one for one in fits if one.there_and_back):
         fit, k = one.fit, coverage_factor()
         half = [_text(fit.value(HALF_WIDTH), 2), _text(k * fit.std(HALF_WIDTH), 2)]
         rows.append(
@@ -59,7 +59,7 @@ def _fits(fits: Iterable[ChannelFit]) -> Table:
 
 def _widths(fits: Iterable[ChannelFit]) -> Table:
     rows = []
-    for one in fits:
+    for one in (one for one in fits if one.there_and_back):
         at_degC = np.array(temperatures(one))
         air, sensor = one.naive(one.air_degC, at_degC), one.naive(one.sensor_degC, at_degC)
         for index, at in enumerate(at_degC.tolist()):

@@ -153,13 +153,13 @@ def coefficients_of(analysis: Analysis, results: Mapping[str, Any], campaign: Ma
 def merged(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """One document of the sessions of one unit, parameters by name and channel.
 
+    A campaign may measure some channels only; those that several measure must have the same nominal constants.
     Raises: InputError B-COEF-001 (another unit, or other nominal constants), B-COEF-002 (a parameter twice),
             B-COEF-003 (simulated and real).
     """
     first = documents[0]
     for other in documents[1:]:
         _same(first, other, "uut", "B-COEF-001", "belong to different units")
-        _same(first, other, "nominal", "B-COEF-001", "refer to different nominal constants of the channels")
         _same(first, other, "simulated", "B-COEF-003", "are partly simulated, partly measured")
     parameters = [one for document in documents for one in document["parameters"]]
     seen: dict[tuple[str, int], str] = {}
@@ -175,6 +175,7 @@ def merged(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         seen[place] = one["session"]
     order = list(UNITS)
     return dict(first) | {
+        "nominal": _nominal(documents),
         "parameters": sorted(parameters, key=lambda one: (order.index(one["parameter"]), one["channel"] or 0)),
         "sources": [source for document in documents for source in document["sources"]],
     }
@@ -183,8 +184,21 @@ def merged(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 def _same(first: Mapping[str, Any], other: Mapping[str, Any], name: str, code: str, what: str) -> None:
     if first[name] != other[name]:
         places = ", ".join(str(one["sources"][0]["session"]) for one in (first, other))
-        both = "" if name == "nominal" else f" ({_words(first[name])} and {_words(other[name])})"
-        raise InputError(code, f"the sessions {what}{both}", where=places, next_step=_NEXT)
+        both = f"{_words(first[name])} and {_words(other[name])}"
+        raise InputError(code, f"the sessions {what} ({both})", where=places, next_step=_NEXT)
+
+
+def _nominal(documents: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    found: dict[int, tuple[dict[str, Any], str]] = {}
+    for document in documents:
+        session = str(document["sources"][0]["session"])
+        for one in document["nominal"]:
+            known, where = found.setdefault(one["channel"], (dict(one), session))
+            if known != one:
+                values = " and ".join(f"{each['kind']} {each['k0_C']} C" for each in (known, one))
+                message = f"the sessions refer to different nominal constants of channel {one['channel']} ({values})"
+                raise InputError("B-COEF-001", message, where=f"{where}, {session}", next_step=_NEXT)
+    return [found[number][0] for number in sorted(found)]
 
 
 def _words(value: Any) -> str:

@@ -39,23 +39,25 @@ static inline int compensation_value(const compensation_polynomial *polynomial, 
 def header_text(document: Mapping[str, Any]) -> str:
     """The header of a checked document; the same document gives the same bytes.
 
-    Tables are indexed by channel number, 0 unused. Numbers are the shortest text that gives the same double back.
+    Tables are indexed by channel number, 0 unused, all of one length: no channel that is in one of them lies outside
+    of another. Numbers are the shortest text that gives the same double back.
     """
     unit = document["uut"]
     guard = re.sub("[^A-Z0-9]+", "_", f"COMPENSATION_{unit['model']}_{unit['serial']}_H".upper())
     parameters = document["parameters"]
     width = max((len(one["coefficients"]) for one in parameters), default=1)
+    last = max((int(one["channel"] or 0) for one in (*document["nominal"], *parameters)), default=0)
     parts = [
         _comment(_preamble(document)),
         f"#ifndef {guard}\n#define {guard}\n",
         f"#define COMPENSATION_SIMULATED {int(document['simulated'])}\n",
         _TYPE.replace("WIDTH", str(width)),
-        _nominal(document["nominal"]),
+        _nominal(document["nominal"], last),
     ]
     for name, constant in _NAMES.items():
         members = [one for one in parameters if one["parameter"] == name]
         if members:
-            parts.append(_table(f"COMPENSATION_{constant}", members, width))
+            parts.append(_table(f"COMPENSATION_{constant}", members, width, last))
     return "\n".join([*parts, f"#endif /* {guard} */\n"])
 
 
@@ -82,7 +84,7 @@ def _safe(text: str) -> str:
     return " ".join(text.replace("*/", "* /").replace("/*", "/ *").encode("ascii", "replace").decode().splitlines())
 
 
-def _nominal(nominal: Sequence[Mapping[str, Any]]) -> str:
+def _nominal(nominal: Sequence[Mapping[str, Any]], last: int) -> str:
     if not nominal:
         return ""
     charges = {int(one["channel"]): one for one in nominal}
@@ -90,7 +92,7 @@ def _nominal(nominal: Sequence[Mapping[str, Any]]) -> str:
         f"    {float(charges[number]['k0_C'])!r}, /* {number}: {_safe(charges[number]['kind'])} */"
         if number in charges
         else f"    0.0, /* {number}: none */"
-        for number in range(max(charges) + 1)
+        for number in range(last + 1)
     ]
     head = [
         "/* Nominal charge per pulse, coulomb, by channel. */",
@@ -99,13 +101,13 @@ def _nominal(nominal: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join([*head, *lines, "};\n"])
 
 
-def _table(name: str, members: Sequence[Mapping[str, Any]], width: int) -> str:
+def _table(name: str, members: Sequence[Mapping[str, Any]], width: int, last: int) -> str:
     if members[0]["channel"] is None:
         return f"static const compensation_polynomial {name} = {_initialiser(members[0], width)};\n"
     by_channel = {int(one["channel"]): one for one in members}
     lines = [
         f"    {_initialiser(by_channel.get(number), width)}, /* {number}{'' if number in by_channel else ': none'} */"
-        for number in range(max(by_channel) + 1)
+        for number in range(last + 1)
     ]
     return f"static const compensation_polynomial {name}[{len(lines)}] = {{\n" + "\n".join(lines) + "\n};\n"
 

@@ -156,13 +156,9 @@ def read_standards(standards: Mapping[str, Mapping[str, Any]]) -> Standards:
 
     Raises: FitError B-FIT-009 if the calibrator or one of its numbers is missing.
     """
-    ranges = read_ranges(standards, CALIBRATOR)
+    ranges, generator = read_ranges(standards, CALIBRATOR), read_generator(standards)
     calibrator = standards[CALIBRATOR]
-    try:
-        generator = _function_generator(standards.get(FUNCTION_GENERATOR, {}))
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
-        raise _register_error(FUNCTION_GENERATOR, error) from error
-    traceability, drift = (_half(calibrator, key) for key in ("traceability_relative", "drift_relative"))
+    traceability, drift = read_traceability(standards, CALIBRATOR), _half(calibrator, "drift_relative")
     notes = []
     if traceability is None:
         notes.append("The uncertainty of the calibrator is relative to its own calibration; that one is not included.")
@@ -171,12 +167,27 @@ def read_standards(standards: Mapping[str, Mapping[str, Any]]) -> Standards:
     return Standards(ranges, traceability, drift, generator, tuple(notes))
 
 
+def read_generator(standards: Mapping[str, Mapping[str, Any]]) -> float:
+    """Relative standard uncertainty of the function generator; where the register states none, that of the paper.
+
+    Raises: FitError B-FIT-009 if what it states is not usable.
+    """
+    try:
+        return _function_generator(standards.get(FUNCTION_GENERATOR, {}))
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise _register_error(FUNCTION_GENERATOR, error) from error
+
+
+def read_traceability(standards: Mapping[str, Mapping[str, Any]], role: str) -> float | None:
+    """Relative standard uncertainty of a standard's own calibration, None if the register does not state it."""
+    return _half(standards[role], "traceability_relative")
+
+
 def _half(entry: Mapping[str, Any], key: str) -> float | None:
     return None if entry.get(key) is None else float(entry[key]) / 2.0
 
 
 def _function_generator(entry: Mapping[str, Any]) -> float:
     stated = entry.get("uncertainty") or ()
-    if stated:
-        return float(stated[0]["relative"]) / 2.0
-    return _FG_RECTANGULAR_LIMIT / math.sqrt(3.0)
+    own = float(stated[0]["relative"]) / 2.0 if stated else _FG_RECTANGULAR_LIMIT / math.sqrt(3.0)
+    return math.hypot(own, _half(entry, "traceability_relative") or 0.0)

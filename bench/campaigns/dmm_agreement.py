@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.constants import CALIBRATOR, Campaign, read_ranges
+from bench.campaigns.constants import CALIBRATOR, Campaign, read_standards
 from bench.campaigns.dmm_estimates import DmmFit
+from bench.campaigns.group_estimates import common_relative_ppm
 from bench.campaigns.material import Material
 from bench.fit import fit_scale_factor
 from bench.model.errors import FitError
@@ -24,14 +25,15 @@ def agreement_table(fits: Iterable[DmmFit], material: Material, campaign: Campai
     """
     if CALIBRATOR not in material.standards:
         return []
-    ranges = read_ranges(material.standards, CALIBRATOR)
+    calibrator = read_standards(material.standards)
+    common_ppm = common_relative_ppm(calibrator)
     rows: list[list[Any]] = []
     for one in fits:
         try:
-            other = fit_scale_factor(one.group.closed, campaign.converter(one.group.channel), ranges)
+            other = fit_scale_factor(one.group.closed, campaign.converter(one.group.channel), calibrator.ranges)
         except FitError:
             continue  # the DMM method stands by itself
-        variance = np.diag(other.covariance_ppm2) + other.gain_ppm**2
+        variance = np.diag(other.covariance_ppm2) + other.gain_ppm**2 + common_ppm**2
         for index, name in enumerate(("dsf_n", "dsf_p")):
             if name not in one.fit.value_ppm:
                 continue

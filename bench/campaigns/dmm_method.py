@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from bench.campaigns.analysis import Analysis
-from bench.campaigns.constants import METER, Campaign, read_campaign, read_ranges
+from bench.campaigns.constants import METER, Campaign, read_campaign, read_ranges, read_traceability
 from bench.campaigns.dmm_agreement import agreement_table
 from bench.campaigns.dmm_estimates import (
     DmmFit,
@@ -34,6 +34,7 @@ from bench.model.errors import FitError
 
 METHODS: tuple[str, ...] = FIT_METHODS
 _OF_ONE_GROUP = ("B-FIT-001", "B-FIT-005", "B-FIT-012", "B-FIT-050")
+_UNTRACED = "The uncertainty of the meter is relative to its own calibration; that one is not included."
 Refused = list[tuple[Group, FitError]]
 
 
@@ -50,7 +51,8 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
     constants, register = read_campaign(material.campaign), read_ranges(material.standards, METER)
     chosen = campaign_rows(material.rows)
     groups, log = group_rows(chosen, constants.master_Hz), MeterLog(chosen, material.readings)
-    fits, refused = _fit_all(groups, log, constants, register, method)
+    traceability = read_traceability(material.standards, METER)
+    fits, refused = _fit_all(groups, log, constants, register, method, traceability or 0.0)
     if not fits:
         raise refused[0][1]
     found: list[dict[str, Any]] = []
@@ -68,22 +70,27 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
         components=budget(fits, constants),
         table=_table(found, constants),
         groups=[_quality(one, constants) for one in fits],
-        notes=[*(f"No result: {one}" for one in missing), *notes(fits, groups, found, constants)],
+        notes=[
+            *(f"No result: {one}" for one in missing),
+            *notes(fits, groups, found, constants),
+            *([_UNTRACED] if traceability is None else []),
+        ],
         missing=missing,
         tables=[*agreement_table(fits, material, constants), *zero_table(log)],
     )
 
 
 def _fit_all(
-    groups: Iterable[Group], log: MeterLog, campaign: Campaign, register: dict[float, RangeSpecification], method: str
-) -> tuple[list[DmmFit], Refused]:
+    groups: Iterable[Group], log: MeterLog, campaign: Campaign, register: dict[float, RangeSpecification], method: str,
+    traceability: float,
+) -> tuple[list[DmmFit], Refused]:  # fmt: skip
     fits: list[DmmFit] = []
     refused: Refused = []
     for group in groups:
         if group.repeat:
             continue
         try:
-            fits.append(_fit_one(group, log, campaign, register, method))
+            fits.append(_fit_one(group, log, campaign, register, method, traceability))
         except FitError as error:
             if error.code not in _OF_ONE_GROUP:
                 raise
@@ -93,8 +100,9 @@ def _fit_all(
 
 
 def _fit_one(
-    group: Group, log: MeterLog, campaign: Campaign, register: dict[float, RangeSpecification], method: str
-) -> DmmFit:
+    group: Group, log: MeterLog, campaign: Campaign, register: dict[float, RangeSpecification], method: str,
+    traceability: float,
+) -> DmmFit:  # fmt: skip
     if not group.closed.gate_s.size:
         raise FitError(
             "B-FIT-012",
@@ -102,7 +110,7 @@ def _fit_one(
             next_step="see the quality of the records in the report; take the group again",
         )
     meter = log.meter(group.numbers)
-    fit = fit_dmm_method(group.closed, meter, campaign.converter(group.channel), register, method)
+    fit = fit_dmm_method(group.closed, meter, campaign.converter(group.channel), register, method, traceability)
     return DmmFit(group, meter, fit)
 
 

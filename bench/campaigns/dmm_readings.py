@@ -52,7 +52,7 @@ def reading_sets(readings: Iterable[Reading]) -> list[ReadingSet]:
     """Sets in the order of time; a reading that was flagged (no value) is left out, an empty set too."""
     found: list[ReadingSet] = []
     for one in sorted(readings, key=lambda one: one.t_s):
-        if one.role != METER or not isinstance(one.value, (int, float)):
+        if one.role != METER or not isinstance(one.value, (int, float)) or not math.isfinite(one.value):
             continue
         if one.name == CONFIGURE:
             found.append(ReadingSet(float(one.value), dict(one.conditions), one.t_s, one.t_s))

@@ -70,6 +70,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         uut=uut,
         estimates=[one for fit in fits for one in _estimates(fit, columns, reference_degC)],
         notes=_notes(columns, blocks, fits),
+        missing=[_not_joint(fit) for fit in fits if fit.joint is not None and fit.joint.fit.beyond],
         figures=figures(columns, blocks, fits),
         tables=tables(columns, fits),
     )
@@ -134,7 +135,7 @@ def _estimates(fit: ReadingFit, columns: RampColumns, reference_degC: float) -> 
 
 def _joint_estimates(fit: ReadingFit, unit: str) -> Iterator[tuple[str, str, tuple[float, float, float]]]:
     """Quantity, unit and (value, standard uncertainty, degrees of freedom) of the joint fit."""
-    if fit.joint is None:
+    if fit.joint is None or fit.joint.fit.beyond:
         return
     joint, many = fit.joint.fit, float(fit.joint.fit.dof)
     yield "hysteresis_width", unit, (*fit.joint.width, many)
@@ -142,6 +143,11 @@ def _joint_estimates(fit: ReadingFit, unit: str) -> Iterator[tuple[str, str, tup
         yield "thermal_lag", "min", (joint.value(LAG) / 60.0, joint.std(LAG) / 60.0, many)
     if joint.half_width_determined:
         yield "play_half_width", "degC", (joint.value(HALF_WIDTH), joint.std(HALF_WIDTH), many)
+
+
+def _not_joint(fit: ReadingFit) -> str:
+    what = "" if fit.joint is None else fit.joint.fit.beyond
+    return f"{fit.name}: no hysteresis width, half-width and lag; the log asks for a {what} beyond what a ramp can show"
 
 
 def _notes(columns: RampColumns, blocks: Blocks, fits: list[ReadingFit]) -> list[str]:
@@ -158,6 +164,9 @@ def _notes(columns: RampColumns, blocks: Blocks, fits: list[ReadingFit]) -> list
     ]
     for fit in fits:
         if fit.joint is None:
+            continue
+        if fit.joint.fit.beyond:
+            found.append(f"No result: {_not_joint(fit)}.")
             continue
         width, std = fit.joint.width
         if not fit.joint.fit.half_width_determined:

@@ -69,11 +69,12 @@ def conformance_probability(
     """Probability that the true value lies between two limits, either of which may be infinite.
 
     Args:    value, std_uncertainty, lower, upper: one unit.   dof: infinite: normal, else Student's t.
-    Returns: probability; 0 or 1 where there is no uncertainty, 0 for a value that is not finite.
+    Returns: probability; 0 or 1 where there is no uncertainty, 0 for a value that is not finite or an uncertainty that
+             is not known (NaN).
     Raises:  nothing.
     Source:  JCGM 106:2012 section 7, with the scaled t distribution of JCGM 101:2008 section 6.4.9.
     """
-    if not math.isfinite(value):
+    if not math.isfinite(value) or math.isnan(std_uncertainty):
         return 0.0
     if std_uncertainty == 0.0:
         return float(lower <= value <= upper)

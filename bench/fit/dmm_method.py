@@ -70,7 +70,7 @@ class DmmScaleFactor:
 
 def fit_dmm_method(
     rows: Readings, meter: Meter, converter: Converter, standard: Mapping[float, RangeSpecification],
-    method: str = "joint",
+    method: str = "joint", traceability: float = 0.0,
 ) -> DmmScaleFactor:  # fmt: skip
     """Fit DSF_N and DSF_P of one channel at one temperature to a current meter's readings.
 
@@ -78,6 +78,7 @@ def fit_dmm_method(
              polarity are dropped and counted.   meter: readings beside them.   converter, standard: declared constants,
              ``standard`` of the meter.   method: "joint" (differential and common-mode rows, covariance weights) or
              "as_printed" (differential rows with weights 1/level^2, equation (18): the mean of both only).
+             traceability: relative standard uncertainty of the meter's own calibration, common to all its ranges.
     Returns: DmmScaleFactor. Gains of the meter's ranges count as fully correlated in the uncertainty.
     Raises:  FitError B-FIT-001 (rank), B-FIT-003 (range not in the register), B-FIT-004 (method unknown), B-FIT-005 (a
              polarity is missing), B-FIT-050 (no row with a reading).
@@ -93,7 +94,7 @@ def fit_dmm_method(
             f"none of {usable.size} records has a reading of the meter and a partner of the other polarity",
             next_step="the sequence must call dmm.measure_current between dmm.configure_current and the record",
         )
-    problem = _set_up(rows.take(usable), meter.take(usable), converter, standard)
+    problem = _set_up(rows.take(usable), meter.take(usable), converter, standard, traceability)
     solution = _joint(problem) if method == "joint" else _as_printed(problem)
     return _result(problem, solution, usable)
 
@@ -107,6 +108,7 @@ class _Problem:
     level_A: Array  # (p,)
     parts: Mapping[str, Array]  # independent noise, (m, m) each
     gains_A: Array  # (m, r) one standard deviation of each range's gain
+    traceability_A: Array  # (m,) one standard deviation of what all ranges were calibrated with
 
     @property
     def difference(self) -> Array:
@@ -130,8 +132,9 @@ class _Solution:
 
 
 def _set_up(
-    rows: Readings, meter: Meter, converter: Converter, standard: Mapping[float, RangeSpecification]
-) -> _Problem:
+    rows: Readings, meter: Meter, converter: Converter, standard: Mapping[float, RangeSpecification],
+    traceability: float,
+) -> _Problem:  # fmt: skip
     n_A, p_A = pulse_currents_A(rows, converter)
     require_polarities(rows, n_A, p_A)
     reference_A = reference_A_of(rows, meter, standard)
@@ -144,6 +147,7 @@ def _set_up(
         level_A=level_A,
         parts=noise_parts(rows, converter) | meter_parts(rows, meter, standard),
         gains_A=_gain_effects(reference_A, meter, standard),
+        traceability_A=reference_A * traceability,
     )
 
 
@@ -274,6 +278,7 @@ def _result(problem: _Problem, solution: _Solution, usable: NDArray[np.bool_]) -
         # nobody says how far the gains of two ranges share one cause: the largest that correlation can make
         gain = _PPM * float(np.abs(operator @ problem.gains_A).sum())
         parts.setdefault("gain of the meter's ranges", {})[name] = gain
+        parts.setdefault("traceability of the meter", {})[name] = _PPM * abs(float(operator @ problem.traceability_A))
     return DmmScaleFactor(
         value_ppm={name: _PPM * float(one @ problem.readings_A) for name, one in solution.operators.items()},
         std_ppm={name: float(np.sqrt(sum(one[name] ** 2 for one in parts.values()))) for name in solution.operators},

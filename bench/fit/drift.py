@@ -180,12 +180,13 @@ def days_to_limit(
 
     Args:    value, std: (p,) what is known at t = 0.   rate, rate_std: (p,) per day; NaN means that no drift is known.
              limit: (p,), > 0; NaN where there is none.   most_days: no more is promised than this.
-    Returns: (p,) days, 0 ... most_days; most_days where there is no limit.
+    Returns: (p,) days, 0 ... most_days; most_days where there is no limit, 0 where the value or its uncertainty is not
+             known.
     Source:  ILAC-G24 / OIML D 10, control-chart method; coverage factor k of JCGM 100 section 6.3.
     """
     day = np.arange(most_days + 1, dtype=np.float64)[:, None]
     speed, speed_std = np.nan_to_num(rate), np.nan_to_num(rate_std)
     reach = np.abs(value + speed * day) + coverage_factor() * np.hypot(std, speed_std * day)
-    over = reach >= limit
+    over = ~(reach < np.where(np.isnan(limit), np.inf, limit))
     first = np.where(over.any(axis=0), over.argmax(axis=0), most_days + 1)
     return np.asarray(np.clip(first - 1, 0, most_days), dtype=np.int64)

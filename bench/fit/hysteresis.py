@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bench.fit.hysteresis_model import WIDTH, Gates, HysteresisModel, ModelShape
 from bench.fit.hysteresis_search import Bounds, Problem, search
-from bench.fit.hysteresis_solution import Solution, averaged, solution_at
+from bench.fit.hysteresis_solution import Solution, averaged, solution_at, spacing_degC
 from bench.fit.level import Level
 from bench.fit.thermal_lag import Drive
 
@@ -34,6 +34,8 @@ class HysteresisFit:
     minus fit.   ``loop_degC``: ends of the temperature loop.   ``lag_determined``, ``half_width_determined``: False
     where the readings leave that parameter open within the bounds of the search; without a determined half-width, all
     estimates are averages over the half-widths possible, and their covariance holds the spread.
+    ``beyond``: LAG or HALF_WIDTH if the readings ask for one that was not looked for, else "". The other parameters
+    then take over what that one may not, and none of them is to be believed.
     """
 
     names: tuple[str, ...]
@@ -49,6 +51,7 @@ class HysteresisFit:
     loop_degC: tuple[float, float]
     lag_determined: bool
     half_width_determined: bool
+    beyond: str
 
     @property
     def reduced_chi2(self) -> float:
@@ -102,7 +105,9 @@ def fit_hysteresis(
     lag_inside, half_inside = _inside(solution, bounds)
     at = names.index(WIDTH)
     significant = solution.parameters[at] ** 2 > _SIGNIFICANT**2 * solution.covariance[at, at]
-    if not (half_inside and significant):
+    known = solution.covariance[-1, -1] < spacing_degC(bounds) ** 2  # an average over a grid would miss it
+    at_bound = significant and known and not half_inside
+    if not (half_inside and significant) and not at_bound:
         solution = averaged(problem, place, bounds, level)
     lag_s, half_width_degC = (float(one) for one in solution.parameters[-2:])
     columns = problem.model.columns(lag_s, half_width_degC)
@@ -120,7 +125,15 @@ def fit_hysteresis(
         loop_degC=problem.model.span_degC(lag_s),
         lag_determined=bool(lag_inside),
         half_width_determined=bool(half_inside and significant),
+        beyond=_longer_lag(solution, bounds, lag_inside=bool(lag_inside)) or (HALF_WIDTH if at_bound else ""),
     )
+
+
+def _longer_lag(solution: Solution, bounds: Bounds, *, lag_inside: bool) -> str:
+    """LAG if it is known and comes out at the longest one; at the shortest one there is next to none, no harm done."""
+    lag_s, std_s = float(solution.parameters[-2]), float(np.sqrt(solution.covariance[-2, -2]))
+    longest = not lag_inside and lag_s + _INSIDE * std_s >= bounds.high[0] and std_s < bounds.std[0]
+    return LAG if longest else ""
 
 
 def _inside(solution: Solution, bounds: Bounds) -> NDArray[np.bool_]:

@@ -83,6 +83,14 @@ def averaged(problem: Problem, place: Place, bounds: Bounds, level: Level | None
     return Solution(mean, within + between, float(log_weights.max()))
 
 
+def spacing_degC(bounds: Bounds) -> float:
+    """Distance of the half-widths of an average, degC.
+
+    Source: definition; see ``averaged``.
+    """
+    return float(bounds.high[1] - bounds.low[1]) / _HALF_WIDTHS
+
+
 def _derivatives(problem: Problem, place: Place, linear: Array) -> Array:
     """Change of the model with lag and half-width, (m, 2), by central differences."""
     columns, lag_s, half = problem.model.columns, place.lag_s, place.half_width_degC

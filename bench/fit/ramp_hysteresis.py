@@ -46,12 +46,12 @@ def search_bounds(blocks: Blocks, drive: Drive) -> Bounds:
     """Where lag and play half-width are looked for: what a record of this length, step and span can show.
 
     Args:    blocks: of the readings.   drive: temperature.
-    Returns: lag from a tenth of a block to a tenth of the record; half-width from 2 % to a third of the span.
+    Returns: lag from a tenth of a block to a tenth of the record; half-width from 0.2 % to a third of the span.
     Source:  see the module.
     """
     block_s, length_s = float(blocks.end_s[0] - blocks.start_s[0]), float(blocks.end_s[-1] - blocks.start_s[0])
     span_degC = float(np.ptp(drive.degC))
-    return Bounds((block_s / 10.0, length_s / 10.0), (span_degC / 50.0, span_degC / 3.0))
+    return Bounds((block_s / 10.0, length_s / 10.0), (span_degC / 500.0, span_degC / 3.0))
 
 
 def fit_ramp_hysteresis(

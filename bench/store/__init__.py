@@ -1,6 +1,6 @@
 """Floor 4: the calibration history, an SQL database of results, reports and approvals."""
 
-from bench.store.address import chosen_url
+from bench.store.address import check_history_url, chosen_url
 from bench.store.approval import Approved, approve
 from bench.store.comparison import Comparison, ParameterHistory, compare_unit
 from bench.store.due import Due, dues_of
@@ -21,6 +21,7 @@ __all__ = [
     "Shown",
     "StoreError",
     "approve",
+    "check_history_url",
     "chosen_url",
     "compare_pair",
     "compare_unit",

@@ -56,3 +56,8 @@ def history_address(url: str) -> Address:
             next_step="install it with: pip install 'inertial-bench[postgresql]'",
         )
     return Address(parsed.set(drivername="postgresql+psycopg"), where)
+
+
+def check_history_url(url: str) -> None:
+    """Before a run of days: an address that can never be opened. Raises: StoreError B-STORE-001."""
+    history_address(url)

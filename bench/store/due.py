@@ -15,6 +15,9 @@ from bench.store.reading import utc_text
 from bench.store.series import YEAR_S
 
 DAY_S = 86400
+_NO_RESULT = "the last calibration has no result"
+_LEAST_SHARE = 0.1  # of the longest interval, over which calibrations must be spread to tell that there is no drift
+_PLAIN = 5.0  # standard uncertainties of the rate, so that none of some hundred parameters has it by chance
 _DAYS_PER_YEAR = YEAR_S / DAY_S
 
 
@@ -48,7 +51,8 @@ class Due:
 def dues_of(comparison: Comparison, most_days: int) -> list[Due]:
     """One per campaign of the unit; ``most_days``: the longest interval between two calibrations.
 
-    A parameter that the last calibration of its campaign does not have says nothing.
+    A parameter that the last calibration of its campaign does not have says nothing; where it has none at all, the
+    campaign is due at once, because nothing is known of the unit since.
     """
     series, histories = comparison.series, comparison.parameters
     found = []
@@ -56,8 +60,8 @@ def dues_of(comparison: Comparison, most_days: int) -> list[Due]:
         rows = [number for number, row in enumerate(series.calibrations) if row["campaign"] == campaign]
         members = [one for one in histories if one.parameter.campaign == campaign and one.rows[-1] == rows[-1]]
         days = _days_left(members, most_days)
-        first = int(days.argmin())
-        last = series.calibrations[rows[-1]]
+        first = int(days.argmin()) if members else -1
+        left, last = int(days[first]) if members else 0, series.calibrations[rows[-1]]
         found.append(
             Due(
                 series.uut,
@@ -65,8 +69,8 @@ def dues_of(comparison: Comparison, most_days: int) -> list[Due]:
                 bool(last["simulated"]),
                 len(rows),
                 int(last["started_utc_ns"]),
-                int(last["started_utc_ns"]) + int(days[first]) * DAY_S * NS,
-                members[first].parameter.label if days[first] < most_days else "",
+                int(last["started_utc_ns"]) + left * DAY_S * NS,
+                _NO_RESULT if not members else members[first].parameter.label if left < most_days else "",
             )
         )
     return found
@@ -75,9 +79,22 @@ def dues_of(comparison: Comparison, most_days: int) -> list[Due]:
 def _days_left(members: list[ParameterHistory], most_days: int) -> NDArray[np.int64]:
     """Days until the last value plus drift, or the drift alone, reaches its limit."""
     value, std = (np.array([getattr(one, name)[-1] for one in members]) for name in ("value", "std"))
-    rate = np.array([one.line.rate if one.line else np.nan for one in members]) / _DAYS_PER_YEAR
-    rate_std = np.array([one.line.rate_std if one.line else np.nan for one in members]) / _DAYS_PER_YEAR
+    lines = [one.line if _tells_drift(one, most_days) else None for one in members]
+    rate = np.array([line.rate if line else np.nan for line in lines]) / _DAYS_PER_YEAR
+    rate_std = np.array([line.rate_std if line else np.nan for line in lines]) / _DAYS_PER_YEAR
     limit, change_limit = (np.array([getattr(one, name) for one in members]) for name in ("limit", "change_limit"))
     by_value = days_to_limit(value, std, rate, rate_std, limit, most_days=most_days)
     by_change = days_to_limit(np.zeros_like(value), std, rate, rate_std, change_limit, most_days=most_days)
     return np.minimum(by_value, by_change)
+
+
+def _tells_drift(one: ParameterHistory, most_days: int) -> bool:
+    """Whether a drift line may be carried on: calibrations far enough apart, or a drift that is plain to see.
+
+    Two calibrations of one week that agree say nothing about a year; the uncertainty of their rate, carried on, would
+    make a unit due the sooner the more often it is checked.
+    """
+    if one.line is None:
+        return False
+    spread_days = float(one.t_year[-1] - one.t_year[0]) * _DAYS_PER_YEAR
+    return spread_days >= _LEAST_SHARE * most_days or abs(one.line.rate) > _PLAIN * one.line.rate_std

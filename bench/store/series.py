@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,6 +21,9 @@ from bench.store.tables import estimates, parameters, shared_components
 Array = NDArray[np.float64]
 YEAR_S = 365.25 * 86400.0
 _AT_ONCE = 10_000  # every database takes as many values in one statement
+_TEMPERATURES = {
+    "temperature_degC": "", "unit_temperature_degC": "unit ", "reference_temperature_degC": "about ",
+}  # fmt: skip
 _NUMBERS = ("value", "std_uncertainty", "coverage_factor")
 
 
@@ -35,14 +38,21 @@ class Parameter:
 
     @property
     def label(self) -> str:
-        """Quantity and conditions in one line; the kind of a channel is left out."""
-        plain = {name.removesuffix("_degC"): value for name, value in self.conditions.items() if name != "kind"}
-        named = ", ".join(f"{name} {_plain(value)}" for name, value in plain.items())
+        """Quantity and conditions in one line."""
+        named = conditions_text(self.conditions)
         return f"{self.quantity} ({named})" if named else self.quantity
 
 
-def _plain(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
+def conditions_text(conditions: Mapping[str, Any]) -> str:
+    """Conditions as a person says them; the kind of a channel is left out, "about": where coefficients refer to."""
+    said = []
+    for name, value in conditions.items():
+        shown = f"{value:.6g}" if isinstance(value, float) else str(value)
+        if name in _TEMPERATURES:
+            said.append(f"{_TEMPERATURES[name]}{shown} degC")
+        elif name != "kind" or "channel" not in conditions:
+            said.append(f"{name} {shown}")
+    return ", ".join(said)
 
 
 @dataclass(frozen=True)
@@ -88,6 +98,13 @@ def read_pair(url: str, first: str, second: str) -> Series:
     """Two calibrations in the order given. Raises as ``read_series``, and B-STORE-011 if they are of two units."""
     with reading(url) as connection:
         rows = [find_calibration(connection, name) for name in (first, second)]
+        if rows[0]["id"] == rows[1]["id"]:
+            raise StoreError(
+                "B-STORE-011",
+                "both names mean the same calibration",
+                where=f"{first}, {second}",
+                next_step="name two calibrations; 'bench history list' shows them",
+            )
         units = [(str(row["uut_model"]), str(row["uut_serial"])) for row in rows]
         if units[0] != units[1] or rows[0]["campaign"] != rows[1]["campaign"]:
             said = [f"{row['campaign']} of {' '.join(unit)}" for row, unit in zip(rows, units, strict=True)]

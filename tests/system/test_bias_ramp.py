@@ -185,7 +185,7 @@ INTEGRATED = [
     ("cold: -10 degC", "cold: 23 degC"),
     ("hot: 50 degC", "hot: 24 degC"),
     ("for: 10 min, sensor: unit", "for: 1 min, sensor: unit"),
-    ("slot: 4500 s ", "slot: 60 s "),
+    ("slot: 7800 s ", "slot: 60 s "),
 ]
 
 

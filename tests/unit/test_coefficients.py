@@ -2,6 +2,7 @@
 
 import copy
 import json
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -147,6 +148,19 @@ def test_sessions_that_do_not_belong_together_are_refused(
         assert "sf" in caught.value.where
 
 
+def test_campaigns_of_some_channels_only_are_merged(campaign: sim.SimulatedCampaign, scale_factor: Analysis) -> None:
+    """A short scale-factor campaign measures some channels, the bias campaign all of them."""
+    ours = document(scale_factor, campaign, "sf")
+    more = document(bias_analysis(), campaign, "bias")
+    more["nominal"].append({"channel": 10, "kind": "accelerometer", "k0_C": 1e-7})
+    more["parameters"].append({**more["parameters"][0], "channel": 10, "kind": "accelerometer"})
+    both = merged([more, ours])
+    assert [one["channel"] for one in both["nominal"]] == [1, 3, 10]
+    assert both["nominal"] == merged([ours, more])["nominal"]
+    tables = re.findall(r"static const \w+ COMPENSATION_(\w+)\[(\d+)\]", header_text(both))
+    assert dict(tables) == {"K0_C": "11", "DSF_N_PPM": "11", "DSF_P_PPM": "11", "BIAS_A": "11"}
+
+
 def test_the_clock_of_the_unit_twice_is_refused(campaign: sim.SimulatedCampaign) -> None:
     clock = [one for one in bias_analysis().compensation if one["channel"] is None]
     first, second = (document(bias_analysis(compensation=clock), campaign, name) for name in ("a", "b"))
@@ -236,6 +250,10 @@ def compiler() -> str:
     return found
 
 
+@pytest.mark.validates(
+    "coefficients.h compiled as C99 without warnings, its numbers",
+    against="numpy's polyval of coefficients.json",
+)
 def test_header_compiles_and_evaluates_to_the_same_numbers(tmp_path: Path, both: dict[str, Any]) -> None:
     (tmp_path / "coefficients.h").write_text(header_text(both))
     (tmp_path / "main.c").write_text(PROGRAM % {"temperatures": ", ".join(repr(at) for at in T_degC)})

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import allantools
 import numpy as np
 import pytest
@@ -35,6 +37,10 @@ def by_definition(rate: np.ndarray, factor: int, *, modified: bool) -> float:
 # --- published tables ------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.validates(
+    "Allan deviation, overlapping and modified, nine rates",
+    against="NIST SP 1065 table 30 (the 14-point suite of NBS)",
+)
 def test_nbs_14_point_suite() -> None:
     """NIST SP 1065 table 30 (nine rates, ten phases), averaging times 1 and 2."""
     np.testing.assert_allclose(allan_deviation(NBS_9_RATES, 1.0).deviation[:2], [91.22945, 85.95287], rtol=1e-7)
@@ -42,6 +48,10 @@ def test_nbs_14_point_suite() -> None:
     np.testing.assert_allclose(modified.deviation[:2], [91.22945, 74.78849], rtol=1e-7)
 
 
+@pytest.mark.validates(
+    "Allan deviation, overlapping and modified, 1,000 rates",
+    against="NIST SP 1065 table 31",
+)
 def test_nbs_1000_point_suite() -> None:
     """NIST SP 1065 table 31, averaging times 1, 10 and 100."""
     rate = thousand_points()
@@ -99,13 +109,21 @@ def test_a_large_mean_costs_no_digits() -> None:
     np.testing.assert_allclose(lifted, plain, rtol=1e-6)
 
 
+@pytest.mark.validates(
+    "Allan deviation at every averaging time",
+    against="the package allantools",
+)
 @pytest.mark.parametrize("modified", [False, True])
-def test_the_same_as_another_package(modified: bool) -> None:
+def test_the_same_as_another_package(record_property: Callable[[str, object], None], modified: bool) -> None:
     rate = np.random.default_rng(43).normal(size=777)
     found = allan_deviation(rate, 0.1, modified=modified)
     other = allantools.mdev if modified else allantools.oadev
     tau_s, expected, _, _ = other(rate, rate=10.0, data_type="freq", taus=found.tau_s)
     np.testing.assert_allclose(tau_s, found.tau_s[: tau_s.size])
+    record_property(
+        "obtained",
+        f"{'modified' if modified else 'overlapping'} {np.abs(found.deviation[: tau_s.size] / expected - 1).max():.0e}",
+    )
     np.testing.assert_allclose(found.deviation[: tau_s.size], expected, rtol=1e-9)
 
 
@@ -132,6 +150,10 @@ def classical_dof(exponent: int, n: int, m: int) -> float:
     return (n - 2) / m * ((n - 1) ** 2 - 3 * m * (n - 1) + 4 * m**2) / (n - 3) ** 2
 
 
+@pytest.mark.validates(
+    "degrees of freedom of an Allan deviation",
+    against="the formulas of Howe, Allan and Barnes in NIST SP 1065 table 5",
+)
 @pytest.mark.parametrize(("exponent", "within"), [(2, 0.03), (0, 0.02), (-1, 0.10), (-2, 0.10)])
 def test_degrees_of_freedom_against_the_classical_formulas(exponent: int, within: float) -> None:
     """They are approximations of a few percent; that of white noise of the rate is 146.177 where the sum is 146.072."""

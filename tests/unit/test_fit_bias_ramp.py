@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -115,17 +116,49 @@ def test_noise_of_the_bias(analysis: Analysis) -> None:
             assert walk["value"] == pytest.approx(3e-10, rel=0.5)
 
 
-def test_lag_is_shown_beside_the_joint_fit(analysis: Analysis, ramps: dict[int, Ramp]) -> None:
+@pytest.mark.validates(
+    "separate polynomials of the branches against the air are off by the lag",
+    against="closed form: 2 x rate x lag x slope of the bias",
+)
+def test_lag_is_shown_beside_the_joint_fit(
+    record_property: Callable[[str, object], None], analysis: Analysis, ramps: dict[int, Ramp]
+) -> None:
     """Against the chamber's air separate cubics add 2 x rate x lag x slope, here of 25 min at 0.1 degC/min."""
     table = next(one for one in analysis.tables if "separate polynomials" in one["title"])
     for number, one in ramps.items():
         (row,) = [row for row in table["rows"] if row[0] == number and row[1] == 20.0]
         joint, against_air, against_sensor = float(row[2]), float(row[4]), float(row[5])
         excess = 2 * 0.1 * 25.0 * one.unit.polynomial[1] * 1e9
+        record_property("obtained", f"channel {number}: {against_air - joint:.1f} of {excess:.1f} nA")
         assert against_air - joint == pytest.approx(excess, abs=4.0), number
         assert abs(against_sensor - joint) < 3.0
     assert any("instead of" in note for note in analysis.notes)
     assert any("are masked there" in note for note in analysis.notes)
+
+
+def test_parts_of_the_uncertainty(analysis: Analysis, ramps: dict[int, Ramp]) -> None:
+    """400 ppm of the bias, and 0.05 degC times its slope, by hand; table and residual hold them, too."""
+    table = next(one for one in analysis.tables if one["title"].startswith("Components of the bias"))
+    for number, one in ramps.items():
+        parts = {row[1]: float(row[2]) for row in table["rows"] if row[0] == number}
+        assert parts["scale factor taken as nominal"] == pytest.approx(4e5 * abs(one.truth(0)), rel=0.01)
+        expected_nA = 1e9 * 0.05 * abs(one.unit.polynomial[1])
+        assert parts["temperature sensor of the unit"] == pytest.approx(expected_nA, rel=0.1)
+        left = one_of(analysis, "bias_residual", channel=number)
+        white_A = 2e-9 / np.sqrt(2.0 * 3600.0)  # over an hour
+        assert left["std_uncertainty"] == pytest.approx(white_A, rel=0.05)
+
+
+def test_what_is_valid_is_what_the_sensor_read(ramps: dict[int, Ramp]) -> None:
+    """With a sensor that reads 5 degC too much the ramp ends at 55 degC of it."""
+    found = [
+        replace(row, context={key: value + 5.0 for key, value in row.context.items()}) for row in rows({1: ramps[1]})
+    ]
+    result = bias_ramp.analyse(material({1: ramps[1]}, found))
+    entries = {one["parameter"]: one["valid_degC"] for one in result.compensation}
+    for low_degC, high_degC in entries.values():
+        assert low_degC == pytest.approx(-5.0, abs=0.2)
+        assert high_degC == pytest.approx(54.8, abs=0.3)
 
 
 def test_estimators_are_named(analysis: Analysis) -> None:
@@ -198,14 +231,99 @@ def test_lost_frames_cost_the_resolution_of_their_window(ramps: dict[int, Ramp])
     assert score(one_of(result, "hysteresis_width", reference_temperature_degC=20.0), one[1].unit.width_A) < 4
 
 
-def test_half_a_ramp_says_what_is_missing(ramps: dict[int, Ramp]) -> None:
+def test_half_a_ramp_has_a_bias_but_no_hysteresis(ramps: dict[int, Ramp]) -> None:
     one = {1: ramps[1]}
     result = bias_ramp.analyse(material(one, rows(one)[:432]))
-    assert "branch down: no usable record" in result.missing
-    width = one_of(result, "hysteresis_width", reference_temperature_degC=20.0)
-    whole = bias_ramp.analyse(material(one)).estimates
-    assert width["std_uncertainty"] > next(x for x in whole if x["quantity"] == "hysteresis_width")["std_uncertainty"]
-    assert score(width, one[1].unit.width_A) < 4
+    assert any(line.startswith("branch down: no usable record; hysteresis width") for line in result.missing)
+    assert not of(result, "hysteresis_width") + of(result, "play_half_width") + of(result, "thermal_lag")
+    half, whole = (one_of(x, "bias_tc1", channel=1) for x in (result, bias_ramp.analyse(material(one))))
+    assert half["std_uncertainty"] > 1.2 * whole["std_uncertainty"]
+    assert score(half, one[1].unit.polynomial[1]) < 4
+
+
+@pytest.mark.parametrize("stuck_from", [0, 432])
+def test_a_stuck_sensor_costs_the_compensation_but_not_the_campaign(ramps: dict[int, Ramp], stuck_from: int) -> None:
+    one = {1: ramps[1]}
+    found = rows(one)
+    stuck = found[stuck_from].context
+    result = bias_ramp.analyse(
+        material(one, found[:stuck_from] + [replace(x, context=stuck) for x in found[stuck_from:]])
+    )
+    assert score(one_of(result, "bias", temperature_degC=20.0), one[1].truth(0) * (1 + one[1].unit.dsf)) < 4
+    assert score(one_of(result, "hysteresis_width", temperature_degC=20.0), one[1].unit.width_A) < 4
+    assert not result.compensation
+    assert not of(result, "master_clock_error")
+    (said,) = [line for line in result.missing if line.startswith("compensation of the bias, channel 1")]
+    assert "does not follow the unit" in said
+    assert any(line.startswith("master oscillator") for line in result.missing)
+
+
+def test_without_the_sensor_the_temperatures_are_said_to_be_those_of_the_fit(ramps: dict[int, Ramp]) -> None:
+    one = {1: ramps[1]}
+    result = bias_ramp.analyse(material(one, [replace(row, context={}) for row in rows(one)]))
+    assert any("gave no reading; temperatures of the results are the lagged ones" in line for line in result.missing)
+    assert not any("temperatures are those of the unit's own sensor" in note for note in result.notes)
+    assert not result.compensation
+
+
+def unit_with(**changes: Any) -> dict[int, Ramp]:
+    unit = draw(np.random.default_rng(5), "gyro")
+    return {1: ramp(3, unit=replace(unit, **changes))}
+
+
+@pytest.mark.parametrize("half_width_degC", [0.1, 0.25])
+def test_a_loop_that_opens_at_once(half_width_degC: float) -> None:
+    one = unit_with(half_width_degC=half_width_degC)
+    result = bias_ramp.analyse(material(one))
+    assert score(one_of(result, "play_half_width"), half_width_degC) < 4
+    assert score(one_of(result, "thermal_lag"), 25.0) < 4
+    assert score(one_of(result, "hysteresis_width", temperature_degC=20.0), one[1].unit.width_A) < 4
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [({"lag_s": 7200.0}, "thermal lag of 90 min"), ({"half_width_degC": 12.0}, "half-width of 9.00")],
+)
+def test_a_lag_or_a_loop_beyond_the_search_is_refused(changes: dict[str, float], said: str) -> None:
+    """Held at the limit of the search they would put the width and the slope of the bias off by 8 to 20 sigma."""
+    with pytest.raises(FitError, match=said) as caught:
+        bias_ramp.analyse(material(unit_with(**changes)))
+    assert caught.value.code == "B-FIT-001"
+
+
+@pytest.mark.parametrize(
+    ("reference_degC", "at_degC"), [(25.0, [-5.0, 10.0, 25.0, 40.0]), (-40.0, [-10.0, 5.0, 20.0, 35.0, 50.0])]
+)
+def test_estimates_stand_at_the_reference_and_in_steps_from_it(
+    ramps: dict[int, Ramp], reference_degC: float, at_degC: list[float]
+) -> None:
+    usual = material({1: ramps[1]})
+    campaign_there = {**usual.campaign, "reference_temperature_degC": reference_degC}
+    result = bias_ramp.analyse(replace(usual, campaign=campaign_there))
+    assert [one["conditions"]["temperature_degC"] for one in of(result, "bias")] == at_degC
+    for one in of(result, "bias"):
+        x = one["conditions"]["temperature_degC"] - 20.0
+        truth = sum(ramps[1].truth(k) * (1 + ramps[1].unit.dsf) * x**k for k in range(4))
+        assert score(one, float(truth)) < 4
+    (paste,) = [one for one in result.compensation if one["parameter"] == "bias"]
+    assert paste["reference_temperature_degC"] == reference_degC
+    assert one_of(result, "bias_tc1")["value"] == paste["coefficients"][1]
+
+
+def test_a_ramp_between_the_steps_has_one_estimate_in_its_middle(
+    analysis: Analysis, ramps: dict[int, Ramp], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bench.campaigns.bias_estimates.STEP_degC", 1000.0)
+    usual = material({1: ramps[1]})
+    result = bias_ramp.analyse(replace(usual, campaign={**usual.campaign, "reference_temperature_degC": 90.0}))
+    assert [one["conditions"]["temperature_degC"] for one in of(result, "bias")] == [20.0]
+
+
+def test_the_stated_uncertainty_of_the_generator_counts_without_a_calibrator(ramps: dict[int, Ramp]) -> None:
+    stated = {"function_generator": {"uncertainty": [{"relative": 2e-5}], "traceability_relative": 1.5e-5}}
+    result = bias_ramp.analyse(replace(material({1: ramps[1]}), standards=stated))
+    entry = one_of(result, "master_clock_error", temperature_degC=20.0)
+    assert entry["std_uncertainty"] == pytest.approx(12.5, rel=1e-3)  # ppm: 10 and 7.5
 
 
 def test_missing_channel_and_generator(ramps: dict[int, Ramp]) -> None:

@@ -1,6 +1,7 @@
 """Budgets against the worked examples of the guide, closed forms and drawn numbers."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -19,9 +20,14 @@ END_GAUGE = [
 ]
 
 
-def test_end_gauge_of_the_guide() -> None:
+@pytest.mark.validates(
+    "uncertainty budget, effective degrees of freedom",
+    against="JCGM 100:2008 annex H.1, end gauge",
+)
+def test_end_gauge_of_the_guide(record_property: Callable[[str, object], None]) -> None:
     """Published: u = 32 nm, 16 effective degrees of freedom (16.7 before rounding), U = 93 nm for 99 %."""
     budget = combine(END_GAUGE)
+    record_property("obtained", f"u = {budget.std_uncertainty:.1f} nm (32), dof {budget.dof:.1f} (16.7)")
     assert budget.std_uncertainty == pytest.approx(31.7, abs=0.05)
     assert budget.dof == pytest.approx(16.7, abs=0.1)
     assert budget.coverage_factor == pytest.approx(2.11, abs=0.01)  # table G.2: 2.12 for 16, 2.11 for 17
@@ -32,6 +38,10 @@ def test_contribution_keeps_the_sign_of_the_sensitivity() -> None:
     assert END_GAUGE[5].contribution == pytest.approx(-16.7, abs=0.05)
 
 
+@pytest.mark.validates(
+    "results that share a standard",
+    against="JCGM 100:2008 5.2.2, ten resistors",
+)
 def test_ten_resistors_compared_with_one_standard() -> None:
     """JCGM 100:2008 5.2.2: each is known to 100 mohm through the same standard; in series they are known to 1 ohm."""
     found = combine_all({str(n): [Component("standard", 0.1, "ohm", common="standard")] for n in range(10)})
@@ -43,7 +53,11 @@ def test_ten_resistors_compared_with_one_standard() -> None:
     assert math.sqrt(std @ apart.correlation @ std) == pytest.approx(0.32, abs=0.005)
 
 
-def test_correlation_is_that_of_drawn_errors() -> None:
+@pytest.mark.validates(
+    "correlation between results",
+    against="400,000 draws of the errors",
+)
+def test_correlation_is_that_of_drawn_errors(record_property: Callable[[str, object], None]) -> None:
     """Seed 11, 400,000 draws of one shared error with another weight in each result, and errors of their own."""
     generator = np.random.default_rng(11)
     gain, sensor = generator.normal(size=(2, 400_000))
@@ -62,6 +76,7 @@ def test_correlation_is_that_of_drawn_errors() -> None:
         ],
     }
     found = combine_all(shared)
+    record_property("obtained", f"{found.correlation[0, 1]:.4f}, drawn {np.corrcoef(first, second)[0, 1]:.4f}")
     assert found.correlation[0, 1] == pytest.approx(np.corrcoef(first, second)[0, 1], abs=0.004)
     assert found.budgets["second"].std_uncertainty == pytest.approx(np.std(second), rel=0.005)
 

@@ -1,6 +1,7 @@
 """Budgets of the scale-factor campaign: the totals of results.json, the correlation of real errors, the Monte Carlo."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import fit_simulation as sim
@@ -54,6 +55,19 @@ def test_budgets_have_the_totals_of_the_results(method: str) -> None:
             assert budget.expanded_uncertainty == pytest.approx(entry["expanded_uncertainty"], rel=1e-12)
 
 
+def test_components_are_shown_with_the_uncertainty_of_one_reading() -> None:
+    """By hand, for a gyroscope: 1.25 uC in 100 s over sqrt(6) is 5.10 nA, 2 nA/sqrt(Hz) over 100 s 0.14 nA."""
+    groups, constants, standards = fitted(sim.simulate(SEED))
+    one = next(one for one in groups.groups if constants.channel(one.group.channel).kind == "gyro")
+    shown = {part.name: part.std_uncertainty for part in components_of(one, 0, groups, constants, standards)}
+    assert shown["quantisation of the counts"] == pytest.approx(5.103, abs=1e-3)
+    assert shown["white noise of the converter"] == pytest.approx(0.1414, abs=1e-4)
+    assert shown["calibrator gain, common to all rows"] == pytest.approx(10.0)
+    assert shown["calibrator traceability"] == pytest.approx(5.0)
+    assert shown["calibrator drift over the campaign"] == pytest.approx(2.0)
+    assert shown["temperature sensor of the unit"] == pytest.approx(0.05)
+
+
 def test_tables_of_a_campaign_with_a_closing_repeat_have_its_totals() -> None:
     """Whatever the repeat says about drift: the table by channel shows the U of results.json, to its four digits."""
     campaign = sim.simulate(SEED, repeat_channel=1)
@@ -103,8 +117,12 @@ def test_budgets_are_those_of_the_temperature_nearest_to_the_reference() -> None
     ]
 
 
+@pytest.mark.validates(
+    "correlation of scale factors between channels",
+    against="errors of 400 simulated campaigns",
+)
 @pytest.mark.slow
-def test_stated_correlation_is_that_of_the_errors() -> None:
+def test_stated_correlation_is_that_of_the_errors(record_property: Callable[[str, object], None]) -> None:
     """Seeds 1000 to 1399, one temperature, channels of two kinds that share the calibrator's gain."""
     errors, stated = [], []
     for seed in range(1000, 1400):
@@ -116,6 +134,7 @@ def test_stated_correlation_is_that_of_the_errors() -> None:
         stated.append(combine_all(parts).correlation[0, 1])
     found = float(np.corrcoef(np.array(errors).T)[0, 1])
     print(f"correlation of the errors {found:.4f}, stated {np.mean(stated):.4f}")
+    record_property("obtained", f"stated {np.mean(stated):.4f}, errors {found:.4f}")
     # Fisher: 1/sqrt(397) in artanh
     assert np.arctanh(found) == pytest.approx(np.arctanh(np.mean(stated)), abs=3.5 / np.sqrt(397))
     assert np.mean(stated) > 0.95
@@ -135,6 +154,10 @@ def test_trials_agree_with_the_budget(method: str) -> None:
         assert row[-1] == "agrees"
 
 
+@pytest.mark.validates(
+    "a budget without the calibrator's gain is noticed",
+    against="Monte Carlo propagation of every input through the fit",
+)
 def test_trials_notice_a_budget_without_the_common_gain() -> None:
     groups, constants, standards = fitted(sim.simulate(SEED))
     one = nearest_to_reference(groups, constants)[0]

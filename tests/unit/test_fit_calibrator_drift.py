@@ -1,6 +1,7 @@
 """Drift of the calibrator as the session shows it: a meter before and after, and the closing repeat."""
 
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import fit_simulation as sim
@@ -114,12 +115,18 @@ def test_closing_repeat_that_shows_nothing_bounds_its_own_hours(campaign: sim.Si
     assert any("none is seen. A steady drift of less than" in note for note in analysis.notes)
 
 
+@pytest.mark.validates(
+    "drift of the calibrator from the closing repeat",
+    against="3 ppm put into the counts of the repeat",
+)
 def test_closing_repeat_that_shows_a_change_is_carried_on_to_the_whole_campaign(
+    record_property: Callable[[str, object], None],
     campaign: sim.SimulatedCampaign,
 ) -> None:
     """A calibrator 3 ppm up: 3 ppm more pulses of both kinds, a scale-factor error 3 ppm lower."""
     analysis = run(campaign, [], repeat_ppm=3.0)
     (one,) = drifts(analysis, "closing repeat")
+    record_property("obtained", f"{one['value']:.3f} +- {one['expanded_uncertainty']:.3f} ppm")
     assert one["value"] == pytest.approx(3.0, abs=3 * one["std_uncertainty"])
     begin_s, end_s = (edge + side for edge, side in zip(times_s(campaign), (100.0, -100.0), strict=True))
     scale = (end_s - begin_s) / 3600.0 / one["conditions"]["hours"]

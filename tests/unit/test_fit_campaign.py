@@ -183,6 +183,8 @@ def test_change_against_a_previous_calibration_is_judged(campaign: sim.Simulated
     assert verdicts == ["pass", "pass", "conditional_pass", "pass", "fail", *["pass"] * 5]
     assert of(judged, "dsf_n_change")[0]["limit"] == 100.0
     assert of(judged, "dsf_n_change")[1]["limit"] == 200.0
+    for one, then in zip(of(judged, "dsf_n_change"), previous, strict=False):
+        assert one["std_uncertainty"] == pytest.approx(np.sqrt(2.0) * then["std_uncertainty"])  # both in full
 
 
 def test_chi_square_that_exceeds_the_declared_uncertainties_is_noted(campaign: sim.SimulatedCampaign) -> None:

@@ -1,6 +1,7 @@
 """Decision rules against the figures of JCGM 106:2012, ILAC-G8:09/2019 and the design, and against integration."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import get_args
 
@@ -27,17 +28,29 @@ def test_zener_diode() -> None:
     assert conformance_probability(-5.47, 0.05, -math.inf, -5.40) == pytest.approx(0.92, abs=0.005)
 
 
+@pytest.mark.validates(
+    "conformance probability, two limits",
+    against="JCGM 106:2012 clause 7, motor oil: 0.66",
+)
 def test_motor_oil() -> None:
     """JCGM 106:2012, clause 7: 13.6 mm2/s, u = 1.8 mm2/s, between 12.5 and 16.3: 0.66."""
     assert conformance_probability(13.6, 1.8, 12.5, 16.3) == pytest.approx(0.66, abs=0.005)
 
 
+@pytest.mark.validates(
+    "conformance probability, one limit",
+    against="JCGM 106:2012 clause 7, table",
+)
 @pytest.mark.parametrize(("p", "distance"), [(0.80, 0.84), (0.90, 1.28), (0.95, 1.64), (0.99, 2.33), (0.999, 3.09)])
 def test_table_of_one_sided_probabilities(p: float, distance: float) -> None:
     """JCGM 106:2012, clause 7, the table of one-sided limits."""
     assert conformance_probability(0.0, 1.0, -math.inf, distance) == pytest.approx(p, abs=0.002)
 
 
+@pytest.mark.validates(
+    "conformance probability, normal and t",
+    against="scipy.integrate.quad of the density",
+)
 @pytest.mark.parametrize("dof", [3.0, 10.5, math.inf])
 @pytest.mark.parametrize("value", [0.0, 70.0, -99.0, 101.0, 250.0])
 def test_probability_is_the_integral_of_the_density(value: float, dof: float) -> None:
@@ -83,12 +96,17 @@ def test_rules(value: float, simple: str, guard_band: str, non_binary: str) -> N
     assert found == [simple, guard_band, non_binary]
 
 
-def test_risk_at_the_edges_of_the_rules() -> None:
+@pytest.mark.validates(
+    "risk of a guard band w = U and of simple acceptance",
+    against="ILAC-G8:09/2019: at most 2.5 % and up to 50 %",
+)
+def test_risk_at_the_edges_of_the_rules(record_property: Callable[[str, object], None]) -> None:
     """ILAC-G8:09/2019: accepted with w = U at most 2.5 % wrong, by simple acceptance up to 50 %."""
     std = 20.0 / coverage_factor()
     guarded = decide(80.0, std, 100.0, "guard_band")
     assert guarded.specific_risk == pytest.approx(0.025, abs=1e-9)
     assert decide(99.999, std, 100.0, "simple").specific_risk == pytest.approx(0.5, abs=1e-3)
+    record_property("obtained", f"guard band {100 * guarded.specific_risk:.2f} %")
     refused = decide(120.001, std, 100.0, "non_binary")
     assert (refused.verdict, refused.specific_risk) == ("fail", pytest.approx(0.025, abs=1e-4))
     assert refused.specific_risk == refused.conformance_probability
@@ -109,6 +127,12 @@ def test_no_limit_no_statement() -> None:
     none = decide(5.0, 1.0, None)
     assert (none.verdict, none.conformance_probability, none.specific_risk) == ("none", None, None)
     assert estimate("bias", "A", 1.0, 1.0, {}, n=1)["conformance_probability"] is None
+
+
+@pytest.mark.parametrize("rule", ["simple", "guard_band", "non_binary"])
+def test_an_uncertainty_that_is_not_known_accepts_nothing(rule: str) -> None:
+    found = decide(0.5, float("nan"), 1.0, rule)
+    assert (found.verdict, found.conformance_probability, found.specific_risk) == ("fail", 0.0, 0.0)
 
 
 def test_unknown_rule() -> None:

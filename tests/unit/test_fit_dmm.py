@@ -11,6 +11,7 @@ from typing import Any
 import fit_simulation as sim
 import numpy as np
 import pytest
+from dmm_simulation import QUANTITIES, SPECIFICATION, analysed, material, of, readings_of, simulate, standards
 
 from bench.campaigns import dmm_method
 from bench.campaigns.analysis import Analysis
@@ -22,91 +23,6 @@ from bench.fit.dmm_method import condition_number, fit_dmm_method, meter_parts, 
 from bench.fit.noise import noise_parts
 from bench.fit.scale_factor import pulse_currents_A
 from bench.model.errors import FitError
-
-SPECIFICATION = {
-    1e-4: (20e-6, 8e-6),
-    1e-3: (20e-6, 5e-6),
-    1e-2: (20e-6, 5e-6),
-    1e-1: (35e-6, 5e-6),
-    1.0: (110e-6, 10e-6),
-}
-OFFSET_A = 3e-9  # of the calibrator, in every range: nothing the method may notice
-QUANTITIES = ("dsf_n", "dsf_p")
-
-
-@dataclasses.dataclass
-class Drawn:
-    """Errors of a meter: relative gain, zero and linearity of each range."""
-
-    rng: np.random.Generator
-    one_gain: bool = False  # every range off by the same number of standard deviations
-
-    def __post_init__(self) -> None:
-        shared = self.rng.normal()
-        draws = {full: shared if self.one_gain else self.rng.normal() for full in SPECIFICATION}
-        self.gain = {full: draws[full] * relative / 2 for full, (relative, _) in SPECIFICATION.items()}
-        self.zero_A = {full: self.rng.normal(0, floor / 2) * full for full, (_, floor) in SPECIFICATION.items()}
-        self.linearity_A: dict[tuple[float, float], float] = {}
-
-    def says_A(self, true_A: float, level_A: float, full: float) -> float:
-        key = full, level_A
-        if level_A and key not in self.linearity_A:
-            self.linearity_A[key] = self.rng.normal(0, SPECIFICATION[full][1] / 2) * full
-        noise_A = self.rng.normal(0, 1e-9) * full
-        return true_A * (1 + self.gain[full]) + self.zero_A[full] + self.linearity_A.get(key, 0.0) + noise_A
-
-
-def meter_range(level_A: float) -> float:
-    return next(full for full in SPECIFICATION if max(level_A, 3e-5) <= 1.2 * full)
-
-
-def readings_of(campaign: sim.SimulatedCampaign, meter: Drawn, zeros: bool = True) -> list[Reading]:
-    """Three readings before every closed record, and before all records the zero of each range."""
-    found: list[Reading] = []
-
-    def add(t_s: float, name: str, value: float, **conditions: float) -> None:
-        found.append(Reading(t_s, len(found), "dmm", name, value, conditions))
-
-    for index, full in enumerate(SPECIFICATION if zeros else ()):
-        add(10.0 * index - 60.0, "configure_current", full, zero_range_A=full)
-        for second in (1, 2, 3):
-            add(10.0 * index - 60.0 + second, "measure_current", meter.says_A(0.0, 0.0, full), zero_range_A=full)
-    for row in campaign.rows:
-        conditions = row.window.conditions
-        if conditions["route"] == "closed":
-            begin_s, full = 1e-9 * row.window.t_start_ns - 10.0, meter_range(conditions["current_A"])
-            true_A = conditions["current_A"] * (1 + campaign.gain) + OFFSET_A
-            add(begin_s, "configure_current", full)
-            for second in (1, 2, 3):
-                add(begin_s + second, "measure_current", meter.says_A(true_A, conditions["current_A"], full))
-    return found
-
-
-def standards() -> dict[str, Any]:
-    lines = [{"range_A": full, "relative": r, "floor_A": f * full} for full, (r, f) in SPECIFICATION.items()]
-    return {"dmm": {"driver": "hp_3458a", "serial": "1", "uncertainty": lines, "corrections": []}}
-
-
-def simulate(seed: int, **meter: bool) -> tuple[sim.SimulatedCampaign, Drawn]:
-    switches = sim.Switches(calibrator_errors=False, offset_A=OFFSET_A, lag=False)
-    campaign = sim.simulate(seed, switches, temperatures=(20.0,), repeat_channel=1)
-    return campaign, Drawn(np.random.default_rng([seed, 3458]), **meter)
-
-
-def material(campaign: sim.SimulatedCampaign, readings: list[Reading], both: bool = True) -> Material:
-    register = standards() | (campaign.standards if both else {})
-    return Material(campaign.rows, campaign.campaign | {"analysis": "dmm_method"}, register, readings=readings)
-
-
-def analysed(
-    seed: int, method: str = "joint", both: bool = True, **meter: bool
-) -> tuple[Analysis, sim.SimulatedCampaign]:
-    campaign, drawn = simulate(seed, **meter)
-    return dmm_method.analyse(material(campaign, readings_of(campaign, drawn), both), method), campaign
-
-
-def of(analysis: Analysis, *quantities: str) -> list[dict[str, Any]]:
-    return [one for one in analysis.estimates if one["quantity"] in quantities]
 
 
 def misses(seeds: range, **meter: bool) -> dict[str, list[bool]]:
@@ -121,11 +37,16 @@ def misses(seeds: range, **meter: bool) -> dict[str, list[bool]]:
     return found
 
 
-def test_intervals_cover_with_one_cause_for_all_gains() -> None:
+@pytest.mark.validates(
+    "DMM method: 95 % intervals of DSF and asymmetry",
+    against="the simulated truth of 300 campaigns in which the ranges of the meter are off for one cause",
+)
+def test_intervals_cover_with_one_cause_for_all_gains(record_property: Callable[[str, object], None]) -> None:
     """Fully correlated gains are what the uncertainty is made for: 95 %. Independent ones are covered more often."""
     for key, missed in misses(range(300), one_gain=True).items():
         coverage = 100 * (1 - np.mean(missed))
         sys.stdout.write(f"{key}: one cause, coverage {coverage:.1f} %\n")
+        record_property("obtained", f"{key} {coverage:.1f} %")
         assert 91.5 <= coverage <= 98.5
     for key, missed in misses(range(1000, 1080)).items():
         coverage = 100 * (1 - np.mean(missed))
@@ -149,13 +70,20 @@ def test_complete_and_within_its_uncertainty(found: tuple[Analysis, sim.Simulate
     assert all(0.1 < one["reduced_chi2"] < 3.0 for one in analysis.groups)
 
 
-def test_agrees_with_the_calibrator_method_on_the_same_records() -> None:
+@pytest.mark.validates(
+    "DMM method",
+    against="the calibrator method on the same records of 10 campaigns, the errors of both standards drawn apart",
+)
+def test_agrees_with_the_calibrator_method_on_the_same_records(record_property: Callable[[str, object], None]) -> None:
+    worst = 0.0
     for seed in range(40, 50):
         (agreement,) = [table for table in analysed(seed)[0].tables if "calibrator method" in table["title"]]
         assert len(agreement["rows"]) == 4
         for row in agreement["rows"]:
             assert row[5] == pytest.approx(row[3] - row[4])
+            worst = max(worst, abs(row[7]))
             assert abs(row[7]) < 1.3  # E_n of twenty standards drawn: 95 % are below 1
+    record_property("obtained", f"worst E_n of 40 {worst:.2f}, limit 1.3")
 
 
 def test_without_the_calibrator_in_the_register_the_method_stands_by_itself() -> None:
@@ -170,8 +98,14 @@ def group_and_meter(seed: int, channel: int) -> tuple[Group, Any, Any, Any]:
     return group, meter, read_campaign(campaign.campaign).converter(channel), read_ranges(standards(), "dmm")
 
 
+@pytest.mark.validates(
+    "AF paper (12) to (16), corrected: differences and half sums of one group fitted together",
+    against="the single rows, whitened by numpy's Cholesky factor and solved by numpy.linalg.lstsq",
+)
 @pytest.mark.parametrize("channel", [1, 2])
-def test_same_numbers_as_weighted_rows_without_pairing(channel: int) -> None:
+def test_same_numbers_as_weighted_rows_without_pairing(
+    record_property: Callable[[str, object], None], channel: int
+) -> None:
     """Half sums and half differences are a change of coordinates: unpaired rows with numpy's own solver must agree."""
     group, meter, converter, register = group_and_meter(7, channel)
     rows = group.closed
@@ -185,16 +119,27 @@ def test_same_numbers_as_weighted_rows_without_pairing(channel: int) -> None:
     design = np.column_stack([n_A, -p_A, polarity > 0, polarity < 0])
     expected = np.linalg.lstsq(root @ design, root @ (polarity * meter.current_A - (n_A - p_A)), rcond=None)[0]
     fit = fit_dmm_method(rows, meter, converter, register)
-    assert [fit.value_ppm[name] for name in QUANTITIES] == pytest.approx(1e6 * expected[:2], abs=1e-4)
+    found = [fit.value_ppm[name] for name in QUANTITIES]
+    apart_ppm = np.max(np.abs(found - 1e6 * expected[:2]))
+    record_property("obtained", f"channel {channel}: {apart_ppm:.1e} ppm, limit 1e-4")
+    assert found == pytest.approx(1e6 * expected[:2], abs=1e-4)
 
 
+@pytest.mark.validates(
+    "AF paper (17) and (18) as printed: K_N and K_P apart are refused, rank 1 of 2",
+    against="condition number of their rows by numpy, counts made from the physics; limit 20",
+)
 @pytest.mark.parametrize(("channel", "joint", "printed"), [(1, 1.78, 200), (2, 2.30, 3000)])
-def test_printed_equations_are_refused_with_the_rank(channel: int, joint: float, printed: float) -> None:
+def test_printed_equations_are_refused_with_the_rank(
+    record_property: Callable[[str, object], None], channel: int, joint: float, printed: float
+) -> None:
     group, meter, converter, register = group_and_meter(7, channel)
-    assert fit_dmm_method(group.closed, meter, converter, register).condition == pytest.approx(joint, abs=0.05)
+    condition = fit_dmm_method(group.closed, meter, converter, register).condition
+    assert condition == pytest.approx(joint, abs=0.05)
     levels, pairs = pair_rows(group.closed)
     n_A, p_A = pulse_currents_A(group.closed, converter)
     differences = (pairs[: levels.size] @ np.column_stack([n_A, -p_A]))[levels > 0] / levels[levels > 0, None]
+    record_property("obtained", f"channel {channel}: {np.linalg.cond(differences):.0f}, joint {condition:.2f}")
     assert condition_number(differences) > printed
     with pytest.raises(FitError, match="K_N and K_P apart: rank 1 of 2") as caught:
         require_separable(differences, "differences")

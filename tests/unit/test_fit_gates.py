@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from pulse_simulation import K0_C, WHITE_A_rtHz
@@ -51,7 +53,11 @@ def test_whitening_is_that_of_the_dense_cholesky_factor(m, white, walk) -> None:
     assert np.abs(whitener.whiten(x[:, 0]) - by_hand[:, 0]).max() < 1e-10 * scale
 
 
-def test_900_windows_of_the_bias_ramp() -> None:
+@pytest.mark.validates(
+    "whitening of 900 contiguous windows",
+    against="numpy's Cholesky factor of the covariance written out",
+)
+def test_900_windows_of_the_bias_ramp(record_property: Callable[[str, object], None]) -> None:
     m = 900
     times = (np.arange(m) + 0.5) * GATE_s
     one = np.ones(m)
@@ -59,7 +65,9 @@ def test_900_windows_of_the_bias_ramp() -> None:
     whitener = series_covariance("gated", times, GATE_s, K0_C, WHITE_A_rtHz, WALK_A_rth)
     y = np.random.default_rng(9).multivariate_normal(np.zeros(m), expected)
     by_hand = np.linalg.solve(np.linalg.cholesky(expected), y)
-    assert np.abs(whitener.whiten(y) - by_hand).max() < 1e-10 * np.abs(by_hand).max()
+    apart = np.abs(whitener.whiten(y) - by_hand).max() / np.abs(by_hand).max()
+    record_property("obtained", f"{apart:.0e} of the largest, limit 1e-10")
+    assert apart < 1e-10
 
 
 def counted(charge_C: np.ndarray, phase: np.ndarray) -> np.ndarray:
@@ -76,7 +84,11 @@ def charges(rng, trials: int, windows: int, current_A, walk: float = 0.0) -> np.
     return np.concatenate((np.zeros((trials, 1)), flow), axis=1)[:, :: round(GATE_s / step_s)]
 
 
-def test_contiguous_gates_telescope() -> None:
+@pytest.mark.validates(
+    "contiguous gates: uncertainty of the mean of an hour",
+    against="400 simulated hours of charge, whole pulses counted",
+)
+def test_contiguous_gates_telescope(record_property: Callable[[str, object], None]) -> None:
     """Errors of neighbours are correlated by -1/2, and an hour is known far better than a white series would be."""
     rng = np.random.default_rng(20261)
     trials, windows = 400, 36
@@ -90,14 +102,21 @@ def test_contiguous_gates_telescope() -> None:
     white_A = float(np.sqrt(np.trace(whitener.dense())) / windows)
     print(f"lag-1 {lag_1:.3f}; mean of an hour: sd {hour * 1e9:.3f} nA, stated {stated * 1e9:.3f}, "
           f"as if white {white_A * 1e9:.3f}")  # fmt: skip
+    record_property(
+        "obtained", f"scatter {hour * 1e9:.3f} nA, stated {stated * 1e9:.3f}, as white noise {white_A * 1e9:.3f}"
+    )
     assert np.std(error) == pytest.approx(np.sqrt(whitener.dense()[0, 0]), rel=0.05)
     assert lag_1 == pytest.approx(-0.5, abs=0.05)
     assert hour == pytest.approx(stated, rel=0.1)  # 400 trials: 3.5 %
     assert white_A > 4 * hour
 
 
+@pytest.mark.validates(
+    "95 % intervals of level and drift of 100 windows; wrong noise is noticed",
+    against="400 simulated series of charge that flowed, whole pulses counted",
+)
 @pytest.mark.parametrize("mistake", ["none", "white", "no walk"])
-def test_intervals_of_a_mean_and_a_slope_cover(mistake: str) -> None:
+def test_intervals_of_a_mean_and_a_slope_cover(record_property: Callable[[str, object], None], mistake: str) -> None:
     """95 % intervals of level and drift over 100 windows; two plausible mistakes must not pass."""
     rng = np.random.default_rng(404)
     trials, windows = 400, 100
@@ -115,6 +134,7 @@ def test_intervals_of_a_mean_and_a_slope_cover(mistake: str) -> None:
     errors = found - np.vstack((current[:, 0], np.zeros(trials)))
     covered = 100.0 * np.mean(np.abs(errors) < 1.96 * np.sqrt(np.diag(covariance))[:, None], axis=1)
     print(f"{mistake}: level {covered[0]:.1f} %, drift {covered[1]:.1f} %, reduced chi-square {chi2:.3f}")
+    record_property("obtained", f"mistake {mistake}: {covered[0]:.1f} and {covered[1]:.1f} %")
     right = bool(np.all(np.abs(covered - 95.0) < 3.5)) and abs(chi2 - 1.0) < 0.1
     assert right == (mistake == "none")
 

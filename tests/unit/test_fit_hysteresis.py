@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -30,9 +31,13 @@ def test_covariance_of_the_gates_is_that_of_the_physics(kind: str) -> None:
     assert np.abs(noise.dense() - dense).max() < 1e-10 * dense.max()
 
 
+@pytest.mark.validates(
+    "joint fit: hysteresis width, mean error over 20 ramps",
+    against="the truth of ramps made from charge and heat flow",
+)
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", sorted(K0_C))
-def test_truth_over_twenty_seeds(kind: str) -> None:
+def test_truth_over_twenty_seeds(record_property: Callable[[str, object], None], kind: str) -> None:
     """Bias within 4 nA, slope within 0.1 nA/degC, width, half-width and lag within 5 stated standard deviations."""
     width_errors = []
     for seed in range(20):
@@ -48,21 +53,31 @@ def test_truth_over_twenty_seeds(kind: str) -> None:
         assert fit.lag_determined
         width_errors.append(fit.value(WIDTH) - one.unit.width_A)
     print(f"{kind}: mean width error {np.mean(width_errors) * 1e9:.3f} nA, sd {np.std(width_errors) * 1e9:.3f} nA")
+    record_property("obtained", f"{kind}: {np.mean(width_errors) * 1e9:.2f} nA, limit 1")
     assert abs(np.mean(width_errors)) < 1e-9
 
 
+@pytest.mark.validates(
+    "joint fit: 95 % intervals of b0 to b3, width, lag, half-width",
+    against="the truth of 100 simulated ramps",
+)
 @pytest.mark.slow
-def test_intervals_cover_the_truth() -> None:
+def test_intervals_cover_the_truth(record_property: Callable[[str, object], None]) -> None:
     """100 fits: 95 % intervals cover 95 % within 3.2 standard deviations of a count; scores have the spread 1."""
     found = np.array([scores(one := ramp(3000 + seed, "gyro"), fit_ramp(one)) for seed in range(100)])
     covered = np.mean(np.abs(found) < 1.96, axis=0)
     print("covered", dict(zip(("b0", "b1", "b2", "b3", "width", "lag", "r"), covered.tolist(), strict=True)))
+    record_property("obtained", ", ".join(f"{100 * share:.0f}" for share in covered) + " %, at least 88")
     assert np.all(covered > 0.88)
     assert np.all((found.std(axis=0) > 0.8) & (found.std(axis=0) < 1.25))
 
 
+@pytest.mark.validates(
+    "joint fit: no hysteresis where there is none, though the unit lags",
+    against="15 simulated ramps without hysteresis",
+)
 @pytest.mark.slow
-def test_no_hysteresis_is_found_where_there_is_none() -> None:
+def test_no_hysteresis_is_found_where_there_is_none(record_property: Callable[[str, object], None]) -> None:
     """The chamber lags all the same; the lag is still determined, the half-width is not."""
     found = []
     for seed in range(15):
@@ -71,13 +86,22 @@ def test_no_hysteresis_is_found_where_there_is_none() -> None:
         fit = fit_ramp(one)
         assert not fit.half_width_determined
         assert fit.lag_determined
+        assert fit.std(HALF_WIDTH) > 1.0  # an average over all of them
         found.append(scores(one, fit)[:6])
     found_z = np.array(found)
+    record_property(
+        "obtained",
+        f"95 % interval of the width holds 0 in {np.sum(np.abs(found_z[:, WIDTH_AT]) < 1.96)} of {len(found)}",
+    )
     assert np.mean(np.abs(found_z[:, WIDTH_AT]) < 1.96) > 0.8
     assert np.abs(found_z).max() < 5.0
 
 
-def test_second_method_finds_the_same_minimum() -> None:
+@pytest.mark.validates(
+    "joint fit of bias, hysteresis and thermal lag",
+    against="scipy.optimize.least_squares on all seven parameters with a model of its own",
+)
+def test_second_method_finds_the_same_minimum(record_property: Callable[[str, object], None]) -> None:
     """scipy.optimize.least_squares on all seven parameters, with its own model, from a start far away."""
     one = ramp(5)
     fit = fit_ramp(one, level=False)
@@ -100,6 +124,7 @@ def test_second_method_finds_the_same_minimum() -> None:
     scale = np.array([1e-9, 1e-10, 1e-11, 1e-12, 1e-9, 100.0, 1.0])
     np.testing.assert_allclose(fit.chi2, 2 * end.cost, rtol=1e-4)
     apart = np.abs(fit.parameters - end.x * scale) / np.sqrt(np.diag(fit.covariance))
+    record_property("obtained", f"worst parameter {apart.max():.3f} of its standard uncertainty, limit 0.05")
     assert apart.max() < 0.05
     other = np.sqrt(np.diag(np.linalg.inv(end.jac.T @ end.jac))) * scale
     np.testing.assert_allclose(np.sqrt(np.diag(fit.covariance)), other, rtol=0.1)

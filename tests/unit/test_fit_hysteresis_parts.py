@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from bias_simulation import slack
@@ -24,11 +26,17 @@ def test_play_by_hand() -> None:
     assert play(np.empty(0), 1.0).size == 0
 
 
-def test_play_against_its_definition() -> None:
+@pytest.mark.validates(
+    "play operator of the bias fit",
+    against="its definition, sample by sample, on 2,000 random temperatures",
+)
+def test_play_against_its_definition(record_property: Callable[[str, object], None]) -> None:
     rng = np.random.default_rng(20)
     for half_width in (0.0, 0.3, 2.5):
         temperature = np.cumsum(rng.normal(0, 0.5, 2000))
-        np.testing.assert_allclose(play(temperature, half_width, 0.0), slack(temperature, half_width), atol=1e-12)
+        apart_degC = np.abs(play(temperature, half_width, 0.0) - slack(temperature, half_width)).max()
+        record_property("obtained", f"r = {half_width}: {apart_degC:.0e} degC")
+        assert apart_degC <= 1e-12
 
 
 def test_play_needs_twice_its_half_width_after_a_reversal() -> None:
@@ -47,16 +55,25 @@ def test_mean_of_the_play_in_a_cell_is_exact() -> None:
         assert mean == pytest.approx(np.trapezoid(play(fine, 1.0, start)) / 20000, abs=1e-6)
 
 
-def test_lag_against_closed_forms() -> None:
+@pytest.mark.validates(
+    "thermal lag, response to a step and to a ramp",
+    against="closed forms",
+)
+def test_lag_against_closed_forms(record_property: Callable[[str, object], None]) -> None:
     t_s = np.concatenate(([0.0, 7.0], np.sort(np.random.default_rng(3).uniform(8, 9000, 50))))
     step = lagged(t_s, np.full(t_s.size, 10.0), 1500.0, start_degC=0.0)
+    record_property("obtained", f"step {np.abs(step - 10.0 * -np.expm1(-t_s / 1500.0)).max():.0e} degC, limit 1e-11")
     np.testing.assert_allclose(step, 10.0 * -np.expm1(-t_s / 1500.0), atol=1e-11)
     ramp = lagged(t_s, 0.002 * t_s, 1500.0)
     np.testing.assert_allclose(ramp, 0.002 * (t_s - 1500.0 * -np.expm1(-t_s / 1500.0)), atol=1e-11)
     np.testing.assert_array_equal(lagged(t_s, 0.002 * t_s, 0.0), 0.002 * t_s)
 
 
-def test_lag_and_its_means_against_an_integrator() -> None:
+@pytest.mark.validates(
+    "thermal lag behind a temperature programme and its means",
+    against="scipy.integrate.solve_ivp",
+)
+def test_lag_and_its_means_against_an_integrator(record_property: Callable[[str, object], None]) -> None:
     t_s = np.arange(0.0, 6001.0, 60.0)
     air = np.interp(t_s, [0, 1200, 2400, 6000], [23.0, -10.0, 30.0, 30.0])
     answer = solve_ivp(
@@ -69,6 +86,7 @@ def test_lag_and_its_means_against_an_integrator() -> None:
         max_step=60.0,
     )
     unit = lagged(t_s, air, 900.0, start_degC=20.0)
+    record_property("obtained", f"{np.abs(unit - answer.y[0]).max():.0e} degC, limit 1e-6")
     np.testing.assert_allclose(unit, answer.y[0], atol=1e-6)
     np.testing.assert_allclose(lagged_means(t_s, air, unit, 900.0), np.diff(answer.y[1]) / 60.0, atol=1e-6)
 

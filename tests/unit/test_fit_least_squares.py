@@ -1,5 +1,7 @@
 """The least-squares core against numpy's and scipy's own solvers, and its refusals."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import scipy.optimize
@@ -20,7 +22,11 @@ def test_unit_weights_agree_with_numpy() -> None:
     assert fit.dof == 27
 
 
-def test_full_covariance_agrees_with_scipy_curve_fit() -> None:
+@pytest.mark.validates(
+    "least squares with a full covariance, value and covariance",
+    against="scipy.optimize.curve_fit",
+)
+def test_full_covariance_agrees_with_scipy_curve_fit(record_property: Callable[[str, object], None]) -> None:
     design = RNG.normal(size=(25, 3)) * [1.0, 1e-6, 1e4]
     root = RNG.normal(size=(25, 25))
     covariance = root @ root.T + np.eye(25)
@@ -34,6 +40,7 @@ def test_full_covariance_agrees_with_scipy_curve_fit() -> None:
         model, np.arange(25), readings, p0=[0, 0, 0], sigma=covariance, absolute_sigma=True
     )
     scale = np.array([1.0, 1e6, 1e-4])
+    record_property("obtained", f"{np.abs(fit.parameters / (best * scale) - 1).max():.0e}, limit 1e-6")
     np.testing.assert_allclose(fit.parameters, best * scale, rtol=1e-6)
     np.testing.assert_allclose(fit.covariance, spread * np.outer(scale, scale), rtol=1e-5)
 

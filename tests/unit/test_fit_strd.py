@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from fractions import Fraction
 
 import numpy as np
@@ -33,8 +34,12 @@ def names(problem: Problem) -> list[str]:
     return [f"b{k}" for k in range(len(problem.parameters))]
 
 
+@pytest.mark.validates(
+    "linear least squares: parameters, deviations, residual to at least 9 digits",
+    against="certified values of the NIST StRD linear regression problems",
+)
 @EVERY
-def test_at_least_nine_digits(problem: Problem) -> None:
+def test_at_least_nine_digits(record_property: Callable[[str, object], None], problem: Problem) -> None:
     """Measured: 12.7 digits of the parameters at worst (Norris), 13.9 of the deviations, 14.0 of the residual's."""
     y = np.array(problem.y, float)
     fit = solve(design_of(problem), y, np.eye(y.size), names(problem))
@@ -45,6 +50,7 @@ def test_at_least_nine_digits(problem: Problem) -> None:
         "residual": digits(residual_deviation, problem.residual_deviation),
     }
     print(problem.name, found)
+    record_property("obtained", f"{problem.name} {min(found.values()):.1f}")
     assert min(found.values()) >= DIGITS
 
 
@@ -124,7 +130,13 @@ def test_both_paths_agree_where_both_are_good(monkeypatch: pytest.MonkeyPatch, f
     assert exact.dof == plain.dof == 36
 
 
-def test_a_correlated_ill_conditioned_problem_against_rational_arithmetic() -> None:
+@pytest.mark.validates(
+    "correlated, ill-conditioned least squares",
+    against="the normal equations in exact fractions",
+)
+def test_a_correlated_ill_conditioned_problem_against_rational_arithmetic(
+    record_property: Callable[[str, object], None],
+) -> None:
     """Random walk covariance min(i, j): its inverse is known, so the normal equations are exact fractions."""
     x = np.arange(1.0, 16.0)
     y = np.round(np.sin(x), 6)
@@ -139,6 +151,7 @@ def test_a_correlated_ill_conditioned_problem_against_rational_arithmetic() -> N
     inverse = rational_inverse(normal)
     moment = [sum(s[i] * v for s, v in zip(steps, jumps, strict=True)) for i in range(7)]
     exact = [float(sum(inverse[i][j] * moment[j] for j in range(7))) for i in range(7)]
+    record_property("obtained", f"{digits(fit.parameters, tuple(exact)):.1f} digits, limit 12")
     assert digits(fit.parameters, tuple(exact)) > 12.0
     assert digits(fit.covariance.diagonal(), tuple(float(inverse[i][i]) for i in range(7))) > 12.0
 

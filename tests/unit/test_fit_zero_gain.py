@@ -1,6 +1,7 @@
 """Zeros in every range of the calibrator: what they are worth, and that they do determine the offset of their range."""
 
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import fit_simulation as sim
@@ -54,7 +55,11 @@ def test_the_uncertainty_with_one_pair_is_that_of_the_shorter_campaign() -> None
         assert np.sqrt(np.diag(fit.covariance_ppm2)).max() == pytest.approx(expected, rel=0.01)
 
 
-def test_zeros_determine_the_offset_of_their_range() -> None:
+@pytest.mark.validates(
+    "a zero in every range determines the offset of its range",
+    against="the simulated truth, with 5 uA (14 standard deviations) put into the 220 mA range",
+)
+def test_zeros_determine_the_offset_of_their_range(record_property: Callable[[str, object], None]) -> None:
     """An offset 14 standard deviations off the specification of its range: only a zero on that range finds it."""
 
     def worst_ppm(every: bool) -> float:
@@ -79,5 +84,6 @@ def test_zeros_determine_the_offset_of_their_range() -> None:
     sys.stdout.write(
         f"5 uA in the 220 mA range: {alone:.1f} ppm with one zero pair, {every:.2f} ppm with zeros there\n"
     )
+    record_property("obtained", f"{every:.2f} ppm, limit 1; with one pair {alone:.1f} ppm")
     assert alone > 5.0
     assert every < 1.0

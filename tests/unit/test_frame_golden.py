@@ -73,6 +73,10 @@ def decode(name: str, frame: bytes, message: str = "frame") -> MessageBatch:
     return batch
 
 
+@pytest.mark.validates(
+    "shipped frame definitions: their golden bytes",
+    against="struct of the standard library and the package crccheck",
+)
 @pytest.mark.parametrize("name", INDEPENDENT)
 def test_golden_files_are_what_struct_and_crccheck_make(name: str) -> None:
     assert golden_bytes(name) == INDEPENDENT[name]

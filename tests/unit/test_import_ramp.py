@@ -8,12 +8,17 @@ from typing import Any
 import numpy as np
 import pytest
 from import_sample import RAMP, LAG_s, ramp_rows
+from import_sample import lagging as lagging_by
 
 from bench.campaigns.analysis import Analysis
 from bench.campaigns.material import Material
-from bench.campaigns.ramp_columns import ramp_columns
+from bench.campaigns.ramp_columns import minute_means, ramp_columns
 from bench.campaigns.temperature_ramp import analyse
 from bench.fit.drift_ramp import block_means, drift_columns, fit_drift
+from bench.fit.hysteresis import HALF_WIDTH, LAG
+from bench.fit.hysteresis_model import Gates, HysteresisModel, ModelShape
+from bench.fit.ramp_hysteresis import fit_ramp_hysteresis
+from bench.fit.thermal_lag import usable_drive
 from bench.model.errors import FitError
 from bench.model.yamlio import parse_yaml
 from bench.plan.mapping import LogMapping
@@ -91,6 +96,70 @@ def test_a_lag_is_found_and_leaves_no_hysteresis_though_the_branches_differ(lagg
     assert abs(width) < max(expanded, 0.05)
     assert value(lagging, "up_minus_down_after_drift")[0] < -1.0
     assert any("no play half-width" in note for note in lagging.notes)
+
+
+def test_a_lag_longer_than_a_ramp_can_show_leaves_no_width() -> None:
+    """Held at a tenth of the record the lag would be 29 min short, and the width and half-width off with it."""
+    rows = ramp_rows(5, lag_s=9000.0)
+    slack = slack_of(rows["t_s"], lagging_by(rows["t_s"], 9000.0), 1.0)
+    rows["dmm"] = rows["dmm"] * (1.0 + 1e-6 * slack)
+    found = analyse(material(rows))
+    assert not [one for one in found.estimates if one["quantity"] in ("hysteresis_width", "thermal_lag")]
+    (said,) = found.missing
+    assert said.startswith("meter: no hysteresis width")
+    assert f"No result: {said}." in found.notes
+    assert value(found, "drift_rate")  # the other model stands
+
+
+@pytest.mark.parametrize("half_width_degC", [0.1, 1.0])
+def test_lag_and_loop_together(half_width_degC: float) -> None:
+    rows = ramp_rows(6, lag_s=LAG_s)
+    slack = slack_of(rows["t_s"], lagging_by(rows["t_s"], LAG_s), half_width_degC)
+    rows["dmm"] = rows["dmm"] * (1.0 + 1e-6 * slack)
+    found = analyse(material(rows))
+    for quantity, truth in (("hysteresis_width", 2.0), ("thermal_lag", 30.0), ("play_half_width", half_width_degC)):
+        obtained, expanded = value(found, quantity)
+        assert abs(obtained - truth) < 2.0 * expanded, quantity
+
+
+def slack_of(t_s: np.ndarray, temperature: np.ndarray, half_width: float) -> np.ndarray:
+    """(P - T) / r of a play by its definition, 2 from the rising to the falling branch."""
+    piston, found = float(temperature[0]), np.empty_like(t_s)
+    for index, at in enumerate(temperature.tolist()):
+        piston = min(max(piston, at - half_width), at + half_width)
+        found[index] = (piston - at) / half_width
+    return found
+
+
+def test_the_start_of_the_play_is_a_part_of_the_width() -> None:
+    """Rectangular between a start from below and from above: two fits, their distance over sqrt(12), in squares."""
+    columns = ramp_columns(material(ramp_rows(5, lag_s=LAG_s, step_ppm=-1.0)))
+    blocks = block_means(columns.t_s, 240)
+    readings, sensor = blocks.mean(columns.readings["meter"]), blocks.mean(columns.temperature_degC)
+    noise = fit_drift(blocks, sensor, readings, blocks.mean(columns.branch / 2.0), 25.0).noise
+    drive = usable_drive(*minute_means(columns.t_s, columns.temperature_degC))
+    found = fit_ramp_hysteresis(blocks, readings, drive, noise, 25.0)
+    gates = Gates(blocks.start_s, blocks.end_s)
+    widths = []
+    for start in (-1.0, 1.0):
+        shape = ModelShape(25.0, 3, drift_columns(blocks), ("drift rate", "drift curvature"), start)
+        design = HysteresisModel(gates, drive, shape).columns(found.fit.value(LAG), found.fit.value(HALF_WIDTH))
+        t_s = blocks.middle_s
+        lags_s = np.abs(t_s[:, None] - t_s)
+        covariance = found.noise.slow * np.exp(-lags_s / found.noise.time_s) + found.noise.white * np.eye(t_s.size)
+        factor = np.linalg.cholesky(covariance)
+        white = np.linalg.solve(factor, np.column_stack((design, readings)))
+        widths.append(np.linalg.lstsq(white[:, :-1], white[:, -1], rcond=None)[0][4])
+    assert found.start_std == pytest.approx(abs(widths[1] - widths[0]) / np.sqrt(12.0), rel=1e-5)
+    assert found.start_std > 0.0
+    assert found.width[1] == pytest.approx(np.hypot(found.fit.std("hysteresis width"), found.start_std))
+
+
+def test_the_temperature_is_the_mean_of_the_sensors() -> None:
+    rows = ramp_rows(1)
+    rows["s1"] = rows["s1"] + 0.4
+    found = ramp_columns(material(rows))
+    np.testing.assert_allclose(found.temperature_degC, rows["set"] + 0.2, atol=1e-9)
 
 
 def test_overloaded_rows_are_left_out_and_counted(lagging: Analysis) -> None:

@@ -75,6 +75,12 @@ def test_an_unknown_analysis_is_refused_with_its_place(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+def test_an_analysis_of_records_is_refused_with_its_place(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"B-FIT-011: .*m.yaml:2:1: .*'scale_factor' is made of a bench's records"):
+        imported(tmp_path, SHORT.replace("uut:", "analysis: scale_factor\nuut:", 1), LOG.encode())
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_log_that_grows_meanwhile_is_taken_as_it_was_surveyed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -117,6 +117,10 @@ VARIANTS = {
 }
 
 
+@pytest.mark.validates(
+    "reading a session, six forms of the container",
+    against="sessions written by the stock package mcap",
+)
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_a_strangers_session_is_replayed_and_fitted(tmp_path: Path, variant: str) -> None:
     documented_writer(**VARIANTS[variant])(tmp_path, manifest(), texts(), messages())

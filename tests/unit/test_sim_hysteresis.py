@@ -58,6 +58,10 @@ def test_play_by_hand() -> None:
     np.testing.assert_array_equal(follow([8.0, 8.0], 20.0, [2.0, 3.0]), [18.0, 17.0])
 
 
+@pytest.mark.validates(
+    "hysteresis of the simulated unit, exact in time",
+    against="the definition of the play operator, sample by sample each second",
+)
 def test_offset_against_the_definition_on_a_fine_grid() -> None:
     """Commands in the middle of ramps, so that the unit turns inside segments as well."""
     thermal = ramped()

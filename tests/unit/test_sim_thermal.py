@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -27,12 +29,18 @@ def test_bench_starts_in_equilibrium() -> None:
     assert np.all(thermal.unit_degC(t_ns) == 23.0)
 
 
-def test_ramp_and_soak_against_integration() -> None:
+@pytest.mark.validates(
+    "temperatures of the simulated chamber and unit",
+    against="numerical integration of the two lags",
+)
+def test_ramp_and_soak_against_integration(record_property: Callable[[str, object], None]) -> None:
     thermal = Thermal()
     thermal.ramp(-10.0, 0.5, 0)
     t_s = np.linspace(0.0, 9000.0, 901)
     air, unit = integrate(lambda t: max(23.0 - 0.5 / 60 * t, -10.0), AIR_LAG_S, (23.0, 23.0), t_s)
     t_ns = np.round(t_s * NS).astype(np.int64)
+    worst_degC = max(np.abs(thermal.air_degC(t_ns) - air).max(), np.abs(thermal.unit_degC(t_ns) - unit).max())
+    record_property("obtained", f"{worst_degC:.0e} degC, limit 2e-6")
     assert np.abs(thermal.air_degC(t_ns) - air).max() < 2e-6
     assert np.abs(thermal.unit_degC(t_ns) - unit).max() < 2e-6
 

@@ -100,6 +100,9 @@ def test_what_cannot_be_compared(url: str) -> None:
         with pytest.raises(StoreError) as caught:
             compare_pair(url, documents[1][0]["session"], wrong)
         assert caught.value.code == "B-STORE-011"
+    with pytest.raises(StoreError, match="same calibration") as caught:
+        compare_pair(url, documents[1][0]["session"], documents[1][0]["provenance"]["session_sha256"])
+    assert caught.value.code == "B-STORE-011"
     with pytest.raises(StoreError, match="say which") as caught:
         compare_unit(url, Filters())
     assert caught.value.code == "B-STORE-009"
@@ -153,6 +156,35 @@ def test_due_when_the_drift_reaches_the_stability_limit(tmp_path: Path, ppm_per_
         assert due.governed_by.startswith(("dsf_n (channel", "dsf_p (channel"))
 
 
+@pytest.mark.parametrize(("jump_ppm", "days"), [(0.0, 365), (60.0, 0)])
+def test_a_check_within_the_week_does_not_make_a_unit_due_unless_it_shows_a_drift(
+    url: str, jump_ppm: float, days: int
+) -> None:
+    """Of two calibrations 2 h apart the rate is hardly known; one that is not seen is not carried on for a year."""
+    documents = store_sample.calibrations(2, 2 / 24, SEED, Drift(dsf_ppm=0.0, bias_A=0.0))
+    for estimate in documents[1][0]["estimates"]:
+        estimate["value"] += jump_ppm if estimate["quantity"] == "dsf_n" else 0.0
+    write(url, documents)
+    (due,) = dues_of(compare_unit(url, Filters(None, None, "dsf_n")), 365)
+    assert (due.due_utc_ns - due.last_utc_ns) / 86400e9 == days
+
+
+def test_two_months_apart_the_uncertainty_of_the_rate_counts(url: str) -> None:
+    """With another certificate each, 10.2 ppm: +-28 ppm in 60 days leave about 200 days of the 100 ppm."""
+    write(url, store_sample.calibrations(2, 60.0, SEED, Drift(dsf_ppm=0.0, bias_A=0.0, certificate_days=30)))
+    (due,) = dues_of(compare_unit(url, Filters(None, None, "dsf_n")), 365)
+    assert 50 < (due.due_utc_ns - due.last_utc_ns) / 86400e9 < 215
+
+
+def test_a_calibration_without_any_result_is_due_again_at_once(url: str) -> None:
+    documents = store_sample.calibrations(3, 90.0, SEED)
+    documents[2][0]["estimates"] = []
+    write(url, documents)
+    (due,) = dues_of(compare_unit(url, Filters()), 365)
+    assert due.due_utc_ns == due.last_utc_ns
+    assert due.governed_by == "the last calibration has no result"
+
+
 def test_the_newest_revision_counts_and_simulated_ones_stand_apart(url: str) -> None:
     documents = write(url, store_sample.calibrations(3, 30.0, SEED))
     revised = copy.deepcopy(documents[2])
@@ -175,7 +207,7 @@ def test_a_parameter_that_some_calibrations_do_not_have(url: str) -> None:
     write(url, documents)
     comparison = compare_unit(url, Filters())
     rows = {one.parameter.label: one for one in comparison.parameters}
-    place = "(channel 1, temperature -10)"
+    place = "(channel 1, -10 degC)"
     assert rows[f"dsf_n {place}"].rows.tolist() == [0, 2, 3]
     assert rows[f"bias {place}"].rows.tolist() == [0, 1, 2]
     assert rows[f"dsf_asymmetry {place}"].line is None  # one states no uncertainty: no weight, no line

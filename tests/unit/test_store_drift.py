@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq, curve_fit
@@ -29,8 +31,14 @@ def dense_covariance(std: np.ndarray, shared: np.ndarray, standard: np.ndarray) 
     )
 
 
+@pytest.mark.validates(
+    "drift line over calibrations, value and covariance",
+    against="scipy.optimize.curve_fit with the full covariance",
+)
 @pytest.mark.parametrize("without", [False, True])
-def test_the_line_is_that_of_scipy_with_the_full_covariance(without: bool) -> None:
+def test_the_line_is_that_of_scipy_with_the_full_covariance(
+    record_property: Callable[[str, object], None], without: bool
+) -> None:
     t, value, std, shared, standard = series(np.random.default_rng(SEED))
     if without:
         standard, shared = np.where(standard % 2 == 0, NO_STANDARD, standard), np.where(standard % 2 == 0, 0.0, shared)
@@ -41,6 +49,7 @@ def test_the_line_is_that_of_scipy_with_the_full_covariance(without: bool) -> No
         return mean + rate * (x - line.t_mean)
 
     found, spread = curve_fit(model, t, value, p0=(300.0, 0.0), sigma=covariance, absolute_sigma=True)
+    record_property("obtained", f"rate {abs(line.rate / found[1] - 1):.0e}, limit 1e-6")
     assert line.mean == pytest.approx(found[0], rel=1e-6)
     assert line.rate == pytest.approx(found[1], rel=1e-6)
     np.testing.assert_allclose(line.covariance, spread, rtol=1e-5)
@@ -50,7 +59,13 @@ def test_the_line_is_that_of_scipy_with_the_full_covariance(without: bool) -> No
     assert line.dof == t.size - 2
 
 
-def test_intervals_of_the_rate_cover_and_not_without_the_shared_standard() -> None:
+@pytest.mark.validates(
+    "95 % intervals of a drift rate",
+    against="2,000 simulated histories with a shared calibrator",
+)
+def test_intervals_of_the_rate_cover_and_not_without_the_shared_standard(
+    record_property: Callable[[str, object], None],
+) -> None:
     rng = np.random.default_rng(SEED)
     covered = {"shared": 0, "white": 0}
     trials = 2000
@@ -61,6 +76,10 @@ def test_intervals_of_the_rate_cover_and_not_without_the_shared_standard() -> No
             half = 1.959964 * np.sqrt(line.covariance[1, 1])
             covered[name] += abs(line.rate - RATE) <= half
     print(f"seed {SEED}: stated intervals cover {covered} of {trials}")
+    record_property(
+        "obtained",
+        f"{100 * covered['shared'] / trials:.1f} %, without its share {100 * covered['white'] / trials:.1f} %",
+    )
     assert abs(covered["shared"] / trials - 0.95) < 0.015
     assert covered["white"] / trials < 0.93
 
@@ -104,7 +123,11 @@ def test_en_of_independent_laboratories() -> None:
     np.testing.assert_allclose(en, [1.0, -2.0])
 
 
-def test_en_with_the_shared_calibrator_left_out() -> None:
+@pytest.mark.validates(
+    "E_n without the shared calibrator",
+    against="20,000 simulated pairs: 95 % are to be within 1",
+)
+def test_en_with_the_shared_calibrator_left_out(record_property: Callable[[str, object], None]) -> None:
     rng = np.random.default_rng(SEED)
     trials = 20_000
     gain = rng.normal(0.0, SHARED, trials)
@@ -114,15 +137,21 @@ def test_en_with_the_shared_calibrator_left_out() -> None:
     within = np.abs(en_scores(second - first, (expanded, expanded), (part, part))) <= 1.0
     blind = np.abs(en_scores(second - first, (expanded, expanded), (0.0 * part, 0.0 * part))) <= 1.0
     print(f"seed {SEED}: |E_n| <= 1 in {within.mean():.4f}, with the gain left in {blind.mean():.4f}")
+    record_property("obtained", f"{100 * within.mean():.2f} %, limit 95 +- 0.6")
     assert abs(within.mean() - 0.95) < 0.006
     assert blind.all()  # a change of five standard uncertainties would pass unseen
     assert np.isnan(en_scores(np.array([1.0, np.nan]), (part[:2], part[:2]), (part[:2], part[:2]))).all()
 
 
-def test_control_limits_of_a_published_example() -> None:
+@pytest.mark.validates(
+    "control limits of individuals",
+    against="NIST/SEMATECH e-Handbook 6.3.2.2",
+)
+def test_control_limits_of_a_published_example(record_property: Callable[[str, object], None]) -> None:
     # NIST/SEMATECH e-Handbook of Statistical Methods, section 6.3.2.2: ten flow rates of a batch process
     rates = np.array([49.6, 47.6, 49.9, 51.3, 47.8, 51.2, 52.6, 52.4, 53.6, 52.1])
     chart = individuals_chart(rates)
+    record_property("obtained", f"{chart.action[0]:.4f} to {chart.action[1]:.4f}")
     assert chart.centre == pytest.approx(50.81)
     assert chart.mean_range == pytest.approx(1.8778, abs=5e-5)
     assert chart.action == pytest.approx((45.8159, 55.8041), abs=5e-5)
@@ -130,6 +159,10 @@ def test_control_limits_of_a_published_example() -> None:
     assert chart.range_limit == pytest.approx(3.267 * 1.8778, abs=5e-4)
 
 
+@pytest.mark.validates(
+    "days until an interval reaches its limit",
+    against="scipy.optimize.brentq",
+)
 def test_days_to_a_limit_against_a_root_finder() -> None:
     rng = np.random.default_rng(SEED)
     count, most = 40, 3653
@@ -160,3 +193,8 @@ def test_days_without_limit_or_drift() -> None:
     assert days_to_limit(one, one, one, one, nothing, most_days=365) == [365]
     assert days_to_limit(one, one, nothing, nothing, ten, most_days=365) == [365]
     assert days_to_limit(ten, one, nothing, nothing, ten, most_days=365) == [0]
+
+
+def test_days_with_an_unknown_uncertainty_are_none() -> None:
+    value, unknown, limit = np.array([1.0, np.nan]), np.array([np.nan, 1.0]), np.array([10.0, 10.0])
+    assert days_to_limit(value, unknown, unknown, unknown, limit, most_days=365).tolist() == [0, 0]
