@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from bench.campaigns.analysis import Analysis
+from bench.campaigns.bias_budget import bias_budgets
 from bench.campaigns.bias_clock import fit_master_clock, master_clock_compensation, master_clock_estimates
 from bench.campaigns.bias_estimates import channel_estimates, on_sensor, temperatures
 from bench.campaigns.bias_figures import figures, master_clock_figure
@@ -64,7 +65,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         notes=[*(f"No result: {one}" for one in missing), *notes(fits, records, campaign, method)],
         missing=missing,
         figures=figures(fits) + noise_figures(noise) + _clock_figures(clock, records),
-        tables=[*tables(fits, campaign), noise_table(noise)],
+        tables=[*tables(fits, campaign), *bias_budgets(fits, campaign), noise_table(noise)],
         compensation=_compensation(fits, clock),
     )
 

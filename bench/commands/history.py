@@ -94,7 +94,7 @@ def compare(
 
 
 def due(place: Place, filters: Filters, most_days: int, as_json: bool) -> int:
-    """When every unit is due again; exit status 1 if one is overdue."""
+    """When every unit is due again; exit status 1 if a real one is overdue."""
     url = place.of()
     wanted = [filters.uut] if filters.uut is not None else [f"{model} {serial}" for model, serial in units_of(url)]
     found = [
@@ -108,7 +108,7 @@ def due(place: Place, filters: Filters, most_days: int, as_json: bool) -> int:
         _json({"due": rows})
     else:
         tables.print_due(console(), rows)
-    return ExitStatus.VERDICT_FAIL if any(row["overdue"] for row in rows) else ExitStatus.PASS
+    return ExitStatus.VERDICT_FAIL if any(row["overdue"] and not row["simulated"] for row in rows) else ExitStatus.PASS
 
 
 def export(place: Place, path: Path, filters: Filters, as_json: bool) -> int:

@@ -135,7 +135,7 @@ def print_due(out: Console, rows: Sequence[Row]) -> None:
     table = _table("", ("unit under test", "campaign", "last", "due", "governed by", "state"))
     for row in sorted(rows, key=lambda one: str(one["due_utc"])):
         unit = f"{row['uut_model']} {row['uut_serial']}{_mark(row['simulated'])}"
-        state = "OVERDUE" if row["overdue"] else "valid"
+        state = "-" if row["simulated"] else "OVERDUE" if row["overdue"] else "valid"
         table.add_row(
             unit, row["campaign"], row["last_utc"][:10], row["due_utc"][:10], row["governed_by"] or _LONGEST, state
         )

@@ -54,7 +54,7 @@ def refused(done: tuple[int, str, str], code: str, status: int = 2) -> str:
     return done[2]
 
 
-def with_drift(session: Path, count: int) -> str:
+def with_drift(session: Path, count: int, simulated: bool = True) -> str:
     """A history of a unit that was calibrated each quarter, its results moving a little."""
     url = f"sqlite:///{session.parent / 'history.sqlite'}"
     document = json.loads((session / "results.json").read_text())
@@ -64,10 +64,10 @@ def with_drift(session: Path, count: int) -> str:
             document | {"session": f"20{10 + number // 4}{1 + number % 4 * 3:02d}01T000000Z_golden_GOLDEN"}
         )
         copy: dict[str, Any] = json.loads(text)
-        copy["provenance"]["session_sha256"] = f"{number:064x}"
+        copy["provenance"] |= {"session_sha256": f"{number:064x}", "simulated": simulated}
         for estimate in copy["estimates"]:
             estimate["value"] += estimate["std_uncertainty"] * (0.1 * number + 0.3 * (-1) ** number)
-        record_calibration(url, copy, manifest, None)
+        record_calibration(url, copy, manifest | {"simulated": simulated}, None)
     return url
 
 
@@ -186,16 +186,23 @@ def test_compare_as_json(say: Say, session: Path) -> None:
 
 
 def test_due_is_exit_status_1_when_overdue(say: Say, session: Path) -> None:
-    url = with_drift(session, 4)  # the last in 2010
+    url = with_drift(session, 4, simulated=False)  # the last in 2010
     status, text, _ = say("due", "--history", url)
     assert status == ExitStatus.VERDICT_FAIL
     assert "OVERDUE" in text
     found = json.loads(say("due", "--history", url, "--json")[1])["due"]
     assert [one["overdue"] for one in found] == [True]
     later = json.loads((session / "results.json").read_text()) | {"session": "21990101T000000Z_x_GOLDEN"}
-    later["provenance"]["session_sha256"] = "f" * 64
-    record_calibration(url, later, SessionReader(session).manifest, None)
+    later["provenance"] |= {"session_sha256": "f" * 64, "simulated": False}
+    record_calibration(url, later, SessionReader(session).manifest | {"simulated": False}, None)
     assert say("due", "--history", url)[0] == 0
+
+
+def test_a_simulated_calibration_is_never_overdue(say: Say, session: Path) -> None:
+    status, text, _ = say("due", "--history", with_drift(session, 2))
+    assert status == 0
+    assert "OVERDUE" not in text
+    assert "(SIMULATED)" in text
 
 
 def test_export(say: Say, session: Path, tmp_path: Path) -> None:

@@ -149,6 +149,31 @@ def test_parts_of_the_uncertainty(analysis: Analysis, ramps: dict[int, Ramp]) ->
         assert left["std_uncertainty"] == pytest.approx(white_A, rel=0.05)
 
 
+def test_budgets_give_the_stated_uncertainty_and_the_sensor_joins_the_channels(
+    analysis: Analysis, ramps: dict[int, Ramp]
+) -> None:
+    """U of the budget is that of results.json; correlation by hand: product of the sensor's parts over both u."""
+    budgets = [one for one in analysis.tables if one["title"].startswith("Uncertainty budget of the bias at 20")]
+    assert len(budgets) == len({kind_of(one) for one in analysis.estimates})
+    for table in budgets:
+        number = int(table["title"].split("channel ")[1].split(" ")[0])
+        stated = one_of(analysis, "bias", channel=number, temperature_degC=20.0)
+        assert f"U = {stated['expanded_uncertainty'] * 1e9:.4g}" in table["caption"]
+    matrix = next(one for one in analysis.tables if one["title"].startswith("Correlation of the bias"))
+    names = matrix["headers"][1:]
+    sensor_nA = {str(n): 1e9 * 0.05 * one.unit.polynomial[1] for n, one in ramps.items()}
+    u_nA = {
+        name: 1e9 * one_of(analysis, "bias", channel=int(name), temperature_degC=20.0)["std_uncertainty"]
+        for name in names
+    }
+    expected = sensor_nA[names[0]] * sensor_nA[names[1]] / (u_nA[names[0]] * u_nA[names[1]])
+    assert float(matrix["rows"][0][2].replace("−", "-")) == pytest.approx(expected, abs=0.02)
+
+
+def kind_of(estimate: dict[str, Any]) -> Any:
+    return estimate["conditions"].get("kind", "gyro")
+
+
 def test_what_is_valid_is_what_the_sensor_read(ramps: dict[int, Ramp]) -> None:
     """With a sensor that reads 5 degC too much the ramp ends at 55 degC of it."""
     found = [
