@@ -96,7 +96,7 @@ def test_shipped_bias_ramp_is_planned_from_the_room_to_both_ends_and_back() -> N
     plan = compile_sequence(find_shipped("sequences", "bias_ramp_25h"))
     planned = corners(*plan.steps, prepare_s=plan.prepare_s)
     assert planned[0] == (-10_800.0, 23.0)
-    assert planned[-1] == (94_500.0, 23.0)
+    assert planned[-1] == (97_800.0, 23.0)
     hours = [(t_s / 3600.0, degC) for t_s, degC in planned[2:-2]]
     assert hours == [(2.0, -10.0), (12.0, 50.0), (13.0, 50.0), (23.0, -10.0), (25.0, -10.0)]
 
