@@ -265,8 +265,12 @@ def label(text: str) -> str:
 
 
 def _plain(value: Any) -> str:
-    """A cell; a number that comes as text gets its minus sign too, and nothing is minus zero."""
-    return _NUMERAL.sub("−", _NO_SIZE.sub(r"\1", value)) if isinstance(value, str) and value[:1] == "-" else cell(value)
+    """A cell: four significant digits; a number that comes as text gets its minus sign, and nothing is minus zero."""
+    if isinstance(value, str) and value[:1] == "-":
+        return _NUMERAL.sub("−", _NO_SIZE.sub(r"\1", value))
+    if isinstance(value, float) and 0.0 < abs(value) < math.inf:
+        return number(value, min(9, max(0, 3 - math.floor(math.log10(abs(value))))))
+    return cell(value)
 
 
 def _conditions(conditions: Mapping[str, Any]) -> str:

@@ -68,12 +68,14 @@ def test_error_bars_reach_from_low_to_high_only() -> None:
 
 
 def test_figures_and_tables_are_in_the_page_and_the_bytes_repeat() -> None:
-    table = {"title": "Budget", "caption": "Channel 1.", "headers": ["component", "u / ppm"], "rows": [["gain", 10.0]]}
+    rows = [["gain", 10.0], ["E_n", -0.0151768]]
+    table = {"title": "Budget", "caption": "Channel 1.", "headers": ["component", "u / ppm"], "rows": rows}
     model = replace(sample_model(), figures=(figure("Bias of channel 1"),), tables=(table,))
     page = build_report(model)
     assert "Bias of channel 1" in page
     assert "Budget. Channel 1." in page
-    assert ">gain</th><td>10</td>" in page
+    assert ">gain</th><td>10.00</td>" in page
+    assert ">E_n</th><td>−0.01518</td>" in page
     assert page == build_report(model)
 
 
