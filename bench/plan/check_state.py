@@ -15,6 +15,7 @@ from bench.plan.station import Station
 
 _ENERGY = (Effect.STIMULUS_ON, Effect.POWER, Effect.THERMAL)
 _RELEASES = ("output_off", "stop")
+_OVER_RANGE = 1.2  # a meter reads up to 120 % of a range
 
 
 class BenchState:
@@ -24,7 +25,8 @@ class BenchState:
     switches it off; after raw text to a switch, its route counts as unknown until a call routes or opens it.
     ``untrusted`` roles had a call that could not be read: what is said of their order from there on would be guessed.
     ``closed`` holds the arguments of the route that each switch has closed; ``level_A`` and ``range_A`` what each
-    source was last set to (None: not known), ``used_A`` every range a source or a meter was set to;
+    source was last set to (None: not known), ``used_A`` every range a source or a meter was set to,
+    ``meter_A`` the range a meter is on;
     ``target_degC`` is where the temperature was last sent.
     """
 
@@ -45,6 +47,7 @@ class BenchState:
         self.level_A: dict[str, float | None] = {}
         self.range_A: dict[str, float | None] = {}
         self.used_A: dict[str, set[float]] = {}
+        self.meter_A: dict[str, float] = {}
         self.target_degC: float | None = None
 
     def take(self, step: Step, judged: Judged) -> None:
@@ -57,6 +60,8 @@ class BenchState:
         elif step.kind == "call" and judged.action is not None:
             self._call(step, judged.action.effect, judged.usable)
             self._measure(step.role, judged.usable)
+            if judged.action.returns == "A":
+                self._readable(step)
         elif step.kind == "call":
             self._forget(step.role)
 
@@ -106,6 +111,18 @@ class BenchState:
         held_A = range_after(driver_ladder_A(self._station.instruments[role].driver), wanted_A, False, None)
         if held_A is not None:
             self.used_A.setdefault(role, set()).add(held_A)
+            self.meter_A[role] = held_A
+
+    def _readable(self, step: Step) -> None:
+        """A reading of the loop's current must fit the range of the meter: an overload costs the point it is for."""
+        limit_A = self.meter_A.get(step.role)
+        if limit_A is None or self.untrusted:
+            return
+        for role in sorted(self.output_on - self.unknown):
+            level_A = self.level_A.get(role)
+            if level_A is not None and abs(level_A) > _OVER_RANGE * limit_A:
+                message = f"{step.role} is on its {limit_A:g} A range and cannot read the {level_A:g} A of {role}"
+                self._findings.add("B-PLAN-079", step.where, message, "configure a range that holds the level")
 
     def _route(self, step: Step, effect: Effect, usable: Mapping[str, Any]) -> None:
         if self.output_on and not self.untrusted:

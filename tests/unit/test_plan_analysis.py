@@ -68,3 +68,10 @@ def test_a_range_of_the_meter_needs_an_uncertainty_b_plan_066(tmp_path: Path) ->
     (found,) = check_plan(compile_sequence(ROOT / "sequences" / "dmm_method.yaml", bench))
     assert found.code == "B-PLAN-066"
     assert "dmm: the plan uses 10 mA" in found.message
+
+
+def test_a_range_of_the_meter_must_hold_the_level_b_plan_079(tmp_path: Path) -> None:
+    point = "      - point: {current: 10 mA, polarity: +, meter: 10 mA, repeat: 1}"
+    found = mistakes(tmp_path, "dmm_method", (point, point.replace("meter: 10 mA", "meter: 1 mA")))
+    assert {code for code, _ in found} == {"B-PLAN-079"}
+    assert all("0.001 A range and cannot read the 0.01 A of calibrator" in message for _, message in found)
