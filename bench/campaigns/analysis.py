@@ -27,7 +27,6 @@ class Analysis:
     estimates: Documents
     residuals: Documents = field(default_factory=list)  # one per row of the fit
     components: Documents = field(default_factory=list)  # uncertainty budget
-    table: Documents = field(default_factory=list)  # estimates at full scale in nA and the sensor's unit
     groups: Documents = field(default_factory=list)  # reduced chi-square per channel and temperature
     notes: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)

@@ -22,7 +22,6 @@ from bench.campaigns.bias_notes import notes
 from bench.campaigns.bias_records import RampRecords, channel_readings, ramp_records
 from bench.campaigns.bias_tables import components, tables
 from bench.campaigns.constants import Campaign, read_campaign
-from bench.campaigns.estimates import at_full_scale
 from bench.campaigns.material import Material
 from bench.fit.oscillator import OscillatorFit
 from bench.model.errors import FitError
@@ -60,7 +59,6 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         uut=dict(campaign.uut),
         estimates=found,
         components=components(fits, campaign),
-        table=_table(found, campaign),
         groups=_quality_of_fit(fits, records),
         notes=[*(f"No result: {one}" for one in missing), *notes(fits, records, campaign, method)],
         missing=missing,
@@ -68,14 +66,6 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         tables=[*tables(fits, campaign), *bias_budgets(fits, campaign), noise_table(noise)],
         compensation=_compensation(fits, clock),
     )
-
-
-def _table(estimates: list[dict[str, Any]], campaign: Campaign) -> list[dict[str, Any]]:
-    return [
-        at_full_scale(one, campaign.channel(one["conditions"]["channel"]))
-        for one in estimates
-        if one["quantity"] == "bias"
-    ]
 
 
 def _quality_of_fit(fits: list[ChannelFit], records: RampRecords) -> list[dict[str, Any]]:

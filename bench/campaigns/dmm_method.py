@@ -22,7 +22,6 @@ from bench.campaigns.dmm_estimates import (
 )
 from bench.campaigns.dmm_notes import notes, zero_table
 from bench.campaigns.dmm_readings import MeterLog
-from bench.campaigns.estimates import at_full_scale
 from bench.campaigns.group_fit import reasons
 from bench.campaigns.groups import Group, campaign_rows, group_rows, place_name
 from bench.campaigns.material import Material
@@ -68,7 +67,6 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
         uut=dict(constants.uut),
         estimates=found,
         components=budget(fits, constants),
-        table=_table(found, constants),
         groups=[_quality(one, constants) for one in fits],
         notes=[
             *(f"No result: {one}" for one in missing),
@@ -112,15 +110,6 @@ def _fit_one(
     meter = log.meter(group.numbers)
     fit = fit_dmm_method(group.closed, meter, campaign.converter(group.channel), register, method, traceability)
     return DmmFit(group, meter, fit)
-
-
-def _table(estimates: list[dict[str, Any]], campaign: Campaign) -> list[dict[str, Any]]:
-    wanted = ("dsf_n", "dsf_p", "dsf_asymmetry", "dsf_mean", "bias")
-    return [
-        at_full_scale(one, campaign.channel(one["conditions"]["channel"]))
-        for one in estimates
-        if one["quantity"] in wanted
-    ]
 
 
 def _quality(one: DmmFit, campaign: Campaign) -> dict[str, Any]:

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from bench.campaigns.constants import Channel
 from bench.fit.decision import checked_rule, decide
 from bench.fit.verdict import NON_BINARY, coverage_factor
 
@@ -64,27 +63,4 @@ def judged(entry: Mapping[str, Any], rule: str) -> dict[str, Any]:
     return dict(entry) | {
         "verdict": decision.verdict,
         "conformance_probability": decision.conformance_probability,
-    }
-
-
-def at_full_scale(entry: Mapping[str, Any], channel: Channel) -> dict[str, Any]:
-    """A scale-factor error in ppm as what it makes of the full-scale input: nanoampere and the sensor's unit.
-
-    ``bias`` estimates (ampere) are converted through the sensor's nominal sensitivity.
-    """
-    if entry["unit"] == "ppm":
-        to_nA, to_sensor = channel.full_scale_A * 1e3, channel.sensor_full_scale * 1e-6
-    else:
-        to_nA, to_sensor = 1e9, channel.sensor_full_scale / channel.full_scale_A
-    return {
-        "quantity": entry["quantity"],
-        "conditions": dict(entry["conditions"]),
-        "unit": entry["unit"],
-        "value": entry["value"],
-        "expanded_uncertainty": entry["expanded_uncertainty"],
-        "full_scale_nA": entry["value"] * to_nA,
-        "full_scale_expanded_nA": entry["expanded_uncertainty"] * to_nA,
-        "full_scale_sensor": entry["value"] * to_sensor,
-        "full_scale_expanded_sensor": entry["expanded_uncertainty"] * to_sensor,
-        "sensor_unit": channel.sensor_unit,
     }

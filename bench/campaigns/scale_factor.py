@@ -13,7 +13,6 @@ from bench.campaigns.calibrator_drift import calibrator_drift
 from bench.campaigns.clock_estimates import clock_estimates
 from bench.campaigns.coefficients import scale_factor_compensation
 from bench.campaigns.constants import Campaign, read_campaign, read_standards
-from bench.campaigns.estimates import at_full_scale
 from bench.campaigns.explain import coefficient_estimates, components, residuals
 from bench.campaigns.group_estimates import (
     bias_estimates,
@@ -66,7 +65,6 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
         estimates=found,
         residuals=residuals(fitted.groups, constants),
         components=components(fitted, constants, register),
-        table=_table(found, constants),
         groups=_quality_of_fit(fitted, constants),
         notes=[
             *(f"No result: {one}" for one in missing),
@@ -78,15 +76,6 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
         tables=[*budget_tables(fitted, constants, register, method), *zero_gain],
         compensation=scale_factor_compensation(fitted, constants),
     )
-
-
-def _table(estimates: list[dict[str, Any]], campaign: Campaign) -> list[dict[str, Any]]:
-    wanted = ("dsf_n", "dsf_p", "dsf_asymmetry", "bias")
-    return [
-        at_full_scale(one, campaign.channel(one["conditions"]["channel"]))
-        for one in estimates
-        if one["quantity"] in wanted
-    ]
 
 
 def _quality_of_fit(fitted: Fitted, campaign: Campaign) -> list[dict[str, Any]]:

@@ -10,8 +10,9 @@ from pathlib import Path
 
 from bench.commands.console import console, hours
 from bench.commands.loading import checked_plan
+from bench.commands.output import writing
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
-from bench.model.errors import ExitStatus, InputError
+from bench.model.errors import ExitStatus
 from bench.plan.summary import summarise
 
 
@@ -23,10 +24,8 @@ def check(sequence: str, station: str | None, settings: list[str], plot: Path | 
     if plot is not None:
         from bench.report import plot_timetable  # matplotlib takes longer to load than a sequence to check
 
-        try:
+        with writing(plot):
             plot_timetable(plan, plot)
-        except OSError as error:
-            raise InputError("B-CLI-007", f"cannot be written: {error.strerror}", where=str(plot)) from error
     if as_json:
         document = {"sequence": plan.name, "station": plan.station_name, "plan_sha256": plan.sha256, **asdict(summary)}
         sys.stdout.write(json.dumps(document, indent=1) + "\n")

@@ -13,6 +13,7 @@ from typing import Any
 
 from bench.commands import history_tables as tables
 from bench.commands.console import console
+from bench.commands.output import writing
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError
 from bench.store import (
@@ -113,15 +114,8 @@ def due(place: Place, filters: Filters, most_days: int, as_json: bool) -> int:
 
 def export(place: Place, path: Path, filters: Filters, as_json: bool) -> int:
     """Every estimate of every revision, as CSV or Parquet."""
-    try:
+    with writing(path):
         rows = export_history(place.of(), filters, path)
-    except OSError as error:
-        raise InputError(
-            "B-CLI-007",
-            f"cannot be written: {error.strerror}",
-            where=str(path),
-            next_step="check the folder, its permissions and the space on the disk",
-        ) from error
     if as_json:
         return _json({"file": str(path), "rows": rows})
     console().print(f"{rows} estimates written to {path}")

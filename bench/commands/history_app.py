@@ -81,7 +81,7 @@ def due(
     out: Out = None,
     json: AsJson = False,
 ) -> None:
-    """When each unit is due again by its drift; exit status 1 if one is overdue."""
+    """When each unit is due again by its drift; exit status 1 if a real one is overdue."""
     from bench.commands import history as work
     from bench.store import Filters
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.commands.output import writing
 from bench.fit import coverage_factor
 from bench.model.errors import InputError
 from bench.report.history_plot import FORMATS, MOST_PANELS, Panel, line_years, plot_history
@@ -24,16 +25,9 @@ def draw(comparison: Comparison, path: Path) -> None:
     left = len(comparison.parameters) - len(histories)
     more = f", {left} more parameters not drawn" if left > 0 else ""
     title = f"{' '.join(series.uut)}: {len(series.calibrations)} calibrations, clearest drift first{more}"
-    try:
+    with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         plot_history([_panel(one) for one in histories], title, bool(series.calibrations[-1]["simulated"]), path)
-    except OSError as error:
-        raise InputError(
-            "B-CLI-007",
-            f"cannot be written: {error.strerror}",
-            where=str(path),
-            next_step="check the folder, its permissions and the space on the disk",
-        ) from error
 
 
 def _clearest(one: ParameterHistory) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from bench.model.errors import InputError
@@ -9,9 +11,16 @@ from bench.model.errors import InputError
 
 def write_file(path: Path, text: str) -> None:
     """Write a text file, its folder too. Raises: InputError B-CLI-007."""
-    try:
+    with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Whatever keeps a file from being written is one clear error. Raises: InputError B-CLI-007."""
+    try:
+        yield
     except OSError as error:
         raise InputError(
             "B-CLI-007",

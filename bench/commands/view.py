@@ -75,16 +75,11 @@ def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str
 
 def material_of(view: SessionView) -> Material:
     """What the analysis may see of a session."""
-    temperatures = view.events_of("environment")
     return Material(
         rows=view.rows,
         campaign=view.manifest["campaign"],
         standards=view.manifest["standards"],
-        trace=Trace(
-            t_s=np.array([t_ns / NS for t_ns, _ in temperatures]),
-            air_degC=np.array([_number(fields["air_degC"]) for _, fields in temperatures]),
-            unit_degC=np.array([_number(fields["unit_degC"]) for _, fields in temperatures]),
-        ),
+        trace=_trace(view),
         readings=[_reading(t_ns, fields) for t_ns, fields in view.events_of("reading")],
         series=view.series,
     )
@@ -123,11 +118,16 @@ def report_html(view: SessionView, results: Mapping[str, Any], analysis: Analysi
 def temperature_trace(view: SessionView) -> TemperatureTrace:
     """Temperatures against seconds from the start of the campaign phase."""
     start_ns = next((t for t, fields in view.events_of("phase") if fields["name"] == "campaign"), 0)
-    readings = view.events_of("environment")
-    return TemperatureTrace(
-        t_s=np.array([(t_ns - start_ns) / NS for t_ns, _ in readings]),
-        air_degC=np.array([_number(fields["air_degC"]) for _, fields in readings]),
-        unit_degC=np.array([_number(fields["unit_degC"]) for _, fields in readings]),
+    trace = _trace(view)
+    return TemperatureTrace(t_s=trace.t_s - start_ns / NS, air_degC=trace.air_degC, unit_degC=trace.unit_degC)
+
+
+def _trace(view: SessionView) -> Trace:
+    temperatures = view.events_of("environment")
+    return Trace(
+        t_s=np.array([t_ns / NS for t_ns, _ in temperatures]),
+        air_degC=np.array([_number(fields["air_degC"]) for _, fields in temperatures]),
+        unit_degC=np.array([_number(fields["unit_degC"]) for _, fields in temperatures]),
     )
 
 

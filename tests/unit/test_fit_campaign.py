@@ -207,17 +207,6 @@ def test_traceability_and_drift_of_the_calibrator_are_added_when_stated(campaign
     assert {one["component"] for one in full.components} > {one["component"] for one in plain.components}
 
 
-def test_table_at_full_scale_in_nanoampere_and_sensor_units(campaign: sim.SimulatedCampaign) -> None:
-    table = run(campaign).table
-    gyro, accelerometer = table[0], table[4]
-    assert gyro["full_scale_nA"] == pytest.approx(gyro["value"] * 1e-6 * 0.299 * 1e9)
-    assert gyro["full_scale_sensor"] == pytest.approx(gyro["value"] * 1e-6 * 83.0)
-    assert (gyro["sensor_unit"], accelerometer["sensor_unit"]) == ("deg/s", "g")
-    bias = next(one for one in table if one["quantity"] == "bias")
-    assert bias["full_scale_nA"] == pytest.approx(bias["value"] * 1e9)
-    assert bias["full_scale_sensor"] == pytest.approx(bias["value"] * 83.0 / 0.299)
-
-
 def test_budget_adds_up(campaign: sim.SimulatedCampaign) -> None:
     for kind in ("gyro", "accelerometer"):
         parts = {
