@@ -22,7 +22,10 @@ from bench.record import RecordRow
 from bench.report import TemperatureTrace, build_report, report_model
 
 SOFTWARE = f"inertial-bench {__version__}"
-KEPT_EVENTS = ("environment", "prompt", "phase", "slip", "overrun", "late", "retake", "error", "end", "reading")
+KEPT_EVENTS = (
+    "environment", "prompt", "phase", "slip", "overrun", "late", "retake", "skip", "error", "end", "reading", "hold",
+    "release", "resume", "link", "interlock", "alarm", "guard", "preflight", "verdict", "config",
+)  # fmt: skip
 
 
 @dataclass

@@ -7,10 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.model.ports import Action, Effect, Parameter
 from bench.model.units import read_quantity
-from bench.plan.drivers import driver_actions, driver_class
+from bench.plan.drivers import driver_actions
 from bench.plan.findings import Findings, suggestion
 from bench.plan.plan import Plan, Step
 from bench.plan.station import InstrumentEntry, Station

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.model.ports import Effect
 from bench.plan.check_actions import Judged
-from bench.plan.drivers import driver_actions, driver_class, driver_ladder_A, range_after
+from bench.plan.drivers import driver_actions, driver_ladder_A, range_after
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
 from bench.plan.station import Station

@@ -6,9 +6,9 @@ import re
 from importlib import import_module
 from importlib.util import find_spec
 
+from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.plan.check_register import check_register
-from bench.plan.drivers import driver_class
 from bench.plan.findings import Findings, suggestion
 from bench.plan.station import InstrumentEntry, Station, option_text, wrong_option
 

@@ -19,7 +19,7 @@ from bench.plan.templated import Name, Scalar
 
 Words = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 Current = Annotated[float, *quantity("A", -10.0, 10.0)]
-NUMBERS = ("_ppm", "_A", "_V", "_s", "_Hz", "_degC")  # suffixes of options that are numbers
+NUMBERS = ("_ppm", "_A", "_V", "_s", "_Hz", "_degC", "time_constants")  # ends of the names of options that are numbers
 Fraction = Annotated[float, *quantity("1", -1.0, 1.0)]
 Share = Annotated[float, *quantity("1", 0.0, 1.0)]  # of an uncertainty: never negative
 

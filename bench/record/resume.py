@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from bench.record.files import Files, OsFiles
 from bench.record.reader import SessionReader
 from bench.record.writer import SessionWriter
 
 
-def resume_session(folder: Path, *, t_mono_ns: int, reason: str, files: Files | None = None) -> SessionWriter:
-    """Open a session for more messages; the first one is a "resume" event.
+def resume_session(
+    folder: Path, *, t_mono_ns: int, fields: Mapping[str, Any], files: Files | None = None
+) -> SessionWriter:
+    """Open a session for more messages; the first one is a "resume" event with ``fields``.
 
     The running number goes on behind the last good message and the hash chain behind the last whole record.
     Counters of the links and monotonic time may start anew behind the event.
@@ -28,6 +32,6 @@ def resume_session(folder: Path, *, t_mono_ns: int, reason: str, files: Files | 
         sequence=reader.next_sequence,
         topics=topics,
     )
-    writer.event("resume", t_mono_ns, {"reason": reason, "segment": last + 1})
+    writer.event("resume", t_mono_ns, {**fields, "segment": last + 1})
     writer.flush()
     return writer

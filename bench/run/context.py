@@ -12,6 +12,7 @@ from bench.model.ports import Instrument, RecordWindow, SessionSink
 from bench.plan import Plan, Step
 from bench.record import PackedRows, RecordCutter, RecordRow
 from bench.run.acquisition import Acquisition
+from bench.run.health import SEQUENCER, Health
 from bench.run.operator import Operator
 from bench.run.stop import StopSwitch
 from bench.run.timing import Timeline
@@ -77,6 +78,17 @@ class RunContext:
     overruns: int = 0
     settled: bool = True
     in_use: InUse = field(default_factory=InUse)
+    health: Health = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.health = Health(self.clock)
+        self.stop.on_check = lambda: self.health.alive(SEQUENCER)
+
+    def drop_open_records(self, count: int) -> None:
+        """Forget the windows that are open, and every number given since ``count`` records were taken."""
+        self.cutter.close_all()
+        self.ahead.clear()
+        self.record_count = count
 
     def event(self, kind: str, **fields: object) -> None:
         """Write an event with the time of now."""

@@ -6,17 +6,19 @@ import importlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import pyvisa
 import serial
 from pyvisa.resources import MessageBasedResource
 
 from bench.model.clock import Clock
+from bench.model.drivers import driver_class
 from bench.model.errors import InputError, InstrumentError, LinkError
 from bench.model.ports import ByteLink, Instrument, RecordWindow, Transcript
-from bench.plan import Station
-from bench.plan.drivers import driver_class
+
+if TYPE_CHECKING:
+    from bench.plan import Station  # the guard opens instruments too, and must not need plans
 
 SIMULATION = "sim_instruments.simulation"
 SERIAL_HANDLERS = "sim_instruments"
@@ -68,21 +70,21 @@ def open_bench(
     Raises: InputError B-RUN-001 (virtual clock with a real station), InstrumentError B-RUN-002 (resource does not
             open), LinkError B-RUN-003 (port does not open).
     """
-    if clock.virtual and not station.simulated:
+    if clock.virtual and station.file.world is None:
         raise InputError(
             "B-RUN-001",
-            f"station {station.name!r} is real, so the virtual clock is refused",
+            f"station {station.name!r} is not simulated in this process, so the virtual clock is refused",
             where="--clock",
-            next_step="use --clock wall, or a simulated station",
+            next_step="use --clock wall, or a station with a simulated world",
         )
-    world = _open_world(station, clock, seed) if station.simulated else None
+    world = _open_world(station, clock, seed) if station.file.world is not None else None
     library = world.visa_library if world is not None else station.file.visa
-    visa = _visa(library)
+    visa = visa_manager(library)
     bench = OpenBench(station, {}, {}, world, visa.close)
     try:
         for role, entry in station.instruments.items():
             if not roles or role in roles:
-                bench.instruments[role] = _open_instrument(visa, role, entry, clock, transcript)
+                bench.instruments[role] = open_instrument(visa, role, entry, clock, transcript)
         if links:
             bench.links.update(_open_links(station, world))
     except Exception:
@@ -91,7 +93,8 @@ def open_bench(
     return bench
 
 
-def _visa(library: str) -> pyvisa.ResourceManager:
+def visa_manager(library: str) -> pyvisa.ResourceManager:
+    """The VISA library of a station. Raises: InstrumentError B-RUN-002."""
     try:
         return pyvisa.ResourceManager(library)
     except (pyvisa.Error, OSError, ValueError) as error:
@@ -111,21 +114,47 @@ def _open_world(station: Station, clock: Clock, seed: int) -> World:
     return world
 
 
-def _open_instrument(
-    visa: pyvisa.ResourceManager, role: str, entry: Any, clock: Clock, transcript: Transcript
+class InstrumentAddress(Protocol):
+    """What a station says about one instrument, as far as opening it needs it."""
+
+    @property
+    def driver(self) -> str:
+        """Plain name of the driver."""
+
+    @property
+    def resource(self) -> str:
+        """VISA address."""
+
+    @property
+    def options(self) -> Mapping[str, Any]:
+        """Options of the driver."""
+
+
+def open_instrument(
+    visa: pyvisa.ResourceManager, role: str, entry: InstrumentAddress, clock: Clock, transcript: Transcript
 ) -> Instrument:
+    """Open one instrument; nothing is sent. Raises: InstrumentError B-RUN-002."""
+
+    def reopen() -> MessageBasedResource:
+        return _open_resource(visa, role, entry.resource)
+
+    driver = driver_class(entry.driver)
+    instrument: Instrument = driver(
+        reopen(), role=role, clock=clock, transcript=transcript, options=dict(entry.options)
+    )
+    return instrument
+
+
+def _open_resource(visa: pyvisa.ResourceManager, role: str, resource: str) -> MessageBasedResource:
     try:
-        resource = visa.open_resource(entry.resource, resource_pyclass=MessageBasedResource)
+        return visa.open_resource(resource, resource_pyclass=MessageBasedResource)  # type: ignore[return-value]
     except (pyvisa.Error, OSError, ValueError) as error:
         raise InstrumentError(
             "B-RUN-002",
-            f"{entry.resource} does not open: {error}",
+            f"{resource} does not open: {error}",
             where=role,
             next_step="check the address in the station file and the interface",
         ) from error
-    driver = driver_class(entry.driver)
-    instrument: Instrument = driver(resource, role=role, clock=clock, transcript=transcript, options=entry.options)
-    return instrument
 
 
 def _open_links(station: Station, world: World | None) -> Mapping[str, ByteLink]:
@@ -134,15 +163,21 @@ def _open_links(station: Station, world: World | None) -> Mapping[str, ByteLink]
     opened: dict[str, ByteLink] = {}
     for name, entry in station.links.items():
         url = world.link_url(name) if world is not None else str(entry.url)
-        try:
-            opened[name] = serial.serial_for_url(
-                url, baudrate=entry.baud, timeout=0, write_timeout=WRITE_LIMIT_S, exclusive=world is None
-            )
-        except (serial.SerialException, OSError, ValueError) as error:
-            raise LinkError(
-                "B-RUN-003",
-                f"{url} does not open: {error}",
-                where=name,
-                next_step="check the port in the station file and its permissions",
-            ) from error
+        opened[name] = open_port(name, url, entry.baud, exclusive=world is None)
     return opened
+
+
+def open_port(name: str, url: str, baud: int, *, exclusive: bool) -> ByteLink:
+    """Open one serial port; reads never wait, and nobody else can open it meanwhile. Raises: LinkError B-RUN-003."""
+    try:
+        port: ByteLink = serial.serial_for_url(
+            url, baudrate=baud, timeout=0, write_timeout=WRITE_LIMIT_S, exclusive=exclusive
+        )
+    except (serial.SerialException, OSError, ValueError) as error:
+        raise LinkError(
+            "B-RUN-003",
+            f"{url} does not open: {error}",
+            where=name,
+            next_step="check the port in the station file and its permissions",
+        ) from error
+    return port

@@ -6,15 +6,18 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 
-from bench.model.clock import NS
+from bench.model.clock import NS, to_ns
 from bench.model.errors import BenchError, OperatorStop, RunError
 from bench.plan import Step
 from bench.plan.plan import Phase
 from bench.record import Journal, RecordError, RecordRow
 from bench.run.context import CHAMBER, RunContext
+from bench.run.holds import Interruption, Wish
 from bench.run.patience import patient
+from bench.run.position import point_start, point_stop
 from bench.run.recording import measurement_rows
 from bench.run.safety import make_safe
+from bench.run.standing import stand_still
 from bench.run.steps import EXECUTORS
 from bench.run.stop import unforeseen
 from bench.run.timing import Timeline
@@ -51,14 +54,16 @@ class Sequencer:
         self._slip_ns = 0
         self._lateness_ns: list[int] = []
 
-    def run(self) -> Outcome:
-        """Execute every step, then make the bench safe, whatever happened. Errors are part of the outcome, not raised.
+    def run(self, start: int = 0) -> Outcome:
+        """Execute every step from number ``start`` on, then make the bench safe, whatever happened.
+
+        Errors are part of the outcome, not raised.
 
         An error nobody foresaw becomes B-INT-001: the session must still be closed and say what it holds.
         """
         context = self._context
         try:
-            error = self._attempt()
+            error = self._attempt(start)
         except OperatorStop as stopped:  # a second signal on the way out of a step
             error = stopped
         finally:
@@ -83,11 +88,12 @@ class Sequencer:
         )
         return outcome
 
-    def _attempt(self) -> BenchError | None:
+    def _attempt(self, start: int) -> BenchError | None:
         try:
             for phase in PHASES:
-                if steps := self._context.plan.phase(phase):
-                    self._run_phase(steps)
+                steps = self._context.plan.phase(phase)
+                if steps and steps[-1].number >= start:
+                    self._run_phase(steps, max(0, start - steps[0].number))
         except Exception as problem:
             return unforeseen(problem)
         finally:
@@ -99,32 +105,55 @@ class Sequencer:
         with suppress(RecordError):
             self._context.event(kind, **fields)
 
-    def _run_phase(self, steps: Sequence[Step]) -> None:
+    def _run_phase(self, steps: Sequence[Step], position: int) -> None:
         context = self._context
-        context.timeline = Timeline(context.clock, context.stop, context.clock.now_ns())
+        context.timeline = Timeline(context.clock, context.stop, context.clock.now_ns() - to_ns(steps[position].at_s))
         context.event("phase", name=steps[0].phase, t_start_ns=context.clock.now_ns())
-        position = 0
-        record: Step | None = None
+        context.stop.interruptible = steps[0].phase != "finally"
         attempts: dict[int, int] = {}  # by number of the verify step
         try:
             while position < len(steps):
-                step = steps[position]
-                record = step if step.kind == "record" else record
+                count = context.record_count
                 try:
-                    self._execute(step)
+                    self._execute(steps[position])
+                except Interruption as interruption:
+                    context.drop_open_records(count)
+                    position = self._interrupted(interruption.wish, steps, position)
                 except RunError as error:
-                    tried = attempts.get(step.number, 0)
-                    if step.kind != "verify" or record is None or tried >= int(record.arguments["retry"]):
-                        raise
-                    attempts[step.number] = tried + 1
-                    first = int(record.arguments["retry_step"]) - steps[0].number
-                    self._retake(error, steps[first:position])
-                    position = first
+                    position = self._again(error, steps, position, attempts)
                 else:
                     position += 1
         finally:
             self._slip_ns += context.timeline.slip_ns
             self._lateness_ns += context.timeline.lateness_ns
+
+    def _again(self, error: RunError, steps: Sequence[Step], position: int, attempts: dict[int, int]) -> int:
+        """Where to go on after a verify step failed: its point is taken again while attempts are left."""
+        step = steps[position]
+        record = next((before for before in reversed(steps[:position]) if before.kind == "record"), None)
+        tried = attempts.get(step.number, 0)
+        if step.kind != "verify" or record is None or tried >= int(record.arguments["retry"]):
+            raise error
+        attempts[step.number] = tried + 1
+        first = int(record.arguments["retry_step"]) - steps[0].number
+        self._context.listener.message(f"{error.where}: {error.message}; the point is taken again")
+        self._retake(error.message, steps[first:position])
+        return first
+
+    def _interrupted(self, wish: Wish, steps: Sequence[Step], position: int) -> int:
+        """Where to go on after a wish: hold and retake go back to the beginning of the point, skip behind its end."""
+        context = self._context
+        if wish.kind == "hold":
+            context.timeline.add_slip(stand_still(context, wish, steps[position].number))
+        first = point_start(steps, position)
+        self._retake(f"{wish.reason} ({wish.by})", steps[first:position])
+        if wish.kind != "skip":
+            return first
+        stop = point_stop(steps, position)
+        behind = steps[0].number + stop
+        context.event("skip", by=wish.by, reason=wish.reason, first=steps[first].number, stop=behind)
+        context.listener.message(f"skipping to step {behind}: {wish.reason} ({wish.by})")
+        return stop
 
     def _execute(self, step: Step) -> None:
         context = self._context
@@ -135,17 +164,17 @@ class Sequencer:
         self._journal_step(step.number, step.phase, context.clock.now_ns(), step.conditions)
         self._done = step.number + 1
 
-    def _retake(self, error: RunError, again: Sequence[Step]) -> None:
+    def _retake(self, reason: str, again: Sequence[Step]) -> None:
         """Take back every record of the steps that are done again."""
         context = self._context
-        context.listener.message(f"{error.where}: {error.message}; the point is taken again")
         for step in again:
             if step.kind == "record":
-                context.event("retake", record=context.record_count, reason=error.message)
+                context.event("retake", record=context.record_count, reason=reason)
                 context.rows.pop(context.record_count, None)
                 context.record_count -= 1
                 context.retaken += 1
-        context.timeline.add_slip(context.clock.now_ns() - context.timeline.target_ns(again[0].at_s))
+        if again:
+            context.timeline.add_slip(context.clock.now_ns() - context.timeline.target_ns(again[0].at_s))
 
     def _outcome(self, error: BenchError | None, unsafe: Sequence[RunError]) -> Outcome:
         context = self._context

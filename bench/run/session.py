@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Collection, Mapping
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, closing
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,14 +16,17 @@ from bench.model.clock import NS, Clock
 from bench.model.errors import InputError, RunError
 from bench.plan import Plan
 from bench.record import Journal, PackedList, RecordCutter, RecordError, SessionWriter
+from bench.record.resume import resume_session
 from bench.run.acquisition import Acquisition, LinkReader
 from bench.run.beginning import begin_safely, check_space, identities_of
 from bench.run.context import CHAMBER, Listener, RunContext
 from bench.run.environment import EnvironmentLog
+from bench.run.health import WRITER
 from bench.run.listening import SafeListener
 from bench.run.opener import OpenBench, open_bench
 from bench.run.operator import Operator
 from bench.run.patience import patient
+from bench.run.position import Resumption
 from bench.run.provenance import software
 from bench.run.sequencer import Outcome, Sequencer
 from bench.run.stop import StopSwitch, guarded
@@ -35,6 +38,8 @@ SYNC_S = 1.0
 _STEP_FIELDS = ("number", "phase", "kind", "at_s", "duration_s", "role", "name", "arguments", "conditions", "where")
 
 Event = tuple[str, int, Mapping[str, Any]]
+Beside = Callable[[RunContext], AbstractContextManager[object]]
+Preflight = Callable[[Plan, OpenBench, Clock, Path], Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -101,9 +106,14 @@ def conduct(
     operator: Operator,
     listener: Listener,
     keep_events: Collection[str] = (),
+    beside: Sequence[Beside] = (),
+    preflight: Preflight | None = None,
+    resumed: Resumption | None = None,
 ) -> Conducted:
-    """Run a plan on its station and close the session.
+    """Run a plan on its station and close the session, or go on with one that was interrupted.
 
+    Args:   beside: what goes on beside the sequencer, entered before the first step and left after the last one.
+            preflight: judges the opened bench before a session exists; what it returns becomes an event.
     The bench is always left safe; how the run ended is in the outcome. Only what happens before the session exists
     (a bench that does not open, a wrong identity) is raised.
     """
@@ -113,24 +123,43 @@ def conduct(
     }
     _check_links(plan)
     check_space(plan, out)
-    name = session_name(plan, clock)
     transcript = HeldTranscript()
     with StopSwitch() as stop:
         bench = open_bench(plan.station, clock, transcript, seed=seed)
         try:
             identities = identities_of(begin_safely(bench, clock))
-            folder = new_folder(out, name)
-            manifest = manifest_of(plan, name, seed, clock, identities, {k: f.sha256 for k, f in frames.items()})
-            texts = {**plan.texts, "plan.json": plan_json(plan)}
-            writer = SessionWriter.create(folder, manifest, texts, t_mono_ns=clock.now_ns())
+            judged = {} if preflight is None else preflight(plan, bench, clock, out)
+            writer, manifest = _begin(plan, clock, seed, out, identities, frames, resumed)
             transcript.attach(writer)
+            transcript.on_traffic = stop.on_traffic
             sink = KeepingSink(writer, keep_events)
-            run = _Run(plan, bench, frames, writer, sink, clock, stop)
+            if judged:
+                sink.event("preflight", clock.now_ns(), judged)
+            run = _Run(plan, bench, frames, writer, sink, clock, stop, beside, resumed)
             outcome = _closed(writer, run.sequence(operator, SafeListener(listener)))
             truth = [] if bench.world is None else bench.world.truth([row.window for row in outcome.rows])
         finally:
             bench.close()
-    return Conducted(folder, manifest, outcome, writer.chain, run.counts(), sink.events, truth)
+    return Conducted(writer.folder, manifest, outcome, writer.chain, run.counts(), sink.events, truth)
+
+
+def _begin(
+    plan: Plan,
+    clock: Clock,
+    seed: int,
+    out: Path,
+    identities: Mapping[str, Any],
+    frames: Mapping[str, FrameDefinition],
+    resumed: Resumption | None,
+) -> tuple[SessionWriter, Mapping[str, Any]]:
+    """A new session, or one that is gone on with; and its manifest."""
+    if resumed is not None:
+        fields = {**resumed.fields, "start": resumed.start, "identities": identities}
+        return resume_session(resumed.folder, t_mono_ns=clock.now_ns(), fields=fields), resumed.manifest
+    name = session_name(plan, clock)
+    manifest = manifest_of(plan, name, seed, clock, identities, {link: frame.sha256 for link, frame in frames.items()})
+    texts = {**plan.texts, "plan.json": plan_json(plan)}
+    return SessionWriter.create(new_folder(out, name), manifest, texts, t_mono_ns=clock.now_ns()), manifest
 
 
 def _closed(writer: SessionWriter, outcome: Outcome) -> Outcome:
@@ -192,6 +221,8 @@ class _Run:
     sink: KeepingSink
     clock: Clock
     stop: StopSwitch
+    beside: Sequence[Beside] = ()
+    resumed: Resumption | None = None
 
     def __post_init__(self) -> None:
         self.cutter = RecordCutter(self.frames[self.plan.measurement_link])
@@ -199,36 +230,47 @@ class _Run:
 
     def sequence(self, operator: Operator, listener: Listener) -> Outcome:
         """Run the plan with everything that goes on beside it."""
-        clock = self.clock
         self._pair()
-        stop = self.stop
         with closing(Journal(self.writer.folder)) as journal, ExitStack() as beside:
-            tick = patient(self.writer.tick, listener)
-            acquisition = Acquisition(self.readers, clock, tick, stop)
-            context = RunContext(
-                self.plan,
-                self.bench.instruments,
-                acquisition,
-                self.cutter,
-                clock,
-                self.sink,
-                operator,
-                listener,
-                stop,
-                Timeline(clock, stop, clock.now_ns()),
-                self.plan.measurement_link,
-            )
+            context = self._context(operator, listener)
             chamber = self.bench.instruments.get(CHAMBER)
-            environment = EnvironmentLog(chamber, acquisition, clock, self.sink, context.in_use, stop)
-            beside.callback(environment.stop)
-            beside.callback(clock.every(CLOCK_PAIR_S, guarded(self._pair, stop)).cancel)
-            if not clock.virtual:
-                beside.callback(clock.every(SYNC_S, guarded(patient(self.writer.sync, listener), stop)).cancel)
-            outcome = Sequencer(context, journal, self.plan.station.safe_order).run()
+            log = EnvironmentLog(chamber, context.acquisition, self.clock, self.sink, context.in_use, self.stop)
+            beside.callback(log.stop)
+            beside.callback(self.clock.every(CLOCK_PAIR_S, guarded(self._pair, self.stop)).cancel)
+            if not self.clock.virtual:
+                self._sync_beside(context, journal, beside)
+            for start in self.beside:
+                beside.enter_context(start(context))
+            sequencer = Sequencer(context, journal, self.plan.station.safe_order)
+            outcome = sequencer.run(0 if self.resumed is None else self.resumed.start)
         self._pair()
         if outcome.error is None:
             journal.path.unlink()
         return outcome
+
+    def _context(self, operator: Operator, listener: Listener) -> RunContext:
+        clock, stop = self.clock, self.stop
+        acquisition = Acquisition(self.readers, clock, patient(self.writer.tick, listener), stop)
+        timeline = Timeline(clock, stop, clock.now_ns())
+        context = RunContext(
+            self.plan, self.bench.instruments, acquisition, self.cutter, clock, self.sink, operator, listener, stop,
+            timeline, self.plan.measurement_link,
+        )  # fmt: skip
+        if self.resumed is not None:
+            context.rows.update(self.resumed.rows)
+            context.record_count = max(self.resumed.rows, default=0)
+        return context
+
+    def _sync_beside(self, context: RunContext, journal: Journal, beside: ExitStack) -> None:
+        """Bring session and journal to the disk each second, off the step thread."""
+        sync = patient(self.writer.sync, context.listener)
+
+        def to_disk() -> None:
+            sync()
+            journal.sync()
+            context.health.alive(WRITER)
+
+        beside.callback(self.clock.every(SYNC_S, guarded(to_disk, self.stop)).cancel)
 
     def _pair(self) -> None:
         self.writer.clock_pair(self.clock.now_ns(), self.clock.utc_ns())

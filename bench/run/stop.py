@@ -1,6 +1,7 @@
 """The wish to stop: of the operator (first Ctrl-C or SIGTERM: at the next check, the second: at once) or of a fault.
 
-A hang-up of the terminal (SIGHUP) stops nothing: an unattended run does not need the terminal it was started from.
+The sequencer checks it between steps and while it waits; each check is its sign of life. A hang-up of the terminal
+(SIGHUP) stops nothing: an unattended run does not need the terminal it was started from.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from types import FrameType
 from typing import Any
 
 from bench.model.errors import BenchError, OperatorStop
+from bench.run.holds import Holds, Interruption
 
 _STOPS = (signal.SIGINT, signal.SIGTERM)
 _HANGUPS = tuple(filter(None, [getattr(signal, "SIGHUP", None)]))  # not every system has it
@@ -28,6 +30,9 @@ class StopSwitch:
     def __init__(self) -> None:
         self.requested = ""
         self.fault: BenchError | None = None
+        self.holds = Holds()
+        self.interruptible = True  # False while the bench is put away at the end
+        self.on_check: Callable[[], None] = lambda: None  # the sequencer's sign of life
         self._shielded = False
         self._at_once = False
         self._previous: dict[int, Any] = {}
@@ -71,8 +76,23 @@ class StopSwitch:
         """From now on signals are noted and raise nothing."""
         self._shielded = True
 
+    def on_traffic(self) -> None:
+        """A command or reply went over the bus: the sequencer lives."""
+        self.on_check()
+
+    def request(self, who: str) -> None:
+        """Stop at the next check, as the first Ctrl-C does."""
+        self.requested = self.requested or who
+
     def check(self) -> None:
+        """As ``check_stop``; then raise Interruption if somebody wants the run to stand still, retake or skip."""
+        self.check_stop()
+        if self.interruptible and not self._shielded and (wish := self.holds.take()) is not None:
+            raise Interruption(wish)
+
+    def check_stop(self) -> None:
         """Raise the fault of another thread, or OperatorStop B-RUN-010 if a stop was requested."""
+        self.on_check()
         if self.fault is not None:
             raise self.fault
         if self.requested:

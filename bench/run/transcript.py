@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
@@ -19,8 +20,10 @@ class HeldTranscript:
     def __init__(self) -> None:
         self._held: list[tuple[str, str, str, int]] = []
         self._sink: SessionSink | None = None
+        self.on_traffic: Callable[[], None] = lambda: None  # a sign of life of whoever talks
 
     def __call__(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
+        self.on_traffic()
         if self._sink is None:
             self._held.append((role, direction, text, t_mono_ns))
         else:

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 from plan_sample import FLAT, SEQUENCE, changed, make_bench, mistakes
 
+from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.model.ports import Effect, action
 from bench.plan import compile_sequence
-from bench.plan.drivers import driver_class
 from bench.plan.expand import MAX_STEPS
 
 # what is changed, into what, the code, and a text that stands on the line of the error

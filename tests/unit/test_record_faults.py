@@ -160,7 +160,7 @@ def test_resume_continues_numbers_and_chain(tmp_path: Path) -> None:
     with crashed.open("ab") as stream:
         stream.write(b"\x06\x50\x00\x00\x00\x00\x00\x00\x00torn")
     before = crashed.read_bytes()
-    again = resume_session(tmp_path, t_mono_ns=0, reason="power cut")
+    again = resume_session(tmp_path, t_mono_ns=0, fields={"reason": "power cut"})
     again.raw("port_a", "rx", NS, (1).to_bytes(4, "big"))
     sha256 = again.close("done")
     reader = SessionReader(tmp_path)

@@ -76,7 +76,7 @@ def test_salvage_copies_every_good_message_and_keeps_the_gap(tmp_path: Path, mon
 def test_salvage_of_several_segments_is_whole(tmp_path: Path) -> None:
     writer = SessionWriter.create(tmp_path / "s", MANIFEST, TEXTS, t_mono_ns=0)
     writer.tick(0)
-    again = resume_session(tmp_path / "s", t_mono_ns=0, reason="crash")
+    again = resume_session(tmp_path / "s", t_mono_ns=0, fields={"reason": "crash"})
     again.close("done")
     salvage(tmp_path / "s", tmp_path / "copy")
     copy = SessionReader(tmp_path / "copy")

@@ -168,7 +168,7 @@ def test_after_a_resume_counters_start_anew(tmp_path: Path) -> None:
     before = live.record(1, 4)
     lost = live.record(2, 2)
     writer.tick(live.second * NS)
-    again = resume_session(tmp_path, t_mono_ns=0, reason="crash")
+    again = resume_session(tmp_path, t_mono_ns=0, fields={"reason": "crash"})
     resumed = Live(again, stream(1000, seed=9, first_counter=100), 1)
     resumed.step()
     after = resumed.record(2, 4)

@@ -67,7 +67,7 @@ def empty_bus(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def full_bus(empty_bus: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(opener, "_open_instrument", lambda *_: Visa())
+    monkeypatch.setattr(opener, "open_instrument", lambda *_: Visa())
 
 
 @pytest.mark.usefixtures("empty_bus")

@@ -1,0 +1,65 @@
+"""Why a run stands still, and what somebody beside the sequencer wants of it."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal["hold", "retake", "skip"]
+
+
+@dataclass(frozen=True)
+class Wish:
+    """A wish at the point under way: take it again, skip it, or stand still; ``by`` = who wishes it."""
+
+    kind: Kind
+    by: str
+    reason: str
+
+
+class Interruption(Exception):
+    """Leaves the step under way because of a wish; only the sequencer catches it."""
+
+    def __init__(self, wish: Wish) -> None:
+        super().__init__(f"{wish.kind}: {wish.reason}")
+        self.wish = wish
+
+
+class Holds:
+    """The reasons to stand still, by who gave them; the run goes on when the last one is gone. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._reasons: dict[str, str] = {}
+        self._wish: Wish | None = None
+
+    def hold(self, by: str, reason: str) -> None:
+        """Stand still from the next check on, until ``release`` is called with the same ``by``."""
+        with self._lock:
+            self._reasons[by] = reason
+
+    def release(self, by: str) -> bool:
+        """Take a reason back; False if there was none."""
+        with self._lock:
+            return self._reasons.pop(by, None) is not None
+
+    def wish(self, wish: Wish) -> None:
+        """Retake or skip the point under way; the first wish counts until it is granted."""
+        with self._lock:
+            self._wish = self._wish or wish
+
+    @property
+    def reasons(self) -> dict[str, str]:
+        """Reasons to stand still, by who gave them."""
+        with self._lock:
+            return dict(self._reasons)
+
+    def take(self) -> Wish | None:
+        """What is wished now: standing still comes first. A retake or skip is handed out once."""
+        with self._lock:
+            if self._reasons:
+                by, reason = next(iter(self._reasons.items()))
+                return Wish("hold", by, reason)
+            wish, self._wish = self._wish, None
+            return wish
