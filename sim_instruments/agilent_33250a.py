@@ -1,4 +1,5 @@
-"""Simulated Agilent 33250A function generator; its output goes to the unit's function-generator input.
+"""Simulated Agilent 33250A function generator; the output of the first one goes to the unit's
+function-generator input.
 
 Source: 33250A User's Guide (remote interface, ranges of square waves, load and amplitude). The unit's input has a high
 impedance: with the load setting at 50 ohm its amplitude is twice the programmed one.
@@ -24,7 +25,7 @@ class Agilent33250A(ScpiDevice):
     def __init__(self, *arguments: Any) -> None:
         self.error_ppm = 0.0
         super().__init__(*arguments)
-        draw = self.world.rng("function generator frequency")
+        draw = self.rng("function generator frequency")
         self.error_ppm = float(draw.uniform(-FREQUENCY_ERROR_PPM, FREQUENCY_ERROR_PPM))
 
     def reset(self) -> None:
@@ -47,7 +48,11 @@ class Agilent33250A(ScpiDevice):
 
     def _apply(self) -> None:
         counted = self.open_amplitude_V >= UNIT_THRESHOLD_VPP
-        self.world.unit.set_fg(self.true_frequency_Hz if counted else 0.0, self.now_ns)
+        if self.is_first:
+            self.world.unit.set_fg(self.true_frequency_Hz if counted else 0.0, self.now_ns)
+
+    def outputs(self) -> dict[str, Any]:
+        return {"on": self.on, "frequency_Hz": self.frequency_Hz, "amplitude_V": self.amplitude_V}
 
     def _largest_V(self) -> float:
         return 10.0 * (2.0 if self.load_ohm == INFINITE_OHM else 2.0 * self.load_ohm / (self.load_ohm + 50.0))

@@ -23,9 +23,9 @@ class Agilent34401A(ScpiDevice):
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self._gain = float(self.world.rng("34401A gain").normal(1.0, GAIN_SIGMA))
-        self._offset_V = float(self.world.rng("34401A offset").normal(0.0, OFFSET_SIGMA_V))
-        self._noise = self.world.rng("34401A noise")
+        self._gain = float(self.rng("34401A gain").normal(1.0, GAIN_SIGMA))
+        self._offset_V = float(self.rng("34401A offset").normal(0.0, OFFSET_SIGMA_V))
+        self._noise = self.rng("34401A noise")
 
     def reset(self) -> None:
         self.range_V: float | None = None  # autorange
@@ -33,12 +33,12 @@ class Agilent34401A(ScpiDevice):
         self._last = ""
 
     def _measure(self) -> str:
-        supply = self.world.instrument(AgilentE3631A)
+        supply = self.partner(AgilentE3631A)
         true_V = supply.output(0)[0] if supply is not None else 0.0
         self.reply_after(2 * self.power_line_cycles / LINE_HZ)
         if self.range_V is not None and abs(true_V) > 1.2 * self.range_V:
             return f"{OVERLOAD if true_V > 0 else -OVERLOAD:+.8E}"
-        return f"{true_V * self._gain + self._offset_V + self._noise.normal(0.0, 2e-6):+.8E}"
+        return self.reading(f"{true_V * self._gain + self._offset_V + self._noise.normal(0.0, 2e-6):+.8E}")
 
     @command(":CONFigure:VOLTage[:DC]")
     def _configure(self, text: str) -> None:

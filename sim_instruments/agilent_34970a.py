@@ -51,7 +51,7 @@ class Agilent34970A(ScpiDevice):
 
     def _reading(self, channel: int) -> str:
         degC = self._degC(channel)
-        return f"{degC if channel in self.thermocouples else (degC - 23.0) * 4e-5:+.8E}"
+        return self.reading(f"{degC if channel in self.thermocouples else (degC - 23.0) * 4e-5:+.8E}")
 
     @command(":CONFigure:TEMPerature")
     def _configure(self, text: str) -> None:

@@ -25,16 +25,16 @@ class Agilent53230A(ScpiDevice):
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self._external = float(self.world.rng("counter external reference").normal(0.0, EXTERNAL_SIGMA))
-        self._internal = float(self.world.rng("counter internal reference").normal(0.0, INTERNAL_SIGMA))
-        self._noise = self.world.rng("counter noise")
+        self._external = float(self.rng("counter external reference").normal(0.0, EXTERNAL_SIGMA))
+        self._internal = float(self.rng("counter internal reference").normal(0.0, INTERNAL_SIGMA))
+        self._noise = self.rng("counter noise")
 
     def reset(self) -> None:
         self.gate_s, self.gate_source, self.reference = 0.1, "TIME", "INT"
         self._event = 0
 
     def _measure(self) -> str:
-        source = self.world.instrument(Agilent33250A)
+        source = self.partner(Agilent33250A)
         frequency_Hz = source.true_frequency_Hz if source is not None else 0.0
         if frequency_Hz == 0.0:
             self.reply_after(self.gate_s + _NO_SIGNAL_S)
@@ -44,7 +44,7 @@ class Agilent53230A(ScpiDevice):
         error = self._external if self.reference == "EXT" and not lost else self._internal
         noise = self._noise.normal(0.0, RESOLUTION_S / self.gate_s)
         self.reply_after(self.gate_s)
-        return f"{frequency_Hz * (1.0 - error + noise):+.15E}"
+        return self.reading(f"{frequency_Hz * (1.0 - error + noise):+.15E}")
 
     @command("[:SENSe]:FUNCtion[:ON]")
     def _set_function(self, text: str) -> None:

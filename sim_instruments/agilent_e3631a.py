@@ -36,8 +36,8 @@ class AgilentE3631A(ScpiDevice):
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        self._gain = self.world.rng("E3631A gains").normal(1.0, GAIN_SIGMA, 3)
-        self._noise = self.world.rng("E3631A readings")
+        self._gain = self.rng("E3631A gains").normal(1.0, GAIN_SIGMA, 3)
+        self._noise = self.rng("E3631A readings")
 
     def reset(self) -> None:
         self.rails = (
@@ -46,6 +46,9 @@ class AgilentE3631A(ScpiDevice):
             Rail("N25V", -25.75, 0.0, 1.03, 150.0, current_A=1.0),
         )
         self.selected, self.on = 0, False
+
+    def outputs(self) -> dict[str, Any]:
+        return {"on": self.on, "voltages_V": [rail.voltage_V for rail in self.rails]}
 
     def output(self, index: int) -> tuple[float, float]:
         """Voltage (V) and current (A) of rail ``index`` (0 to 2) at its terminals."""
@@ -125,12 +128,12 @@ class AgilentE3631A(ScpiDevice):
     @command(":MEASure[:VOLTage]?")
     def _measure_voltage(self, text: str) -> str:
         self.reply_after(_READ_S)
-        return f"{self.output(self._index(text))[0] + self._noise.normal(0.0, 2e-4):+.8E}"
+        return self.reading(f"{self.output(self._index(text))[0] + self._noise.normal(0.0, 2e-4):+.8E}")
 
     @command(":MEASure:CURRent?")
     def _measure_current(self, text: str) -> str:
         self.reply_after(_READ_S)
-        return f"{self.output(self._index(text))[1] + self._noise.normal(0.0, 1e-4):+.8E}"
+        return self.reading(f"{self.output(self._index(text))[1] + self._noise.normal(0.0, 1e-4):+.8E}")
 
 
 SIMULATOR = AgilentE3631A

@@ -93,8 +93,7 @@ class BenchVisaLibrary(SimVisaLibrary):
             return super().read(session, count)
         opened, device = live
         self._locks.check(session, device)
-        timeout_ms = opened.attrs.get(ResourceAttribute.timeout_value, _DEFAULT_TIMEOUT_MS)
-        deadline_ns = self._world.clock.now_ns() + int(timeout_ms) * (NS // 1000)
+        deadline_ns = self._deadline_ns(session)
         reply = device.next_reply()
         if reply is None:
             device.on_starved()
@@ -135,15 +134,26 @@ class BenchVisaLibrary(SimVisaLibrary):
             raise errors.VisaIOError(StatusCode.error_nonsupported_operation)
         return live[1]
 
+    def _answering(self, session: Any) -> LiveDevice:
+        """The instrument of a session; one that hangs answers no poll and no clear: VI_ERROR_TMO."""
+        device = self._device(session)
+        if device.faults.hang:
+            self._time_out(self._deadline_ns(session))
+        return device
+
+    def _deadline_ns(self, session: Any) -> int:
+        timeout_ms = self._live[session][0].attrs.get(ResourceAttribute.timeout_value, _DEFAULT_TIMEOUT_MS)
+        return int(self._world.clock.now_ns()) + int(timeout_ms) * (NS // 1000)
+
     def read_stb(self, session: Any) -> tuple[int, StatusCode]:
         """Serial poll."""
-        device = self._device(session)
+        device = self._answering(session)
         with self._bus(session, device):
             return device.status_byte(), StatusCode.success
 
     def clear(self, session: Any) -> StatusCode:
         """Selected device clear."""
-        device = self._device(session)
+        device = self._answering(session)
         with self._bus(session, device):
             device.clear()
         return StatusCode.success

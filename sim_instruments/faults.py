@@ -16,8 +16,9 @@ _BLOCK = 4096  # frames whose faults are drawn together; frame indexes are absol
 class LinkFaults:
     """Damage of one serial link, a pure function of (seed, link name, frame index).
 
-    ``bit_error_rate`` is per bit, ``drop_rate`` and ``duplicate_rate`` are per frame, all 0 to 1. ``silent`` means
-    the cable is off: frames of that time never arrive.
+    ``bit_error_rate`` is per bit, ``drop_rate`` and ``duplicate_rate`` are per frame, all 0 to 1. ``silent``: frames
+    of that time never arrive. ``stuck``: these bytes come again and again where frames are due. ``unplugged``: the
+    port itself is gone; ``plugs`` counts how often it came, so that an opened one knows it is an earlier one.
     """
 
     seed: int = 0
@@ -26,17 +27,36 @@ class LinkFaults:
     drop_rate: float = 0.0
     duplicate_rate: float = 0.0
     silent: bool = False
+    stuck: bytes = b""
+    unplugged: bool = False
+    plugs: int = 1
     _masks: dict[tuple[int, int, float], np.ndarray] = field(default_factory=dict, repr=False)
     _drawn: dict[int, np.ndarray] = field(default_factory=dict, repr=False)
 
     @property
     def active(self) -> bool:
         """Whether any fault is switched on."""
-        return self.silent or self.bit_error_rate > 0 or self.drop_rate > 0 or self.duplicate_rate > 0
+        rates = self.bit_error_rate, self.drop_rate, self.duplicate_rate
+        return self.silent or self.unplugged or bool(self.stuck) or max(rates) > 0
+
+    def unplug(self, unplugged: bool) -> None:
+        """Take the port away or bring it back."""
+        self.plugs += self.unplugged and not unplugged
+        self.unplugged = unplugged
+
+    def frames(self, first_index: int, frames: np.ndarray) -> np.ndarray:
+        """Frames (n, length) from ``first_index`` on, as they arrive."""
+        n, length = frames.shape
+        if self.stuck:
+            places = first_index * length + np.arange(n * length)
+            return np.frombuffer(self.stuck, np.uint8)[places % len(self.stuck)].reshape(n, length)
+        if self.bit_error_rate > 0:
+            return frames ^ self.flips(first_index, n, length)
+        return frames
 
     def copies(self, first_index: int, n: int) -> np.ndarray:
         """How often each of ``n`` frames from ``first_index`` on arrives: (n,) int64 of 0, 1 or 2."""
-        if self.silent:
+        if self.silent or self.unplugged:
             return np.zeros(n, np.int64)
         draws = self._by_block(first_index, n, self._draws)
         copies = 1 + (draws[:, 1] < self.duplicate_rate).astype(np.int64)
@@ -84,7 +104,8 @@ class InstrumentFaults:
     ``mute``: takes every command and answers none (its other physics goes on). ``late_s`` with ``late_replies``: the
     next that many replies come so much later, and a stale one is then read by the next query unless the bus session
     is cleared. ``garbled_replies``: the next that many replies come with damaged characters. ``identity`` replaces
-    the answer to the identity question.
+    the answer to the identity question. ``nan_readings``, ``overload_readings``: the next that many readings are no
+    numbers. ``hang``: the interface takes what is sent and answers nothing at all, neither serial poll nor clear.
     """
 
     seed: int = 0
@@ -94,6 +115,9 @@ class InstrumentFaults:
     late_replies: int = 0
     garbled_replies: int = 0
     identity: str = ""
+    nan_readings: int = 0
+    overload_readings: int = 0
+    hang: bool = False
     _rng: np.random.Generator | None = field(default=None, repr=False)
 
     def take_delay_s(self) -> float:
@@ -102,6 +126,16 @@ class InstrumentFaults:
             return 0.0
         self.late_replies -= 1
         return self.late_s
+
+    def take_reading(self, text: str, not_a_number: str, overload: str) -> str:
+        """The reading as it is told; counts those that are no number."""
+        if self.nan_readings > 0:
+            self.nan_readings -= 1
+            return not_a_number
+        if self.overload_readings > 0:
+            self.overload_readings -= 1
+            return overload
+        return text
 
     def garble(self, reply: bytes) -> bytes:
         """The reply as it arrives: one or more of its bytes turned into other printable ones; counts it."""
@@ -121,12 +155,14 @@ class Faults:
     """All fault switches of one simulated world; everything is off at the start.
 
     ``reference_lost``: the counter's external 10 MHz is gone. ``chamber_shortfall_degC``: the chamber stops that far
-    from each set-point it is sent from now on, so it never settles.
+    from each set-point it is sent from now on, so it never settles. ``chamber_runaway_degC_min``: a running chamber
+    follows no set-point any more but rises at that rate; stopping it ends that, holding it does not.
     """
 
     seed: int = 0
     reference_lost: bool = False
     chamber_shortfall_degC: float = 0.0
+    chamber_runaway_degC_min: float = 0.0
     _links: dict[str, LinkFaults] = field(default_factory=dict, repr=False)
     _instruments: dict[str, InstrumentFaults] = field(default_factory=dict, repr=False)
 

@@ -25,11 +25,13 @@ from sim_instruments.wiring import TRIP_CURRENT_A
 OPERATING_BIT, SETTLED_BIT = 1 << 0, 1 << 12
 FAULT_AVAILABLE = 8  # status byte
 QUEUE_LENGTH = 16
-SETTLE_S = 3.0
+SETTLE_S = 3.0  # divided, like the next, by the world's option time_constants
 RANGE_CHANGE_S = 2.0
 UNSETTLED_PART = 1e-3  # how far the current is from its value until it has settled
 GAIN_SIGMA = 10e-6
 DAY_S = 86_400.0
+ON_MIN = 300  # it was switched on so long before the bench
+SINCE_CALIBRATION_DAYS = 5
 _ZERO_A = 1e-12
 
 FAULTS = {
@@ -120,6 +122,14 @@ class Fluke5720A(LiveDevice):
             self._fault(number)
             self._standby()
 
+    def drop(self) -> None:
+        """Fault: the output is off and its setting lost, and the calibrator reports nothing; only readback tells."""
+        self._standby()
+        self.value = 0.0
+
+    def outputs(self) -> dict[str, Any]:
+        return {"operating": self.operating, "set": self.value, "unit": self.unit}
+
     def _drive(self, range_changed: bool) -> None:
         """Apply the present setting to the wires: nearly there at once, exactly there when it has settled."""
         wiring = self.world.wiring
@@ -135,7 +145,8 @@ class Fluke5720A(LiveDevice):
         self.settled = False
         self._round += 1
         wiring.drive(current_A * (1.0 - UNSETTLED_PART), self.now_ns)
-        mine, settle_s = self._round, SETTLE_S + (RANGE_CHANGE_S if range_changed else 0.0)
+        settle_s = (SETTLE_S + (RANGE_CHANGE_S if range_changed else 0.0)) / self.world.time_constants
+        mine = self._round
         self._settled_ns = self.now_ns + to_ns(settle_s)
         self.world.after(settle_s, lambda: self._settle(mine, current_A))
 
@@ -295,6 +306,8 @@ _COMMANDS: dict[str, Callable[[Fluke5720A, str], None]] = {
     "OPER": Fluke5720A._oper,
     "STBY": lambda self, _: self._standby(),
     "ISR?": Fluke5720A._ask_status,
+    "ONTIME?": lambda self, _: self._say(str(ON_MIN + (self.now_ns - self._began_ns) // (60 * NS))),
+    "CAL_DAYS?": lambda self, _: self._say(str(SINCE_CALIBRATION_DAYS)),
     "FAULT?": Fluke5720A._ask_fault,
     "EXPLAIN?": Fluke5720A._explain,
     "RANGELCK": Fluke5720A._lock,

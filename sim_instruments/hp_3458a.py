@@ -23,6 +23,7 @@ OVERLOAD = 1e38
 CURRENT_RANGES_A = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 VOLTAGE_RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)
 LINE_HZ = 50.0
+INSIDE_DEGC, ACAL_DEGC = 37.2, 36.8
 # dc current, 1 year: 95 % of reading and of range; each range has its own shunt, so each draws its own errors
 ACCURACY = {
     1e-7: (30e-6, 400e-6), 1e-6: (20e-6, 40e-6), 1e-5: (20e-6, 10e-6), 1e-4: (20e-6, 8e-6),
@@ -43,6 +44,8 @@ class Hp3458A(LiveDevice):
     """
 
     identity = "HP3458A"
+    overload = " 1.00000000E+38"
+    not_a_number = " NAN"  # it has no such reading; what a damaged one would say
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -73,7 +76,7 @@ class Hp3458A(LiveDevice):
         value = true + self.error_A(true) + self.range * noise
         if abs(true) > limit:
             value = OVERLOAD if true > 0 else -OVERLOAD
-        self._answer(f"{value: .8E}", after_s=self.reading_s)
+        self._answer(self.reading(f"{value: .8E}"), after_s=self.reading_s)
 
     def error_A(self, true_A: float) -> float:
         """What the present range adds to a current: its gain, its zero, its linearity; ampere."""
@@ -204,6 +207,8 @@ _COMMANDS: dict[str, Callable[[Hp3458A, list[str]], None]] = {
     "AZERO": Hp3458A._set_autozero,
     "TARM": Hp3458A._set_arm,
     "TRIG": Hp3458A._set_trigger,
+    "TEMP?": lambda self, _: self._answer(f"{INSIDE_DEGC: .8E}"),
+    "CAL?": lambda self, _: self._answer(f"{ACAL_DEGC: .8E}"),  # the only constant that is asked for: 175
     "ERRSTR?": Hp3458A._next_error,
     "STB?": lambda self, _: self._answer(str(self.status_byte())),
 }

@@ -26,7 +26,7 @@ class Hp6632B(ScpiDevice):
     identity = "HEWLETT-PACKARD,6632B,SIM6632,A.03.01"
 
     def __init__(self, *arguments: Any) -> None:
-        self._supplied_V = 0.0
+        self.supplied_V = 0.0
         super().__init__(*arguments)
         self._noise = self.world.rng("6632B readings")
 
@@ -34,6 +34,9 @@ class Hp6632B(ScpiDevice):
         self.voltage_V, self.current_A, self.trip_V = 0.0, 0.512, HIGHEST_TRIP_V
         self.over_current_trip, self.on, self.tripped = False, False, ""
         self._apply()
+
+    def outputs(self) -> dict[str, Any]:
+        return {"on": self.on, "voltage_V": self.voltage_V, "tripped": self.tripped}
 
     def _load(self) -> tuple[float, float]:
         """Voltage (V) and current (A) at the terminals."""
@@ -53,8 +56,8 @@ class Hp6632B(ScpiDevice):
                 self.tripped = "OC"
         voltage_V = self._load()[0]
         supplied_V = voltage_V if voltage_V >= UNIT_START_V else 0.0
-        if supplied_V != self._supplied_V:
-            self._supplied_V = supplied_V
+        if supplied_V != self.supplied_V:
+            self.supplied_V = supplied_V
             self.world.unit.set_power(supplied_V > 0, self.now_ns, supplied_V)
 
     @command("[:SOURce]:VOLTage[:LEVel]")
@@ -114,12 +117,12 @@ class Hp6632B(ScpiDevice):
     @command(":MEASure[:SCALar]:VOLTage?")
     def _measure_voltage(self, _: str) -> str:
         self.reply_after(_READ_S)
-        return f"{self._load()[0] + self._noise.normal(0.0, 1e-3):.5E}"
+        return self.reading(f"{self._load()[0] + self._noise.normal(0.0, 1e-3):.5E}")
 
     @command(":MEASure[:SCALar]:CURRent?")
     def _measure_current(self, _: str) -> str:
         self.reply_after(_READ_S)
-        return f"{self._load()[1] + self._noise.normal(0.0, 2e-4):.5E}"
+        return self.reading(f"{self._load()[1] + self._noise.normal(0.0, 2e-4):.5E}")
 
 
 SIMULATOR = Hp6632B

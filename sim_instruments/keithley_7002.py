@@ -38,6 +38,9 @@ class Keithley7002(ScpiDevice):
         if self._closed:
             self._move(set())
 
+    def outputs(self) -> dict[str, Any]:
+        return {"closed": ["!".join(map(str, point)) for point in sorted(self._closed)]}
+
     def _move(self, closed: set[Point]) -> None:
         self._closed = closed
         wired = frozenset((row, column) for slot, row, column in closed if slot == self._slot)

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from pyvisa_sim.devices import Device
 
 from bench.model.clock import to_ns
@@ -48,6 +49,8 @@ class LiveDevice(Device):
 
     identity = ""
     latency_s = 0.002  # one bus operation: addressing, handshake, parsing
+    not_a_number = "+9.91000000E+37"  # SCPI-99 vol. 1, 7.2.1.5
+    overload = "+9.90000000E+37"
 
     def __init__(self, world: World, role: str, options: Mapping[str, Any]) -> None:
         super().__init__(role, b"")
@@ -81,7 +84,32 @@ class LiveDevice(Device):
     def trigger(self) -> None:
         """Group execute trigger."""
 
+    def outputs(self) -> dict[str, Any]:
+        """What the instrument puts out or switches at this moment; empty for one that only measures."""
+        return {}
+
     # --- used by subclasses ------------------------------------------------------------------------------------
+
+    def rng(self, purpose: str, *indexes: int) -> np.random.Generator:
+        """Generator of one purpose; a second instrument of the same model draws for itself."""
+        return self.world.rng(purpose if self.is_first else f"{purpose} of {self.role}", *indexes)
+
+    @property
+    def is_first(self) -> bool:
+        """Whether this is the first instrument of its model on the bench; only that one is wired to the unit."""
+        return self.world.instrument(type(self)) in (None, self)
+
+    def partner(self, kind: type) -> Any:
+        """The instrument of another model that this one is wired to: the first to the first, the second to the second.
+
+        None if there is no such instrument; if there are fewer, the last of them.
+        """
+        own, others = (self.world.instruments_of(model) for model in (type(self), kind))
+        return others[min(own.index(self), len(others) - 1)] if others else None
+
+    def reading(self, text: str) -> str:
+        """A reading as it is told: the text, or what the instrument says instead while a fault is on."""
+        return self.faults.take_reading(text, self.not_a_number, self.overload)
 
     @property
     def now_ns(self) -> int:
@@ -90,7 +118,7 @@ class LiveDevice(Device):
 
     def reply(self, text: str, *, after_s: float = 0.0, end: bool = True) -> None:
         """Put one reply into the output, there after ``after_s``."""
-        if self.faults.mute:
+        if self.faults.mute or self.faults.hang:
             return
         payload = self.faults.garble(text.encode("latin-1")) + self._response_eom
         delay_s = self.faults.take_delay_s()
@@ -106,6 +134,8 @@ class LiveDevice(Device):
 
     def receive(self, chunk: bytes, end: bool) -> None:
         """Take bytes from the bus; ``end`` is the END message (or a terminator character stands at the end)."""
+        if self.faults.hang:
+            return
         self._partial += chunk
         if not end and not self._partial.endswith(b"\n"):
             return
@@ -116,14 +146,16 @@ class LiveDevice(Device):
         self.execute(message)
 
     def clear(self) -> None:
-        """Device clear: input and output are emptied."""
+        """Device clear: input and output are emptied; one that hangs does not notice."""
+        if self.faults.hang:
+            return
         self._partial.clear()
         self._replies.clear()
         self.on_clear()
 
     def next_reply(self) -> Reply | None:
-        """The oldest reply, ready or not; it stays in the output."""
-        return self._replies[0] if self._replies else None
+        """The oldest reply, ready or not; it stays in the output. One that hangs gives none."""
+        return self._replies[0] if self._replies and not self.faults.hang else None
 
     def take(self, reply: Reply, count: int) -> bytes:
         """Remove up to ``count`` bytes of the oldest reply."""

@@ -121,8 +121,7 @@ class Port:
         n, length = frames.shape
         if self._faults is None or not self._faults.active:
             return frames.tobytes(), np.arange(1, n + 1, dtype=np.int64) * length
-        if self._faults.bit_error_rate > 0:
-            frames = frames ^ self._faults.flips(first, n, length)
+        frames = self._faults.frames(first, frames)
         copies = self._faults.copies(first, n)
         return np.repeat(frames, copies, axis=0).tobytes(), np.cumsum(copies) * length
 

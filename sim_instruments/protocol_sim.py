@@ -30,6 +30,7 @@ class Serial(SerialBase):
     _unit: Any = None
     _world: Any = None
     _name = ""
+    _plug = 0  # which appearance of the port this is: one that was unplugged never comes back
 
     def open(self) -> None:
         """Open the port. Raises: SimulatedPortError B-NGU-002, no live world or no such port."""
@@ -46,6 +47,9 @@ class Serial(SerialBase):
                 next_step="take the URL from the world: world.link_url('port_a') or world.link_url('port_b')",
             )
         self._unit = self._world.unit
+        if self._world.faults.link(self._name).unplugged:
+            raise SerialException(f"{self._port}: no such port, it is unplugged")
+        self._plug = self._world.faults.link(self._name).plugs
         self._reconfigure_port()
         self.is_open = True
 
@@ -53,7 +57,8 @@ class Serial(SerialBase):
         """Stop listening."""
         if self.is_open:
             self.is_open = False
-            self._unit.disconnect(self._name)
+            if self._world.faults.link(self._name).plugs == self._plug:  # else another one may listen there now
+                self._unit.disconnect(self._name)
 
     @property
     def in_waiting(self) -> int:
@@ -74,6 +79,7 @@ class Serial(SerialBase):
         while missing > 0 and (deadline_ns is None or clock.now_ns() < deadline_ns):
             wake_ns = clock.now_ns() + _POLL_NS
             clock.sleep_until_ns(wake_ns if deadline_ns is None else min(wake_ns, deadline_ns))
+            self._require_open()
             parts.append(self._unit.read(self._name, missing))
             missing -= len(parts[-1])
         return b"".join(parts)
@@ -110,3 +116,6 @@ class Serial(SerialBase):
     def _require_open(self) -> None:
         if not self.is_open:
             raise PortNotOpenError()
+        faults = self._world.faults.link(self._name)
+        if faults.unplugged or faults.plugs != self._plug:
+            raise SerialException("the device is gone: its port was unplugged")

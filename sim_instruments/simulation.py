@@ -22,8 +22,13 @@ WORLD_OPTIONS = {
     "calibrator_floor": "range offsets and level errors of the calibrator, N(0, floor/2) of Table 2",
     "dmm_errors": "gain, zero and linearity of the multimeter's current ranges",
 }
-WORLD_NUMBERS = {"calibrator_drift_ppm": "rise of the calibrator's gain per day"}
+WORLD_NUMBERS = {
+    "calibrator_drift_ppm": "rise of the calibrator's gain per day",
+    "time_constants": "divides the lags of chamber and unit and the settling of the calibrator, 1 to 1000",
+}
+IDENTITY_FIELDS = 4  # manufacturer, model, serial number, firmware
 MOST = 1000.0
+LEAST = {"time_constants": 1.0}
 UNIT_OPTIONS = ("noise", "hysteresis", "master_error_ppm", "af_clock_error_ppm")
 UnitFactory = Callable[[Clock, int, Callable[[Any], Any], Mapping[str, str]], Unit]
 
@@ -58,7 +63,7 @@ def open_world(
         )
     own, rest = _split_options(options or {})
     make_unit = unit_factory or _simulated_ngu
-    thermal = Thermal()
+    thermal = Thermal(float(own.get("time_constants", 1.0)))
     unit = make_unit(clock, seed, thermal.unit, rest)
     world = World(clock=clock, seed=seed, unit=unit, thermal=thermal, options=own)
     try:
@@ -98,9 +103,10 @@ def _number(key: str, value: str) -> float:
         number = float(value)
     except ValueError:
         number = math.nan
-    if not abs(number) <= MOST:
+    least = LEAST.get(key, -MOST)
+    if not least <= number <= MOST:
         raise InputError(
-            "B-SIM-002", f"world option {key} is {value!r}", next_step=f"write a number from -{MOST:g} to {MOST:g}"
+            "B-SIM-002", f"world option {key} is {value!r}", next_step=f"write a number from {least:g} to {MOST:g}"
         )
     return number
 
@@ -116,7 +122,17 @@ def _connect(world: World, role: str, entry: Mapping[str, Any]) -> None:
             "B-SIM-004", f"two instruments stand at {canonical}", where=role, next_step="give each its own address"
         )
     simulator = _simulator(str(entry["driver"]), role)
-    world.connect(canonical, simulator(world, role, entry.get("options") or {}))
+    device = simulator(world, role, entry.get("options") or {})
+    device.identity = _with_serial(device.identity, str(entry.get("serial") or ""))
+    world.connect(canonical, device)
+
+
+def _with_serial(identity: str, serial: str) -> str:
+    """An identity of four fields with the serial number of the register; models that tell none stay as they are."""
+    fields = identity.split(",")
+    if len(fields) != IDENTITY_FIELDS or fields[2] == "0" or not serial:
+        return identity
+    return ",".join([*fields[:2], serial, fields[3]])
 
 
 def _simulator(driver: str, role: str) -> type[LiveDevice]:

@@ -67,14 +67,15 @@ class _Segment:
     setpoint_degC: float
     slope_degC_s: float
     air_lag_s: float
+    unit_lag_s: float
     air_degC: float
     unit_degC: float
 
     def coefficients(self) -> tuple[float, ...]:
         air_line = self.setpoint_degC - self.slope_degC_s * self.air_lag_s
         air_decay = self.air_degC - air_line
-        unit_line = air_line - self.slope_degC_s * UNIT_LAG_S
-        unit_decay = air_decay / (1.0 - UNIT_LAG_S / self.air_lag_s)
+        unit_line = air_line - self.slope_degC_s * self.unit_lag_s
+        unit_decay = air_decay / (1.0 - self.unit_lag_s / self.air_lag_s)
         return (
             float(self.start_ns),
             self.slope_degC_s,
@@ -92,12 +93,13 @@ class _Segment:
         Their difference is a constant and two exponentials, so it has one extreme at most and one zero on either side.
         """
         _, slope, air_lag_s, _, air_decay, _, fast, slow = self.coefficients()
-        rate, decay = 1.0 / air_lag_s - 1.0 / UNIT_LAG_S, air_decay - fast
+        unit_lag_s = self.unit_lag_s
+        rate, decay = 1.0 / air_lag_s - 1.0 / unit_lag_s, air_decay - fast
 
         def above_unit(t_s: float) -> float:
-            return slope * UNIT_LAG_S + decay * math.exp(-t_s / air_lag_s) - slow * math.exp(-t_s / UNIT_LAG_S)
+            return slope * unit_lag_s + decay * math.exp(-t_s / air_lag_s) - slow * math.exp(-t_s / unit_lag_s)
 
-        ratio = decay * UNIT_LAG_S / (slow * air_lag_s) if slow else 0.0
+        ratio = decay * unit_lag_s / (slow * air_lag_s) if slow else 0.0
         extreme_s = math.log(ratio) / rate if ratio > 0.0 else 0.0
         knots = [0.0, *([extreme_s] if 0.0 < extreme_s < length_s else []), length_s]
         pairs = itertools.pairwise(knots)
@@ -114,10 +116,16 @@ def _zero(function: Callable[[float], float], low: float, high: float) -> float:
 
 
 class Thermal:
-    """Chamber air and unit temperature as functions of time; commands may only be given in order of time."""
+    """Chamber air and unit temperature as functions of time; commands may only be given in order of time.
 
-    def __init__(self) -> None:
-        self._segments = [_Segment(0, START_DEGC, 0.0, AIR_LAG_S, START_DEGC, START_DEGC)]
+    ``time_constants`` divides all lags, so that a short campaign can wait for a temperature; ``unit_lag_s`` is what is
+    left of the unit's.
+    """
+
+    def __init__(self, time_constants: float = 1.0) -> None:
+        self.unit_lag_s = UNIT_LAG_S / time_constants
+        self._air_lag_s, self._idle_lag_s = AIR_LAG_S / time_constants, IDLE_LAG_S / time_constants
+        self._segments = [_Segment(0, START_DEGC, 0.0, self._air_lag_s, self.unit_lag_s, START_DEGC, START_DEGC)]
         self._lock = threading.Lock()
         self._tables = self._tabulate()
         self._turns: tuple[list[int], tuple[float, ...]] = ([0], (START_DEGC,))
@@ -127,21 +135,27 @@ class Thermal:
         start_degC = self.setpoint_degC(t_ns)
         slope = np.copysign(rate_degC_min / 60.0, target_degC - start_degC)
         ramp_s = abs(target_degC - start_degC) / abs(slope)
-        self._begin(t_ns, start_degC, float(slope), AIR_LAG_S)
-        self._begin(t_ns + round(ramp_s * NS), target_degC, 0.0, AIR_LAG_S)
+        self._begin(t_ns, start_degC, float(slope), self._air_lag_s)
+        self._begin(t_ns + round(ramp_s * NS), target_degC, 0.0, self._air_lag_s)
 
     def hold(self, t_ns: int) -> None:
         """Freeze the set-point where the ramp is now."""
-        self._begin(t_ns, self.setpoint_degC(t_ns), 0.0, AIR_LAG_S)
+        self._begin(t_ns, self.setpoint_degC(t_ns), 0.0, self._air_lag_s)
 
     def stop(self, t_ns: int) -> None:
         """Switch heating and cooling off: the air drifts to the laboratory's temperature."""
-        self._begin(t_ns, LAB_DEGC, 0.0, IDLE_LAG_S)
+        self._begin(t_ns, LAB_DEGC, 0.0, self._idle_lag_s)
+
+    def run_away(self, rate_degC_min: float, t_ns: int) -> None:
+        """Let the air itself rise (or fall) at a rate from now on, as with a control loop that is broken."""
+        slope = rate_degC_min / 60.0
+        ahead_degC = float(self.air_degC(t_ns)) + slope * self._air_lag_s
+        self._begin(t_ns, ahead_degC, slope, self._air_lag_s)
 
     def setpoint_degC(self, t_ns: int) -> float:
         """Present set-point of the ramp, degC; the air temperature itself while the chamber is off."""
         segment = self._at(t_ns)
-        if segment.air_lag_s == IDLE_LAG_S:
+        if segment.air_lag_s == self._idle_lag_s:
             return float(self.air_degC(t_ns))
         return segment.setpoint_degC + segment.slope_degC_s * (t_ns - segment.start_ns) / NS
 
@@ -153,12 +167,12 @@ class Thermal:
     def unit_degC(self, t_ns: int | np.ndarray) -> np.ndarray:
         """Unit under test at ``t_ns`` (bench clock, scalar or any shape), degC."""
         t_s, (slope, lag, _, _, line, fast, slow) = self._elapsed(t_ns)
-        return line + slope * t_s + fast * np.exp(-t_s / lag) + slow * np.exp(-t_s / UNIT_LAG_S)
+        return line + slope * t_s + fast * np.exp(-t_s / lag) + slow * np.exp(-t_s / self.unit_lag_s)
 
     def unit_rate_degC_s(self, t_ns: int) -> float:
         """How fast the unit warms at ``t_ns``, degC per second; what it will be told later does not enter."""
         t_s, (slope, lag, _, _, _, fast, slow) = self._elapsed(t_ns)
-        return float(slope - fast / lag * np.exp(-t_s / lag) - slow / UNIT_LAG_S * np.exp(-t_s / UNIT_LAG_S))
+        return float(slope - fast / lag * np.exp(-t_s / lag) - slow / self.unit_lag_s * np.exp(-t_s / self.unit_lag_s))
 
     def turns_degC(self, t_ns: int) -> tuple[float, ...]:
         """Temperatures of the unit where it started and where it may have turned up to ``t_ns``, oldest first."""
@@ -199,7 +213,8 @@ class Thermal:
         air, unit = float(self.air_degC(t_ns)), float(self.unit_degC(t_ns))
         with self._lock:
             kept = [s for s in self._segments if s.start_ns < t_ns]
-            self._segments = [*kept, _Segment(t_ns, setpoint_degC, slope_degC_s, air_lag_s, air, unit)]
+            segment = _Segment(t_ns, setpoint_degC, slope_degC_s, air_lag_s, self.unit_lag_s, air, unit)
+            self._segments = [*kept, segment]
             self._tables = self._tabulate()
         self._turns = self._find_turns()
 

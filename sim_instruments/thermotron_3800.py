@@ -58,7 +58,7 @@ class Thermotron3800(LiveDevice):
     def _query(self, word: str, channel: str) -> None:
         answers = {
             ("IDEN", ""): lambda: self.faults.identity or self.identity,
-            ("PVAR", "1"): lambda: f"{self._air_degC():.1f}",
+            ("PVAR", "1"): lambda: self.reading(f"{self._air_degC():.1f}"),
             ("SETP", "1"): lambda: f"{self.setpoint_degC:.1f}",
             ("MRMP", "1"): lambda: f"{self.rate_degC_min:.1f}",
             ("MODE", ""): lambda: str(self.mode),
@@ -77,9 +77,23 @@ class Thermotron3800(LiveDevice):
         air_degC = self._air_degC()
         return (LOW_PROCESS if air_degC < LOW_DEGC else 0) | (HIGH_PROCESS if air_degC > HIGH_DEGC else 0)
 
+    def fault_changed(self) -> None:
+        """A fault of the chamber was switched: whatever it does now, it does with that fault."""
+        if self.mode == MANUAL_RUN or (self.mode & MANUAL_RUN and self.world.faults.chamber_runaway_degC_min):
+            self._apply()
+        elif self.mode & MANUAL_RUN:
+            self.world.thermal.hold(self.now_ns)
+
+    def outputs(self) -> dict[str, Any]:
+        words = {MANUAL_RUN: "running", MANUAL_RUN | EDIT_HOLD: "holding"}
+        return {"mode": words.get(self.mode, "stopped"), "setpoint_degC": self.setpoint_degC}
+
     def _apply(self) -> None:
-        """Send the chamber to its set-point, short of it by the fault's shortfall."""
+        """Send the chamber to its set-point, short of it by the fault's shortfall; a runaway knows no set-point."""
         thermal, now_ns = self.world.thermal, self.now_ns
+        if runaway_degC_min := self.world.faults.chamber_runaway_degC_min:
+            thermal.run_away(runaway_degC_min, now_ns)
+            return
         rate_degC_min = self.rate_degC_min or FASTEST_DEGC_MIN
         start_degC = thermal.setpoint_degC(now_ns)
         shortfall_degC = self.world.faults.chamber_shortfall_degC
@@ -113,7 +127,8 @@ class Thermotron3800(LiveDevice):
         if self.mode != MANUAL_RUN:
             return NOT_NOW
         self.mode = MANUAL_RUN | EDIT_HOLD
-        self.world.thermal.hold(self.now_ns)
+        if not self.world.faults.chamber_runaway_degC_min:
+            self.world.thermal.hold(self.now_ns)
         return DONE
 
     def _resume(self, _: str, __: str) -> int:

@@ -22,7 +22,7 @@ def estimates(truth: UnitTruth, thermal: Thermal, windows: Sequence[RecordWindow
     the hysteresis as it was then. A bias campaign has a list of its own.
     """
     if ramp := bias_windows(windows):
-        return bias_estimates(truth, ramp)
+        return bias_estimates(truth, ramp, thermal.unit_lag_s)
     found: list[dict[str, Any]] = []
     groups = _groups(windows)
     for (channel, kind, nominal_degC), group in groups.items():

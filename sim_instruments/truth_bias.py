@@ -7,7 +7,6 @@ from typing import Any
 
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
-from sim_instruments.thermal import UNIT_LAG_S
 from sim_instruments.unit_truth import REFERENCE_TEMPERATURE_DEGC, UnitTruth, entry, per_degC, times_ns
 
 TEMPERATURES_DEGC = (-10.0, 5.0, 20.0, 35.0, 50.0)
@@ -20,13 +19,16 @@ def bias_windows(windows: Sequence[RecordWindow]) -> list[RecordWindow]:
     return [w for w in windows if "branch" in w.conditions and "channel" not in w.conditions]
 
 
-def bias_estimates(truth: UnitTruth, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
-    """True values in the contract's form, by channel and for the master oscillator.
+def bias_estimates(truth: UnitTruth, windows: Sequence[RecordWindow], unit_lag_s: float) -> list[dict[str, Any]]:
+    """True values in the contract's form, by channel and for the master oscillator; ``unit_lag_s`` behind the air.
 
     ``bias`` is the curve between the branches with the mean of the random walk over the windows; a unit without
     hysteresis has the width 0 and no half-width.
     """
-    found = [one for number in range(1, len(truth.kinds) + 1) for one in _of_channel(truth, number, windows)]
+    found = []
+    for number in range(1, len(truth.kinds) + 1):
+        lag = entry("thermal_lag", "min", unit_lag_s / 60.0, {"channel": number, "kind": truth.kinds[number - 1]})
+        found += [*_of_channel(truth, number, windows), lag]
     found += [
         entry("master_clock_error", "ppm", truth.master_error_ppm(degC), {"temperature_degC": degC})
         for degC in TEMPERATURES_DEGC
@@ -53,4 +55,4 @@ def _of_channel(truth: UnitTruth, number: int, windows: Sequence[RecordWindow]) 
     found.append(entry("hysteresis_width", "A", width_A, {**channel, **_REFERENCE}))
     if width_A:
         found.append(entry("play_half_width", "degC", truth.half_width_degC[number - 1], channel))
-    return [*found, entry("thermal_lag", "min", UNIT_LAG_S / 60.0, channel)]
+    return found

@@ -13,6 +13,7 @@ from pyvisa_sim.devices import Devices
 from bench.model.clock import Clock, to_ns
 from bench.model.ports import RecordWindow
 from sim_instruments import registry
+from sim_instruments.fault_switches import FaultSwitches
 from sim_instruments.faults import Faults
 from sim_instruments.live import LiveDevice
 from sim_instruments.seeds import generator
@@ -20,6 +21,8 @@ from sim_instruments.thermal import Thermal
 from sim_instruments.truth import estimates
 from sim_instruments.unit_truth import UnitTruth
 from sim_instruments.wiring import UnitInputs, Wiring
+
+PORTS = ("port_a", "port_b")  # of the unit under test
 
 
 class Unit(UnitInputs, Protocol):
@@ -61,11 +64,17 @@ class World:
         self.options = dict(options or {})
         self.lock = threading.RLock()
         self.faults = Faults(seed)
+        self.switches = FaultSwitches(self, PORTS)
         self.wiring = Wiring(unit, seed)
         self.devices = Devices()
         self.instruments: dict[str, LiveDevice] = {}
         self.id = registry.add(self)
         self._closed = False
+
+    @property
+    def time_constants(self) -> float:
+        """How many times shorter all lags of the bench are."""
+        return float(self.options.get("time_constants", 1.0))
 
     @property
     def visa_library(self) -> str:
@@ -83,7 +92,11 @@ class World:
 
     def instrument(self, kind: type) -> Any:
         """The first instrument of a class, None if the bench has none (how wires between instruments are found)."""
-        return next((device for device in self.instruments.values() if isinstance(device, kind)), None)
+        return next(iter(self.instruments_of(kind)), None)
+
+    def instruments_of(self, kind: type) -> list[Any]:
+        """All instruments of a class in the order of the station."""
+        return [device for device in self.instruments.values() if isinstance(device, kind)]
 
     def rng(self, purpose: str, *indexes: int) -> np.random.Generator:
         """Generator of one purpose; the same draws whenever it is asked for."""

@@ -6,6 +6,7 @@ durations come from the monotonic clock in nanoseconds; UTC is a label recorded 
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -133,7 +134,7 @@ class VirtualClock:
 
 
 class _Ticker:
-    """One thread that calls back on a fixed grid; ticks missed by an overrun are dropped, never bunched."""
+    """One thread that calls back on a fixed grid of real time; ticks an overrun missed are dropped, never bunched."""
 
     def __init__(self, period_s: float, callback: Callable[[], None], failures: list[BaseException]) -> None:
         self._period_s = period_s
@@ -164,25 +165,35 @@ class WallClock:
     """Real time: monotonic for order and durations, UTC as a label; callbacks run on threads of their own.
 
     A callback that raises is not called again; its exception is raised by the next sleep of the main thread.
+
+    Args: rate: seconds of this clock in a second of real time, more than 0; a simulated bench may run faster. UTC
+        stays the real one. Raises: ValueError for a rate that is not positive and finite.
     """
 
     virtual = False
 
-    def __init__(self) -> None:
+    def __init__(self, rate: float = 1.0) -> None:
+        if not 0.0 < rate < math.inf:
+            raise ValueError(f"rate {rate} is not positive and finite")
+        self._rate = rate
+        self._origin_ns = time.monotonic_ns()
         self._failures: list[BaseException] = []
 
     def now_ns(self) -> int:
-        return time.monotonic_ns()
+        real_ns = time.monotonic_ns()
+        if self._rate == 1.0:
+            return real_ns
+        return self._origin_ns + round((real_ns - self._origin_ns) * self._rate)
 
     def utc_ns(self) -> int:
         return time.time_ns()
 
     def sleep(self, seconds: float) -> None:
-        self.sleep_until_ns(time.monotonic_ns() + to_ns(max(0.0, seconds)))
+        self.sleep_until_ns(self.now_ns() + to_ns(max(0.0, seconds)))
 
     def sleep_until_ns(self, t_mono_ns: int) -> None:
-        while (left_ns := t_mono_ns - time.monotonic_ns()) > 0:
-            time.sleep(left_ns / NS)
+        while (left_ns := t_mono_ns - self.now_ns()) > 0:
+            time.sleep(left_ns / NS / self._rate)
         if self._failures and threading.current_thread() is threading.main_thread():
             raise self._failures.pop(0)
 
@@ -190,4 +201,4 @@ class WallClock:
         del observer
         if period_s <= 0:
             raise ValueError(f"period {period_s} s is not positive")
-        return _Ticker(period_s, callback, self._failures)
+        return _Ticker(period_s / self._rate, callback, self._failures)

@@ -25,11 +25,11 @@ def declared_action(station: Station, role: str, name: str) -> Action | None:
 
 
 def bus_s(step: Step, station: Station) -> float:
-    """Longest time that one call normally takes on the bus, second."""
+    """Longest time that one call normally takes on the bus, second; the station may say that its bus is faster."""
     action = declared_action(station, step.role, step.name)
-    if action is not None:
-        return action.bus_s
-    return 0.0 if step.kind in ("call", "verify") else DEFAULT_BUS_S  # a call of nothing is a mistake of its own
+    if action is None and step.kind in ("call", "verify"):
+        return 0.0  # a call of nothing is a mistake of its own
+    return station.file.bus_time_factor * (DEFAULT_BUS_S if action is None else action.bus_s)
 
 
 def with_bus_time(steps: Iterable[Step], station: Station) -> tuple[Step, ...]:

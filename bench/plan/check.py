@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from datetime import UTC, date, datetime, timedelta
 
-from bench.model.clock import NS, VIRTUAL_START_UTC_NS
+from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import InputError
 from bench.plan.bus_time import ON_THE_BUS
 from bench.plan.check_actions import ActionCheck
@@ -28,16 +28,17 @@ from bench.plan.plan import Plan
 from bench.plan.station import Station
 
 
-def check_plan(
-    plan: Plan, station: Station | None = None, start_utc_ns: int = VIRTUAL_START_UTC_NS
-) -> list[InputError]:
+def check_plan(plan: Plan, station: Station | None = None, start_utc_ns: int | None = None) -> list[InputError]:
     """All mistakes of a plan on a station, in order of their place in the sequence; empty if it may run.
 
     Args:
         station: None means the one the plan was compiled for.
-        start_utc_ns: planned start, for the due dates of the standards.
+        start_utc_ns: planned start, for the due dates of the standards; None means now, and the virtual start for a
+            station that this process simulates.
     """
     station = plan.station if station is None else station
+    if start_utc_ns is None:
+        start_utc_ns = VIRTUAL_START_UTC_NS if station.in_process else WallClock().utc_ns()
     findings = Findings()
     state = check_steps(plan, station, findings)
     check_station(station, findings)

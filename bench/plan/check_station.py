@@ -10,6 +10,7 @@ from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.plan.check_register import check_register
 from bench.plan.findings import Findings, suggestion
+from bench.plan.interlocks import station_rules
 from bench.plan.station import InstrumentEntry, Station, option_text, wrong_option
 
 SIMULATION = "sim_instruments.simulation"  # by name: the bench never imports its simulators
@@ -26,6 +27,7 @@ def check_station(station: Station, findings: Findings) -> None:
     if station.file.world is not None:
         _world(station, findings)
     check_register(station, findings)
+    station_rules(station, findings)
 
 
 def canonical_address(resource: str) -> str | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -20,6 +20,7 @@ from bench.plan.check_analysis import check_named
 from bench.plan.check_station import check_station
 from bench.plan.expand import Expander, TooManySteps
 from bench.plan.findings import Findings, suggestion
+from bench.plan.interlocks import plan_rules
 from bench.plan.language import Sequence
 from bench.plan.language_steps import Step_
 from bench.plan.leaves import TIMED
@@ -54,7 +55,8 @@ def compile_sequence(
     except InputErrors as error:
         findings.extend(error)
     values = apply_parameters(document, parameters, findings)
-    return _Compiler(source, document, station, values, frozenset(parameters), findings).plan()
+    plan = _Compiler(source, document, station, values, frozenset(parameters), findings).plan()
+    return replace(plan, settings=dict(overrides or {}))
 
 
 @dataclass
@@ -83,7 +85,8 @@ class _Compiler:
         serial = self._serial(expander, scope)
         lengths = self._expand(expander, scope)
         campaign = self._campaign(constants, rate_Hz, serial)
-        plan = self._assembled(expander, lengths, frames, link, campaign)
+        rules = plan_rules(document.model.interlocks, document, self.station, findings)
+        plan = replace(self._assembled(expander, lengths, frames, link, campaign), interlocks=rules)
         if findings:
             self._check_draft(plan, expander.doubtful)
             raise InputErrors(findings.sorted())
@@ -114,6 +117,7 @@ class _Compiler:
             record_count=_records(steps),
             sha256="" if self.findings else steps_sha256(steps),
             texts=self._texts(frames),
+            files=self._files(),
             campaign=campaign,
             station=self.station,
             frames=dict(model.frame),
@@ -122,6 +126,7 @@ class _Compiler:
             dimensions=tuple(expander.dimensions),
             origins=tuple(expander.origins),
             remarks=self._promised(lengths.get("campaign", 0.0), _records(steps)),
+            early=model.early,
         )
 
     def _frames(self) -> dict[str, FrameDefinition]:
@@ -210,6 +215,12 @@ class _Compiler:
             texts[f"frames/{model.frame[link]}.yaml"] = definition.text
         return texts
 
+    def _files(self) -> dict[str, str]:
+        model = self.document.model
+        files = {f"sequences/{model.sequence}.yaml": self.document.name}
+        files[f"stations/{self.station.name}.yaml"] = self.station.document.name
+        return files | {f"frames/{name}.yaml": str(_found(self.source, name)) for name in model.frame.values()}
+
     def _campaign(self, channels: list[dict[str, Any]], rate_Hz: float, serial: str) -> dict[str, Any]:
         model = self.document.model
         campaign: dict[str, Any] = {
@@ -229,6 +240,13 @@ class _Compiler:
                 "uut": {"model": model.uut.model, "serial": serial},
             }
         return campaign
+
+
+def _found(source: Path, frame: str) -> Path:
+    try:
+        return find_beside(source, "frames", frame)
+    except InputError:
+        return Path()
 
 
 def counts_pulses(definition: FrameDefinition) -> bool:

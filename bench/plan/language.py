@@ -8,6 +8,8 @@ from pydantic import AfterValidator, Field, StringConstraints, model_validator
 
 from bench.model.units import quantity, read_quantity
 from bench.model.yamlio import StrictModel
+from bench.plan.early_language import Early
+from bench.plan.interlock_language import Interlock
 from bench.plan.language_steps import Step_, TimelineEntry
 from bench.plan.templated import Name, Scalar
 
@@ -109,6 +111,8 @@ class Sequence(StrictModel):
     timeline: list[TimelineEntry] = Field(default_factory=list)
     finally_: list[Step_] = Field([], alias="finally")
     procedures: dict[Name, Procedure] = Field(default_factory=dict)
+    interlocks: dict[Name, Interlock] = Field({}, description="wins over one of the station with the same name")
+    early: Early | None = None
 
     @model_validator(mode="before")
     @classmethod

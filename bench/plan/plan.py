@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from bench.model.errors import InputError
+from bench.plan.early_language import Early
+from bench.plan.interlock_language import InterlockRule
 from bench.plan.station import Station
 
 Phase = Literal["prepare", "campaign", "finally"]
@@ -47,7 +49,9 @@ class Plan:
     ``link_bytes_s`` is what all links together send, byte per second. ``dimensions`` holds, per step, the base unit
     of each argument that was written with a unit; ``origins`` where the argument (or the "duration") was written, if
     not at the step itself. ``remarks`` are mistakes that did not keep the plan from being
-    made; the static check reports them with its own.
+    made; the static check reports them with its own. ``interlocks`` are those of the station and of the sequence;
+    ``early`` says when early verdicts are given, None for none. ``files`` says where the texts were read, by their
+    names; ``settings`` are the ``--set`` values it was compiled with.
     """
 
     name: str
@@ -66,6 +70,10 @@ class Plan:
     dimensions: tuple[Mapping[str, str], ...] = field(repr=False)
     origins: tuple[Mapping[str, str], ...] = field(repr=False)
     remarks: tuple[InputError, ...] = field(repr=False)
+    interlocks: tuple[InterlockRule, ...] = field(default=(), repr=False)
+    early: Early | None = None
+    files: Mapping[str, str] = field(default_factory=dict, repr=False)
+    settings: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def finally_s(self) -> float:

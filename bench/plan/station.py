@@ -15,12 +15,15 @@ from bench.model.errors import InputErrors
 from bench.model.units import quantity, read_quantity
 from bench.model.yamlio import Document, StrictModel, load_yaml
 from bench.plan.findings import Findings, suggestion
+from bench.plan.interlock_language import Interlock
+from bench.plan.notify_language import Notify
 from bench.plan.templated import Name, Scalar
 
 Words = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 Current = Annotated[float, *quantity("A", -10.0, 10.0)]
-NUMBERS = ("_ppm", "_A", "_V", "_s", "_Hz", "_degC", "time_constants")  # ends of the names of options that are numbers
+NUMBERS = ("_ppm", "_A", "_V", "_s", "_Hz", "_degC", "time_constants")  # how options that are numbers end
 Fraction = Annotated[float, *quantity("1", -1.0, 1.0)]
+CHAMBER_MARGIN_DEGC, UNIT_MARGIN_DEGC = 5.0, 10.0  # hard limits above the highest set-point; the unit warms itself
 Share = Annotated[float, *quantity("1", 0.0, 1.0)]  # of an uncertainty: never negative
 
 
@@ -104,24 +107,58 @@ class World(StrictModel):
     options: dict[Name, Scalar | None] = Field(default_factory=dict)
 
 
+class GuardLimits(StrictModel):
+    """Temperatures at which the guard switches the heat off; None: derived from the chamber's declared limit."""
+
+    chamber_air: Annotated[float, *quantity("degC", -50.0, 250.0)] | None = None
+    unit: Annotated[float, *quantity("degC", -50.0, 250.0)] | None = None
+
+
+class Guard(StrictModel):
+    """What makes the guard act (docs/guard.md)."""
+
+    limits: GuardLimits = GuardLimits()
+    silence: Annotated[float, *quantity("s", 1.0, 3.0)] = 2.0  # how long the controller may be silent
+
+
 class StationFile(StrictModel):
-    """A file in stations/."""
+    """A file in stations/.
+
+    A real station and a *served* one (simulated, by another process in real time) have no world and say where their
+    links are; any other simulated station has a world, which this process opens.
+    """
 
     station: Name
     title: Annotated[str, StringConstraints(max_length=200)] = ""
     simulated: bool
     visa: Literal["@bench", "@py", "@ivi", "@sim"]
     world: World | None = None
+    bus_time_factor: float = Field(
+        1.0,
+        ge=0.01,
+        le=1.0,
+        description="of the declared bus times, on a simulated bench that is faster than a real one",
+    )
     instruments: dict[Name, InstrumentEntry] = Field(min_length=1)
     links: dict[Name, LinkEntry]
+    interlocks: dict[Name, Interlock] = Field(default_factory=dict)
+    guard: Guard = Guard()
+    notify: Notify | None = None
 
     @model_validator(mode="after")
     def _consistent(self) -> StationFile:
-        if self.simulated != (self.world is not None):
-            raise ValueError("a simulated station has a 'world', a real one has none")
-        missing = [name for name, link in self.links.items() if not self.simulated and link.url is None]
+        if self.world is not None and not self.simulated:
+            raise ValueError("a real station has no 'world'")
+        if self.simulated and self.world is None and self.visa == "@bench":
+            raise ValueError("a simulated station has a 'world', or is served by another process and reached by '@py'")
+        missing = [name for name, link in self.links.items() if self.world is None and link.url is None]
         if missing:
             raise ValueError(f"the url of link {missing[0]!r} is missing")
+        hard, highest_degC = self.guard.limits.chamber_air, _highest_degC(self.instruments)
+        if hard is not None and highest_degC is not None and hard <= highest_degC:
+            raise ValueError(f"the hard limit {hard:g} degC is not above the chamber's own limit {highest_degC:g} degC")
+        if self.bus_time_factor != 1.0 and not self.simulated:
+            raise ValueError("'bus_time_factor' is for simulated stations: a real bus takes its time")
         return self
 
 
@@ -148,9 +185,27 @@ class Station:
         return self.file.simulated
 
     @property
+    def in_process(self) -> bool:
+        """True when this process opens its simulated world; only then the virtual clock may drive it."""
+        return self.file.world is not None
+
+    @property
     def instruments(self) -> Mapping[str, InstrumentEntry]:
         """Instruments by role."""
         return self.file.instruments
+
+    @property
+    def guard_limits_degC(self) -> dict[str, float]:
+        """Hard limits by name of the quantity, degC; without a chamber only those that are written down."""
+        written, highest_degC = self.file.guard.limits, _highest_degC(self.instruments)
+        limits = {"chamber_air_degC": written.chamber_air, "unit_degC": written.unit}
+        if highest_degC is not None:
+            derived = {
+                "chamber_air_degC": highest_degC + CHAMBER_MARGIN_DEGC,
+                "unit_degC": highest_degC + UNIT_MARGIN_DEGC,
+            }
+            limits = {name: derived[name] if limit is None else limit for name, limit in limits.items()}
+        return {name: limit for name, limit in limits.items() if limit is not None}
 
     @property
     def links(self) -> Mapping[str, LinkEntry]:
@@ -166,7 +221,12 @@ class Station:
         """Instruments and links as plain values, for whoever opens the bench or its simulation."""
         return {
             "instruments": {
-                role: {"driver": entry.driver, "resource": entry.resource, "options": dict(entry.options)}
+                role: {
+                    "driver": entry.driver,
+                    "resource": entry.resource,
+                    "options": dict(entry.options),
+                    "serial": "" if entry.standard is None else entry.standard.serial,
+                }
                 for role, entry in self.instruments.items()
             },
             "links": {name: link.model_dump(mode="json") for name, link in self.links.items()},
@@ -206,6 +266,14 @@ class Station:
         if findings:
             raise InputErrors(findings.sorted())
         return replace(self, world_options={**self.world_options, **overrides})
+
+
+def _highest_degC(instruments: Mapping[str, InstrumentEntry]) -> float | None:
+    """Highest set-point any instrument of the station may be given, degC; None if none is declared."""
+    highest = [
+        read_quantity(entry.limits["temperature"][1]) for entry in instruments.values() if "temperature" in entry.limits
+    ]
+    return max((value[0] for value in highest if value is not None), default=None)
 
 
 def load_station(path: Path) -> Station:

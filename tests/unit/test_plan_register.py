@@ -116,7 +116,7 @@ def test_a_driver_without_a_simulator_b_plan_016(tmp_path: Path, monkeypatch: py
 def test_two_real_links_on_one_port_b_plan_013(tmp_path: Path) -> None:
     path = make_bench(tmp_path, FLAT)
     file = tmp_path / "stations" / "af_bench_sim.yaml"
-    text = file.read_text().replace("simulated: true", "simulated: false")
+    text = file.read_text().replace("simulated: true", "simulated: false").replace('"2000-11-01"', '"2999-11-01"')
     text = text[: text.index("world:")] + text[text.index("instruments:") :]
     file.write_text(text.replace("921600", "921600, url: /dev/ttyS0").replace("115200", "115200, url: /dev/ttyS0"))
     assert [error.code for error in mistakes(path)] == ["B-PLAN-013"]

@@ -24,6 +24,8 @@ PLANS = {
     "dmm_method": (SOAK_s + 100.0 + 10 * 17 * 135.0, 10 * 17),  # 15 points of the table and one level again
     "scale_factor_38h": (5 * SOAK_s + 765 * POINT_s, 5 * 10 * 15 + 15),
     "scale_factor_short": (10_350.0, 2 * 3 * 15 + 15),
+    "scale_factor_wall": (460.65, 2 * 3 * 15 + 7),  # 2 x (60 + 3) s and 97 times 3.45 s
+    "scale_factor_wall_30s": (12.0 + 10 * 1.95, 2 * 5),
     "scale_factor_zero_per_range": (5 * SOAK_s + 985 * POINT_s, 765 + 5 * (6 * 6 + 4 * 2)),
     "timeline_example": (142.0, 1),
 }

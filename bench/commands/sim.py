@@ -1,0 +1,130 @@
+"""``bench sim``: the simulated bench as a process in real time, and its fault switches."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import math
+import socket
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from bench.commands.loading import settings_of
+from bench.commands.output import write_file
+from bench.model.clock import NS, WallClock
+from bench.model.errors import ExitStatus, InputError, InputErrors
+from bench.model.shipped import find_shipped
+from bench.plan import Station, load_station
+from bench.plan.check_station import check_station
+from bench.plan.findings import Findings
+from bench.plan.served import served_station
+
+PROCESS = "sim_instruments.bench_process"  # by name: the bench never imports its simulators
+PATIENCE_S = 10.0
+FAULT = "fault"
+MOST_RATE = 1000.0
+
+
+def sim(words: Sequence[str], folder: Path, rate: float, seed: int, settings: Sequence[str]) -> int:
+    """Serve the station named by the only word, or switch faults: ``fault [NAME [TARGET] [VALUE]...]``."""
+    if words[0] == FAULT:
+        return fault(words[1:], folder)
+    if len(words) > 1:
+        message = f"{words[1]!r} is one word too many"
+        raise InputError("B-SIM-017", message, next_step="bench sim STATION, or bench sim fault")
+    return serve(words[0], folder, rate, seed, settings)
+
+
+def serve(name: str, folder: Path, rate: float, seed: int, settings: Sequence[str]) -> int:
+    """Serve a simulated station until SIGINT or SIGTERM.
+
+    Raises: InputError B-SIM-016 (the station has no world), B-SIM-017 (bad rate), B-SIM-013, B-SIM-014.
+    """
+    if not 0.0 < rate <= MOST_RATE or math.isnan(rate):
+        message = f"a rate of {rate:g} is not possible"
+        raise InputError("B-SIM-017", message, where="--rate", next_step=f"more than 0, at most {MOST_RATE:g}")
+    station = _station(name, settings)
+    world = station.file.world
+    assert world is not None
+    process = importlib.import_module(PROCESS)
+    folder = folder.absolute()
+    bench = process.ServedBench(
+        world.name, station.wiring(), station.world_options, seed=seed, rate=rate, folder=folder
+    )
+    try:
+        today = datetime.fromtimestamp(WallClock().utc_ns() / NS, UTC).date()
+        path = folder / process.STATION
+        write_file(path, served_station(station, bench.resources, bench.urls, today))
+        _announce(station, bench, path)
+        bench.wait()
+    finally:
+        bench.close()
+    return ExitStatus.PASS
+
+
+def _station(name: str, settings: Sequence[str]) -> Station:
+    station = load_station(find_shipped("stations", name))
+    if not station.in_process:
+        message = f"station {station.name!r} has no simulated world"
+        raise InputError("B-SIM-016", message, where=name, next_step="serve a simulated station, such as af_rack_sim")
+    options = {}
+    for key, value in settings_of(settings).items():
+        if not key.startswith("world."):
+            message = f"{key!r} is no option of the simulated world"
+            raise InputError("B-SIM-017", message, where="--set", next_step="for example --set world.noise=off")
+        options[key.removeprefix("world.")] = value
+    station = station.with_options(options)
+    findings = Findings()
+    check_station(station, findings)
+    if findings:
+        raise InputErrors(findings.sorted())
+    return station
+
+
+def _announce(station: Station, bench: Any, path: Path) -> None:
+    resources, sockets = bench.resources, bench.sockets
+    for role, entry in station.instruments.items():
+        typer.echo(f"{role}: {entry.driver} at {resources[role]}, raw socket {sockets[role]}")
+    for name, link in station.links.items():
+        typer.echo(f"{name}: {link.frame}, {link.baud} baud, at {bench.urls[name]}")
+    typer.echo(f"station: {path}")
+    typer.echo("ready")
+
+
+def fault(words: Sequence[str], folder: Path) -> int:
+    """List the faults, or hand the words to the bench that lives in ``folder`` and print its reply.
+
+    Raises: InputError B-SIM-015 (no bench lives there), or the bench's own.
+    """
+    process = importlib.import_module(PROCESS)
+    if not words:
+        typer.echo("\n".join([*process.fault_listing(), "clear", "state"]))
+        return ExitStatus.PASS
+    reply = ask(folder / process.CONTROL, words)
+    if "error" in reply:
+        wrong = reply["error"]
+        raise InputError(wrong["code"], wrong["message"], where=wrong["where"], next_step=wrong["next_step"])
+    if "state" in reply:
+        typer.echo(json.dumps(reply["state"], indent=1))
+    else:
+        typer.echo("\n".join(f"on: {line}" for line in reply["lines"]) or "no fault is on")
+    return ExitStatus.PASS
+
+
+def ask(path: Path, words: Sequence[str]) -> dict[str, Any]:
+    """One request to the simulated bench whose control socket is at ``path``. Raises: InputError B-SIM-015."""
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as control:
+            control.settimeout(PATIENCE_S)
+            control.connect(str(path))
+            control.sendall(json.dumps({"words": list(words)}).encode() + b"\n")
+            with control.makefile("rb") as stream:
+                reply: dict[str, Any] = json.loads(stream.readline())
+    except (OSError, ValueError) as error:
+        message = f"no simulated bench answers: {error}"
+        raise InputError("B-SIM-015", message, where=str(path), next_step="start one: bench sim STATION") from error
+    return reply

@@ -1,0 +1,180 @@
+"""What a station or a sequence may say about its interlocks: a signal, its limits, and what happens beyond them.
+
+docs/unattended.md is the user's description.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, StringConstraints
+
+from bench.model.units import parse_quantity, quantity
+from bench.model.yamlio import StrictModel
+from bench.plan.findings import Findings, suggestion
+from bench.plan.templated import Name
+
+Level = Annotated[str, StringConstraints(min_length=1, max_length=60)]
+Duration = Annotated[float, *quantity("s", 0.0, 86_400.0)]
+Action = Literal["hold", "retake", "skip", "abort", "warn"]
+Source = Literal["", "link", "instrument"]
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A quantity the run knows while it goes on: its base unit, and what ``of`` must name."""
+
+    dimension: str
+    of: Source = ""
+    meaning: str = ""
+
+
+SIGNALS: Mapping[str, Signal] = {
+    "chamber_air": Signal("degC", meaning="air of the chamber by its own sensor"),
+    "chamber_slope": Signal("degC/min", meaning="how fast the chamber's air changes, over the last minutes"),
+    "unit_temperature": Signal("degC", meaning="mean of the unit's temperature sensors"),
+    "unit_slope": Signal("degC/min", meaning="how fast the unit's temperature changes, over the last minutes"),
+    "lab_air": Signal("degC", "instrument", "a channel of the data logger"),
+    "supply_current": Signal("A", meaning="supply current the unit reports"),
+    "supply_voltage": Signal("V", meaning="supply voltage the unit reports"),
+    "link_loss": Signal("1", "link", "share of the frames of a link that are missing"),
+    "link_bad": Signal("1", "link", "share of the frames of a link that are damaged"),
+    "link_age": Signal("s", "link", "time since the newest good frame of a link"),
+    "rate_step": Signal("Hz", meaning="difference of the pulse rates in the two halves of a record"),
+    "disk_time": Signal("s", meaning="how long the free space lasts at the planned rate of bytes; wall clock only"),
+}
+AFTER_THE_FACT = ("rate_step",)  # known when its record is complete: the point under way is another one by then
+
+
+class Interlock(StrictModel):
+    """One limit that is watched through the whole run."""
+
+    signal: Name
+    of: Name | None = Field(None, description="the link or instrument, for a signal that there is several times")
+    channel: int | None = Field(None, ge=1, description="channel of the data logger")
+    high: Level | None = Field(None, description="trips above it")
+    low: Level | None = Field(None, description="trips below it")
+    release_high: Level | None = Field(None, description="must be back at or below it; default: the trip level")
+    release_low: Level | None = Field(None, description="must be back at or above it; default: the trip level")
+    dwell: Duration = Field(0.0, description="how long it must stay beyond before it trips")
+    release_after: Duration | None = Field(None, description="how long it must be back; default: as dwell")
+    stale: Duration | None = Field(None, description="no reading for longer than this counts as beyond")
+    action: Action
+
+
+@dataclass(frozen=True)
+class InterlockRule:
+    """A checked interlock. Levels in the base unit ``unit`` of its signal, None where there is none."""
+
+    name: str
+    signal: str
+    of: str
+    channel: int | None
+    unit: str
+    high: float | None
+    low: float | None
+    release_high: float | None
+    release_low: float | None
+    dwell_s: float
+    release_after_s: float
+    stale_s: float | None
+    action: Action
+    where: str
+
+    def beyond(self, value: float) -> bool:
+        """True on the wrong side of a trip level; a value on the level itself is not beyond it."""
+        return (self.high is not None and value > self.high) or (self.low is not None and value < self.low)
+
+    def back(self, value: float) -> bool:
+        """True on the right side of every release level, or on it."""
+        above = self.release_high is not None and value > self.release_high
+        below = self.release_low is not None and value < self.release_low
+        return not above and not below
+
+
+def rule_of(
+    name: str, entry: Interlock, place: Any, links: Mapping[str, Any], roles: Mapping[str, Any], findings: Findings
+) -> InterlockRule | None:
+    """The rule of one entry, None if it cannot be used.
+
+    Args:   place: gives file:line:column of a key of the entry.   links, roles: what the station has.
+    Findings: B-PLAN-080 (signal or what it is of), B-PLAN-081 (levels), B-PLAN-082 (a level that is no quantity of
+    the signal's unit), B-PLAN-083 (an action that comes too late for the signal).
+    """
+    signal = SIGNALS.get(entry.signal)
+    if signal is None:
+        message = f"interlock {name}: there is no signal {entry.signal!r}{suggestion(entry.signal, SIGNALS)}"
+        findings.add("B-PLAN-080", place("signal"), message)
+        return None
+    _check_of(name, entry, signal, place, links, roles, findings)
+    if entry.signal in AFTER_THE_FACT and entry.action in ("retake", "skip"):
+        message = f"interlock {name}: {entry.signal} is known when its record is over; {entry.action} comes too late"
+        findings.add("B-PLAN-083", place("action"), message, "use hold, abort or warn")
+    levels = {key: _level(name, key, entry, signal, place, findings) for key in _LEVELS}
+    rule = InterlockRule(
+        name=name, signal=entry.signal, of=entry.of or "", channel=entry.channel, unit=signal.dimension,
+        high=levels["high"], low=levels["low"],
+        release_high=levels["high"] if entry.release_high is None else levels["release_high"],
+        release_low=levels["low"] if entry.release_low is None else levels["release_low"],
+        dwell_s=entry.dwell, release_after_s=entry.dwell if entry.release_after is None else entry.release_after,
+        stale_s=entry.stale, action=entry.action, where=place("signal"),
+    )  # fmt: skip
+    _check_sides(rule, entry, place, findings)
+    return rule
+
+
+_LEVELS = ("high", "low", "release_high", "release_low")
+
+
+def _check_of(
+    name: str, entry: Interlock, signal: Signal, place: Any, links: Mapping[str, Any], roles: Mapping[str, Any],
+    findings: Findings,
+) -> None:  # fmt: skip
+    if signal.of and entry.of is None:
+        message = f"interlock {name}: which {signal.of} is {entry.signal} of?"
+        findings.add("B-PLAN-080", place("signal"), message, f"add 'of:' with the name of the {signal.of}")
+    elif not signal.of and entry.of is not None:
+        findings.add("B-PLAN-080", place("of"), f"interlock {name}: {entry.signal} needs no 'of'", "take it out")
+    elif signal.of:
+        known = links if signal.of == "link" else roles
+        if entry.of not in known:
+            message = f"interlock {name}: there is no {signal.of} {entry.of!r}{suggestion(str(entry.of), known)}"
+            findings.add("B-PLAN-080", place("of"), message)
+    if (entry.channel is not None) != (signal.of == "instrument"):
+        wrong = "needs a channel" if entry.channel is None else "has no channel"
+        findings.add("B-PLAN-080", place("channel"), f"interlock {name}: the signal {entry.signal} {wrong}")
+
+
+def _level(name: str, key: str, entry: Interlock, signal: Signal, place: Any, findings: Findings) -> float | None:
+    text = getattr(entry, key)
+    if text is None:
+        return None
+    try:
+        return parse_quantity(text, signal.dimension)
+    except ValueError as error:
+        findings.add("B-PLAN-082", place(key), f"interlock {name}: {key}: {error}")
+        return None
+
+
+def _check_sides(rule: InterlockRule, entry: Interlock, place: Any, findings: Findings) -> None:
+    """Note levels in the wrong order, a release level that is beyond its trip level or has none, no level at all."""
+
+    def wrong(key: str, message: str, advice: str = "") -> None:
+        findings.add("B-PLAN-081", place(key), f"interlock {rule.name}: {message}", advice)
+
+    if entry.high is None and entry.low is None:
+        wrong("signal", "it has neither 'high' nor 'low'", "add the level at which it trips")
+    for side in ("high", "low"):
+        if getattr(entry, side) is None and getattr(entry, f"release_{side}") is not None:
+            wrong(f"release_{side}", f"there is no '{side}' to release from")
+    low, high, back_low, back_high = rule.low, rule.high, rule.release_low, rule.release_high
+    if low is not None and high is not None and low >= high:
+        wrong("low", f"low ({entry.low}) is not below high ({entry.high})")
+    if high is not None and back_high is not None and back_high > high:
+        wrong("release_high", f"it releases at {entry.release_high}, which is beyond its trip level {entry.high}")
+    if low is not None and back_low is not None and back_low < low:
+        wrong("release_low", f"it releases at {entry.release_low}, which is beyond its trip level {entry.low}")
+    if back_low is not None and back_high is not None and back_low > back_high:
+        wrong("release_low", "no value is inside both release levels, so it would never release")

@@ -1,0 +1,44 @@
+"""The interlocks of a plan: those of its station, and those of the sequence, which win where the names are equal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from bench.model.yamlio import Document
+from bench.plan.findings import Findings
+from bench.plan.interlock_language import Interlock, InterlockRule, rule_of
+from bench.plan.station import Station
+
+_KEY = "interlocks"
+
+
+def station_rules(station: Station, findings: Findings) -> dict[str, InterlockRule]:
+    """Rules of a station by name; mistakes are noted."""
+    return _rules(station.file.interlocks, station.document, station, findings)
+
+
+def plan_rules(
+    entries: Mapping[str, Interlock], document: Document[Any], station: Station, findings: Findings
+) -> tuple[InterlockRule, ...]:
+    """Rules of a sequence on its station, in order of their names. Mistakes of the station are noted by its own check.
+
+    Args:    entries: the section ``interlocks`` of the sequence.   document: where it was read from.
+    """
+    own = _rules(entries, document, station, findings)
+    rules = {**station_rules(station, Findings()), **own}
+    return tuple(rules[name] for name in sorted(rules))
+
+
+def _rules(
+    entries: Mapping[str, Interlock], document: Document[Any], station: Station, findings: Findings
+) -> dict[str, InterlockRule]:
+    made = {
+        name: rule_of(name, entry, _place(document, name), station.links, station.instruments, findings)
+        for name, entry in entries.items()
+    }
+    return {name: rule for name, rule in made.items() if rule is not None}
+
+
+def _place(document: Document[Any], name: str) -> Callable[[str], str]:
+    return lambda key: document.where((_KEY, name, key))

@@ -1,0 +1,90 @@
+"""The station file of a simulated bench that a process of its own serves in real time."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from datetime import date, timedelta
+from typing import Any
+
+from bench.plan.station import InstrumentEntry, Standard, Station
+
+CALIBRATED = timedelta(days=30)  # before the day it is served
+DUE = timedelta(days=335)  # after it
+_SECTION = re.compile(r"([a-z_]+):")
+_ANEW = ("station", "title", "simulated", "visa", "world", "bus_time_factor", "instruments", "links")
+_UNITS = {"range": "A", "floor": "A", "offset": "A", "relative": "1", "gain": "1"}
+
+
+def served_station(station: Station, resources: Mapping[str, str], urls: Mapping[str, str], today: date) -> str:
+    """YAML text of a station with the same roles, standards, limits and options, without a world.
+
+    Sections that have nothing to do with where things are (interlocks, guard, notifications) are taken over as text.
+
+    Args:
+        resources: VISA address of each role.   urls: of each link.
+        today: the standards of a simulated bench were calibrated 30 days before and are due 335 days after it.
+    """
+    file = station.file
+    head = {
+        "station": file.station,
+        "title": f"{file.title}, served".removeprefix(", "),
+        "simulated": True,
+        "visa": "@py",
+        "bus_time_factor": file.bus_time_factor,
+    }
+    lines = [f"{key}: {json.dumps(value)}" for key, value in head.items()]
+    lines.append("instruments:")
+    for role, entry in station.instruments.items():
+        lines.append(f"  {role}: {json.dumps(_instrument(entry, resources[role], today))}")
+    lines.append("links:" if station.links else "links: {}")
+    for name, link in station.links.items():
+        lines.append(f"  {name}: {json.dumps({'frame': link.frame, 'baud': link.baud, 'url': urls[name]})}")
+    return "\n".join([*lines, *_others(station.document.text)]) + "\n"
+
+
+def _others(text: str) -> list[str]:
+    """Lines of the top-level sections that are not written anew."""
+    found: list[str] = []
+    section = ""
+    for line in text.splitlines():
+        if match := _SECTION.match(line):
+            section = match[1]
+        if section and section not in _ANEW:
+            found.append(line)
+    return found
+
+
+def _instrument(entry: InstrumentEntry, resource: str, today: date) -> dict[str, Any]:
+    found: dict[str, Any] = {
+        "driver": entry.driver,
+        "resource": resource,
+        "safe_order": entry.safe_order,
+        "options": entry.options,
+        "limits": entry.limits,
+    }
+    if entry.standard is not None:
+        found["standard"] = _standard(entry.standard, today)
+    return found
+
+
+def _standard(standard: Standard, today: date) -> dict[str, Any]:
+    found: dict[str, Any] = {
+        "model": standard.model,
+        "serial": standard.serial,
+        "certificate": standard.certificate,
+        "calibrated": (today - CALIBRATED).isoformat(),
+        "due": (today + DUE).isoformat(),
+        "uncertainty": [_with_units(dict(line)) for line in standard.uncertainty],
+        "corrections": [_with_units(dict(line)) for line in standard.corrections],
+    }
+    for name in ("traceability", "drift"):
+        value = getattr(standard, name)
+        if value is not None:
+            found[name] = f"{value!r} 1"
+    return found
+
+
+def _with_units(line: Mapping[str, float]) -> dict[str, str]:
+    return {name: f"{value!r} {_UNITS[name]}" for name, value in line.items()}
