@@ -7,8 +7,9 @@ Source: 34401A User's Guide (CONFigure:VOLTage:DC, READ?; overload answers 9.9E3
 from __future__ import annotations
 
 from bench.model.ports import action
+from instruments.readback import either
 from instruments.scpi import ScpiInstrument
-from instruments.values import read_number
+from instruments.values import read_number, read_text
 
 _READING_LIMIT_S = 5.0
 
@@ -22,10 +23,13 @@ class Agilent34401A(ScpiInstrument):
     @action(bus_s=2.0, returns="V")
     def measure_voltage(self) -> float:
         """Measure one dc voltage, volt. Raises: InstrumentError B-INST-007 on overload."""
-        self.set("CONF:VOLT:DC")
-        voltage_V = self.ask("READ?", read_number, timeout_s=_READING_LIMIT_S)
+        self.set("CONF:VOLT:DC", either(self._is_set_up, True))
+        voltage_V = self.ask("READ?", read_number, patience_s=_READING_LIMIT_S)
         self.check_errors("READ?")
         return voltage_V
+
+    def _is_set_up(self) -> bool:
+        return self.ask("CONF?", read_text).strip('"').upper().startswith("VOLT ")
 
     def _go_safe(self) -> None:
         self.drain_errors()

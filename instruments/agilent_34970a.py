@@ -9,11 +9,17 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 from bench.model.ports import action
+from instruments.readback import either
 from instruments.scpi import ScpiInstrument
 from instruments.values import read_number
 
 _SCAN_LIMIT_S = 10.0
 _THERMOCOUPLES = "BEJKNRST"
+
+
+def read_scan_list(reply: str) -> str:
+    """The list of a ``ROUT:SCAN?`` reply, a block such as ``#210(@101,102)``. Raises: ValueError if there is none."""
+    return reply[reply.index("(@") :].replace(" ", "")
 
 
 class Agilent34970A(ScpiInstrument):
@@ -30,8 +36,8 @@ class Agilent34970A(ScpiInstrument):
         Raises: InstrumentError B-INST-007 if a thermocouple is open, B-INST-004 if readings are missing.
         """
         channels = self._channel_list()
-        self.set(f"ROUT:SCAN {channels}")
-        temperatures_degC = self.ask("READ?", self._read_scan, timeout_s=_SCAN_LIMIT_S)
+        self.set(f"ROUT:SCAN {channels}", either(lambda: self.ask("ROUT:SCAN?", read_scan_list), channels))
+        temperatures_degC = self.ask("READ?", self._read_scan, patience_s=_SCAN_LIMIT_S)
         self.check_errors("READ?")
         return temperatures_degC
 

@@ -7,11 +7,13 @@ reference not usable). 9.91E37 is the answer without a signal. The 53131A has ot
 from __future__ import annotations
 
 from bench.model.ports import Parameter, action
+from instruments.readback import either
 from instruments.scpi import ScpiInstrument
 from instruments.values import exponent_form, read_integer, read_number, read_text
 
 _REFERENCE_LOST = 1 << 10
 _BEYOND_GATE_S = 2.0
+_GATE_STEP_S = 1e-6
 
 
 class Agilent53230A(ScpiInstrument):
@@ -22,15 +24,15 @@ class Agilent53230A(ScpiInstrument):
 
     @action(Parameter("gate", "s", 1e-3, 10.0), bus_s=12.0, returns="Hz")
     def measure_frequency(self, gate: float) -> float:
-        """Measure the frequency of input 1, hertz; the bus call lasts as long as the gate (second).
+        """Measure the frequency of input 1, hertz; the reading is polled for while the gate (second) is open.
 
         Raises: InstrumentError B-INST-008, B-INST-005, B-INST-007 (no signal), B-INST-001 (gate plus 2 s are over).
         """
         (gate,) = self.checked("measure_frequency", gate=gate)
-        self.set('FUNC "FREQ 1"')
-        self.set("FREQ:GATE:SOUR TIME")
-        self.set(f"FREQ:GATE:TIME {exponent_form(gate)}")
-        frequency_Hz = self.ask("READ?", read_number, timeout_s=gate + _BEYOND_GATE_S)
+        self.set('FUNC "FREQ 1"', either(self._counts_frequency, True))
+        self.set("FREQ:GATE:SOUR TIME", either(lambda: self.ask("FREQ:GATE:SOUR?", read_text), "TIME"))
+        self.set(f"FREQ:GATE:TIME {exponent_form(gate)}", either(lambda: self._has_gate(gate), True))
+        frequency_Hz = self.ask("READ?", read_number, patience_s=gate + _BEYOND_GATE_S)
         self.check_errors("READ?")
         return frequency_Hz
 
@@ -41,8 +43,14 @@ class Agilent53230A(ScpiInstrument):
         lost = self.ask("STAT:QUES:EVEN?", read_integer) & _REFERENCE_LOST
         return external and not lost
 
+    def _counts_frequency(self) -> bool:
+        return self.ask("FUNC?", read_text).strip('"').startswith("FREQ")
+
+    def _has_gate(self, gate_s: float) -> bool:
+        return abs(self.ask("FREQ:GATE:TIME?", read_number) - gate_s) <= _GATE_STEP_S
+
     def _prepare(self) -> None:
-        self.set("ROSC:SOUR EXT")
+        self.set("ROSC:SOUR EXT", either(lambda: self.ask("ROSC:SOUR?", read_text), "EXT"))
 
     def _go_safe(self) -> None:
         self.bus.write("ABOR", self.timeout_s)

@@ -8,8 +8,11 @@ programming ranges 6.18 V/5.15 A and 25.75 V/1.03 A, and the read-back resolutio
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 from bench.model.ports import Effect, Parameter, action
-from instruments.scpi import ScpiInstrument
+from instruments.scpi import ScpiSupply
 from instruments.values import exponent_form, read_number
 
 # rail: lowest voltage (V), highest voltage (V), highest current (A)
@@ -19,13 +22,13 @@ _CURRENT_STEP_A = 0.002
 _RAIL = Parameter("rail", choices=tuple(_RAILS))
 
 
-class AgilentE3631A(ScpiInstrument):
+class AgilentE3631A(ScpiSupply):
     """Control and measurement of the three rails; one switch turns all three on and off."""
 
     identity_pattern = r"(HEWLETT-PACKARD|HP|AGILENT.*|KEYSIGHT.*),E3631A"
-    safe_state = "all outputs off (OUTP OFF), confirmed by OUTP?"
 
-    configured = False
+    configured: Mapping[int, tuple[float, float]] = MappingProxyType({})  # rail: current limit (A), voltage (V)
+    selected = 0
 
     @action(
         _RAIL,
@@ -45,20 +48,26 @@ class AgilentE3631A(ScpiInstrument):
             message = f"configure: rail {rail} takes {low_V} to {high_V} V and up to {high_A} A, not {voltage!r} V, "
             raise self.error("B-INST-008", f"{message}{limit!r} A; nothing was sent")
         with self.bus.lock:
-            self.set(f"INST:NSEL {rail}")
-            self.set(f"CURR {exponent_form(limit)}")
-            self.set(f"VOLT {exponent_form(voltage)}")
-            self.confirm("CURR?", limit, _CURRENT_STEP_A, "A")
-            self.confirm("VOLT?", voltage, _VOLTAGE_STEP_V, "V")
-        self.configured = True
+            self._forget_rail(rail)
+            self._select(rail)
+            self.set(f"CURR {exponent_form(limit)}", self.number("CURR?", limit, _CURRENT_STEP_A))
+            self.set(f"VOLT {exponent_form(voltage)}", self.number("VOLT?", voltage, _VOLTAGE_STEP_V))
+            self._confirm(limit, voltage)
+        self.configured = MappingProxyType({**self.configured, rail: (limit, voltage)})
 
-    @action(effect=Effect.POWER, bus_s=0.3)
+    @action(effect=Effect.POWER, bus_s=1.0)
     def output_on(self) -> None:
-        """Set all outputs on and confirm it. Raises: InstrumentError B-INST-010 before ``configure``, B-INST-011."""
+        """Set all outputs on, if what was set still reads back on the rails, and confirm it.
+
+        Raises: InstrumentError B-INST-010 before ``configure``, B-INST-011.
+        """
         if not self.configured:
             raise self.error("B-INST-010", "output_on refused: no rail was set by this run", "configure it first")
-        self.set("OUTP ON")
-        self.confirm("OUTP?", 1, 0, "")
+        with self.bus.lock:
+            for rail, levels in self.configured.items():
+                self._select(rail)
+                self._confirm(*levels)
+            self.switch_output_on()
 
     @action(effect=Effect.POWER, bus_s=0.3)
     def output_off(self) -> None:
@@ -70,11 +79,32 @@ class AgilentE3631A(ScpiInstrument):
         """Measure the voltage of one rail, volt (negative on rail 3)."""
         (rail,) = self.checked("measure_voltage", rail=rail)
         with self.bus.lock:
-            self.set(f"INST:NSEL {rail}")
+            self._select(rail)
             return self.ask("MEAS:VOLT?", read_number)
 
-    def _go_safe(self) -> None:
-        self.switch_output_off()
+    def _select(self, rail: int) -> None:
+        if rail != self.selected:
+            self.seen.clear()  # it was about another rail
+        self.selected = 0
+        self.set(f"INST:NSEL {rail}", self.number("INST:NSEL?", rail, 0))
+        self.selected = rail
+
+    def _confirm(self, limit_A: float, voltage_V: float) -> None:
+        self.confirm("CURR?", limit_A, _CURRENT_STEP_A, "A")
+        self.confirm("VOLT?", voltage_V, _VOLTAGE_STEP_V, "V")
+
+    def _recheck(self) -> None:
+        """Of the rail that is selected; another one would be answered for it."""
+        if self.selected:
+            self.confirm("INST:NSEL?", self.selected, 0, "")
+        if self.selected in self.configured:
+            self._confirm(*self.configured[self.selected])
+
+    def _forget_rail(self, rail: int) -> None:
+        self.configured = MappingProxyType({kept: set_ for kept, set_ in self.configured.items() if kept != rail})
+
+    def _forget(self) -> None:
+        self.configured = MappingProxyType({})
 
 
 DRIVER = AgilentE3631A

@@ -6,7 +6,8 @@ A driver adds its commands as small methods, declared with ``@action``; its limi
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from typing import Any, ClassVar
 
 from pyvisa.resources import MessageBasedResource
@@ -14,8 +15,9 @@ from pyvisa.resources import MessageBasedResource
 from bench.model.clock import Clock
 from bench.model.errors import InputError, InstrumentError
 from bench.model.ports import Identity, Transcript, actions_of
-from instruments.bus import BusSession
+from instruments.bus import BUS_FAILED, TIMED_OUT, BusSession
 from instruments.commands import Commands
+from instruments.ladder import Ladder
 from instruments.values import read_text
 
 
@@ -25,9 +27,12 @@ class BaseInstrument(Commands):
     Class members: ``identity_pattern`` matches "manufacturer,model"; ``safe_state`` says in words what ``make_safe``
     leaves behind; ``default_options`` are the options a station may give; a source of current names its ranges in
     ``ranges_A`` (ampere, lowest first), which the static check holds against the register of standards.
+
+    Args: reopen: opens the same address again after a failure of the bus.   interface_clear: of the whole bus.
     """
 
     identity_pattern: ClassVar[str]
+    identity_question: ClassVar[str] = "*IDN?"
     safe_state: ClassVar[str]
     longest_error_queue: ClassVar[int] = 32
     default_options: ClassVar[Mapping[str, Any]] = {}
@@ -41,14 +46,18 @@ class BaseInstrument(Commands):
         clock: Clock,
         transcript: Transcript,
         options: Mapping[str, Any] | None = None,
+        reopen: Callable[[], MessageBasedResource] | None = None,
+        interface_clear: Callable[[], None] | None = None,
     ) -> None:
         self.role = role
         self.clock = clock
         self.actions = actions_of(type(self))
         self.options = {**self.default_options, **(options or {})}
         self.identity: Identity | None = None
+        self.seen: dict[str, object] = {}
+        self._said = ""  # the last reply to the identity question
         self.bus = BusSession(resource, role, clock, transcript)
-        self.bus.recover = self.drain_errors
+        self.bus.climb = Ladder(self.bus, self._drain_known, self._readmit, reopen, interface_clear).climb
         if unknown := sorted(set(self.options) - set(self.default_options)):
             known = ", ".join(self.default_options) or "none"
             raise self.bad_option(f"unknown option {unknown[0]!r}; known: {known}")
@@ -57,9 +66,13 @@ class BaseInstrument(Commands):
     def identify(self) -> Identity:
         """Get who is there, refuse another model, then prepare the session. Raises: InstrumentError B-INST-002."""
         found = self._ask_identity()
-        if not re.fullmatch(self.identity_pattern, f"{found.manufacturer},{found.model}", re.IGNORECASE):
+        if not self._is_right_model(found):  # it may be the reply to a question of a controller that is gone
+            self.bus.clear()
+            found = self._ask_identity()
+        if not self._is_right_model(found):
             message = f"{found.manufacturer} {found.model} answers where {self.identity_pattern!r} is due"
             raise self.error("B-INST-002", message, "correct the address in the station file; nothing was switched")
+        self.bus.echo = (self.identity_question, self._said)
         self.drain_errors()
         self.identity = found
         try:
@@ -70,9 +83,28 @@ class BaseInstrument(Commands):
         return found
 
     def make_safe(self) -> None:
-        """Set the declared safe state; idempotent. Raises: InstrumentError B-INST-009 if it cannot be confirmed."""
-        self._ready()
-        self._go_safe()
+        """Set the declared safe state; idempotent. Raises: InstrumentError B-INST-009 if it cannot be confirmed.
+
+        One that does not answer is sent the command all the same: it may hear what it cannot confirm.
+        """
+        try:
+            self._ready()
+            self._go_safe_somehow()
+        except InstrumentError as error:
+            if error.code == TIMED_OUT and (command := self._safe_command()):
+                with suppress(InstrumentError):
+                    self.bus.write(command, self.timeout_s)
+            raise
+
+    @contextmanager
+    def quick(self, limit_s: float) -> Iterator[None]:
+        """For a first pass over the whole bench in an emergency: the first question without an answer ends a method.
+
+        No call waits longer than ``limit_s`` (second), nothing is asked again, cleared or reopened; so an instrument
+        that is mute costs ``make_safe`` that time once. Afterwards the session gets back into step by itself.
+        """
+        with self.bus.hurry(limit_s):
+            yield
 
     def drain_errors(self) -> list[str]:
         """Get all queued errors, oldest first. Raises: InstrumentError B-INST-006 if the queue does not end."""
@@ -111,8 +143,52 @@ class BaseInstrument(Commands):
     def _prepare(self) -> None:
         """Set what the driver relies on, without touching any output."""
 
+    def _recheck(self) -> None:
+        """Raise InstrumentError B-INST-011 unless what this run has set, and relies on, is still set."""
+
+    def _forget(self) -> None:
+        """Another instrument is at the address: what this run has set is not set there."""
+
+    def _safe_command(self) -> str:
+        """The command towards the safe state, "" if there is none; sent unconfirmed to an instrument that is mute."""
+        return ""
+
+    def _go_safe_somehow(self) -> None:
+        try:
+            self._go_safe()
+        except InstrumentError as error:
+            if error.code != BUS_FAILED or self.bus.hurried:
+                raise
+            self.bus.query(self.identity_question, read_text, self.timeout_s)  # climbs, as no command does
+            self._go_safe()
+
+    def _readmit(self) -> None:
+        """After a reopening: the same instrument as before, prepared again, its settings as they were."""
+        known = self.identity
+        if known is None:
+            return
+        found = self._ask_identity()
+        if (found.manufacturer, found.model, found.serial) != (known.manufacturer, known.model, known.serial):
+            self.identity = None
+            self._forget()
+            message = f"{found.model} {found.serial!r} answers after reopening, it was {known.model} {known.serial!r}"
+            raise self.error("B-INST-016", message, "find out what was exchanged, then start again")
+        self.drain_errors()
+        self._prepare()
+        self._recheck()
+
+    def _drain_known(self) -> None:
+        if self.identity is not None:  # a stranger is asked nothing but who it is
+            self.drain_errors()
+
+    def _is_right_model(self, found: Identity) -> bool:
+        return bool(re.fullmatch(self.identity_pattern, f"{found.manufacturer},{found.model}", re.IGNORECASE))
+
     def _ask_identity(self) -> Identity:
-        reply = self.bus.query("*IDN?", read_text, self.timeout_s)
+        self._said = self.bus.query(self.identity_question, read_text, self.timeout_s)
+        return self._identity_of(self._said)
+
+    def _identity_of(self, reply: str) -> Identity:
         fields = [field.strip() for field in reply.split(",")]
         manufacturer, model, serial, firmware = [*fields, "", "", ""][:4]
         return Identity(manufacturer, model.removeprefix("MODEL "), serial, firmware)

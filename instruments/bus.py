@@ -1,36 +1,44 @@
-"""One instrument's message session: a lock per bus, a time limit per command, a transcript, and the recovery ladder.
+"""One instrument's message session: a lock per bus, commands that are sent once, questions that may be asked again.
 
-Only reads are repeated. A time-out always ends with a device clear, so that a late reply is never taken for the answer
-to the next question.
+No call blocks longer than 1.5 s. What takes longer is triggered, then polled for.
 """
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
 from pyvisa.constants import StatusCode
-from pyvisa.errors import Error as VisaError
 from pyvisa.errors import VisaIOError
 from pyvisa.resources import MessageBasedResource
 
-from bench.model.clock import Clock
+from bench.model.clock import Clock, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Transcript
 from instruments.values import OverloadReadingError
+from instruments.wire import BUS_ERRORS, MESSAGE_AVAILABLE, Wire, is_unsupported
 
-READ_ATTEMPTS = 3
 TIMED_OUT = "B-INST-001"
 BUS_FAILED = "B-INST-003"
 NOT_UNDERSTOOD = "B-INST-004"
 OVERLOAD = "B-INST-007"
-_BUS_ERRORS = (VisaError, OSError)
+SERIAL_POLL = "<serial poll>"
+DOUBTFUL = (TIMED_OUT, BUS_FAILED, NOT_UNDERSTOOD)  # what the instrument did with a command is not known
+_POLL_S = 0.25
+_LOOK_AT_DEVICE = "check power, address and cable"
 
 _registry_lock = threading.Lock()
 _locks: dict[str, threading.RLock] = {}
 
 T = TypeVar("T")
+
+
+class Climb(Protocol):
+    """What is done about a question that failed before it is given up (instruments.ladder)."""
+
+    def __call__(self, error: InstrumentError, ask: Callable[[], T]) -> T:
+        """The answer after all. Raises: the last error."""
 
 
 def bus_lock(resource_name: str) -> threading.RLock:
@@ -40,33 +48,27 @@ def bus_lock(resource_name: str) -> threading.RLock:
         return _locks.setdefault(bus.upper(), threading.RLock())
 
 
-class BusSession:
-    """Sends commands to one resource and reads replies; every text goes to the transcript with the clock's time.
+class BusSession(Wire):
+    """Sends commands to one resource and reads replies.
 
     Args: resource: open PyVISA resource; its terminators are set to line feed.   role: name in the station file.
     """
 
     def __init__(self, resource: MessageBasedResource, role: str, clock: Clock, transcript: Transcript) -> None:
-        self._resource = resource
-        self._role = role
-        self._clock = clock
-        self._transcript = transcript
-        self._timeout_s = 0.0
+        super().__init__(resource, role, clock, transcript)
         self.where = f"{role} ({resource.resource_name})"
         self.lock = bus_lock(resource.resource_name)
-        self.recover: Callable[[], object] = list  # set by the driver: drains the error queue after a failed read
-        resource.write_termination = "\n"
-        resource.read_termination = "\n"
+        self.climb: Climb | None = None
 
     def write(self, command: str, timeout_s: float) -> None:
         """Send one command, once. Raises: InstrumentError B-INST-001 (time-out), B-INST-003 (bus)."""
         with self.lock:
-            self._note("tx", command)
-            self._limit(timeout_s)
+            self.note("tx", command)
+            limit_s = self.limit(timeout_s)
             try:
                 self._resource.write(command)
-            except _BUS_ERRORS as error:
-                raise self._failure(error, command) from error
+            except BUS_ERRORS as error:
+                raise self._failure(error, command, limit_s) from error
 
     def read(self, parse: Callable[[str], T], command: str, timeout_s: float) -> T:
         """Read the reply to ``command`` once and understand it.
@@ -74,87 +76,114 @@ class BusSession:
         Raises: InstrumentError B-INST-001, B-INST-003, B-INST-004 (not understood), B-INST-007 (overload).
         """
         with self.lock:
-            self._limit(timeout_s)
-            reply = self._receive(command)
-            self._note("rx", reply)
-            try:
-                return parse(reply.strip())
-            except OverloadReadingError as error:
-                raise InstrumentError(OVERLOAD, f"{command!r} gave {reply!r}: {error}", where=self.where) from error
-            except (ValueError, OverflowError) as error:
-                raise self._not_understood(command, reply, str(error)) from error
+            return self._understood(parse, command, self._receive(command, timeout_s))
 
-    def query(self, command: str, parse: Callable[[str], T], timeout_s: float, *, repeatable: bool = True) -> T:
-        """Ask and understand the reply; a repeatable read is tried again after device clear and error drain."""
-        attempts = READ_ATTEMPTS if repeatable else 1
+    def query(
+        self,
+        command: str,
+        parse: Callable[[str], T],
+        timeout_s: float,
+        *,
+        repeatable: bool = True,
+        patience_s: float = 0.0,
+    ) -> T:
+        """Ask and understand the reply; a ``repeatable`` question that fails goes up the ladder.
+
+        With ``patience_s`` (second) the reply may take that long: it is polled for, and no call blocks meanwhile.
+        """
+
+        def ask() -> T:
+            self._put(command, timeout_s)
+            if patience_s > 0.0:
+                return self._understood(parse, command, self._await_reply(command, timeout_s, patience_s))
+            return self.read(parse, command, timeout_s)
+
         with self.lock:
-            for _ in range(attempts - 1):
-                try:
-                    return self._ask_once(command, parse, timeout_s)
-                except InstrumentError as error:
-                    if error.code not in (TIMED_OUT, NOT_UNDERSTOOD) or not self._recovered():
-                        raise
-            return self._ask_once(command, parse, timeout_s)
+            try:
+                return ask()
+            except InstrumentError as error:
+                if not repeatable or self.climb is None or self.hurried or error.code not in DOUBTFUL:
+                    raise
+                return self.climb(error, ask)
 
     def status_byte(self, timeout_s: float) -> int:
         """Serial poll. Raises: InstrumentError B-INST-001, B-INST-003."""
         with self.lock:
-            self._limit(timeout_s)
+            limit_s = self.limit(timeout_s)
             try:
-                status = int(self._resource.read_stb())
-            except _BUS_ERRORS as error:
-                raise self._failure(error, "<serial poll>") from error
-            self._note("rx", f"<status byte {status}>")
-            return status
+                return self.poll_status()
+            except BUS_ERRORS as error:
+                raise self._failure(error, SERIAL_POLL, limit_s) from error
 
     def close(self) -> None:
         """Release the session."""
         self._resource.close()
 
-    def _recovered(self) -> bool:
-        try:
-            self.recover()
-        except InstrumentError:
-            return False
-        return True
+    def _put(self, question: str, timeout_s: float) -> None:
+        if not self.in_step:
+            self.clear()
+        if not self.in_step:
+            message = f"{question!r} was not asked: a reply to an earlier question may still come"
+            raise InstrumentError(TIMED_OUT, message, where=self.where, next_step=_LOOK_AT_DEVICE)
+        self.write(question, timeout_s)
 
-    def _ask_once(self, command: str, parse: Callable[[str], T], timeout_s: float) -> T:
-        self.write(command, timeout_s)
-        return self.read(parse, command, timeout_s)
+    def _await_reply(self, command: str, timeout_s: float, patience_s: float) -> str:
+        """The reply, once a serial poll says that it is there; without serial poll it is listened for, bit by bit."""
+        end_ns = self._clock.now_ns() + to_ns(patience_s)
+        while True:
+            try:
+                if self.poll_status() & MESSAGE_AVAILABLE:
+                    return self._receive(command, timeout_s)
+            except BUS_ERRORS as error:
+                if not is_unsupported(error):
+                    raise self._failure(error, command, timeout_s) from error
+                if (reply := self.hear(timeout_s)) is not None:
+                    self.note("rx", reply)
+                    return reply
+            if self._clock.now_ns() >= end_ns:
+                raise self._failure(VisaIOError(StatusCode.error_timeout), command, patience_s)
+            self._clock.sleep(_POLL_S)
 
-    def _receive(self, command: str) -> str:
+    def _receive(self, command: str, timeout_s: float) -> str:
+        limit_s = self.limit(timeout_s)
         try:
-            return str(self._resource.read())
+            reply = str(self._resource.read())
         except UnicodeDecodeError as error:
-            self._note("rx", repr(error.object))
+            self.note("rx", repr(error.object))
             raise self._not_understood(command, repr(error.object), "it is not ASCII") from error
-        except _BUS_ERRORS as error:
-            raise self._failure(error, command) from error
+        except BUS_ERRORS as error:
+            raise self._failure(error, command, limit_s) from error
+        self.note("rx", reply)
+        return reply
+
+    def _understood(self, parse: Callable[[str], T], command: str, reply: str) -> T:
+        try:
+            return parse(reply.strip())
+        except OverloadReadingError as error:
+            raise InstrumentError(OVERLOAD, f"{command!r} gave {reply!r}: {error}", where=self.where) from error
+        except (ValueError, OverflowError) as error:
+            raise self._not_understood(command, reply, str(error)) from error
 
     def _not_understood(self, command: str, reply: str, why: str) -> InstrumentError:
-        self._clear()
+        self._fall_out_of_step()
         message = f"the reply {reply[:80]!r} to {command!r} is not understood: {why}"
         return InstrumentError(NOT_UNDERSTOOD, message, where=self.where, next_step="check the model and the cable")
 
-    def _failure(self, error: Exception, command: str) -> InstrumentError:
-        if isinstance(error, VisaIOError) and error.error_code == StatusCode.error_timeout:
-            self._clear()
-            message = f"no answer to {command!r} within {self._timeout_s:g} s"
-            return InstrumentError(TIMED_OUT, message, where=self.where, next_step="check power, address and cable")
-        message = f"the bus failed on {command!r}: {error}"
-        return InstrumentError(BUS_FAILED, message, where=self.where, next_step="check the interface and the cable")
+    def _failure(self, error: Exception, command: str, waited_s: float) -> InstrumentError:
+        timed_out = isinstance(error, VisaIOError) and error.error_code == StatusCode.error_timeout
+        if not (timed_out or isinstance(error, TimeoutError)):
+            self.in_step = False
+            message = f"the bus failed on {command!r}: {' '.join(str(error).split())}"
+            next_step = "check the interface and the cable"
+            return InstrumentError(BUS_FAILED, message, where=self.where, next_step=next_step)
+        self.owe(command)
+        message = f"no answer to {command!r} within {waited_s:g} s"
+        if not (self.hurried or command == SERIAL_POLL):
+            message += self.look_for_life()
+        self._fall_out_of_step()
+        return InstrumentError(TIMED_OUT, message, where=self.where, next_step=_LOOK_AT_DEVICE)
 
-    def _clear(self) -> None:
-        self._note("tx", "<device clear>")
-        try:
-            self._resource.clear()
-        except (*_BUS_ERRORS, NotImplementedError) as error:
-            self._note("rx", f"<device clear failed: {error}>")
-
-    def _limit(self, timeout_s: float) -> None:
-        if timeout_s != self._timeout_s:
-            self._resource.timeout = round(1000 * timeout_s)
-            self._timeout_s = timeout_s
-
-    def _note(self, direction: str, text: str) -> None:
-        self._transcript(self._role, direction, text, self._clock.now_ns())
+    def _fall_out_of_step(self) -> None:
+        self.in_step = False
+        if not self.hurried:
+            self.clear()

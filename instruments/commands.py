@@ -1,4 +1,8 @@
-"""The verbs a driver writes its commands with: set, ask, confirm, check arguments, poll."""
+"""The verbs a driver writes its commands with: set, ask, confirm, check arguments, poll.
+
+A command that sets something is sent once. If it is in doubt whether it arrived, its effect is read back: as wanted,
+the driver goes on; as before, the command is sent once more and read back again; anything else is an error.
+"""
 
 from __future__ import annotations
 
@@ -8,35 +12,86 @@ from typing import Any, ClassVar, TypeVar
 from bench.model.clock import Clock, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Action
-from instruments.bus import BusSession
-from instruments.values import check_argument, read_number
+from instruments.bus import DOUBTFUL, BusSession
+from instruments.readback import ReadBack, either
+from instruments.values import check_argument, read_integer, read_number, read_text
 
 T = TypeVar("T")
 
 
 class Commands:
-    """Commands with their checks; ``timeout_s`` limits a plain command."""
+    """Commands with their checks; ``timeout_s`` limits a plain command, 1.5 s is the most.
+
+    ``seen`` holds the last setting read back, by question: what it was before a command that is in doubt.
+    """
 
     timeout_s: ClassVar[float] = 1.0
     bus: BusSession
     clock: Clock
     actions: Mapping[str, Action]
+    seen: dict[str, object]
 
-    def set(self, command: str) -> None:
-        """Send one set command, once, and read the error queue empty. Raises: InstrumentError B-INST-005."""
+    def set(self, command: str, read_back: ReadBack | None = None) -> None:
+        """Send one set command and read the error queue empty; see the module about what is in doubt.
+
+        Raises: InstrumentError B-INST-005 (refused), B-INST-011 (in doubt, and neither done nor untouched), B-INST-001,
+                B-INST-003, B-INST-004 (in doubt, and there is no read-back or it fails too).
+        """
         self._ready()
-        self.bus.write(command, self.timeout_s)
-        self.check_errors(command)
+        self.settle(command, read_back, self._send)
+
+    def settle(self, command: str, read_back: ReadBack | None, send: Callable[[str], None]) -> None:
+        """Send a command by ``send``, at most twice, and know afterwards that it took effect."""
+        try:
+            send(command)
+        except InstrumentError as doubt:
+            if read_back is None or doubt.code not in DOUBTFUL or self.bus.hurried:
+                raise
+            if self._took_effect(command, read_back, doubt):
+                return
+        else:
+            return
+        self.bus.note("tx", f"<{command} is sent again: it had no effect>")
+        try:
+            send(command)
+        except InstrumentError as doubt:
+            if doubt.code not in DOUBTFUL:
+                raise
+        found = read_back.see()
+        if not read_back.done(found):
+            raise self._differs(command, found)
+        self.bus.note("rx", f"<{command} took effect: {found!r} reads back>")
 
     def check_errors(self, command: str) -> None:
         """Raise InstrumentError B-INST-005 with every queued error."""
         if problems := self.drain_errors():
             raise self.error("B-INST-005", f"after {command!r} the instrument reports: {'; '.join(problems)}")
 
-    def ask(self, query: str, parse: Callable[[str], T], timeout_s: float | None = None) -> T:
-        """Ask a query that may be repeated and return what ``parse`` makes of the reply."""
+    def ask(self, query: str, parse: Callable[[str], T], patience_s: float = 0.0) -> T:
+        """Ask a query that may be repeated and return what ``parse`` makes of the reply.
+
+        A reply that may take longer than ``timeout_s`` needs ``patience_s``, second; it is polled for.
+        """
         self._ready()
-        return self.bus.query(query, parse, self.timeout_s if timeout_s is None else timeout_s)
+        return self.bus.query(query, parse, self.timeout_s, patience_s=patience_s)
+
+    def number(self, query: str, wanted: float, tolerance: float) -> ReadBack:
+        """Read-back of a number."""
+        before = self.seen.get(query)
+        return ReadBack(
+            lambda: self.ask(query, read_number),
+            lambda found: abs(found - wanted) <= tolerance,
+            lambda found: isinstance(before, float) and abs(found - before) <= tolerance,
+        )
+
+    def word(self, query: str, wanted: str) -> ReadBack:
+        """Read-back of a word, of which there may be many."""
+        before = self.seen.get(query)
+        return ReadBack(lambda: self.ask(query, read_text).upper(), wanted.__eq__, lambda found: found == before)
+
+    def switch(self, query: str, wanted: int) -> ReadBack:
+        """Read-back of something that is on (1) or off (0)."""
+        return either(lambda: self.ask(query, read_integer), wanted)
 
     def confirm(self, query: str, wanted: float, tolerance: float, unit: str) -> None:
         """Raise InstrumentError B-INST-011 unless the setting read back is ``wanted`` within ``tolerance``."""
@@ -44,6 +99,7 @@ class Commands:
 
     def agree(self, query: str, found: float, wanted: float, tolerance: float, unit: str) -> None:
         """Raise InstrumentError B-INST-011 unless ``found`` is ``wanted`` within ``tolerance``."""
+        self.seen[query] = found
         if not abs(found - wanted) <= tolerance:
             message = f"{query!r} reads back {found!r} {unit}, but {wanted!r} {unit} was set"
             raise self.error("B-INST-011", message, "look for another controller or a front panel in use")
@@ -67,6 +123,22 @@ class Commands:
             self.clock.sleep(period_s)
         return True
 
+    def switch_off(self, command: str, is_off: Callable[[], bool]) -> bool:
+        """Send a command towards the safe state, whatever the error queue holds; True if it reads back.
+
+        The one kind of command that is sent again when in doubt, whatever reads back: it can only make safer.
+        """
+        try:
+            self._send_safe(command)
+        except InstrumentError as doubt:
+            if doubt.code not in DOUBTFUL or self.bus.hurried:
+                raise
+        else:
+            return is_off()
+        if not is_off():
+            self._send_safe(command)
+        return is_off()
+
     def error(self, code: str, message: str, next_step: str = "") -> InstrumentError:
         """An error that names this role and resource."""
         return InstrumentError(code, message, where=self.bus.where, next_step=next_step)
@@ -74,6 +146,32 @@ class Commands:
     def drain_errors(self) -> list[str]:
         """Get all queued errors, oldest first."""
         raise NotImplementedError
+
+    def _send(self, command: str) -> None:
+        self.bus.write(command, self.timeout_s)
+        self.check_errors(command)
+
+    def _send_safe(self, command: str) -> None:
+        self.bus.write(command, self.timeout_s)
+        self.drain_errors()
+
+    def _took_effect(self, command: str, read_back: ReadBack, doubt: InstrumentError) -> bool:
+        try:
+            found = read_back.see()
+        except InstrumentError as failure:
+            if failure.code in DOUBTFUL:
+                raise doubt from failure
+            raise
+        if read_back.done(found):
+            self.bus.note("rx", f"<{command} took effect: {found!r} reads back>")
+            return True
+        if not read_back.untouched(found):
+            raise self._differs(command, found) from doubt
+        return False
+
+    def _differs(self, command: str, found: object) -> InstrumentError:
+        message = f"{command!r} was in doubt, and {found!r} reads back: not what was set, nor surely what was before"
+        return self.error("B-INST-011", message, "look for another controller or a front panel in use")
 
     def _ready(self) -> None:
         raise NotImplementedError

@@ -10,14 +10,18 @@ static check goes by that, and ``OUT?`` confirms the value alone.
 
 Source: Fluke 5700A/5720A Series II Operators Manual, ch. 5 (5-13 responses, 5-14 input buffer of 128 bytes), command
 table 5-2. Not confirmed on hardware: the settling limit of 15 s, whether standby shorts or opens the loop, the fault
-numbers of a compliance trip, and the resolution with which ``OUT?`` answers.
+numbers of a compliance trip, the resolution with which ``OUT?`` answers, the reply to ``RANGELCK?``, minutes of
+``ONTIME?`` and days of ``CAL_DAYS? ZERO`` (as in public programs), 30 min of warm-up and 30 days between zeros.
 """
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 from bench.model.errors import InstrumentError
 from bench.model.ports import Effect, Parameter, action
 from instruments.base import BaseInstrument
+from instruments.readback import ReadBack, either
 from instruments.values import exponent_form, read_integer, read_number, read_text
 
 _OPERATING = 1 << 0
@@ -25,6 +29,8 @@ _SETTLED = 1 << 12
 _SETTLE_LIMIT_S = 15.0
 _POLL_S = 0.25
 _INPUT_BUFFER_BYTES = 128
+_MINUTE_S = 60.0
+_ZERO_LIMIT_DAYS = 30.0
 # full scale of each range (A) and its resolution (A)
 _RANGES_A = ((2.2e-4, 1e-10), (2.2e-3, 1e-9), (2.2e-2, 1e-8), (2.2e-1, 1e-7), (2.2, 1e-6))
 
@@ -37,6 +43,17 @@ def read_output(reply: str) -> float:
     return read_number(value)
 
 
+def read_lock(reply: str) -> str:
+    """The word of a ``RANGELCK?`` reply. Raises: ValueError unless it is ON or OFF."""
+    if reply.upper() not in ("ON", "OFF"):
+        raise ValueError("ON or OFF is due")
+    return reply.upper()
+
+
+def _resolution_A(current_A: float) -> float:
+    return next(step for full_scale, step in _RANGES_A if current_A <= full_scale)
+
+
 class Fluke5720A(BaseInstrument):
     """Control of the calibrator's dc current output; polarity belongs to the switch, so currents are never negative."""
 
@@ -44,6 +61,7 @@ class Fluke5720A(BaseInstrument):
     safe_state = "standby (STBY), confirmed by the instrument status register"
     ranges_A = tuple(full_scale for full_scale, _ in _RANGES_A)
     longest_error_queue = 16
+    warm_up_s = 30 * _MINUTE_S
 
     programmed_A: float | None = None
 
@@ -67,8 +85,9 @@ class Fluke5720A(BaseInstrument):
         """
         current, range = self.checked("output", current=current, range=range)  # noqa: A001
         self.programmed_A = None
-        self.set(f"RANGELCK {'ON' if range == 'locked' else 'OFF'}")
-        self.set(f"OUT {exponent_form(current)} A, 0 HZ")
+        lock = "ON" if range == "locked" else "OFF"
+        self.set(f"RANGELCK {lock}", either(lambda: self.ask("RANGELCK?", read_lock), lock))
+        self.set(f"OUT {exponent_form(current)} A, 0 HZ", self._output_read_back(current))
         self._confirm_output(current)
         self.programmed_A = current
 
@@ -83,14 +102,16 @@ class Fluke5720A(BaseInstrument):
             raise self.error("B-INST-010", "operate refused: no output was set by this run", "set the output first")
         self.check_errors("OPER (before)")
         self._confirm_output(self.programmed_A)
-        self.bus.write("OPER", self.timeout_s)
         try:
+            on = either(self._is_operating, True)
+            self.settle("OPER", on, lambda command: self.bus.write(command, self.timeout_s))
             if not self.poll(self._is_settled, _SETTLE_LIMIT_S, _POLL_S):
                 message = f"{self.programmed_A!r} A is not settled {_SETTLE_LIMIT_S:g} s after OPER"
                 raise self.error("B-INST-012", message, "look at the load and the calibrator's display")
             self.check_errors("OPER")
         except InstrumentError:
-            self.bus.write("STBY", self.timeout_s)
+            with suppress(InstrumentError):  # what went wrong first is what counts
+                self.bus.write("STBY", self.timeout_s)
             raise
 
     @action()
@@ -100,6 +121,17 @@ class Fluke5720A(BaseInstrument):
         if not on:
             self.drain_errors()
         return on
+
+    def time_on_s(self) -> float:
+        """Get the time since it was switched on, second. Raises: InstrumentError if it does not know the question."""
+        self._ready()
+        return _MINUTE_S * self.bus.query("ONTIME?", read_number, self.timeout_s, repeatable=False)
+
+    def self_calibration(self) -> tuple[float, float, str, str]:
+        """Get how old its dc zeros are: (found, limit, unit, since what). Raises: InstrumentError as ``time_on_s``."""
+        self._ready()
+        days = self.bus.query("CAL_DAYS? ZERO", read_number, self.timeout_s, repeatable=False)
+        return days, _ZERO_LIMIT_DAYS, "days", "since its zeros were calibrated"
 
     def drain_errors(self) -> list[str]:
         """Get all queued faults with their explanation, oldest first."""
@@ -113,19 +145,43 @@ class Fluke5720A(BaseInstrument):
         return super().raw(command)
 
     def _is_settled(self) -> bool:
+        status = self._untripped_status()
+        return bool(status & _OPERATING and status & _SETTLED)
+
+    def _is_operating(self) -> bool:
+        return bool(self._untripped_status() & _OPERATING)
+
+    def _untripped_status(self) -> int:
+        """Instrument status; standby with a fault is a trip. Raises: InstrumentError B-INST-013."""
         status = self._status()
         if not status & _OPERATING and (faults := self.drain_errors()):
             message = f"tripped to standby at {self.programmed_A!r} A: {'; '.join(faults)}"
             raise self.error("B-INST-013", message, "check that the route is closed and the load holds")
-        return bool(status & _OPERATING and status & _SETTLED)
+        return status
 
     def _status(self) -> int:
         return self.ask("ISR?", read_integer)
 
     def _confirm_output(self, current_A: float) -> None:
-        found_A = self.ask("OUT?", read_output)
-        resolution_A = next(step for full_scale, step in _RANGES_A if current_A <= full_scale)
-        self.agree("OUT?", found_A, current_A, resolution_A, "A")
+        self.agree("OUT?", self.ask("OUT?", read_output), current_A, _resolution_A(current_A), "A")
+
+    def _output_read_back(self, current_A: float) -> ReadBack:
+        before_A = self.seen.get("OUT?")
+        return ReadBack(
+            lambda: self.ask("OUT?", read_output),
+            lambda found_A: abs(found_A - current_A) <= _resolution_A(current_A),
+            lambda found_A: isinstance(before_A, float) and abs(found_A - before_A) <= _resolution_A(before_A),
+        )
+
+    def _recheck(self) -> None:
+        if self.programmed_A is not None:
+            self._confirm_output(self.programmed_A)
+
+    def _forget(self) -> None:
+        self.programmed_A = None
+
+    def _safe_command(self) -> str:
+        return "STBY"
 
     def _explain(self, number: str) -> str:
         return self.bus.query(f"EXPLAIN? {number}", read_text, self.timeout_s).strip('"')
@@ -135,9 +191,7 @@ class Fluke5720A(BaseInstrument):
         return str(number) if number else None
 
     def _go_safe(self) -> None:
-        self.bus.write("STBY", self.timeout_s)
-        self.drain_errors()
-        if self._status() & _OPERATING:
+        if not self.switch_off("STBY", lambda: not self._status() & _OPERATING):
             raise self.error("B-INST-009", "still operating after STBY", "press STBY at the front panel")
 
 

@@ -10,9 +10,12 @@ crosspoints and never a range; a range is treated as a wrong state.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any, ClassVar
 
+from bench.model.errors import InstrumentError
 from bench.model.ports import Effect, Parameter, action
+from instruments.readback import ReadBack
 from instruments.scpi import ScpiInstrument
 
 _RELAYS_S = 0.25
@@ -34,6 +37,8 @@ class Keithley7002(ScpiInstrument):
     safe_state = "all relays open (:OPEN ALL), confirmed by :CLOS:STAT?"
     default_options: ClassVar[dict[str, Any]] = {"slot": 1}
 
+    routed: tuple[str, ...] | None = None  # closed crosspoints as this run has verified them
+
     @action(
         Parameter("channel", choices=tuple(range(1, 11))),
         Parameter("polarity", choices=(1, -1)),
@@ -48,21 +53,26 @@ class Keithley7002(ScpiInstrument):
         channel, polarity = self.checked("route", channel=channel, polarity=polarity)
         self.open_all()
         crosspoint = f"{self.options['slot']}!{_DIRECT_ROW if polarity == 1 else _REVERSED_ROW}!{channel}"
-        self.set(f":CLOS (@{crosspoint})")
+        self.routed = None
+        self.set(f":CLOS (@{crosspoint})", ReadBack(self.closed, (crosspoint,).__eq__, ().__eq__))
         self.clock.sleep(_RELAYS_S)
         if (found := self.closed()) != (crosspoint,):
-            self.bus.write(":OPEN ALL", self.timeout_s)
+            with suppress(InstrumentError):
+                self.bus.write(":OPEN ALL", self.timeout_s)
             message = f"closed are {', '.join(found) or 'none'} instead of {crosspoint} alone"
             raise self.error("B-INST-015", message, "check the card, its slot and its wiring")
+        self.routed = found
 
     @action(effect=Effect.ROUTES_OPEN, bus_s=0.5)
     def open_all(self) -> None:
         """Set every relay open and verify it. Raises: InstrumentError B-INST-005, B-INST-015."""
-        self.set(":OPEN ALL")
+        self.routed = None
+        self.set(":OPEN ALL", ReadBack(self.closed, ().__eq__, lambda _: True))  # opening again only makes safer
         self.clock.sleep(_RELAYS_S)
         if found := self.closed():
             message = f"{', '.join(found)} still closed after :OPEN ALL; no route was closed"
             raise self.error("B-INST-015", message, "check the card and its slot")
+        self.routed = found
 
     @action()
     def closed(self) -> tuple[str, ...]:
@@ -73,12 +83,25 @@ class Keithley7002(ScpiInstrument):
         if self.options["slot"] not in range(1, 11):
             raise self.bad_option(f"slot {self.options['slot']!r} must be 1 to 10")
 
+    def _recheck(self) -> None:
+        if self.routed is not None and (found := self.closed()) != self.routed:
+            message = f"closed are {', '.join(found) or 'none'}, but {', '.join(self.routed) or 'none'} was verified"
+            raise self.error("B-INST-015", message, "look for another controller or a front panel in use")
+
+    def _forget(self) -> None:
+        self.routed = None
+
+    def _safe_command(self) -> str:
+        return ":OPEN ALL"
+
     def _go_safe(self) -> None:
-        self.bus.write(":OPEN ALL", self.timeout_s)
+        self.routed = None
+        if not self.switch_off(":OPEN ALL", self._all_open):
+            raise self.error("B-INST-009", "relays are still closed after :OPEN ALL", "switch the matrix off")
+
+    def _all_open(self) -> bool:
         self.clock.sleep(_RELAYS_S)
-        self.drain_errors()
-        if found := self.closed():
-            raise self.error("B-INST-009", f"{', '.join(found)} still closed after :OPEN ALL", "switch the matrix off")
+        return not self.closed()
 
 
 DRIVER = Keithley7002

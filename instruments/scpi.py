@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from typing import Any, ClassVar
 
 from instruments.base import BaseInstrument
 from instruments.values import read_integer
@@ -31,10 +32,33 @@ class ScpiInstrument(BaseInstrument):
     def switch_output_off(self) -> None:
         """Set the output off, whatever the error queue holds. Raises: InstrumentError B-INST-009 if it stays on."""
         self._ready()
-        self.bus.write("OUTP OFF", self.timeout_s)
-        self.drain_errors()
-        if self.output_is_on():
+        if not self.switch_off("OUTP OFF", lambda: not self.output_is_on()):
             raise self.error("B-INST-009", "the output is still on after OUTP OFF", "switch it off at the front panel")
+
+    def switch_output_on(self) -> None:
+        """Set the output on and confirm it. Raises: InstrumentError B-INST-011."""
+        self.set("OUTP ON", self.switch("OUTP?", 1))
+        self.confirm("OUTP?", 1, 0, "")
 
     def _next_error(self) -> str | None:
         return self.bus.query("SYST:ERR?", read_scpi_error, self.timeout_s, repeatable=False)
+
+
+class ScpiSupply(ScpiInstrument):
+    """A supply, whose output goes off in the safe state (option ``safe_state`` off) or stays as it is (keep)."""
+
+    safe_state = "output off (OUTP OFF), confirmed by OUTP?; with option safe_state keep as it is"
+    default_options: ClassVar[dict[str, Any]] = {"safe_state": "off"}
+
+    def _check_options(self) -> None:
+        if self.options["safe_state"] not in ("off", "keep"):
+            raise self.bad_option(f"safe_state {self.options['safe_state']!r} is neither off nor keep")
+
+    def _safe_command(self) -> str:
+        return "OUTP OFF" if self.options["safe_state"] == "off" else ""
+
+    def _go_safe(self) -> None:
+        if self.options["safe_state"] == "off":
+            self.switch_output_off()
+        else:
+            self.drain_errors()

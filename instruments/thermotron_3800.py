@@ -16,10 +16,12 @@ from typing import Any, ClassVar
 
 from bench.model.ports import Effect, Identity, Parameter, action
 from instruments.base import BaseInstrument
-from instruments.values import plain_form, read_integer, read_number, read_text
+from instruments.readback import either
+from instruments.values import plain_form, read_integer, read_number
 
 _MANUAL_RUNS = 1 << 4
 _ANY_RUN = 1 << 0 | _MANUAL_RUNS  # program or manual
+_ON_HOLD = 1 << 3
 _MODE_LIMIT_S = 3.0
 _MODE_POLL_S = 0.5
 _ALARMS = ((0, "low deviation"), (1, "high deviation"), (4, "low process limit"), (5, "high process limit"))
@@ -33,8 +35,13 @@ class Thermotron3800(BaseInstrument):
     """Control of the chamber in manual mode: a set-point approached with a ramp."""
 
     identity_pattern = r"THERMOTRON,(3800|8800)"
-    safe_state = "stopped (STOP), heating and cooling off, confirmed by MODE?"
-    default_options: ClassVar[dict[str, Any]] = {"dialect": "3800"}
+    identity_question = "IDEN?"
+    safe_state = (
+        "on hold if it runs (HOLD, conditions stay), else left stopped, by MODE?; option safe_state stop: stopped"
+    )
+    default_options: ClassVar[dict[str, Any]] = {"dialect": "3800", "safe_state": "hold"}
+
+    wanted: tuple[float, float] | None = None  # degC, degC/min
 
     @action(
         Parameter("temperature", "degC", -68.0, 177.0),
@@ -48,37 +55,46 @@ class Thermotron3800(BaseInstrument):
         Raises: InstrumentError B-INST-008, B-INST-005 (refused or process alarm), B-INST-011.
         """
         temperature, ramp = self.checked("set_temperature", temperature=temperature, ramp=ramp)
-        self.set(f"MRMP1,{plain_form(ramp)}")
-        self.set(f"SETP1,{plain_form(temperature)}")
-        self.confirm("MRMP1?", ramp, _STEP, "degC/min")
-        self.confirm("SETP1?", temperature, _STEP, "degC")
+        self.wanted = None
+        self.set(f"MRMP1,{plain_form(ramp)}", self.number("MRMP1?", ramp, _STEP))
+        self.set(f"SETP1,{plain_form(temperature)}", self.number("SETP1?", temperature, _STEP))
+        self._confirm(temperature, ramp)
+        self.wanted = (temperature, ramp)
 
     @action(effect=Effect.THERMAL, bus_s=2.0)
     def run(self) -> None:
         """Set the chamber running in manual mode and confirm it. Raises: InstrumentError B-INST-011."""
-        self.set("RUNM")
-        if not self.poll(lambda: bool(self._mode() & _MANUAL_RUNS), _MODE_LIMIT_S, _MODE_POLL_S):
+        self.set("RUNM", either(lambda: self._runs(_MANUAL_RUNS), True))
+        if not self.poll(lambda: self._runs(_MANUAL_RUNS), _MODE_LIMIT_S, _MODE_POLL_S):
             raise self.error("B-INST-011", "MODE? does not read back manual run after RUNM", "look at its display")
 
     @action(effect=Effect.THERMAL, bus_s=2.0)
     def hold(self) -> None:
-        """Set the chamber on hold: conditions stay, a ramp stands still."""
-        self.set("HOLD")
+        """Set the chamber on hold and confirm it: conditions stay, a ramp stands still.
+
+        Raises: InstrumentError B-INST-005, B-INST-011.
+        """
+        self.set("HOLD", either(self._is_on_hold, True))
+        if not self._comes_to_hold():
+            raise self.error("B-INST-011", "MODE? does not read back a hold after HOLD", "look at its display")
 
     @action(effect=Effect.THERMAL, bus_s=2.0)
     def stop(self) -> None:
-        """Set heating and cooling off and confirm it. Raises: InstrumentError B-INST-009."""
+        """Set heating and cooling off and confirm it; the way out of an over-temperature.
+
+        Raises: InstrumentError B-INST-009.
+        """
         self._ready()
-        self._go_safe()
+        if not self.switch_off("STOP", self._is_stopped):  # refused when it is stopped already: the mode decides
+            raise self.error("B-INST-009", "MODE? still reads back a run after STOP", "switch the chamber off")
 
     @action(returns="degC")
     def measure_air(self) -> float:
         """Measure the air temperature at the controller's own sensor, degC."""
         return self.ask("PVAR1?", read_number)
 
-    def set(self, command: str) -> None:
+    def _send(self, command: str) -> None:
         """Send one operation and read its completion (8800) or pause (3800); process alarms raise B-INST-005."""
-        self._ready()
         if (completion := self._operate(command)) != 0:
             raise self.error("B-INST-005", f"{command!r} was refused with completion {completion}")
         alarms = [alarm for alarm in self.drain_errors() if _PROCESS_ALARM in alarm]
@@ -104,22 +120,55 @@ class Thermotron3800(BaseInstrument):
         self.clock.sleep(_PAUSE_3800_S)
         return 0
 
+    def _send_safe(self, command: str) -> None:
+        self._operate(command)  # whatever its completion, and whichever alarm stands
+
     def _mode(self) -> int:
         return self.ask("MODE?", read_integer)
+
+    def _runs(self, how: int = _ANY_RUN) -> bool:
+        mode = self._mode()
+        return bool(mode & how) and not mode & _ON_HOLD
+
+    def _is_on_hold(self) -> bool:
+        return bool(self._mode() & _ON_HOLD)
+
+    def _is_stopped(self) -> bool:
+        return self.poll(lambda: not self._mode() & (_ANY_RUN | _ON_HOLD), _MODE_LIMIT_S, _MODE_POLL_S)
+
+    def _confirm(self, temperature_degC: float, ramp_degC_min: float) -> None:
+        self.confirm("MRMP1?", ramp_degC_min, _STEP, "degC/min")
+        self.confirm("SETP1?", temperature_degC, _STEP, "degC")
+
+    def _recheck(self) -> None:
+        if self.wanted is not None:
+            self._confirm(*self.wanted)
+
+    def _forget(self) -> None:
+        self.wanted = None
 
     def _check_options(self) -> None:
         if self.options["dialect"] not in _DIALECTS:
             raise self.bad_option(f"dialect {self.options['dialect']!r} is neither 3800 nor 8800")
+        if self.options["safe_state"] not in ("hold", "stop"):
+            raise self.bad_option(f"safe_state {self.options['safe_state']!r} is neither hold nor stop")
 
-    def _ask_identity(self) -> Identity:
-        reply = self.bus.query("IDEN?", read_text, self.timeout_s)
+    def _identity_of(self, reply: str) -> Identity:
         dialect = str(self.options["dialect"])
         return Identity("THERMOTRON", dialect if dialect in reply else reply, "", reply)
 
+    def _safe_command(self) -> str:
+        return "STOP" if self.options["safe_state"] == "stop" else "HOLD"
+
     def _go_safe(self) -> None:
-        self._operate("STOP")  # refused when it is stopped already: the mode decides
-        if not self.poll(lambda: not self._mode() & _ANY_RUN, _MODE_LIMIT_S, _MODE_POLL_S):
-            raise self.error("B-INST-009", "MODE? still reads back a run after STOP", "switch the chamber off")
+        if self.options["safe_state"] == "stop":
+            self.stop()
+        elif self._runs() and not self.switch_off("HOLD", self._comes_to_hold):
+            self.bus.note("tx", "<it does not hold: it is stopped>")
+            self.stop()
+
+    def _comes_to_hold(self) -> bool:
+        return self.poll(self._is_on_hold, _MODE_LIMIT_S, _MODE_POLL_S)
 
 
 DRIVER = Thermotron3800

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+from scripted import POLL, READ
+
 NO_ERROR = (b"SYST:ERR?\n", b'+0,"No error"\n')
 
 IDENTIFY = {
@@ -37,7 +41,7 @@ MAKE_SAFE = {
     "hp_3458a": [(b"TRIG HOLD\n", None), (b"ERRSTR?\n", b'0,"NO ERROR"\r\n')],
     "agilent_33250a": _OUTPUT_OFF,
     "agilent_53230a": [(b"ABOR\n", None), NO_ERROR],
-    "thermotron_3800": [(b"STOP\n", None), (b"MODE?\n", b"2\n")],
+    "thermotron_3800": [(b"MODE?\n", b"2\n")],
     "hp_6632b": _OUTPUT_OFF,
     "agilent_e3631a": _OUTPUT_OFF,
     "agilent_34970a": [(b"ABOR\n", None), NO_ERROR],
@@ -48,3 +52,8 @@ MAKE_SAFE = {
 def after(command: bytes, ok: tuple[bytes, bytes] = NO_ERROR) -> list[tuple[bytes, bytes | None]]:
     """A set command that is accepted."""
     return [(command, None), ok]
+
+
+def slow(command: bytes, *replies: bytes) -> list[tuple[Any, Any]]:
+    """A question whose answer is polled for: there at the second look, each one that is given in turn."""
+    return [pair for reply in replies for pair in ((command, None), (POLL, 0), (POLL, 16), (READ, reply))]

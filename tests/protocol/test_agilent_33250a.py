@@ -16,7 +16,14 @@ def square(frequency: bytes, amplitude: bytes) -> list[tuple[bytes, bytes | None
 
 def test_12345678_hz_is_sent_with_every_digit() -> None:
     read_back = [(b"FREQ?\n", b"+1.234567800000E+07\n"), (b"VOLT?\n", b"+2.500000000000E+00\n")]
-    script = [*START, *square(b"1.2345678E+07", b"2.5E+00"), *read_back, *after(b"OUTP ON\n"), (b"OUTP?\n", b"1\n")]
+    script = [
+        *START,
+        *square(b"1.2345678E+07", b"2.5E+00"),
+        *read_back,
+        *read_back,
+        *after(b"OUTP ON\n"),
+        (b"OUTP?\n", b"1\n"),
+    ]
     script += [(b"OUTP OFF\n", None), NO_ERROR, (b"OUTP?\n", b"0\n")]
     with scripted("agilent_33250a", script) as generator:
         generator.square(12_345_678, 2.5)

@@ -1,7 +1,7 @@
 """Exact exchanges of the logger."""
 
 import pytest
-from known_drivers import IDENTIFY, NO_ERROR, after
+from known_drivers import IDENTIFY, NO_ERROR, after, slow
 from scripted import CLEAR, scripted
 
 from bench.model.errors import InputError, InstrumentError
@@ -11,26 +11,28 @@ SCAN = [*START, *after(b"ROUT:SCAN (@101,102)\n")]
 
 
 def test_scan() -> None:
-    with scripted("agilent_34970a", [*SCAN, (b"READ?\n", b"+2.31230000E+01,-9.98700000E+00\n"), NO_ERROR]) as logger:
+    with scripted(
+        "agilent_34970a", [*SCAN, *slow(b"READ?\n", b"+2.31230000E+01,-9.98700000E+00\n"), NO_ERROR]
+    ) as logger:
         assert logger.scan() == [23.123, -9.987]
 
 
 def test_other_channels_and_thermocouples() -> None:
     start = [*START[:2], *after(b"CONF:TEMP TC,K,(@203)\n"), *after(b"UNIT:TEMP C,(@203)\n")]
-    script = [*start, *after(b"ROUT:SCAN (@203)\n"), (b"READ?\n", b"+2.5E+01\n"), NO_ERROR]
+    script = [*start, *after(b"ROUT:SCAN (@203)\n"), *slow(b"READ?\n", b"+2.5E+01\n"), NO_ERROR]
     with scripted("agilent_34970a", script, channels=[203], thermocouple="K") as logger:
         assert logger.scan() == [25.0]
 
 
 def test_an_open_thermocouple() -> None:
-    script = [*SCAN, (b"READ?\n", b"+2.3E+01,+9.90000000E+37\n")]
+    script = [*SCAN, *slow(b"READ?\n", b"+2.3E+01,+9.90000000E+37\n")]
     with scripted("agilent_34970a", script) as logger, pytest.raises(InstrumentError) as caught:
         logger.scan()
     assert caught.value.code == "B-INST-007"
 
 
 def test_missing_readings() -> None:
-    once = [(b"READ?\n", b"+2.3E+01\n"), (CLEAR, None)]
+    once = [*slow(b"READ?\n", b"+2.3E+01\n"), (CLEAR, None)]
     script = [*SCAN, *once, NO_ERROR, *once, NO_ERROR, *once]
     due = pytest.raises(InstrumentError, match="2 readings are due")
     with scripted("agilent_34970a", script) as logger, due as caught:

@@ -1,8 +1,8 @@
 """Exact exchanges of the counter."""
 
 import pytest
-from known_drivers import IDENTIFY, NO_ERROR, after
-from scripted import scripted
+from known_drivers import IDENTIFY, NO_ERROR, after, slow
+from scripted import POLL, SILENT, scripted
 
 from bench.model.errors import InstrumentError
 
@@ -10,14 +10,26 @@ START = IDENTIFY["agilent_53230a"]
 GATE_1_S = [*after(b'FUNC "FREQ 1"\n'), *after(b"FREQ:GATE:SOUR TIME\n"), *after(b"FREQ:GATE:TIME 1.0E+00\n")]
 
 
-def test_frequency_with_every_digit_and_a_time_limit_beyond_the_gate() -> None:
-    with scripted("agilent_53230a", [*START, *GATE_1_S, (b"READ?\n", b"+1.000000012345E+07\n"), NO_ERROR]) as counter:
+def test_frequency_with_every_digit_and_no_call_as_long_as_the_gate() -> None:
+    reading = [*slow(b"READ?\n", b"+1.000000012345E+07\n"), NO_ERROR]
+    with scripted("agilent_53230a", [*START, *GATE_1_S, *reading]) as counter:
         assert counter.measure_frequency(1.0) == 10000000.12345
-        assert max(counter.test_resource.timeouts_ms) == 3000
+        assert max(counter.test_resource.timeouts_ms) == 1000
+        assert counter.test_clock.now_ns() == 250_000_000
+
+
+def test_a_reading_that_never_comes_is_given_up_2_s_beyond_the_gate() -> None:
+    once = [(b"READ?\n", None), *[(POLL, 0)] * 13, *SILENT]
+    script = [*START, *GATE_1_S, *once, NO_ERROR, *once, NO_ERROR, *once]
+    late = pytest.raises(InstrumentError, match=r"'READ\?' within 3 s")
+    with scripted("agilent_53230a", script) as counter, late as caught:
+        counter.measure_frequency(1.0)
+    assert caught.value.code == "B-INST-001"
+    assert counter.test_clock.now_ns() == 9_000_000_000
 
 
 def test_no_signal() -> None:
-    script = [*START, *GATE_1_S, (b"READ?\n", b"+9.91E+37\n")]
+    script = [*START, *GATE_1_S, *slow(b"READ?\n", b"+9.91E+37\n")]
     with scripted("agilent_53230a", script) as counter, pytest.raises(InstrumentError) as caught:
         counter.measure_frequency(1.0)
     assert caught.value.code == "B-INST-007"

@@ -15,7 +15,8 @@ CONFIGURED = [*START, *RAIL_3, (b"CURR?\n", b"+5.00000000E-01\n"), (b"VOLT?\n", 
 
 def test_rails() -> None:
     measured = [*after(b"INST:NSEL 2\n"), (b"MEAS:VOLT?\n", b"+1.50012000E+01\n")]
-    with scripted("agilent_e3631a", [*CONFIGURED, *after(b"OUTP ON\n"), (b"OUTP?\n", b"1\n"), *measured]) as supply:
+    on = [*after(b"INST:NSEL 3\n"), *CONFIGURED[-2:], *after(b"OUTP ON\n"), (b"OUTP?\n", b"1\n")]
+    with scripted("agilent_e3631a", [*CONFIGURED, *on, *measured]) as supply:
         supply.configure(3, -15.0, 0.5)
         supply.output_on()
         assert supply.measure_voltage(2) == 15.0012

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from known_drivers import IDENTIFY, MAKE_SAFE
-from scripted import CLEAR, TIMEOUT, make, scripted
+from scripted import CLEAR, SILENT, TIMEOUT, make, scripted
 
 import instruments
 from bench.model.errors import InputError, InstrumentError
@@ -20,7 +20,7 @@ from bench.model.units import parse_quantity
 
 MODULES = [module.name for module in pkgutil.iter_modules(instruments.__path__)]
 DRIVERS = [name for name in MODULES if hasattr(importlib.import_module(f"instruments.{name}"), "DRIVER")]
-SHARED = {"base", "bus", "commands", "scpi", "values"}
+SHARED = {"base", "bus", "commands", "ladder", "readback", "scpi", "values", "wire"}
 VERBS = ("Set", "Get", "Control", "Measure")
 
 
@@ -114,7 +114,8 @@ def test_safe_state_is_reached_twice_in_a_row(name: str) -> None:
 @pytest.mark.parametrize("name", DRIVERS)
 def test_identity_is_checked_first_and_a_stranger_gets_no_other_command(name: str) -> None:
     questions = [pair for pair in IDENTIFY[name] if pair[0] in (b"*IDN?\n", b"IDEN?\n", b"END ALWAYS\n", b"ID?\n")]
-    strange = [*questions[:-1], (questions[-1][0], b"ACME,9999,0,1\n")]
+    once = [*questions[:-1], (questions[-1][0], b"ACME,9999,0,1\n")]
+    strange = [*once, (CLEAR, None), *once]
     for method, arguments in (("make_safe", ()), ("identify", ()), ("raw", ("*RST",)), ("set", ("OUTP ON",))):
         with scripted(name, strange) as driver, pytest.raises(InstrumentError, match="9999") as caught:
             getattr(driver, method)(*arguments)
@@ -146,7 +147,7 @@ def test_a_mute_instrument_times_out(name: str) -> None:
     driver = make(name, [])
     resource = driver.test_resource
     resource.write = lambda command: resource.events.append(("read", TIMEOUT))
-    resource.clear = resource.events.clear
+    resource.clear, resource.read_stb = resource.events.clear, lambda: 0
     with pytest.raises(InstrumentError, match=re.escape(question.decode().strip())) as caught:
         driver.identify()
     assert caught.value.code == "B-INST-001"
@@ -161,7 +162,7 @@ def test_by_hand(name: str) -> None:
 
 @pytest.mark.parametrize("name", DRIVERS)
 def test_by_hand_nothing_is_repeated(name: str) -> None:
-    with scripted(name, [*IDENTIFY[name], (b"XYZ?\n", TIMEOUT), (CLEAR, None)]) as driver:
+    with scripted(name, [*IDENTIFY[name], (b"XYZ?\n", TIMEOUT), *SILENT]) as driver:
         with pytest.raises(InstrumentError, match="XYZ") as caught:
             driver.raw("XYZ?")
         assert caught.value.code == "B-INST-001"

@@ -2,7 +2,7 @@
 
 import pytest
 from known_drivers import IDENTIFY, MAKE_SAFE, after
-from scripted import CLEAR, TIMEOUT, scripted
+from scripted import CLEAR, SILENT, TIMEOUT, scripted
 
 from bench.model.errors import InstrumentError
 
@@ -142,7 +142,7 @@ def test_never_settled_ends_in_standby_after_15_s() -> None:
 
 def test_oper_is_never_sent_twice() -> None:
     script = [*START, *OUT_10_MA, *READY, (b"OPER\n", None)]
-    script += [(b"ISR?\n", TIMEOUT), (CLEAR, None), NO_FAULT, ON_SETTLED, NO_FAULT]
+    script += [(b"ISR?\n", TIMEOUT), *SILENT, NO_FAULT, ON_SETTLED, NO_FAULT]
     with scripted("fluke_5720a", script) as calibrator:
         calibrator.output(0.01)
         calibrator.operate()
@@ -170,3 +170,10 @@ def test_the_input_buffer_is_not_overrun() -> None:
         with pytest.raises(InstrumentError) as caught:
             calibrator.raw("X" * 128)
     assert caught.value.code == "B-INST-014"
+
+
+def test_it_tells_how_long_it_has_been_on_and_how_old_its_zeros_are() -> None:
+    script = [*IDENTIFY["fluke_5720a"], (b"ONTIME?\n", b"95\n"), (b"CAL_DAYS? ZERO\n", b"12\n")]
+    with scripted("fluke_5720a", script) as calibrator:
+        assert calibrator.time_on_s() == 95 * 60
+        assert calibrator.self_calibration()[:3] == (12.0, 30.0, "days")

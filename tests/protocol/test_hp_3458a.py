@@ -66,3 +66,11 @@ def test_errors_of_a_command_are_told() -> None:
     ):
         meter.configure_current(0.1)
     assert caught.value.code == "B-INST-005"
+
+
+def test_it_tells_how_far_it_has_drifted_from_its_last_autocalibration() -> None:
+    script = [*START, (b"TEMP?\n", b" 3.72000000E+01\r\n"), (b"CAL? 175\n", b'3.65E+01,"acal dcv temp"\r\n')]
+    with scripted("hp_3458a", script) as meter:
+        found, limit, unit, _ = meter.self_calibration()
+    assert found == pytest.approx(0.7)
+    assert (limit, unit) == (1.0, "degC")

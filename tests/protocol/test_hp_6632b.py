@@ -15,7 +15,8 @@ CONFIGURED = [*START, *LIMITS, *after(b"VOLT 1.5E+01\n"), *READ_BACK]
 def test_limits_come_first_and_the_output_last() -> None:
     measured = [(b"MEAS:VOLT?\n", b"+1.49991E+01\n"), (b"MEAS:CURR?\n", b"+4.20000E-01\n")]
     off = [(b"OUTP OFF\n", None), NO_ERROR, (b"OUTP?\n", b"0\n")]
-    with scripted("hp_6632b", [*CONFIGURED, *after(b"OUTP ON\n"), (b"OUTP?\n", b"1\n"), *measured, *off]) as supply:
+    on = [*READ_BACK, *after(b"OUTP ON\n"), (b"OUTP?\n", b"1\n")]
+    with scripted("hp_6632b", [*CONFIGURED, *on, *measured, *off]) as supply:
         supply.configure(15.0, 1.5, 18.0)
         supply.output_on()
         assert supply.measure_voltage() == 14.9991
@@ -65,7 +66,7 @@ def test_limits_that_failed_to_change_do_not_count_as_set() -> None:
 
 
 def test_an_output_that_stays_on_or_off_is_noticed() -> None:
-    with scripted("hp_6632b", [*CONFIGURED, *after(b"OUTP ON\n"), (b"OUTP?\n", b"0\n")]) as supply:
+    with scripted("hp_6632b", [*CONFIGURED, *READ_BACK, *after(b"OUTP ON\n"), (b"OUTP?\n", b"0\n")]) as supply:
         supply.configure(15.0, 1.5, 18.0)
         with pytest.raises(InstrumentError) as caught:
             supply.output_on()

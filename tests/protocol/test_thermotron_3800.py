@@ -2,13 +2,14 @@
 
 import pytest
 from known_drivers import IDENTIFY, after
-from scripted import scripted
+from scripted import CLEAR, scripted
 
 from bench.model.errors import InputError, InstrumentError
 
 NO_ALARM = (b"ALRM1?\n", b"0\n")
 START = IDENTIFY["thermotron_3800"]
 START_8800 = [(b"IDEN?\n", b"Thermotron 8800 1.0\n"), NO_ALARM]
+HELD, RUNS, STOPPED = ((b"MODE?\n", mode) for mode in (b"24\n", b"16\n", b"2\n"))
 CONFIRMED = [(b"MRMP1?\n", b"0.5\n"), (b"SETP1?\n", b"-10.0\n")]
 
 
@@ -24,7 +25,7 @@ def test_3800_answers_nothing_and_gets_more_than_a_second() -> None:
 
 def test_8800_completions_are_read() -> None:
     script = [*START_8800, (b"MRMP1,0.5\n", b"0\n"), NO_ALARM, (b"SETP1,-10\n", b"0\n"), NO_ALARM, *CONFIRMED]
-    script += [(b"HOLD\n", b"0\n"), NO_ALARM, (b"STOP\n", b"0\n"), (b"MODE?\n", b"2\n"), (b"XYZ\n", b"0\n")]
+    script += [(b"HOLD\n", b"0\n"), NO_ALARM, HELD, (b"STOP\n", b"0\n"), (b"MODE?\n", b"2\n"), (b"XYZ\n", b"0\n")]
     with scripted("thermotron_3800", script, dialect="8800") as chamber:
         chamber.set_temperature(-10.0, 0.5)
         chamber.hold()
@@ -46,12 +47,14 @@ def test_stopping_a_stopped_chamber_is_safe_although_refused() -> None:
     with scripted(
         "thermotron_3800", [*START_8800, (b"STOP\n", b"5\n"), (b"MODE?\n", b"2\n")], dialect="8800"
     ) as chamber:
-        chamber.make_safe()
+        chamber.stop()
 
 
 def test_process_alarms_stop_and_deviation_alarms_do_not() -> None:
     deviation, process = (b"ALRM1?\n", b"1\n"), (b"ALRM1?\n", b"34\n")
-    with scripted("thermotron_3800", [*START, *after(b"HOLD\n", deviation), *after(b"HOLD\n", process)]) as chamber:
+    with scripted(
+        "thermotron_3800", [*START, *after(b"HOLD\n", deviation), HELD, *after(b"HOLD\n", process)]
+    ) as chamber:
         chamber.hold()
         with pytest.raises(InstrumentError, match="high process limit alarm") as caught:
             chamber.hold()
@@ -67,7 +70,7 @@ def test_a_chamber_that_does_not_run_or_stop_is_noticed() -> None:
     for busy in ((b"MODE?\n", b"16\n"), (b"MODE?\n", b"1\n"), (b"MODE?\n", b"24\n")):
         with scripted("thermotron_3800", [*START, (b"STOP\n", None), *[busy] * 7]) as chamber:
             with pytest.raises(InstrumentError) as caught:
-                chamber.make_safe()
+                chamber.stop()
             assert caught.value.code == "B-INST-009"
 
 
@@ -95,7 +98,7 @@ def test_a_set_point_that_did_not_arrive_is_noticed() -> None:
 
 def test_the_other_dialect_is_another_instrument() -> None:
     with (
-        scripted("thermotron_3800", [START[0]], dialect="8800") as chamber,
+        scripted("thermotron_3800", [START[0], (CLEAR, None), START[0]], dialect="8800") as chamber,
         pytest.raises(InstrumentError, match="3800 REV 3") as caught,
     ):
         chamber.identify()

@@ -1,0 +1,117 @@
+"""What is done about a question that failed, rung by rung, before it is given up.
+
+    time-out -> serial poll and device clear (instruments.wire) -> drain errors and ask again, three tries in all
+    -> close and reopen, twice, each after a pause -> clear the interface -> ask a last time
+
+After each reopening the instrument must say who it is and be the same as before. Only questions climb: a command that
+sets something is looked up by read-back (instruments.commands). Each rung is in the transcript.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import TypeVar
+
+from pyvisa.resources import MessageBasedResource
+
+from bench.model.errors import InstrumentError
+from instruments.bus import BUS_FAILED, DOUBTFUL, NOT_UNDERSTOOD, BusSession
+from instruments.wire import BUS_ERRORS
+
+READ_ATTEMPTS = 3
+PAUSES_S = (0.5, 1.0)  # before the first and the second reopening
+
+T = TypeVar("T")
+
+
+class Ladder:
+    """The rungs of one instrument.
+
+    Args: drain: reads the error queue empty.   readmit: checks after a reopening that it is the same instrument as
+    before, set as before.   reopen, interface_clear: None where the station's bus has no such rung.
+    """
+
+    def __init__(
+        self,
+        bus: BusSession,
+        drain: Callable[[], object],
+        readmit: Callable[[], None],
+        reopen: Callable[[], MessageBasedResource] | None,
+        interface_clear: Callable[[], None] | None,
+    ) -> None:
+        self._bus = bus
+        self._drain = drain
+        self._readmit = readmit
+        self._reopen = reopen
+        self._interface_clear = interface_clear
+        self._climbing = False
+        self._given_up = False  # the session as it is
+
+    def climb(self, error: InstrumentError, ask: Callable[[], T]) -> T:
+        """Ask again after each rung that was of use. A question asked on a rung does not climb itself.
+
+        Raises: the last error of the question; whatever ``readmit`` finds wrong (B-INST-002, B-INST-011, B-INST-016).
+        """
+        if self._climbing:
+            raise error
+        self._climbing, self._given_up = True, False
+        try:
+            return self._climb(error, ask)
+        finally:
+            self._climbing = False
+
+    def _climb(self, error: InstrumentError, ask: Callable[[], T]) -> T:
+        rungs: list[Callable[[InstrumentError], bool]] = [self._drained] * (READ_ATTEMPTS - 1)
+        rungs += [partial(self._reopened, pause_s) for pause_s in PAUSES_S]
+        for rung in (*rungs, self._interface_cleared):
+            if not rung(error):
+                continue
+            try:
+                return ask()
+            except InstrumentError as again:
+                if again.code not in DOUBTFUL:
+                    raise
+                error = again
+        raise error
+
+    def _drained(self, error: InstrumentError) -> bool:
+        """Whether it is worth asking over the session as it is; an instrument whose queue is dead is not asked."""
+        if self._given_up or error.code == BUS_FAILED or not self._bus.in_step or self._bus.alive is False:
+            return False
+        try:
+            self._drain()
+        except InstrumentError:
+            self._given_up = True
+        return not self._given_up
+
+    def _reopened(self, pause_s: float, error: InstrumentError) -> bool:
+        if self._reopen is None or error.code == NOT_UNDERSTOOD:
+            return False
+        self._bus.release()
+        self._bus.pause(pause_s)
+        self._bus.note("tx", "<open>")
+        try:
+            self._bus.adopt(self._reopen())
+        except (*BUS_ERRORS, InstrumentError) as problem:
+            self._bus.note("rx", f"<it does not open: {problem}>")
+            return False
+        try:
+            self._readmit()
+        except InstrumentError as problem:
+            if problem.code not in DOUBTFUL:
+                raise
+            return False
+        return True
+
+    def _interface_cleared(self, error: InstrumentError) -> bool:
+        if self._interface_clear is None or error.code == NOT_UNDERSTOOD:
+            return False
+        self._bus.note("tx", "<interface clear>")
+        try:
+            self._interface_clear()
+        except BUS_ERRORS as problem:
+            self._bus.note("rx", f"<interface clear failed: {problem}>")
+            return False
+        self._bus.in_step = False  # an interface clear does not empty the instrument
+        return self._reopen is None or self._reopened(0.0, error)

@@ -1,0 +1,206 @@
+"""One VISA resource: time limits, transcript, serial poll, and back into step after a question without answer.
+
+After a time-out nothing that was asked before can be taken for the answer to a later question: the device is cleared,
+or (on a transport whose clear does not reach the instrument) it is asked who it is until exactly that answer comes.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+from pyvisa.constants import StatusCode
+from pyvisa.errors import Error as VisaError
+from pyvisa.resources import MessageBasedResource
+
+from bench.model.clock import Clock, to_ns
+from bench.model.ports import Transcript
+
+LONGEST_CALL_S = 1.5
+# pyvisa-py lets the last three out: a connection that is gone, a late reply where an acknowledgement is due
+BUS_ERRORS = (VisaError, OSError, RuntimeError, AssertionError, struct.error)  # NotImplementedError is a RuntimeError
+MESSAGE_AVAILABLE = 1 << 4  # status byte, IEEE Std 488.2
+_SLICE_S = 0.5
+_ECHO_S = 1.0
+_QUIET_S = 0.25
+_MOST_LATE_S = 10.0  # a reply that is not there by then never comes
+_MOST_STALE = 16
+_CLEARS = 2
+_UNSUPPORTED = (StatusCode.error_nonsupported_operation, StatusCode.error_nonimplemented_operation)
+
+
+class Wire:
+    """A resource whose terminators are line feeds; every text goes to the transcript with the clock's time.
+
+    ``echo`` is the identity question with its known reply, once there is one. ``in_step`` is False while a reply to an
+    earlier question may still come. ``alive`` is what the last serial poll said, None when there is none on this bus.
+    """
+
+    def __init__(self, resource: MessageBasedResource, role: str, clock: Clock, transcript: Transcript) -> None:
+        self._role = role
+        self._clock = clock
+        self._transcript = transcript
+        self._cap_s = LONGEST_CALL_S
+        self.hurried = False  # no time for a recovery
+        self.echo: tuple[str, str] | None = None
+        self._owed_ns: list[int] = []  # when each echo was asked for that has not come
+        self._listening = False  # one has come, others have not
+        self.adopt(resource)
+        self.in_step = True
+
+    def adopt(self, resource: MessageBasedResource) -> None:
+        """Go on with a newly opened resource of the same address; only a new connection is in step from the start."""
+        name = resource.resource_name.upper()
+        self._resource = resource
+        self._timeout_s = 0.0
+        self._clears = not (name.endswith("::SOCKET") or name.startswith("ASRL"))
+        self.alive: bool | None = True
+        self.in_step = name.endswith("::SOCKET")
+        if self.in_step:
+            self._owe_nothing()
+        resource.write_termination = "\n"
+        resource.read_termination = "\n"
+
+    def release(self) -> None:
+        """Close the resource before it is opened again; one that is gone already is closed."""
+        self.note("tx", "<close>")
+        with suppress(*BUS_ERRORS):
+            self._resource.close()
+
+    @contextmanager
+    def hurry(self, limit_s: float) -> Iterator[None]:
+        """No call waits longer than ``limit_s`` (second); what fails is told at once and recovered later."""
+        before = self._cap_s, self.hurried
+        self._cap_s, self.hurried = limit_s, True
+        try:
+            yield
+        finally:
+            self._cap_s, self.hurried = before
+
+    def note(self, direction: str, text: str) -> None:
+        """One line of the transcript: "tx" what the bench does, "rx" what it sees; a sign of life besides."""
+        self._transcript(self._role, direction, text, self._clock.now_ns())
+
+    def pause(self, seconds: float) -> None:
+        """Wait on the bench clock, with a line in the transcript each half second."""
+        end_ns = self._clock.now_ns() + to_ns(seconds)
+        while (now_ns := self._clock.now_ns()) < end_ns:
+            self.note("tx", "<pause>")
+            self._clock.sleep_until_ns(min(end_ns, now_ns + to_ns(_SLICE_S)))
+
+    def poll_status(self) -> int:
+        """Status byte by serial poll."""
+        status = int(self._resource.read_stb())
+        self.note("rx", f"<status byte {status}>")
+        return status
+
+    def look_for_life(self) -> str:
+        """Serial poll after a time-out: is anybody there, and is there a reply; what it says, for the error."""
+        if self.alive is None:
+            return ""
+        try:
+            status = self.poll_status()
+        except BUS_ERRORS as error:
+            self.alive = None if is_unsupported(error) else False
+            self.note("rx", f"<serial poll failed: {error}>")
+            return "" if self.alive is None else ", nor to a serial poll"
+        self.alive = True
+        return f" (serial poll: {status})"
+
+    def clear(self) -> None:
+        """Get back into step: by device clear, or by asking who is there until that is answered."""
+        self.in_step = self._device_cleared() or self._echoed()
+
+    def owe(self, question: str) -> None:
+        """A question was not answered in time; the answer to the one who is there may be mistaken for an echo."""
+        if self.echo is not None and question == self.echo[0]:
+            self._owed_ns.append(self._clock.now_ns())
+
+    def hear(self, limit_s: float) -> str | None:
+        """The next reply, whatever it answers; None if none comes within ``limit_s`` (second) or the bus fails."""
+        self.limit(limit_s)
+        try:
+            return str(self._resource.read())
+        except UnicodeDecodeError as error:
+            return repr(error.object)
+        except BUS_ERRORS:
+            return None
+
+    def limit(self, timeout_s: float) -> float:
+        """Set the time limit of the next call, second; returns the one that holds."""
+        limit_s = min(timeout_s, self._cap_s)
+        if limit_s != self._timeout_s:
+            self._resource.timeout = round(1000 * limit_s)
+            self._timeout_s = limit_s
+        return limit_s
+
+    def _owe_nothing(self) -> None:
+        self._owed_ns.clear()
+        self._listening = False
+
+    def _device_cleared(self) -> bool:
+        if not self._clears:
+            return False
+        for _ in range(_CLEARS):  # the second one finds the acknowledgement that a late reply kept from the first
+            self.note("tx", "<device clear>")
+            try:
+                self._resource.clear()
+            except BUS_ERRORS as error:
+                self.note("rx", f"<device clear failed: {error}>")
+                self._clears = not is_unsupported(error)
+                if not self._clears:
+                    return False
+            else:
+                self._owe_nothing()
+                return True
+        return False
+
+    def _echoed(self) -> bool:
+        """Replies come in the order of their questions: once each echo has come, nothing older can come.
+
+        An echo that is missing may be lost or late. It is listened for, and not asked for again, until it must be lost.
+        """
+        if self.echo is None:
+            return self._is_quiet(_ECHO_S)
+        question, answer = self.echo
+        if not self._listening:
+            self.note("tx", question)
+            self.limit(_ECHO_S)
+            try:
+                self._resource.write(question)
+            except BUS_ERRORS as error:
+                self.note("rx", f"<{question!r} failed: {error}>")
+                return False
+            self.owe(question)
+        return self._heard_echoes(answer) and self._is_quiet(_QUIET_S)
+
+    def _heard_echoes(self, answer: str) -> bool:
+        for _ in range(_MOST_STALE):
+            reply = self._unused(_ECHO_S)
+            if reply is None:
+                oldest_ns = self._clock.now_ns() - to_ns(_MOST_LATE_S)
+                self._owed_ns = [asked_ns for asked_ns in self._owed_ns if asked_ns > oldest_ns]
+                break
+            if reply.strip() == answer:
+                self._listening = True
+                del self._owed_ns[:1]
+                if not self._owed_ns:
+                    break
+        complete = self._listening and not self._owed_ns
+        self._listening = self._listening and not complete
+        return complete
+
+    def _is_quiet(self, quiet_s: float) -> bool:
+        return any(self._unused(quiet_s) is None for _ in range(_MOST_STALE))
+
+    def _unused(self, limit_s: float) -> str | None:
+        reply = self.hear(limit_s)
+        if reply is not None:
+            self.note("rx", f"<not used: {reply}>")
+        return reply
+
+
+def is_unsupported(error: Exception) -> bool:
+    """Whether this transport cannot do at all what was asked of it."""
+    return isinstance(error, NotImplementedError) or getattr(error, "error_code", None) in _UNSUPPORTED
