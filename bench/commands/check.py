@@ -1,36 +1,75 @@
-"""``bench check``: everything that can be known without touching an instrument."""
+"""``bench check``: everything that can be known without touching an instrument; with ``--live`` the bench, too."""
 
 from __future__ import annotations
 
 import json
 import sys
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
 
 from bench.commands.console import console, hours
 from bench.commands.loading import checked_plan
 from bench.commands.output import writing
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import ExitStatus
-from bench.plan.summary import summarise
+from bench.plan import Plan
+from bench.plan.summary import Summary, summarise
+
+if TYPE_CHECKING:
+    from bench.run.preflight import Report
 
 
-def check(sequence: str, station: str | None, settings: list[str], plot: Path | None, as_json: bool) -> int:
-    """Check a sequence; print steps, duration, finish time, disk use and hazards; draw the timetable if asked."""
-    plan = checked_plan(sequence, station, settings)
-    start_ns = VIRTUAL_START_UTC_NS if plan.station.simulated else WallClock().utc_ns()
+@dataclass(frozen=True)
+class Request:
+    """Arguments of ``bench check``; ``out`` is where the sessions of a run would go."""
+
+    sequence: str
+    station: str | None
+    settings: list[str]
+    plot: Path | None
+    json: bool
+    live: bool = False
+    out: Path = Path("sessions")
+
+
+def check(request: Request) -> int:
+    """Check a sequence; print steps, duration, finish time, disk use and hazards; draw the timetable if asked.
+
+    Raises: InputErrors; with ``live``, after the table, InputError B-RUN-080 or InstrumentError B-RUN-081.
+    """
+    plan = checked_plan(request.sequence, request.station, request.settings)
+    start_ns = VIRTUAL_START_UTC_NS if plan.station.in_process else WallClock().utc_ns()
     summary = summarise(plan, start_ns)
-    if plot is not None:
+    if request.plot is not None:
         from bench.report import plot_timetable  # matplotlib takes longer to load than a sequence to check
 
-        with writing(plot):
-            plot_timetable(plan, plot)
-    if as_json:
+        with writing(request.plot):
+            plot_timetable(plan, request.plot)
+    found = _examined(plan, request.out) if request.live else None
+    if request.json:
         document = {"sequence": plan.name, "station": plan.station_name, "plan_sha256": plan.sha256, **asdict(summary)}
-        sys.stdout.write(json.dumps(document, indent=1) + "\n")
-        return ExitStatus.PASS
-    out = console()
+        live = {} if found is None else {"preflight": found.fields()}
+        sys.stdout.write(json.dumps({**document, **live}, indent=1) + "\n")
+    else:
+        _print(console(), plan, summary, request.plot, found)
+    if found is not None and (refusal := found.refusal()) is not None:
+        raise refusal
+    return ExitStatus.PASS
+
+
+def _examined(plan: Plan, out: Path) -> Report:
+    from bench.run.preflight import (
+        examine,  # a whole room of the house: loading it takes longer than the check of a sequence
+    )
+
+    return examine(plan, WallClock(), out)
+
+
+def _print(out: Console, plan: Plan, summary: Summary, plot: Path | None, found: Report | None) -> None:
     finish = datetime.fromtimestamp(summary.finish_utc_ns / NS, UTC).strftime("%Y-%m-%d %H:%M:%SZ")
     out.print(f"{plan.name}: {plan.title}")
     out.print(f"  station      {plan.station_name}{' (simulated)' if plan.station.simulated else ''}")
@@ -38,11 +77,14 @@ def check(sequence: str, station: str | None, settings: list[str], plot: Path | 
     out.print(f"  preparation  {hours(summary.prepare_s)}")
     out.print(f"  campaign     {hours(summary.duration_s)} = {summary.duration_s:.0f} s")
     out.print(f"  afterwards   {hours(summary.finally_s)}")
-    out.print(f"  finish       {finish} if started {'at the virtual start' if plan.station.simulated else 'now'}")
+    out.print(f"  finish       {finish} if started {'at the virtual start' if plan.station.in_process else 'now'}")
     out.print(f"  disk         at most {summary.disk_bytes / 1e6:.0f} MB")
     for hazard in summary.hazards:
         out.print(f"  hazard       {hazard}")
     if plot is not None:
         out.print(f"  timetable    {plot}")
     out.print("no mistake found")
-    return ExitStatus.PASS
+    if found is not None:
+        from bench.commands.preflight_table import print_preflight
+
+        print_preflight(out, found)

@@ -1,0 +1,60 @@
+"""``bench doctor``: is this machine fit for a run; and what somebody who is to help needs to know."""
+
+from __future__ import annotations
+
+import json
+import platform
+import sys
+import zipfile
+from pathlib import Path
+
+from bench.commands.console import console
+from bench.commands.output import writing
+from bench.commands.preflight_table import print_preflight
+from bench.model.clock import WallClock
+from bench.model.errors import ExitStatus
+from bench.model.shipped import find_shipped
+from bench.plan import load_station
+from bench.plan.check_station import check_station
+from bench.plan.findings import Findings
+from bench.run.preflight import Finding, Report, Status, Surroundings, examine_machine
+from bench.run.provenance import software
+
+
+def doctor(station: str | None, out: Path, bundle: Path | None, as_json: bool) -> int:
+    """Look at the machine, and at a station file; write a bundle for whoever is to help, if asked.
+
+    The bundle holds what was found, versions and the station file; no session, no environment, no name of a user.
+    Raises: InputError B-RUN-080 if something keeps every run from starting.
+    """
+    path = None if station is None else find_shipped("stations", station)
+    found = examine_machine(Surroundings(clock=WallClock(), out=out))
+    if path is not None:
+        found = Report((*_of_station(path), *found.findings))
+    system = {"system": platform.system(), "release": platform.release(), "machine": platform.machine()}
+    document = {"machine": system, "software": software(), "findings": found.fields()}
+    if bundle is not None:
+        with writing(bundle), zipfile.ZipFile(bundle, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("doctor.json", json.dumps(document, indent=1) + "\n")
+            if path is not None:
+                archive.writestr(path.name, path.read_text(encoding="utf-8"))
+    if as_json:
+        sys.stdout.write(json.dumps(document, indent=1) + "\n")
+    else:
+        print_preflight(console(), found, "Doctor")
+        if bundle is not None:
+            console().print(f"bundle: {bundle}")
+    if (refusal := found.refusal()) is not None:
+        raise refusal
+    return ExitStatus.PASS
+
+
+def _of_station(path: Path) -> list[Finding]:
+    """The static check of a station by itself."""
+    mistakes = Findings()
+    loaded = load_station(path)
+    check_station(loaded, mistakes)
+    if not mistakes:
+        text = f"{len(loaded.instruments)} instruments, {len(loaded.links)} links"
+        return [Finding("station file", Status.OK, text, "no mistake")]
+    return [Finding("station file", Status.FAIL, one.code, "no mistake", str(one)) for one in mistakes.sorted()]

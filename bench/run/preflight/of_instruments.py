@@ -1,0 +1,187 @@
+"""Who answers, is it warm, has it adjusted itself, are its certificates valid, is the reference there."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager, nullcontext
+from datetime import timedelta
+from typing import Any
+
+from bench.model.errors import BenchError, InstrumentError
+from bench.model.ports import Instrument
+from bench.run.preflight.context import PreflightContext
+from bench.run.preflight.finding import Finding, Status
+
+MARGIN = timedelta(days=1)  # holds, retakes and a late start
+LAB_DEGC, LAB_WITHIN_DEGC = 23.0, 1.0  # the certificates of calibrator and meter hold for it
+HOUR_S = 3600.0
+ANSWER_S = 1.0
+
+
+def identities(context: PreflightContext) -> list[Finding]:
+    """Every instrument of the station says who it is; model and serial number are those of the station file."""
+    return [_identity(context, role) for role in context.station.instruments]
+
+
+def _identity(context: PreflightContext, role: str) -> Finding:
+    name = f"identity of {role}"
+    standard = context.station.instruments[role].standard
+    due = "" if standard is None else f"{standard.model} {standard.serial}"
+    try:
+        if role in context.absent:
+            raise context.absent[role]
+        instrument = context.instruments[role]
+        with _at_once(instrument):
+            found = getattr(instrument, "identity", None) or instrument.identify()
+    except BenchError as error:
+        return Finding(name, Status.FAIL, error.code, due, error.message, of_bench=True)
+    known = found.serial not in ("", "0")
+    if known and standard is not None and found.serial != standard.serial:
+        text = "the register holds the certificate of another one"
+        return Finding(name, Status.FAIL, f"{found.model} {found.serial}", due, text, of_bench=True)
+    value = f"{found.model} {found.serial if known else '(tells no number)'}"
+    remark = "" if known or not due else "it does not tell its serial number: compare its label"
+    return Finding(name, Status.OK, value, due, remark)
+
+
+def _at_once(instrument: Any) -> AbstractContextManager[object]:
+    """No second try: whoever reads the table is at the bench and sees what is switched off."""
+    quick = getattr(instrument, "quick", None)
+    return nullcontext() if quick is None else quick(ANSWER_S)
+
+
+def standards(context: PreflightContext) -> Finding:
+    """The calibration of every instrument that is used is valid now and until the planned end."""
+    name = "calibration dates"
+    start, end = context.start_utc, context.start_utc + timedelta(seconds=context.length_s)
+    used = {role: context.station.instruments[role].standard for role in sorted(context.used_roles)}
+    known = {role: standard for role, standard in used.items() if standard is not None}
+    if not known:
+        return Finding(name, Status.WARN, text="no instrument that is used has an entry in the standards register")
+    until = f"{end:%Y-%m-%d %H:%M}Z"
+    wrong = [
+        f"{role} ({standard.calibrated} to {standard.due})"
+        for role, standard in known.items()
+        if standard.calibrated > start.date() or standard.due < end.date()
+    ]
+    if wrong:
+        text = f"{', '.join(wrong)} not valid from now until the planned end"
+        return Finding(name, Status.FAIL, f"{len(wrong)} of {len(known)} not valid", until, text)
+    first = min(known, key=lambda role: known[role].due)
+    value = f"{first} due {known[first].due}"
+    if known[first].due < (end + MARGIN).date():
+        return Finding(name, Status.WARN, value, until, "a hold of a day would outlast it")
+    return Finding(name, Status.OK, value, until, f"{len(known)} instruments")
+
+
+def warm_up(context: PreflightContext) -> list[Finding]:
+    """An instrument with a declared warm-up time has been on that long, as far as it can say so itself."""
+    return [
+        _warm_up(context, role, instrument)
+        for role, instrument in context.instruments.items()
+        if role in context.used_roles and getattr(instrument, "warm_up_s", 0.0) > 0.0
+    ]
+
+
+def _warm_up(context: PreflightContext, role: str, instrument: Any) -> Finding:
+    asked_s = _asked_s(context, role)
+    due_s = max(instrument.warm_up_s, asked_s or 0.0)
+    name, limit = f"warm-up of {role}", f"{due_s / HOUR_S:g} h"
+    ask = getattr(instrument, "time_on_s", None)
+    later = "no prompt of the sequence asks for it" if asked_s is None else "a prompt of the sequence asks for it"
+    if ask is None:
+        status = Status.WARN if asked_s is None else Status.SKIPPED
+        return Finding(name, status, "unknown", limit, f"it does not tell how long it has been on; {later}")
+    try:
+        on_s = float(ask())
+    except InstrumentError as error:
+        return Finding(name, Status.WARN, "unknown", limit, f"it did not answer ({error.code}); {later}")
+    if on_s < due_s:
+        return Finding(name, Status.FAIL, f"{on_s / HOUR_S:.2f} h", limit, "wait until it is warm", of_bench=True)
+    return Finding(name, Status.OK, f"{on_s / HOUR_S:.1f} h", limit, "by its own clock")
+
+
+def _asked_s(context: PreflightContext, role: str) -> float | None:
+    """The shortest time on that a prompt of the sequence accepts for an instrument, second; None without a prompt."""
+    words = role.replace("_", " ")
+    for step in context.plan.steps:
+        if step.kind == "prompt" and step.arguments.get("unit") == "s" and words in str(step.arguments["text"]):
+            return float(step.arguments.get("low") or 0.0)
+    return None
+
+
+def self_calibration(context: PreflightContext) -> list[Finding]:
+    """Instruments that adjust themselves have done so, lately enough and at this temperature."""
+    findings = []
+    for role, instrument in context.instruments.items():
+        ask = getattr(instrument, "self_calibration", None)
+        if ask is None or role not in context.used_roles:
+            continue
+        name = f"self-calibration of {role}"
+        try:
+            found, limit, unit, what = ask()
+        except InstrumentError as error:
+            text = f"it did not answer ({error.code}); confirm it at its front panel"
+            findings.append(Finding(name, Status.WARN, "unknown", "", text))
+            continue
+        value, due = f"{found:.3g} {unit}", f"at most {limit:g} {unit}"
+        status = Status.OK if found <= limit else Status.FAIL
+        text = what if found <= limit else f"{what}; let it calibrate itself"
+        findings.append(Finding(name, status, value, due, text, of_bench=True))
+    return findings
+
+
+def reference(context: PreflightContext) -> list[Finding]:
+    """The counters stand on the common 10 MHz and it is there."""
+    findings = []
+    for role, instrument in context.instruments.items():
+        ask = getattr(instrument, "reference_locked", None)
+        if ask is None:
+            continue
+        name = f"10 MHz at {role}"
+        try:
+            at_once = bool(ask())
+            locked = at_once or bool(ask())  # the first answer also counts what was lost before now
+        except InstrumentError as error:
+            findings.append(Finding(name, Status.WARN, "unknown", "external", f"it did not answer ({error.code})"))
+            continue
+        if locked:
+            text = "" if at_once else "it was lost since the last question"
+            findings.append(Finding(name, Status.OK if at_once else Status.WARN, "locked", "external", text))
+        else:
+            status = Status.FAIL if role in context.used_roles else Status.WARN
+            text = "connect the common 10 MHz to its reference input"
+            findings.append(Finding(name, status, "not locked", "external", text, of_bench=True))
+    return findings
+
+
+def generators(context: PreflightContext) -> list[Finding]:
+    """A function generator does not say where its time base comes from: only a counter tells."""
+    generating = [role for role in context.used_roles if hasattr(context.instruments.get(role), "square")]
+    counted = any(step.name == "measure_frequency" for step in context.plan.steps)
+    text = "no output is switched on before the run; "
+    if counted:
+        text += "the campaign measures it with a counter"
+        return [Finding(f"frequency of {role}", Status.SKIPPED, "", "", text) for role in sorted(generating)]
+    text += "nothing in the campaign measures it either: its certificate counts"
+    return [Finding(f"frequency of {role}", Status.SKIPPED, "", "", text) for role in sorted(generating)]
+
+
+def laboratory(context: PreflightContext) -> Finding:
+    """The laboratory's air, by the first channel of the logger, is inside what the certificates hold for."""
+    name, limit = "laboratory air", f"{LAB_DEGC:g} ± {LAB_WITHIN_DEGC:g} degC"
+    logger = _logger(context)
+    if logger is None:
+        return Finding(name, Status.WARN, "unknown", limit, "the station has no logger that measures it")
+    try:
+        lab_degC = float(logger.scan()[0])
+    except InstrumentError as error:
+        return Finding(name, Status.WARN, "unknown", limit, f"{error.code}: {error.message}")
+    value = f"{lab_degC:.2f} degC"
+    if abs(lab_degC - LAB_DEGC) > LAB_WITHIN_DEGC:
+        return Finding(name, Status.FAIL, value, limit, "certificates do not hold there; wait", of_bench=True)
+    return Finding(name, Status.OK, value, limit, "first channel of the logger")
+
+
+def _logger(context: PreflightContext) -> Any:
+    candidates: list[Instrument] = list(context.instruments.values())
+    return next((one for one in candidates if hasattr(one, "scan")), None)

@@ -1,0 +1,41 @@
+"""``bench doctor`` as a process of its own."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from pathlib import Path
+
+from rehearsal import bench
+
+STATION = "stations/af_bench_sim.yaml"
+
+
+def test_the_machine_and_a_station(tmp_path: Path) -> None:
+    done = bench("doctor", "--station", "af_bench_sim", "--bundle", str(tmp_path / "bundle.zip"), "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    document = json.loads(done.stdout)
+    found = {row["name"]: row for row in document["findings"]["findings"]}
+    assert list(found) == ["station file", "clock", "suspend", "mains", "memory, files", "versions"]
+    assert found["station file"]["value"] == "10 instruments, 2 links"
+    assert document["software"]["packages"]["numpy"]
+    with zipfile.ZipFile(tmp_path / "bundle.zip") as archive:
+        assert archive.namelist() == ["doctor.json", "af_bench_sim.yaml"]
+        assert json.loads(archive.read("doctor.json")) == document
+        assert archive.read("af_bench_sim.yaml").startswith(b"#")
+
+
+def test_a_station_with_mistakes_is_an_error(tmp_path: Path) -> None:
+    shipped = Path(__file__).resolve().parents[2] / STATION
+    path = tmp_path / "station.yaml"
+    path.write_text(shipped.read_text(encoding="utf-8").replace("GPIB0::4::INSTR", "nonsense"), encoding="utf-8")
+    done = bench("doctor", "--station", str(path))
+    assert done.returncode == 2
+    assert "B-PLAN-012" in done.stdout
+    assert "B-RUN-080" in done.stderr
+
+
+def test_a_bundle_that_cannot_be_written(tmp_path: Path) -> None:
+    done = bench("doctor", "--bundle", str(tmp_path / "none" / "bundle.zip"))
+    assert done.returncode == 2
+    assert "B-CLI-007" in done.stderr
