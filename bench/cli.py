@@ -43,12 +43,17 @@ def check(
     station: StationName = None,
     settings: Settings = None,
     plot: Annotated[Path | None, typer.Option("--plot", help="draw the timetable as SVG")] = None,
+    live: Annotated[
+        bool, typer.Option("--live", help="look at the real bench too; reads only, switches nothing on")
+    ] = False,
+    out: Annotated[Path, typer.Option("--out", help="folder for sessions, whose disk --live tries")] = Path("sessions"),
     json: AsJson = False,
 ) -> None:
-    """Load, compile and check everything without touching an instrument."""
+    """Load, compile and check everything without touching an instrument; with --live the pre-flight of a run."""
     from bench.commands import check as check_command
 
-    raise typer.Exit(check_command.check(sequence, station, settings or [], plot, json))
+    request = check_command.Request(sequence, station, settings or [], plot, json, live, out)
+    raise typer.Exit(check_command.check(request))
 
 
 @app.command(epilog="Example: bench run scale_factor_38h --clock virtual --seed 1 --out sessions")
@@ -74,6 +79,23 @@ def run(
     raise typer.Exit(run_command.run(request))
 
 
+@app.command(epilog="Example: bench resume sessions/20000101T000000Z_scale_factor_38h_SIM-1")
+def resume(
+    session: SessionFolder,
+    sequence: Annotated[
+        str | None, typer.Option("--sequence", help="refuse to go on unless this sequence gives the same plan")
+    ] = None,
+    history: Annotated[
+        str | None, typer.Option("--history", help="URL of the calibration history; default: beside the session")
+    ] = None,
+    json: AsJson = False,
+) -> None:
+    """Go on with a run that crashed, lost its power, was stopped or ended by a fault; from the session's own plan."""
+    from bench.commands import resume as resume_command
+
+    raise typer.Exit(resume_command.resume(session, sequence, history, json))
+
+
 @app.command(epilog="Example: bench replay sessions/20000101T000000Z_scale_factor_38h_SIM-1")
 def replay(session: SessionFolder, json: AsJson = False) -> None:
     """Decode the raw bytes again through today's decoder and fits; says whether every number is identical."""
@@ -83,11 +105,18 @@ def replay(session: SessionFolder, json: AsJson = False) -> None:
 
 
 @app.command(epilog="Example: bench fit sessions/20000101T000000Z_scale_factor_38h_SIM-1 --method paper")
-def fit(session: SessionFolder, method: Method = None, json: AsJson = False) -> None:
+def fit(
+    session: SessionFolder,
+    method: Method = None,
+    make_up: Annotated[
+        list[Path] | None, typer.Option("--with", metavar="SESSION", help="a make-up session that completes this one")
+    ] = None,
+    json: AsJson = False,
+) -> None:
     """Results of a session by a method of your choice; nothing is written."""
     from bench.commands import session as session_command
 
-    raise typer.Exit(session_command.fit(session, method, json))
+    raise typer.Exit(session_command.fit(session, method, json, make_up or []))
 
 
 @app.command(epilog="Example: bench report sessions/20000101T000000Z_scale_factor_38h_SIM-1")
@@ -134,12 +163,18 @@ def import_(
     raise typer.Exit(import_command.import_log(mapping, file, out))
 
 
-@app.command(epilog="Example: bench recover sessions/20000101T000000Z_scale_factor_38h_SIM-1")
-def recover(session: SessionFolder, json: AsJson = False) -> None:
-    """List what a damaged session still holds."""
+@app.command(epilog="Example: bench recover sessions/20000101T000000Z_scale_factor_38h_SIM-1 --make-up rest.yaml")
+def recover(
+    session: SessionFolder,
+    make_up: Annotated[
+        Path | None, typer.Option("--make-up", help="write the shortest sequence that makes up for what is missing")
+    ] = None,
+    json: AsJson = False,
+) -> None:
+    """List what a session holds: damage, and which records are valid, missing or invalid."""
     from bench.commands import recover as recover_command
 
-    raise typer.Exit(recover_command.recover(session, json))
+    raise typer.Exit(recover_command.recover(session, make_up, json))
 
 
 @app.command(epilog='Example: bench talk calibrator "OUT?"')
@@ -157,6 +192,59 @@ def talk(
     raise typer.Exit(talk_command.talk(instrument, command, station, out))
 
 
+@app.command(epilog="Examples: bench sim af_rack_sim · bench sim fault mute dmm · bench sim fault state")
+def sim(
+    words: Annotated[
+        list[str],
+        typer.Argument(metavar="STATION | fault [NAME [TARGET] [VALUE]...]", help="a station, or a fault to switch"),
+    ],
+    folder: Annotated[Path, typer.Option("--dir", help="folder of the served bench")] = Path("bench-sim"),
+    rate: Annotated[float, typer.Option("--rate", help="how many times faster than real time the bench runs")] = 1.0,
+    seed: Annotated[int, typer.Option("--seed", help="of the simulated bench", min=0)] = 1,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="world.OPTION=VALUE", help="change an option of the world")
+    ] = None,
+) -> None:
+    """Serve a simulated bench in real time until Ctrl-C; with fault: list faults, switch one, clear, state."""
+    from bench.commands import sim as sim_command
+
+    raise typer.Exit(sim_command.sim(words, folder, rate, seed, settings or []))
+
+
+@app.command(epilog='Example: bench pause sessions/20260101T180000Z_scale_factor_38h_17 --reason "door opened"')
+def pause(
+    session: SessionFolder,
+    reason: Annotated[str, typer.Option("--reason", help="why; it is shown and recorded")] = "asked from a terminal",
+) -> None:
+    """Let a living run stand still with its stimulus off; 'bench resume SESSION' lets it go on."""
+    from bench.commands import control as control_command
+
+    raise typer.Exit(control_command.pause(session, reason))
+
+
+@app.command(epilog="Example: bench abort sessions/20260101T180000Z_scale_factor_38h_17")
+def abort(
+    session: SessionFolder,
+    reason: Annotated[str, typer.Option("--reason", help="why; it is recorded")] = "",
+) -> None:
+    """End a living run at its next check; its bench is made safe and its session closed."""
+    from bench.commands import control as control_command
+
+    raise typer.Exit(control_command.abort(session, reason))
+
+
+@app.command(epilog="Example: bench drill --station af_bench_sim")
+def drill(
+    station: Annotated[str, typer.Option("--station", help="a station file or name")] = "af_bench_sim",
+    out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
+    json: AsJson = False,
+) -> None:
+    """Kill a controller that drives a harmless stimulus, and prove that the guard leaves the bench safe within 5 s."""
+    from bench.commands import drill as drill_command
+
+    raise typer.Exit(drill_command.drill(station, out, json))
+
+
 @app.command(epilog="Example: bench schema --vscode")
 def schema(
     folder: Annotated[Path, typer.Option("--out", help="folder for the schema files")] = Path(".bench-schemas"),
@@ -166,6 +254,21 @@ def schema(
     from bench.commands import schema as schema_command
 
     raise typer.Exit(schema_command.schema(folder, vscode))
+
+
+@app.command(epilog="Example: bench doctor --station my_bench --bundle bundle.zip")
+def doctor(
+    station: StationName = None,
+    out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
+    bundle: Annotated[
+        Path | None, typer.Option("--bundle", help="write what was found, versions and the station file as a ZIP")
+    ] = None,
+    json: AsJson = False,
+) -> None:
+    """Is this machine fit for a run? Clock, suspend, power, memory, versions; and the station file, if one is named."""
+    from bench.commands import doctor as doctor_command
+
+    raise typer.Exit(doctor_command.doctor(station, out, bundle, json))
 
 
 @app.command()

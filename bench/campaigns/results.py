@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from typing import Annotated, Any, Literal
 
@@ -15,6 +15,7 @@ from bench.fit.decision import Rule
 from bench.model.errors import InputError
 
 SCHEMA_FILE = "results.schema.json"
+INCOMPLETE = "Incomplete: the run has not ended. These are the records so far; nothing is judged."
 _Count = Annotated[int, Field(ge=0)]
 _Plain = str | bool | int | float | None
 
@@ -75,6 +76,18 @@ class UnitUnderTest(_Closed):
     serial: str
 
 
+class Splice(_Closed):
+    """Where a run was gone on with after a stop: UTC of stop and start (ISO 8601), what was done again."""
+
+    stopped: str | None
+    started: str | None
+    away_s: float | None
+    step: int
+    reason: str
+    drift_degC: float | None = Field(description="change of the unit's temperature while nothing was recorded")
+    soaked: bool
+
+
 class Results(_Closed):
     """The document results.json of a session."""
 
@@ -88,6 +101,8 @@ class Results(_Closed):
     provenance: Provenance
     notes: list[str]
     decision_rule: Rule | None = Field(None, description="absent in documents of version 0.1, which are non_binary")
+    splices: list[Splice] = Field([], description="absent if the run was never stopped")
+    incomplete: bool = Field(False, description="the run has not ended: nothing is judged; absent if it has")
 
 
 def build_results(
@@ -96,6 +111,9 @@ def build_results(
     counts: Mapping[str, int],
     provenance: Mapping[str, Any],
     decision: Mapping[str, Any] | None = None,
+    *,
+    splices: Sequence[Mapping[str, Any]] = (),
+    incomplete: bool = False,
 ) -> dict[str, Any]:
     """Assemble and check the document of results.json; every estimate is judged by the rule of the campaign.
 
@@ -103,24 +121,36 @@ def build_results(
              counts: records, frames, frames_bad, frames_lost, splices, retaken; missing ones are 0.
              provenance: simulated, plan_sha256, frame_sha256, session_sha256, software and more.
              decision: the entry "decision" of the manifest's campaign, None for the non-binary rule.
+             splices: where the run was gone on with (``Splice``).   incomplete: the run has not ended, so that nothing
+             is judged.
     Raises:  InputError B-FIT-010 if the document would not be valid, naming the first wrong field; FitError B-FIT-041
              for an unknown rule.
     """
     rule = rule_of(decision)
-    document = {
+    judgements = [judged(one, rule) for one in analysis.estimates]
+    document: dict[str, Any] = {
         "schema": 1,
         "session": session_name,
         "campaign": analysis.campaign,
         "method": analysis.method,
         "uut": dict(analysis.uut),
         "decision_rule": rule,
-        "estimates": [judged(one, rule) for one in analysis.estimates],
+        "estimates": [_unjudged(one) for one in judgements] if incomplete else judgements,
         "quality": {name: int(counts.get(name, 0)) for name in Quality.model_fields},
         "provenance": dict(provenance),
-        "notes": analysis.notes,
+        "notes": [INCOMPLETE, *analysis.notes] if incomplete else analysis.notes,
     }
+    if splices:
+        document["splices"] = [dict(one) for one in splices]
+    if incomplete:
+        document["incomplete"] = True
     validate_results(document)
     return document
+
+
+def _unjudged(estimate: Mapping[str, Any]) -> dict[str, Any]:
+    """An estimate of a run that has not ended: what is still to come may change it."""
+    return {**estimate, "verdict": "none", "conformance_probability": None}
 
 
 def validate_results(document: object, where: str = "results.json") -> None:

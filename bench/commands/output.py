@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,10 +11,25 @@ from bench.model.errors import InputError
 
 
 def write_file(path: Path, text: str) -> None:
-    """Write a text file, its folder too. Raises: InputError B-CLI-007."""
+    """Write a text file, its folder too; whoever looks sees the old file or the whole new one, never a part.
+
+    A device or a pipe is written to as it is. Raises: InputError B-CLI-007.
+    """
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
+        target = path.resolve()
+        if target.exists() and not target.is_file():
+            target.write_text(text)
+            return
+        part = target.with_name(f"{target.name}.part")
+        try:
+            with part.open("w") as stream:
+                stream.write(text)
+                stream.flush()
+                os.fsync(stream.fileno())
+            part.replace(target)
+        finally:
+            part.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -1,21 +1,69 @@
-"""``bench recover``: what a damaged session still holds."""
+"""``bench recover``: what a session still holds, which of its records are valid, and a sequence for the rest."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
-from bench.commands.console import console
-from bench.model.errors import ExitStatus
-from bench.record.recover import recover_session
+from bench.commands.console import console, hours
+from bench.commands.makeup import make_up_sequence
+from bench.commands.output import write_file
+from bench.commands.record_states import RecordState, record_states, summary_lines
+from bench.model.errors import BenchError, ExitStatus, InputError, InputErrors
+from bench.plan import Plan, check_plan, compile_sequence
+from bench.record import SessionReader
+from bench.record.recover import Survey, recover_session
+from bench.replay import replay_rows
+from bench.run.frozen import frozen_plan
 
 
-def recover(session: Path, as_json: bool) -> int:
-    """List damage and what is whole; exit status 5 when anything is damaged."""
+def recover(session: Path, make_up: Path | None, as_json: bool) -> int:
+    """List damage, what is whole, and the state of every record; exit status 5 when anything is damaged.
+
+    Raises: InputError B-REC-010; with ``make_up`` what bench.commands.makeup raises, B-RES-003, B-RES-004, B-RES-009.
+    """
     found = recover_session(session)
-    if as_json:
-        print(json.dumps(found.as_json(), indent=1))  # noqa: T201
+    try:
+        plan, states = _states(session)
+    except BenchError as error:
+        if make_up is not None:
+            raise
+        plan, states, trouble = None, [], [str(error)]
     else:
-        for line in found.lines():
-            console().print(line)
+        trouble = []
+    written = [] if make_up is None or plan is None else [_written(plan, states, make_up)]
+    _tell(found, states, [*trouble, *written], as_json)
     return ExitStatus.SESSION_DAMAGED if found.damaged else ExitStatus.PASS
+
+
+def _states(session: Path) -> tuple[Plan, list[RecordState]]:
+    reader = SessionReader(session)
+    plan = frozen_plan(session, reader.manifest, reader.texts)
+    return plan, record_states(plan.steps, replay_rows(session))
+
+
+def _tell(found: Survey, states: list[RecordState], more: list[str], as_json: bool) -> None:
+    if as_json:
+        document: dict[str, Any] = {**found.as_json(), "record_states": [one.as_json() for one in states]}
+        print(json.dumps(document, indent=1))  # noqa: T201
+        return
+    for line in [*found.lines(), *(summary_lines(states) if states else []), *more]:
+        console().print(line)
+
+
+def _written(plan: Plan, states: list[RecordState], path: Path) -> str:
+    """Write the make-up sequence and prove that it compiles for the session's station."""
+    if path.exists():
+        raise InputError(
+            "B-RES-009", "exists already", where=str(path), next_step="name a file that does not exist yet"
+        )
+    text, points, overlap = make_up_sequence(plan, states)
+    write_file(path, text)
+    made = compile_sequence(path, plan.station)
+    if mistakes := check_plan(made, plan.station):
+        raise InputErrors(mistakes)
+    return (
+        f"{path}: {points} points to make up and {overlap} that overlap, {hours(made.prepare_s + made.duration_s)}; "
+        f"run it, then 'bench fit SESSION --with MAKE_UP_SESSION'"
+    )

@@ -13,18 +13,17 @@ from typing import Any
 from rich.console import Console
 
 from bench.campaigns.results import results_json
+from bench.commands.conducting import conduct_watched
 from bench.commands.console import console
 from bench.commands.finish import finish
 from bench.commands.loading import checked_plan
 from bench.commands.output import write_file
 from bench.commands.tables import print_results
-from bench.commands.terminal import TerminalOperator, watcher
-from bench.commands.view import KEPT_EVENTS, SessionView, happenings
+from bench.commands.view import SessionView, happenings
 from bench.model.clock import Clock, VirtualClock, WallClock
 from bench.model.errors import ExitStatus, InputError
 from bench.plan import Plan
-from bench.run.operator import SimulatedOperator
-from bench.run.session import Conducted, conduct
+from bench.run.session import Conducted
 from bench.store import check_history_url, chosen_url
 
 
@@ -51,20 +50,9 @@ def run(request: Request) -> int:
         )
     plan = checked_plan(request.sequence, request.station, request.settings)
     check_history_url(chosen_url(request.history, request.out, os.environ))
-    virtual = plan.station.simulated if request.clock is None else request.clock == "virtual"
+    virtual = plan.station.in_process if request.clock is None else request.clock == "virtual"
     clock: Clock = VirtualClock() if virtual else WallClock()
-    operator = SimulatedOperator() if plan.station.simulated else TerminalOperator()
-    out = console(stderr=True)
-    with watcher(plan, out) as listener:
-        done = conduct(
-            plan,
-            clock=clock,
-            seed=request.seed,
-            out=request.out,
-            operator=operator,
-            listener=listener,
-            keep_events=KEPT_EVENTS,
-        )
+    done = conduct_watched(plan, clock, seed=request.seed, out=request.out, errors=console(stderr=True))
     if request.truth and done.truth:
         path = done.folder.with_name(done.folder.name + ".truth.json")
         write_file(path, json.dumps({"estimates": done.truth}, sort_keys=True, indent=1) + "\n")

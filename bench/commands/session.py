@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.campaigns.analysis import Analysis
-from bench.campaigns.results import results_json
+from bench.campaigns.results import INCOMPLETE, results_json
 from bench.commands.console import console
+from bench.commands.merge import merged
 from bench.commands.output import write_file
 from bench.commands.tables import print_results
 from bench.commands.view import KEPT_EVENTS, SessionView, analyse_view, plan_steps_of, report_html
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
+from bench.record.writer import OPEN_MARKER
 from bench.replay import compare, replay_rows
 from bench.replay.compare import ABSENT, Difference
+from bench.replay.rows import Replayed
 from bench.replay.series import IMPORT, replay_series
 
 SHOWN_DIFFERENCES = 20
@@ -73,14 +76,14 @@ def _software(results: Mapping[str, Any]) -> str:
     return str(results.get("provenance", {}).get("software", "unknown"))
 
 
-def fit(folder: Path, method: str | None, as_json: bool) -> int:
-    """Print the results of a session by a method; nothing is written."""
-    results, analysis, view = _analysed(folder, method)
+def fit(folder: Path, method: str | None, as_json: bool, make_up: Sequence[Path] = ()) -> int:
+    """Print the results of a session by a method, together with sessions that make up for it; nothing is written."""
+    results, analysis, view = _analysed(folder, method, make_up=make_up)
     if as_json:
         sys.stdout.write(results_json(results))
         return _status(view)
     print_results(console(), results, analysis)
-    for note in [*analysis.notes, *view.notes]:
+    for note in [*([INCOMPLETE] if view.incomplete else []), *analysis.notes, *view.notes]:
         console().print(note)
     return _status(view)
 
@@ -94,8 +97,12 @@ def report(folder: Path) -> int:
     return _status(view)
 
 
-def _analysed(folder: Path, method: str | None, strict: bool = False) -> tuple[dict[str, Any], Analysis, SessionView]:
+def _analysed(
+    folder: Path, method: str | None, strict: bool = False, make_up: Sequence[Path] = ()
+) -> tuple[dict[str, Any], Analysis, SessionView]:
     view = read_view(folder, strict=strict)
+    if make_up:
+        view = merged(view, [read_view(other) for other in make_up])
     if not view.has_analysis:
         raise InputError("B-CLI-008", "the sequence of this session asks for no analysis", where=str(folder))
     results, analysis = analyse_view(view, method)
@@ -106,7 +113,7 @@ def read_view(folder: Path, strict: bool = False) -> SessionView:
     """A session as its folder holds it; damage is listed in its notes, unless ``strict`` (then SessionDamaged)."""
     replayed = replay_rows(folder, strict=strict)
     notes = [*replayed.notes, *(f"damaged: {one}" for one in replayed.damage)]
-    notes += [f"{name} has no end: the run did not finish" for name in replayed.unfinished]
+    notes += [f"{name} has no end: the run stopped there, or goes on" for name in replayed.unfinished]
     series: Mapping[str, NDArray[np.float64]] = {}
     if replayed.manifest.get("kind") == IMPORT:
         imported = replay_series(folder)
@@ -122,7 +129,18 @@ def read_view(folder: Path, strict: bool = False) -> SessionView:
         notes=notes,
         damaged=bool(replayed.damage),
         series=series,
+        splices=replayed.splices,
+        incomplete=_is_incomplete(folder, replayed),
+        utc_offset_ns=replayed.utc_offset_ns,
     )
+
+
+def _is_incomplete(folder: Path, replayed: Replayed) -> bool:
+    """The run goes on, was stopped, or its last segment has no end; other software may write no "end" event."""
+    last = next((fields for kind, _, fields in reversed(replayed.events) if kind in ("end", "resume")), None)
+    stopped = last is not None and (last.get("error") is not None or "steps" not in last)
+    newest = max(path.name for path in folder.glob("session.*.mcap"))
+    return stopped or newest in replayed.unfinished or (folder / OPEN_MARKER).exists()
 
 
 def _status(view: SessionView) -> int:

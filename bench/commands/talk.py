@@ -11,6 +11,7 @@ from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.model.shipped import find_shipped
 from bench.plan import load_station
+from bench.run.guarding import station_lock
 from bench.run.talk import TalkSession
 
 
@@ -25,9 +26,9 @@ def talk(role: str, command: str | None, station_name: str, out: Path) -> int:
             where=role,
             next_step=f"use one of: {known}",
         )
-    clock = VirtualClock() if station.simulated else WallClock()
+    clock = VirtualClock() if station.in_process else WallClock()
     printer = console()
-    with TalkSession(station, role, clock, out) as session:
+    with station_lock(station, "talk", clock, [role]), TalkSession(station, role, clock, out) as session:
         for line in [command] if command is not None else _typed(role):
             try:
                 reply = session.send(line)

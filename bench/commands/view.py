@@ -16,15 +16,18 @@ from bench import __version__
 from bench.campaigns.analysis import Analysis
 from bench.campaigns.material import Material, Reading, Trace
 from bench.campaigns.registry import analyse
-from bench.campaigns.results import build_results
+from bench.campaigns.results import INCOMPLETE, build_results
+from bench.commands.splices import splice_documents, splice_tables
 from bench.model.clock import NS
 from bench.record import RecordRow
+from bench.replay.parts import Splice
 from bench.report import TemperatureTrace, build_report, report_model
 
 SOFTWARE = f"inertial-bench {__version__}"
 KEPT_EVENTS = (
     "environment", "prompt", "phase", "slip", "overrun", "late", "retake", "skip", "error", "end", "reading", "hold",
-    "release", "resume", "link", "interlock", "alarm", "guard", "preflight", "verdict", "config",
+    "release", "resume", "reentry", "link", "interlock", "alarm", "guard", "preflight", "verdict", "config",
+    "clock_step",
 )  # fmt: skip
 
 
@@ -33,6 +36,8 @@ class SessionView:
     """One session: manifest, records, counts and the few events that a report shows.
 
     ``counts``: frames, frames_bad, frames_lost over all links; ``events``: (kind, t_mono_ns, fields) in order.
+    ``splices``: where the run was gone on with; ``incomplete``: the run has not ended. ``utc_offset_ns``: UTC minus
+    monotonic time, None if unknown; ``make_up``: hashes of the sessions that complete this one.
     """
 
     manifest: Mapping[str, Any]
@@ -43,6 +48,10 @@ class SessionView:
     events: list[tuple[str, int, Mapping[str, Any]]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     damaged: bool = False
+    splices: Sequence[Splice] = ()
+    incomplete: bool = False
+    utc_offset_ns: int | None = None
+    make_up: tuple[str, ...] = ()
     series: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
     def events_of(self, kind: str) -> list[tuple[int, Mapping[str, Any]]]:
@@ -63,7 +72,7 @@ def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str
         **view.counts,
         "records": len(view.rows),
         "retaken": len(view.events_of("retake")),
-        "splices": 0,
+        "splices": len(view.splices),
     }
     provenance = {
         "simulated": manifest["simulated"],
@@ -72,8 +81,14 @@ def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str
         "session_sha256": view.session_sha256,
         "software": SOFTWARE,
     }
+    if view.make_up:
+        provenance["make_up_sha256"] = list(view.make_up)
     decision = manifest["campaign"].get("decision")
-    return build_results(manifest["session"], analysis, counts, provenance, decision), analysis
+    document = build_results(
+        manifest["session"], analysis, counts, provenance, decision,
+        splices=splice_documents(view.splices), incomplete=view.incomplete,
+    )  # fmt: skip
+    return document, analysis
 
 
 def material_of(view: SessionView) -> Material:
@@ -112,8 +127,8 @@ def report_html(view: SessionView, results: Mapping[str, Any], analysis: Analysi
         components=analysis.components,
         prompts=[dict(fields) for _, fields in view.events_of("prompt")],
         figures=analysis.figures,
-        tables=analysis.tables,
-        notes=[*analysis.notes, *happenings(view), *view.notes],
+        tables=[*analysis.tables, *splice_tables(view.splices)],
+        notes=[*([INCOMPLETE] if view.incomplete else []), *analysis.notes, *happenings(view), *view.notes],
     )
     return build_report(model)
 
@@ -122,7 +137,13 @@ def temperature_trace(view: SessionView) -> TemperatureTrace:
     """Temperatures against seconds from the start of the campaign phase."""
     start_ns = next((t for t, fields in view.events_of("phase") if fields["name"] == "campaign"), 0)
     trace = _trace(view)
-    return TemperatureTrace(t_s=trace.t_s - start_ns / NS, air_degC=trace.air_degC, unit_degC=trace.unit_degC)
+    gaps_s = [splice.at_ns / NS for splice in view.splices]  # the lines are broken where nothing was recorded
+    at = np.searchsorted(trace.t_s, gaps_s)
+    return TemperatureTrace(
+        t_s=np.insert(trace.t_s, at, gaps_s) - start_ns / NS,
+        air_degC=np.insert(trace.air_degC, at, np.nan),
+        unit_degC=np.insert(trace.unit_degC, at, np.nan),
+    )
 
 
 def _trace(view: SessionView) -> Trace:
@@ -141,7 +162,7 @@ def _number(value: float | None) -> float:
 def happenings(view: SessionView) -> list[str]:
     """Sentences about everything that did not go to plan, and how punctual the run was."""
     said = []
-    for kind in ("late", "slip", "overrun", "retake", "error"):
+    for kind in ("late", "slip", "overrun", "retake", "hold", "release", "skip", "config", "clock_step", "error"):
         said += [f"{kind} at {t_ns / NS:.0f} s: {_plain(fields)}" for t_ns, fields in view.events_of(kind)]
     for _, fields in view.events_of("end"):
         median, p99, worst = fields["lateness_ms"]

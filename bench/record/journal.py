@@ -6,10 +6,12 @@ the text. Zeros, a torn line or a line out of place are never taken for a step.
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +25,16 @@ _CRC_DIGITS = 8
 
 @dataclass(frozen=True)
 class JournalEntry:
-    """A finished step: its number and phase, when it ended, and the conditions it ran under."""
+    """A finished step: its number and phase, when it ended, the conditions it ran under, and what it set.
+
+    ``setpoint``: {"role.action": arguments} as the instrument confirmed it, empty if the step set nothing.
+    """
 
     number: int
     phase: str
     t_mono_ns: int
     conditions: Mapping[str, Any]
+    setpoint: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -43,24 +49,48 @@ class JournalState:
 class Journal:
     """Appends to ``<folder>/journal.jsonl``; an existing journal is cut back to its good part and continued.
 
-    Raises: RecordError B-REC-005 if a line cannot be written; the file is cut back then.
+    The file is locked as long as it is open, so that nobody goes on with a session that a living process still writes.
+    Raises: RecordError B-REC-005 if a line cannot be written (the file is cut back then), B-REC-006 if another process
+            has the journal open.
     """
 
     def __init__(self, folder: Path, files: Files | None = None) -> None:
         self.path = folder / JOURNAL_NAME
-        before = read_journal(folder)
-        self._lines = len(before.entries)
-        self._size = before.good_bytes
+        self._lock = -1
         try:
             self._file = (files or OsFiles()).append(self.path)
-            if before.torn:
-                self._file.truncate(self._size)
         except OSError as error:
             raise self._failure(error) from error
+        try:
+            self._lock = _locked(self.path)
+            before = read_journal(folder)
+            self._lines = len(before.entries)
+            self._size = before.good_bytes
+            if before.torn:
+                self._file.truncate(self._size)
+        except BlockingIOError as error:
+            self.close()
+            raise RecordError(
+                "B-REC-006",
+                "another process is writing this session",
+                where=str(self.path),
+                next_step="wait for its end, or stop that run first",
+            ) from error
+        except OSError as error:
+            self.close()
+            raise self._failure(error) from error
 
-    def step(self, number: int, phase: str, t_mono_ns: int, conditions: Mapping[str, Any]) -> None:
+    def step(
+        self,
+        number: int,
+        phase: str,
+        t_mono_ns: int,
+        conditions: Mapping[str, Any],
+        setpoint: Mapping[str, Any] | None = None,
+    ) -> None:
         """Write one finished step and hand it to the operating system."""
-        text = canonical_json({"c": conditions, "n": number, "p": phase, "t": t_mono_ns})
+        fields = {"c": conditions, "n": number, "p": phase, "t": t_mono_ns}
+        text = canonical_json({**fields, "s": setpoint} if setpoint else fields)
         line = b"%08x %b\n" % (zlib.crc32(text, self._lines + 1), text)
         try:
             if self._file.write(line) != len(line):
@@ -76,8 +106,11 @@ class Journal:
         self._file.sync()
 
     def close(self) -> None:
-        """Close the journal."""
+        """Close the journal and let others have it."""
         self._file.close()
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1
 
     def _failure(self, error: OSError) -> RecordError:
         return RecordError(
@@ -86,6 +119,29 @@ class Journal:
             where=str(self.path),
             next_step="free space or repair the disk, then start again",
         )
+
+
+def _locked(path: Path) -> int:
+    """Descriptor that holds the lock of a file until it is closed or its process ends, however that happens."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
+def is_being_written(folder: Path) -> bool:
+    """Whether a living process has the journal of a session open."""
+    path = folder / JOURNAL_NAME
+    if not path.is_file():
+        return False
+    try:
+        os.close(_locked(path))
+    except BlockingIOError:
+        return True
+    return False
 
 
 def read_journal(folder: Path) -> JournalState:
@@ -109,6 +165,6 @@ def _parse(line: bytes, number: int) -> JournalEntry | None:
         return None
     try:
         fields = json.loads(text)
-        return JournalEntry(fields["n"], fields["p"], fields["t"], fields["c"])
-    except (ValueError, KeyError, TypeError):
+        return JournalEntry(fields["n"], fields["p"], fields["t"], fields["c"], fields.get("s", {}))
+    except (ValueError, KeyError, TypeError, AttributeError):
         return None

@@ -17,6 +17,7 @@ _CHUNK_LIKE = re.compile(rb"\x06[\s\S]{5}\x00{3}")  # opcode and a length below 
 _COMPRESSIONS = (b"", b"lz4", b"zstd")
 _CHUNK_TAIL = 8  # length field in front of the compressed records
 _DATA_END_BYTES = 4
+_INDEX_ARRAY_AT, _INDEX_HEAD = 2, 6  # channel u16, then u32 length of the entries
 MAX_CHUNK_BYTES = 1 << 31
 
 
@@ -102,7 +103,9 @@ class SegmentScan:
             return None
         opcode, length = mcap.RECORD.unpack_from(view, at)
         end = at + mcap.RECORD.size + length
-        return (opcode, end) if opcode in mcap.KNOWN and end <= len(view) else None
+        if opcode not in mcap.KNOWN or end > len(view) or not _consistent(view, at, opcode, length):
+            return None
+        return opcode, end
 
     def _resynchronise(self, view: memoryview, at: int) -> int:
         """Next plausible chunk behind ``at``; without one the rest of an unfinished segment is no damage but a tail."""
@@ -156,6 +159,19 @@ class SegmentScan:
 
     def _report(self, at: int, what: str) -> None:
         self.damage.append(Damage(self.name, at, what))
+
+
+def _consistent(view: memoryview, at: int, opcode: int, length: int) -> bool:
+    """False if a record contradicts itself: one flipped bit of a length must not swallow the chunks behind it."""
+    begin = at + mcap.RECORD.size
+    if opcode == mcap.HEADER:
+        profile = int.from_bytes(view[begin : begin + 4], "little")
+        library = int.from_bytes(view[begin + 4 + profile : begin + 8 + profile], "little")
+        return length == 8 + profile + library
+    if opcode == mcap.MESSAGE_INDEX:
+        array = begin + _INDEX_ARRAY_AT
+        return length >= _INDEX_HEAD and length == _INDEX_HEAD + int.from_bytes(view[array : array + 4], "little")
+    return opcode != mcap.DATA_END or length == _DATA_END_BYTES
 
 
 def _chunk_extent(view: memoryview, at: int) -> tuple[int, int] | None:

@@ -148,7 +148,8 @@ class Walk:
             except (ValueError, struct.error):
                 self._report(span, "channel record is damaged")
                 return end
-            self._channels[number] = self._topic(name)
+            if span.sound or number not in self._channels:  # a damaged chunk must not rename what others rely on
+                self._channels[number] = self._topic(name)
         elif opcode == mcap.MESSAGE:
             number = int.from_bytes(span.records[at + 9 : at + 11], "little")
             topic = self._channels.get(number)

@@ -18,6 +18,7 @@ SEGMENT_S = 3600
 CHUNK_BYTES = 1_000_000  # a chunk is closed before its second when it gets this large
 HELD_BYTES = 64_000_000  # kept in memory while the disk refuses
 RETIRED_FILES = 4  # finished segments kept open for the next sync; a virtual run never syncs
+HEAD_COPIES = 2  # of manifest and texts
 OPEN_MARKER = "session.open"
 
 
@@ -72,7 +73,8 @@ class SessionWriter:
     ) -> SessionWriter:
         """Start a new session in ``folder`` (created if needed, must hold no segment).
 
-        Manifest and texts (file name -> text of the compiled plan and of every YAML) go in front of everything else.
+        Manifest and texts (file name -> text of the compiled plan and of every YAML) go in front of everything else,
+        twice: without them nothing else can be understood, and a damaged chunk is lost as a whole.
         Raises: RecordError B-REC-001 if the first segment cannot be created or written.
         """
         try:
@@ -80,10 +82,11 @@ class SessionWriter:
             writer = cls(folder, files or OsFiles(), t_mono_ns=t_mono_ns)
         except OSError as error:
             raise _cannot_write(folder, error) from error
-        writer._add(layout.MANIFEST, t_mono_ns, layout.canonical_json(manifest))
-        for name in sorted(texts):
-            writer._add(layout.TEXT + name, t_mono_ns, texts[name].encode())
-        writer.flush()
+        for _ in range(HEAD_COPIES):
+            writer._add(layout.MANIFEST, t_mono_ns, layout.canonical_json(manifest))
+            for name in sorted(texts):
+                writer._add(layout.TEXT + name, t_mono_ns, texts[name].encode())
+            writer.flush()
         return writer
 
     def raw(self, link: str, direction: str, t_mono_ns: int, chunk: bytes) -> None:

@@ -9,7 +9,8 @@ from typing import Any
 
 from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, parse_frame
 from bench.model.errors import InputError, SessionDamaged
-from bench.record import Damage, Message, RecordCutter, RecordRow, SessionReader
+from bench.record import Damage, Message, RecordCutter, RecordRow, SessionReader, layout
+from bench.replay.parts import Part, Splice, moved_rows, splices_of, time_shifts_ns
 from bench.replay.windows import RESUME, RecordedWindow, recorded_windows
 
 BATCH_BYTES = 4_000_000
@@ -24,6 +25,8 @@ class Replayed:
 
     ``rows``: all records that count, by number; ``counts``: totals by link; ``events``: (kind, t_mono_ns, fields) in
     order; ``damage``: what could not be read; ``notes``: sentences about anything that differs from the recording.
+    ``splices``: where the run was gone on with after a stop; times and counters behind them are those of the first part
+    (bench.replay.parts). ``utc_offset_ns``: UTC minus the time of that part, None without a clock pair.
     """
 
     manifest: Mapping[str, Any]
@@ -35,6 +38,8 @@ class Replayed:
     damage: tuple[Damage, ...]
     unfinished: tuple[str, ...]
     notes: tuple[str, ...]
+    splices: tuple[Splice, ...] = ()
+    utc_offset_ns: int | None = None
 
     @property
     def measurement_rows(self) -> list[RecordRow]:
@@ -73,13 +78,16 @@ def replay_rows(folder: Path, *, strict: bool = False) -> Replayed:
                 next_step="name the link and its frame file in the manifest under 'links'",
             )
     replay = _Replay(definitions, windows)
-    topics = frozenset({"/event", *replay.topics})
+    topics = frozenset({layout.EVENT, layout.CLOCK, *replay.topics})
     for message in reader.messages(topics):
         replay.take(message)
     replay.end_part()
+    shifts_ns = time_shifts_ns(replay.parts)
+    events = [(kind, t_ns + shifts_ns[part], fields) for part, (kind, t_ns, fields) in replay.events]
     return Replayed(
-        manifest, texts, tuple(row for _, row in sorted(replay.rows.items())), replay.counts, replay.events,
+        manifest, texts, tuple(moved_rows(replay.rows.values(), shifts_ns)), replay.counts, events,
         reader.sha256, tuple(reader.damage), tuple(reader.unfinished), tuple(_notes(manifest, definitions)),
+        splices_of(events), replay.parts[0].offset_ns,
     )  # fmt: skip
 
 
@@ -116,16 +124,19 @@ def _added(before: LinkCounts, more: LinkCounts) -> LinkCounts:
 
 @dataclass
 class _Replay:
-    """Links and cutters of one part of a session; a resume starts a new part with fresh decoders."""
+    """Links and cutters of one part of a session; a resume starts a new part with fresh decoders.
+
+    ``rows`` by number and ``events`` in order, each with the part it belongs to.
+    """
 
     definitions: Mapping[str, FrameDefinition]
     windows: list[RecordedWindow]
-    rows: dict[int, RecordRow] = field(default_factory=dict)
+    rows: dict[int, tuple[int, RecordRow]] = field(default_factory=dict)
     counts: dict[str, LinkCounts] = field(default_factory=dict)
-    events: list[Event] = field(default_factory=list)
+    events: list[tuple[int, Event]] = field(default_factory=list)
+    parts: list[Part] = field(default_factory=lambda: [Part()])
 
     def __post_init__(self) -> None:
-        self._part = 0
         self._pending = 0
         self.topics = {f"/link/{link}/rx": link for link in self.definitions}
         self._begin()
@@ -134,7 +145,7 @@ class _Replay:
         self._decoders = {link: LinkDecoder(definition) for link, definition in self.definitions.items()}
         self._cutters: dict[str, RecordCutter] = {}
         for item in self.windows:
-            if item.part == self._part:
+            if item.part == len(self.parts) - 1:
                 link = item.window.link
                 if link not in self._cutters:
                     self._cutters[link] = RecordCutter(self.definitions[link])
@@ -144,17 +155,30 @@ class _Replay:
         """Take the next message of the session."""
         link = self.topics.get(message.topic)
         if link is not None:
+            self.parts[-1].see(message.t_ns)
             self._decoders[link].push(message.t_ns, message.payload)
             self._pending += len(message.payload)
             if self._pending >= BATCH_BYTES:
                 self._decode()
             return
+        if message.topic == layout.CLOCK:
+            self._pair(message)
+            return
         kind, fields = message.event()
-        self.events.append((kind, message.t_ns, fields))
         if kind == RESUME:
             self.end_part()
-            self._part += 1
+            self.parts.append(Part())
             self._begin()
+        self.parts[-1].see(message.t_ns)
+        self.events.append((len(self.parts) - 1, (kind, message.t_ns, fields)))
+
+    def _pair(self, message: Message) -> None:
+        """The first clock pair of a part says which UTC its monotonic time is."""
+        part = self.parts[-1]
+        part.see(message.t_ns)
+        if part.offset_ns is None:
+            pair = message.document()
+            part.offset_ns = int(pair["t_utc_ns"]) - int(pair["t_mono_ns"])
 
     def _decode(self) -> None:
         """Decode what is queued, links without records first: their frames are the context of the others."""
@@ -169,7 +193,7 @@ class _Replay:
                     cutter.feed_context(batch)
 
     def _keep(self, rows: list[RecordRow]) -> None:
-        self.rows.update({row.window.number: row for row in rows})
+        self.rows.update({row.window.number: (len(self.parts) - 1, row) for row in rows})
 
     def end_part(self) -> None:
         """Decode what is left; records that are still open end here, complete or not."""

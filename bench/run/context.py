@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Protocol
 
 from bench.model.clock import Clock
@@ -57,6 +58,7 @@ class RunContext:
     """State of one run; the flat plan plus these few values are the whole position.
 
     ``settled`` is False from a soak that was left before the temperature was stable (policy skip) to the next soak.
+    ``folder`` is the session's.
     ``ahead`` holds the windows that are open before their record step, by number of the step.
     """
 
@@ -77,6 +79,7 @@ class RunContext:
     retaken: int = 0
     overruns: int = 0
     settled: bool = True
+    folder: Path = Path()
     in_use: InUse = field(default_factory=InUse)
     health: Health = field(init=False)
 

@@ -6,11 +6,13 @@ The guard is told that all is well only while every part has given a sign of lif
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
 from bench.model.clock import NS, Clock
 
 SEQUENCER, WRITER, LINKS = "sequencer", "writer", "links"
+CHAMBER_AIR, UNIT = "chamber_air_degC", "unit_degC"
 
 
 class Health:
@@ -19,23 +21,40 @@ class Health:
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
         self._stamps_ns: dict[str, int] = {}
-        self._values: dict[str, float] = {}
+        self._values: dict[str, tuple[float, int]] = {}
         self._sequencer = threading.get_ident()
+        self._asking = False
 
     def alive(self, part: str) -> None:
         """A part gives a sign of life; one of the sequencer counts only from its own thread."""
         if part != SEQUENCER or threading.get_ident() == self._sequencer:
             self._stamps_ns[part] = self._clock.now_ns()
 
+    @contextmanager
+    def asking(self) -> Iterator[None]:
+        """While a person is asked the sequencer waits for that person, however long it takes: it lives."""
+        self._asking = True
+        try:
+            yield
+        finally:
+            self.alive(SEQUENCER)
+            self._asking = False
+
     def silence_s(self) -> Mapping[str, float]:
         """Seconds since the last sign of life, by part; a part that never gave one is not listed."""
         now_ns = self._clock.now_ns()
-        return {part: (now_ns - stamp_ns) / NS for part, stamp_ns in list(self._stamps_ns.items())}
+        silence = {part: (now_ns - stamp_ns) / NS for part, stamp_ns in list(self._stamps_ns.items())}
+        return {**silence, SEQUENCER: 0.0} if self._asking else silence
 
     def note(self, name: str, value: float) -> None:
         """The newest value of a quantity, named with its unit: ``chamber_air_degC``, ``unit_degC`` ..."""
-        self._values[name] = value
+        self._values[name] = (value, self._clock.now_ns())
 
     def values(self) -> dict[str, float]:
         """The newest values."""
-        return dict(self._values)
+        return {name: value for name, (value, _) in list(self._values.items())}
+
+    def age_s(self, name: str) -> float | None:
+        """Seconds since a value was noted; None if it never was."""
+        known = self._values.get(name)
+        return None if known is None else (self._clock.now_ns() - known[1]) / NS

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Kind = Literal["hold", "retake", "skip"]
+HOLD_LIMIT_S = 4 * 3600.0  # a cause that nobody removed by then will not go away by itself
 
 
 @dataclass(frozen=True)
@@ -32,16 +33,22 @@ class Holds:
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._reasons: dict[str, str] = {}
+        self._limits_s: dict[str, float] = {}
         self._wish: Wish | None = None
 
-    def hold(self, by: str, reason: str) -> None:
-        """Stand still from the next check on, until ``release`` is called with the same ``by``."""
+    def hold(self, by: str, reason: str, limit_s: float = HOLD_LIMIT_S) -> None:
+        """Stand still from the next check on, until ``release`` is called with the same ``by``.
+
+        ``limit_s``: the run ends safely when it has stood still that long and this reason is still there.
+        """
         with self._lock:
             self._reasons[by] = reason
+            self._limits_s[by] = limit_s
 
     def release(self, by: str) -> bool:
         """Take a reason back; False if there was none."""
         with self._lock:
+            self._limits_s.pop(by, None)
             return self._reasons.pop(by, None) is not None
 
     def wish(self, wish: Wish) -> None:
@@ -54,6 +61,12 @@ class Holds:
         """Reasons to stand still, by who gave them."""
         with self._lock:
             return dict(self._reasons)
+
+    def overdue(self, held_s: float) -> tuple[str, str, float] | None:
+        """The first reason whose limit is over after standing still for ``held_s``: (by, reason, limit in second)."""
+        with self._lock:
+            late = ((by, self._reasons[by], limit_s) for by, limit_s in self._limits_s.items() if held_s > limit_s)
+            return next(late, None)
 
     def take(self) -> Wish | None:
         """What is wished now: standing still comes first. A retake or skip is handed out once."""

@@ -6,16 +6,20 @@ import importlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 import pyvisa
 import serial
 from pyvisa.resources import MessageBasedResource
+from serial.tools import list_ports
 
 from bench.model.clock import Clock
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError, InstrumentError, LinkError
 from bench.model.ports import ByteLink, Instrument, RecordWindow, Transcript
+from bench.run.link_port import PortLink
+from bench.run.network import check_answers
 
 if TYPE_CHECKING:
     from bench.plan import Station  # the guard opens instruments too, and must not need plans
@@ -23,6 +27,7 @@ if TYPE_CHECKING:
 SIMULATION = "sim_instruments.simulation"
 SERIAL_HANDLERS = "sim_instruments"
 WRITE_LIMIT_S = 2.0
+BY_SERIAL_NUMBER = "serial-number:"
 
 
 class World(Protocol):
@@ -79,7 +84,7 @@ def open_bench(
         )
     world = _open_world(station, clock, seed) if station.file.world is not None else None
     library = world.visa_library if world is not None else station.file.visa
-    visa = visa_manager(library)
+    visa = open_visa(library)
     bench = OpenBench(station, {}, {}, world, visa.close)
     try:
         for role, entry in station.instruments.items():
@@ -93,7 +98,7 @@ def open_bench(
     return bench
 
 
-def visa_manager(library: str) -> pyvisa.ResourceManager:
+def open_visa(library: str) -> pyvisa.ResourceManager:
     """The VISA library of a station. Raises: InstrumentError B-RUN-002."""
     try:
         return pyvisa.ResourceManager(library)
@@ -140,13 +145,28 @@ def open_instrument(
 
     driver = driver_class(entry.driver)
     instrument: Instrument = driver(
-        reopen(), role=role, clock=clock, transcript=transcript, options=dict(entry.options)
-    )
+        reopen(), role=role, clock=clock, transcript=transcript, options=dict(entry.options), reopen=reopen,
+        interface_clear=_interface_clear(visa, entry.resource),
+    )  # fmt: skip
     return instrument
+
+
+def _interface_clear(visa: pyvisa.ResourceManager, resource: str) -> Callable[[], None] | None:
+    """How the interface of a GPIB board is cleared: whoever talks or listens starts anew. None on other buses."""
+    board = resource.split("::", maxsplit=1)[0].upper()
+    if not board.startswith("GPIB"):
+        return None
+
+    def clear() -> None:
+        with visa.open_resource(f"{board}::INTFC") as interface:
+            interface.send_ifc()  # type: ignore[attr-defined]
+
+    return clear
 
 
 def _open_resource(visa: pyvisa.ResourceManager, role: str, resource: str) -> MessageBasedResource:
     try:
+        check_answers(resource)
         return visa.open_resource(resource, resource_pyclass=MessageBasedResource)  # type: ignore[return-value]
     except (pyvisa.Error, OSError, ValueError) as error:
         raise InstrumentError(
@@ -161,18 +181,29 @@ def _open_links(station: Station, world: World | None) -> Mapping[str, ByteLink]
     if world is not None and SERIAL_HANDLERS not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(SERIAL_HANDLERS)
     opened: dict[str, ByteLink] = {}
-    for name, entry in station.links.items():
-        url = world.link_url(name) if world is not None else str(entry.url)
-        opened[name] = open_port(name, url, entry.baud, exclusive=world is None)
+    try:
+        for name, entry in station.links.items():
+            url = world.link_url(name) if world is not None else str(entry.url)
+            opened[name] = PortLink(partial(open_port, name, url, entry.baud, exclusive=world is None))
+    except Exception:
+        for link in opened.values():
+            with suppress(OSError):
+                link.close()
+        raise
     return opened
 
 
 def open_port(name: str, url: str, baud: int, *, exclusive: bool) -> ByteLink:
-    """Open one serial port; reads never wait, and nobody else can open it meanwhile. Raises: LinkError B-RUN-003."""
+    """Open one serial port; reads never wait, and nobody else can open it meanwhile.
+
+    No flow control of any kind: a byte 0x11 or 0x13 of a frame is no command to the driver. ``serial-number:XYZ`` is
+    the port of the adapter with this serial number, wherever it is plugged in. Raises: LinkError B-RUN-003.
+    """
     try:
         port: ByteLink = serial.serial_for_url(
-            url, baudrate=baud, timeout=0, write_timeout=WRITE_LIMIT_S, exclusive=exclusive
-        )
+            _located(url), baudrate=baud, timeout=0, write_timeout=WRITE_LIMIT_S, exclusive=exclusive,
+            xonxoff=False, rtscts=False, dsrdtr=False,
+        )  # fmt: skip
     except (serial.SerialException, OSError, ValueError) as error:
         raise LinkError(
             "B-RUN-003",
@@ -180,4 +211,19 @@ def open_port(name: str, url: str, baud: int, *, exclusive: bool) -> ByteLink:
             where=name,
             next_step="check the port in the station file and its permissions",
         ) from error
+    with suppress(OSError, ValueError, AttributeError, NotImplementedError):  # where the driver has it
+        port.set_low_latency_mode(True)  # type: ignore[attr-defined]
     return port
+
+
+def _located(url: str) -> str:
+    """The device of a URL that names an adapter by its serial number; any other URL as it is. Raises: ValueError."""
+    wanted = url.removeprefix(BY_SERIAL_NUMBER)
+    if wanted == url:
+        return url
+    ports = list_ports.comports()
+    devices = sorted(port.device for port in ports if port.serial_number == wanted)
+    if len(devices) != 1:
+        known = ", ".join(sorted(port.serial_number for port in ports if port.serial_number)) or "none"
+        raise ValueError(f"{len(devices)} ports have the serial number {wanted!r}; there are: {known}")
+    return str(devices[0])

@@ -3,26 +3,95 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from bench.plan import Step
-from bench.record import RecordRow
+from bench.plan import Plan, Step
+from bench.record import JournalEntry
+
+Event = tuple[str, int, Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
 class Resumption:
-    """A session that is gone on with: from step ``start``, with the records it holds already.
+    """A session that is gone on with: from step ``start``, behind the ``records`` it holds already.
 
-    ``manifest`` is the session's; ``fields`` go into its "resume" event.
+    ``manifest`` is the session's; ``withdrawn`` are numbers of records that are taken again; ``expected`` what the
+    bench was set to when it stopped (bench.run.setpoints); ``fields`` go into the "resume" event.
     """
 
     folder: Path
     manifest: Mapping[str, Any]
     start: int
-    rows: Mapping[int, RecordRow] = field(default_factory=dict)
+    records: int = 0
+    withdrawn: tuple[int, ...] = ()
+    expected: Mapping[str, dict[str, Any]] = field(default_factory=dict)
     fields: Mapping[str, Any] = field(default_factory=dict)
+
+    def with_fields(self, **more: Any) -> Resumption:
+        """The same with more in the "resume" event."""
+        return replace(self, fields={**self.fields, **more})
+
+
+@dataclass(frozen=True)
+class Position:
+    """Where a stopped run goes on: its next step, the records that stay (the highest number) and those taken again."""
+
+    start: int
+    records: int
+    withdrawn: tuple[int, ...]
+
+
+def stopped_at(plan: Plan, entries: Sequence[JournalEntry], events: Sequence[Event]) -> Position:
+    """Position of a stopped run, from its journal and the events of its session.
+
+    Either may have lost its end in a power cut. A record counts if its event is there; the point of the first one that
+    is missing is taken again, and so is a point whose record was not verified any more. Of a run that could still say
+    how it ended the journal is whole: a record behind it was not accepted.
+    """
+    taken, skipped = _taken(events)
+    last = next((one for one in reversed(events) if one[0] in ("end", "resume")), None)
+    told = last is not None and last[0] == "end"
+    if last is not None and told and last[2].get("error", "") is None:  # killed behind its last step, unclosed
+        number = len(plan.steps)
+    else:
+        number = _next_step(plan, entries, taken, skipped, told=told)
+    if number < len(plan.steps):
+        steps = plan.phase(plan.steps[number].phase)
+        inside = number - steps[0].number
+        number = steps[0 if steps[0].phase == "finally" else point_start(steps, inside)].number
+    again = tuple(sorted(one for one, step in taken.items() if step >= number))
+    return Position(number, max((one for one in taken if one not in again), default=0), again)
+
+
+def _taken(events: Sequence[Event]) -> tuple[dict[int, int], list[range]]:
+    """Steps of the records that count, by number, and the ranges of steps that were skipped."""
+    taken: dict[int, int] = {}
+    skipped = []
+    for kind, _, fields in events:
+        if kind == "record":
+            taken[int(fields["number"])] = int(fields.get("step", -1))
+        elif kind == "retake":
+            taken.pop(int(fields.get("record", -1)), None)
+        elif kind == "skip":
+            skipped.append(range(int(fields["first"]), int(fields["stop"])))
+    return taken, skipped
+
+
+def _next_step(
+    plan: Plan, entries: Sequence[JournalEntry], taken: Mapping[int, int], skipped: Sequence[range], *, told: bool
+) -> int:
+    """Number of the step behind the last one that is proved to be done, ``len(plan.steps)`` if all are."""
+    number = entries[-1].number + 1 if entries else 0
+    for stretch in skipped:
+        number = stretch.stop if number in stretch else number
+    last = max(taken.values(), default=-1)
+    if last >= number:
+        return number if told and entries else last + 1
+    records = (step.number for step in plan.steps[last + 1 : number] if step.kind == "record")
+    lost = (one for one in records if not any(one in stretch for stretch in skipped))
+    return next(lost, number)
 
 
 def point_start(steps: Sequence[Step], index: int) -> int:

@@ -54,6 +54,7 @@ def _take(context: RunContext, step: Step, number: int) -> RecordRow:
     deadline = window.t_end_ns + to_ns(patience_s(context, step))
     context.acquisition.wait_until(lambda: reader.last_counter >= last, deadline)
     with context.acquisition.lock:  # a replay takes the frames received up to the time of the event, no others
+        context.acquisition.catch_up()
         timed = {"pulse_timing": True} if is_timed(step) else {}
         context.event("record", **window_fields(window), **timed)
         return context.cutter.close(number)

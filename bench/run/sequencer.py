@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 
 from bench.model.clock import NS, to_ns
-from bench.model.errors import BenchError, OperatorStop, RunError
+from bench.model.errors import BenchError, InstrumentError, OperatorStop, RunError
 from bench.plan import Step
 from bench.plan.plan import Phase
 from bench.record import Journal, RecordError, RecordRow
 from bench.run.context import CHAMBER, RunContext
 from bench.run.holds import Interruption, Wish
+from bench.run.instrument_hold import wish_to_wait
 from bench.run.patience import patient
 from bench.run.position import point_start, point_stop
 from bench.run.recording import measurement_rows
+from bench.run.reentry import come_back
 from bench.run.safety import make_safe
+from bench.run.setpoints import setpoint_of
 from bench.run.standing import stand_still
 from bench.run.steps import EXECUTORS
 from bench.run.stop import unforeseen
@@ -54,16 +57,16 @@ class Sequencer:
         self._slip_ns = 0
         self._lateness_ns: list[int] = []
 
-    def run(self, start: int = 0) -> Outcome:
+    def run(self, start: int = 0, enter: Callable[[], None] | None = None) -> Outcome:
         """Execute every step from number ``start`` on, then make the bench safe, whatever happened.
 
-        Errors are part of the outcome, not raised.
+        ``enter`` brings the bench to where that step may begin. Errors are part of the outcome, not raised.
 
         An error nobody foresaw becomes B-INT-001: the session must still be closed and say what it holds.
         """
         context = self._context
         try:
-            error = self._attempt(start)
+            error = self._attempt(start, enter)
         except OperatorStop as stopped:  # a second signal on the way out of a step
             error = stopped
         finally:
@@ -88,8 +91,10 @@ class Sequencer:
         )
         return outcome
 
-    def _attempt(self, start: int) -> BenchError | None:
+    def _attempt(self, start: int, enter: Callable[[], None] | None) -> BenchError | None:
         try:
+            if enter is not None:
+                enter()
             for phase in PHASES:
                 steps = self._context.plan.phase(phase)
                 if steps and steps[-1].number >= start:
@@ -111,6 +116,7 @@ class Sequencer:
         context.event("phase", name=steps[0].phase, t_start_ns=context.clock.now_ns())
         context.stop.interruptible = steps[0].phase != "finally"
         attempts: dict[int, int] = {}  # by number of the verify step
+        holds: dict[int, int] = {}  # for an instrument that was silent, by number of the step
         try:
             while position < len(steps):
                 count = context.record_count
@@ -121,6 +127,12 @@ class Sequencer:
                     position = self._interrupted(interruption.wish, steps, position)
                 except RunError as error:
                     position = self._again(error, steps, position, attempts)
+                except InstrumentError as error:
+                    step = steps[position]
+                    wish = wish_to_wait(context, error, step.role, holds.get(step.number, 0))
+                    holds[step.number] = holds.get(step.number, 0) + 1
+                    context.drop_open_records(count)
+                    position = self._interrupted(wish, steps, position)
                 else:
                     position += 1
         finally:
@@ -143,9 +155,12 @@ class Sequencer:
     def _interrupted(self, wish: Wish, steps: Sequence[Step], position: int) -> int:
         """Where to go on after a wish: hold and retake go back to the beginning of the point, skip behind its end."""
         context = self._context
-        if wish.kind == "hold":
-            context.timeline.add_slip(stand_still(context, wish, steps[position].number))
         first = point_start(steps, position)
+        if wish.kind == "hold":
+            began_ns = context.clock.now_ns()
+            stand_still(context, wish, steps[position].number)
+            come_back(context, steps[first].number)
+            context.timeline.add_slip(context.clock.now_ns() - began_ns)
         self._retake(f"{wish.reason} ({wish.by})", steps[first:position])
         if wish.kind != "skip":
             return first
@@ -161,7 +176,8 @@ class Sequencer:
         context.listener.step(step, (context.clock.now_ns() - self._start_ns) / NS)
         context.timeline.reach(step.at_s)
         EXECUTORS[step.kind](context, step)
-        self._journal_step(step.number, step.phase, context.clock.now_ns(), step.conditions)
+        set_to = setpoint_of(step, context.instruments)
+        self._journal_step(step.number, step.phase, context.clock.now_ns(), step.conditions, set_to)
         self._done = step.number + 1
 
     def _retake(self, reason: str, again: Sequence[Step]) -> None:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, closing
+from contextlib import AbstractContextManager, ExitStack, closing, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,14 +22,20 @@ from bench.run.acquisition import Acquisition, LinkReader
 from bench.run.beginning import begin_safely, check_space, identities_of
 from bench.run.context import CHAMBER, Listener, RunContext
 from bench.run.environment import EnvironmentLog
+from bench.run.frozen import changed_files
+from bench.run.guarding import station_lock
 from bench.run.health import WRITER
+from bench.run.link_keeper import keep_links
 from bench.run.listening import SafeListener
 from bench.run.opener import OpenBench, open_bench
 from bench.run.operator import Operator
 from bench.run.patience import patient
 from bench.run.position import Resumption
 from bench.run.provenance import software
+from bench.run.reentry import enter
+from bench.run.resume import same_instruments
 from bench.run.sequencer import Outcome, Sequencer
+from bench.run.setpoints import differences, read_back
 from bench.run.stop import StopSwitch, guarded
 from bench.run.timing import Timeline
 from bench.run.transcript import HeldTranscript, new_folder
@@ -76,10 +83,11 @@ def manifest_of(
         "sequence": plan.name,
         "title": plan.title,
         "simulated": station.simulated,
-        "seed": seed if station.simulated else None,
+        "seed": seed if station.in_process else None,
         "clock": "virtual" if clock.virtual else "wall",
         "station": station.name,
         "campaign": dict(plan.campaign),
+        "settings": dict(plan.settings),
         "standards": station.standards(),
         "identities": dict(identities),
         "links": {link: f"frames/{frame}.yaml" for link, frame in plan.frames.items()},
@@ -117,30 +125,45 @@ def conduct(
     The bench is always left safe; how the run ended is in the outcome. Only what happens before the session exists
     (a bench that does not open, a wrong identity) is raised.
     """
-    frames = {
-        link: parse_frame(plan.texts[f"frames/{frame}.yaml"], f"frames/{frame}.yaml")
-        for link, frame in plan.frames.items()
-    }
     _check_links(plan)
     check_space(plan, out)
-    transcript = HeldTranscript()
-    with StopSwitch() as stop:
+    with StopSwitch() as stop, station_lock(plan.station, "run", clock) as lock:
+        transcript = HeldTranscript()
         bench = open_bench(plan.station, clock, transcript, seed=seed)
         try:
-            identities = identities_of(begin_safely(bench, clock))
+            resumed, identities = _identified(bench, clock, resumed)
             judged = {} if preflight is None else preflight(plan, bench, clock, out)
-            writer, manifest = _begin(plan, clock, seed, out, identities, frames, resumed)
+            writer, manifest = _begin(plan, clock, seed, out, identities, resumed)
+            lock.name_session(writer.folder.name)
             transcript.attach(writer)
             transcript.on_traffic = stop.on_traffic
             sink = KeepingSink(writer, keep_events)
             if judged:
                 sink.event("preflight", clock.now_ns(), judged)
-            run = _Run(plan, bench, frames, writer, sink, clock, stop, beside, resumed)
+            run = _Run(plan, bench, _frames(plan), writer, sink, clock, stop, beside, resumed)
             outcome = _closed(writer, run.sequence(operator, SafeListener(listener)))
-            truth = [] if bench.world is None else bench.world.truth([row.window for row in outcome.rows])
+            has_past = bench.world is not None and resumed is None  # a world begun anew does not know what was before
+            truth = bench.world.truth([row.window for row in outcome.rows]) if bench.world and has_past else []
         finally:
             bench.close()
     return Conducted(writer.folder, manifest, outcome, writer.chain, run.counts(), sink.events, truth)
+
+
+def _frames(plan: Plan) -> dict[str, FrameDefinition]:
+    names = {link: f"frames/{frame}.yaml" for link, frame in plan.frames.items()}
+    return {link: parse_frame(plan.texts[name], name) for link, name in names.items()}
+
+
+def _identified(
+    bench: OpenBench, clock: Clock, resumed: Resumption | None
+) -> tuple[Resumption | None, dict[str, dict[str, str]]]:
+    """Who answers, the bench safe; a resumption learns what is set otherwise than the session left it."""
+    found = {} if resumed is None else read_back(bench.instruments, clock)
+    identities = identities_of(begin_safely(bench, clock))
+    if resumed is None:
+        return None, identities
+    same_instruments(resumed.manifest, identities)
+    return resumed.with_fields(identities=identities, differences=differences(resumed.expected, found)), identities
 
 
 def _begin(
@@ -149,15 +172,14 @@ def _begin(
     seed: int,
     out: Path,
     identities: Mapping[str, Any],
-    frames: Mapping[str, FrameDefinition],
     resumed: Resumption | None,
 ) -> tuple[SessionWriter, Mapping[str, Any]]:
     """A new session, or one that is gone on with; and its manifest."""
     if resumed is not None:
-        fields = {**resumed.fields, "start": resumed.start, "identities": identities}
+        fields = {**resumed.fields, "start": resumed.start}
         return resume_session(resumed.folder, t_mono_ns=clock.now_ns(), fields=fields), resumed.manifest
     name = session_name(plan, clock)
-    manifest = manifest_of(plan, name, seed, clock, identities, {link: frame.sha256 for link, frame in frames.items()})
+    manifest = manifest_of(plan, name, seed, clock, identities, {k: f.sha256 for k, f in _frames(plan).items()})
     texts = {**plan.texts, "plan.json": plan_json(plan)}
     return SessionWriter.create(new_folder(out, name), manifest, texts, t_mono_ns=clock.now_ns()), manifest
 
@@ -239,10 +261,15 @@ class _Run:
             beside.callback(self.clock.every(CLOCK_PAIR_S, guarded(self._pair, self.stop)).cancel)
             if not self.clock.virtual:
                 self._sync_beside(context, journal, beside)
+            beside.enter_context(keep_links(context))
             for start in self.beside:
                 beside.enter_context(start(context))
             sequencer = Sequencer(context, journal, self.plan.station.safe_order)
-            outcome = sequencer.run(0 if self.resumed is None else self.resumed.start)
+            if self.resumed is None:
+                outcome = sequencer.run()
+            else:
+                outcome = sequencer.run(self.resumed.start, partial(enter, context, self.resumed.start))
+            self._compare_files(listener)
         self._pair()
         if outcome.error is None:
             journal.path.unlink()
@@ -254,12 +281,20 @@ class _Run:
         timeline = Timeline(clock, stop, clock.now_ns())
         context = RunContext(
             self.plan, self.bench.instruments, acquisition, self.cutter, clock, self.sink, operator, listener, stop,
-            timeline, self.plan.measurement_link,
+            timeline, self.plan.measurement_link, folder=self.writer.folder,
         )  # fmt: skip
         if self.resumed is not None:
-            context.rows.update(self.resumed.rows)
-            context.record_count = max(self.resumed.rows, default=0)
+            context.record_count = self.resumed.records
+            for number in self.resumed.withdrawn:
+                context.event("retake", record=number, reason="its point was not finished when the run stopped")
         return context
+
+    def _compare_files(self, listener: Listener) -> None:
+        """Say which files have changed while the run went on from its frozen copy."""
+        for name, change in changed_files(self.plan.files, self.plan.texts).items():
+            with suppress(RecordError):
+                self.sink.event("config", self.clock.now_ns(), {"file": name, "change": change})
+            listener.message(f"{name} is {change} on the disk; the run used its own copy")
 
     def _sync_beside(self, context: RunContext, journal: Journal, beside: ExitStack) -> None:
         """Bring session and journal to the disk each second, off the step thread."""

@@ -6,11 +6,13 @@ import math
 from dataclasses import dataclass, field
 
 from bench.model.clock import NS, to_ns
-from bench.model.errors import RunError
+from bench.model.errors import InstrumentError, RunError
 from bench.plan import Step
 from bench.run.context import RunContext
 
 POLL_S = 60.0
+LEAST_POLL_S = 1.0
+READINGS = 4  # at least, over the time for which the temperature must be stable
 
 
 @dataclass
@@ -29,6 +31,11 @@ class Stability:
             self.readings.pop(0)
 
     @property
+    def poll_s(self) -> float:
+        """How often the temperature is read, second."""
+        return min(POLL_S, max(LEAST_POLL_S, self.for_s / READINGS))
+
+    @property
     def stable(self) -> bool:
         """All readings of the last ``for_s`` seconds are within the band (a NaN is not)."""
         if not self.readings or self.readings[-1][0] - self.readings[0][0] < to_ns(self.for_s):
@@ -37,8 +44,8 @@ class Stability:
 
     @property
     def slope_degC_min(self) -> float:
-        """Slope over the readings kept, degC/min; NaN with fewer than two."""
-        if len(self.readings) < 2:
+        """Slope over the readings kept, degC/min; NaN with fewer than two moments."""
+        if not self.readings or self.readings[0][0] == self.readings[-1][0]:
             return math.nan
         (t0, first), (t1, last) = self.readings[0], self.readings[-1]
         return (last - first) / ((t1 - t0) / NS / 60.0)
@@ -60,7 +67,7 @@ def soak(context: RunContext, step: Step) -> None:
     end_s = step.at_s + step.duration_s
     moment_s = step.at_s
     while not watch.readings or moment_s < end_s:
-        moment_s = min(end_s, moment_s + POLL_S)
+        moment_s = min(end_s, moment_s + watch.poll_s)
         context.timeline.wait_until(moment_s)
         watch.add(context.clock.now_ns(), _sensor(context, step))
     if not watch.stable:
@@ -71,8 +78,12 @@ def soak(context: RunContext, step: Step) -> None:
 def _sensor(context: RunContext, step: Step) -> float:
     if step.arguments.get("sensor", "unit") == "unit":
         return context.unit_temperature_degC
-    with context.in_use.take(step.role):
-        return float(context.instruments[step.role].measure_air())  # type: ignore[attr-defined]
+    try:
+        with context.in_use.take(step.role):
+            return float(context.instruments[step.role].measure_air())  # type: ignore[attr-defined]
+    except InstrumentError as error:  # no reading is not a stable temperature, and no reason to end a run
+        context.event("error", code=error.code, text=str(error), step=step.number)
+        return math.nan
 
 
 def _late(context: RunContext, step: Step, watch: Stability) -> None:
@@ -88,9 +99,9 @@ def _late(context: RunContext, step: Step, watch: Stability) -> None:
         return
     waited_s = 0.0
     while policy == "hold" and waited_s < limit_s and not watch.stable:
-        context.timeline.add_slip(to_ns(POLL_S))
+        context.timeline.add_slip(to_ns(watch.poll_s))
         context.timeline.wait_until(step.at_s + step.duration_s)
-        waited_s += POLL_S
+        waited_s += watch.poll_s
         watch.add(context.clock.now_ns(), _sensor(context, step))
     if watch.stable:
         context.event("slip", step=step.number, seconds=waited_s, reason="soak")

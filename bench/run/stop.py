@@ -6,6 +6,7 @@ The sequencer checks it between steps and while it waits; each check is its sign
 
 from __future__ import annotations
 
+import os
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -35,6 +36,7 @@ class StopSwitch:
         self.on_check: Callable[[], None] = lambda: None  # the sequencer's sign of life
         self._shielded = False
         self._at_once = False
+        self._nudged = False
         self._previous: dict[int, Any] = {}
 
     def __enter__(self) -> StopSwitch:
@@ -50,7 +52,8 @@ class StopSwitch:
 
     def _on_signal(self, number: int, _: FrameType | None) -> None:
         name = signal.Signals(number).name
-        again, self.requested = bool(self.requested), self.requested or name
+        again = bool(self.requested) and not self._nudged
+        self.requested, self._nudged = self.requested or name, False
         if self._shielded:
             return
         if again:
@@ -76,13 +79,21 @@ class StopSwitch:
         """From now on signals are noted and raise nothing."""
         self._shielded = True
 
+    @property
+    def over(self) -> bool:
+        """True from the moment on when the bench is made safe at the end."""
+        return self._shielded
+
     def on_traffic(self) -> None:
         """A command or reply went over the bus: the sequencer lives."""
         self.on_check()
 
     def request(self, who: str) -> None:
-        """Stop at the next check, as the first Ctrl-C does."""
+        """Stop at the next check, as the first Ctrl-C does; a person who is being asked is asked no longer."""
         self.requested = self.requested or who
+        if self._at_once and self._previous:
+            self._nudged = True
+            os.kill(os.getpid(), signal.SIGTERM)  # only a signal gets the thread that waits for a person out of it
 
     def check(self) -> None:
         """As ``check_stop``; then raise Interruption if somebody wants the run to stand still, retake or skip."""

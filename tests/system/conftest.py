@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from crashes import Crashes, crashed_everywhere
 from rehearsal import SEED, Act, Rehearsal, Watched, run_short
 
 from bench.model.clock import VirtualClock
@@ -21,6 +22,11 @@ from sim_instruments.world import World
 @pytest.fixture(scope="session")
 def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
     return run_short(tmp_path_factory.mktemp("short"))
+
+
+@pytest.fixture(scope="session")
+def crashes(tmp_path_factory: pytest.TempPathFactory) -> Crashes:
+    return crashed_everywhere(tmp_path_factory.mktemp("crashes"))
 
 
 @pytest.fixture

@@ -36,12 +36,12 @@ def worst_ppm(rehearsal: Rehearsal) -> float:
 
 
 def assert_safe(world: World) -> None:
-    """No current, no closed relay, no power to the unit, chamber not running: what the world itself says."""
+    """No current, no closed relay, no power to the unit, chamber stopped or on hold: what the world itself says."""
     assert world.wiring.loop_current_A == 0.0
     assert world.wiring.closed == frozenset()
     assert not world.instruments["calibrator"].operating
     assert not world.instruments["supply"].on
-    assert world.instruments["chamber"].mode & 16 == 0
+    assert world.instruments["chamber"].outputs()["mode"] in ("stopped", "holding")
 
 
 def ended_with(rehearsal: Rehearsal, code: str) -> BenchError:
@@ -105,7 +105,7 @@ def test_a_silent_thermometer_costs_its_readings_and_not_the_campaign(tmp_path: 
 
 
 @pytest.mark.parametrize("role", ["calibrator", "switch"])
-def test_an_instrument_that_falls_silent_ends_the_run_safely(tmp_path: Path, rehearse: Start, role: str) -> None:
+def test_an_instrument_that_stays_silent_ends_the_run_safely(tmp_path: Path, rehearse: Start, role: str) -> None:
     seen: list[int] = []
 
     def mute(world: World, step: Step) -> None:
@@ -113,12 +113,29 @@ def test_an_instrument_that_falls_silent_ends_the_run_safely(tmp_path: Path, reh
             world.faults.instrument(role).mute = True
 
     found = rehearse(tiny_plan(tmp_path), act=mute)
-    error = ended_with(found, "B-INST-001")
+    error = ended_with(found, "B-RUN-070")  # after half an hour
     assert role in error.where
     assert [failure.where for failure in found.run.outcome.unsafe] == [role]
     assert [failure.code for failure in found.run.outcome.unsafe] == ["B-RUN-060"]
     assert_safe(found.world)  # it hears what it cannot confirm
     assert (found.run.folder / "journal.jsonl").exists()
+
+
+@pytest.mark.parametrize("role", ["calibrator", "switch", "chamber", "supply"])
+def test_an_instrument_that_is_silent_for_a_while_costs_no_record(tmp_path: Path, rehearse: Start, role: str) -> None:
+    seen: list[int] = []
+
+    def mute(world: World, step: Step) -> None:
+        if records_begun(step, 4, seen):
+            world.switches.switch("mute", role)
+            world.after(60.0, lambda: world.switches.switch("mute", role, "off"))
+
+    found = rehearse(tiny_plan(tmp_path), act=mute)
+    assert found.run.outcome.error is None
+    assert found.run.outcome.unsafe == ()
+    assert len(found.run.outcome.rows) == 15
+    assert worst_ppm(found) < GYRO_LIMIT_ppm
+    assert_safe(found.world)
 
 
 @pytest.mark.parametrize("role", ["calibrator", "switch", "chamber", "rail_dmm"])

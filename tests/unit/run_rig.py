@@ -247,6 +247,7 @@ class Rig:
         self.steps: list[Step] = []
         self.ticks: list[int] = []
         self.on_tick: Callable[[int], None] = self.ticks.append
+        self.safe_order: tuple[str, ...] = ()  # of what is switched off when the run stands still
         self._at_s = 0.0
 
     def step(self, kind: Any, role: str = "", name: str = "", *, phase: Any = "campaign", **arguments: Any) -> Step:
@@ -266,6 +267,7 @@ class Rig:
             steps=tuple(self.steps),
             phase=lambda phase: tuple(step for step in self.steps if step.phase == phase),
             measurement_link="port_a",
+            station=SimpleNamespace(safe_order=self.safe_order),
             campaign={"rate_Hz": 100.0, "channels": [{"number": n, "k0_C": K0_C} for n in range(1, 11)]},
         )
         cutter = RecordCutter(self.port_a.definition)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +11,7 @@ import pytest
 from record_sample import FaultyFiles, no_space
 
 from bench.record import Journal, JournalEntry, RecordError, read_journal
-from bench.record.journal import JOURNAL_NAME
+from bench.record.journal import JOURNAL_NAME, is_being_written
 
 SEED = 20
 
@@ -131,3 +133,43 @@ def test_a_full_disk_keeps_the_lines_before(tmp_path: Path) -> None:
 def test_a_folder_without_a_journal_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordError, match="B-REC-005"):
         Journal(tmp_path / "not there")
+
+
+def test_two_writers_of_one_journal_are_refused(tmp_path: Path) -> None:
+    """The lock is the kernel's: it is gone with its holder, however that ends."""
+    assert not is_being_written(tmp_path)
+    journal = Journal(tmp_path)
+    assert is_being_written(tmp_path)
+    with pytest.raises(RecordError, match="B-REC-006"):
+        Journal(tmp_path)
+    journal.close()
+    journal.close()
+    assert not is_being_written(tmp_path)
+    Journal(tmp_path).close()
+
+
+def test_the_lock_of_a_killed_writer_is_gone(tmp_path: Path) -> None:
+    code = (
+        "import sys, pathlib, time; from bench.record import Journal; "
+        "j = Journal(pathlib.Path(sys.argv[1])); j.step(0, 'campaign', 0, {}); print('ready', flush=True); input()"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as writer:
+        assert writer.stdout is not None
+        assert writer.stdout.readline() == b"ready\n"
+        assert is_being_written(tmp_path)
+        writer.kill()
+        writer.wait()
+    assert not is_being_written(tmp_path)
+    assert len(read_journal(tmp_path).entries) == 1
+
+
+def test_a_step_that_set_something_says_what(tmp_path: Path) -> None:
+    journal = Journal(tmp_path)
+    journal.step(0, "campaign", 0, {}, {"calibrator.output": {"current": 0.01}})
+    journal.step(1, "campaign", 0, {}, {})
+    journal.close()
+    assert [entry.setpoint for entry in read_journal(tmp_path).entries] == [
+        {"calibrator.output": {"current": 0.01}},
+        {},
+    ]

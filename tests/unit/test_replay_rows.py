@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -176,8 +177,11 @@ def test_after_a_resume_counters_start_anew(tmp_path: Path) -> None:
     done = replay_rows(tmp_path)
     assert len(done.rows) == 2
     same(before, done.rows[0])
-    same(after, done.rows[1])
-    assert lost.window.first_counter != after.window.first_counter
+    moved, stop = done.rows[1].window, before.window.first_counter + before.window.frames
+    assert moved.t_start_ns > lost.window.t_end_ns  # the clock began anew; without UTC the gap is taken for none
+    assert moved.t_end_ns - moved.t_start_ns == after.window.t_end_ns - after.window.t_start_ns
+    assert moved.first_counter > stop
+    same(replace(after, window=moved), done.rows[1])
     assert done.unfinished == ("session.0001.mcap",)
     assert done.damage == ()
 

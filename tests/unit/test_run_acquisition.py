@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
+from typing import NoReturn
 
 import pytest
 from run_rig import Rig
@@ -11,7 +14,11 @@ from run_rig import Rig
 from bench.model.clock import NS
 from bench.model.errors import BenchError, LinkError
 from bench.record import RecordError
+from bench.run import link_keeper
+from bench.run.context import RunContext
 from bench.run.environment import EnvironmentLog
+from bench.run.holds import Interruption
+from bench.run.link_keeper import keep_links
 from bench.run.listening import SafeListener
 from bench.run.patience import patient
 from bench.run.stop import StopSwitch, guarded, unforeseen
@@ -88,6 +95,78 @@ def test_a_write_that_fails_is_a_link_error(tmp_path: Path) -> None:
     with pytest.raises(LinkError) as caught:
         reader.write(b"x")
     assert caught.value.code == "B-RUN-020"
+
+
+def kept(rig: Rig, stack: ExitStack) -> RunContext:
+    """Links that somebody looks after, in the middle of a campaign."""
+    context = rig.context()
+    stack.enter_context(keep_links(context))
+    rig.clock.sleep(1.0)
+    context.acquisition.refresh()
+    record = SimpleNamespace(kind="record", number=0, role="", name="")
+    context.listener.step(record, 0.0)  # type: ignore[arg-type]
+    return context
+
+
+def test_a_command_to_a_unit_that_is_gone_waits_for_it(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    with ExitStack() as stack:
+        context = kept(rig, stack)
+        rig.port_b.read = rig.port_b.write = refuse  # type: ignore[assignment]
+        with pytest.raises(Interruption) as caught:
+            context.acquisition.readers["port_b"].write(b"x")
+    assert (caught.value.wish.kind, caught.value.wish.by) == ("hold", "link port_b")
+    assert "not here" in caught.value.wish.reason
+
+
+def refuse(_: object) -> NoReturn:
+    raise OSError("not here")
+
+
+def test_a_port_that_cannot_be_opened_again_is_waited_for_and_given_up(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    with ExitStack() as stack:
+        kept(rig, stack)
+        rig.port_a.broken = OSError("gone")
+        rig.clock.sleep(2.0)
+        assert rig.stop.holds.reasons == {"link port_a": "the port cannot be read: gone"}
+        assert rig.stop.fault is None
+        rig.clock.sleep(601.0)
+        assert rig.stop.fault is not None
+        assert rig.stop.fault.code == "B-RUN-024"
+    assert [event["state"] for event in rig.events("link")] == ["lost"]
+
+
+def test_errors_the_kernel_counts_are_events(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(tmp_path)
+    counts = {"frame": 2, "overrun": 0, "parity": 0, "buf_overrun": 1}
+    counting = {id(rig.port_a): counts}
+    monkeypatch.setattr(link_keeper, "kernel_counts", lambda link: dict(counting.get(id(link), {})) or None)
+    with ExitStack() as stack:
+        context = kept(rig, stack)
+        rig.clock.sleep(10.0)
+        assert rig.events("link") == []
+        counts["overrun"], counts["buf_overrun"] = 3, 2
+        context.acquisition.readers["port_a"].behind = 2
+        rig.clock.sleep(20.0)
+    overrun, behind = rig.events("link")
+    assert overrun == {
+        "link": "port_a", "state": "kernel errors", "frame": 0, "overrun": 3, "parity": 0, "buf_overrun": 1
+    }  # fmt: skip
+    assert behind == {"link": "port_a", "state": "behind", "times": 2}
+
+
+def test_a_run_that_is_over_waits_for_nothing(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    with ExitStack() as stack:
+        kept(rig, stack)
+        rig.stop.shield()
+        rig.port_a.dropped = lambda counter: True
+        rig.port_b.silent = True
+        rig.clock.sleep(20.0)
+        assert rig.stop.holds.reasons == {}
+        assert rig.port_b.written == b""
+    assert rig.events("link") == []
 
 
 # --- beside the steps ----------------------------------------------------------------------------------------------

@@ -123,17 +123,20 @@ def test_a_point_with_several_records_replaces_them_all_and_ends(tmp_path: Path,
 
 def test_an_error_in_a_step_makes_everything_safe_in_order_even_if_one_fails(tmp_path: Path) -> None:
     rig = three_steps(tmp_path)
-    rig.instruments["calibrator"].fail = {"output": instrument_error(), "make_safe": instrument_error("B-INST-009")}
+    rig.instruments["calibrator"].fail = {
+        "output": instrument_error("B-INST-005"),
+        "make_safe": instrument_error("B-INST-009"),
+    }
     outcome = rig.run(safe_order=("switch", "calibrator"))
     assert outcome.error is not None
-    assert outcome.error.code == "B-INST-001"
+    assert outcome.error.code == "B-INST-005"
     assert rig.listener.steps == [0]
     assert safe_calls(rig) == ["switch", "calibrator", "supply", "calibrator", "calibrator"]
     (failure,) = outcome.unsafe
     assert (failure.code, failure.where) == ("B-RUN-060", "calibrator")
     assert "B-INST-009" in str(failure)
     assert rig.events("safe") == [{"failures": [str(failure)]}]
-    assert rig.events("end")[0]["error"] == "B-INST-001"
+    assert rig.events("end")[0]["error"] == "B-INST-005"
 
 
 @pytest.mark.parametrize("surprise", [ZeroDivisionError("x"), KeyError("role"), AttributeError("y"), MemoryError()])

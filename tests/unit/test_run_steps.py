@@ -57,8 +57,6 @@ def test_a_pure_measurement_without_a_reading_is_flagged_and_the_run_goes_on(
         ("call", "output", "B-INST-007"),  # does something to the bench
         ("verify", "measure", "B-INST-007"),  # its answer is needed
         ("call", "operating", "B-INST-007"),  # declares no reading
-        ("call", "output", "B-INST-001"),
-        ("call", "measure", "B-INST-003"),  # the bus itself
         ("call", "measure", "B-INST-005"),
     ],
 )

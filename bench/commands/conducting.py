@@ -1,0 +1,47 @@
+"""What ``bench run`` and ``bench resume`` share: the watchers beside a run and the pre-flight before it."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from rich.console import Console
+
+from bench.commands.terminal import TerminalOperator, watcher
+from bench.commands.view import KEPT_EVENTS
+from bench.model.clock import Clock
+from bench.plan import Plan
+from bench.run.besides import besides
+from bench.run.clock_watch import clock_watch
+from bench.run.guarding import guard_beside
+from bench.run.operator import SimulatedOperator
+from bench.run.position import Resumption
+from bench.run.preflight import Preflight
+from bench.run.preflight.inhibit import stay_awake
+from bench.run.session import Beside, Conducted, conduct
+
+
+def conduct_watched(
+    plan: Plan, clock: Clock, *, seed: int, out: Path, errors: Console, resumed: Resumption | None = None
+) -> Conducted:
+    """Conduct a plan with everything that watches over it; a person is told on ``errors``."""
+    operator = SimulatedOperator() if plan.station.simulated else TerminalOperator()
+    with watcher(plan, errors) as listener:
+        return conduct(
+            plan,
+            clock=clock,
+            seed=seed,
+            out=out,
+            operator=operator,
+            listener=listener,
+            keep_events=KEPT_EVENTS,
+            beside=watchers(plan, clock),
+            preflight=Preflight(tell=listener.message),
+            resumed=resumed,
+        )
+
+
+def watchers(plan: Plan, clock: Clock) -> list[Beside]:
+    """Who watches over a run, the guard first: it is the last one to be let go."""
+    found: list[Beside] = [guard_beside(plan.station), *besides(plan, os.environ, virtual=clock.virtual)]
+    return found if clock.virtual else [*found, clock_watch, stay_awake]

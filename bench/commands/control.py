@@ -1,0 +1,92 @@
+"""``bench pause``, ``bench abort`` and what ``bench resume`` tries first: a word with a run that is alive."""
+
+from __future__ import annotations
+
+import json
+import socket
+from pathlib import Path
+from typing import Any
+
+from bench.commands.console import console
+from bench.model.errors import ExitStatus, InputError
+from bench.run.control_place import find_socket
+
+ANSWER_S = 5.0
+LONGEST_REPLY = 1_000_000
+
+
+def ask(folder: Path, command: str, reason: str = "") -> dict[str, Any]:
+    """Send one command to the run of a session and return its reply.
+
+    Raises: InputError B-CTRL-001 if no run of this session is alive, B-CTRL-002 if the run refuses the command,
+    B-CTRL-003 if there is no answer in 5 s or none that is understood.
+    """
+    reply = _exchange(folder, {"command": command, "reason": reason})
+    if not reply.get("ok"):
+        advice = "'bench resume SESSION' lets a paused run go on, 'bench abort SESSION' ends it"
+        raise InputError("B-CTRL-002", str(reply.get("error", "refused")), where=str(folder), next_step=advice)
+    return reply
+
+
+def pause(folder: Path, reason: str) -> int:
+    """Let a run stand still until it is resumed."""
+    console().print(ask(folder, "pause", reason)["text"])
+    return ExitStatus.PASS
+
+
+def abort(folder: Path, reason: str) -> int:
+    """End a run at its next check; its bench is made safe and its session closed."""
+    console().print(ask(folder, "abort", reason)["text"])
+    return ExitStatus.PASS
+
+
+def release(folder: Path) -> bool:
+    """Let a paused run go on; False if no run of this session is alive. Raises: as ``ask``, but not B-CTRL-001."""
+    try:
+        console().print(ask(folder, "resume")["text"])
+    except InputError as error:
+        if error.code == "B-CTRL-001":
+            return False
+        raise
+    return True
+
+
+def _exchange(folder: Path, request: dict[str, Any]) -> dict[str, Any]:
+    if not folder.is_dir():
+        message = "there is no such folder"
+        raise InputError("B-CTRL-001", message, where=str(folder), next_step="name the folder of a session")
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    with connection:
+        connection.settimeout(ANSWER_S)
+        try:
+            connection.connect(str(find_socket(folder)))
+        except BlockingIOError as error:  # too many clients wait already: somebody is there
+            raise _no_answer(folder, error) from error
+        except OSError as error:
+            raise InputError(
+                "B-CTRL-001",
+                f"no run of this session is alive ({error.strerror or error})",
+                where=str(folder),
+                next_step="'bench resume SESSION' goes on with a session that ended early",
+            ) from error
+        try:
+            connection.sendall(json.dumps(request).encode() + b"\n")
+            reply = json.loads(_line(connection))
+        except (OSError, ValueError) as error:
+            raise _no_answer(folder, error) from error
+    return reply if isinstance(reply, dict) else {}
+
+
+def _no_answer(folder: Path, error: Exception) -> InputError:
+    advice = "try again; Ctrl-C in the run's own terminal or SIGTERM stops it as well"
+    return InputError("B-CTRL-003", f"the run gave no answer ({error})", where=str(folder), next_step=advice)
+
+
+def _line(connection: socket.socket) -> bytes:
+    received = b""
+    while b"\n" not in received and len(received) < LONGEST_REPLY:
+        chunk = connection.recv(65536)
+        if not chunk:
+            break
+        received += chunk
+    return received

@@ -1,0 +1,86 @@
+"""Which records of a campaign are valid, missing or invalid, and why: what a make-up session has to take again."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from bench.campaigns.groups import count_problem
+from bench.plan import Step
+from bench.record import RecordRow
+from bench.replay.rows import Replayed
+
+VALID, MISSING, INVALID = "valid", "missing", "invalid"
+MEASUREMENT = "measurement"
+
+
+@dataclass(frozen=True)
+class RecordState:
+    """One planned record: its step, its number if it was taken, and what became of it."""
+
+    step: Step
+    number: int | None
+    state: str
+    why: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """The state as JSON values."""
+        found = {"step": self.step.number, "number": self.number, "state": self.state, "why": self.why}
+        return {**found, "conditions": dict(self.step.conditions)}
+
+
+def record_states(steps: Sequence[Step], replayed: Replayed) -> list[RecordState]:
+    """State of every measuring record of the campaign phase, in the order of the plan."""
+    rows = {row.window.step: row for row in replayed.rows}
+    skips = [fields for kind, _, fields in replayed.events if kind == "skip"]
+    reached = max(rows, default=-1)
+    return [_state(step, rows.get(step.number), skips, reached) for step in steps if is_measuring(step)]
+
+
+def is_measuring(step: Any) -> bool:
+    """A record of the campaign that an analysis sees; ``step`` of a plan, compiled or as a session holds it."""
+    purpose = step.arguments.get("purpose", MEASUREMENT)
+    return bool(step.kind == "record" and step.phase == "campaign" and purpose == MEASUREMENT)
+
+
+def _state(step: Step, row: RecordRow | None, skips: Iterable[Mapping[str, Any]], reached: int) -> RecordState:
+    if row is None:
+        skip = next((one for one in skips if one["first"] <= step.number < one["stop"]), None)
+        if skip is not None:
+            return RecordState(step, None, MISSING, f"skipped: {skip['reason']}")
+        lost = "its record is lost" if step.number < reached else "the run stopped before"
+        return RecordState(step, None, MISSING, lost)
+    problem = row_problem(row)
+    return RecordState(step, row.window.number, INVALID if problem else VALID, problem)
+
+
+def row_problem(row: RecordRow) -> str:
+    """Why an analysis leaves a record out, "" if it does not."""
+    return count_problem(row)
+
+
+def summary_lines(states: Sequence[RecordState]) -> list[str]:
+    """The states for a person: counts, and each record that is not valid."""
+    counts = Counter(one.state for one in states)
+    said = [", ".join(f"{counts[state]} {state}" for state in (VALID, MISSING, INVALID)) + f" of {len(states)} records"]
+    said += [
+        f"  record {one.number} (step {one.step.number}): invalid, {one.why}: {_where(one.step)}"
+        for one in states
+        if one.state == INVALID
+    ]
+    missing = Counter(one.why for one in states if one.state == MISSING)
+    said += [f"  {count} missing: {why}" for why, count in missing.items()]
+    return said
+
+
+def condition_key(conditions: Mapping[str, Any]) -> str:
+    """The same for two records of one point, whichever session they are of."""
+    return json.dumps({name: value for name, value in conditions.items() if name != "settled"}, sort_keys=True)
+
+
+def _where(step: Step) -> str:
+    names = ("channel", "temperature_degC", "current_A", "polarity", "route")
+    return ", ".join(f"{name} {step.conditions[name]}" for name in names if name in step.conditions)

@@ -1,0 +1,120 @@
+"""``bench resume``: go on with a run that was stopped, from its own plan, and compute the results from the session."""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+from rich.console import Console
+
+from bench.campaigns.results import results_json
+from bench.commands.conducting import conduct_watched
+from bench.commands.console import console
+from bench.commands.control import release
+from bench.commands.finish import finish
+from bench.commands.run import verdict_status
+from bench.commands.session import read_view
+from bench.commands.tables import print_results
+from bench.commands.view import happenings
+from bench.model.clock import Clock, VirtualClock, WallClock
+from bench.model.errors import BenchError, ExitStatus, InputError
+from bench.model.shipped import find_shipped
+from bench.plan import Plan, compile_sequence
+from bench.run.frozen import changed_files
+from bench.run.resume import Stopped, read_stopped, resumption, same_plan
+from bench.run.session import Conducted
+from bench.store import check_history_url, chosen_url
+
+ENDED = "B-RES-001"
+RESULTS = ("results.json", "report.html")  # a run that was killed behind its last step may lack them
+WARM_UP_S = 600.0  # a calibrator that was off for longer is not warm any more
+
+
+def resume(folder: Path, sequence: str | None, history: str | None, as_json: bool) -> int:
+    """Go on with a session and return the exit status of the contract; a living run that was paused only goes on."""
+    if release(folder):
+        return ExitStatus.PASS
+    out = console(stderr=True)
+    url = chosen_url(history, folder.parent, os.environ)
+    check_history_url(url)
+    try:
+        stopped = read_stopped(folder)
+    except InputError as error:
+        if error.code != ENDED or all((folder / name).is_file() for name in RESULTS):
+            raise
+        return _results(folder, url, as_json)
+    plan = stopped.plan if sequence is None else _given(stopped, sequence)
+    clock = _clock(stopped)
+    resumed = resumption(stopped, clock.utc_ns())
+    _tell(stopped, plan, resumed.start, resumed.fields["away_s"], out)
+    seed = int(stopped.manifest.get("seed") or 0)
+    done = conduct_watched(plan, clock, seed=seed, out=folder.parent, errors=out, resumed=resumed)
+    return _ended(done, plan, url, as_json)
+
+
+def _given(stopped: Stopped, sequence: str) -> Plan:
+    """The frozen plan, if the sequence that was named is the same; its files are the ones to compare with."""
+    path = find_shipped("sequences", sequence)
+    given = compile_sequence(path, stopped.plan.station, dict(stopped.manifest.get("settings", {})))
+    same_plan(stopped.plan, given, str(path))
+    files = {name: place for name, place in given.files.items() if not name.startswith("stations/")}
+    return replace(stopped.plan, files={**stopped.plan.files, **files})
+
+
+def _clock(stopped: Stopped) -> Clock:
+    """Virtual time goes on where the session ends."""
+    if stopped.manifest.get("clock") != "virtual":
+        return WallClock()
+    clock = VirtualClock()
+    clock.sleep_until_ns(stopped.last_ns)
+    return clock
+
+
+def _tell(stopped: Stopped, plan: Plan, start: int, away_s: float | None, out: Console) -> None:
+    away = "" if away_s is None else f" {away_s:.0f} s ago"
+    out.print(f"stopped{away} ({stopped.reason}); going on at step {start} of {len(plan.steps)}")
+    for note in stopped.notes:
+        out.print(note)
+    for name, change in changed_files(plan.files, plan.texts).items():
+        out.print(f"{name} is {change} on the disk; the session's own copy is gone on with")
+    if not plan.station.simulated and (away_s is None or away_s > WARM_UP_S):
+        out.print("prompts are not asked again: if the calibrator was off, stop now and let it warm up first")
+
+
+def _ended(done: Conducted, plan: Plan, url: str, as_json: bool) -> int:
+    """As at the end of ``bench run``, but from the session: memory knows its last part only."""
+    out, errors = console(stderr=as_json), console(stderr=True)
+    for failure in done.outcome.unsafe:
+        errors.print(str(failure))
+    error = done.outcome.error
+    if error is not None:
+        return _stopped_again(error, done, out)
+    status = _results(done.folder, url, as_json)
+    return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else status
+
+
+def _results(folder: Path, url: str, as_json: bool) -> int:
+    """Results and report of a session whose every step was done."""
+    out = console(stderr=as_json)
+    view = read_view(folder)
+    for line in happenings(view):
+        out.print(line)
+    if not view.has_analysis:
+        out.print(f"{len(view.rows)} records in {folder}; the sequence asks for no analysis")
+        return ExitStatus.PASS
+    finished = finish(folder, view, url)
+    if as_json:
+        sys.stdout.write(results_json(finished.results))
+    else:
+        print_results(out, finished.results, finished.analysis)
+    finished.tell(out, console(stderr=True))
+    return verdict_status(finished.results, finished.analysis.missing)
+
+
+def _stopped_again(error: BenchError, done: Conducted, out: Console) -> int:
+    console(stderr=True).print(str(error))
+    left = "NOT confirmed safe" if done.outcome.unsafe else "safe"
+    out.print(f"The bench is {left}; {done.folder} can be gone on with: bench resume {done.folder}")
+    return error.exit_status

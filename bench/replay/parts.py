@@ -1,0 +1,138 @@
+"""The parts of a session that was resumed: one time axis for all of them, and what happened in between.
+
+The monotonic clock may start anew with each part (a reboot), and so do the counters of the links. Times of a later
+part are moved onto the clock of the first one by the UTC of both, so that the gap is as long as it was; counters are
+moved by the frames that would have come in the gap, and never follow those before without one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from bench.model.clock import NS
+from bench.record import RecordRow
+
+STEPPED_NS = 5 * NS  # UTC that differs by less from one boot's clock was set right, not restarted
+REENTRY = "reentry"
+
+Event = tuple[str, int, Mapping[str, Any]]
+
+
+@dataclass
+class Part:
+    """Times of one part: first and last message, and UTC minus monotonic time, None without a clock pair; ns."""
+
+    first_ns: int | None = None
+    last_ns: int = 0
+    offset_ns: int | None = None
+
+    def see(self, t_ns: int) -> None:
+        """A message of this time belongs to the part."""
+        self.first_ns = t_ns if self.first_ns is None else self.first_ns
+        self.last_ns = max(self.last_ns, t_ns)
+
+
+@dataclass(frozen=True)
+class Splice:
+    """Where a run was gone on with. UTC in ns, None if unknown; temperatures of the unit before and after, degC.
+
+    ``at_ns``: monotonic time on the session's axis; ``away_s``: how long nothing was recorded, None if unknown.
+    ``soaked``: the unit was brought to its temperature again.
+    """
+
+    at_ns: int
+    stopped_utc_ns: int | None
+    started_utc_ns: int | None
+    away_s: float | None
+    step: int
+    reason: str
+    unit_before_degC: float | None
+    unit_after_degC: float | None
+    soaked: bool
+
+    @property
+    def drift_degC(self) -> float | None:
+        """Change of the unit's temperature while nothing was recorded, degC."""
+        if self.unit_before_degC is None or self.unit_after_degC is None:
+            return None
+        return self.unit_after_degC - self.unit_before_degC
+
+
+def time_shifts_ns(parts: Sequence[Part]) -> list[int]:
+    """What is added to the times of each part, ns; 0 for the first, and for one on the same running clock."""
+    shifts = [0]
+    for before, part in pairwise(parts):
+        first_ns = before.last_ns if part.first_ns is None else part.first_ns
+        known = before.offset_ns is not None and part.offset_ns is not None
+        jump_ns = (part.offset_ns or 0) - (before.offset_ns or 0) if known else 0
+        if first_ns >= before.last_ns and abs(jump_ns) <= STEPPED_NS:
+            jump_ns = 0
+        shifts.append(shifts[-1] + max(jump_ns, before.last_ns - first_ns))
+    return shifts
+
+
+def moved_rows(rows: Iterable[tuple[int, RecordRow]], shifts_ns: Sequence[int]) -> list[RecordRow]:
+    """Rows, each with the part it was taken in, on one axis of times and counters, by number."""
+    ordered = sorted(rows, key=lambda one: one[1].window.number)
+    found: list[RecordRow] = []
+    counters = {0: 0}
+    for part, row in ordered:
+        window = row.window
+        shift_ns = shifts_ns[part]
+        if part not in counters:
+            counters[part] = _first_counter(found, window.t_start_ns + shift_ns) - window.first_counter
+        found.append(_moved(row, shift_ns, counters[part]) if part else row)
+    return found
+
+
+def _first_counter(before: Sequence[RecordRow], t_ns: int) -> int:
+    """Counter of a frame at a time, by the record before; never the one right behind it."""
+    if not before:
+        return 1
+    last = before[-1].window
+    stop = last.first_counter + last.frames
+    length_ns = max(1, last.t_end_ns - last.t_start_ns)
+    return stop + 1 + max(0, round((t_ns - last.t_end_ns) / length_ns * last.frames))
+
+
+def _moved(row: RecordRow, shift_ns: int, counters: int) -> RecordRow:
+    window = row.window
+    there = replace(
+        window, first_counter=window.first_counter + counters, t_start_ns=window.t_start_ns + shift_ns,
+        t_end_ns=window.t_end_ns + shift_ns,
+    )  # fmt: skip
+    timing = {
+        name: np.where(value >= 0, value + counters, value) if name.endswith((".first", ".last")) else value
+        for name, value in row.timing.items()
+    }
+    return replace(row, window=there, timing=timing)
+
+
+def splices_of(events: Iterable[Event]) -> tuple[Splice, ...]:
+    """Splices of a session, from its events on one time axis."""
+    found: list[Splice] = []
+    for kind, t_ns, fields in events:
+        if kind == "resume":
+            found.append(_begun(t_ns, fields))
+        elif kind == REENTRY and found and found[-1].step == fields.get("step"):
+            found[-1] = replace(found[-1], unit_after_degC=fields.get("unit_degC"), soaked=bool(fields.get("soaked")))
+    return tuple(found)
+
+
+def _begun(t_ns: int, fields: Mapping[str, Any]) -> Splice:
+    return Splice(
+        at_ns=t_ns,
+        stopped_utc_ns=fields.get("stopped_utc_ns"),
+        started_utc_ns=fields.get("utc_ns"),
+        away_s=fields.get("away_s"),
+        step=int(fields.get("start", -1)),
+        reason=str(fields.get("reason", "unknown")),
+        unit_before_degC=fields.get("unit_degC"),
+        unit_after_degC=None,
+        soaked=False,
+    )

@@ -1,0 +1,43 @@
+"""Everything that watches over a run beside its sequencer, put together for ``conduct(beside=...)``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+
+from bench.plan import Plan
+from bench.run.context import RunContext
+from bench.run.control import control
+from bench.run.early import early_verdicts
+from bench.run.following import Following
+from bench.run.interlocks import interlocks
+from bench.run.notify import notifications
+from bench.run.notify_file import user_notify
+from bench.run.session import Beside
+from bench.run.systemd import service_notice
+
+
+def besides(plan: Plan, environment: Mapping[str, str], *, virtual: bool) -> list[Beside]:
+    """Interlocks; on the wall clock also control socket, early verdicts, notifications and the service manager.
+
+    Args:   virtual: a rehearsal, in which nobody is told anything and nobody interferes, so that the same seed gives
+            the same bytes.
+    Raises: InputErrors if the user's notify.yaml is wrong; it counts where the station has no section ``notify``.
+    """
+    notify = None if virtual else plan.station.file.notify or user_notify(environment)
+
+    @contextmanager
+    def beside(context: RunContext) -> Iterator[None]:
+        following = Following(context)
+        with ExitStack() as stack:
+            watch = stack.enter_context(interlocks(context, plan.interlocks, following))
+            if not virtual:
+                if notify is not None:
+                    stack.enter_context(notifications(context, notify, following))
+                stack.enter_context(control(context, following, lambda: watch.tripped))
+                if plan.early is not None:
+                    stack.enter_context(early_verdicts(context, plan.early))
+                stack.enter_context(service_notice(context, environment, following))
+            yield
+
+    return [beside]

@@ -1,0 +1,92 @@
+"""The frozen configuration of a session: its plan, from its own texts, and whether the files have changed since."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Literal
+
+from bench.model.errors import InputError, SessionDamaged
+from bench.model.shipped import shipped_folder
+from bench.plan import Plan, Step, compile_sequence, load_station
+from bench.plan.plan import steps_sha256
+
+_KINDS: tuple[Literal["sequences", "stations", "frames"], ...] = ("sequences", "stations", "frames")
+_TEXT = re.compile(r"(sequences|stations|frames)/[A-Za-z0-9_][A-Za-z0-9_.-]*\.yaml")
+PLAN = "plan.json"
+
+
+def frozen_plan(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, str]) -> Plan:
+    """The plan of a session: steps as they were stored, everything else from its own YAML texts.
+
+    Nothing outside the session is read. ``files`` of the plan are the shipped files of the same names, if there are.
+    Raises: InputError B-RES-003 (the session holds no plan), SessionDamaged B-RES-004 (texts or plan are not whole).
+    """
+    if PLAN not in texts or "sequence" not in manifest:
+        raise InputError(
+            "B-RES-003",
+            "holds no plan to go on with: it was imported, recorded by hand, or written by other software",
+            where=str(folder),
+            next_step="name the folder of a session that 'bench run' has begun",
+        )
+    steps = _steps(folder, texts[PLAN])
+    if steps_sha256(steps) != manifest.get("plan_sha256"):
+        raise _not_whole(folder, "its plan has another hash than its manifest says")
+    try:
+        plan = _compiled(manifest, texts)
+    except (InputError, OSError, StopIteration) as error:
+        raise _not_whole(folder, f"its YAML texts do not compile: {error}") from error
+    return replace(plan, steps=steps, sha256=str(manifest["plan_sha256"]), files=_files(plan, texts))
+
+
+def _files(plan: Plan, texts: Mapping[str, str]) -> dict[str, str]:
+    """Shipped files of the names of the texts; where a station of its own was read from is not known any more."""
+    kinds = [kind for kind in _KINDS if kind != "stations" or plan.station.in_process]
+    named = {name: shipped_folder(kind) / Path(name).name for kind in kinds for name in texts if name.startswith(kind)}
+    return {name: str(path) for name, path in named.items() if path.is_file()}
+
+
+def _compiled(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> Plan:
+    with TemporaryDirectory() as place:
+        for name, text in texts.items():
+            if _TEXT.fullmatch(name):
+                path = Path(place, name)
+                path.parent.mkdir(exist_ok=True)
+                path.write_text(text, encoding="utf-8")
+        station = load_station(next(Path(place, "stations").glob("*.yaml")))
+        sequence = Path(place, "sequences", f"{manifest['sequence']}.yaml")
+        return compile_sequence(sequence, station, dict(manifest.get("settings", {})))
+
+
+def _steps(folder: Path, text: str) -> tuple[Step, ...]:
+    try:
+        return tuple(Step(**row) for row in json.loads(text))
+    except (ValueError, TypeError) as error:
+        raise _not_whole(folder, f"its plan cannot be read: {error}") from error
+
+
+def _not_whole(folder: Path, why: str) -> SessionDamaged:
+    return SessionDamaged(
+        "B-RES-004",
+        f"the configuration in the session is not whole: {why}",
+        where=str(folder),
+        next_step="'bench recover' lists what the session still holds and writes a make-up sequence",
+    )
+
+
+def changed_files(files: Mapping[str, str], texts: Mapping[str, str]) -> dict[str, str]:
+    """Files that are not what the run was made of any more, by name: "changed" or "gone"."""
+    found = {}
+    for name, path in sorted(files.items()):
+        try:
+            now = Path(path).read_text(encoding="utf-8")
+        except (OSError, ValueError):
+            found[name] = "gone"
+        else:
+            if now != texts.get(name):
+                found[name] = "changed"
+    return found

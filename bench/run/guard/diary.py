@@ -1,0 +1,65 @@
+"""What the guard did, one JSON line each, brought to the disk by a thread: a slow disk must not delay a safe state."""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import threading
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from bench.model.clock import NS, Clock
+
+
+class Diary:
+    """Appends ``{"utc": ..., "t_s": seconds since the guard acted, "what": ..., ...}``; never raises."""
+
+    def __init__(self, path: Path, clock: Clock) -> None:
+        self._clock = clock
+        self._path = path
+        self._start_ns = clock.now_ns()
+        self._lines: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._write, daemon=True)
+        self._thread.start()
+
+    def restart(self) -> None:
+        """``t_s`` counts from now."""
+        self._start_ns = self._clock.now_ns()
+
+    def note(self, what: str, **fields: Any) -> None:
+        """Something was done or seen."""
+        utc_ns = self._clock.utc_ns()
+        utc = datetime.fromtimestamp(utc_ns // NS, UTC).replace(microsecond=utc_ns % NS // 1000)
+        t_s = round((self._clock.now_ns() - self._start_ns) / NS, 3)
+        entry = {"utc": utc.isoformat(timespec="milliseconds"), "t_s": t_s, "what": what, **fields}
+        self._lines.put(json.dumps(entry, separators=(",", ":"), default=str).encode() + b"\n")
+
+    def close(self, limit_s: float) -> None:
+        """Wait until everything is on the disk, at most ``limit_s``."""
+        self._lines.put(None)
+        self._thread.join(limit_s)
+
+    def _write(self) -> None:
+        descriptor = -1
+        with suppress(OSError):
+            descriptor = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        while (line := self._lines.get()) is not None:
+            with suppress(OSError):
+                os.write(descriptor, line)
+                os.fsync(descriptor)
+
+
+def read_diary(path: Path) -> list[dict[str, Any]]:
+    """The whole lines of a guard's diary, oldest first; empty if there is none."""
+    try:
+        lines = path.read_bytes().split(b"\n")[:-1]
+    except OSError:
+        return []
+    found = []
+    for line in lines:
+        with suppress(ValueError):
+            found.append(json.loads(line))
+    return found

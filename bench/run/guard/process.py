@@ -1,0 +1,122 @@
+"""The guard as a process: hears heartbeats on its standard input, and acts when they say so or no longer come.
+
+Everything it may need is imported and the VISA library is loaded before it says "ready"; no instrument is opened
+before it acts, because not every interface bears two controllers.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import signal
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+from bench.model.clock import WallClock
+from bench.model.drivers import driver_class
+from bench.model.ports import Instrument
+from bench.run.guard.act import Opener, act
+from bench.run.guard.brief import Address, Brief
+from bench.run.guard.controller import Controller
+from bench.run.guard.decision import Action, Watched, decide
+from bench.run.guard.diary import Diary
+from bench.run.guard.reading import AIR, OwnReading
+from bench.run.opener import open_instrument, open_visa
+
+READY = b"ready\n"
+HEARD = b"."
+LOOK_S = 0.1
+_READ_BYTES = 65536
+_DIARY_S = 10.0
+_TERMINAL = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP)
+
+
+def main() -> int:
+    """Watch one controller. Returns: 0 after a goodbye or when the bench is safe, 3 if it could not be confirmed."""
+    for number in _TERMINAL:  # the guard outlives whatever ends the controller
+        signal.signal(number, signal.SIG_IGN)
+    lines = _Lines(0)
+    brief = Brief.of_line(lines.first())
+    clock = WallClock()
+    controller = Controller(brief.pid)
+    visa = open_visa(brief.visa)
+    for entry in brief.instruments:
+        driver_class(entry.driver)
+
+    def opened(address: Address) -> Instrument:
+        return open_instrument(visa, address.role, address, clock, _unheard)
+
+    diary = Diary(Path(brief.diary), clock)
+    diary.note("ready", pid=os.getpid(), controller=brief.pid, limits=dict(brief.limits), silence_s=brief.silence_s)
+    os.write(1, READY)
+    os.set_blocking(1, False)
+    action = _watch(lines, Watched(brief.limits, brief.silence_s, clock.now_ns()), brief, opened, clock)
+    safe = True
+    if action is None:
+        diary.note("dismissed")
+    else:
+        safe = act(action, brief, controller, opened, clock, diary)
+    diary.close(_DIARY_S)
+    return 0 if safe else 3
+
+
+def _watch(lines: _Lines, state: Watched, brief: Brief, opened: Opener, clock: WallClock) -> Action | None:
+    """Hear heartbeats until something is to be done (the action) or the controller says goodbye (None)."""
+    own = OwnReading(brief.instruments if AIR in brief.limits else (), opened, clock)
+    action = None
+    while action is None and not state.dismissed:
+        for line in lines.next(LOOK_S):
+            air_degC = own.look(_hear(state, line, clock.now_ns()))
+            if air_degC is not None:
+                state.values = {**state.values, AIR: air_degC}
+        state.gone = lines.ended
+        action = decide(state, clock.now_ns())
+    return action
+
+
+def _unheard(role: str, direction: str, text: str, t_mono_ns: int) -> None:
+    """The guard keeps no transcript: its diary says what was confirmed."""
+
+
+def _hear(state: Watched, line: bytes, now_ns: int) -> float | None:
+    """One message of the controller: {"values": ...} is a heartbeat, {"goodbye": ...} the end.
+
+    Returns: how old the controller's reading of the chamber's air is, second; None if it has none to take.
+    """
+    age_s: float | None = None
+    with suppress(ValueError):
+        message = json.loads(line)
+        state.dismissed = state.dismissed or "goodbye" in message
+        state.values = message.get("values", {})
+        age_s = message.get("air_age_s")
+        state.heard_ns = now_ns
+        with suppress(OSError):  # nobody hears it any more, or nobody has read for long
+            os.write(1, HEARD)
+    return age_s
+
+
+class _Lines:
+    """Lines from a descriptor, as they come."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._rest = b""
+        self.ended = False
+
+    def first(self) -> bytes:
+        """The first line, however long it takes. Raises: EOFError."""
+        while not self.ended:
+            for line in self.next(None):
+                return line
+        raise EOFError("the controller ended before it gave a brief")
+
+    def next(self, limit_s: float | None) -> Iterator[bytes]:
+        """Whole lines that are there after ``limit_s`` at the latest."""
+        readable, _, _ = select.select([self._descriptor], [], [], limit_s)
+        if readable:
+            chunk = os.read(self._descriptor, _READ_BYTES)
+            self.ended = self.ended or not chunk
+            *lines, self._rest = (self._rest + chunk).split(b"\n")
+            yield from lines

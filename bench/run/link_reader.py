@@ -1,0 +1,196 @@
+"""One serial link: raw bytes to the session first, then to the decoder, then to the listeners.
+
+Reading and stamping is one short act under its own lock, which nobody holds while recording or decoding waits for a
+disk or for each other: whoever has time can read.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from bench.frame import FrameDefinition, LinkBatch, LinkDecoder, MessageBatch
+from bench.model.clock import NS, Clock
+from bench.model.errors import LinkError
+from bench.model.ports import ByteLink, SessionSink
+from bench.record import RecordError
+
+READ_BYTES = 1_000_000  # ports are opened without a time-out: a read returns what is there
+HELD_BYTES = 8_000_000  # per link, read and not yet recorded: 11 minutes at 115,200 Bd
+ANSWER = "answer"
+_MARKS = 10  # of the rate, one each second
+
+BatchListener = Callable[[LinkBatch], None]
+
+
+@dataclass
+class LinkReader:
+    """One serial link: reads, stamps, records, queues and decodes.
+
+    ``answers`` collects (command, status, payload) of the unit's answers;
+    ``last_counter`` is the unwrapped counter of the newest good frame (-1 before the first), ``last_frame_ns`` its
+    receive stamp, ``last_frame_end`` the stream offset behind it, ``last_raw`` its counter as it was sent.
+    ``lost`` says why the port is gone, "" while it is there; ``kept`` promises that somebody brings it back, so that
+    a lost port is no error yet. ``behind`` counts how often decoding had fallen behind.
+    """
+
+    name: str
+    link: ByteLink
+    definition: FrameDefinition
+    clock: Clock
+    sink: SessionSink
+    listeners: list[BatchListener] = field(default_factory=list)
+    last_counter: int = -1
+    last_frame_ns: int = -1
+    last_frame_end: int = 0
+    last_raw: int = -1
+    last_byte_ns: int = -1
+    newest: dict[str, MessageBatch] = field(default_factory=dict)
+    answers: list[tuple[int, int, bytes]] = field(default_factory=list)
+    lost: str = ""
+    kept: bool = False
+    behind: int = 0
+    on_broken: Callable[[], None] = lambda: None
+
+    def __post_init__(self) -> None:
+        self.decoder = LinkDecoder(self.definition)
+        self._lock = threading.RLock()
+        self._gate = threading.Lock()  # reading and stamping: the order of the stamps is that of the bytes
+        self._arrived: deque[tuple[int, bytes]] = deque()
+        self._held = 0
+        self._marks: deque[tuple[int, int]] = deque(maxlen=_MARKS)
+
+    # --- reading ---------------------------------------------------------------------------------------------------
+
+    def receive(self) -> bool:
+        """Read and stamp what has arrived; False when there is nothing or the port is gone.
+
+        Raises: LinkError B-RUN-024 if the port is gone and nobody brings it back; RecordError B-REC-003 if more than
+        ``HELD_BYTES`` wait to be recorded.
+        """
+        with self._gate:
+            if self.lost:
+                return False
+            try:
+                chunk = self.link.read(READ_BYTES)
+            except OSError as error:
+                reason = f"the port cannot be read: {' '.join(str(error).split())}"
+                if not self.kept:
+                    raise self._broken("B-RUN-024", reason) from error
+                self.lost = reason
+                return False
+            if not chunk:
+                return False
+            stamp = self.clock.now_ns()
+            self.last_byte_ns = stamp
+            self._arrived.append((stamp, chunk))
+            self._held += len(chunk)
+            if self._held > HELD_BYTES:
+                raise self._refused()
+            return True
+
+    def record(self, room: int) -> bool:
+        """Record and queue what was read, until ``room`` bytes wait to be decoded; True if more was read."""
+        with self._lock:
+            while self._arrived and self.decoder.pending_bytes < room:
+                stamp, chunk = self._arrived[0]
+                self.sink.raw(self.name, "rx", stamp, chunk)
+                self.decoder.push(stamp, chunk)
+                self._arrived.popleft()
+                with self._gate:
+                    self._held -= len(chunk)
+            return bool(self._arrived)
+
+    def found(self) -> None:
+        """The port is there again."""
+        with self._gate:
+            self.lost = ""
+
+    # --- decoding --------------------------------------------------------------------------------------------------
+
+    def decode(self) -> None:
+        """Decode what is queued and hand it to the listeners."""
+        with self._lock:
+            if self.decoder.pending_bytes == 0:
+                return
+            batch = self.decoder.flush()
+            for message, frames in batch.messages.items():
+                if len(frames):
+                    self._note(message, frames)
+            for listener in self.listeners:
+                listener(batch)
+
+    def _note(self, message: str, frames: MessageBatch) -> None:
+        self.newest[message] = frames
+        if message == ANSWER:
+            self.answers += _answers(frames)
+        if frames.counter is None or frames.t_ns is None or frames.message.counter is None:
+            return
+        self.last_counter = int(frames.counter[-1])
+        self.last_raw = int(frames.raw(frames.message.counter.name)[-1])
+        self.last_frame_ns = int(frames.t_ns[-1])
+        self.last_frame_end = int(frames.offset[-1]) + int(frames.message.length or 0)
+        if not self._marks:
+            together = int((frames.t_ns == frames.t_ns[0]).sum())  # one stamp, whenever they really came
+            self._marks.append((int(frames.t_ns[0]), self.decoder.counts.frames - len(frames) + together))
+        if self.last_frame_ns - self._marks[-1][0] >= NS:
+            self._marks.append((self.last_frame_ns, self.decoder.counts.frames))
+
+    @property
+    def mid_frame(self) -> bool:
+        """True while part of a frame has arrived behind the newest good one."""
+        return self.decoder.counts.bytes > self.last_frame_end
+
+    @property
+    def period_s(self) -> float:
+        """Time between two frames, second; 0 if the frame definition names no rate."""
+        return 1.0 / self.definition.rate_Hz if self.definition.rate_Hz else 0.0
+
+    @property
+    def rate_Hz(self) -> float:
+        """Good frames of the last seconds per second; NaN before one second of them."""
+        first = self._marks[0] if self._marks else (self.last_frame_ns, 0)
+        seconds = (self.last_frame_ns - first[0]) / NS
+        return (self.decoder.counts.frames - first[1]) / seconds if seconds >= 1.0 else float("nan")
+
+    # --- writing ---------------------------------------------------------------------------------------------------
+
+    def write(self, chunk: bytes) -> None:
+        """Send bytes for the sequencer; they are recorded.
+
+        Raises: LinkError B-RUN-020; Interruption if the run is to stand still because of the link.
+        """
+        try:
+            self.send(chunk)
+        except LinkError:
+            self.on_broken()
+            raise
+
+    def send(self, chunk: bytes) -> None:
+        """Send bytes to the unit; they are recorded. Raises: LinkError B-RUN-020."""
+        with self._lock:
+            self.sink.raw(self.name, "tx", self.clock.now_ns(), chunk)
+            try:
+                sent = self.link.write(chunk)
+            except OSError as error:
+                raise self._broken("B-RUN-020", f"{len(chunk)} bytes could not be sent: {error}") from error
+            if sent is not None and sent != len(chunk):
+                raise self._broken("B-RUN-020", f"only {sent} of {len(chunk)} bytes could be sent")
+
+    def _broken(self, code: str, message: str) -> LinkError:
+        return LinkError(code, message, where=self.name, next_step="check the cable and the port, then start again")
+
+    def _refused(self) -> RecordError:
+        return RecordError(
+            "B-REC-003",
+            f"more than {HELD_BYTES // 1_000_000} MB were read and wait for a disk that takes nothing",
+            where=self.name,
+            next_step="free space or change the disk, then start again",
+        )
+
+
+def _answers(frames: MessageBatch) -> list[tuple[int, int, bytes]]:
+    columns = (frames.raw("command"), frames.raw("status"), frames.raw("payload"))
+    return [(int(command), int(status), bytes(payload)) for command, status, payload in zip(*columns, strict=True)]

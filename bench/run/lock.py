@@ -1,0 +1,194 @@
+"""One controller at a time: a lock per bus or instrument, held with ``flock`` and naming its holder.
+
+The kernel frees the lock with the process that holds it, however that ends; the files stay and mean nothing. They lie
+where every user of the machine can reach them. A serial port is locked by its own opening.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import pwd
+import socket
+import stat
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from bench.model.clock import NS, Clock, to_ns
+from bench.model.errors import InputError
+
+GUARD_PATIENCE_S = 90.0  # how long a controller waits for a guard that is making the bench safe
+_SETTLE_S = 0.2  # a holder that has just taken the lock writes its name within this time
+_POLL_S = 0.02
+GUARD = "guard"
+_SHARED, _COMMON = Path("/run/lock"), Path("/tmp")
+_NAME_BYTES = 4096
+
+
+def bus_keys(resources: Iterable[str]) -> tuple[str, ...]:
+    """What must be locked to use these VISA addresses: a GPIB board as a whole, anything else by its address."""
+    keys = set()
+    for resource in resources:
+        name = resource.upper()
+        keys.add(name.split("::", maxsplit=1)[0] if name.startswith("GPIB") else name)
+    return tuple(sorted(keys))
+
+
+def bench_lock(resources: Iterable[str], what: str, clock: Clock) -> BenchLock:
+    """The lock of a controller on these VISA addresses; it waits for a guard that is making the bench safe."""
+    return BenchLock(bus_keys(resources), what, clock, patience_s=GUARD_PATIENCE_S)
+
+
+def lock_folder() -> Path:
+    """Where the lock files of this machine are: the same folder for every user, whatever one of them may write to."""
+    try:
+        return _SHARED if _SHARED.stat().st_mode & stat.S_IWOTH else _COMMON
+    except OSError:
+        return _COMMON
+
+
+class BenchLock:
+    """The right to use some instruments; context manager.
+
+    Args:
+        keys: of ``bus_keys``.   what: "run", "talk", "drill", "guard" ...
+        patience_s: how long to wait for a guard that is making the bench safe; nobody else is waited for.
+    Raises: InputError B-RUN-092 if somebody else holds one of the keys, naming the holder; B-RUN-093 if a lock file
+            cannot be opened.
+    """
+
+    def __init__(
+        self, keys: Iterable[str], what: str, clock: Clock, *, folder: Path | None = None, patience_s: float = 0.0
+    ) -> None:
+        self._keys = tuple(keys)
+        self._clock = clock
+        self._folder = lock_folder() if folder is None else folder
+        self._patience_s = patience_s
+        self._held: list[int] = []
+        since = datetime.fromtimestamp(clock.utc_ns() // NS, UTC).isoformat()
+        who = {"pid": os.getpid(), "host": socket.gethostname(), "user": _user()}
+        self._holder: dict[str, Any] = {**who, "what": what, "since": since}
+
+    def __enter__(self) -> BenchLock:
+        self.take()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.release()
+
+    def take(self) -> None:
+        """Take every key, in one order everywhere, or none."""
+        end_ns = self._clock.now_ns() + to_ns(self._patience_s)
+        while True:
+            taken = self._attempt()
+            if taken is None:
+                return
+            key, holder = taken
+            if holder.get("what") != GUARD or self._clock.now_ns() >= end_ns:
+                raise InputError(
+                    "B-RUN-092",
+                    f"the bench is in use by {_named(holder)}",
+                    where=key,
+                    next_step="let it end, or stop it there ('bench abort SESSION'); then start again",
+                )
+            self._clock.sleep(_POLL_S)
+
+    def name_session(self, session: str) -> None:
+        """Let the lock name the session of its holder."""
+        self._holder["session"] = session
+        for descriptor in self._held:
+            self._sign(descriptor)
+
+    def release(self) -> None:
+        """Give every key back; idempotent."""
+        for descriptor in self._held:
+            with suppress(OSError):
+                os.ftruncate(descriptor, 0)
+            os.close(descriptor)
+        self._held.clear()
+
+    def _attempt(self) -> tuple[str, Mapping[str, Any]] | None:
+        """Take all keys; otherwise none, and the key that somebody else holds is returned with its holder."""
+        for key in self._keys:
+            descriptor = self._open(key)
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                holder = self._read_holder(descriptor)
+                os.close(descriptor)
+                self.release()
+                return key, holder
+            self._held.append(descriptor)
+            self._sign(descriptor)
+        return None
+
+    def _open(self, key: str) -> int:
+        """Without O_CREAT first: kernels may forbid it for a file of another user in a folder that all share."""
+        path = self._folder / f"bench-{hashlib.sha256(key.encode()).hexdigest()[:16]}.lock"
+        flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
+        try:
+            with suppress(FileNotFoundError):
+                return os.open(path, flags)
+            with suppress(FileExistsError):
+                descriptor = os.open(path, flags | os.O_CREAT | os.O_EXCL, 0o666)
+                os.fchmod(descriptor, 0o666)  # whatever the umask: the next user must be able to open it
+                return descriptor
+            return os.open(path, flags)
+        except OSError as error:
+            raise InputError(
+                "B-RUN-093",
+                f"the lock of {key} cannot be opened: {error.strerror}",
+                where=str(path),
+                next_step="remove the file if nobody uses the bench, or correct its permissions",
+            ) from error
+
+    def _sign(self, descriptor: int) -> None:
+        text = json.dumps(self._holder).encode()
+        with suppress(OSError):  # a full disk: the lock itself needs no room
+            os.ftruncate(descriptor, 0)
+            os.pwrite(descriptor, text, 0)
+
+    def _read_holder(self, descriptor: int) -> Mapping[str, Any]:
+        """Who holds the lock; waits a moment for one that has just taken it."""
+        end_ns = self._clock.now_ns() + to_ns(_SETTLE_S)
+        while True:
+            with suppress(ValueError, OSError):
+                found: dict[str, Any] = json.loads(os.pread(descriptor, _NAME_BYTES, 0))
+                if found.get("host") != self._holder["host"] or _lives(int(found["pid"])):
+                    return found
+            if self._clock.now_ns() >= end_ns:
+                return {}
+            self._clock.sleep(_POLL_S)
+
+
+def _user() -> str:
+    try:
+        return pwd.getpwuid(os.getuid()).pw_name
+    except KeyError:  # a container may run under a number that has no name
+        return str(os.getuid())
+
+
+def _lives(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def _named(holder: Mapping[str, Any]) -> str:
+    if not holder:
+        return "another process that has not named itself"
+    session = f", session {holder['session']}" if "session" in holder else ""
+    who = f"'{holder['what']}' of {holder['user']}@{holder['host']}"
+    return f"{who}, pid {holder['pid']}, since {holder['since']}{session}"

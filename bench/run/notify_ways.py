@@ -1,0 +1,86 @@
+"""The ways a message leaves the bench: a command, a mail, a web address. Each one ends within its time-out.
+
+Secrets are read from the environment when a message is sent; they are in no file and in no session.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import smtplib
+import ssl
+import subprocess
+import urllib.request
+from collections.abc import Mapping
+from email.message import EmailMessage
+from typing import Any
+
+from bench.plan.notify_language import Mail, Webhook, web_address
+
+TIMEOUT_S = 10.0
+
+
+class NotSent(Exception):
+    """A message did not get through; the text says why, without secrets."""
+
+
+def by_command(words: list[str], message: Mapping[str, Any]) -> None:
+    """Start a program with the message as JSON on its standard input. Raises: NotSent."""
+    try:
+        done = subprocess.run(
+            words, input=json.dumps(message).encode(), timeout=TIMEOUT_S, check=False, start_new_session=True,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise NotSent(f"{words[0]}: {type(error).__name__}") from error
+    if done.returncode:
+        raise NotSent(f"{words[0]}: exit status {done.returncode}")
+
+
+def by_webhook(webhook: Webhook, message: Mapping[str, Any]) -> None:
+    """Post the message as JSON; redirects are not followed, so that it goes where the file says. Raises: NotSent."""
+    url = webhook.url or _secret(webhook.url_env)
+    headers = {"Content-Type": "application/json", "User-Agent": "inertial-bench"}
+    if webhook.token_env:
+        headers["Authorization"] = f"Bearer {_secret(webhook.token_env)}"
+    try:
+        web_address(url)
+        request = urllib.request.Request(url, json.dumps(message).encode(), headers, method="POST")
+        with urllib.request.build_opener(_NoRedirect).open(request, timeout=TIMEOUT_S) as reply:
+            reply.read(1000)
+    except (OSError, ValueError) as error:
+        code = getattr(error, "code", None)
+        raise NotSent(f"webhook: {type(error).__name__}{'' if code is None else f' {code}'}") from None
+
+
+class _NoRedirect(urllib.request.HTTPRedirectHandler):
+    def redirect_request(self, *_: Any) -> None:
+        return None
+
+
+def by_mail(mail: Mail, message: Mapping[str, Any]) -> None:
+    """Hand a mail to the server. Raises: NotSent."""
+    letter = EmailMessage()
+    letter["Subject"] = f"[bench] {message['kind']}: {message['session']}"
+    letter["From"], letter["To"] = mail.sender, ", ".join(mail.to)
+    letter.set_content("\n".join(f"{name}: {value}" for name, value in message.items()))
+    trusted = ssl.create_default_context()
+    try:
+        with (
+            smtplib.SMTP_SSL(mail.host, mail.port, timeout=TIMEOUT_S, context=trusted)
+            if mail.security == "tls"
+            else smtplib.SMTP(mail.host, mail.port, timeout=TIMEOUT_S)
+        ) as server:
+            if mail.security == "starttls":
+                server.starttls(context=trusted)
+            if mail.user:
+                server.login(mail.user, _secret(mail.password_env))
+            server.send_message(letter)
+    except (OSError, smtplib.SMTPException) as error:
+        raise NotSent(f"mail: {type(error).__name__}") from error
+
+
+def _secret(name: str | None) -> str:
+    if name is None or name not in os.environ:
+        raise NotSent(f"the environment variable {name} is not set")
+    return os.environ[name]

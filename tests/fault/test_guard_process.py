@@ -1,0 +1,236 @@
+"""The guard as a process, on a bench served in real time: killed, stopped and hung controllers, a dead guard.
+
+What counts is what the simulated instruments really do, never a readback of the bench's own.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+from served import SAFE_S, Controller, Served
+
+from bench.model.clock import WallClock
+from bench.model.errors import RunError
+from bench.plan import load_station
+from bench.run.drill import drill, latest_drill
+
+SEQUENCE = """\
+sequence: stimulus
+station: af_bench_sim
+frame: {{port_a: ngu_a, port_b: ngu_b}}
+prepare:
+  - prompt: Somebody looks at the bench.
+timeline:
+  - {{at: 0 s, call: calibrator.standby}}
+{chamber}  - {{at: {on} s, call: {{switch.route: {{channel: 3, polarity: +}}}}}}
+  - {{at: {on}.4 s, call: {{calibrator.output: {{current: 1 mA, range: lowest_that_holds}}}}}}
+  - {{at: {on}.6 s, call: calibrator.operate}}
+  - {{at: {then} s, call: calibrator.operating}}
+  - {{at: {end} s, call: calibrator.standby}}
+  - {{at: {end}.6 s, call: switch.open_all}}
+"""
+CHAMBER = """\
+  - {at: 0.2 s, call: {chamber.set_temperature: {temperature: 23 degC, ramp: 1 degC/min}}}
+  - {at: 3 s, call: chamber.run}
+"""
+HEAT_OFF_S = 2.0  # after a hard limit is reached
+Start = Callable[..., Controller]
+
+
+@pytest.fixture
+def start(served: Served, tmp_path: Path, out: Path) -> Iterator[Start]:
+    """Start a controller whose stimulus is on until ``end``; on a station of its own the chamber runs too."""
+    begun: list[Controller] = []
+
+    def start(act: str = "none", end: int = 600, station: Path | None = None) -> Controller:
+        sequence = tmp_path / "stimulus.yaml"
+        on, chamber = (1, "") if station is None else (5, CHAMBER)
+        sequence.write_text(SEQUENCE.format(on=on, then=on + 1.5, end=end, chamber=chamber))
+        begun.append(Controller(station or served.station, sequence, out, act))
+        return begun[-1]
+
+    yield start
+    for controller in begun:
+        controller.kill()
+
+
+def is_on(served: Served, controller: Controller) -> None:
+    """Wait until the stimulus is on."""
+    controller.wait_for("operating")
+    assert served.on() == ["calibrator", "switch"]
+
+
+def off_after_s(served: Served, moment_s: float) -> float:
+    """Seconds from a moment of this machine until the last output of the stimulus went off."""
+    assert served.on() == []
+    after_s = max(served.changed_s("calibrator"), served.changed_s("switch")) - moment_s
+    print(f"outputs off {after_s:.2f} s after")
+    return after_s
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_killed_or_stopped_controller_leaves_a_safe_bench(
+    served: Served, start: Start, number: signal.Signals
+) -> None:
+    controller = start()
+    is_on(served, controller)
+    moment_s = time.monotonic()
+    os.kill(controller.process.pid, number)
+    done = controller.wait_for_guard("safe", "unsafe")
+    assert done["what"] == "safe"
+    assert 0 < off_after_s(served, moment_s) <= SAFE_S
+    assert controller.end() == -signal.SIGKILL  # a stopped one is ended too: it must never go on by itself
+    assert controller.why == {signal.SIGKILL: "gone", signal.SIGSTOP: "silent"}[number]
+
+
+@pytest.mark.slow
+def test_a_sequencer_that_hangs_is_ended(served: Served, start: Start) -> None:
+    controller = start("hang")
+    controller.wait_for("hanging")
+    moment_s = time.monotonic()
+    assert controller.wait_for_guard("safe", "unsafe")["what"] == "safe"
+    assert 0 < off_after_s(served, moment_s) <= SAFE_S
+    assert controller.end() == -signal.SIGKILL
+
+
+@pytest.mark.slow
+def test_a_mute_calibrator_goes_off_all_the_same(served: Served, start: Start) -> None:
+    controller = start()
+    is_on(served, controller)
+    served.fault("mute", "calibrator")
+    moment_s = time.monotonic()
+    os.kill(controller.process.pid, signal.SIGKILL)
+    first = controller.wait_for_guard("instrument")
+    assert (first["role"], first["safe"]) == ("calibrator", False)
+    while "switch" not in {entry.get("role") for entry in controller.diary}:
+        time.sleep(0.05)
+    assert 0 < off_after_s(served, moment_s) <= SAFE_S
+    served.fault("clear")
+    assert controller.wait_for_guard("safe", "unsafe")["what"] == "safe"
+
+
+@pytest.mark.slow
+def test_a_run_without_its_guard_ends_safely_and_says_so(served: Served, start: Start) -> None:
+    controller = start()
+    is_on(served, controller)
+    os.kill(int(controller.wait_for_guard("ready")["pid"]), signal.SIGKILL)
+    assert controller.end() == 3
+    assert "B-RUN-091" in controller.heard
+    assert "unsafe: []" in controller.heard
+    assert served.on() == []
+
+
+@pytest.mark.slow
+def test_a_guard_that_is_stopped_counts_as_none(served: Served, start: Start) -> None:
+    controller = start()
+    is_on(served, controller)
+    guard = int(controller.wait_for_guard("ready")["pid"])
+    os.kill(guard, signal.SIGSTOP)
+    try:
+        controller.wait_for("ended")
+    finally:
+        with suppress(ProcessLookupError):
+            os.kill(guard, signal.SIGKILL)
+    assert controller.end() == 3
+    assert "B-RUN-091" in controller.heard
+    assert served.on() == []
+
+
+@pytest.mark.slow
+def test_waits_and_prompts_are_no_silence(served: Served, start: Start) -> None:
+    controller = start(end=12)
+    assert controller.end() == 0, controller.heard
+    assert "asked" in controller.heard
+    assert [entry["what"] for entry in controller.diary] == ["ready", "dismissed"]
+
+
+@pytest.fixture
+def cool_station(served: Served, tmp_path: Path) -> Path:
+    """The served station with a hard limit that the laboratory's air is 1 degC below."""
+    text = served.station.read_text()
+    old = '"temperature": ["-40 degC", "60 degC"]'
+    assert text.count(old) == 1
+    path = tmp_path / "station.yaml"
+    cool = text.replace(old, '"temperature": ["-40 degC", "23.5 degC"]')
+    path.write_text(cool + "guard: {limits: {chamber_air: 24 degC}}\n")
+    return path
+
+
+def heat_off_after_s(served: Served) -> float:
+    """Seconds from the moment the chamber's air reached 24 degC until its heat went off."""
+    reached_s = None
+    while True:
+        state = served.state()
+        if reached_s is None and state["chamber_air_degC"] >= 24.0:
+            reached_s = state["time_s"]
+        chamber = state["instruments"]["chamber"]
+        if chamber["mode"] == "stopped":
+            assert reached_s is not None
+            after_s = float(state["time_s"] - chamber["unchanged_s"] - reached_s)
+            print(f"heat off {after_s:.2f} s after the air reached the limit")
+            return after_s
+        time.sleep(0.02)
+
+
+@pytest.mark.slow
+def test_a_chamber_that_runs_away_loses_its_heat(served: Served, start: Start, cool_station: Path) -> None:
+    controller = start(station=cool_station)
+    is_on(served, controller)
+    served.fault("chamber_runaway", "20")
+    assert heat_off_after_s(served) <= HEAT_OFF_S
+    assert controller.wait_for_guard("safe", "unsafe")["what"] == "safe"
+    assert served.on() == []
+    assert controller.why == "limit"
+
+
+@pytest.mark.slow
+def test_the_guard_looks_itself_where_the_controller_does_not(served: Served, start: Start, cool_station: Path) -> None:
+    controller = start("blind", station=cool_station)
+    is_on(served, controller)
+    served.fault("chamber_runaway", "2")
+    heat_off_after_s(served)
+    assert controller.wait_for_guard("safe", "unsafe")["what"] == "safe"
+    assert controller.why == "limit"
+
+
+@pytest.mark.slow
+def test_the_drill_finds_the_bench_safe_and_says_where_it_cannot_begin(served: Served, out: Path) -> None:
+    station = load_station(served.station)
+    found = drill(station, served.station, out, WallClock())
+    assert found["passed"]
+    assert [(trial["kill"], trial["still_on"]) for trial in found["trials"]] == [("SIGKILL", {}), ("SIGSTOP", {})]
+    assert served.on() == []
+    newest = latest_drill(out, station)
+    assert newest is not None
+    assert newest["utc"] == found["utc"]
+    served.fault("identity", "calibrator", "FLUKE,5500E,1,1")
+    with pytest.raises(RunError) as refused:
+        drill(station, served.station, out, WallClock())
+    assert refused.value.code == "B-RUN-096"
+    assert "B-INST-002" in refused.value.message
+
+
+@pytest.mark.sweep
+def test_killed_at_random_instants(served: Served, start: Start) -> None:
+    seed = 7
+    print(f"seed {seed}")
+    rng = np.random.default_rng(seed)
+    for delay_s in rng.uniform(0.0, 4.0, 100):
+        controller = start()
+        controller.wait_for("standby")
+        time.sleep(delay_s)
+        moment_s = time.monotonic()
+        os.kill(controller.process.pid, signal.SIGKILL)
+        assert controller.wait_for_guard("safe", "unsafe")["what"] == "safe"
+        assert off_after_s(served, moment_s) <= SAFE_S  # negative: nothing was on
+        controller.kill()
+        shutil.rmtree(controller.out)

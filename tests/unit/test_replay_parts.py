@@ -1,0 +1,74 @@
+"""One time axis for a session that was resumed: the gap is as long as it was, and nothing runs backwards."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bench.model.clock import NS
+from bench.model.ports import RecordWindow
+from bench.model.quality import Quality
+from bench.record import RecordRow
+from bench.replay.parts import Part, moved_rows, splices_of, time_shifts_ns
+
+UTC = 1_800_000_000 * NS
+
+
+def part(first_s: float, last_s: float, utc_at_0_s: float | None) -> Part:
+    offset = None if utc_at_0_s is None else UTC + round(utc_at_0_s * NS)
+    return Part(round(first_s * NS), round(last_s * NS), offset)
+
+
+def row(number: int, first_counter: int, start_s: float, frames: int = 100) -> RecordRow:
+    window = RecordWindow(number, "port_a", first_counter, frames, round(start_s * NS), round((start_s + 1) * NS))
+    timing = {"npp.first": np.array([first_counter, -1]), "npp.moment1": np.array([5, 0])}
+    return RecordRow(window, {"npp": np.array([3, 0])}, frames, 0, 0, Quality.GOOD, timing=timing)
+
+
+def test_a_reboot_leaves_a_gap_of_the_right_length() -> None:
+    """100 s of recording, half an hour away, the clock begins again at 5 s."""
+    shifts = time_shifts_ns([part(0, 100, 0.0), part(5, 50, 1895.0)])
+    assert shifts == [0, 1895 * NS]
+    assert 5 * NS + shifts[1] - 100 * NS == 1800 * NS
+
+
+def test_the_same_boot_needs_no_shift_even_if_utc_was_set_right() -> None:
+    assert time_shifts_ns([part(0, 100, 0.0), part(400, 500, 0.0)]) == [0, 0]
+    assert time_shifts_ns([part(0, 100, 0.0), part(400, 500, -2.0)]) == [0, 0]
+
+
+def test_without_utc_or_with_a_wrong_one_time_never_runs_backwards() -> None:
+    assert time_shifts_ns([part(0, 100, None), part(5, 50, None)]) == [0, 95 * NS]
+    assert time_shifts_ns([part(0, 100, 0.0), part(5, 50, -3600.0)]) == [0, 95 * NS]
+    assert time_shifts_ns([Part(), Part()]) == [0, 0]
+
+
+def test_shifts_add_up_over_several_parts() -> None:
+    shifts = time_shifts_ns([part(0, 100, 0.0), part(5, 50, 1000.0), part(2, 9, 2000.0)])
+    assert shifts == [0, 1000 * NS, 2000 * NS]
+
+
+def test_counters_go_on_with_the_frames_of_the_gap_and_never_join() -> None:
+    before, after = row(1, 500, 10.0), row(2, 7, 5.0)
+    moved = moved_rows([(0, before), (1, after), (1, row(3, 107, 6.0))], [0, 1895 * NS])
+    assert moved[0] is before
+    assert moved[1].window.t_start_ns == 1900 * NS
+    assert moved[1].window.first_counter == 601 + ((1900 - 11) * 100)
+    assert moved[2].window.first_counter == moved[1].window.first_counter + 100
+    assert moved[1].timing["npp.first"].tolist() == [moved[1].window.first_counter, -1]
+    assert moved[1].timing["npp.moment1"].tolist() == [5, 0]
+    joined = moved_rows([(0, before), (1, replace(after, window=replace(after.window, t_start_ns=11 * NS)))], [0, 0])
+    assert joined[1].window.first_counter > 600
+
+
+def test_splices_are_told_with_what_was_done_again() -> None:
+    events = [
+        ("resume", 5, {"stopped_utc_ns": 1, "utc_ns": 2, "away_s": 9.0, "start": 7, "reason": "x", "unit_degC": 20.0}),
+        ("reentry", 6, {"step": 7, "unit_degC": 18.5, "soaked": True}),
+        ("reentry", 8, {"step": 9, "unit_degC": 1.0, "soaked": False}),  # after a hold: another step
+        ("resume", 9, {"reason": "by other software"}),
+    ]
+    first, second = splices_of(events)
+    assert (first.step, first.away_s, first.reason, first.soaked, first.drift_degC) == (7, 9.0, "x", True, -1.5)
+    assert (second.step, second.drift_degC, second.stopped_utc_ns) == (-1, None, None)

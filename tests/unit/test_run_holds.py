@@ -1,0 +1,235 @@
+"""Standing still, taking a point again and skipping it, through the whole sequencer on a fake bench."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hold_rig import RECORD_S, SETTLE_S, HoldRig
+from run_rig import instrument_error
+
+from bench.model.errors import BenchError, ExitStatus
+from bench.model.quality import Quality
+from bench.run.holds import Holds, Interruption, Wish
+from bench.run.standing import ALARM_S
+from bench.run.stop import StopSwitch
+
+POINT_S = SETTLE_S + RECORD_S
+
+
+def sound(rig: HoldRig, points: int) -> None:
+    """Every point has exactly one whole record, in order, taken with its own level on and after its settle time."""
+    rows = [row for _, row in sorted(rig.ran.rows.items())]
+    assert [row.window.conditions["point"] for row in rows] == list(range(points))
+    assert [row.window.number for row in rows] == list(range(1, points + 1))
+    changes = [
+        (t_s, a[0] if a else 0.0) for t_s, name, a in rig.calls if name in ("source.operate", "source.make_safe")
+    ]
+    for row in rows:
+        assert (row.frames, row.lost, row.quality) == (100 * RECORD_S, 0, Quality.GOOD)
+        began_s, ended_s = row.window.t_start_ns / 1e9, row.window.t_end_ns / 1e9
+        before = [(t_s, level) for t_s, level in changes if t_s <= ended_s]
+        assert before[-1][1] == 1.0 + row.window.conditions["point"]  # on, and not touched during the record
+        assert began_s - before[-1][0] >= SETTLE_S - 0.5 - 1e-9
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_holds_at_random_instants_cost_time_and_no_record(tmp_path: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    rig, points = HoldRig(tmp_path, 4), 4
+    holds = rig.stop.holds
+    moments = np.sort(rng.uniform(0.1, points * POINT_S, 3))
+    for number, moment_s in enumerate(moments):
+        rig.at(float(moment_s), lambda number=number: holds.hold(f"by {number}", "test"))  # type: ignore[misc]
+        length_s = float(rng.uniform(0.0, 50.0))
+        rig.at(float(moment_s) + length_s, lambda number=number: holds.release(f"by {number}"))  # type: ignore[misc]
+    outcome = rig.run_beside()
+    print(f"seed {seed}: {moments}")
+    assert outcome.error is None
+    sound(rig, points)
+    assert len(rig.events("hold")) == len(rig.events("release"))
+    held_s = sum(event["seconds"] for event in rig.events("release"))
+    end_s = rig.ran.rows[points].window.t_end_ns / 1e9
+    assert end_s == pytest.approx(points * POINT_S + outcome.slip_s, abs=0.05)
+    assert outcome.slip_s >= held_s
+
+
+def test_only_what_drives_the_stimulus_goes_off_and_the_point_is_taken_again(tmp_path: Path) -> None:
+    rig = HoldRig(tmp_path, 2)
+    rig.at(8.0, lambda: rig.stop.holds.hold("door", "the door is open"))
+    rig.at(40.0, lambda: rig.stop.holds.release("door"))
+    outcome = rig.run_beside()
+    assert outcome.error is None
+    sound(rig, 2)
+    safe = rig.called("source.make_safe")
+    assert 8.0 <= safe[0] <= 15.1
+    assert rig.called("supply.make_safe") == rig.called("supply.make_safe")[-1:]  # only at the end of the run
+    assert rig.events("hold")[0] | {"step": 2} == {"step": 2, "by": "door", "reason": "the door is open"}
+    assert rig.events("release")[0]["seconds"] > 20.0
+    assert rig.events("alarm") == []
+
+
+def test_a_record_that_is_complete_is_taken_back_when_its_point_is_not(tmp_path: Path) -> None:
+    """The wish comes between the record and its verification: nobody knows what the stimulus did by then."""
+    rig = HoldRig(tmp_path, 2)
+    rig.source.slow_s["operating"] = 1.0  # 15 s to 16 s
+    rig.at(14.9, lambda: rig.stop.holds.wish(Wish("retake", "somebody", "test")))
+    outcome = rig.run_beside()
+    assert outcome.error is None
+    sound(rig, 2)
+    rig = HoldRig(tmp_path, 2)
+    rig.listener.on_step = lambda step: (
+        rig.stop.holds.wish(Wish("retake", "somebody", "test")) if step.number == 3 and outcomes() == 1 else None
+    )
+
+    def outcomes() -> int:
+        return rig.listener.steps.count(3)
+
+    outcome = rig.run_beside()
+    assert outcome.error is None
+    sound(rig, 2)
+
+
+@pytest.mark.parametrize("moment_s", [0.5, 4.0, 9.0, 14.5])
+def test_a_skipped_point_leaves_no_record_and_the_next_ones_are_whole(tmp_path: Path, moment_s: float) -> None:
+    rig = HoldRig(tmp_path, 3)
+    rig.at(moment_s, lambda: rig.stop.holds.wish(Wish("skip", "somebody", "bad point")))
+    outcome = rig.run_beside()
+    assert outcome.error is None
+    assert [row.window.conditions["point"] for row in outcome.rows] == [1, 2]
+    assert [row.frames for row in outcome.rows] == [1000, 1000]
+    assert [row.window.number for row in outcome.rows] == [1, 2]
+    (skip,) = rig.events("skip")
+    assert (skip["first"], skip["stop"], skip["reason"]) == (0, 4, "bad point")
+
+
+def test_it_goes_on_only_when_the_last_reason_is_gone(tmp_path: Path) -> None:
+    rig = HoldRig(tmp_path, 2)
+    holds = rig.stop.holds
+    for by, since_s, until_s in (("one", 7.0, 30.0), ("two", 20.0, 60.0)):
+        rig.at(since_s, lambda by=by: holds.hold(by, f"reason {by}"))  # type: ignore[misc]
+        rig.at(until_s, lambda by=by: holds.release(by))  # type: ignore[misc]
+    rig.run_beside()
+    (release,) = rig.events("release")
+    assert 60.0 - 7.0 - POINT_S <= release["seconds"] <= 60.0 - 7.0 + 0.5
+    sound(rig, 2)
+
+
+def test_holding_longer_than_the_limit_of_its_reason_ends_the_run_safely(tmp_path: Path) -> None:
+    rig = HoldRig(tmp_path, 2)
+    rig.at(7.0, lambda: rig.stop.holds.hold("chamber", "it is cold", limit_s=900.0))
+    rig.at(8.0, lambda: rig.stop.holds.hold("operator", "lunch", limit_s=86_400.0))
+    outcome = rig.run_beside()
+    assert outcome.error is not None
+    assert outcome.error.code == "B-RUN-070"
+    assert "it is cold" in outcome.error.message
+    assert outcome.error.exit_status is ExitStatus.SAFE_AFTER_FAULT
+    assert rig.called("source.make_safe")[-1] == pytest.approx(7.0 + 900.0, abs=20.0)
+    (alarm,) = rig.events("alarm")
+    assert alarm["what"] == "hold"
+    assert ALARM_S <= alarm["seconds"] <= ALARM_S + 1.0
+    assert alarm["reasons"] == {"chamber": "it is cold", "operator": "lunch"}
+
+
+@pytest.mark.parametrize("end", ["stop", "fault"])
+def test_a_run_that_holds_still_stops(tmp_path: Path, end: str) -> None:
+    rig = HoldRig(tmp_path, 2)
+    rig.at(7.0, lambda: rig.stop.holds.hold("somebody", "test"))
+    fault = BenchError("B-RUN-024", "gone")
+    rig.at(100.0, (lambda: rig.stop.request("SIGTERM")) if end == "stop" else (lambda: rig.stop.fail(fault)))
+    outcome = rig.run_beside()
+    assert outcome.error is not None
+    assert outcome.error.code == ("B-RUN-010" if end == "stop" else "B-RUN-024")
+    assert rig.called("source.make_safe")[-1] <= 101.0
+    assert rig.called("supply.make_safe")
+
+
+def test_the_end_of_a_run_is_not_held_up(tmp_path: Path) -> None:
+    rig = HoldRig(tmp_path, 1)
+    rig.step("settle", duration_s=30.0, bus_s=0.0, phase="finally")
+    rig.at(20.0, lambda: rig.stop.holds.hold("somebody", "too late"))
+    outcome = rig.run_beside()
+    assert outcome.error is None
+    assert rig.events("hold") == []
+
+
+@pytest.mark.parametrize(("silent_s", "code"), [(30.0, None), (1e9, "B-RUN-070")])
+def test_a_stimulus_that_does_not_go_off_is_told_again_and_nothing_goes_on_before(
+    tmp_path: Path, silent_s: float, code: str | None
+) -> None:
+    rig = HoldRig(tmp_path, 2)
+
+    def broken() -> None:
+        rig.source.fail["make_safe"] = instrument_error()
+        rig.stop.holds.hold("somebody", "test")
+
+    rig.at(7.0, broken)
+    rig.at(20.0, lambda: rig.stop.holds.release("somebody"))
+    rig.at(7.0 + silent_s, rig.source.fail.clear)
+    outcome = rig.run_beside()
+    assert (outcome.error.code if outcome.error else None) == code
+    told = [alarm for alarm in rig.events("alarm") if alarm["what"] == "stimulus"]
+    assert {(alarm["role"], alarm["code"]) for alarm in told} == {("source", "B-INST-001")}
+    assert len(told) >= 5
+    if code is None:
+        sound(rig, 2)
+        assert rig.events("release")[0]["seconds"] >= silent_s - 15.0
+    else:
+        assert [one.code for one in outcome.unsafe] == ["B-RUN-060"]
+
+
+def test_wishes_standing_still_comes_first_and_a_wish_is_granted_once() -> None:
+    holds = Holds()
+    holds.wish(Wish("skip", "a", "first"))
+    holds.wish(Wish("retake", "b", "second"))
+    holds.hold("c", "third")
+    assert holds.take() == Wish("hold", "c", "third")
+    assert holds.release("c")
+    assert not holds.release("c")
+    assert holds.take() == Wish("skip", "a", "first")
+    assert holds.take() is None
+    assert holds.overdue(1e9) is None
+
+
+def test_a_check_raises_the_wish_only_where_a_run_may_be_interrupted() -> None:
+    stop = StopSwitch()
+    stop.holds.hold("a", "b")
+    stop.interruptible = False
+    stop.check()
+    stop.interruptible = True
+    with pytest.raises(Interruption, match="hold: b"):
+        stop.check()
+    stop.shield()
+    assert stop.over
+    stop.check()
+
+
+def test_an_abort_reaches_a_run_that_waits_for_a_person() -> None:
+    """The thread that waits for an answer sees no request; it is woken, and this counts as a first wish to stop."""
+    with StopSwitch() as stop:
+        timer = threading.Thread(target=lambda: waiting.wait(20.0) and stop.request("abort by me"))
+        waiting = threading.Event()
+        timer.start()
+
+        def ask() -> None:
+            with stop.at_once():
+                waiting.set()
+                threading.Event().wait(20.0)
+
+        with pytest.raises(BenchError) as caught:
+            ask()
+        timer.join()
+    assert caught.value.code == "B-RUN-010"
+    assert "abort by me" in caught.value.message
+
+
+def test_a_second_abort_or_signal_after_an_abort_stops_at_once() -> None:
+    with StopSwitch() as stop:
+        stop.request("abort by me")
+        with pytest.raises(BenchError) as caught:
+            os.kill(os.getpid(), signal.SIGTERM)
+    assert caught.value.code == "B-RUN-011"
