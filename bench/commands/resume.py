@@ -14,10 +14,10 @@ from bench.commands.conducting import conduct_watched
 from bench.commands.console import console
 from bench.commands.control import release
 from bench.commands.finish import finish
+from bench.commands.happenings import happenings
 from bench.commands.run import verdict_status
 from bench.commands.session import read_view
 from bench.commands.tables import print_results
-from bench.commands.view import happenings
 from bench.model.clock import Clock, VirtualClock, WallClock
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.model.shipped import find_shipped

@@ -16,10 +16,11 @@ from bench.campaigns.results import results_json
 from bench.commands.conducting import conduct_watched
 from bench.commands.console import console
 from bench.commands.finish import finish
+from bench.commands.happenings import happenings
 from bench.commands.loading import checked_plan
 from bench.commands.output import write_file
 from bench.commands.tables import print_results
-from bench.commands.view import SessionView, happenings
+from bench.commands.view import SessionView
 from bench.model.clock import Clock, VirtualClock, WallClock
 from bench.model.errors import ExitStatus, InputError
 from bench.plan import Plan

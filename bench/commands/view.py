@@ -17,17 +17,19 @@ from bench.campaigns.analysis import Analysis
 from bench.campaigns.material import Material, Reading, Trace
 from bench.campaigns.registry import analyse
 from bench.campaigns.results import INCOMPLETE, build_results
+from bench.commands.happenings import happening_tables, punctuality
 from bench.commands.splices import splice_documents, splice_tables
 from bench.model.clock import NS
 from bench.record import RecordRow
 from bench.replay.parts import Splice
 from bench.report import TemperatureTrace, build_report, report_model
+from bench.run.preflight import report_table
 
 SOFTWARE = f"inertial-bench {__version__}"
 KEPT_EVENTS = (
     "environment", "prompt", "phase", "slip", "overrun", "late", "retake", "skip", "error", "end", "reading", "hold",
     "release", "resume", "reentry", "link", "interlock", "alarm", "guard", "preflight", "verdict", "config",
-    "clock_step",
+    "clock_step", "control",
 )  # fmt: skip
 
 
@@ -127,10 +129,15 @@ def report_html(view: SessionView, results: Mapping[str, Any], analysis: Analysi
         components=analysis.components,
         prompts=[dict(fields) for _, fields in view.events_of("prompt")],
         figures=analysis.figures,
-        tables=[*analysis.tables, *splice_tables(view.splices)],
-        notes=[*([INCOMPLETE] if view.incomplete else []), *analysis.notes, *happenings(view), *view.notes],
+        tables=[*analysis.tables, *_about_the_run(view)],
+        notes=[*([INCOMPLETE] if view.incomplete else []), *analysis.notes, *punctuality(view), *view.notes],
     )
     return build_report(model)
+
+
+def _about_the_run(view: SessionView) -> list[dict[str, Any]]:
+    looked_at = [report_table(fields) for _, fields in view.events_of("preflight")]
+    return [*happening_tables(view), *splice_tables(view.splices), *looked_at]
 
 
 def temperature_trace(view: SessionView) -> TemperatureTrace:
@@ -157,25 +164,6 @@ def _trace(view: SessionView) -> Trace:
 
 def _number(value: float | None) -> float:
     return math.nan if value is None else float(value)
-
-
-def happenings(view: SessionView) -> list[str]:
-    """Sentences about everything that did not go to plan, and how punctual the run was."""
-    said = []
-    for kind in ("late", "slip", "overrun", "retake", "hold", "release", "skip", "config", "clock_step", "error"):
-        said += [f"{kind} at {t_ns / NS:.0f} s: {_plain(fields)}" for t_ns, fields in view.events_of(kind)]
-    for _, fields in view.events_of("end"):
-        median, p99, worst = fields["lateness_ms"]
-        said.append(
-            f"Timer: {fields['steps']} steps; timed waits ended {median:.3g} ms late in the median, "
-            f"{p99:.3g} ms at the 99th percentile, {worst:.3g} ms at worst; "
-            f"slip {fields['slip_s']:.3g} s, {fields['overruns']} overruns."
-        )
-    return said
-
-
-def _plain(fields: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name} {value}" for name, value in fields.items())
 
 
 def plan_steps_of(texts: Mapping[str, str]) -> Sequence[Any]:

@@ -9,6 +9,7 @@ from bench.model.errors import InstrumentError
 from bench.model.ports import Instrument, SessionSink
 from bench.run.acquisition import Acquisition
 from bench.run.context import CHAMBER, InUse
+from bench.run.safety import QUICK_S, hurried
 from bench.run.stop import StopSwitch, guarded
 
 PERIOD_S = 60.0
@@ -44,7 +45,8 @@ class EnvironmentLog:
         air: float | None = None
         if self._chamber is not None and CHAMBER not in self._in_use:
             try:
-                air = float(self._chamber.measure_air())  # type: ignore[attr-defined]
+                with hurried(self._chamber, QUICK_S):  # a mute chamber must not keep the bus from the steps
+                    air = float(self._chamber.measure_air())  # type: ignore[attr-defined]
             except InstrumentError as error:
                 self._sink.event("error", self._clock.now_ns(), {"code": error.code, "text": str(error)})
         unit = self._acquisition.unit_temperature_degC()

@@ -24,6 +24,7 @@ from bench.model.clock import NS, Clock, to_ns
 from bench.model.errors import InputError
 
 GUARD_PATIENCE_S = 90.0  # how long a controller waits for a guard that is making the bench safe
+UNNAMED_PATIENCE_S = 10.0
 _SETTLE_S = 0.2  # a holder that has just taken the lock writes its name within this time
 _POLL_S = 0.02
 GUARD = "guard"
@@ -86,13 +87,13 @@ class BenchLock:
 
     def take(self) -> None:
         """Take every key, in one order everywhere, or none."""
-        end_ns = self._clock.now_ns() + to_ns(self._patience_s)
+        begun_ns = self._clock.now_ns()
         while True:
             taken = self._attempt()
             if taken is None:
                 return
             key, holder = taken
-            if holder.get("what") != GUARD or self._clock.now_ns() >= end_ns:
+            if self._clock.now_ns() >= begun_ns + to_ns(self._patience_with(holder)):
                 raise InputError(
                     "B-RUN-092",
                     f"the bench is in use by {_named(holder)}",
@@ -100,6 +101,12 @@ class BenchLock:
                     next_step="let it end, or stop it there ('bench abort SESSION'); then start again",
                 )
             self._clock.sleep(_POLL_S)
+
+    def _patience_with(self, holder: Mapping[str, Any]) -> float:
+        """Seconds; one that has not named itself yet may be a guard that the machine gives no time."""
+        if not holder:
+            return min(self._patience_s, UNNAMED_PATIENCE_S)
+        return self._patience_s if holder.get("what") == GUARD else 0.0
 
     def name_session(self, session: str) -> None:
         """Let the lock name the session of its holder."""

@@ -14,7 +14,7 @@ from typing import Any
 
 from bench.frame import FrameDefinition, parse_frame
 from bench.model.clock import NS, Clock
-from bench.model.errors import InputError, RunError
+from bench.model.errors import BenchError, InputError, RunError
 from bench.plan import Plan
 from bench.record import Journal, PackedList, RecordCutter, RecordError, SessionWriter
 from bench.record.resume import resume_session
@@ -262,8 +262,12 @@ class _Run:
             if not self.clock.virtual:
                 self._sync_beside(context, journal, beside)
             beside.enter_context(keep_links(context))
-            for start in self.beside:
-                beside.enter_context(start(context))
+            try:
+                for start in self.beside:
+                    beside.enter_context(start(context))
+            except BenchError as error:  # before the first step: the bench is as safe as it was made at the start
+                context.event("error", code=error.code, text=str(error), step=0)
+                return Outcome(rows=(), slip_s=0.0, overruns=0, retaken=0, lateness_ms=(0.0, 0.0, 0.0), error=error)
             sequencer = Sequencer(context, journal, self.plan.station.safe_order)
             if self.resumed is None:
                 outcome = sequencer.run()

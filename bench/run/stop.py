@@ -74,6 +74,7 @@ class StopSwitch:
     def fail(self, error: BenchError) -> None:
         """End the run at the next check because of an error on another thread; the first one counts."""
         self.fault = self.fault or error
+        self._nudge()
 
     def shield(self) -> None:
         """From now on signals are noted and raise nothing."""
@@ -91,9 +92,13 @@ class StopSwitch:
     def request(self, who: str) -> None:
         """Stop at the next check, as the first Ctrl-C does; a person who is being asked is asked no longer."""
         self.requested = self.requested or who
+        self._nudge()
+
+    def _nudge(self) -> None:
+        """Only a signal gets the thread that waits for a person out of it."""
         if self._at_once and self._previous:
             self._nudged = True
-            os.kill(os.getpid(), signal.SIGTERM)  # only a signal gets the thread that waits for a person out of it
+            os.kill(os.getpid(), signal.SIGTERM)
 
     def check(self) -> None:
         """As ``check_stop``; then raise Interruption if somebody wants the run to stand still, retake or skip."""

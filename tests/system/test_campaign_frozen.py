@@ -8,8 +8,9 @@ from pathlib import Path
 from rehearsal import ROOT, SEED, Watched, tiny_plan
 
 from bench.campaigns.results import results_json
+from bench.commands.happenings import happenings
 from bench.commands.session import read_view
-from bench.commands.view import analyse_view, happenings
+from bench.commands.view import analyse_view
 from bench.model.clock import VirtualClock
 from bench.plan import Plan, Step, compile_sequence
 from bench.record import SessionReader

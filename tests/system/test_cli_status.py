@@ -21,6 +21,7 @@ from rehearsal import ROOT, bench
 import bench.commands.finish as finish_command
 import bench.commands.run as run_command
 from bench import cli
+from bench.commands import conducting
 from bench.commands.session import read_view
 from bench.commands.view import analyse_view
 from bench.model.errors import ExitStatus
@@ -180,7 +181,7 @@ def test_3_a_prompt_and_nobody_to_answer(tmp_path: Path, monkeypatch: pytest.Mon
                                          capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
     from bench.commands.terminal import TerminalOperator
 
-    monkeypatch.setattr(run_command, "SimulatedOperator", TerminalOperator)
+    monkeypatch.setattr(conducting, "SimulatedOperator", TerminalOperator)
     monkeypatch.setattr(sys.stdin, "isatty", lambda: False, raising=False)
     assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.SAFE_AFTER_FAULT
     assert "error B-CLI-005: " in capsys.readouterr().err
@@ -200,7 +201,7 @@ def test_4_the_operator_refuses_a_prompt(
             raise EOFError
         return typed
 
-    monkeypatch.setattr(run_command, "SimulatedOperator", TerminalOperator)
+    monkeypatch.setattr(conducting, "SimulatedOperator", TerminalOperator)
     monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
     monkeypatch.setattr("builtins.input", answer)
     assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.SAFE_BY_OPERATOR

@@ -147,6 +147,21 @@ def test_a_guard_is_not_waited_for_without_end(tmp_path: Path) -> None:
             BenchLock(KEYS, "run", clock, folder=tmp_path, patience_s=10.0).take()
 
 
+def test_one_that_has_not_named_itself_is_given_some_time(tmp_path: Path) -> None:
+    """A guard that took the lock and was not given the processor before it could write its name."""
+    clock = VirtualClock()
+    guard = BenchLock(KEYS, GUARD, clock, folder=tmp_path)
+    guard.take()
+    for path in tmp_path.iterdir():
+        path.write_text("")
+    clock.every(3.0, guard.release)
+    with pytest.raises(InputError, match="has not named itself"):
+        BenchLock(KEYS, "talk", clock, folder=tmp_path).take()
+    assert clock.now_ns() < 1e9
+    with BenchLock(KEYS, "run", clock, folder=tmp_path, patience_s=90.0):
+        assert 3.0 <= clock.now_ns() / 1e9 < 3.5
+
+
 def test_nobody_else_is_waited_for(tmp_path: Path) -> None:
     clock = VirtualClock()
     with BenchLock(KEYS, "talk", clock, folder=tmp_path):
