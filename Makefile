@@ -10,7 +10,7 @@ SEED ?= 1
 export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: demo test sweep validate bench lint wheel lock
+.PHONY: demo test sweep faults soak validate bench lint wheel lock
 
 demo: $(VENV)/.run
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
@@ -21,6 +21,12 @@ test: $(VENV)/.dev
 
 sweep: $(VENV)/.dev
 	$(PY) -m pytest -n 2 -m sweep
+
+faults: $(VENV)/.dev
+	$(PY) -m pytest -n 2 --dist worksteal -rP -m sweep tests/fault
+
+soak: $(VENV)/.dev
+	$(PY) -m pytest -n 2 --dist worksteal -rP -m sweep tests/soak
 
 validate: $(VENV)/.dev
 	PYTHONPATH=tests $(PY) -m pytest -q -p validation_record --validation-record docs/validation.md

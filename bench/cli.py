@@ -192,7 +192,10 @@ def talk(
     raise typer.Exit(talk_command.talk(instrument, command, station, out))
 
 
-@app.command(epilog="Examples: bench sim af_rack_sim · bench sim fault mute dmm · bench sim fault state")
+@app.command(
+    epilog="Examples: bench sim af_rack_sim · bench sim fault mute dmm · bench sim fault state",
+    context_settings={"ignore_unknown_options": True},  # "chamber_runaway -2" is a value
+)
 def sim(
     words: Annotated[
         list[str],
@@ -289,7 +292,7 @@ def main() -> NoReturn:
         sys.exit(error.exit_status)
     except TyperException as error:
         text = " ".join(error.format_message().split())
-        typer.echo(f"error B-CLI-011: {text} Next: add --help to see how the command is used", err=True)
+        typer.echo(f"error B-CLI-011: {text.rstrip('.')}. Next: add --help to see how the command is used", err=True)
         sys.exit(ExitStatus.BAD_INPUT)
     except (Abort, KeyboardInterrupt):
         typer.echo("ended by the operator", err=True)

@@ -7,6 +7,7 @@ or (on a transport whose clear does not reach the instrument) it is asked who it
 from __future__ import annotations
 
 import struct
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
@@ -27,6 +28,8 @@ _QUIET_S = 0.25
 _MOST_LATE_S = 10.0  # a reply that is not there by then never comes
 _MOST_STALE = 16
 _CLEARS = 2
+# PyVISA's remark on a reply without a line feed: what a reply is worth, the parser of the driver says
+warnings.filterwarnings("ignore", "read string doesn't end with termination characters", UserWarning, r"instruments\.")
 _UNSUPPORTED = (StatusCode.error_nonsupported_operation, StatusCode.error_nonimplemented_operation)
 
 
@@ -57,6 +60,7 @@ class Wire:
         self._clears = not (name.endswith("::SOCKET") or name.startswith("ASRL"))
         self.alive: bool | None = True
         self.in_step = name.endswith("::SOCKET")
+        self.limit(_ECHO_S)  # a clear or a poll may be the first call, and the resource's own limit is 2 s
         if self.in_step:
             self._owe_nothing()
         resource.write_termination = "\n"
@@ -99,6 +103,7 @@ class Wire:
         """Serial poll after a time-out: is anybody there, and is there a reply; what it says, for the error."""
         if self.alive is None:
             return ""
+        self.note("tx", "<serial poll>")  # a sign of life: the call before took its whole time, so may this one
         try:
             status = self.poll_status()
         except BUS_ERRORS as error:

@@ -118,7 +118,8 @@ def _locked(folder: Path) -> int:
         folder.mkdir(parents=True, exist_ok=True)
         lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     except OSError as error:
-        raise InputError("B-SIM-014", f"the folder cannot be used: {error}", where=str(folder)) from error
+        message = f"the folder cannot be used: {error.strerror or error}"
+        raise InputError("B-SIM-014", message, where=str(folder), next_step="give another --dir") from error
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:

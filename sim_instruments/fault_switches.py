@@ -193,6 +193,8 @@ class FaultSwitches:
         Raises: InputError B-SIM-010 (no such fault), B-SIM-011 (no such link or role), B-SIM-012 (wrong value).
         """
         fault = FAULTS.get(name)
+        if fault is None and name in ("clear", "state"):
+            raise InputError("B-SIM-012", f"{name!r} stands alone", where=name, next_step=f"bench sim fault {name}")
         if fault is None:
             raise InputError("B-SIM-010", f"there is no fault {name!r}", next_step=_choice(name, FAULTS))
         if not fault.target and target != "":

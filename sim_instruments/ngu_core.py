@@ -70,8 +70,9 @@ class UnitCore:
         self._period = 0
         self._supply_V = 0.0
         self._rows: list[GateRows] = []
-        self._changes: list[_Change] = []
-        self._applied = 0
+        self._changes: list[_Change] = []  # those that may still be applied, again or for the first time
+        self._forgotten = 0  # changes before them
+        self._applied = 0  # of all
         self._situations: list[_Situation] = []
         self.generated_ns = start_ns
         self.given_ns = start_ns
@@ -148,7 +149,8 @@ class UnitCore:
 
     def _run(self, stop_ns: int) -> None:
         while True:
-            change = self._changes[self._applied] if self._applied < len(self._changes) else None
+            place = self._applied - self._forgotten
+            change = self._changes[place] if place < len(self._changes) else None
             limit_ns = stop_ns if change is None else min(stop_ns, change.t_ns)
             while self._machine is not None and (rows := self._machine.run(limit_ns)) is not None:
                 self._rows.append(rows)
@@ -170,6 +172,10 @@ class UnitCore:
     def _remember(self) -> None:
         useful = [place for place, past in enumerate(self._situations) if past.t_ns <= self.given_ns]
         del self._situations[: useful[-1] if useful else 0]
+        if self._situations:
+            old = self._situations[0].applied - self._forgotten
+            del self._changes[:old]
+            self._forgotten += old
         self._situations.append(
             _Situation(
                 t_ns=self.generated_ns,

@@ -105,7 +105,7 @@ def _fit_one(group: Group, campaign: Campaign, standards: Standards, method: str
 
 def reasons(group: Group) -> str:
     """Why records of a group were left out, in words."""
-    return ", ".join(f"{count} {reason}" for reason, count in sorted(group.left_out.items())) or "none"
+    return ", ".join(f"{count} {reason}" for reason, count in sorted(group.left_out.items())) or "none: none was taken"
 
 
 def _polynomials(fitted: list[GroupFit], campaign: Campaign) -> dict[tuple[str, int], TemperaturePolynomial]:

@@ -101,7 +101,8 @@ def count_problem(row: RecordRow) -> str:
     return "" if complete else "without clock counts"
 
 
-def _problem(row: RecordRow, temperature: UnitTemperature | None) -> str:
+def row_problem(row: RecordRow, temperature: UnitTemperature | None) -> str:
+    """Why a record may not enter a group at one temperature, "" if it may."""
     problem = count_problem(row)
     if problem or temperature is None:
         return problem or "without a unit temperature"
@@ -120,7 +121,7 @@ def group_rows(rows: Sequence[RecordRow], master_Hz: float) -> list[Group]:
 def _group(
     place: Place, members: list[RecordRow], temperatures: Mapping[int, UnitTemperature], master_Hz: float
 ) -> Group:
-    problems = [_problem(row, temperatures.get(row.window.number)) for row in members]
+    problems = [row_problem(row, temperatures.get(row.window.number)) for row in members]
     good = [row for row, problem in zip(members, problems, strict=True) if not problem]
     closed = [row for row in good if not _is_open(row)]
     channel, temperature_degC, repeat = place

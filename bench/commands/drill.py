@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.commands.console import console
+from bench.commands.output import make_folder
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus
 from bench.model.shipped import find_shipped
@@ -19,6 +20,7 @@ def drill(station_name: str, out: Path, as_json: bool) -> int:
     """Run the drill of a station, print what was found; returns 0 if every trial passed, else 3."""
     path = find_shipped("stations", station_name)
     station = load_station(path)
+    make_folder(out)
     found = run_drill(station, path, out, WallClock())
     if as_json:
         print(json.dumps(found, indent=1))  # noqa: T201

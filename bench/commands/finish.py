@@ -19,6 +19,7 @@ from bench.campaigns.results import results_json
 from bench.commands.coefficients import write_coefficients
 from bench.commands.output import write_file
 from bench.commands.view import SessionView, analyse_view, report_html
+from bench.model.errors import ExitStatus, FitError
 from bench.store import StoreError, record_calibration
 
 
@@ -37,6 +38,16 @@ class Finished:
             out.print(f"{kind:<8} {where}")
         for text in self.trouble:
             errors.print(text)
+
+
+def without_results(error: FitError, folder: Path, out: Console, errors: Console) -> int:
+    """Tell where a whole session is that determines no result at all, and what is left to do; the exit status."""
+    errors.print(str(error))
+    out.print(
+        f"Every step was done, the bench is safe; no result can be computed from {folder}: "
+        f"'bench recover {folder}' says which records are not valid and can write a sequence for them"
+    )
+    return ExitStatus.VERDICT_FAIL
 
 
 def finish(folder: Path, view: SessionView, history: str) -> Finished:

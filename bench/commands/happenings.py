@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Protocol
 
+from bench.commands.console import hours
 from bench.model.clock import NS
 
 Fields = Mapping[str, Any]
@@ -30,7 +31,38 @@ def _verdict(fields: Fields) -> str:
     return "all well" if fields["ok"] else "; ".join(failed)
 
 
+def _alarm(fields: Fields) -> str:
+    if fields["what"] == "stimulus":
+        return f"{fields['role']} not confirmed safe at step {fields['step']}: {fields['code']}: {fields['text']}"
+    return f"still holding at step {fields['step']} after {fields['seconds']:.0f} s: " + "; ".join(
+        str(reason) for reason in fields["reasons"].values()
+    )
+
+
+def _link(fields: Fields) -> str:
+    name, state = fields["link"], fields["state"]
+    if state == "back":
+        return f"{name} back after {fields['seconds']:.1f} s: {fields['how']}"
+    return f"{name} {state}: {fields['reason']}"
+
+
+def _guard(fields: Fields) -> str:
+    if fields["state"] == "withheld":
+        return f"a heartbeat was withheld: no sign of life of {', '.join(fields['parts'])}"
+    return f"{fields['state']}: {fields['text']}"
+
+
 _SENTENCES: Mapping[str, Callable[[Fields], str]] = {
+    "late": lambda f: (
+        f"step {f['step']}: not stable at the end of its slot, last {f['last_degC']:.2f} degC, "
+        f"{f['slope_degC_min']:+.3f} degC/min: {f['policy']}"
+    ),
+    "slip": lambda f: f"step {f['step']}: {f['seconds']:.3g} s later than planned ({f['reason']})",
+    "overrun": lambda f: f"step {f['step']}: began {f['seconds']:.2g} s late, what was before it took longer",
+    "alarm": _alarm,
+    "link": _link,
+    "guard": _guard,
+    "clock_step": lambda f: f"UTC jumped by {f['step_s']:+.3f} s; durations are not touched",
     "hold": lambda f: f"at step {f['step']}: {f['reason']} ({f['by']})",
     "release": lambda f: f"going on after {f['seconds']:.0f} s",
     "skip": lambda f: f"steps {f['first']} to {f['stop'] - 1} left out: {f['reason']} ({f['by']})",
@@ -45,7 +77,8 @@ _SENTENCES: Mapping[str, Callable[[Fields], str]] = {
 
 def happenings(view: Events) -> list[str]:
     """One line for each thing that did not go to plan, by kind, and how punctual the run was."""
-    said = [f"{kind} at {t_ns / NS:.0f} s: {text}" for kind in KINDS for t_ns, text in _of(view, kind)]
+    start_ns = _start_ns(view)
+    said = [f"{kind} at {_since(t_ns, start_ns)}: {text}" for kind in KINDS for t_ns, text in _of(view, kind)]
     return [*said, *punctuality(view)]
 
 
@@ -54,12 +87,14 @@ def happening_tables(view: Events) -> list[dict[str, Any]]:
     found = sorted((t_ns, kind, text) for kind in KINDS for t_ns, text in _of(view, kind))
     if not found:
         return []
+    start_ns = _start_ns(view)
     return [
         {
             "title": "What happened during the run",
-            "caption": "Everything that did not go to plan; time on the bench clock of the part of the run.",
+            "caption": "Everything that did not go to plan; time since the run began.",
             "headers": ["time", "what", "in words"],
-            "rows": [[f"{t_ns / NS:.0f} s", kind, text] for t_ns, kind, text in found],
+            "prose": True,
+            "rows": [[_since(t_ns, start_ns), kind, text] for t_ns, kind, text in found],
         }
     ]
 
@@ -73,6 +108,15 @@ def punctuality(view: Events) -> Iterator[str]:
             f"{p99:.3g} ms at the 99th percentile, {worst:.3g} ms at worst; "
             f"slip {fields['slip_s']:.3g} s, {fields['overruns']} overruns."
         )
+
+
+def _start_ns(view: Events) -> int:
+    """When the run began, as the lines of its progress count; the bench clock itself may begin with the machine."""
+    return min((t_ns for t_ns, _ in view.events_of("phase")), default=0)
+
+
+def _since(t_ns: int, start_ns: int) -> str:
+    return hours(max(0, t_ns - start_ns) / NS)
 
 
 def _of(view: Events, kind: str) -> Iterator[tuple[int, str]]:

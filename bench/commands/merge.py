@@ -12,6 +12,7 @@ from bench.model.errors import InputError
 from bench.record import RecordRow
 from bench.replay.parts import moved_rows
 
+_OF_STANDARD = ("model", "serial", "certificate", "uncertainty", "corrections")
 _SAME = ("analysis", "channels", "uut", "rate_Hz", "af_clock_Hz", "master_Hz", "fg_Hz")
 
 
@@ -19,7 +20,7 @@ def merged(view: SessionView, others: Sequence[SessionView]) -> SessionView:
     """One view of several sessions of one unit; times of the later ones are placed by UTC, behind the first.
 
     It is complete when every planned record is valid in one of them. The notes name the overlap.
-    Raises: InputError B-RES-010 if a session is of another unit, analysis or set of channels.
+    Raises: InputError B-RES-010 if a session is of another unit, analysis or set of channels, or of other standards.
     """
     for other in others:
         _compatible(view, other)
@@ -32,6 +33,8 @@ def merged(view: SessionView, others: Sequence[SessionView]) -> SessionView:
 def _compatible(view: SessionView, other: SessionView) -> None:
     first, second = view.manifest["campaign"], other.manifest["campaign"]
     differing = [name for name in _SAME if first.get(name) != second.get(name)]
+    if _standards(view) != _standards(other):  # one register is used for all records, and another one is not true
+        differing.append("standards")
     if view.manifest.get("simulated") != other.manifest.get("simulated"):
         differing.append("simulated")
     if differing:
@@ -41,6 +44,12 @@ def _compatible(view: SessionView, other: SessionView) -> None:
             where=str(other.manifest["session"]),
             next_step="name a session that a make-up sequence of the first one gave",
         )
+
+
+def _standards(view: SessionView) -> dict[str, dict[str, Any]]:
+    """What the values and uncertainties of the standards rest on, by role."""
+    register = view.manifest.get("standards", {})
+    return {role: {name: one.get(name) for name in _OF_STANDARD} for role, one in register.items()}
 
 
 def _joined(view: SessionView, other: SessionView) -> SessionView:

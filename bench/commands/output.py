@@ -32,6 +32,12 @@ def write_file(path: Path, text: str) -> None:
             part.unlink(missing_ok=True)
 
 
+def make_folder(path: Path) -> None:
+    """A folder for sessions, before anything is switched on. Raises: InputError B-CLI-007."""
+    with writing(path):
+        path.mkdir(parents=True, exist_ok=True)
+
+
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
     """Whatever keeps a file from being written is one clear error. Raises: InputError B-CLI-007."""

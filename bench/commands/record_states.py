@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bench.campaigns import groups
 from bench.campaigns.groups import count_problem
+from bench.campaigns.temperatures import UnitTemperature, unit_temperatures
 from bench.plan import Step
 from bench.record import RecordRow
 from bench.replay.rows import Replayed
 
 VALID, MISSING, INVALID = "valid", "missing", "invalid"
 MEASUREMENT = "measurement"
+AT_ONE_TEMPERATURE = ("scale_factor", "dmm_method")  # analyses that leave out a record whose temperature is not known
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,21 @@ def record_states(steps: Sequence[Step], replayed: Replayed) -> list[RecordState
     rows = {row.window.step: row for row in replayed.rows}
     skips = [fields for kind, _, fields in replayed.events if kind == "skip"]
     reached = max(rows, default=-1)
-    return [_state(step, rows.get(step.number), skips, reached) for step in steps if is_measuring(step)]
+    problems = {row.window.step: problem for row, problem in _problems(replayed)}
+    return [
+        _state(step, rows.get(step.number), problems.get(step.number, ""), skips, reached)
+        for step in steps
+        if is_measuring(step)
+    ]
+
+
+def _problems(replayed: Replayed) -> Iterator[tuple[RecordRow, str]]:
+    """Why the analysis of the session leaves each record out, "" if it does not."""
+    if replayed.manifest.get("campaign", {}).get("analysis") not in AT_ONE_TEMPERATURE:
+        yield from ((row, row_problem(row)) for row in replayed.rows)
+        return
+    known: Mapping[int, UnitTemperature] = unit_temperatures(replayed.measurement_rows)
+    yield from ((row, groups.row_problem(row, known.get(row.window.number))) for row in replayed.rows)
 
 
 def is_measuring(step: Any) -> bool:
@@ -46,19 +63,20 @@ def is_measuring(step: Any) -> bool:
     return bool(step.kind == "record" and step.phase == "campaign" and purpose == MEASUREMENT)
 
 
-def _state(step: Step, row: RecordRow | None, skips: Iterable[Mapping[str, Any]], reached: int) -> RecordState:
+def _state(
+    step: Step, row: RecordRow | None, problem: str, skips: Iterable[Mapping[str, Any]], reached: int
+) -> RecordState:
     if row is None:
         skip = next((one for one in skips if one["first"] <= step.number < one["stop"]), None)
         if skip is not None:
             return RecordState(step, None, MISSING, f"skipped: {skip['reason']}")
         lost = "its record is lost" if step.number < reached else "the run stopped before"
         return RecordState(step, None, MISSING, lost)
-    problem = row_problem(row)
     return RecordState(step, row.window.number, INVALID if problem else VALID, problem)
 
 
 def row_problem(row: RecordRow) -> str:
-    """Why an analysis leaves a record out, "" if it does not."""
+    """Why every analysis leaves a record out, "" if its counts are good."""
     return count_problem(row)
 
 

@@ -13,13 +13,13 @@ from bench.campaigns.results import results_json
 from bench.commands.conducting import conduct_watched
 from bench.commands.console import console
 from bench.commands.control import release
-from bench.commands.finish import finish
+from bench.commands.finish import finish, without_results
 from bench.commands.happenings import happenings
 from bench.commands.run import verdict_status
 from bench.commands.session import read_view
 from bench.commands.tables import print_results
 from bench.model.clock import Clock, VirtualClock, WallClock
-from bench.model.errors import BenchError, ExitStatus, InputError
+from bench.model.errors import BenchError, ExitStatus, FitError, InputError
 from bench.model.shipped import find_shipped
 from bench.plan import Plan, compile_sequence
 from bench.run.frozen import changed_files
@@ -104,7 +104,10 @@ def _results(folder: Path, url: str, as_json: bool) -> int:
     if not view.has_analysis:
         out.print(f"{len(view.rows)} records in {folder}; the sequence asks for no analysis")
         return ExitStatus.PASS
-    finished = finish(folder, view, url)
+    try:
+        finished = finish(folder, view, url)
+    except FitError as error:
+        return without_results(error, folder, out, console(stderr=True))
     if as_json:
         sys.stdout.write(results_json(finished.results))
     else:

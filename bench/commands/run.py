@@ -15,14 +15,14 @@ from rich.console import Console
 from bench.campaigns.results import results_json
 from bench.commands.conducting import conduct_watched
 from bench.commands.console import console
-from bench.commands.finish import finish
+from bench.commands.finish import finish, without_results
 from bench.commands.happenings import happenings
 from bench.commands.loading import checked_plan
-from bench.commands.output import write_file
+from bench.commands.output import make_folder, write_file
 from bench.commands.tables import print_results
 from bench.commands.view import SessionView
 from bench.model.clock import Clock, VirtualClock, WallClock
-from bench.model.errors import ExitStatus, InputError
+from bench.model.errors import ExitStatus, FitError, InputError
 from bench.plan import Plan
 from bench.run.session import Conducted
 from bench.store import check_history_url, chosen_url
@@ -51,6 +51,7 @@ def run(request: Request) -> int:
         )
     plan = checked_plan(request.sequence, request.station, request.settings)
     check_history_url(chosen_url(request.history, request.out, os.environ))
+    make_folder(request.out)
     virtual = plan.station.in_process if request.clock is None else request.clock == "virtual"
     clock: Clock = VirtualClock() if virtual else WallClock()
     done = conduct_watched(plan, clock, seed=request.seed, out=request.out, errors=console(stderr=True))
@@ -81,7 +82,11 @@ def _finish(plan: Plan, done: Conducted, request: Request) -> int:
 def _results(view: SessionView, done: Conducted, request: Request, out: Console) -> int:
     """Write first, tell afterwards."""
     url = chosen_url(request.history, request.out, os.environ)
-    finished = finish(done.folder, view, url)
+    try:
+        finished = finish(done.folder, view, url)
+    except FitError as error:
+        _say_happenings(view, out)
+        return without_results(error, done.folder, out, console(stderr=True))
     _say_happenings(view, out)
     if request.json:
         sys.stdout.write(results_json(finished.results))

@@ -31,12 +31,24 @@ MOST_RATE = 1000.0
 
 def sim(words: Sequence[str], folder: Path, rate: float, seed: int, settings: Sequence[str]) -> int:
     """Serve the station named by the only word, or switch faults: ``fault [NAME [TARGET] [VALUE]...]``."""
+    for word in words:
+        if word.startswith("-") and not _is_number(word):
+            message = f"{word!r} is no option"
+            raise InputError("B-SIM-017", message, next_step="bench sim --help shows how it is used")
     if words[0] == FAULT:
         return fault(words[1:], folder)
     if len(words) > 1:
         message = f"{words[1]!r} is one word too many"
         raise InputError("B-SIM-017", message, next_step="bench sim STATION, or bench sim fault")
     return serve(words[0], folder, rate, seed, settings)
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def serve(name: str, folder: Path, rate: float, seed: int, settings: Sequence[str]) -> int:

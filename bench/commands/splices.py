@@ -48,7 +48,7 @@ def splice_tables(splices: Sequence[Splice]) -> list[dict[str, Any]]:
         "The run was stopped and gone on with here. Records from before and after stand in one result; times behind a "
         "splice are placed by UTC, and the lines of the temperatures are broken there."
     )
-    return [{"title": "Splices", "caption": caption, "headers": _HEADERS, "rows": rows}]
+    return [{"title": "Splices", "caption": caption, "headers": _HEADERS, "rows": rows, "prose": True}]
 
 
 def _utc(t_ns: int | None) -> str | None:

@@ -17,6 +17,8 @@ from bench.record import RecordRow
 from bench.run.operator import Answer, Question
 
 PLAIN_EVERY = 50
+BAR = 30  # columns
+NARROW = 120  # a terminal that has less shows no bar: figures tell more
 
 
 def describe(step: Step) -> str:
@@ -34,6 +36,11 @@ def describe(step: Step) -> str:
         parts.append(sign + format_quantity(float(conditions["current_A"]), "A"))
     what = f"{step.role}.{step.name}" if step.kind in ("call", "verify", "send", "unit") else step.kind
     return f"{what:<24} {' '.join(parts)}"
+
+
+def _counts(row: RecordRow) -> bool:
+    """Whether a record is one of the campaign's, which the plan counts; those of the wiring check are not."""
+    return str(row.window.conditions.get("purpose", "measurement")) != "wiring"
 
 
 class PlainLines:
@@ -55,6 +62,8 @@ class PlainLines:
             self._out.print(f"{hours(at_s)}  step {step.number + 1}/{len(self._plan.steps)}  {describe(step)}")
 
     def record(self, row: RecordRow) -> None:
+        if not _counts(row):
+            return
         self._records += 1
         if self._records % PLAIN_EVERY == 0:
             lost = f", {row.lost} frames lost" if row.lost else ""
@@ -71,7 +80,7 @@ class ProgressBar:
         self._plan = plan
         self._progress = Progress(
             TextColumn("{task.fields[campaign]}"),
-            BarColumn(bar_width=30),
+            *([BarColumn(bar_width=BAR)] if out.width >= NARROW else []),
             TextColumn("{task.percentage:>3.0f} %"),
             TextColumn("{task.fields[what]}", markup=False),
             TextColumn("{task.fields[counts]}"),
@@ -100,7 +109,7 @@ class ProgressBar:
             self._progress.update(self._task, completed=at_s, what=describe(step), campaign=hours(at_s))
 
     def record(self, row: RecordRow) -> None:
-        self._records += 1
+        self._records += _counts(row)
         self._lost += row.lost
         counts = f"{self._records}/{self._plan.record_count} records, {self._lost} lost"
         self._progress.update(self._task, counts=counts)

@@ -11,6 +11,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints
 
+from bench.model.drivers import driver_class
+from bench.model.errors import InputError
 from bench.model.units import parse_quantity, quantity
 from bench.model.yamlio import StrictModel
 from bench.plan.findings import Findings, suggestion
@@ -145,6 +147,23 @@ def _check_of(
     if (entry.channel is not None) != (signal.of == "instrument"):
         wrong = "needs a channel" if entry.channel is None else "has no channel"
         findings.add("B-PLAN-080", place("channel"), f"interlock {name}: the signal {entry.signal} {wrong}")
+    elif entry.channel is not None and entry.of is not None and entry.of in roles:
+        _check_channel(name, entry, roles[entry.of], place, findings)
+
+
+def _check_channel(name: str, entry: Interlock, role: Any, place: Any, findings: Findings) -> None:
+    """Note an instrument that scans no channels, or not this one: the interlock would never have a reading."""
+    try:
+        known = getattr(driver_class(role.driver), "default_options", {})
+    except InputError:
+        return  # the check of the station says so
+    channels = {**known, **role.options}.get("channels")
+    if channels is None:
+        message = f"interlock {name}: {entry.of} ({role.driver}) scans no channels"
+        findings.add("B-PLAN-080", place("of"), message, "name the data logger")
+    elif isinstance(channels, list) and entry.channel not in channels:
+        message = f"interlock {name}: {entry.of} does not scan channel {entry.channel}, only {channels}"
+        findings.add("B-PLAN-080", place("channel"), message, "use one of them, or add it to 'channels' of the logger")
 
 
 def _level(name: str, key: str, entry: Interlock, signal: Signal, place: Any, findings: Findings) -> float | None:

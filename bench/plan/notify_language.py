@@ -62,3 +62,11 @@ class Notify(StrictModel):
     heartbeat: Annotated[float, *quantity("s", 10.0, 86_400.0)] | None = Field(
         None, description="a sign of life each, by command and webhook, so that silence is an alarm"
     )
+
+    @model_validator(mode="after")
+    def _somebody_is_told(self) -> Notify:
+        if self.command is None and self.email is None and self.webhook is None:
+            raise ValueError("nobody is told: give 'command', 'email' or 'webhook'")
+        if self.heartbeat is not None and self.command is None and self.webhook is None:
+            raise ValueError("'heartbeat' goes out by 'command' or 'webhook'; give one of them")
+        return self

@@ -30,7 +30,10 @@ Share = Annotated[float, *quantity("1", 0.0, 1.0)]  # of an uncertainty: never n
 def _date(value: object) -> date:
     if not isinstance(value, str):
         raise ValueError(f"{value!r} is not a date; write YYYY-MM-DD")
-    return date.fromisoformat(value)
+    try:
+        return date.fromisoformat(value)
+    except ValueError as error:
+        raise ValueError(f"{value!r} is not a date; write YYYY-MM-DD") from error
 
 
 Date = Annotated[date, BeforeValidator(_date), WithJsonSchema({"type": "string", "format": "date"})]
@@ -156,7 +159,10 @@ class StationFile(StrictModel):
             raise ValueError(f"the url of link {missing[0]!r} is missing")
         hard, highest_degC = self.guard.limits.chamber_air, _highest_degC(self.instruments)
         if hard is not None and highest_degC is not None and hard <= highest_degC:
-            raise ValueError(f"the hard limit {hard:g} degC is not above the chamber's own limit {highest_degC:g} degC")
+            raise ValueError(
+                f"guard: the hard limit chamber_air of {hard:g} degC is not above the chamber's own limit of "
+                f"{highest_degC:g} degC; raise it, or lower 'limits: {{temperature: [...]}}' of the chamber"
+            )
         if self.bus_time_factor != 1.0 and not self.simulated:
             raise ValueError("'bus_time_factor' is for simulated stations: a real bus takes its time")
         return self

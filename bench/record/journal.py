@@ -11,6 +11,7 @@ import json
 import os
 import zlib
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -57,6 +58,7 @@ class Journal:
     def __init__(self, folder: Path, files: Files | None = None) -> None:
         self.path = folder / JOURNAL_NAME
         self._lock = -1
+        self._torn = False
         try:
             self._file = (files or OsFiles()).append(self.path)
         except OSError as error:
@@ -93,17 +95,28 @@ class Journal:
         text = canonical_json({**fields, "s": setpoint} if setpoint else fields)
         line = b"%08x %b\n" % (zlib.crc32(text, self._lines + 1), text)
         try:
+            self._cut_back()
             if self._file.write(line) != len(line):
                 raise OSError(28, "short write")
         except OSError as error:
-            self._file.truncate(self._size)
+            self._torn = True
+            with suppress(OSError):  # where this fails too it is tried before the next line: none may follow a torn one
+                self._cut_back()
             raise self._failure(error) from error
         self._lines += 1
         self._size += len(line)
 
+    def _cut_back(self) -> None:
+        if self._torn:
+            self._file.truncate(self._size)
+            self._torn = False
+
     def sync(self) -> None:
-        """Wait until every line is on the disk."""
-        self._file.sync()
+        """Wait until every line is on the disk. Raises: RecordError B-REC-005 if that is not sure."""
+        try:
+            self._file.sync()
+        except OSError as error:
+            raise self._failure(error) from error
 
     def close(self) -> None:
         """Close the journal and let others have it."""

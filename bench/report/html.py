@@ -97,6 +97,8 @@ def _summary(model: ReportModel) -> Section:
         "frames bad": quality.get("frames_bad", model.counts.bad),
         "most rows left out of an estimate": max((int(row.get("dropped") or 0) for row in estimates), default=0),
     }
+    words = {"records taken again": quality.get("retaken"), "gone on with after a stop": quality.get("splices")}
+    lines |= {word: count for word, count in words.items() if count}
     table = pairs_table("The campaign at a glance.", ("item", "value"), lines)
     return Section("summary", "Summary", tables=(table,) if table else ())
 

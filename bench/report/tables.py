@@ -247,13 +247,14 @@ def _percent(probability: float) -> str:
 
 
 def analysis_tables(documents: Sequence[Mapping[str, Any]]) -> list[Table]:
-    """The tables an analysis describes as plain documents."""
+    """The tables an analysis describes as plain documents; one of words says ``prose``."""
     return [
         Table(
             ". ".join(text for text in (str(one["title"]), str(one.get("caption", ""))) if text),
             tuple(label(str(text)) for text in one["headers"]),
             tuple(tuple(_plain(value) for value in row) for row in one["rows"]),
-            prose=any(isinstance(value, str) and len(value) > _PROSE for row in one["rows"] for value in row),
+            prose=bool(one.get("prose"))
+            or any(isinstance(value, str) and len(value) > _PROSE for row in one["rows"] for value in row),
         )
         for one in documents
     ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -35,22 +37,28 @@ class Listener(Protocol):
 
 
 class InUse:
-    """Which instruments the steps are talking to right now, so that nobody cuts into a sequence of commands."""
+    """Which instruments the steps are talking to right now, so that nobody cuts into a sequence of commands.
+
+    Thread-safe: a step and somebody who waits for an instrument to come back may use the same one.
+    """
 
     def __init__(self) -> None:
-        self._roles: set[str] = set()
+        self._lock = threading.Lock()
+        self._users: Counter[object] = Counter()
 
     @contextmanager
     def take(self, role: str) -> Iterator[None]:
         """Use an instrument for one step."""
-        self._roles.add(role)
+        with self._lock:
+            self._users[role] += 1
         try:
             yield
         finally:
-            self._roles.discard(role)
+            with self._lock:
+                self._users[role] -= 1
 
     def __contains__(self, role: object) -> bool:
-        return role in self._roles
+        return self._users[role] > 0
 
 
 @dataclass
@@ -59,6 +67,8 @@ class RunContext:
 
     ``settled`` is False from a soak that was left before the temperature was stable (policy skip) to the next soak.
     ``folder`` is the session's.
+    ``unit_answer`` is who the unit said it was before a run that is gone on with was stopped.
+    ``away`` are the instruments the run stands still for.
     ``ahead`` holds the windows that are open before their record step, by number of the step.
     """
 
@@ -75,10 +85,12 @@ class RunContext:
     measurement_link: str
     rows: PackedRows = field(default_factory=PackedRows)
     ahead: dict[int, RecordWindow] = field(default_factory=dict)
+    away: set[str] = field(default_factory=set)
     record_count: int = 0
     retaken: int = 0
     overruns: int = 0
     settled: bool = True
+    unit_answer: bytes | None = None
     folder: Path = Path()
     in_use: InUse = field(default_factory=InUse)
     health: Health = field(init=False)

@@ -70,15 +70,15 @@ class EarlyVerdicts:
             self._forget()
 
     def _start(self, now_ns: int) -> None:
-        self._output = tempfile.TemporaryFile()  # noqa: SIM115 - closed by _forget
         try:
+            self._output = tempfile.TemporaryFile()  # noqa: SIM115 - closed by _forget
             self._process = subprocess.Popen(
                 self._command, stdin=subprocess.DEVNULL, stdout=self._output, stderr=subprocess.DEVNULL,
                 start_new_session=True,
             )  # fmt: skip
         except OSError as error:
             self._forget()
-            self._take({"ok": None, "error": f"the judge does not start: {error.strerror}"})
+            self._take({"ok": None, "error": f"the judge does not start: {error.strerror or error}"})
         self._until_ns = now_ns + self._timeout_ns
 
     def _finished(self) -> dict[str, Any]:

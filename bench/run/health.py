@@ -24,6 +24,7 @@ class Health:
         self._values: dict[str, tuple[float, int]] = {}
         self._sequencer = threading.get_ident()
         self._asking = False
+        self._over = False
 
     def alive(self, part: str) -> None:
         """A part gives a sign of life; one of the sequencer counts only from its own thread."""
@@ -40,8 +41,14 @@ class Health:
             self.alive(SEQUENCER)
             self._asking = False
 
+    def over(self) -> None:
+        """The bench was made safe: what is left of the run is paper work, and nothing of it has to hurry."""
+        self._over = True
+
     def silence_s(self) -> Mapping[str, float]:
-        """Seconds since the last sign of life, by part; a part that never gave one is not listed."""
+        """Seconds since the last sign of life, by part; a part that never gave one is not listed, none at the end."""
+        if self._over:
+            return {}
         now_ns = self._clock.now_ns()
         silence = {part: (now_ns - stamp_ns) / NS for part, stamp_ns in list(self._stamps_ns.items())}
         return {**silence, SEQUENCER: 0.0} if self._asking else silence

@@ -34,12 +34,13 @@ class Holds:
         self._lock = threading.Lock()
         self._reasons: dict[str, str] = {}
         self._limits_s: dict[str, float] = {}
+        self._since_s: dict[str, float] = {}  # when a reason was first seen while the run stood still
         self._wish: Wish | None = None
 
     def hold(self, by: str, reason: str, limit_s: float = HOLD_LIMIT_S) -> None:
         """Stand still from the next check on, until ``release`` is called with the same ``by``.
 
-        ``limit_s``: the run ends safely when it has stood still that long and this reason is still there.
+        ``limit_s``: the run ends safely when it has stood still that long for this reason.
         """
         with self._lock:
             self._reasons[by] = reason
@@ -49,6 +50,7 @@ class Holds:
         """Take a reason back; False if there was none."""
         with self._lock:
             self._limits_s.pop(by, None)
+            self._since_s.pop(by, None)
             return self._reasons.pop(by, None) is not None
 
     def wish(self, wish: Wish) -> None:
@@ -63,10 +65,15 @@ class Holds:
             return dict(self._reasons)
 
     def overdue(self, held_s: float) -> tuple[str, str, float] | None:
-        """The first reason whose limit is over after standing still for ``held_s``: (by, reason, limit in second)."""
+        """The first reason whose limit is over after standing still for ``held_s``: (by, reason, limit in second).
+
+        A reason that comes while the run stands still for another one has its whole limit from then on.
+        """
         with self._lock:
-            late = ((by, self._reasons[by], limit_s) for by, limit_s in self._limits_s.items() if held_s > limit_s)
-            return next(late, None)
+            for by, limit_s in self._limits_s.items():
+                if held_s - self._since_s.setdefault(by, held_s) > limit_s:
+                    return by, self._reasons[by], limit_s
+            return None
 
     def take(self) -> Wish | None:
         """What is wished now: standing still comes first. A retake or skip is handed out once."""

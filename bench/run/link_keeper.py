@@ -189,7 +189,7 @@ class LinkKeeper:
             kept.asked_ns = now_ns
             verdict = self._unit.verdict()
         if verdict == "other":
-            self._context.stop.fail(self._other_unit(kept))
+            self._context.stop.fail(self._unit.other("after the link came back", kept.reader.name))
         elif verdict != "pending":
             kept.how.append(f"unit answers {self._unit.answer!r}" if verdict == "same" else "identity not asked")
             self._end(kept, now_ns)
@@ -236,14 +236,6 @@ class LinkKeeper:
                 where=kept.reader.name,
                 next_step="check cable, supply and stream mode of the unit, then 'bench resume SESSION'",
             )
-        )
-
-    def _other_unit(self, kept: Kept) -> RunError:
-        return RunError(
-            "B-RUN-025",
-            f"another unit answers after the link came back: {self._unit.answer!r}, expected {self._unit.expected!r}",
-            where=kept.reader.name,
-            next_step="connect the unit of this campaign, then 'bench resume SESSION'",
         )
 
     # --- what others see -------------------------------------------------------------------------------------------

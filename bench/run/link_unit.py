@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from bench.frame import LinkBatch
 from bench.model.clock import NS
-from bench.model.errors import LinkError
+from bench.model.errors import LinkError, RunError
 from bench.plan import Step
 from bench.run.context import RunContext
 from bench.run.link_reader import ANSWER, LinkReader
@@ -59,7 +59,7 @@ class Unit:
         self._context = context
         self._steps = [step for step in context.plan.steps if step.kind == "unit"]
         self._identify = next((step for step in self._steps if step.name == IDENTIFY), None)
-        self._known: bytes | None = None
+        self._known: bytes | None = context.unit_answer
         self._asked = False
         self._heard: bytes | None = None
         if self._identify is not None and self._identify.role in self._readers:
@@ -86,6 +86,15 @@ class Unit:
         if self._heard is None:
             return "pending"
         return "same" if self._is_known(self._heard) else "other"
+
+    def other(self, when: str, where: str) -> RunError:
+        """The error of a run that finds another unit."""
+        return RunError(
+            "B-RUN-025",
+            f"another unit answers {when}: {self.answer!r}, expected {self.expected!r}",
+            where=where,
+            next_step="connect the unit of this campaign, then 'bench resume SESSION'",
+        )
 
     @property
     def answer(self) -> str:
@@ -116,7 +125,11 @@ class Unit:
         for command, status, payload in zip(*columns, strict=True):
             if int(command) == int(self._identify.arguments["command"]) and int(status) == DONE:
                 self._heard = bytes(payload)
-                self._known = self._known or (None if self._asked else self._heard)
+                if self._asked:
+                    continue
+                self._known = self._known or self._heard
+                if self._heard != self._known:
+                    self._context.stop.fail(self.other("after the run was stopped", self._identify.role))
 
     def _send(self, step: Step) -> bool:
         reader = self._readers[step.role]

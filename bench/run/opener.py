@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 SIMULATION = "sim_instruments.simulation"
 SERIAL_HANDLERS = "sim_instruments"
-WRITE_LIMIT_S = 2.0
+WRITE_LIMIT_S = 1.0
 BY_SERIAL_NUMBER = "serial-number:"
 
 

@@ -18,7 +18,9 @@ class Resumption:
     """A session that is gone on with: from step ``start``, behind the ``records`` it holds already.
 
     ``manifest`` is the session's; ``withdrawn`` are numbers of records that are taken again; ``expected`` what the
-    bench was set to when it stopped (bench.run.setpoints); ``fields`` go into the "resume" event.
+    bench was set to when it stopped (bench.run.setpoints); ``unit_answer`` is what the unit said when it was asked who
+    it is; ``settled`` is False if the soak before the position was left unstable; ``fields`` go into the "resume"
+    event.
     """
 
     folder: Path
@@ -27,6 +29,8 @@ class Resumption:
     records: int = 0
     withdrawn: tuple[int, ...] = ()
     expected: Mapping[str, dict[str, Any]] = field(default_factory=dict)
+    unit_answer: bytes | None = None
+    settled: bool = True
     fields: Mapping[str, Any] = field(default_factory=dict)
 
     def with_fields(self, **more: Any) -> Resumption:
@@ -106,6 +110,14 @@ def point_start(steps: Sequence[Step], index: int) -> int:
     if first > index or any(step.kind == "soak" for step in steps[first : index + 1]):
         return index
     return first
+
+
+def in_point(steps: Sequence[Step], index: int) -> bool:
+    """Whether ``steps[index]`` belongs to a point, so that there is one to skip."""
+    record = _record_of(steps, index)
+    if record is None:
+        return False
+    return int(steps[record].arguments.get("retry_step", steps[record].number)) - steps[0].number <= index
 
 
 def point_stop(steps: Sequence[Step], index: int) -> int:

@@ -43,7 +43,12 @@ def enter(context: RunContext, start: int) -> None:
 
 
 def come_back(context: RunContext, number: int) -> None:
-    """After a hold, in which the chamber ran on: the temperature as step ``number`` needs it. Raises: B-RUN-031."""
+    """After a hold, in which the chamber ran on: the temperature as step ``number`` needs it. Raises: B-RUN-031.
+
+    A soak that was interrupted needs none: it goes on to its own, and not back to the one before.
+    """
+    if context.plan.steps[number].kind == "soak":
+        return
     with _not_interrupted(context):
         _to_temperature(context, number, stopped=False)
 
@@ -130,8 +135,8 @@ def _unit_degC(context: RunContext, step: Step) -> float:
 @contextmanager
 def _not_interrupted(context: RunContext) -> Iterator[None]:
     """A stop or fault still ends the run; a hold, retake or skip waits until the plan goes on."""
-    before, context.stop.interruptible = context.stop.interruptible, False
+    context.stop.deferred = True
     try:
         yield
     finally:
-        context.stop.interruptible = before
+        context.stop.deferred = False

@@ -13,6 +13,7 @@ from bench.record import JournalEntry, SessionReader, layout, read_journal
 from bench.record.journal import is_being_written
 from bench.record.writer import OPEN_MARKER
 from bench.run.frozen import frozen_plan
+from bench.run.link_unit import DONE, IDENTIFY
 from bench.run.position import Event, Resumption, stopped_at
 from bench.run.setpoints import expected_of
 
@@ -109,8 +110,21 @@ def resumption(stopped: Stopped, utc_ns: int) -> Resumption:
     }
     return Resumption(
         stopped.folder, stopped.manifest, position.start, position.records, position.withdrawn,
-        expected_of(stopped.entries), fields,
+        expected_of(stopped.entries), _unit_answer(stopped.events), _was_settled(stopped, position.start), fields,
     )  # fmt: skip
+
+
+def _unit_answer(events: list[Event]) -> bytes | None:
+    """The first answer of the unit that says who it is; None if it was never asked."""
+    answers = (fields for kind, _, fields in events if kind == "answer" and fields.get("name") == IDENTIFY)
+    return next((bytes.fromhex(str(one["payload"])) for one in answers if one.get("status") == DONE), None)
+
+
+def _was_settled(stopped: Stopped, start: int) -> bool:
+    """False if the soak before a step was left unstable; then records behind it say so until it is done again."""
+    soak = next((step.number for step in reversed(stopped.plan.steps[:start]) if step.kind == "soak"), None)
+    late = (fields for kind, _, fields in stopped.events if kind == "late")
+    return not any(one.get("step") == soak and one.get("policy") == "skip" for one in late)
 
 
 def same_plan(plan: Plan, given: Plan, where: str) -> None:

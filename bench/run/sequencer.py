@@ -15,7 +15,7 @@ from bench.run.context import CHAMBER, RunContext
 from bench.run.holds import Interruption, Wish
 from bench.run.instrument_hold import wish_to_wait
 from bench.run.patience import patient
-from bench.run.position import point_start, point_stop
+from bench.run.position import in_point, point_start, point_stop
 from bench.run.recording import measurement_rows
 from bench.run.reentry import come_back
 from bench.run.safety import make_safe
@@ -73,6 +73,7 @@ class Sequencer:
             context.stop.shield()
             with context.in_use.take(CHAMBER):
                 unsafe = make_safe(context.instruments, self._safe_order, context.clock)
+            context.health.over()
         if error is not None:
             self._note("error", code=error.code, text=str(error), step=self._done)
         self._note("safe", failures=[str(failure) for failure in unsafe])
@@ -124,15 +125,13 @@ class Sequencer:
                     self._execute(steps[position])
                 except Interruption as interruption:
                     context.drop_open_records(count)
-                    position = self._interrupted(interruption.wish, steps, position)
+                    position = self._interrupted(interruption.wish, steps, position, holds)
                 except RunError as error:
                     position = self._again(error, steps, position, attempts)
                 except InstrumentError as error:
-                    step = steps[position]
-                    wish = wish_to_wait(context, error, step.role, holds.get(step.number, 0))
-                    holds[step.number] = holds.get(step.number, 0) + 1
+                    wish = self._waited_for(error, steps[position].role, steps[position], holds)
                     context.drop_open_records(count)
-                    position = self._interrupted(wish, steps, position)
+                    position = self._interrupted(wish, steps, position, holds)
                 else:
                     position += 1
         finally:
@@ -152,23 +151,39 @@ class Sequencer:
         self._retake(error.message, steps[first:position])
         return first
 
-    def _interrupted(self, wish: Wish, steps: Sequence[Step], position: int) -> int:
+    def _waited_for(self, error: InstrumentError, role: str, step: Step, holds: dict[int, int]) -> Wish:
+        """Stand still for an instrument that was silent. Raises: the error if it is no silence, or comes too often."""
+        wish = wish_to_wait(self._context, error, role, holds.get(step.number, 0))
+        holds[step.number] = holds.get(step.number, 0) + 1
+        return wish
+
+    def _interrupted(self, wish: Wish, steps: Sequence[Step], position: int, holds: dict[int, int]) -> int:
         """Where to go on after a wish: hold and retake go back to the beginning of the point, skip behind its end."""
         context = self._context
         first = point_start(steps, position)
         if wish.kind == "hold":
             began_ns = context.clock.now_ns()
-            stand_still(context, wish, steps[position].number)
-            come_back(context, steps[first].number)
+            self._held(wish, steps[position], steps[first].number, holds)
             context.timeline.add_slip(context.clock.now_ns() - began_ns)
         self._retake(f"{wish.reason} ({wish.by})", steps[first:position])
-        if wish.kind != "skip":
+        if wish.kind != "skip" or not in_point(steps, position):  # a soak or a setting is never left out
             return first
         stop = point_stop(steps, position)
         behind = steps[0].number + stop
         context.event("skip", by=wish.by, reason=wish.reason, first=steps[first].number, stop=behind)
         context.listener.message(f"skipping to step {behind}: {wish.reason} ({wish.by})")
         return stop
+
+    def _held(self, wish: Wish, step: Step, first: int, holds: dict[int, int]) -> None:
+        """Stand still, then bring the temperature back; a chamber that is silent on the way back is waited for too."""
+        while True:
+            stand_still(self._context, wish, step.number)
+            try:
+                come_back(self._context, first)
+            except InstrumentError as error:
+                wish = self._waited_for(error, CHAMBER, step, holds)
+            else:
+                return
 
     def _execute(self, step: Step) -> None:
         context = self._context

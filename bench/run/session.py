@@ -267,6 +267,7 @@ class _Run:
                     beside.enter_context(start(context))
             except BenchError as error:  # before the first step: the bench is as safe as it was made at the start
                 context.event("error", code=error.code, text=str(error), step=0)
+                context.health.over()
                 return Outcome(rows=(), slip_s=0.0, overruns=0, retaken=0, lateness_ms=(0.0, 0.0, 0.0), error=error)
             sequencer = Sequencer(context, journal, self.plan.station.safe_order)
             if self.resumed is None:
@@ -274,9 +275,11 @@ class _Run:
             else:
                 outcome = sequencer.run(self.resumed.start, partial(enter, context, self.resumed.start))
             self._compare_files(listener)
-        self._pair()
+        with suppress(RecordError):  # a disk that is full to the end must not hide how the run ended
+            self._pair()
         if outcome.error is None:
-            journal.path.unlink()
+            with suppress(OSError):  # a disk that takes nothing any more: what was measured counts
+                journal.path.unlink()
         return outcome
 
     def _context(self, operator: Operator, listener: Listener) -> RunContext:
@@ -289,6 +292,7 @@ class _Run:
         )  # fmt: skip
         if self.resumed is not None:
             context.record_count = self.resumed.records
+            context.unit_answer, context.settled = self.resumed.unit_answer, self.resumed.settled
             for number in self.resumed.withdrawn:
                 context.event("retake", record=number, reason="its point was not finished when the run stopped")
         return context
@@ -303,10 +307,11 @@ class _Run:
     def _sync_beside(self, context: RunContext, journal: Journal, beside: ExitStack) -> None:
         """Bring session and journal to the disk each second, off the step thread."""
         sync = patient(self.writer.sync, context.listener)
+        sync_journal = patient(journal.sync, context.listener)
 
         def to_disk() -> None:
             sync()
-            journal.sync()
+            sync_journal()
             context.health.alive(WRITER)
 
         beside.callback(self.clock.every(SYNC_S, guarded(to_disk, self.stop)).cancel)

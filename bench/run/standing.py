@@ -12,6 +12,7 @@ from bench.model.errors import InstrumentError, RunError
 from bench.model.ports import Effect, actions_of
 from bench.run.context import RunContext
 from bench.run.holds import Wish
+from bench.run.instrument_hold import ASK_S, ask_again
 
 POLL_S = 0.25
 AGAIN_S = 2.0  # between two attempts to switch a stimulus off
@@ -32,6 +33,7 @@ def stand_still(context: RunContext, wish: Wish, step: int) -> int:
     context.listener.message(f"holding at step {step}: {wish.reason} ({wish.by}); the stimulus goes off")
     driven = [role for role in context.plan.station.safe_order if drives(type(context.instruments.get(role)))]
     driven, tried_s, alarmed = _still_driven(context, driven, step), 0.0, False
+    asked_ns = began_ns
     while (reasons := context.stop.holds.reasons) or driven:
         context.stop.check_stop()
         held_s = (context.clock.now_ns() - began_ns) / NS
@@ -45,6 +47,9 @@ def stand_still(context: RunContext, wish: Wish, step: int) -> int:
             alarmed = True
             context.event("alarm", what="hold", step=step, seconds=held_s, reasons=reasons)
             context.listener.message(f"still holding after {held_s:.0f} s: {'; '.join(reasons.values())}")
+        if context.clock.now_ns() - asked_ns >= ASK_S * NS:
+            ask_again(context)
+            asked_ns = context.clock.now_ns()
         context.clock.sleep(POLL_S)
     held_ns = context.clock.now_ns() - began_ns
     context.event("release", step=step, seconds=held_ns / NS)

@@ -33,6 +33,7 @@ class StopSwitch:
         self.fault: BenchError | None = None
         self.holds = Holds()
         self.interruptible = True  # False while the bench is put away at the end
+        self.deferred = False  # True while a hold, retake or skip has to wait: the way back to the temperature
         self.on_check: Callable[[], None] = lambda: None  # the sequencer's sign of life
         self._shielded = False
         self._at_once = False
@@ -103,7 +104,9 @@ class StopSwitch:
     def check(self) -> None:
         """As ``check_stop``; then raise Interruption if somebody wants the run to stand still, retake or skip."""
         self.check_stop()
-        if self.interruptible and not self._shielded and (wish := self.holds.take()) is not None:
+        if not self.interruptible or self.deferred or self._shielded:
+            return
+        if (wish := self.holds.take()) is not None:
             raise Interruption(wish)
 
     def check_stop(self) -> None:

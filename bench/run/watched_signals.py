@@ -21,7 +21,9 @@ from bench.plan.interlock_language import InterlockRule
 from bench.run.acquisition import STALE_S, TEMPERATURE, LinkReader
 from bench.run.context import CHAMBER, RunContext
 from bench.run.health import CHAMBER_AIR
+from bench.run.safety import hurried
 
+CALL_S = 1.0
 FRESH_S = 30.0  # what the guard of the hard limits has just read is not asked for again
 LOGGER_EACH = 5  # times the chamber: laboratory air is slow, and a scan keeps the bus for seconds
 SLOPE_S = 600.0
@@ -148,7 +150,8 @@ class WatchedSignals:
             if role in self._context.in_use:
                 return
             try:
-                read()
+                with hurried(self._context.instruments[role], CALL_S):  # one that is mute must not keep the bus
+                    read()
             except InstrumentError as error:
                 self._context.event("error", code=error.code, text=str(error))
 

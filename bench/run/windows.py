@@ -14,6 +14,7 @@ from bench.model.ports import RecordWindow
 from bench.plan import Step
 from bench.run.context import RunContext
 
+BEHIND_FRAMES = 2  # the newest frame is older than this many periods: the link is behind
 OPEN_GATE = 1  # the gate that is open at the start began before it
 SILENCE_S = 2.0
 AHEAD_S = 100.0  # how late a step between two records may be (a bus that asks again) before a frame is missed
@@ -69,13 +70,16 @@ def _anew(context: RunContext, step: Step, number: int, start_ns: int) -> Record
     """The first frame is the first whose gate began after ``start_ns``, as far as the bytes received can tell.
 
     A frame of which no byte is here yet (11 us at 921,600 Bd, plus the delay of the port) makes the first gate begin
-    that much too early; the settle time before a record is a thousand times longer.
+    that much too early; the settle time before a record is a thousand times longer. When frames are overdue, on a
+    machine or an adapter that stalls, those that must be on their way are reckoned with: they belong to the settling.
     """
     reader = context.acquisition.readers[context.measurement_link]
     rate = float(context.plan.campaign["rate_Hz"])
     if reader.last_counter < 0 or start_ns - reader.last_frame_ns > to_ns(SILENCE_S + 2.0 / rate):
         raise silent(context, f"no good frame for {SILENCE_S:g} s before record {number}")
-    first = reader.last_counter + (1 if reader.mid_frame else 0) + OPEN_GATE + 1
+    overdue = int((start_ns - reader.last_frame_ns) * rate // NS)
+    coming = overdue + 1 if overdue >= BEHIND_FRAMES else int(reader.mid_frame)
+    first = reader.last_counter + coming + OPEN_GATE + 1
     end_ns = start_ns + to_ns(float(step.arguments["seconds"]))
     if is_chained(context, step):
         end_ns = _due_ns(context, first + _frames(context, step))

@@ -13,17 +13,20 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from served import SAFE_S, Served
 
+from bench.commands.control import ask as ask_run
 from bench.commands.session import replay
 from bench.model.errors import BenchError
+from bench.model.quality import Quality
 from bench.record import RecordRow, SessionReader, read_journal
 from bench.replay import replay_rows
+from bench.run.guard.diary import read_diary
 
 SEQUENCE = "scale_factor_wall_30s"
 RECORDS = 10
@@ -33,6 +36,7 @@ GO_ON = (-signal.SIGKILL, 3)  # ended by its guard or by itself, safely: on a ma
 MOST_TIMES = 4
 LOOK_S = 0.03
 GIVE_UP_S = 20.0
+HOLDS_S = 1.5
 COMPARED = ("dsf_n", "dsf_p", "bias")  # independent of each other, at each temperature
 _ONE_AT_A_TIME = threading.Lock()  # replays share this process
 
@@ -55,6 +59,7 @@ class Drilled:
     withdrawn: int = 0
     begun_anew: int = 0
     ended_early: int = 0  # nobody killed it: the machine had no time for it
+    flagged: int = 0  # records that say themselves that they are not whole, for the same reason
     trouble: list[str] = field(default_factory=list)
     folder: Path = Path()
     estimates: dict[str, tuple[float, float]] = field(default_factory=dict)  # value and expanded uncertainty
@@ -67,12 +72,12 @@ class Drilled:
 class Process:
     """``bench ...`` as a process; its output goes to a file."""
 
-    def __init__(self, log: Path, *words: str, before: Sequence[str] = ()) -> None:
+    def __init__(self, log: Path, *words: str) -> None:
         self.log = log
         self.begun_s = time.monotonic()
         with log.open("ab") as stream:
             self._process = subprocess.Popen(
-                [*before, sys.executable, "-m", "bench", *words], stdout=stream, stderr=stream, stdin=subprocess.DEVNULL
+                [sys.executable, "-m", "bench", *words], stdout=stream, stderr=stream, stdin=subprocess.DEVNULL
             )
         self.pid = self._process.pid
 
@@ -157,7 +162,40 @@ def resumable(folder: Path) -> bool:
         return False
 
 
-def drill(served: Served, out: Path, instants_s: Sequence[float], number: int = signal.SIGKILL) -> Drilled:
+def killed(process: Process, out: Path) -> float:
+    """The controller is gone at once; the time of it."""
+    return process.signal(signal.SIGKILL)
+
+
+def stopped(process: Process, out: Path) -> float:
+    """The controller does nothing any more and still lives."""
+    return process.signal(signal.SIGSTOP)
+
+
+def held_and_killed(process: Process, out: Path) -> float:
+    """Somebody lets the run stand still; then its controller is gone."""
+    folder = session_in(out)
+    assert folder is not None
+    ask_run(folder, "pause", "a drill")
+    time.sleep(HOLDS_S)
+    return process.signal(signal.SIGKILL)
+
+
+def without_guard(process: Process, out: Path) -> float:
+    """The guard is gone; the controller must not go on without it."""
+    folder = session_in(out)
+    assert folder is not None
+    ready = [entry for entry in read_diary(folder / "guard.jsonl") if entry["what"] == "ready"]
+    moment_s = time.monotonic()
+    os.kill(int(ready[-1]["pid"]), signal.SIGKILL)
+    assert process.ended_by(moment_s - process.begun_s + GIVE_UP_S) == 3, process.said()[-600:]
+    return moment_s
+
+
+Act = Callable[[Process, Path], float]
+
+
+def drill(served: Served, out: Path, instants_s: Sequence[float], act: Act = killed) -> Drilled:
     """Start a run, kill it at each instant in turn (the first in the run, the others in what goes on), let it end.
 
     Raises nothing for what is wrong with the bench: that is in ``trouble``.
@@ -175,25 +213,25 @@ def drill(served: Served, out: Path, instants_s: Sequence[float], number: int = 
         try:
             status = process.ended_by(due[0] if due else LONGEST_S)
             if status is None and due:
-                _killed(done, served, process, out, due.pop(0), number, again=folder is not None)
+                _killed(done, served, process, out, due.pop(0), act, again=folder is not None)
                 continue
         finally:
             process.end()
-        if status in GO_ON and done.ended_early < MOST_TIMES:
+        refused = status == 2 and "B-RUN-080" in process.said()  # a disk too busy for a start
+        if (status in GO_ON or refused) and done.ended_early < MOST_TIMES:
             done.ended_early += 1
             safe_after_s(served, time.monotonic())
+            process.log.rename(out / f"ended_early{done.ended_early}.txt")
             continue
-        if status != 0:
-            done.trouble.append(f"ended with {status}: {process.said()[-600:]}")
         break
-    _judge(done, out)
+    _judge(done, out, status, process.said()[-600:])
     return done
 
 
 def _killed(
-    done: Drilled, served: Served, process: Process, out: Path, instant_s: float, number: int, again: bool
+    done: Drilled, served: Served, process: Process, out: Path, instant_s: float, act: Act, again: bool
 ) -> None:
-    moment_s = process.signal(number)
+    moment_s = act(process, out)
     safe_s, on = safe_after_s(served, moment_s)
     process.end()  # one that is stopped and has no guard: nothing was on
     folder = session_in(out)
@@ -220,16 +258,24 @@ def sums_of(row: RecordRow) -> dict[str, Any]:
     return {"step": row.window.step, "frames": row.frames, "lost": row.lost, "sums": sums}
 
 
-def _judge(done: Drilled, out: Path) -> None:
+def _judge(done: Drilled, out: Path, status: int | None, said: str) -> None:
     """Compare the end with what was there at each kill."""
     folder = session_in(out)
-    if folder is None or not (folder / "results.json").is_file():
-        done.trouble.append("no results")
+    if folder is None:
+        done.trouble.append(f"ended with {status} without a session: {said}")
         return
     done.folder = folder
-    results = json.loads((folder / "results.json").read_text())
-    rows = {str(number): sums_of(row) for number, row in acknowledged(folder).items()}
+    found = acknowledged(folder)
+    rows = {str(number): sums_of(row) for number, row in found.items()}
+    done.flagged = sum(row.quality != Quality.GOOD for row in found.values())
     _nothing_lost(done, out, folder, rows)
+    if status != 0 and not done.flagged:  # a result that lacks flagged records is not 0, and says so
+        done.trouble.append(f"ended with {status}: {said}")
+    if not (folder / "results.json").is_file():
+        if not done.flagged:
+            done.trouble.append("no results")
+        return
+    results = json.loads((folder / "results.json").read_text())
     steps = {row["step"] for row in rows.values()}
     if results["quality"]["records"] != RECORDS or len(steps) != RECORDS:
         done.trouble.append(f"{results['quality']['records']} records at {len(steps)} steps")
@@ -241,7 +287,7 @@ def _judge(done: Drilled, out: Path) -> None:
         except BenchError as error:
             done.trouble.append(f"replay: {error}")
     done.trouble += [f"{name} is left" for name in ("session.open", "journal.jsonl") if (folder / name).exists()]
-    for one in results["estimates"]:
+    for one in results["estimates"] if not done.flagged else ():
         if one["quantity"] in COMPARED:
             name = f"{one['quantity']} at {one['conditions']['temperature_degC']:g} degC"
             done.estimates[name] = (one["value"], one["expanded_uncertainty"])

@@ -17,8 +17,9 @@ from kill_drill import SEQUENCE
 from served import Served
 from soak_campaign import Quiet, soak_plan, watchers
 
+from bench.commands.happenings import happenings
 from bench.commands.run import view_of
-from bench.commands.view import KEPT_EVENTS, happenings
+from bench.commands.view import KEPT_EVENTS
 from bench.model.clock import NS, VirtualClock, WallClock
 from bench.record import SessionReader
 from bench.run.clock_watch import LOOK_S, STEP_S, clock_watch

@@ -21,8 +21,8 @@ FILES = sorted(FOLDER.glob("*tcsweep_1vdc*.dsv"))
 pytestmark = [pytest.mark.real, pytest.mark.skipif(not FILES, reason=f"no recording in {FOLDER}")]
 
 HOUR_S = 3600.0
-HOLD_h = (13.0, 13.8)  # the sensor is at the top; found by eye in the file's own set-point
-SLOT_S, LIMIT_S = 2400.0, 1200.0
+HOLD_h = (23.0, 23.8)  # the set-point of the file stands still
+SLOT_S, LIMIT_S = 1500.0, 900.0
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def from_hour(bath: tuple[NDArray[np.float64], NDArray[np.float64]], hour: float
     return lambda t_s: float(np.interp(hour * HOUR_S + t_s, *bath))
 
 
-@pytest.mark.parametrize(("hour", "target_degC"), [(4.0, 35.0), (6.0, 30.0), (20.0, 23.0), (30.0, 23.0)])
+@pytest.mark.parametrize(("hour", "target_degC"), [(6.0, 30.0), (30.0, 23.0)])
 def test_what_does_not_settle_is_given_up_at_the_set_time(
     tmp_path: Path, bath: tuple[NDArray[np.float64], NDArray[np.float64]], hour: float, target_degC: float
 ) -> None:

@@ -4,10 +4,11 @@ import threading
 
 import pytest
 from known_drivers import IDENTIFY, NO_ERROR, slow
-from scripted import BUS_ERROR, CLEAR, SILENT, TIMEOUT, make, scripted
+from scripted import BUS_ERROR, CLEAR, SILENT, TIMEOUT, ScriptedResource, make, scripted
 
+from bench.model.clock import VirtualClock
 from bench.model.errors import ExitStatus, InstrumentError
-from instruments.bus import bus_lock
+from instruments.bus import BusSession, bus_lock
 
 VOLTS = (b"MEAS:VOLT?\n", b"+1.00000E+01\n")
 START = IDENTIFY["hp_6632b"]
@@ -114,3 +115,11 @@ def test_another_thread_waits_for_the_bus() -> None:
     thread.join(5)
     assert not thread.is_alive()
     assert supply.test_resource.events == []
+
+
+def test_the_first_call_of_a_connection_has_a_limit_already() -> None:
+    """A clear may be the first one after reopening; the resource's own limit is longer than a step may be silent."""
+    resource = ScriptedResource([])
+    BusSession(resource, "dmm", VirtualClock(), lambda *_: None)  # type: ignore[arg-type]
+    assert resource.timeout is not None
+    assert resource.timeout <= 1500

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +19,17 @@ from bench.commands.resume import resume
 from bench.commands.session import fit, read_view, replay
 from bench.commands.splices import splice_tables
 from bench.commands.view import SessionView, analyse_view, report_html
-from bench.model.errors import ExitStatus, InputError
+from bench.model.clock import VirtualClock
+from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.plan import Step
 from bench.record import SessionReader, read_journal
 from bench.replay.windows import recorded_windows
+from bench.run.context import RunContext
+from bench.run.operator import SimulatedOperator
+from bench.run.resume import read_stopped, resumption
+from bench.run.session import conduct
 from bench.run.setpoints import expected_of
+from sim_instruments import ngu_core
 from sim_instruments.world import World
 
 Start = Callable[..., Rehearsal]
@@ -229,3 +237,46 @@ def test_recover_lists_the_records_and_why(crashes: Crashes, capsys: pytest.Capt
     said = capsys.readouterr().out
     assert "7 valid, 8 missing, 0 invalid of 15 records" in said  # the event of the eighth was not on the disk yet
     assert "8 missing: the run stopped before" in said
+
+
+def test_what_a_stopped_run_knew_is_known_again(
+    crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who the unit is; and that a soak was left unstable, so that the records behind it still say so."""
+    folder = copied(crashes, "behind a record", tmp_path)
+    stopped = read_stopped(folder)
+    plain = resumption(stopped, 0)
+    soak = [step for step in stopped.plan.steps[: plain.start] if step.kind == "soak"][-1].number
+    assert plain.settled
+    for policy, number in (("hold", soak), ("skip", soak + 1)):
+        late = ("late", 0, {"step": number, "policy": policy})
+        assert resumption(replace(stopped, events=[*stopped.events, late]), 0).settled
+    late = ("late", 0, {"step": soak, "policy": "skip"})
+    resumed = resumption(replace(stopped, events=[*stopped.events, late]), 0)
+    seen = []
+
+    def look(context: RunContext) -> AbstractContextManager[object]:
+        seen.append((context.settled, context.unit_answer))
+        raise BenchError("B-RUN-090", "that is enough")
+
+    conduct(
+        stopped.plan, clock=VirtualClock(), seed=SEED, out=tmp_path, operator=SimulatedOperator(),
+        listener=nobody_in(monkeypatch), beside=[look], resumed=resumed,
+    )  # fmt: skip
+    assert seen == [(False, b"NGU SIM-1 1.0")]
+
+
+def test_another_unit_is_not_gone_on_with(crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Records of two units do not belong in one session, as little as those of two standards."""
+    folder = copied(crashes, "behind a record", tmp_path)
+    before = records_in(folder)
+    monkeypatch.setattr(ngu_core, "IDENTITY", b"NGU SIM-2 1.0")
+    error = go_on(folder, nobody_in(monkeypatch)).outcome.error
+    assert error is not None
+    assert (error.code, error.exit_status) == ("B-RUN-025", ExitStatus.SAFE_AFTER_FAULT)
+    assert "expected 'NGU SIM-1 1.0'" in error.message
+    assert len(records_in(folder)) <= len(before)
+    monkeypatch.undo()
+    run = go_on(folder, nobody_in(monkeypatch))
+    assert run.outcome.error is None
+    assert sorted(records_in(folder)) == list(range(1, RECORDS + 1))

@@ -151,7 +151,7 @@ def test_nothing_to_make_up_is_said(stopped: tuple[Path, Path], tmp_path: Path) 
 
 def test_a_ramp_without_gaps_cannot_be_made_up(tmp_path: Path) -> None:
     plan = compile_sequence("bias_ramp_short")
-    nothing: Any = type("Nothing", (), {"rows": (), "events": []})()
+    nothing: Any = type("Nothing", (), {"manifest": {}, "rows": (), "events": []})()
     with pytest.raises(InputError, match="B-RES-008"):
         make_up_sequence(plan, record_states(plan.steps, nothing))
 
@@ -160,7 +160,7 @@ def test_skipped_records_are_missing_for_that_reason(stopped: tuple[Path, Path])
     plan = compile_sequence("scale_factor_short")
     records = [step for step in plan.phase("campaign") if step.kind == "record"]
     skip = ("skip", 0, {"first": records[0].number, "stop": records[1].number, "reason": "a door"})
-    nothing: Any = type("Nothing", (), {"rows": (), "events": [skip]})()
+    nothing: Any = type("Nothing", (), {"manifest": {}, "rows": (), "events": [skip]})()
     states = record_states(plan.steps, nothing)
     assert [one.why for one in states[:2]] == ["skipped: a door", "the run stopped before"]
 
@@ -173,10 +173,22 @@ def test_a_session_of_another_unit_does_not_complete_this_one(stopped: tuple[Pat
         merged(view, [other])
 
 
+@pytest.mark.parametrize("field", ["serial", "certificate", "corrections"])
+def test_a_session_made_with_another_standard_does_not_complete_this_one(
+    stopped: tuple[Path, Path], field: str
+) -> None:
+    """Its records would be judged by the values and uncertainties of a standard that never saw them."""
+    view = read_view(stopped[0])
+    register = {role: {**one, field: "another"} for role, one in view.manifest["standards"].items()}
+    other = SessionView({**view.manifest, "standards": register}, view.rows, view.counts, view.session_sha256)
+    with pytest.raises(InputError, match="standards"):
+        merged(view, [other])
+
+
 def test_the_flat_form_is_made_up_too(tmp_path: Path) -> None:
     """Records of a timeline carry no procedure: what stands since the record before them belongs to the point."""
     plan = compile_sequence("timeline_example")
-    nothing: Any = type("Nothing", (), {"rows": (), "events": []})()
+    nothing: Any = type("Nothing", (), {"manifest": {}, "rows": (), "events": []})()
     text, points, overlap = make_up_sequence(plan, record_states(plan.steps, nothing))
     assert (points, overlap) == (1, 0)
     path = tmp_path / "flat.yaml"

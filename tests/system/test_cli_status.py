@@ -110,6 +110,8 @@ def test_1_a_verdict_fails(short: Short, monkeypatch: pytest.MonkeyPatch, tmp_pa
         (["run", "timeline_example", "--clock", "lunar"], "B-CLI-004"),
         (["run", "no_such_sequence"], "B-SHIP-001"),
         (["check", "timeline_example", "--plot", "/proc/none/x.svg"], "B-CLI-007"),
+        (["run", "timeline_example", "--out", "/dev/null"], "B-CLI-007"),
+        (["drill", "--station", "af_bench_sim", "--out", "/dev/null/x"], "B-CLI-007"),
         (["talk", "theremin", "*IDN?"], "B-CLI-003"),
         (["fit", "/nonexistent"], "B-REC-010"),
         (["schema", "--out", "/proc/none"], "B-CLI-007"),

@@ -150,8 +150,15 @@ def test_nobody_there_or_no_room_for_a_socket(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="B-SIM-014"):
         sim(["af_bench_sim"], tmp_path / ("long" * 40), 1.0, SEED, [])
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="B-SIM-014"):
+    with pytest.raises(InputError, match=r"B-SIM-014.*give another --dir"):
         sim(["af_bench_sim"], tmp_path / "file", 1.0, SEED, [])
+
+
+def test_a_value_may_be_negative_and_an_option_that_is_none_is_told(tmp_path: Path) -> None:
+    done = bench("sim", "fault", "chamber_runaway", "-2", "--dir", str(tmp_path))
+    assert (done.returncode, "B-SIM-015" in done.stderr) == (2, True)  # it was a value: the bench was asked
+    done = bench("sim", "af_bench_sim", "--ratee", "2", "--dir", str(tmp_path))
+    assert (done.returncode, "B-SIM-017: '--ratee' is no option" in done.stderr) == (2, True)
 
 
 def test_it_ends_clean_and_takes_over_from_one_that_was_killed(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from rich.console import Console
 
 from bench.commands.console import PLAIN_COLUMNS, console, hours
 from bench.commands.loading import settings_of
@@ -23,6 +24,10 @@ PLAN: Any = SimpleNamespace(steps=(None,) * 9, record_count=100, prepare_s=10.0,
 def step(kind: str, **fields: Any) -> Any:
     given = {"kind": kind, "number": 3, "role": "switch", "name": "route", "conditions": {}}
     return SimpleNamespace(**{**given, **fields})
+
+
+def record(lost: int = 0, **conditions: Any) -> Any:
+    return SimpleNamespace(lost=lost, window=SimpleNamespace(conditions=conditions))
 
 
 @pytest.fixture
@@ -94,7 +99,7 @@ def test_plain_lines_tell_soaks_prompts_and_every_50th_record(capsys: pytest.Cap
         lines.step(step("soak", conditions={"temperature_degC": -10.0}), 3661.0)
         lines.step(step("call"), 3662.0)
         for number in range(1, 101):
-            lines.record(SimpleNamespace(lost=2 if number == 100 else 0))  # type: ignore[arg-type]
+            lines.record(record(lost=2 if number == 100 else 0))
         lines.message("[careful]")
     said = capsys.readouterr().out.splitlines()
     assert said[0].split() == ["1:01:01", "step", "4/9", "soak", "-10", "degC"]
@@ -104,11 +109,28 @@ def test_plain_lines_tell_soaks_prompts_and_every_50th_record(capsys: pytest.Cap
 def test_the_progress_bar_takes_everything(capsys: pytest.CaptureFixture[str]) -> None:
     with ProgressBar(PLAN, console(stderr=True)) as bar:
         bar.step(step("soak", conditions={"label": "[x]"}), 50.0)
-        bar.record(SimpleNamespace(lost=3))  # type: ignore[arg-type]
+        bar.record(record(lost=3))
         bar.message("[careful]")
     said = capsys.readouterr().err
     assert "[careful]" in said
     assert "1/100 records, 3 lost" in said
+
+
+def test_records_of_the_wiring_check_are_none_of_the_campaign(capsys: pytest.CaptureFixture[str]) -> None:
+    with ProgressBar(PLAN, console(stderr=True)) as bar:
+        bar.record(record(purpose="wiring"))
+        bar.record(record(purpose="measurement"))
+    assert "1/100 records" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("columns", [60, 80, 200])
+def test_a_narrow_terminal_shows_figures_instead_of_a_bar(columns: int) -> None:
+    out = io.StringIO()
+    with ProgressBar(PLAN, Console(file=out, width=columns, force_terminal=True, color_system=None)) as bar:
+        bar.step(step("record", conditions={"temperature_degC": 23.3, "channel": 1, "route": "open"}), 50.0)
+        bar.record(record(lost=3))
+    assert ("\u2501" in out.getvalue()) == (columns == 200)
+    assert columns < 80 or "1/100 records" in out.getvalue()
 
 
 @pytest.mark.parametrize(

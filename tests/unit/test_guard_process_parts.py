@@ -7,13 +7,14 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from bench.model.clock import WallClock
+from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import ExitStatus, InputError, RunError
 from bench.model.ports import Effect, action
 from bench.model.shipped import find_shipped
@@ -23,8 +24,9 @@ from bench.run.drill import drill, latest_drill
 from bench.run.drill_controller import source_of
 from bench.run.guard.act import act
 from bench.run.guard.brief import Address, Brief
-from bench.run.guard.decision import Action
+from bench.run.guard.decision import Action, Watched
 from bench.run.guard.diary import Diary, read_diary
+from bench.run.guard.process import _watch
 from bench.run.guard_notice import notice_command
 from bench.run.guard_process import GuardProcess
 from bench.run.guarding import brief_of, station_lock
@@ -159,6 +161,20 @@ def test_a_controller_is_ended_even_if_it_is_stopped(tmp_path: Path) -> None:
         assert process.wait() == -signal.SIGKILL
 
 
+def test_only_its_own_thread_is_a_sign_of_life_of_the_sequencer() -> None:
+    """Watchers talk to instruments too; their traffic must not cover up a sequencer that hangs."""
+    clock = VirtualClock()
+    health = Health(clock)
+    health.alive(SEQUENCER)
+    clock.sleep(3.0)
+    other = threading.Thread(target=lambda: [health.alive(part) for part in (SEQUENCER, LINKS)])
+    other.start()
+    other.join()
+    assert health.silence_s() == {SEQUENCER: 3.0, LINKS: 0.0}
+    health.alive(SEQUENCER)
+    assert health.silence_s()[SEQUENCER] == 0.0
+
+
 def test_a_guard_that_does_not_start_is_said(tmp_path: Path) -> None:
     clock = WallClock()
     brief = replace(BRIEF, pid=os.getpid(), visa="@nothing_of_that_name", diary=str(tmp_path / "guard.jsonl"))
@@ -240,3 +256,25 @@ def test_a_bench_without_a_stimulus_has_no_drill() -> None:
     with pytest.raises(InputError) as found:
         source_of(station, dict.fromkeys(station.safe_order, Instrument))
     assert found.value.code == "B-RUN-095"
+
+
+class _Lines:
+    """Heartbeats that were there all the time; this process was not given the processor for ``away_s``."""
+
+    def __init__(self, clock: VirtualClock, away_s: float, then: list[bytes]) -> None:
+        self.ended = False
+        self._clock, self._away_s, self._then = clock, away_s, [[], then, [b'{"goodbye": "x"}']]
+
+    def next(self, limit_s: float | None) -> list[bytes]:
+        self._clock.sleep(self._away_s if len(self._then) == 3 else limit_s or 0.0)
+        return self._then.pop(0)
+
+
+@pytest.mark.parametrize(("then", "reason"), [([b'{"values": {}}'], None), ([], "silent")])
+def test_a_guard_that_got_no_time_reads_on_before_it_calls_anybody_silent(
+    then: list[bytes], reason: str | None
+) -> None:
+    clock: Any = VirtualClock()
+    lines: Any = _Lines(clock, 3.0, then)
+    action = _watch(lines, Watched({}, 2.0, clock.now_ns()), replace(BRIEF, limits={}), lambda address: None, clock)  # type: ignore[arg-type,return-value]
+    assert (action.reason if action else None) == reason

@@ -131,7 +131,7 @@ def test_hard_limits_come_from_the_chamber_unless_they_are_written(tmp_path: Pat
 @pytest.mark.parametrize(
     ("section", "said"),
     [
-        ("guard: {limits: {chamber_air: 60 degC}}", "not above the chamber's own limit 60 degC"),
+        ("guard: {limits: {chamber_air: 60 degC}}", "not above the chamber's own limit of 60 degC"),
         ("guard: {limits: {chamber_air: 65}}", "chamber_air"),
         ("guard: {silence: 10 s}", "silence"),
         ("guard: {silent: 2 s}", "silent"),

@@ -57,6 +57,16 @@ def test_interlocks_do_not_change_the_hash_of_the_steps(tmp_path: Path) -> None:
         (f"{AIR}, low: 24 degC}}", "B-PLAN-081", "not below high"),
         (f"{AIR}, release_low: 21 degC}}", "B-PLAN-081", "no 'low' to release from"),
         (f"{AIR}, low: 22 degC, release_low: 23.5 degC, release_high: 23 degC}}", "B-PLAN-081", "never release"),
+        (
+            "  a: {signal: lab_air, of: dmm, channel: 101, high: 24 degC, action: warn}",
+            "B-PLAN-080",
+            "scans no channels",
+        ),
+        (
+            "  a: {signal: lab_air, of: logger, channel: 9, high: 24 degC, action: warn}",
+            "B-PLAN-080",
+            "[101, 102, 103]",
+        ),
         ("  a: {signal: supply_current, high: 3 V, action: warn}", "B-PLAN-082", "'3 V'"),
         ("  a: {signal: supply_current, high: much, action: warn}", "B-PLAN-082", "'much'"),
         ("  a: {signal: rate_step, high: 5 Hz, action: retake}", "B-PLAN-083", "too late"),
@@ -100,6 +110,8 @@ def test_a_station_is_checked_for_its_own(tmp_path: Path) -> None:
         ("  email: {host: mail.example.org, sender: bench@example.org, to: []}", "to"),
         ("  heartbeat: 1 s", "below the limit"),
         ("  on: [sometimes]", "hold"),
+        ("  on: [end]", "nobody is told"),
+        ("  email: {host: mail.example.org, sender: b@example.org, to: [b@example.org]}\n  heartbeat: 1 h", "webhook"),
     ],
 )
 def test_a_wrong_notification_is_refused(tmp_path: Path, section: str, words: str) -> None:

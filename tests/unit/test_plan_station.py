@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
+from bench.model.errors import InputErrors
 from bench.model.shipped import find_shipped
 from bench.plan import Station, load_station
 
@@ -58,3 +61,20 @@ def test_options_left_to_the_world_are_absent_until_they_are_set(station: Statio
     assert "master_error_ppm" not in station.world_options
     assert station.with_options({"master_error_ppm": "-50"}).world_options["master_error_ppm"] == "-50"
     assert "master_error_ppm" not in station.world_options
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"2000-11-01"', '"1.11.2000"', "'1.11.2000' is not a date; write YYYY-MM-DD"),
+        ("links:", "guard: {limits: {chamber_air: 50 degC}}\nlinks:", "hard limit chamber_air of 50 degC is not above"),
+    ],
+)
+def test_a_mistake_in_a_station_file_says_what_is_due(tmp_path: Path, old: str, new: str, words: str) -> None:
+    path = tmp_path / "mine.yaml"
+    text = find_shipped("stations", "af_bench_sim").read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(InputErrors) as caught:
+        load_station(path)
+    assert words in str(caught.value)

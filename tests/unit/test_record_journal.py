@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from record_sample import FaultyFiles, no_space
+from record_sample import FaultyFiles, io_error, no_space
 
 from bench.record import Journal, JournalEntry, RecordError, read_journal
 from bench.record.journal import JOURNAL_NAME, is_being_written
@@ -128,6 +129,34 @@ def test_a_full_disk_keeps_the_lines_before(tmp_path: Path) -> None:
     journal.step(2, "campaign", 3, {})
     journal.close()
     assert [entry.t_mono_ns for entry in read_journal(tmp_path).entries] == [0, 1, 3]
+
+
+def test_a_torn_line_that_cannot_be_cut_back_is_cut_before_the_next(tmp_path: Path) -> None:
+    """The disk is read-only for a while: neither call is an error nobody foresaw, and no line follows a torn one."""
+    faults = {("write", 2): 10, ("truncate", 1): read_only(), ("truncate", 2): read_only()}
+    journal = Journal(tmp_path, FaultyFiles(lambda kind, n: faults.get((kind, n))))
+    journal.step(0, "campaign", 0, {})
+    for _ in range(2):
+        with pytest.raises(RecordError, match="B-REC-005"):
+            journal.step(1, "campaign", 1, {})
+    journal.step(1, "campaign", 2, {})
+    journal.close()
+    state = read_journal(tmp_path)
+    assert [entry.t_mono_ns for entry in state.entries] == [0, 2]
+    assert not state.torn
+
+
+def test_a_journal_that_may_not_be_on_the_disk_says_so(tmp_path: Path) -> None:
+    journal = Journal(tmp_path, FaultyFiles(lambda kind, n: io_error() if kind == "sync" and n == 1 else None))
+    journal.step(0, "campaign", 0, {})
+    with pytest.raises(RecordError, match="B-REC-005"):
+        journal.sync()
+    journal.sync()
+    journal.close()
+
+
+def read_only() -> OSError:
+    return OSError(errno.EROFS, "read-only file system")
 
 
 def test_a_folder_without_a_journal_file_is_refused(tmp_path: Path) -> None:

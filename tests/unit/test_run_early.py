@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import sys
 from pathlib import Path
@@ -87,6 +88,20 @@ def test_a_judge_that_crashes_hangs_or_talks_nonsense_never_touches_the_run(
     assert rig.events("verdict") == [{"ok": None, "error": words}]
     assert context.stop.holds.reasons == {}
     assert context.stop.fault is None
+
+
+def test_a_full_folder_for_temporary_files_is_an_event(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full() -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("tempfile.TemporaryFile", full)
+    rig = HoldRig(tmp_path, 1)
+    context = rig.context()
+    verdicts = EarlyVerdicts(early(), context, ["true"])
+    rig.clock.sleep(1.2)
+    verdicts.poll()
+    (event,) = rig.events("verdict")
+    assert "No space left" in event["error"]
 
 
 def test_a_judge_that_does_not_start_is_an_event(tmp_path: Path) -> None:

@@ -9,16 +9,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hold_rig import RECORD_S, SETTLE_S, HoldRig
+from hold_rig import RECORD_S, SETTLE_S, HoldRig, Passive
 from run_rig import instrument_error
 
 from bench.model.errors import BenchError, ExitStatus
 from bench.model.quality import Quality
+from bench.plan import Step
 from bench.run.holds import Holds, Interruption, Wish
 from bench.run.standing import ALARM_S
 from bench.run.stop import StopSwitch
 
 POINT_S = SETTLE_S + RECORD_S
+SOAK = {"temperature": 20.0, "ramp": 0.5, "slot": 600.0, "within": 1.0, "for": 120.0, "sensor": "unit", "late": "abort"}
 
 
 def sound(rig: HoldRig, points: int) -> None:
@@ -233,3 +235,100 @@ def test_a_second_abort_or_signal_after_an_abort_stops_at_once() -> None:
         with pytest.raises(BenchError) as caught:
             os.kill(os.getpid(), signal.SIGTERM)
     assert caught.value.code == "B-RUN-011"
+
+
+def test_a_reason_that_comes_during_a_long_pause_has_its_own_limit(tmp_path: Path) -> None:
+    """A pause may last a day; a door that opens late in it has its own time from then on, and not none."""
+    rig = HoldRig(tmp_path, 2)
+    holds = rig.stop.holds
+    rig.at(7.0, lambda: holds.hold("operator", "lunch", limit_s=86_400.0))
+    for since_s, until_s in ((500.0, 650.0), (700.0, 850.0)):
+        rig.at(since_s, lambda: holds.hold("interlock door", "open", limit_s=200.0))
+        rig.at(until_s, lambda: holds.release("interlock door"))
+    rig.at(900.0, lambda: holds.release("operator"))
+    outcome = rig.run_beside()
+    assert outcome.error is None
+    sound(rig, 2)
+
+
+@pytest.mark.parametrize("kind", ["settle", "soak"])
+def test_what_is_no_point_is_never_skipped(tmp_path: Path, kind: str) -> None:
+    """Records behind a soak that was left out would carry a temperature the unit never had."""
+    rig = HoldRig(tmp_path, 0)
+    rig.instruments["chamber"] = Passive("chamber", rig)
+    if kind == "soak":
+        rig.step("soak", "chamber", "soak", **SOAK)
+    else:
+        rig.step("settle", duration_s=600.0, bus_s=0.0)
+    rig.step("call", "supply", "output", current=2.0)
+    first = len(rig.steps)
+    rig.step("settle", duration_s=SETTLE_S, bus_s=0.0)
+    rig.step("record", "port_a", seconds=RECORD_S, retry=1, max_lost=0.0, retry_step=first, conditions={"point": 0})
+    rig.at(300.0, lambda: rig.stop.holds.wish(Wish("skip", "interlock", "slope")))
+    outcome = rig.run_beside()
+    assert outcome.error is None
+    assert rig.events("skip") == []
+    assert rig.called("supply.output")
+    assert outcome.rows[0].window.t_start_ns >= 600e9
+
+
+def test_a_hold_in_a_soak_does_not_go_back_to_the_temperature_before(tmp_path: Path) -> None:
+    rig = HoldRig(tmp_path, 0)
+    rig.instruments["chamber"] = Passive("chamber", rig)
+    rig.unit_degC = lambda t_s: 20.0 if t_s < 600.0 else min(40.0, 20.0 + (t_s - 600.0) / 20.0)
+    rig.step("soak", "chamber", "soak", **SOAK)
+    rig.step("soak", "chamber", "soak", **{**SOAK, "temperature": 40.0, "slot": 900.0})
+    rig.at(700.0, lambda: rig.stop.holds.hold("test", "a door"))
+    rig.at(750.0, lambda: rig.stop.holds.release("test"))
+    outcome = rig.run_beside()
+    assert outcome.error is None
+    set_points = [words[0] for _, name, words in rig.calls if name == "chamber.set_temperature"]
+    assert set_points == [20.0, 40.0, 40.0]
+    assert rig.clock.now_ns() < 1700e9
+
+
+def test_a_chamber_that_is_silent_on_the_way_back_is_waited_for(tmp_path: Path) -> None:
+    rig = HoldRig(tmp_path, 0)
+    chamber = rig.instruments["chamber"] = Passive("chamber", rig)
+    rig.unit_degC = lambda t_s: 15.0 if 620.0 < t_s < 900.0 else 20.0
+    rig.step("soak", "chamber", "soak", **SOAK)
+    first = len(rig.steps)
+    rig.step("settle", duration_s=60.0, bus_s=0.0)
+    rig.step("record", "port_a", seconds=RECORD_S, retry=1, max_lost=0.0, retry_step=first, conditions={"point": 0})
+
+    def door() -> None:
+        chamber.fail["set_temperature"] = instrument_error()
+        rig.stop.holds.hold("test", "a door")
+
+    rig.at(610.0, door)
+    rig.at(680.0, lambda: rig.stop.holds.release("test"))
+    rig.at(682.0, chamber.fail.clear)
+    outcome = rig.run_beside()
+    assert outcome.error is None
+    assert [hold["by"] for hold in rig.events("hold")] == ["test", "instrument chamber"]
+    assert [one["soaked"] for one in rig.events("reentry")] == [True]
+    assert outcome.rows[0].window.t_start_ns > 1200e9
+
+
+def test_the_end_of_a_run_needs_no_sign_of_life(tmp_path: Path) -> None:
+    """The bench is safe by then: a message that takes its time must not make the guard end the controller."""
+    rig = HoldRig(tmp_path, 1)
+    rig.run_beside()
+    rig.clock.sleep(100.0)
+    assert rig.ran.health.silence_s() == {}
+
+
+def test_a_record_that_was_taken_back_does_not_count_when_the_run_ends_before_the_next(tmp_path: Path) -> None:
+    rig = HoldRig(tmp_path, 1)
+    rig.source.answers["operating"] = [False]
+
+    def trip(step: Step) -> None:
+        if step.number == 0 and rig.listener.steps.count(0) == 2:
+            rig.source.fail["operate"] = instrument_error("B-INST-013")
+
+    rig.listener.on_step = trip
+    outcome = rig.run_beside()
+    assert outcome.error is not None
+    assert outcome.error.code == "B-INST-013"
+    assert [event["record"] for event in rig.events("retake")] == [1]
+    assert outcome.rows == []

@@ -116,3 +116,32 @@ def test_a_stimulus_that_cannot_be_switched_off_ends_the_run(tmp_path: Path) -> 
     assert outcome.error.code == "B-RUN-070"
     assert f"{UNSAFE_LIMIT_S:g} s" in outcome.error.message
     assert [error.where for error in outcome.unsafe] == ["calibrator"]
+
+
+def test_nobody_is_asked_any_more_once_the_bench_is_made_safe(tmp_path: Path) -> None:
+    """On a shared bus a question that climbs its ladder would keep the safe commands waiting."""
+    rig = silent_rig(tmp_path, back_s=1e9)
+    logger: Any = rig.instruments["logger"]
+    asked: list[int] = []
+    identify = logger.identify
+    logger.identify = lambda: (asked.append(rig.clock.now_ns()), identify())
+    rig.clock.every(30.0, lambda: rig.stop.request("SIGTERM"))
+    outcome = rig.run()
+    assert outcome.error is not None
+    assert outcome.error.code == "B-RUN-010"
+    before = len(asked)
+    assert before >= 3
+    rig.clock.sleep(100.0)
+    assert len(asked) == before
+
+
+def test_it_is_asked_on_the_thread_of_the_steps(tmp_path: Path) -> None:
+    """A thread of its own would hold the bus for a whole ladder while a stimulus has to be made safe."""
+    rig = silent_rig(tmp_path)
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("nobody else may ask")
+
+    rig.listener.on_step = lambda step: setattr(rig.clock, "every", refuse)
+    assert rig.run().error is None
+    assert rig.listener.steps == [0, 1, 1, 2]

@@ -13,7 +13,6 @@ from bench.model.clock import NS, VirtualClock
 from bench.model.errors import ExitStatus
 from bench.plan import Step, check_plan, compile_sequence
 from bench.replay import replay_rows
-from bench.run.link_keeper import keep_links
 from bench.run.operator import SimulatedOperator
 from bench.run.session import Conducted, conduct
 from sim_instruments import ngu_core, simulation
@@ -106,7 +105,7 @@ def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Start:
         monkeypatch.setattr(simulation, "open_world", lambda *a, **k: watched.begin(plain(*a, **k)))
         done = conduct(
             plan, clock=VirtualClock(), seed=SEED, out=tmp_path / "out", operator=SimulatedOperator(), listener=watched,
-            keep_events=KINDS, beside=[keep_links],
+            keep_events=KINDS,
         )  # fmt: skip
         return Ran(done, watched)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from run_rig import GATE_NS, K0_C, LINE_NS, Rig
+from run_rig import GATE_NS, K0_C, LINE_NS, PortA, Rig
 
 from bench.model.clock import NS
 from bench.model.errors import ExitStatus
@@ -43,6 +43,29 @@ def test_the_first_frame_is_the_first_whose_whole_gate_is_in_the_record(tmp_path
     assert gate_start_ns >= window.t_start_ns
     assert gate_start_ns - window.t_start_ns < 2 * GATE_NS
     assert (row.frames, row.lost, row.quality) == (200, 0, Quality.GOOD)
+
+
+@pytest.mark.parametrize("stall_s", [0.025, 0.3, 1.3, 1.9])
+@pytest.mark.parametrize("phase_ns", [0, LINE_NS // 2, LINE_NS, GATE_NS // 2, GATE_NS - 1])
+def test_a_link_that_is_behind_does_not_make_a_record_begin_in_the_settling(
+    tmp_path: Path, stall_s: float, phase_ns: int
+) -> None:
+    """Nothing has come for a while when the record begins: an adapter or a machine that stalls."""
+    start_ns = 500 * GATE_NS + phase_ns
+    rig = recording(tmp_path, start_s=start_ns / NS)
+
+    class Stalling(PortA):
+        @property
+        def in_waiting(self) -> int:
+            stalled = start_ns - stall_s * NS < self.clock.now_ns() < start_ns + 0.2 * NS
+            return 0 if stalled else PortA.in_waiting.fget(self)  # type: ignore[attr-defined, no-any-return]
+
+    rig.port_a.__class__ = Stalling
+    (row,) = rig.run().rows
+    gate_start_ns = row.window.first_counter * GATE_NS
+    assert gate_start_ns >= row.window.t_start_ns
+    assert gate_start_ns - row.window.t_start_ns < 3 * GATE_NS
+    assert (row.frames, row.lost) == (200, 0)
 
 
 def test_a_record_ends_by_the_counter_and_sums_its_frames_only(tmp_path: Path) -> None:

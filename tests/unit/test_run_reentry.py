@@ -10,10 +10,13 @@ import pytest
 from run_rig import Rig, instrument_error
 
 from bench.model.drivers import driver_class
-from bench.model.errors import RunError
+from bench.model.errors import LinkError, RunError
 from bench.model.ports import Action, actions_of
 from bench.plan import Step
-from bench.run.holds import Wish
+from bench.run.control import Control
+from bench.run.following import Following
+from bench.run.holds import Interruption, Wish
+from bench.run.link_keeper import keep_links
 from bench.run.reentry import come_back, enter
 from bench.run.setpoints import differences, expected_of, read_back, setpoint_of, steps_again
 
@@ -126,7 +129,7 @@ def test_a_stop_still_ends_a_soak_that_is_done_again(tmp_path: Path) -> None:
     rig.clock.every(100.0, lambda: rig.stop.request("SIGTERM"), observer=False)
     with pytest.raises(Exception, match="B-RUN-010"):
         enter(context, 1)
-    assert context.stop.interruptible
+    assert not context.stop.deferred
 
 
 # --- steps that are done again -------------------------------------------------------------------------------------
@@ -264,3 +267,45 @@ def test_looking_takes_a_few_seconds_at_most_and_no_answer_is_left_out(tmp_path:
     found = read_back(instruments, rig.clock)
     assert found == {"switch": {"operating": True}}
     assert rig.called("chamber.operating") == []
+
+
+def test_a_port_that_is_pulled_out_on_the_way_back_is_opened_again(tmp_path: Path) -> None:
+    """Without its temperature the soak that is done again could only fail."""
+    rig = soaked_rig(tmp_path)
+    rig.unit_degC = lambda t_s: 15.0 if t_s < 100.0 else 20.0
+    context = rig.context()
+    port: Any = rig.port_b
+    plain, pulled = port.read, [False]
+
+    def read(size: int = 1) -> bytes:
+        pulled[0] = pulled[0] or 200e9 < rig.clock.now_ns() < 300e9
+        if pulled[0]:
+            raise OSError("gone")
+        return plain(size)
+
+    def reopen() -> None:
+        if rig.clock.now_ns() < 300e9:
+            raise LinkError("B-RUN-003", "no such port")
+        pulled[0] = False
+
+    port.read, port.reopen = read, reopen
+    rig.clock.sleep(1.0)
+    with keep_links(context):
+        come_back(context, 1)
+        assert context.stop.holds.reasons == {}
+    assert [event["state"] for event in rig.events("link")] == ["lost", "back"]
+    assert [one["soaked"] for one in rig.events("reentry")] == [True]
+
+
+def test_a_pause_on_the_way_back_counts_from_its_end_on(tmp_path: Path) -> None:
+    rig = soaked_rig(tmp_path)
+    rig.unit_degC = lambda t_s: 15.0 if t_s < 100.0 else 20.0
+    context = rig.context()
+    answers: list[dict[str, Any]] = []
+    answering = Control(context, Following(context), dict)
+    rig.clock.every(300.0, lambda: answers.append(answering.answer({"command": "pause", "reason": "door"}, "me")))
+    rig.clock.sleep(1.0)
+    come_back(context, 1)
+    assert [answer["ok"] for answer in answers] == [True, True]
+    with pytest.raises(Interruption, match="hold: door"):
+        context.stop.check()

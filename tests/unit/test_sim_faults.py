@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
 from sim_bench import open_bench
 
+from bench.model.errors import InputError
+from sim_instruments.fault_switches import FaultSwitches
 from sim_instruments.faults import LinkFaults
 
 NS = 1_000_000_000
@@ -138,3 +142,9 @@ def test_chamber_with_a_shortfall_never_settles() -> None:
         bench.clock.sleep(36_000.0)
         assert float(bench.world.thermal.unit_degC(bench.clock.now_ns())) == pytest.approx(7.0, abs=1e-3)
         assert bench.ask("chamber", "SETP1?") == "5.0"
+
+
+@pytest.mark.parametrize("name", ["clear", "state"])
+def test_clear_and_state_stand_alone(name: str) -> None:
+    with pytest.raises(InputError, match=f"B-SIM-012.*stands alone.*bench sim fault {name}"):
+        FaultSwitches(SimpleNamespace(instruments={}), ["port_a"]).switch(name, "x")

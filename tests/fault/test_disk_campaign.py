@@ -1,0 +1,120 @@
+"""Rows 3, 4 and 28 in a whole campaign: a disk that is full for a while, for good, or hangs for ten seconds."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from kill_drill import LONGEST_S, SEQUENCE, Process, session_in
+from record_sample import FaultyFiles, io_error, no_space
+from served import Served
+from soak_campaign import Quiet, soak_plan, watchers
+
+from bench.commands.resume import resume
+from bench.commands.session import read_view
+from bench.model.clock import NS, VirtualClock
+from bench.record import SessionReader
+from bench.record import writer as writer_module
+from bench.run.operator import SimulatedOperator
+from bench.run.session import Conducted, conduct
+from sim_instruments import simulation
+from sim_instruments.bench_state import OutputWatch, bench_state
+from sim_instruments.world import World
+
+STRACE = shutil.which("strace")
+RECORDS = 25
+STALL_AT_S, STALL_S = 15.0, 10
+FULL_FROM_S, FULL_TO_S = 120.0, 160.0
+
+
+def conducted(
+    folder: Path, patch: pytest.MonkeyPatch, fault: Callable[[float, str], OSError | None]
+) -> tuple[Conducted, Quiet, World]:
+    """The short campaign on a disk whose calls fail as ``fault(seconds, kind)`` says."""
+    clock, listener, worlds = VirtualClock(), Quiet(), []
+    plain = simulation.open_world
+
+    def open_world(*words: object, **options: object) -> World:
+        worlds.append(plain(*words, **options))  # type: ignore[arg-type]
+        return worlds[-1]
+
+    patch.setattr(simulation, "open_world", open_world)
+    patch.setattr(writer_module, "OsFiles", lambda: FaultyFiles(lambda kind, n: fault(clock.now_ns() / NS, kind)))
+    plan = soak_plan(folder)
+    run = conduct(
+        plan, clock=clock, seed=4, out=folder / "out", operator=SimulatedOperator(), listener=listener,
+        beside=watchers(plan),
+    )  # fmt: skip
+    return run, listener, worlds[-1]
+
+
+def on(world: World) -> list[str]:
+    state = bench_state(world, OutputWatch(world))["instruments"]
+    return [role for role, one in state.items() if one.get("operating") or one.get("on") or one.get("closed")]
+
+
+@pytest.mark.parametrize("error", [no_space, io_error])
+def test_a_disk_that_refuses_for_a_while_costs_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Callable[[], OSError]
+) -> None:
+    def fault(t_s: float, kind: str) -> OSError | None:
+        return error() if FULL_FROM_S <= t_s < FULL_TO_S and kind in ("write", "create") else None
+
+    run, listener, _ = conducted(tmp_path, monkeypatch, fault)
+    assert run.outcome.error is None
+    assert len(run.outcome.rows) + 4 >= RECORDS
+    assert len([text for text in listener.messages if "B-REC-001" in text]) == 1  # one alarm, not one each second
+    assert [fields["code"] for _, _, fields in SessionReader(run.folder).events("error")] == ["B-REC-004"]
+    view = read_view(run.folder, strict=True)
+    assert [row.window for row in view.rows] == [row.window for row in run.outcome.rows]
+    assert not view.incomplete
+
+
+def test_a_disk_that_stays_full_ends_the_run_safely_and_it_goes_on_when_there_is_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(writer_module, "HELD_BYTES", 300_000)
+
+    def fault(t_s: float, kind: str) -> OSError | None:
+        return no_space() if t_s >= FULL_FROM_S and kind in ("write", "create") else None
+
+    run, _, world = conducted(tmp_path, monkeypatch, fault)
+    assert run.outcome.error is not None
+    assert run.outcome.error.code == "B-REC-003"
+    assert run.outcome.unsafe == ()
+    assert on(world) == []
+    monkeypatch.undo()  # there is room again
+    whole = read_view(run.folder).rows
+    assert resume(run.folder, None, None, as_json=False) == 0
+    view = read_view(run.folder, strict=True)
+    assert view.damaged is False
+    assert len(view.splices) == 1
+    known = {row.window.number: row.window for row in view.rows}
+    assert all(known[row.window.number] == row.window for row in whole)
+
+
+@pytest.mark.sweep
+@pytest.mark.skipif(STRACE is None, reason="strace is not installed")
+def test_an_fsync_of_ten_seconds_costs_no_frame(served: Served, tmp_path: Path) -> None:
+    """A real run in real time; its thread for the disk hangs in the call, everything else goes on."""
+    words = ["run", SEQUENCE, "--station", str(served.station), "--clock", "wall", "--out", str(tmp_path / "out")]
+    process = Process(tmp_path / "said", *words)
+    try:
+        assert process.ended_by(STALL_AT_S) is None, process.said()
+        folder = session_in(tmp_path / "out")
+        assert folder is not None
+        trace = tmp_path / "trace"
+        strace = [str(STRACE), "-f", "-o", str(trace), "-P", str(folder / "session.0001.mcap"), "-e", "trace=fsync"]
+        strace += ["-e", f"inject=fsync:delay_exit={STALL_S * 1_000_000}:when=3", "-p", str(process.pid)]
+        with subprocess.Popen(strace, stderr=subprocess.DEVNULL):
+            assert process.ended_by(LONGEST_S) == 0, process.said()
+    finally:
+        process.end()
+    assert "(DELAYED)" in trace.read_text()
+    quality = json.loads((folder / "results.json").read_text())["quality"]
+    assert (quality["frames_lost"], quality["frames_bad"], quality["records"]) == (0, 0, 10)
+    assert not read_view(folder, strict=True).incomplete

@@ -1,0 +1,160 @@
+"""Row 1 and 25 in bulk: controllers that die at random instants, and what their benches and their sessions are then.
+
+Several benches at once, each a process with instruments of its own; every run and every resumption is a process too.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from queue import SimpleQueue
+
+import numpy as np
+import pytest
+from kill_drill import (
+    RUN_S,
+    Act,
+    Drilled,
+    drill,
+    held_and_killed,
+    killed,
+    normalised_errors,
+    stopped,
+    without_guard,
+)
+from served import SAFE_S, Served
+
+SEED = 20
+BENCHES = 3
+KILLS = 100
+STOPS = 20
+OTHERS = 6  # of each other kind
+UNDISTURBED = 3  # runs of each bench
+MOST_E_N = 2.2  # 4.3 standard deviations of a difference: one in 60,000 honest results
+MOST_FLAGGED = 0.5  # runs with a record that the machine gave no time to; on an idle one there is none
+MOST_ABOVE_1 = 0.08  # honest 95 % intervals: 0.05
+
+
+def benches(folder: Path, count: int) -> list[Served]:
+    return [Served(folder / f"bench{number}", "--seed", str(SEED)) for number in range(count)]
+
+
+@pytest.fixture
+def pool(tmp_path: Path) -> Iterator[list[Served]]:
+    found = benches(tmp_path, BENCHES)
+    yield found
+    for served in found:
+        served.close()
+
+
+@pytest.fixture
+def pair(tmp_path: Path) -> Iterator[list[Served]]:
+    found = benches(tmp_path, 2)
+    yield found
+    for served in found:
+        served.close()
+
+
+def all_of(pool: list[Served], out: Path, jobs: Sequence[tuple[Sequence[float], Act]]) -> list[Drilled]:
+    """Every job (instants, what is done then) on the next bench that is free, in the order of the jobs."""
+    free: SimpleQueue[Served] = SimpleQueue()
+    for served in pool:
+        free.put(served)
+
+    def one(number: int) -> Drilled:
+        served = free.get()
+        try:
+            done = drill(served, out / f"run{number}", *jobs[number])
+        finally:
+            free.put(served)
+        print(f"{number}: {[(one.phase, round(one.safe_s, 2)) for one in done.kills]} {done.trouble}", flush=True)
+        return done
+
+    with ThreadPoolExecutor(len(pool)) as workers:
+        return list(workers.map(one, range(len(jobs))))
+
+
+def told(done: Sequence[Drilled]) -> str:
+    kills = [kill for one in done for kill in one.kills]
+    worst_s = max(kill.safe_s for kill in kills)
+    return (
+        f"{len(kills)} kills {dict(Counter(kill.phase for kill in kills))}, outputs off after {worst_s:.2f} s at most; "
+        f"{sum(one.acknowledged for one in done)} records were acknowledged, {sum(one.withdrawn for one in done)} of "
+        f"points not finished; {sum(one.begun_anew for one in done)} begun anew, "
+        f"{sum(one.ended_early for one in done)} ended early and {sum(one.flagged > 0 for one in done)} flagged by a "
+        "machine without time"
+    )
+
+
+def held_against(reference: Sequence[Drilled], done: Sequence[Drilled]) -> list[float]:
+    """E_n of every estimate against that of an undisturbed run of the same simulated unit."""
+    reference = [one for one in reference if one.estimates]
+    found = [
+        value
+        for number, one in enumerate(done)
+        for value in normalised_errors(one, reference[number % len(reference)]).values()
+    ]
+    above = sum(value > 1.0 for value in found)
+    print(f"{len(found)} estimates, E_n at most {max(found):.2f}, {above} above 1 ({0.05 * len(found):.0f} expected)")
+    return found
+
+
+def troubles(done: Sequence[Drilled]) -> list[str]:
+    return [f"run{number}: {text}" for number, one in enumerate(done) for text in one.trouble]
+
+
+@pytest.mark.slow
+def test_two_kills_and_a_stop(pair: list[Served], tmp_path: Path) -> None:
+    """One is killed inside the points and again on its way back into them, one is stopped."""
+    done = all_of(pair, tmp_path / "out", [((28.0, 5.0), killed), ((12.0,), stopped)])
+    print(told(done))
+    assert troubles(done) == []
+    assert max(one.worst_s for one in done) <= SAFE_S
+    assert done[0].acknowledged > 0
+    assert len(done[0].estimates) == 6
+    assert max(held_against(done[:1], done[1:])) <= MOST_E_N
+
+
+@pytest.mark.sweep
+def test_a_hundred_kills(pool: list[Served], tmp_path: Path) -> None:
+    """Instants over the whole run; each third time the resumption is killed as well, now and then twice."""
+    print(f"seed {SEED}")
+    rng = np.random.default_rng(SEED)
+    jobs: list[tuple[Sequence[float], Act]] = [((), killed)] * UNDISTURBED
+    left = KILLS
+    while left > 0:
+        first = (left - rng.random()) / KILLS * RUN_S
+        more = [float(rng.uniform(1.0, 0.6 * RUN_S)) for _ in range(min(left - 1, int(rng.choice([0, 0, 1, 2]))))]
+        jobs.append(((first, *more), killed))
+        left -= 1 + len(more)
+    done = all_of(pool, tmp_path / "out", jobs)
+    print(told(done))
+    errors = held_against(done[:UNDISTURBED], done[UNDISTURBED:])
+    assert troubles(done) == []
+    assert max(one.worst_s for one in done) <= SAFE_S
+    assert max(errors) <= MOST_E_N
+    assert sum(value > 1.0 for value in errors) <= MOST_ABOVE_1 * len(errors)
+    assert sum(len(one.kills) for one in done) >= KILLS - 5  # one that had ended before its instant was not killed
+    assert sum(one.acknowledged for one in done) > KILLS
+    assert sum(one.flagged > 0 for one in done) <= MOST_FLAGGED * len(done)
+
+
+@pytest.mark.sweep
+def test_twenty_stops(pool: list[Served], tmp_path: Path) -> None:
+    rng = np.random.default_rng(SEED + 1)
+    done = all_of(pool, tmp_path / "out", [((float(at),), stopped) for at in rng.uniform(4.0, RUN_S, STOPS)])
+    print(told(done))
+    assert troubles(done) == []
+    assert max(one.worst_s for one in done) <= SAFE_S
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("act", [held_and_killed, without_guard])
+def test_killed_while_holding_and_without_its_guard(pool: list[Served], tmp_path: Path, act: Act) -> None:
+    rng = np.random.default_rng(SEED + 2)
+    done = all_of(pool, tmp_path / "out", [((float(at),), act) for at in rng.uniform(12.0, 0.8 * RUN_S, OTHERS)])
+    print(told(done))
+    assert troubles(done) == []
+    assert max(one.worst_s for one in done) <= SAFE_S

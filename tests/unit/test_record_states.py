@@ -1,0 +1,46 @@
+"""Which records bench recover calls valid: those that the analysis of the session takes, and no others."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench.commands.record_states import record_states
+from bench.model.quality import Quality
+from bench.record.window import UNIT_TEMPERATURE
+
+COUNTS = {name: np.array([50_000]) for name in ("npp", "ppp", "af_clock", "master_count")}
+
+
+def row(number: int, temperature_degC: float | None) -> Any:
+    conditions = {"channel": 1, "temperature_degC": 23.0}
+    window = SimpleNamespace(
+        number=number, step=number, link="port_a", frames=50, conditions=conditions,
+        t_start_ns=number * 10**9, t_end_ns=number * 10**9 + 5 * 10**8,
+    )  # fmt: skip
+    context = {} if temperature_degC is None else {UNIT_TEMPERATURE: temperature_degC}
+    quality = int(Quality.STALE) if temperature_degC is None else 0
+    return SimpleNamespace(window=window, sums=COUNTS, frames=50, lost=0, quality=quality, context=context)
+
+
+def states(analysis: str) -> list[tuple[str, str]]:
+    """Of three records: one measured, one between two that are, one behind the last that is."""
+    rows = [row(1, 23.0), row(2, None), row(3, 23.0), row(4, None)]
+    steps: Any = [
+        SimpleNamespace(number=n, kind="record", phase="campaign", arguments={}, conditions={}) for n in (1, 2, 3, 4)
+    ]
+    manifest = {"campaign": {"analysis": analysis}}
+    replayed: Any = SimpleNamespace(manifest=manifest, rows=rows, measurement_rows=rows, events=[])
+    return [(one.state, one.why) for one in record_states(steps, replayed)]
+
+
+@pytest.mark.parametrize("analysis", ["scale_factor", "dmm_method"])
+def test_a_record_whose_temperature_is_not_known_is_to_be_taken_again(analysis: str) -> None:
+    assert states(analysis) == [("valid", "")] * 3 + [("invalid", "without a unit temperature")]
+
+
+def test_another_analysis_has_other_means() -> None:
+    assert states("bias_ramp") == [("valid", "")] * 4
