@@ -120,4 +120,4 @@ def _stopped_again(error: BenchError, done: Conducted, out: Console) -> int:
     console(stderr=True).print(str(error))
     left = "NOT confirmed safe" if done.outcome.unsafe else "safe"
     out.print(f"The bench is {left}; {done.folder} can be gone on with: bench resume {done.folder}")
-    return error.exit_status
+    return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else error.exit_status

@@ -71,7 +71,7 @@ def _finish(plan: Plan, done: Conducted, request: Request) -> int:
         console(stderr=True).print(str(error))
         left = "NOT confirmed safe" if done.outcome.unsafe else "safe"
         out.print(f"The bench is {left}; {len(view.rows)} of {plan.record_count} records are in {done.folder}")
-        return error.exit_status
+        return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else error.exit_status
     status = _results(view, done, request, out) if view.has_analysis else ExitStatus.PASS
     if not view.has_analysis:
         _say_happenings(view, out)

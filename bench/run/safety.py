@@ -37,6 +37,18 @@ def make_safe(instruments: Mapping[str, Instrument], order: Sequence[str], clock
     return list(failures.values())
 
 
+def heat_off(chamber: Instrument | None) -> list[RunError]:
+    """Stop a chamber that does not do what it is told: on hold it would go on heating. One B-RUN-060 if it does not."""
+    stop = getattr(chamber, "stop", None)
+    if chamber is None or stop is None:
+        return []
+    try:
+        stop()
+    except Exception as error:  # whatever it is, the end of the run goes on
+        return [_not_safe(chamber.role, error)]
+    return []
+
+
 def hurried(instrument: Instrument, limit_s: float) -> AbstractContextManager[object]:
     """No call of the instrument waits longer than ``limit_s``, and none is repeated, where its driver can do that."""
     quick = getattr(instrument, "quick", None)
@@ -48,11 +60,14 @@ def _try(role: str, instrument: Instrument, limit_s: float | None) -> RunError |
         with nullcontext() if limit_s is None else hurried(instrument, limit_s):
             instrument.make_safe()
     except Exception as error:  # whatever it is, the instruments after this one must still be made safe
-        reason = " ".join(str(error).split())
-        return RunError(
-            "B-RUN-060",
-            f"not confirmed safe ({reason})",
-            where=role,
-            next_step="switch it off at its front panel before anybody touches the bench",
-        )
+        return _not_safe(role, error)
     return None
+
+
+def _not_safe(role: str, error: Exception) -> RunError:
+    return RunError(
+        "B-RUN-060",
+        f"not confirmed safe ({' '.join(str(error).split())})",
+        where=role,
+        next_step="switch it off at its front panel before anybody touches the bench",
+    )

@@ -18,13 +18,14 @@ from bench.run.patience import patient
 from bench.run.position import in_point, point_start, point_stop
 from bench.run.recording import measurement_rows
 from bench.run.reentry import come_back
-from bench.run.safety import make_safe
+from bench.run.safety import heat_off, make_safe
 from bench.run.setpoints import setpoint_of
 from bench.run.standing import stand_still
 from bench.run.steps import EXECUTORS
 from bench.run.stop import unforeseen
 from bench.run.timing import Timeline
 
+CHAMBER_ASTRAY = ("B-RUN-031", "B-RUN-071")  # a temperature not reached, an interlock that ends the run
 PHASES: tuple[Phase, ...] = ("prepare", "campaign", "finally")
 
 
@@ -75,6 +76,8 @@ class Sequencer:
                 unsafe = make_safe(context.instruments, self._safe_order, context.clock)
             context.health.over()
         if error is not None:
+            if error.code in CHAMBER_ASTRAY:
+                unsafe += heat_off(context.instruments.get(CHAMBER))
             self._note("error", code=error.code, text=str(error), step=self._done)
         self._note("safe", failures=[str(failure) for failure in unsafe])
         with suppress(BenchError):  # what a broken link still holds is not worth the outcome

@@ -273,3 +273,15 @@ def test_an_open_thermocouple_is_a_flagged_reading(tmp_path: Path, rehearse: Sta
     flagged = [event for event in found.events("reading") if event.get("quality") == Quality.OVERLOAD]
     assert [(event["role"], event["code"]) for event in flagged] == [("logger", "B-INST-007")]
     assert len(found.run.outcome.rows) == 15
+
+
+def test_a_chamber_that_runs_away_is_stopped_and_not_held(tmp_path: Path, rehearse: Start) -> None:
+    def run_away(world: World, step: Step) -> None:
+        if step.kind == "soak" and step.phase == "campaign":
+            world.switches.switch("chamber_runaway", 0.3)
+
+    found = rehearse(tiny_plan(tmp_path), act=run_away)
+    ended_with(found, "B-RUN-031")
+    assert found.run.outcome.unsafe == ()
+    assert found.world.instruments["chamber"].outputs()["mode"] == "stopped"
+    assert_safe(found.world)

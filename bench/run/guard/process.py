@@ -27,7 +27,7 @@ from bench.run.guard.reading import AIR, OwnReading
 from bench.run.opener import open_instrument, open_visa
 
 PRIORITY = -10
-_MCL_CURRENT = 1
+_MCL_CURRENT_ON_FAULT = 1 | 4
 READY = b"ready\n"
 HEARD = b"."
 LOOK_S = 0.1
@@ -69,12 +69,12 @@ def main() -> int:
 def _stay_ready() -> None:
     """Before other work, and never waiting for its own pages to come back from the disk, where the system permits it.
 
-    Source: mlockall(2); only what is mapped now, so that no later allocation can fail for the limit.
+    Source: mlockall(2); what is mapped now stays once it was read, no later allocation can fail for the limit.
     """
     with suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
     with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).mlockall(_MCL_CURRENT)
+        ctypes.CDLL(None).mlockall(_MCL_CURRENT_ON_FAULT)
 
 
 def _watch(lines: _Lines, state: Watched, brief: Brief, opened: Opener, clock: WallClock) -> Action | None:
