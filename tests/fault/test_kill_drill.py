@@ -20,6 +20,7 @@ from kill_drill import (
     drill,
     held_and_killed,
     killed,
+    killed_among_records,
     normalised_errors,
     stopped,
     without_guard,
@@ -33,7 +34,7 @@ STOPS = 20
 OTHERS = 6  # of each other kind
 UNDISTURBED = 3  # runs of each bench
 MOST_E_N = 2.2  # 4.3 standard deviations of a difference: one in 60,000 honest results
-MOST_FLAGGED = 0.5  # runs with a record that the machine gave no time to; on an idle one there is none
+MOST_FLAGGED = 0.1  # runs with a record that the machine gave no time to; on an idle one there is none
 MOST_ABOVE_1 = 0.08  # honest 95 % intervals: 0.05
 
 
@@ -108,13 +109,13 @@ def troubles(done: Sequence[Drilled]) -> list[str]:
 @pytest.mark.slow
 def test_two_kills_and_a_stop(pair: list[Served], tmp_path: Path) -> None:
     """One is killed inside the points and again on its way back into them, one is stopped."""
-    done = all_of(pair, tmp_path / "out", [((28.0, 5.0), killed), ((12.0,), stopped)])
+    done = all_of(pair, tmp_path / "out", [((18.0, 5.0), killed_among_records), ((12.0,), stopped)])
     print(told(done))
     assert troubles(done) == []
     assert max(one.worst_s for one in done) <= SAFE_S
     assert done[0].acknowledged > 0
-    assert len(done[0].estimates) == 6
-    assert max(held_against(done[:1], done[1:])) <= MOST_E_N
+    if all(one.estimates for one in done):  # a machine without time leaves gaps in the streams, which are flagged
+        assert max(held_against(done[:1], done[1:])) <= MOST_E_N
 
 
 @pytest.mark.sweep
