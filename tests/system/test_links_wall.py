@@ -121,6 +121,7 @@ class Bench:
         self.health = Health(self.clock)
         self.context: Any = SimpleNamespace(
             acquisition=self.acquisition, clock=self.clock, stop=self.stop, health=self.health, instruments={},
+            unit_answer=None,
             plan=SimpleNamespace(steps=(), campaign={}), event=self._event,
             listener=SimpleNamespace(step=lambda step, at_s: None, message=lambda text: None),
         )  # fmt: skip

@@ -127,7 +127,8 @@ def test_before_hour_0_the_wiring_of_every_channel_is_proved(campaign: Plan) -> 
     prompts = [step.arguments for step in prepare if step.kind == "prompt"]
     assert [p.get("low") for p in prompts] == [None, None, 1e6, 1e6, 7200.0, None]
     assert [p.get("high") for p in prompts] == [0.5, 0.5, None, None, 3.6e7, None]
-    (start,) = [step for step in prepare if step.kind == "unit"]
+    who, start = [step for step in prepare if step.kind == "unit"]
+    assert (who.role, who.name, who.arguments) == ("port_b", "identify", {"command": 1, "payload": []})
     assert (start.role, start.name, start.arguments) == ("port_b", "start_stream", {"command": 2, "payload": [0x64]})
 
 
