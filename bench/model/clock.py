@@ -6,6 +6,7 @@ durations come from the monotonic clock in nanoseconds; UTC is a label recorded 
 
 from __future__ import annotations
 
+import asyncio
 import math
 import threading
 import time
@@ -202,3 +203,8 @@ class WallClock:
         if period_s <= 0:
             raise ValueError(f"period {period_s} s is not positive")
         return _Ticker(period_s / self._rate, callback, self._failures)
+
+
+async def pause(seconds: float) -> None:
+    """Let other tasks of an event loop go on for a while; real time, for whoever serves people and no run."""
+    await asyncio.sleep(max(0.0, seconds))
