@@ -5,11 +5,15 @@ from __future__ import annotations
 import re
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 
+from bench.frame import load_frame
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
+from bench.plan.beside import find_beside
 from bench.plan.check_register import check_register
 from bench.plan.findings import Findings, suggestion
+from bench.plan.graph_language import check_graphs
 from bench.plan.interlocks import station_rules
 from bench.plan.station import InstrumentEntry, Station, option_text, wrong_option
 
@@ -28,6 +32,7 @@ def check_station(station: Station, findings: Findings) -> None:
         _world(station, findings)
     check_register(station, findings)
     station_rules(station, findings)
+    _graphs(station, findings)
 
 
 def canonical_address(resource: str) -> str | None:
@@ -79,6 +84,19 @@ def _links(station: Station, findings: Findings) -> None:
             findings.add("B-PLAN-013", where, message, "give each its own port")
         if link.url is not None:
             taken.setdefault(link.url, name)
+
+
+def _graphs(station: Station, findings: Findings) -> None:
+    """Graphs are checked against the frames that the unit sends after power on, where those can be read."""
+    if not station.file.graphs:
+        return
+    frames = {}
+    for name, link in station.links.items():
+        try:
+            frames[name] = load_frame(find_beside(Path(station.document.name), "frames", link.frame))
+        except InputError:
+            return  # the sequence that uses the link says so
+    check_graphs(station.file.graphs, frames, lambda path: station.document.where(("graphs", *path)), findings)
 
 
 def _driver(station: Station, role: str, entry: InstrumentEntry, findings: Findings) -> None:

@@ -13,6 +13,7 @@ from bench.frame import FrameDefinition, load_frame
 from bench.model.errors import InputError, InputErrors
 from bench.model.shipped import find_shipped
 from bench.model.yamlio import Document
+from bench.plan.beside import find_beside
 from bench.plan.bus_time import with_bus_time
 from bench.plan.channels import campaign_channels, check_declared, declared_channels
 from bench.plan.check import check_steps
@@ -24,7 +25,7 @@ from bench.plan.interlocks import plan_rules
 from bench.plan.language import Sequence
 from bench.plan.language_steps import Step_
 from bench.plan.leaves import TIMED
-from bench.plan.loading import find_beside, load_both
+from bench.plan.loading import load_both
 from bench.plan.overrides import apply_parameters, split_overrides
 from bench.plan.plan import Phase, Plan, Step, steps_sha256
 from bench.plan.station import Station

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TypeVar
 
 from bench.model.errors import InputError, InputErrors
-from bench.model.shipped import Kind, find_shipped
 from bench.model.yamlio import Document, load_yaml
+from bench.plan.beside import find_beside
 from bench.plan.check_station import check_station
 from bench.plan.findings import Findings
 from bench.plan.language import Sequence
@@ -16,12 +16,6 @@ from bench.plan.names import check_names, driver_names, plain_tree
 from bench.plan.station import Station, load_station
 
 _T = TypeVar("_T")
-
-
-def find_beside(source: Path, kind: Kind, name: str) -> Path:
-    """A file beside the sequence's folder wins over a shipped one of the same name. Raises InputError."""
-    beside = source.parent.parent / kind / f"{name}.yaml"
-    return beside if beside.is_file() else find_shipped(kind, name)
 
 
 def load_both(source: Path, station: Station | None) -> tuple[Document[Sequence], Station]:

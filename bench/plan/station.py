@@ -15,6 +15,7 @@ from bench.model.errors import InputErrors
 from bench.model.units import quantity, read_quantity
 from bench.model.yamlio import Document, StrictModel, load_yaml
 from bench.plan.findings import Findings, suggestion
+from bench.plan.graph_language import MOST_GRAPHS, GraphEntry
 from bench.plan.interlock_language import Interlock
 from bench.plan.notify_language import Notify
 from bench.plan.templated import Name, Scalar
@@ -147,6 +148,9 @@ class StationFile(StrictModel):
     interlocks: dict[Name, Interlock] = Field(default_factory=dict)
     guard: Guard = Guard()
     notify: Notify | None = None
+    graphs: list[GraphEntry] = Field(
+        default_factory=list, max_length=MOST_GRAPHS, description="graph windows of the live page"
+    )
 
     @model_validator(mode="after")
     def _consistent(self) -> StationFile:

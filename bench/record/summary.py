@@ -32,26 +32,30 @@ def channel_of(content: bytes) -> tuple[int, str]:
     return number, content[8 : 8 + size].decode()
 
 
-def read_summary(content: bytes) -> Summary | None:
-    """Read the summary of a segment; None if the segment is not finished or its summary is damaged."""
+def read_summary(content: bytes, at_byte: int = 0) -> Summary | None:
+    """Read the summary of a segment; None if the segment is not finished or its summary is damaged.
+
+    ``content`` is the segment, or its end from ``at_byte`` on, as long as all of the summary is in it.
+    """
     size = mcap.FOOTER_RECORD.size
     at = len(content) - len(mcap.MAGIC) - size
     if at < len(mcap.MAGIC) or not content.endswith(mcap.MAGIC):
         return None
     opcode, length, start, _, crc = mcap.FOOTER_RECORD.unpack_from(content, at)
-    if opcode != mcap.FOOTER or length != size - mcap.RECORD.size or start > at:
+    begin = start - at_byte if start else at
+    if opcode != mcap.FOOTER or length != size - mcap.RECORD.size or not 0 <= begin <= at:
         return None
-    if start and crc and zlib.crc32(memoryview(content)[start : at + size - 4]) != crc:
+    if start and crc and zlib.crc32(memoryview(content)[begin : at + size - 4]) != crc:
         return None
     try:
         channels = dict(
-            channel_of(content[begin:end])
-            for opcode, begin, end in _records(content, start or at, at)
+            channel_of(content[first:end])
+            for opcode, first, end in _records(content, begin, at)
             if opcode == mcap.CHANNEL
         )
     except (ValueError, struct.error):
         return None
-    return Summary(channels, start or at, at)
+    return Summary(channels, begin, at)
 
 
 def chunks_with(content: bytes, summary: Summary, numbers: frozenset[int]) -> list[int] | None:
@@ -69,6 +73,15 @@ def chunks_with(content: bytes, summary: Summary, numbers: frozenset[int]) -> li
             if not numbers.isdisjoint(held):
                 offsets.append(place)
     return offsets if indexed else None
+
+
+def chunk_spans(content: bytes, summary: Summary) -> list[tuple[int, int, int, int]]:
+    """Start and end time in ns, offset in the file and length of every chunk that the summary lists."""
+    return [
+        _CHUNK_INDEX_HEAD.unpack_from(content, begin)[:4]
+        for opcode, begin, _ in _records(content, summary.start, summary.stop)
+        if opcode == mcap.CHUNK_INDEX
+    ]
 
 
 def _records(content: bytes, at: int, stop: int) -> Iterator[tuple[int, int, int]]:

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import math
 
-from bench.model.clock import Clock
 from bench.model.errors import InstrumentError
-from bench.model.ports import Instrument, SessionSink
-from bench.run.acquisition import Acquisition
-from bench.run.context import CHAMBER, InUse
+from bench.run.context import CHAMBER, RunContext
 from bench.run.safety import QUICK_S, hurried
-from bench.run.stop import StopSwitch, guarded
+from bench.run.stop import guarded
 
 PERIOD_S = 60.0
 
@@ -21,34 +18,22 @@ class EnvironmentLog:
     The chamber is not asked while a step talks to it: some chambers miss what comes between their commands.
     """
 
-    def __init__(
-        self,
-        chamber: Instrument | None,
-        acquisition: Acquisition,
-        clock: Clock,
-        sink: SessionSink,
-        in_use: InUse,
-        stop: StopSwitch,
-    ) -> None:
-        self._chamber = chamber
-        self._acquisition = acquisition
-        self._clock = clock
-        self._sink = sink
-        self._in_use = in_use
-        self._periodic = clock.every(PERIOD_S, guarded(self._take, stop))
+    def __init__(self, context: RunContext) -> None:
+        self._context = context  # its sink, not one of its own: who listens to the run's events hears these too
+        self._periodic = context.clock.every(PERIOD_S, guarded(self._take, context.stop))
 
     def stop(self) -> None:
         """No more readings."""
         self._periodic.cancel()
 
     def _take(self) -> None:
-        air: float | None = None
-        if self._chamber is not None and CHAMBER not in self._in_use:
+        context, air = self._context, None
+        chamber = context.instruments.get(CHAMBER)
+        if chamber is not None and CHAMBER not in context.in_use:
             try:
-                with hurried(self._chamber, QUICK_S):  # a mute chamber must not keep the bus from the steps
-                    air = float(self._chamber.measure_air())  # type: ignore[attr-defined]
+                with hurried(chamber, QUICK_S):  # a mute chamber must not keep the bus from the steps
+                    air = float(chamber.measure_air())  # type: ignore[attr-defined]
             except InstrumentError as error:
-                self._sink.event("error", self._clock.now_ns(), {"code": error.code, "text": str(error)})
-        unit = self._acquisition.unit_temperature_degC()
-        fields = {"air_degC": air, "unit_degC": None if math.isnan(unit) else unit}
-        self._sink.event("environment", self._clock.now_ns(), fields)
+                context.event("error", code=error.code, text=str(error))
+        unit = context.unit_temperature_degC
+        context.event("environment", air_degC=air, unit_degC=None if math.isnan(unit) else unit)

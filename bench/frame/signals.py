@@ -1,0 +1,230 @@
+"""Signals: the single numbers of a link's frames that people look at, and how their names are written.
+
+``port_a.npp[3]`` is element 3 (from 1) of an array field, ``port_b.supply_voltage`` a single value, ``bench.air`` a
+temperature of the bench, ``port_a.npp-ppp[3]`` the difference of two fields. ``port_a.npp[1..6]`` stands for several.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.frame.batch import MessageBatch
+from bench.frame.definition import FrameDefinition
+from bench.frame.layout import Field, Message
+from bench.model.errors import InputError
+
+BENCH = "bench"
+BENCH_FIELDS = ("air", "unit", "setpoint")
+MOST_SIGNALS = 200
+_ASKED = ("command", "answer")  # messages that come when somebody asks, not by themselves
+_FLOAT_DECIMALS = 4
+_MOST_DECIMALS = 9
+_NAME = re.compile(r"([a-z0-9_]+)\.([a-z0-9_]+)(?:-([a-z0-9_]+))?(?:\[(\d{1,4})(?:\.\.(\d{1,4}))?\])?")
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One number of a link's frames, or of the bench (``link`` "bench", no message).
+
+    ``element`` counts from 1, None for a single value; ``minus`` is the field that is subtracted, "" for none.
+    ``decimals``: how many are worth showing.
+    """
+
+    name: str
+    link: str
+    message: str
+    field: str
+    element: int | None
+    minus: str
+    unit: str
+    decimals: int
+
+
+def expand(text: str) -> tuple[str, ...]:
+    """Names a text stands for: one, or those of a range ``[a..b]``.
+
+    Raises: InputError B-FRAME-024 if it is no name of a signal.
+    """
+    match = _NAME.fullmatch(text)
+    if match is None or (match[5] and not 1 <= int(match[4]) <= int(match[5]) < int(match[4]) + MOST_SIGNALS):
+        raise _unknown(text, "it is not written as link.field, link.field[3], link.field-field[3] or link.field[1..6]")
+    if match[5] is None:
+        return (text,)
+    stem = text[: text.index("[")]
+    return tuple(f"{stem}[{element}]" for element in range(int(match[4]), int(match[5]) + 1))
+
+
+def signal_of(name: str, frames: Mapping[str, FrameDefinition]) -> Signal:
+    """The signal of a name. Raises: InputError B-FRAME-024 if the frames have none of that name."""
+    match = _NAME.fullmatch(name)
+    if match is None or match[5]:
+        raise _unknown(name, "it is not the name of one signal")
+    link, field, minus, element = match[1], match[2], match[3] or "", match[4]
+    if link == BENCH and field in BENCH_FIELDS and not minus and element is None:
+        return _of_bench(field)
+    if link not in frames:
+        known = (*frames, BENCH)
+        raise _unknown(name, f"there is no link {link!r}", known)
+    message = _message_with(frames[link], field, name)
+    return _signal(link, message, field, minus, None if element is None else int(element), name)
+
+
+def all_signals(frames: Mapping[str, FrameDefinition], wanted: Sequence[str] = ()) -> tuple[Signal, ...]:
+    """Every number of the frames that stream, then what else is wanted (differences), then those of the bench.
+
+    Left out: messages that answer, counters, bytes, constants, and fields of bits. Of a field that several messages of
+    a link have, the first one counts. Where there are more than ``MOST_SIGNALS`` only those wanted and those of the
+    bench remain. The order is that of the links' names, then of the wire.
+
+    Raises: InputError B-FRAME-024 for a wanted name that is none.
+    """
+    asked = [signal_of(name, frames) for text in wanted for name in expand(text)]
+    found = [signal for link in sorted(frames) if link != BENCH for signal in _of_link(link, frames[link])]
+    bench = [_of_bench(field) for field in BENCH_FIELDS]
+    every = tuple(dict.fromkeys([*found, *(one for one in asked if one.link != BENCH), *bench]))
+    return every if len(every) <= MOST_SIGNALS else tuple(dict.fromkeys([*asked, *bench]))[:MOST_SIGNALS]
+
+
+def of_message(signals: Iterable[Signal], link: str, message: str) -> tuple[Signal, ...]:
+    """Signals of one message of one link, in the order given."""
+    return tuple(signal for signal in signals if signal.link == link and signal.message == message)
+
+
+def columns(signals: Iterable[Signal], link: str, batch: MessageBatch) -> NDArray[np.float64]:
+    """Values of the signals of one message of a link, (n, k) in the unit of each field, in the order given."""
+    chosen = of_message(signals, link, batch.message.name)
+    found = np.empty((len(batch), len(chosen)))
+    for block in blocks(chosen):
+        found[:, block.places] = block.in_unit(block.values(batch), batch.message)
+    return found
+
+
+class Columns(Protocol):
+    """Frames of one message, cut into fields."""
+
+    def raw(self, name: str) -> NDArray[Any]:
+        """Raw values of a field, (n,) or (n, count)."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Signals of one field, or of one difference: ``places`` among the signals they were taken from, ``elements``."""
+
+    field: str
+    minus: str
+    places: NDArray[np.intp]
+    elements: NDArray[np.intp]
+
+    def values(self, batch: Columns) -> NDArray[np.generic]:
+        """Raw values, (n, k); a difference in a type that holds it."""
+        values = _chosen(batch.raw(self.field), self.elements)
+        if not self.minus:
+            return values
+        less = _chosen(batch.raw(self.minus), self.elements)
+        difference: NDArray[np.generic] = np.subtract(values, less, dtype=_wide(values, less), casting="unsafe")
+        return difference
+
+    def in_unit(self, values: NDArray[np.generic], message: Message) -> NDArray[np.float64]:
+        """Raw values in the unit of the field."""
+        item = message.by_name[self.field]
+        shift = 0.0 if self.minus else item.shift
+        return values.astype(np.float64) * item.scale + shift
+
+
+def blocks(signals: Sequence[Signal]) -> tuple[Block, ...]:
+    """The signals of one message, those of one field together."""
+    groups: dict[tuple[str, str], list[int]] = {}
+    for place, signal in enumerate(signals):
+        groups.setdefault((signal.field, signal.minus), []).append(place)
+    return tuple(
+        Block(field, minus, np.array(places), np.array([(signals[place].element or 1) - 1 for place in places]))
+        for (field, minus), places in groups.items()
+    )
+
+
+def _chosen(values: NDArray[np.generic], elements: NDArray[np.intp]) -> NDArray[np.generic]:
+    rows = values[:, None] if values.ndim == 1 else values
+    if len(elements) == rows.shape[1] and (elements == np.arange(rows.shape[1])).all():
+        return rows
+    return rows[:, elements]
+
+
+def _wide(one: NDArray[np.generic], other: NDArray[np.generic]) -> type[np.generic]:
+    """The smallest type that holds every difference of these values; small is fast."""
+    if one.dtype.kind not in "iu" or max(one.dtype.itemsize, other.dtype.itemsize) == np.dtype(np.int64).itemsize:
+        return np.float64
+    reach = max((int(values.max()) - min(0, int(values.min())) for values in (one, other) if values.size), default=0)
+    return next(kind for kind in (np.int16, np.int32, np.int64) if reach <= np.iinfo(kind).max)
+
+
+def _of_link(link: str, definition: FrameDefinition) -> Iterator[Signal]:
+    seen: set[str] = set()
+    for message, item in _numbers(definition):
+        if item.name in seen:
+            continue
+        seen.add(item.name)
+        elements: Iterable[int | None] = [None] if item.count is None else range(1, item.count + 1)
+        for element in elements:
+            suffix = "" if element is None else f"[{element}]"
+            yield _signal(link, message, item.name, "", element, f"{link}.{item.name}{suffix}")
+
+
+def _numbers(definition: FrameDefinition) -> Iterator[tuple[Message, Field]]:
+    """Messages that stream, with the fields that are numbers a person would look at."""
+    framing = {item.name for item in (definition.layout.length_field, definition.layout.type_field) if item is not None}
+    for message in definition.layout.messages:
+        if message.name in _ASKED or message.rest is not None:
+            continue
+        for item in message.fields:
+            plain = item.kind != "b" and item.constant is None and not item.counter and not item.bits
+            if plain and item.name not in framing:
+                yield message, item
+
+
+def _message_with(definition: FrameDefinition, field: str, name: str) -> Message:
+    found = {item.name: message for message, item in reversed(list(_numbers(definition)))}
+    if field not in found:
+        raise _unknown(name, f"{definition.name} streams no number {field!r}", found)
+    return found[field]
+
+
+def _signal(link: str, message: Message, field: str, minus: str, element: int | None, name: str) -> Signal:
+    item = message.by_name[field]
+    if minus:
+        other = message.by_name.get(minus)
+        if other is None or (other.unit, other.scale, other.count, other.kind == "b") != (
+            item.unit, item.scale, item.count, item.kind == "b",
+        ):  # fmt: skip
+            same = [one.name for one in message.fields if (one.unit, one.scale, one.count) == _alike(item)]
+            raise _unknown(name, f"{minus!r} is no field like {field!r}, to be subtracted from it", same)
+    if (element is None) != (item.count is None) or not 1 <= (1 if element is None else element) <= (item.count or 1):
+        due = f"{link}.{field} is a single value" if item.count is None else f"elements are 1 to {item.count}"
+        raise _unknown(name, due)
+    return Signal(name, link, message.name, field, element, minus, item.unit, _decimals(item))
+
+
+def _alike(item: Field) -> tuple[str, float, int | None]:
+    return item.unit, item.scale, item.count
+
+
+def _decimals(item: Field) -> int:
+    """Decimals that show one raw step of an integer."""
+    if item.kind == "f":
+        return _FLOAT_DECIMALS
+    return next((n for n in range(_MOST_DECIMALS) if abs(item.scale) >= 0.999 * 10.0**-n), _MOST_DECIMALS)
+
+
+def _of_bench(field: str) -> Signal:
+    return Signal(f"{BENCH}.{field}", BENCH, "", field, None, "", "degC", 2)
+
+
+def _unknown(name: str, why: str, known: Iterable[str] = ()) -> InputError:
+    words = ", ".join(known)
+    advice = f"use one of: {words}" if words else "docs/live-protocol.md says how signals are named"
+    return InputError("B-FRAME-024", f"there is no signal {name!r}: {why}", where="signal", next_step=advice)

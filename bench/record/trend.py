@@ -1,0 +1,196 @@
+"""The trend of a session while it grows: rows of 1 s, and of those rows of 10 s and 100 s, appended to files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from bench.model.clock import NS
+from bench.record.files import AppendFile, Files, OsFiles
+from bench.record.trend_format import (
+    FOLDER,
+    HEAD,
+    LEVELS_S,
+    TrendHead,
+    TrendSource,
+    read_head,
+    write_head,
+)
+from bench.record.trend_rows import TrendRows, concatenated
+
+
+def to_bytes(rows: TrendRows, source: TrendSource) -> bytes:
+    """Rows as they lie in a file."""
+    block = np.empty(len(rows), source.row_type)
+    block["t_utc_s"] = rows.start_s
+    block["span"][:, :, 0] = rows.low
+    block["span"][:, :, 1] = rows.high
+    return block.tobytes()
+
+
+def read_rows(path: Path, source: TrendSource, start: int = 0, stop: int | None = None) -> TrendRows:
+    """Whole rows of a file, some of them; a torn last one does not count. Raises: OSError."""
+    size = source.row_type.itemsize
+    with path.open("rb") as stream:
+        stream.seek(start * size)
+        content = stream.read() if stop is None else stream.read(max(0, stop - start) * size)
+    block = np.frombuffer(content, source.row_type, len(content) // size)
+    span = block["span"]
+    return TrendRows(block["t_utc_s"].astype(np.int64), span[:, :, 0].copy(), span[:, :, 1].copy())
+
+
+class _Level:
+    """Rows of one length of bucket of one source; the newest stays open until a later one begins."""
+
+    def __init__(self, path: Path, source: TrendSource, period_s: int, files: Files) -> None:
+        self.above: _Level | None = None
+        self._path = path
+        self._source = source
+        self._period_s = period_s
+        self._open: TrendRows | None = None
+        self._size = path.stat().st_size if path.exists() else 0
+        self._pending: list[bytes] = []
+        self._file: AppendFile = files.append(path)
+        whole = self._size // source.row_type.itemsize * source.row_type.itemsize
+        if whole != self._size:
+            self._file.truncate(whole)
+            self._size = whole
+
+    def last_s(self) -> int | None:
+        """Start of the newest bucket in the file."""
+        rows = self._size // self._source.row_type.itemsize
+        return int(read_rows(self._path, self._source, rows - 1).start_s[-1]) if rows else None
+
+    def since(self, start_s: int) -> TrendRows:
+        """Rows of the file from a time on."""
+        rows = read_rows(self._path, self._source)
+        return rows.cut(int(np.searchsorted(rows.start_s, start_s)))
+
+    def feed(self, rows: TrendRows) -> None:
+        """Take rows of the level below; those of the newest bucket wait for more."""
+        merged = (rows if self._open is None else concatenated((self._open, rows))).merged(self._period_s)
+        self._open = merged.cut(len(merged) - 1)
+        if len(merged) > 1:
+            self._emit(merged.cut(0, len(merged) - 1))
+
+    def end(self) -> None:
+        """Nothing more comes: the open bucket counts as it is."""
+        if self._open is not None:
+            self._emit(self._open)
+            self._open = None
+        if self.above is not None:
+            self.above.end()
+
+    def take(self) -> bytes:
+        """What waits to be written; it is the caller's now."""
+        block = b"".join(self._pending)
+        self._pending.clear()
+        return block
+
+    def write(self, block: bytes) -> None:
+        """Hand rows to the operating system. Raises: OSError."""
+        done = 0
+        while done < len(block):
+            count = self._file.write(block[done:])
+            if count <= 0:
+                raise OSError(28, "nothing could be written")
+            done += count
+        self._size += len(block)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+
+    def _emit(self, rows: TrendRows) -> None:
+        self._pending.append(to_bytes(rows, self._source))
+        if self.above is not None:
+            self.above.feed(rows)
+
+
+class TrendWriter:
+    """Writes the trend of one part of a session into ``folder``/trend; going on behind what is there.
+
+    Rows never go backwards: where UTC is behind the last row, ``offset_ns`` puts this part behind it.
+
+    One thread may add while another one hands over.
+
+    Args:   folder: of the session, or of a cache.   sources: what to write; a trend that is there keeps its own.
+            t_mono_ns, t_utc_ns: begin of this part by both clocks.
+    Raises: OSError if the disk refuses.
+    """
+
+    def __init__(
+        self, folder: Path, sources: Sequence[TrendSource], t_mono_ns: int, t_utc_ns: int, files: Files | None = None
+    ) -> None:
+        self._folder = folder / FOLDER
+        self._folder.mkdir(parents=True, exist_ok=True)
+        before = read_head(self._folder)
+        self.sources = {source.name: source for source in (before.sources if before else sources)}
+        if before is None:
+            for path in self._folder.glob("*s"):  # of a trend that was given up
+                path.unlink()
+        self._waiting: dict[str, list[TrendRows]] = {name: [] for name in self.sources}
+        used = files or OsFiles()
+        self._levels = {name: self._opened(source, used) for name, source in self.sources.items()}
+        last_s = max((level[0].last_s() or 0 for level in self._levels.values()), default=0)
+        self.offset_ns = max(t_utc_ns, last_s * NS + 1) - t_mono_ns
+        offsets_ns = (*(before.offsets_ns if before else ()), self.offset_ns)
+        write_head(self._folder, TrendHead(tuple(self.sources.values()), offsets_ns))
+
+    def _opened(self, source: TrendSource, files: Files) -> list[_Level]:
+        """Levels of one source, finest first; a coarse one that is behind is made complete from the finer one."""
+        levels = [_Level(source.path(self._folder, period_s), source, period_s, files) for period_s in LEVELS_S]
+        for finer, level, period_s in zip(levels[:-1], levels[1:], LEVELS_S[1:], strict=True):
+            last_s = level.last_s()
+            rows = finer.since(0 if last_s is None else last_s + period_s)
+            if len(rows):
+                level.feed(rows)
+                level.write(level.take())
+        for finer, level in pairwise(levels):
+            finer.above = level
+        return levels
+
+    def add(self, source: str, rows: TrendRows | None) -> None:
+        """Take the next rows of a source, one a second."""
+        if rows is not None and len(rows):
+            self._waiting[source].append(rows)
+
+    def take(self) -> list[tuple[_Level, bytes]]:
+        """What is complete, for ``hand_over``; quick, unlike that."""
+        self._feed()
+        return [(level, block) for levels in self._levels.values() for level in levels if (block := level.take())]
+
+    def hand_over(self, taken: Sequence[tuple[_Level, bytes]]) -> None:
+        """Hand rows to the operating system, which may take long; ``add`` may go on meanwhile. Raises: OSError."""
+        for level, block in taken:
+            level.write(block)
+
+    def close(self) -> None:
+        """Write everything, buckets that are open too. Raises: OSError."""
+        self._feed()
+        for levels in self._levels.values():
+            levels[0].end()
+        self.hand_over(self.take())
+        self._close_files()
+
+    def give_up(self) -> None:
+        """Leave no trend behind that is not whole: without its head it counts as none and can be made again."""
+        with suppress(OSError):
+            (self._folder / HEAD).unlink()
+        with suppress(OSError):
+            self._close_files()
+
+    def _feed(self) -> None:
+        for name, waiting in self._waiting.items():
+            if waiting:
+                self._levels[name][0].feed(concatenated(waiting))
+                waiting.clear()
+
+    def _close_files(self) -> None:
+        for levels in self._levels.values():
+            for level in levels:
+                level.close()

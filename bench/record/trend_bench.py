@@ -1,0 +1,77 @@
+"""Temperatures of the bench as a trend: a reading or a set-point stands until the next one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from bench.frame.signals import BENCH_FIELDS
+from bench.model.clock import NS
+from bench.record.trend_format import HELD_S
+from bench.record.trend_rows import TrendRows
+
+CHAMBER = "chamber"
+_AIR, _UNIT, _SETPOINT = range(len(BENCH_FIELDS))
+_READINGS = {"air_degC": _AIR, "unit_degC": _UNIT}
+
+
+def setpoint_degC(kind: str, role: str, arguments: Mapping[str, Any]) -> float | None:
+    """Air temperature that a step of a plan asks of the chamber, degC; None if it asks none."""
+    asked = arguments.get("temperature") if kind == "soak" or (kind == "call" and role == CHAMBER) else None
+    return None if asked is None else float(asked)
+
+
+class BenchRows:
+    """Rows of the bench, one a second of UTC, from what happens on it. Times are UTC in ns."""
+
+    def __init__(self) -> None:
+        self._next_s = -1  # start of the bucket that is open, -1 before anything is known
+        self._values = [math.nan] * len(BENCH_FIELDS)
+        self._until_s = [math.inf] * len(BENCH_FIELDS)
+        self._low = np.full(len(BENCH_FIELDS), np.nan, np.float32)
+        self._high = self._low.copy()
+
+    def event(self, kind: str, t_utc_ns: int, fields: Mapping[str, Any]) -> TrendRows | None:
+        """Something happened; rows that are complete before it."""
+        if kind == "environment":
+            found = {_READINGS[key]: fields[key] for key in _READINGS if fields.get(key) is not None}
+            return self._set(t_utc_ns, found, HELD_S) if found else None
+        if kind == "reentry" and fields.get("target_degC") is not None:
+            return self.setpoint(t_utc_ns, float(fields["target_degC"]))
+        return None
+
+    def setpoint(self, t_utc_ns: int, value_degC: float) -> TrendRows | None:
+        """The chamber has been given another temperature; rows that are complete before it."""
+        return self._set(t_utc_ns, {_SETPOINT: value_degC}, math.inf)
+
+    def advance(self, t_utc_ns: int) -> TrendRows | None:
+        """Rows of all seconds that are over."""
+        second = (t_utc_ns - 1) // NS
+        if self._next_s < 0 or second <= self._next_s:
+            return None
+        start_s = np.arange(self._next_s, second)
+        low = np.empty((len(start_s), len(self._values)), np.float32)
+        for column, value in enumerate(self._values):
+            low[:, column] = np.where(start_s <= self._until_s[column], value, np.nan)
+        high = low.copy()
+        low[0], high[0] = self._low, self._high
+        held = np.where(second <= np.array(self._until_s), self._values, np.nan).astype(np.float32)
+        self._next_s, self._low, self._high = second, held, held.copy()
+        return TrendRows(start_s, low, high)
+
+    def end(self, t_utc_ns: int) -> TrendRows | None:
+        """All rows up to now, the second that is not over included."""
+        return self.advance(t_utc_ns + NS)
+
+    def _set(self, t_utc_ns: int, values: Mapping[int, float], stands_s: float) -> TrendRows | None:
+        rows = self.advance(t_utc_ns)
+        self._next_s = (t_utc_ns - 1) // NS if self._next_s < 0 else self._next_s
+        for column, value in values.items():
+            self._values[column] = value
+            self._until_s[column] = self._next_s + stands_s
+            self._low[column] = np.fmin(self._low[column], np.float32(value))
+            self._high[column] = np.fmax(self._high[column], np.float32(value))
+        return rows

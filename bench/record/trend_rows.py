@@ -1,0 +1,158 @@
+"""From decoded frames to one row a second: least and greatest value of each signal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.frame import FrameDefinition, LinkBatch, MessageBatch
+from bench.frame.signals import Block, blocks
+from bench.model.clock import NS
+from bench.record.trend_format import TrendSource, seconds_of
+
+
+@dataclass(frozen=True)
+class TrendRows:
+    """``start_s``: starts of the buckets, UTC, (m,), never falling; ``low``, ``high``: (m, k), NaN: nothing came."""
+
+    start_s: NDArray[np.int64]
+    low: NDArray[np.float32]
+    high: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.start_s)
+
+    def merged(self, period_s: int) -> TrendRows:
+        """One row for each bucket of a longer period."""
+        if not len(self):
+            return self
+        start_s = np.maximum.accumulate(self.start_s // period_s * period_s)
+        first = _changes(start_s)
+        if len(first) == len(self):
+            return TrendRows(start_s, self.low, self.high)
+        return TrendRows(
+            start_s[first], np.fmin.reduceat(self.low, first, axis=0), np.fmax.reduceat(self.high, first, axis=0)
+        )
+
+    def cut(self, start: int, stop: int | None = None) -> TrendRows:
+        """Some of the rows."""
+        return TrendRows(self.start_s[start:stop], self.low[start:stop], self.high[start:stop])
+
+
+def concatenated(parts: Sequence[TrendRows]) -> TrendRows:
+    """Rows of several parts, one behind the other; at least one is needed."""
+    if len(parts) == 1:
+        return parts[0]
+    return TrendRows(*(np.concatenate([getattr(one, key) for one in parts]) for key in ("start_s", "low", "high")))
+
+
+def _changes(values: NDArray[np.int64]) -> NDArray[np.intp]:
+    """Where a value differs from the one before it; 0 is always among them."""
+    first = np.flatnonzero(values[1:] != values[:-1])
+    first += 1
+    return np.concatenate((np.zeros(1, np.intp), first))
+
+
+def spread_ns(stamps_ns: NDArray[np.int64], period_ns: int, before_ns: int) -> NDArray[np.int64]:
+    """Times of frames from the receive stamps of the chunks they came in, (n,) ns.
+
+    Frames of one chunk carry one stamp; they are laid back from it by the frame period, or closer where they would
+    come before the chunk in front of it. Times never fall.
+
+    Args: stamps_ns: (n,), never falling.   before_ns: stamp in front of the first one.
+    """
+    first = _changes(stamps_ns)
+    count = np.diff(first, append=len(stamps_ns))
+    last_ns = stamps_ns[first]
+    room_ns = np.diff(last_ns, prepend=min(before_ns, int(last_ns[0])))
+    step_ns = np.minimum(period_ns, room_ns // count)
+    start_ns = last_ns - step_ns * (first + count - 1)  # as if frame 0 were of this chunk
+    spread: NDArray[np.int64] = np.arange(len(stamps_ns)) * np.repeat(step_ns, count)
+    spread += np.repeat(start_ns, count)
+    return spread
+
+
+class FrameTimes:
+    """Times of the frames of one link, batch by batch."""
+
+    def __init__(self, definition: FrameDefinition) -> None:
+        self._period_ns = round(NS / (definition.rate_Hz or 1.0))
+        self._before_ns: dict[str, int] = {}
+
+    def of(self, name: str, t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Monotonic times of the next frames of a message, (n,) ns, from their receive stamps."""
+        stamps_ns = np.maximum.accumulate(t_ns)
+        times_ns = spread_ns(stamps_ns, self._period_ns, self._before_ns.get(name, int(stamps_ns[0]) - 3600 * NS))
+        self._before_ns[name] = int(stamps_ns[-1])
+        return times_ns
+
+
+class _Together:
+    """Batches of one message as one; columns that somebody has cut out already are not cut out again."""
+
+    def __init__(self, parts: Sequence[MessageBatch]) -> None:
+        self._parts = parts
+        self._columns: dict[str, NDArray[Any]] = {}
+        self.message = parts[0].message
+        self.t_ns = np.concatenate([part.t_ns for part in parts if part.t_ns is not None])
+
+    def raw(self, name: str) -> NDArray[Any]:
+        """Raw values of a field."""
+        if name not in self._columns:
+            self._columns[name] = np.concatenate([part.raw(name) for part in self._parts])
+        return self._columns[name]
+
+
+class LinkReduction:
+    """Makes rows of one link's batches; many at once cost little more than one. One thread at a time."""
+
+    def __init__(self, source: TrendSource, definition: FrameDefinition) -> None:
+        self._times = FrameTimes(definition)
+        self._width = len(source.signals)
+        self._waiting: dict[str, list[MessageBatch]] = {}
+        self.frames = 0  # waiting
+        self._messages: Mapping[str, tuple[NDArray[np.intp], tuple[Block, ...]]] = {
+            message: _blocks_of(source, message) for message in dict.fromkeys(one.message for one in source.signals)
+        }
+
+    def push(self, batch: LinkBatch) -> None:
+        """Queue a batch; this is quick."""
+        for message in self._messages:
+            frames = batch.messages[message]
+            if len(frames):
+                self._waiting.setdefault(message, []).append(frames)
+                self.frames += len(frames)
+
+    def rows(self, offset_ns: int) -> TrendRows | None:
+        """Rows of what was queued, one a second; None if it was nothing. ``offset_ns``: UTC minus monotonic time."""
+        waiting, self._waiting, self.frames = self._waiting, {}, 0
+        found = [self._reduced(_Together(parts), *self._messages[name], offset_ns) for name, parts in waiting.items()]
+        if len(found) < 2:
+            return found[0] if found else None
+        both = concatenated(found)
+        order = np.argsort(both.start_s, kind="stable")
+        return TrendRows(both.start_s[order], both.low[order], both.high[order]).merged(1)
+
+    def _reduced(
+        self, frames: _Together, places: NDArray[np.intp], parts: tuple[Block, ...], offset_ns: int
+    ) -> TrendRows:
+        seconds = seconds_of(self._times.of(frames.message.name, frames.t_ns) + offset_ns)
+        first = _changes(seconds)
+        low = np.full((len(first), self._width), np.nan, np.float32)
+        high = low.copy()
+        for block in parts:
+            values = block.values(frames)
+            least, most = (np.fmin, np.fmax) if values.dtype.kind == "f" else (np.minimum, np.maximum)
+            ends = [block.in_unit(end.reduceat(values, first, axis=0), frames.message) for end in (least, most)]
+            at = places[block.places]
+            low[:, at], high[:, at] = np.fmin(*ends), np.fmax(*ends)  # a negative scale turns them round
+        return TrendRows(seconds[first], low, high)
+
+
+def _blocks_of(source: TrendSource, message: str) -> tuple[NDArray[np.intp], tuple[Block, ...]]:
+    places = [place for place, signal in enumerate(source.signals) if signal.message == message]
+    return np.array(places), blocks([source.signals[place] for place in places])

@@ -1,0 +1,137 @@
+"""Makes the trend of a session again from its raw bytes: of older sessions, of those of other software, of lost ones.
+
+``python -m bench.replay.build_trend SESSION FOLDER`` writes FOLDER/trend; it gives way to everything else.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.frame import LinkDecoder
+from bench.frame.signals import BENCH
+from bench.model.errors import BenchError
+from bench.record import Message, SessionReader, layout
+from bench.record.trend import TrendWriter
+from bench.record.trend_bench import BenchRows
+from bench.record.trend_format import FOLDER, sources_of
+from bench.record.trend_rows import LinkReduction
+from bench.replay.recorded_setpoints import Event, SetPoint, recorded_setpoints
+from bench.replay.session_signals import frames_of, session_signals
+from bench.replay.windows import RESUME
+
+NICE = 10
+BLOCK_BYTES = 2_000_000
+
+
+@dataclass
+class _Begin:
+    """Where a part begins by both clocks; UTC 0 where the session does not say it."""
+
+    t_mono_ns: int = 0
+    t_utc_ns: int = 0
+
+
+def build_trend(folder: Path, out: Path) -> None:
+    """Write the trend of a session to ``out``/trend, in one piece; one that is there is replaced.
+
+    Raises: InputError B-REC-010 (no session); SessionDamaged B-REC-012 (no manifest); OSError.
+    """
+    reader = SessionReader(folder)
+    out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=out, prefix=".trend-") as fresh:
+        _Building(reader, Path(fresh)).run()
+        with suppress(FileNotFoundError):
+            shutil.rmtree(out / FOLDER)
+        (Path(fresh) / FOLDER).replace(out / FOLDER)
+
+
+class _Building:
+    def __init__(self, reader: SessionReader, out: Path) -> None:
+        self._reader, self._out = reader, out
+        manifest, texts = reader.manifest, reader.texts
+        self._frames = frames_of(manifest, texts)
+        self._sources = sources_of(session_signals(manifest, texts), self._frames)
+        self._begins, events = _first_look(reader)
+        steps = json.loads(texts.get("plan.json", "[]"))
+        self._setpoints = list(recorded_setpoints(steps, events))
+        self._topics = {f"{layout.LINK}{link}/rx": link for link in self._frames}
+
+    def run(self) -> None:
+        """Decode the session part by part."""
+        messages = self._reader.select(frozenset({layout.EVENT, *self._topics}))
+        for number, begin in enumerate(self._begins):
+            mine = [one for one in self._setpoints if one.part == number]
+            self._part(TrendWriter(self._out, self._sources, begin.t_mono_ns, begin.t_utc_ns), messages, mine)
+
+    def _part(self, writer: TrendWriter, messages: Iterator[Message], setpoints: list[SetPoint]) -> None:
+        """Take messages up to the next ``resume``."""
+        links = {
+            name: LinkReduction(source, self._frames[name]) for name, source in writer.sources.items() if name != BENCH
+        }
+        decoders = {name: LinkDecoder(self._frames[name]) for name in links}
+        bench, last_ns = BenchRows(), 0
+        for message in messages:
+            if message.topic == layout.EVENT:
+                kind, fields = message.event()
+                if kind == RESUME and last_ns:
+                    break
+                while setpoints and setpoints[0].t_ns <= message.t_ns:
+                    one = setpoints.pop(0)
+                    writer.add(BENCH, bench.setpoint(one.t_ns + writer.offset_ns, one.value_degC))
+                writer.add(BENCH, bench.event(kind, message.t_ns + writer.offset_ns, fields))
+            else:
+                decoders[self._topics[message.topic]].push(message.t_ns, message.payload)
+                if sum(decoder.pending_bytes for decoder in decoders.values()) > BLOCK_BYTES:
+                    self._write(writer, links, decoders)
+            last_ns = max(last_ns, message.t_ns)
+        self._write(writer, links, decoders)
+        writer.add(BENCH, bench.end(last_ns + writer.offset_ns))
+        writer.close()
+
+    @staticmethod
+    def _write(writer: TrendWriter, links: Mapping[str, LinkReduction], decoders: Mapping[str, LinkDecoder]) -> None:
+        for name, link in links.items():
+            link.push(decoders[name].flush())
+            writer.add(name, link.rows(writer.offset_ns))
+        writer.hand_over(writer.take())
+
+
+def _first_look(reader: SessionReader) -> tuple[list[_Begin], list[Event]]:
+    """Where the parts of a session begin, and its events with the part they belong to."""
+    begins: list[_Begin] = [_Begin()]
+    events: list[Event] = []
+    for message in reader.select(frozenset({layout.EVENT, layout.CLOCK})):
+        if message.topic == layout.CLOCK:
+            if not begins[-1].t_utc_ns:
+                pair: Any = message.document()
+                begins[-1] = _Begin(int(pair["t_mono_ns"]), int(pair["t_utc_ns"]))
+            continue
+        kind, fields = message.event()
+        if kind == RESUME and events:
+            begins.append(_Begin(message.t_ns, 0))
+        events.append((len(begins) - 1, kind, message.t_ns, fields))
+    return begins, events
+
+
+def main(words: list[str]) -> int:
+    """Entry point of the process: exit status of the error, 0 if the trend is there."""
+    os.nice(NICE)
+    try:
+        build_trend(Path(words[0]), Path(words[1]))
+    except BenchError as error:
+        sys.stderr.write(f"{error}\n")
+        return int(error.exit_status)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

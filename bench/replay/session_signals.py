@@ -1,0 +1,46 @@
+"""Signals and graph windows of a recorded session, from its own texts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bench.frame import FrameDefinition, parse_frame
+from bench.frame.signals import Signal, all_signals
+from bench.model.errors import InputError
+from bench.model.yamlio import parse_yaml
+from bench.plan.graph_language import Graph, GraphEntry, graphs_of, names_in
+from bench.plan.station import StationFile
+
+
+def frames_of(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str, FrameDefinition]:
+    """Frame definitions by link; a link whose text is not in the session, or cannot be read today, is left out."""
+    found = {}
+    for link, name in sorted(manifest.get("links", {}).items()):
+        try:
+            found[link] = parse_frame(texts[name], name)
+        except (KeyError, InputError):
+            continue
+    return found
+
+
+def entries_of(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> Sequence[GraphEntry]:
+    """The section ``graphs`` of the session's station; none if its text is not there or cannot be read today."""
+    name = f"stations/{manifest.get('station')}.yaml"
+    try:
+        return parse_yaml(texts[name], name, StationFile).model.graphs
+    except (KeyError, InputError):
+        return ()
+
+
+def session_signals(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> tuple[Signal, ...]:
+    """Every signal of a session: those of its frames, the differences its graphs ask for, and those of the bench."""
+    frames = frames_of(manifest, texts)
+    wanted = [name for graph in session_graphs(manifest, texts) for name in graph.signals]
+    return all_signals(frames, [*names_in(entries_of(manifest, texts), frames), *wanted])
+
+
+def session_graphs(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> list[Graph]:
+    """Graph windows of a session; where its station names none, some that suit its frames."""
+    frames = frames_of(manifest, texts)
+    return graphs_of(entries_of(manifest, texts), frames, str(manifest.get("measurement_link", "")))

@@ -1,0 +1,115 @@
+"""Names of signals, and their values against a struct-by-hand decoder."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import pytest
+from trend_sample import FRAMES, batch_of
+
+from bench.frame import parse_frame
+from bench.frame.signals import MOST_SIGNALS, all_signals, columns, expand, signal_of
+from bench.model.errors import InputError
+
+MANY = """\
+frame: many
+endian: big
+sync: [0xEB, 0x90]
+rate: 10 Hz
+fields:
+  - {name: counter, type: u16, role: counter}
+  - {name: wide, type: u8, count: 250}
+crc: {name: crc-16/ibm-3740, over: [counter, wide], stored: big}
+golden: "GOLDEN"
+expect: {counter: 1}
+"""
+
+
+def test_a_range_stands_for_its_elements() -> None:
+    assert expand("port_a.npp-ppp[2..4]") == ("port_a.npp-ppp[2]", "port_a.npp-ppp[3]", "port_a.npp-ppp[4]")
+    assert expand("port_b.supply_voltage") == ("port_b.supply_voltage",)
+
+
+def test_every_number_that_streams_is_a_signal_and_nothing_else() -> None:
+    names = [signal.name for signal in all_signals(FRAMES, ["port_a.npp-ppp[1..2]"])]
+    assert names[:2] == ["port_a.npp[1]", "port_a.npp[2]"]
+    assert names[-5:] == ["port_a.npp-ppp[1]", "port_a.npp-ppp[2]", "bench.air", "bench.unit", "bench.setpoint"]
+    fields = {name.partition(".")[2].partition("[")[0] for name in names}
+    assert not fields & {"counter", "status", "length", "kind", "payload", "command"}
+    assert len(names) == len(set(names)) == 10 + 10 + 3 + 4 + 2 + 3 + 2 + 3
+
+
+def test_unit_and_decimals_come_from_the_frame() -> None:
+    voltage, sensor = (signal_of(name, FRAMES) for name in ("port_b.supply_voltage", "port_b.unit_temperature[3]"))
+    assert (voltage.unit, voltage.decimals, voltage.element) == ("V", 3, None)
+    assert (sensor.unit, sensor.decimals, sensor.element) == ("degC", 2, 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("port_a.nnp[1]", "no number 'nnp'"),
+        ("port_c.npp[1]", "no link 'port_c'"),
+        ("port_a.npp[11]", "elements are 1 to 10"),
+        ("port_a.npp[0]", "elements are 1 to 10"),
+        ("port_a.npp", "elements are 1 to 10"),
+        ("port_b.supply_voltage[1]", "single value"),
+        ("port_a.npp-af_clock[1]", "to be subtracted"),
+        ("bench.npp", "no link 'bench'"),
+        ("port_a.npp[6..1]", "not written as"),
+        ("port_a.npp[1..999]", "not written as"),
+        ("port_b.payload", "no number 'payload'"),
+        ("npp", "not written as"),
+    ],
+)
+def test_a_wrong_name_says_what_is_wrong(name: str, said: str) -> None:
+    with pytest.raises(InputError, match=said) as caught:
+        all_signals(FRAMES, [name])
+    assert caught.value.code == "B-FRAME-024"
+
+
+def test_columns_are_what_the_bytes_say() -> None:
+    definition = FRAMES["port_a"]
+    count, rng = 7, np.random.default_rng(11)
+    sent = {"npp": rng.integers(0, 65536, (count, 10)), "ppp": rng.integers(0, 65536, (count, 10))}
+    sent["npp"][0, 2], sent["ppp"][0, 2] = 0, 65535  # the largest difference there is
+    sent["npp"][1, 2], sent["ppp"][1, 2] = 65535, 0
+    raw = definition.encode(
+        {"counter": np.arange(count), **sent, "af_clock": 2560, "master_count": 5, "fg_count": 9, "status": 0}, count
+    )
+    batch = batch_of(definition, raw.tobytes(), 1.0).messages["frame"]
+    signals = all_signals(FRAMES, ["port_a.npp-ppp[3]"])
+    wanted = [signal for signal in signals if signal.name in ("port_a.npp[3]", "port_a.ppp[3]", "port_a.npp-ppp[3]")]
+    found = columns(wanted, "port_a", batch)
+    for row, content in enumerate(raw):
+        counts = struct.unpack_from(">20H", content.tobytes(), 4)
+        npp, ppp = counts[2], counts[12]
+        assert found[row].tolist() == [npp, ppp, npp - ppp]
+
+
+def test_scaled_values_are_in_their_unit() -> None:
+    definition = FRAMES["port_b"]
+    raw = definition.encode(
+        {"counter": 1, "unit_temperature": [[-1023, -998, 2004, 5001]], "supply_voltage": 28012, "supply_current": 1850,
+         "rails": [[5003, 15010, 14990]], "status": 0},
+        1, "housekeeping",
+    )  # fmt: skip
+    batch = batch_of(definition, raw.tobytes(), 1.0).messages["housekeeping"]
+    wanted = [signal_of(name, FRAMES) for name in ("port_b.unit_temperature[1]", "port_b.rails[2]")]
+    assert columns(wanted, "port_b", batch)[0] == pytest.approx([-10.23, 15.01], abs=1e-12)
+
+
+def test_where_there_are_too_many_only_those_wanted_remain() -> None:
+    golden = "eb 90 00 01 " + "00 " * 250
+    text = MANY.replace("GOLDEN", golden + "00 00")
+    try:
+        parse_frame(text, "many.yaml")
+    except InputError as error:  # it names the check it computed
+        check = str(error)
+    hexes = check.partition("0x")[2][:4]
+    definition = parse_frame(MANY.replace("GOLDEN", f"{golden} {hexes[:2]} {hexes[2:]}"), "many.yaml")
+    frames = {**FRAMES, "many": definition}
+    names = [signal.name for signal in all_signals(frames, ["port_a.npp[1..3]"])]
+    assert len(all_signals({"many": definition})) <= MOST_SIGNALS
+    assert names == ["port_a.npp[1]", "port_a.npp[2]", "port_a.npp[3]", "bench.air", "bench.unit", "bench.setpoint"]
