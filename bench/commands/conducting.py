@@ -7,14 +7,17 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bench.commands.terminal import TerminalOperator, watcher
+from bench.commands.asking import terminal_here
+from bench.commands.progress import watcher
+from bench.commands.terminal import TerminalOperator
 from bench.commands.view import KEPT_EVENTS
 from bench.model.clock import Clock
 from bench.plan import Plan
+from bench.run.asking import WaitingOperator
 from bench.run.besides import besides
 from bench.run.clock_watch import clock_watch
 from bench.run.guarding import guard_beside
-from bench.run.operator import SimulatedOperator
+from bench.run.operator import Operator, SimulatedOperator
 from bench.run.position import Resumption
 from bench.run.preflight import Preflight
 from bench.run.preflight.inhibit import stay_awake
@@ -22,10 +25,23 @@ from bench.run.session import Beside, Conducted, conduct
 
 
 def conduct_watched(
-    plan: Plan, clock: Clock, *, seed: int, out: Path, errors: Console, resumed: Resumption | None = None
+    plan: Plan,
+    clock: Clock,
+    *,
+    seed: int,
+    out: Path,
+    errors: Console,
+    resumed: Resumption | None = None,
+    ask: bool = False,
 ) -> Conducted:
-    """Conduct a plan with everything that watches over it; a person is told on ``errors``."""
-    operator = SimulatedOperator() if plan.station.simulated else TerminalOperator()
+    """Conduct a plan with everything that watches over it; a person is told on ``errors``.
+
+    ``ask``: prompts are put to a person on a simulated bench too. Under the wall clock anybody who reaches the run may
+    answer them.
+    """
+    simulated = plan.station.simulated and not ask
+    asking = None if simulated or clock.virtual else WaitingOperator(terminal_here())
+    operator: Operator = asking or (SimulatedOperator() if simulated else TerminalOperator())
     with watcher(plan, errors) as listener:
         return conduct(
             plan,
@@ -35,13 +51,13 @@ def conduct_watched(
             operator=operator,
             listener=listener,
             keep_events=KEPT_EVENTS,
-            beside=watchers(plan, clock),
+            beside=[*watchers(plan, clock, asking), listener.follow],
             preflight=Preflight(tell=listener.message),
             resumed=resumed,
         )
 
 
-def watchers(plan: Plan, clock: Clock) -> list[Beside]:
+def watchers(plan: Plan, clock: Clock, asking: WaitingOperator | None = None) -> list[Beside]:
     """Who watches over a run, the guard first: it is the last one to be let go."""
-    found: list[Beside] = [guard_beside(plan.station), *besides(plan, os.environ, virtual=clock.virtual)]
+    found: list[Beside] = [guard_beside(plan.station), *besides(plan, os.environ, virtual=clock.virtual, asking=asking)]
     return found if clock.virtual else [*found, clock_watch, stay_awake]

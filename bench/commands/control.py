@@ -1,4 +1,4 @@
-"""``bench pause``, ``bench abort`` and what ``bench resume`` tries first: a word with a run that is alive."""
+"""``bench pause``, ``abort``, ``answer`` and what ``bench resume`` tries first: a word with a run that is alive."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ from bench.run.control_place import find_socket
 
 ANSWER_S = 5.0
 LONGEST_REPLY = 1_000_000
+ADVICE = {"answer": "'bench answer SESSION VALUE' again, the value with its unit; the run goes on waiting"}
 
 
-def ask(folder: Path, command: str, reason: str = "") -> dict[str, Any]:
-    """Send one command to the run of a session and return its reply.
+def ask(folder: Path, command: str, reason: str = "", **about: object) -> dict[str, Any]:
+    """Send one command to the run of a session and return its reply; ``about``: what else belongs to the request.
 
     Raises: InputError B-CTRL-001 if no run of this session is alive, B-CTRL-002 if the run refuses the command,
     B-CTRL-003 if there is no answer in 5 s or none that is understood.
     """
-    reply = _exchange(folder, {"command": command, "reason": reason})
+    reply = _exchange(folder, {"command": command, "reason": reason, **about})
     if not reply.get("ok"):
-        advice = "'bench resume SESSION' lets a paused run go on, 'bench abort SESSION' ends it"
+        advice = ADVICE.get(command, "'bench resume SESSION' lets a paused run go on, 'bench abort SESSION' ends it")
         raise InputError("B-CTRL-002", str(reply.get("error", "refused")), where=str(folder), next_step=advice)
     return reply
 
@@ -37,6 +38,18 @@ def pause(folder: Path, reason: str) -> int:
 def abort(folder: Path, reason: str) -> int:
     """End a run at its next check; its bench is made safe and its session closed."""
     console().print(ask(folder, "abort", reason)["text"])
+    return ExitStatus.PASS
+
+
+def answer(folder: Path, value: str) -> int:
+    """Answer the prompt a run waits at. Raises: as ``ask``; B-CTRL-002 too if nothing is asked."""
+    asked = ask(folder, "status").get("prompt")
+    if not isinstance(asked, dict):
+        advice = "'bench top' shows what the run does"
+        raise InputError("B-CTRL-002", "the run asks nothing", where=str(folder), next_step=advice)
+    out = console()
+    out.print(asked["text"])
+    out.print(ask(folder, "answer", prompt=asked["id"], value=value or None)["text"])
     return ExitStatus.PASS
 
 

@@ -32,6 +32,8 @@ def _verdict(fields: Fields) -> str:
 
 
 def _alarm(fields: Fields) -> str:
+    if fields["what"] == "prompt":
+        return f"waited for an answer: {fields['text']}"
     if fields["what"] == "stimulus":
         return f"{fields['role']} not confirmed safe at step {fields['step']}: {fields['code']}: {fields['text']}"
     return f"still holding at step {fields['step']} after {fields['seconds']:.0f} s: " + "; ".join(
@@ -66,7 +68,11 @@ _SENTENCES: Mapping[str, Callable[[Fields], str]] = {
     "hold": lambda f: f"at step {f['step']}: {f['reason']} ({f['by']})",
     "release": lambda f: f"going on after {f['seconds']:.0f} s",
     "skip": lambda f: f"steps {f['first']} to {f['stop'] - 1} left out: {f['reason']} ({f['by']})",
-    "control": lambda f: f"{f['what']} by {f['by']}" + (f": {f['reason']}" if f["reason"] else ""),
+    "control": lambda f: (
+        f"{f['what']} by {f['by']}"
+        + (f": {f['reason']}" if f["reason"] else "")
+        + ("" if f.get("ok", True) else f" (refused: {f['text']})")
+    ),
     "retake": lambda f: f"record {f['record']}: {f['reason']}",
     "error": lambda f: str(f.get("text", f.get("code", ""))),
     "interlock": lambda f: f"{f['name']} {f['state']}: {f['value']} {f['unit']}, limit {f['limit']}; {f['action']}",

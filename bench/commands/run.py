@@ -41,6 +41,7 @@ class Request:
     truth: bool
     json: bool
     history: str | None = None
+    ask: bool = False
 
 
 def run(request: Request) -> int:
@@ -54,7 +55,9 @@ def run(request: Request) -> int:
     make_folder(request.out)
     virtual = plan.station.in_process if request.clock is None else request.clock == "virtual"
     clock: Clock = VirtualClock() if virtual else WallClock()
-    done = conduct_watched(plan, clock, seed=request.seed, out=request.out, errors=console(stderr=True))
+    done = conduct_watched(
+        plan, clock, seed=request.seed, out=request.out, errors=console(stderr=True), ask=request.ask
+    )
     if request.truth and done.truth:
         path = done.folder.with_name(done.folder.name + ".truth.json")
         write_file(path, json.dumps({"estimates": done.truth}, sort_keys=True, indent=1) + "\n")
@@ -110,6 +113,7 @@ def view_of(plan: Plan, done: Conducted) -> SessionView:
         session_sha256=done.session_sha256,
         plan_steps=plan.steps,
         events=done.events,
+        texts=plan.texts,
     )
 
 

@@ -6,22 +6,27 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 
 from bench.plan import Plan
+from bench.run.asking import WaitingOperator
 from bench.run.context import RunContext
 from bench.run.control import control
 from bench.run.early import early_verdicts
+from bench.run.feed.live import live_feed
 from bench.run.following import Following
 from bench.run.interlocks import interlocks
 from bench.run.notify import notifications
 from bench.run.notify_file import user_notify
 from bench.run.session import Beside
 from bench.run.systemd import service_notice
+from bench.run.trend_recorder import trend_recorder
 
 
-def besides(plan: Plan, environment: Mapping[str, str], *, virtual: bool) -> list[Beside]:
-    """Interlocks; on the wall clock also control socket, early verdicts, notifications and the service manager.
+def besides(
+    plan: Plan, environment: Mapping[str, str], *, virtual: bool, asking: WaitingOperator | None = None
+) -> list[Beside]:
+    """Interlocks, trend, feed; on the wall clock also control socket, early verdicts, notifications, service manager.
 
     Args:   virtual: a rehearsal, in which nobody is told anything and nobody interferes, so that the same seed gives
-            the same bytes.
+            the same bytes.   asking: who waits for answers to prompts; None if nobody is asked.
     Raises: InputErrors if the user's notify.yaml is wrong; it counts where the station has no section ``notify``.
     """
     notify = None if virtual else plan.station.file.notify or user_notify(environment)
@@ -29,12 +34,16 @@ def besides(plan: Plan, environment: Mapping[str, str], *, virtual: bool) -> lis
     @contextmanager
     def beside(context: RunContext) -> Iterator[None]:
         following = Following(context)
+        if asking is not None:
+            asking.attach(context)
         with ExitStack() as stack:
+            stack.enter_context(trend_recorder(context, following))
+            feed = stack.enter_context(live_feed(context, following, asking))
             watch = stack.enter_context(interlocks(context, plan.interlocks, following))
             if not virtual:
                 if notify is not None:
                     stack.enter_context(notifications(context, notify, following))
-                stack.enter_context(control(context, following, lambda: watch.tripped))
+                stack.enter_context(control(context, following, lambda: watch.tripped, feed.state, asking))
                 if plan.early is not None:
                     stack.enter_context(early_verdicts(context, plan.early))
                 stack.enter_context(service_notice(context, environment, following))

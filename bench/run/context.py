@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 from bench.model.clock import Clock
 from bench.model.ports import Instrument, RecordWindow, SessionSink
@@ -21,6 +21,8 @@ from bench.run.stop import StopSwitch
 from bench.run.timing import Timeline
 
 CHAMBER = "chamber"
+Traffic = Callable[[str, str, str, int], None]
+"""Takes role, direction ("tx" or "rx"), text and monotonic time in ns."""
 
 
 class Listener(Protocol):
@@ -70,6 +72,8 @@ class RunContext:
     ``unit_answer`` is who the unit said it was before a run that is gone on with was stopped.
     ``away`` are the instruments the run stands still for.
     ``ahead`` holds the windows that are open before their record step, by number of the step.
+    ``manifest`` is the session's; ``traffic`` are called with every command and reply of an instrument (``earlier``:
+    those before the session), ``told`` with every message for a person. They must not wait.
     """
 
     plan: Plan
@@ -92,6 +96,10 @@ class RunContext:
     settled: bool = True
     unit_answer: bytes | None = None
     folder: Path = Path()
+    manifest: Mapping[str, Any] = field(default_factory=dict)
+    earlier: tuple[tuple[str, str, str, int], ...] = ()
+    traffic: list[Traffic] = field(default_factory=list)
+    told: list[Callable[[str], None]] = field(default_factory=list)
     in_use: InUse = field(default_factory=InUse)
     health: Health = field(init=False)
 

@@ -7,11 +7,8 @@ a whole line. More than ``MOST_CLIENTS`` at once: the oldest is closed. Only the
 from __future__ import annotations
 
 import json
-import os
-import pwd
 import selectors
 import socket
-import struct
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -20,10 +17,10 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.clock import NS, Clock
+from bench.run.local_socket import listen, peer_of
 
 LONGEST_LINE = 4096
 MOST_CLIENTS = 16
-BACKLOG = 128  # clients that may wait to be accepted; more are turned away by the system
 IDLE_S = 5.0
 POLL_S = 0.25
 
@@ -46,16 +43,8 @@ class ControlServer:
         self._answer = answer
         self._clock = clock
         self._clients: list[_Client] = []
+        self._listener = listen(path)
         self._selector = selectors.DefaultSelector()
-        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        path.unlink(missing_ok=True)
-        before = os.umask(0o177)
-        try:
-            self._listener.bind(str(path))
-        finally:
-            os.umask(before)
-        self._listener.listen(BACKLOG)
-        self._listener.setblocking(False)
         self._selector.register(self._listener, selectors.EVENT_READ)
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._serve, name="control", daemon=True)
@@ -86,7 +75,7 @@ class ControlServer:
             connection, _ = self._listener.accept()
         except OSError:  # gone again, or no descriptor is left
             return
-        by = _peer(connection)
+        by = peer_of(connection)
         if by is None:
             connection.close()
             return
@@ -145,19 +134,3 @@ class ControlServer:
         with suppress(KeyError, ValueError):
             self._selector.unregister(client.socket)
         client.socket.close()
-
-
-def _peer(connection: socket.socket) -> str | None:
-    """Name and process of who connected; None for another user, who is not heard (root is)."""
-    try:
-        raw = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
-    except OSError:
-        return None
-    pid, uid, _ = struct.unpack("3i", raw)
-    if uid not in (os.getuid(), 0):
-        return None
-    try:
-        name = pwd.getpwuid(uid).pw_name
-    except KeyError:
-        name = f"uid {uid}"
-    return f"{name} (process {pid})"

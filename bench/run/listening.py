@@ -11,11 +11,15 @@ from bench.run.context import Listener
 
 
 class SafeListener:
-    """Passes everything on until the listener behind it fails; from then on nobody is told any more."""
+    """Passes everything on until the listener behind it fails; from then on it is not told any more.
+
+    ``heard`` are called with every message, whatever becomes of the listener; they must neither wait nor raise.
+    """
 
     def __init__(self, listener: Listener) -> None:
         self._listener = listener
         self._gone = False
+        self.heard: list[Callable[[str], None]] = []
 
     def step(self, step: Step, at_s: float) -> None:
         """A step begins."""
@@ -28,6 +32,8 @@ class SafeListener:
     def message(self, text: str) -> None:
         """Something a person should read."""
         self._tell(self._listener.message, text)
+        for hear in self.heard:
+            hear(text)
 
     def _tell(self, tell: Callable[..., None], *what: Any) -> None:
         if self._gone:

@@ -58,13 +58,20 @@ def judge(question: Question, answer: Answer, where: str) -> None:
     low = -math.inf if question.low is None else question.low
     high = math.inf if question.high is None else question.high
     if not low <= answer.value <= high:
-        limits = f"{question.low} ... {question.high} {question.unit}"
         raise RunError(
             "B-RUN-041",
-            f"{answer.value} {question.unit} is outside {limits} for '{question.text}'",
+            f"{answer.value:g} {question.unit} is outside the limits ({limits_of(question)}) for '{question.text}'",
             where=where,
             next_step="correct the set-up, then start again",
         )
+
+
+def limits_of(question: Question) -> str:
+    """What value is due, for a person, such as "at most 0.5 ohm"; "" for a plain confirmation."""
+    low, high, unit = question.low, question.high, question.unit
+    if high is None:
+        return unit if low is None or not unit else f"at least {low:g} {unit}"
+    return f"at most {high:g} {unit}" if low is None else f"{low:g} to {high:g} {unit}"
 
 
 def answer_fields(question: Question, answer: Answer) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from bench.record import Journal, PackedList, RecordCutter, RecordError, Session
 from bench.record.resume import resume_session
 from bench.run.acquisition import Acquisition, LinkReader
 from bench.run.beginning import begin_safely, check_space, identities_of
-from bench.run.context import CHAMBER, Listener, RunContext
+from bench.run.context import Listener, RunContext
 from bench.run.environment import EnvironmentLog
 from bench.run.frozen import changed_files
 from bench.run.guarding import station_lock
@@ -140,7 +140,7 @@ def conduct(
             sink = KeepingSink(writer, keep_events)
             if judged:
                 sink.event("preflight", clock.now_ns(), judged)
-            run = _Run(plan, bench, _frames(plan), writer, sink, clock, stop, beside, resumed)
+            run = _Run(plan, bench, _frames(plan), writer, sink, clock, stop, beside, resumed, manifest, transcript)
             outcome = _closed(writer, run.sequence(operator, SafeListener(listener)))
             has_past = bench.world is not None and resumed is None  # a world begun anew does not know what was before
             truth = bench.world.truth([row.window for row in outcome.rows]) if bench.world and has_past else []
@@ -243,21 +243,21 @@ class _Run:
     sink: KeepingSink
     clock: Clock
     stop: StopSwitch
-    beside: Sequence[Beside] = ()
-    resumed: Resumption | None = None
+    beside: Sequence[Beside]
+    resumed: Resumption | None
+    manifest: Mapping[str, Any]
+    transcript: HeldTranscript
 
     def __post_init__(self) -> None:
         self.cutter = RecordCutter(self.frames[self.plan.measurement_link])
         self.readers = self._readers()
 
-    def sequence(self, operator: Operator, listener: Listener) -> Outcome:
+    def sequence(self, operator: Operator, listener: SafeListener) -> Outcome:
         """Run the plan with everything that goes on beside it."""
         self._pair()
         with closing(Journal(self.writer.folder)) as journal, ExitStack() as beside:
             context = self._context(operator, listener)
-            chamber = self.bench.instruments.get(CHAMBER)
-            log = EnvironmentLog(chamber, context.acquisition, self.clock, self.sink, context.in_use, self.stop)
-            beside.callback(log.stop)
+            beside.callback(EnvironmentLog(context).stop)
             beside.callback(self.clock.every(CLOCK_PAIR_S, guarded(self._pair, self.stop)).cancel)
             if not self.clock.virtual:
                 self._sync_beside(context, journal, beside)
@@ -282,13 +282,14 @@ class _Run:
                 journal.path.unlink()
         return outcome
 
-    def _context(self, operator: Operator, listener: Listener) -> RunContext:
+    def _context(self, operator: Operator, listener: SafeListener) -> RunContext:
         clock, stop = self.clock, self.stop
         acquisition = Acquisition(self.readers, clock, patient(self.writer.tick, listener), stop)
         timeline = Timeline(clock, stop, clock.now_ns())
         context = RunContext(
             self.plan, self.bench.instruments, acquisition, self.cutter, clock, self.sink, operator, listener, stop,
-            timeline, self.plan.measurement_link, folder=self.writer.folder,
+            timeline, self.plan.measurement_link, folder=self.writer.folder, manifest=self.manifest,
+            traffic=self.transcript.heard, told=listener.heard, earlier=self.transcript.earlier,
         )  # fmt: skip
         if self.resumed is not None:
             context.record_count = self.resumed.records

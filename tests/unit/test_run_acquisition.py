@@ -194,7 +194,7 @@ def test_the_environment_is_written_each_minute_and_never_raises(tmp_path: Path)
     rig = Rig(tmp_path, "chamber")
     context = rig.context()
     rig.air_degC, rig.unit_degC = (lambda t_s: t_s / 60.0), (lambda t_s: 30.0)
-    log = EnvironmentLog(rig.instruments["chamber"], context.acquisition, rig.clock, rig.sink, context.in_use, rig.stop)
+    log = EnvironmentLog(context)
     rig.clock.sleep(60.0)
     with context.in_use.take("chamber"):  # a step talks to it
         rig.clock.sleep(60.0)

@@ -20,10 +20,12 @@ from hold_rig import HoldRig
 from bench.commands import control as command
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError
+from bench.record import RecordError
 from bench.run.context import RunContext
-from bench.run.control import Control, control
+from bench.run.control import MOST_REFUSED, Control, control
 from bench.run.control_place import LONGEST_PATH, POINTER, SOCKET, find_socket, socket_path
 from bench.run.control_server import IDLE_S, LONGEST_LINE, MOST_CLIENTS, ControlServer
+from bench.run.feed import RunState
 from bench.run.following import Following
 
 WAIT_S = 20.0
@@ -117,7 +119,9 @@ def test_what_cannot_be_done_is_refused_and_changes_nothing(
     assert not reply["ok"]
     assert words in reply["error"]
     assert context.stop.holds.reasons == {}
-    assert rig.events("control") == []
+    refused = [(event["what"], event["ok"], event["text"]) for event in rig.events("control")]
+    understood = words in ("needs a reason", "not holding")
+    assert refused == ([(request_["command"], False, reply["error"])] if understood else [])
 
 
 def test_a_run_that_ends_is_not_paused(tmp_path: Path) -> None:
@@ -142,7 +146,8 @@ def test_the_commands_reach_the_run_and_say_who_asked(tmp_path: Path, capsys: py
         assert caught.value.code == "B-CTRL-002"
         assert command.abort(tmp_path, "") == ExitStatus.PASS
         assert context.stop.requested.startswith("abort by ")
-        assert [event["what"] for event in rig.events("control")] == ["pause", "resume", "abort"]
+        told = [(event["what"], event["ok"]) for event in rig.events("control")]
+        assert told == [("pause", True), ("resume", True), ("resume", False), ("abort", True)]
     assert not path.exists()
     assert "makes the bench safe" in capsys.readouterr().out
 
@@ -258,9 +263,9 @@ def test_a_silent_client_is_let_go_and_an_error_of_the_answer_is_a_reply(tmp_pat
 
 
 def test_another_user_is_not_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.run.control_server.os.getuid", lambda: 4_000_000)
+    monkeypatch.setattr("bench.run.local_socket.os.getuid", lambda: 4_000_000)
     monkeypatch.setattr(
-        "bench.run.control_server.struct", SimpleNamespace(calcsize=lambda _: 12, unpack=lambda *_: (1, 4_000_001, 0))
+        "bench.run.local_socket.struct", SimpleNamespace(calcsize=lambda _: 12, unpack=lambda *_: (1, 4_000_001, 0))
     )
     server = ControlServer(tmp_path / "s", lambda *_: {"ok": True}, WallClock())
     try:
@@ -280,3 +285,46 @@ def test_no_socket_is_no_reason_not_to_run(tmp_path: Path, monkeypatch: pytest.M
     with served(tmp_path) as (rig, _):
         assert any("no control from another terminal" in text for text in rig.listener.messages)
     assert MOST_CLIENTS < 100
+
+
+def test_who_speaks_through_another_process_is_journaled_and_acknowledges_an_alarm(tmp_path: Path) -> None:
+    rig, context, _ = controlled(tmp_path)
+    state = RunState(rig.steps, {})
+    following = Following(context)
+    following.heard.append(lambda kind, fields: state.on_event(kind, 1.0, fields))
+    answering = Control(context, following, dict, state)
+    context.event("clock_step", step_s=3.0)
+    by, peer = "kim, operator, 192.0.2.7", "root (process 12)"
+    for alarm in ("2", None, 1):
+        assert not answering.answer({"command": "acknowledge", "alarm": alarm, "by": by}, peer)["ok"]
+    assert answering.answer({"command": "acknowledge", "alarm": "1", "by": by, "reason": "seen"}, peer)["ok"]
+    assert state.document(2.0)["alarms"] == []
+    assert not answering.answer({"command": "acknowledge", "alarm": "1", "by": by}, peer)["ok"]
+    (done,) = [event for event in rig.events("control") if event["ok"]]
+    assert done == {
+        "what": "acknowledge", "by": f"{by} via {peer}", "reason": "seen", "alarm": "1", "ok": True,
+        "text": "alarm 1 is acknowledged",
+    }  # fmt: skip
+    count = len(rig.events("control"))
+    for name in ("x" * 101, "two\nlines", 7, "\x1b[31m"):
+        reply = answering.answer({"command": "pause", "reason": "x", "by": name}, peer)
+        assert "'by' is a name" in reply["error"]
+    assert len(rig.events("control")) == count
+    assert not answering.answer({"command": "answer", "value": 3}, peer)["ok"]  # nobody is asked in this run
+
+
+def test_refused_commands_do_not_fill_a_disk_and_a_full_one_refuses_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig, context, answering = controlled(tmp_path)
+    for _ in range(MOST_REFUSED + 50):
+        answering.answer({"command": "resume"}, "me")
+    assert len(rig.events("control")) == MOST_REFUSED
+
+    def full(*_: object) -> None:
+        raise RecordError("B-REC-003", "no space", where="x")
+
+    monkeypatch.setattr(rig.sink, "event", full)
+    context.sink = rig.sink
+    assert answering.answer({"command": "abort", "reason": "fire"}, "me")["ok"]
+    assert context.stop.requested == "abort by me: fire"

@@ -1,0 +1,115 @@
+"""Asks the feed of a run, for a page or a terminal view."""
+
+from __future__ import annotations
+
+import json
+import socket
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.model.errors import InputError
+from bench.run.control_place import LIVE, find_socket
+
+ANSWER_S = 2.0
+LONGEST_REPLY = 16_000_000
+_LENGTHS = struct.Struct("<II")
+
+
+class FeedGone(InputError):
+    """Nobody answers: the run has ended, has been killed, or hangs."""
+
+
+@dataclass(frozen=True)
+class FeedReply:
+    """One answer of a run.
+
+    header: as in docs/live-protocol.md, with ``state`` if it was asked for.   t_utc_s: (n,) seconds since 1970 UTC.
+    low, high: (n, signals) float32, NaN where nothing came.   packed: the points as they came, bytes of the protocol.
+    """
+
+    header: dict[str, Any]
+    t_utc_s: NDArray[np.float64]
+    low: NDArray[np.float32]
+    high: NDArray[np.float32]
+    packed: bytes
+
+
+class FeedClient:
+    """Asks the run of one session; keeps its connection and opens it again by itself. For one thread at a time."""
+
+    def __init__(self, folder: Path, answer_s: float = ANSWER_S) -> None:
+        self._folder = folder
+        self._answer_s = answer_s
+        self._connection: socket.socket | None = None
+
+    def poll(self, since: int, state: bool = True) -> FeedReply:
+        """Points from number ``since`` on, and the state document.
+
+        Raises: FeedGone B-RUN-100 if nobody answers within 2 s, or not in the protocol.
+        """
+        request = json.dumps({"since": since, "state": state}).encode() + b"\n"
+        try:
+            if self._connection is not None:
+                try:
+                    return self._exchange(self._connection, request)
+                except TimeoutError:
+                    raise
+                except OSError:  # let go for being silent, or another run of the session answers by now
+                    self.close()
+            self._connection = self._connect()
+            return self._exchange(self._connection, request)
+        except (OSError, ValueError) as error:
+            self.close()
+            raise FeedGone(
+                "B-RUN-100",
+                f"no run of this session answers ({getattr(error, 'strerror', None) or error})",
+                where=str(self._folder),
+                next_step="its recording can be looked at; 'bench resume SESSION' goes on with one that ended early",
+            ) from error
+
+    def close(self) -> None:
+        """Let the connection go."""
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+
+    def _connect(self) -> socket.socket:
+        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            connection.settimeout(self._answer_s)
+            connection.connect(str(find_socket(self._folder, LIVE)))
+        except OSError:
+            connection.close()
+            raise
+        return connection
+
+    def _exchange(self, connection: socket.socket, request: bytes) -> FeedReply:
+        connection.sendall(request)
+        lengths = _LENGTHS.unpack(_exactly(connection, _LENGTHS.size))
+        if sum(lengths) > LONGEST_REPLY:
+            raise ValueError(f"a reply of {sum(lengths)} bytes")
+        return _understood(json.loads(_exactly(connection, lengths[0])), _exactly(connection, lengths[1]))
+
+
+def _exactly(connection: socket.socket, count: int) -> bytes:
+    received = bytearray()
+    while len(received) < count:
+        chunk = connection.recv(min(1 << 20, count - len(received)))
+        if not chunk:
+            raise ConnectionResetError("the connection was closed")
+        received += chunk
+    return bytes(received)
+
+
+def _understood(header: Any, packed: bytes) -> FeedReply:
+    if not isinstance(header, dict) or not all(isinstance(header.get(name), int) for name in ("n", "signals", "seq")):
+        raise ValueError("no reply of the feed")
+    n, signals = header["n"], header["signals"]
+    times = np.frombuffer(packed, "<f8", n)
+    spans = np.frombuffer(packed, "<f4", 2 * n * signals, offset=times.nbytes).reshape(n, signals, 2)
+    return FeedReply(header, times, spans[:, :, 0], spans[:, :, 1], packed)

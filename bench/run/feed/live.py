@@ -1,0 +1,210 @@
+"""A living run as its feed shows it: what it does goes into the state, its frames into points; nothing comes back."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict
+from datetime import UTC, datetime
+from functools import partial, wraps
+from typing import Any
+
+from bench.frame import LinkBatch
+from bench.frame.signals import all_signals
+from bench.model.clock import NS, WallClock, to_ns
+from bench.plan import Step
+from bench.plan.graph_language import graphs_of, names_in
+from bench.record import RecordRow
+from bench.record.trend_bench import setpoint_degC
+from bench.run.asking import WaitingOperator
+from bench.run.context import RunContext
+from bench.run.control_place import LIVE, forget_socket, socket_path
+from bench.run.feed.links import links_of
+from bench.run.feed.points import PATIENCE_NS, PATIENCE_VIRTUAL_NS, Points
+from bench.run.feed.server import FeedServer
+from bench.run.feed.state import PROTO, RunState
+from bench.run.following import Following
+from bench.run.health import UNIT
+
+_READINGS = {"air_degC": "air", "unit_degC": "unit"}
+_REFUSED = ("error B-REC-001", "error B-REC-005")  # what a disk that takes nothing makes the recorder say
+FRESH_S = 10.0  # a temperature of the unit that was noted longer ago is none
+
+
+_Call = Callable[..., None]
+
+
+def _harmless(act: _Call) -> _Call:
+    """What the run tells the feed: whatever goes wrong there is said once, ends the feed, and never the run."""
+
+    @wraps(act)
+    def call(feed: LiveFeed, *what: Any) -> None:
+        if feed.broken:
+            return
+        try:
+            act(feed, *what)
+        except Exception as error:
+            feed.broken = True
+            feed.tell(f"nobody can watch this run any more ({type(error).__name__}: {error}); the run goes on")
+
+    return call
+
+
+class LiveFeed:
+    """State and points of a run. Everything here is called by the run and costs it no more than a note."""
+
+    broken = False
+
+    def __init__(self, context: RunContext, asking: WaitingOperator | None) -> None:
+        self._context, self._asking, self.tell = context, asking, context.listener.message
+        clock, station = context.clock, context.plan.station
+        self._offset_ns = clock.utc_ns() - clock.now_ns()
+        frames = {name: reader.definition for name, reader in context.acquisition.readers.items()}
+        entries = station.file.graphs
+        signals = all_signals(frames, names_in(entries, frames))
+        periods_ns = {name: to_ns(reader.period_s) for name, reader in context.acquisition.readers.items()}
+        patience_ns = PATIENCE_VIRTUAL_NS if clock.virtual else PATIENCE_NS
+        self.points = Points(signals, periods_ns, clock.now_ns(), self._utc_s(clock.now_ns()), patience_ns)
+        self.state = RunState(
+            context.plan.steps,
+            context.manifest,
+            run=context.folder.name,
+            boot_id=_boot_id(),
+            places={role: (entry.driver, entry.resource) for role, entry in station.instruments.items()},
+            signals=[{"name": one.name, "unit": one.unit, "decimals": one.decimals} for one in signals],
+            graphs=[asdict(graph) for graph in graphs_of(entries, frames, context.measurement_link)],
+        )
+        self.state.on_start(_began(context.manifest, self._utc_s(clock.now_ns())))
+        for line in context.earlier:
+            self.traffic(*line)
+
+    @property
+    def head(self) -> dict[str, Any]:
+        """What every reply of the feed says."""
+        document = self.state.head
+        return {"proto": PROTO, "boot_id": document["boot_id"], "signals": len(self.points.signals)}
+
+    @_harmless
+    def event(self, kind: str, fields: Mapping[str, Any]) -> None:
+        """Something happened."""
+        now_ns = self._context.clock.now_ns()
+        self.state.on_event(kind, self._utc_s(now_ns), fields)
+        if kind == "environment":
+            found = {_READINGS[key]: float(fields[key]) for key in _READINGS if fields.get(key) is not None}
+            self.points.on_reading(now_ns, found)
+        elif kind == "reentry" and fields.get("target_degC") is not None:
+            self.points.on_reading(now_ns, {"setpoint": float(fields["target_degC"])})
+
+    @_harmless
+    def step(self, step: Step) -> None:
+        """A step begins."""
+        now_ns = self._context.clock.now_ns()
+        self.state.on_timeline(self._utc_s(self._context.timeline.target_ns(0.0)))
+        self.state.on_step(step.number, self._utc_s(now_ns))
+        asked_degC = setpoint_degC(step.kind, step.role, step.arguments)
+        if asked_degC is not None:
+            self.points.on_reading(now_ns, {"setpoint": asked_degC})
+
+    @_harmless
+    def record(self, row: RecordRow) -> None:
+        """A record is complete."""
+        counts = {"frames": row.frames, "lost": row.lost, "bad": row.bad, "flags": int(row.quality)}
+        now_s = self._utc_s(self._context.clock.now_ns())
+        self.state.on_record(row.window.number, now_s, row.window.conditions, counts)
+
+    @_harmless
+    def traffic(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
+        """A command to or reply of an instrument."""
+        self.state.on_traffic(role, direction, text, self._utc_s(t_mono_ns))
+
+    @_harmless
+    def batch(self, link: str, batch: LinkBatch) -> None:
+        """Frames of a link were decoded."""
+        self.points.on_batch(link, batch)
+
+    @_harmless
+    def told(self, text: str) -> None:
+        """A message for a person: a disk that takes nothing is told in no other way."""
+        if text.startswith(_REFUSED):
+            code = text.partition(":")[0].removeprefix("error ")
+            self.state.on_event("disk", self._utc_s(self._context.clock.now_ns()), {"code": code, "text": text})
+
+    def document(self) -> dict[str, Any]:
+        """The state document of now; on the thread of the feed. Raises: RuntimeError if the feed is broken."""
+        if self.broken:
+            raise RuntimeError("the feed of this run is broken")
+        context, stop = self._context, self._context.stop
+        now_ns = context.clock.now_ns()
+        self.state.on_timeline(self._utc_s(context.timeline.target_ns(0.0)))
+        self.state.on_links(links_of(context, now_ns))
+        self.state.on_holds(stop.holds.reasons if stop.interruptible else {}, frozenset(context.away))
+        self.state.on_prompt(None if self._asking is None else self._asking.document(self._utc_s))
+        if stop.over or stop.requested or stop.fault is not None:
+            self.state.on_stopping()
+        age_s = context.health.age_s(UNIT)
+        if age_s is not None and age_s < FRESH_S:
+            self.state.on_temperature(self._utc_s(now_ns), context.health.values()[UNIT])
+        return self.state.document(self._utc_s(now_ns))
+
+    def _utc_s(self, t_mono_ns: int) -> float:
+        return (t_mono_ns + self._offset_ns) / NS
+
+
+class _Watched:
+    """Stands between a run and its listener and passes everything on."""
+
+    def __init__(self, context: RunContext, feed: LiveFeed) -> None:
+        self._listener, self._feed = context.listener, feed
+        self.message = context.listener.message
+
+    def step(self, step: Step, at_s: float) -> None:
+        """A step begins."""
+        self._feed.step(step)
+        self._listener.step(step, at_s)
+
+    def record(self, row: RecordRow) -> None:
+        """A record is complete."""
+        self._feed.record(row)
+        self._listener.record(row)
+
+
+@contextmanager
+def live_feed(context: RunContext, following: Following, asking: WaitingOperator | None = None) -> Iterator[LiveFeed]:
+    """Let others watch the run, under either clock; a socket that cannot be made keeps no run back."""
+    feed = LiveFeed(context, asking)
+    for name, reader in context.acquisition.readers.items():
+        reader.listeners.append(partial(feed.batch, name))
+    following.heard.append(feed.event)
+    context.traffic.append(feed.traffic)
+    context.told.append(feed.told)
+    context.listener = _Watched(context, feed)
+    try:
+        path = socket_path(context.folder, LIVE)
+        now = context.clock.now_ns
+        server = FeedServer(path, feed.head, feed.document, lambda since: feed.points.since(since, now()))
+    except OSError as error:
+        context.listener.message(f"nobody can watch this run: {error}")
+        yield feed
+        return
+    try:
+        yield feed
+    finally:
+        server.close()
+        forget_socket(context.folder, path, LIVE)
+
+
+def _boot_id() -> str:
+    """Another one for every process that answers, without chance: process and moment."""
+    clock = WallClock()
+    return hashlib.sha256(f"{os.getpid()} {clock.now_ns()} {clock.utc_ns()}".encode()).hexdigest()[:16]
+
+
+def _began(manifest: Mapping[str, Any], now_utc_s: float) -> float:
+    """Start of the session, which its name says; a run that was gone on with began earlier than now."""
+    stamp = str(manifest.get("session", "")).partition("_")[0]
+    try:
+        return datetime.strptime(stamp, "%Y%m%dT%H%M%SZ").replace(tzinfo=UTC).timestamp()
+    except ValueError:
+        return now_utc_s

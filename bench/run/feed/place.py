@@ -1,0 +1,205 @@
+"""The step under way and its place on the timeline, told by a living run or found by planned time in a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from bench.plan import Step
+from bench.run.feed.planned import PlannedRun
+from bench.run.position import point_start
+
+_SEEN = {"record": "record", "verify": "reading", "prompt": "prompt", "unit": "answer"}
+
+
+class Place:
+    """Where a run is.
+
+    ``since_utc_s``: when the step under way began. ``first_degC``: of the chamber before the plan changes it. Second 0
+    of the phase under way is at ``_origin`` (UTC second), slip included.
+
+    A recording is followed by planned time, but never past a step that leaves an event and has left none yet.
+    """
+
+    def __init__(self, plan: PlannedRun) -> None:
+        self._plan = plan
+        self.step: Step | None = None
+        self.since_utc_s: float | None = None
+        self.first_degC: float | None = None
+        self._origin: float | None = None
+        self._live = False
+        self._seen = -1  # number of the last step that is known to be done
+        self._next: Step | None = plan.next_telling(-1)
+        self._resumed_at = 0
+        self._late: Step | None = None
+        self._shares: dict[int, float] = {}  # by number of a soak that is done
+        self._starts: dict[int, float] = {}  # of soaks and set-points that have begun
+
+    # --- a living run ------------------------------------------------------------------------------------------
+
+    def begin(self, number: int, t: float) -> None:
+        """A step begins."""
+        self._live = True
+        self._leave(self._plan.steps[number], t)
+
+    def on_timeline(self, origin: float) -> None:
+        """The timeline of the phase under way."""
+        self._live, self._origin = True, origin
+
+    # --- a recording -------------------------------------------------------------------------------------------
+
+    def follow(self, t: float) -> None:
+        """A recording: go on to the step that is planned for now."""
+        if not self._live and self.step is not None and self._origin is not None:
+            self.at_planned(self.step.phase, t - self._origin)
+
+    def at_planned(self, phase: str, seconds: float) -> None:
+        """The step under way is the one planned for this moment of a phase, as far as events bear it out."""
+        step = self._plan.step_at(phase, seconds)
+        limit = self._late or self._next
+        if step is not None and limit is not None and limit.phase == phase and step.number > limit.number:
+            step = limit
+        if step is not None and step is not self.step:
+            self._leave(step, (self._origin or 0.0) + step.at_s)
+
+    def on_event(self, kind: str, t: float, fields: Mapping[str, Any]) -> None:
+        """What the events of a session say about its place."""
+        take = getattr(self, f"_on_{kind}", None)
+        if take is not None:
+            take(t, fields)
+        if not self._live:
+            self._bear_out(kind, t, fields)
+
+    def _on_phase(self, t: float, fields: Mapping[str, Any]) -> None:
+        first = self._plan.first(str(fields.get("name")))
+        if first is None:
+            return
+        if self._resumed_at and self._plan.steps[self._resumed_at].phase == first.phase:
+            first = self._plan.steps[self._resumed_at]
+        self._resumed_at, self._origin = 0, t - first.at_s
+        if not self._live:
+            self._seen = first.number - 1
+            self._next = self._plan.next_telling(self._seen)
+            self._leave(first, t)
+
+    def _on_resume(self, _: float, fields: Mapping[str, Any]) -> None:
+        start = fields.get("start")
+        self._resumed_at = start if isinstance(start, int) and 0 <= start < len(self._plan.steps) else 0
+        self._late = None
+
+    def _on_late(self, _: float, fields: Mapping[str, Any]) -> None:
+        step = self._numbered(fields)
+        if step is not None and step.kind == "soak" and fields.get("policy") == "hold":
+            self._late = step
+
+    def _on_slip(self, _: float, fields: Mapping[str, Any]) -> None:
+        seconds = float(fields.get("seconds") or 0.0)
+        if fields.get("reason") == "soak" and self._late is not None:
+            self._shares[self._late.number] = seconds / self._late.duration_s
+            self._late = None
+        self._shift(seconds)
+
+    def _on_overrun(self, _: float, fields: Mapping[str, Any]) -> None:
+        self._shift(float(fields.get("seconds") or 0.0))
+
+    def _on_release(self, t: float, fields: Mapping[str, Any]) -> None:
+        step = self._numbered(fields) or self.step
+        if step is None or self._live:
+            return
+        first = self._plan.steps[point_start(self._plan.steps, step.number)]
+        if first.number < step.number:
+            self._back_to(first, t)
+        else:
+            self._shift(float(fields.get("seconds") or 0.0))
+
+    def _on_reentry(self, _: float, fields: Mapping[str, Any]) -> None:
+        if not self._resumed_at:
+            self._shift(float(fields.get("seconds") or 0.0))
+
+    def _on_skip(self, t: float, fields: Mapping[str, Any]) -> None:
+        stop = fields.get("stop")
+        if not self._live and isinstance(stop, int) and 0 < stop < len(self._plan.steps):
+            self._seen = stop - 1
+            self._next = self._plan.next_telling(self._seen)
+            self._leave(self._plan.steps[stop], t)
+
+    def _bear_out(self, kind: str, t: float, fields: Mapping[str, Any]) -> None:
+        """An event that names its step proves that it is done, a record also when."""
+        step = self._numbered(fields)
+        if step is None or _SEEN.get(step.kind) != kind:
+            return
+        self._seen = step.number
+        self._next = self._plan.next_telling(step.number)
+        if kind == "record":
+            self._origin = t - (step.at_s + step.duration_s)
+        following = self._plan.steps[min(step.number + 1, len(self._plan.steps) - 1)]
+        if following.phase == step.phase:
+            self._leave(following, t)
+
+    def _back_to(self, first: Step, t: float) -> None:
+        self._origin = t - first.at_s
+        self._seen = first.number - 1
+        self._next = self._plan.next_telling(self._seen)
+        self._leave(first, t)
+
+    def _numbered(self, fields: Mapping[str, Any]) -> Step | None:
+        number = fields.get("step")
+        known = isinstance(number, int) and 0 <= number < len(self._plan.steps)
+        return self._plan.steps[number] if known and isinstance(number, int) else None
+
+    # --- both --------------------------------------------------------------------------------------------------
+
+    def first_air(self, air_degC: float) -> None:
+        """Temperature of the chamber before the plan changes it."""
+        if self.first_degC is None and not self._starts:
+            self.first_degC = air_degC
+
+    def _leave(self, step: Step, t: float) -> None:
+        if self.step is not None and self.step.kind == "soak" and step.number > self.step.number:
+            self._shares.setdefault(self.step.number, 0.0)
+        self.step, self.since_utc_s = step, t
+        for one in self._plan.thermal:  # a recording may step over some
+            if one.phase == step.phase and one.number <= step.number and one.number not in self._starts:
+                self._starts[one.number] = t if one is step else min(t, (self._origin or t) + one.at_s)
+
+    def _shift(self, seconds: float) -> None:
+        if not self._live and self._origin is not None:
+            self._origin += seconds
+
+    def time_of(self, step: Step, seconds: float) -> float | None:
+        """When a planned moment of the phase of a step is, or was."""
+        if self._origin is None or self.step is None or step.phase != self.step.phase:
+            return None
+        return self._origin + seconds
+
+    def start_of(self, step: Step) -> float:
+        """When a step began, or will by plan and slip."""
+        if step.number in self._starts:
+            return self._starts[step.number]
+        assert self.step is not None
+        here = (self._origin or 0.0) - self._plan.before_s(self.step.phase)
+        return here + self._plan.before_s(step.phase) + step.at_s
+
+    @property
+    def late_shares(self) -> tuple[float, ...]:
+        """Of every soak that is done: how late it was over its planned length."""
+        return tuple(self._shares.values())
+
+    def position_s(self, t: float) -> float | None:
+        """Planned seconds since the start of the run, inside the step under way; None before the first."""
+        if self.step is None:
+            return None
+        return self._plan.position_s(self.step, t - (self._origin if self._origin is not None else t))
+
+    def late_until(self, step: Step) -> float | None:
+        """When the patience with a soak that is late ends; None if it is not late."""
+        if self._late is not step:
+            return None
+        limit_s = float(step.arguments.get("hold_limit", step.duration_s))
+        since = self._starts.get(step.number, self.since_utc_s or 0.0)
+        return since + step.duration_s + limit_s
+
+    def grace_s(self, t: float) -> float:
+        """How much longer a soak that is late may last, second."""
+        limit = None if self._late is None else self.late_until(self._late)
+        return 0.0 if limit is None else max(0.0, limit - t)

@@ -1,0 +1,292 @@
+"""What a run is doing, as the state document of docs/live-protocol.md; from events, so that a recording gives it too.
+
+A living run says more than its events do: which step is under way (``on_step``), where its timeline is
+(``on_timeline``), how its links are. For a recording the step under way is found by planned time: from the start of its
+phase and from every event that names its step.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bench.plan import Step
+from bench.run.feed.alarms import Alarms
+from bench.run.feed.eta import Remaining, end_of_run, soak_to_come_s
+from bench.run.feed.place import Place
+from bench.run.feed.planned import PlannedRun
+from bench.run.feed.records import Records
+from bench.run.feed.sentences import sentence
+from bench.run.feed.timetable import corners
+from bench.run.feed.traffic import InstrumentPanel
+from bench.run.feed.wait import Temperature, wait_of
+from bench.run.feed.words import in_words
+
+PROTO = 1
+LONGEST_LOG = 200
+LONGEST_TEXT = 500
+
+
+class RunState:
+    """One run, living or recorded. Thread-safe; nothing here waits or touches the run.
+
+    Args: steps: of the plan (``steps_of`` reads them from a session).   manifest: of the session.
+          source: "live" or "replay".   boot_id: of the process that answers.   run: name of the session's folder.
+          places: driver and resource by role.   signals, graphs: as in the document.
+    All times are seconds since 1970 UTC. ``head``: the part of the document that never changes.
+    """
+
+    def __init__(
+        self,
+        steps: Sequence[Step],
+        manifest: Mapping[str, Any],
+        *,
+        source: str = "live",
+        boot_id: str = "",
+        run: str = "",
+        places: Mapping[str, tuple[str, str]] | None = None,
+        signals: Sequence[Mapping[str, Any]] = (),
+        graphs: Sequence[Mapping[str, Any]] = (),
+    ) -> None:
+        self._lock = threading.RLock()
+        self._plan = PlannedRun(steps)
+        self._place = Place(self._plan)
+        self._manifest = manifest
+        self.head = _head(manifest, source, boot_id, run)
+        self._signals, self._graphs = list(signals), list(graphs)
+        self.alarms = Alarms()
+        self._records = Records(self._plan)
+        self._panel = InstrumentPanel(manifest.get("identities") or {}, places or {})
+        self._temperature = Temperature()
+        self._log: deque[dict[str, Any]] = deque(maxlen=LONGEST_LOG)
+        self._links: dict[str, dict[str, Any]] = {}
+        self._holds: dict[str, str] = {}
+        self._hold_since: float | None = None
+        self._prompt: dict[str, Any] | None = None
+        self._stopping = False
+        self._started: float | None = None
+        self._outcome: dict[str, Any] | None = None
+        self._last_error: dict[str, Any] = {}
+
+    # --- what comes in -----------------------------------------------------------------------------------------
+
+    def on_event(self, kind: str, t_utc_s: float, fields: Mapping[str, Any]) -> None:
+        """Something happened, as the session says it."""
+        with self._lock:
+            self._started = t_utc_s if self._started is None else self._started
+            take = getattr(self, f"_on_{kind}", None)
+            if take is not None:
+                take(t_utc_s, fields)
+            self._place.on_event(kind, t_utc_s, fields)
+            self._records.on_event(kind, t_utc_s, fields)
+            self.alarms.on_event(kind, t_utc_s, fields)
+            if text := sentence(kind, fields):
+                self._log.appendleft({"t_utc_s": t_utc_s, "kind": kind, "text": text[:LONGEST_TEXT]})
+
+    def on_start(self, t_utc_s: float) -> None:
+        """The session begins (its first message)."""
+        with self._lock:
+            self._started = t_utc_s
+
+    def on_step(self, number: int, t_utc_s: float) -> None:
+        """A step of the plan begins; only a living run knows."""
+        with self._lock:
+            self._place.begin(number, t_utc_s)
+            self._records.at_step(number)
+
+    def on_timeline(self, origin_utc_s: float) -> None:
+        """When second 0 of the phase under way was, or would have been, slip included; only a living run knows."""
+        with self._lock:
+            self._place.on_timeline(origin_utc_s)
+
+    def at_planned(self, phase: str, seconds: float) -> None:
+        """A recording: the step under way is the one that the plan has at a moment of a phase."""
+        with self._lock:
+            self._place.at_planned(phase, seconds)
+
+    def on_record(self, number: int, t_utc_s: float, conditions: Mapping[str, Any], counts: Mapping[str, int]) -> None:
+        """A record is complete: ``counts`` has frames, lost, bad and flags (bits of bench.model.quality)."""
+        with self._lock:
+            self._records.on_record(number, t_utc_s, conditions, counts)
+
+    def on_traffic(self, role: str, direction: str, text: str, t_utc_s: float) -> None:
+        """A command to ("tx") or reply of ("rx") an instrument."""
+        with self._lock:
+            self._panel.on_traffic(role, direction, text, t_utc_s)
+
+    def on_links(self, links: Mapping[str, Mapping[str, Any]]) -> None:
+        """How the links are now, by name, as in the document."""
+        with self._lock:
+            self._links = {name: dict(link) for name, link in links.items()}
+
+    def on_holds(self, reasons: Mapping[str, str], away: frozenset[str] = frozenset()) -> None:
+        """Why the run stands still now, and the instruments it waits for."""
+        with self._lock:
+            self._holds = dict(reasons)
+            self._panel.away(away)
+
+    def on_prompt(self, prompt: Mapping[str, Any] | None) -> None:
+        """The question that is asked now, as in the document; None: none."""
+        with self._lock:
+            self._prompt = None if prompt is None else dict(prompt)
+
+    def on_temperature(self, t_utc_s: float, unit_degC: float) -> None:
+        """Newest temperature of the unit."""
+        with self._lock:
+            self._temperature.add(t_utc_s, unit_degC)
+
+    def on_stopping(self) -> None:
+        """The run is about to end."""
+        with self._lock:
+            self._stopping = True
+
+    def waits(self, alarm: str) -> bool:
+        """Whether there is an alarm of this id that nobody has acknowledged."""
+        with self._lock:
+            return self.alarms.waits(alarm)
+
+    # --- events that change what the run does ------------------------------------------------------------------
+
+    def _on_resume(self, _: float, __: Mapping[str, Any]) -> None:
+        self._stopping, self._outcome, self._holds, self._hold_since = False, None, {}, None
+        self._last_error = {}
+
+    def _on_hold(self, t: float, fields: Mapping[str, Any]) -> None:
+        by = str(fields.get("by"))
+        self._hold_since = t if self._hold_since is None else self._hold_since
+        self._holds = {**self._holds, by: str(fields.get("reason"))}
+        if by.startswith("instrument "):
+            self._panel.away(frozenset({by.removeprefix("instrument ")}))
+
+    def _on_release(self, _: float, __: Mapping[str, Any]) -> None:
+        self._holds, self._hold_since = {}, None
+        self._panel.away(frozenset())
+
+    def _on_alarm(self, t: float, fields: Mapping[str, Any]) -> None:
+        if fields.get("what") == "stimulus":
+            self._panel.trouble(str(fields.get("role")), f"{fields.get('code')} {fields.get('text')}")
+        if fields.get("what") == "prompt" and self._prompt is None:
+            keys = ("id", "text", "confirm", "unit", "low", "high")
+            self._prompt = {**{key: fields.get(key) for key in keys}, "since_utc_s": t}
+
+    def _on_prompt(self, _: float, __: Mapping[str, Any]) -> None:
+        self._prompt = None
+
+    def _on_environment(self, t: float, fields: Mapping[str, Any]) -> None:
+        if isinstance(fields.get("unit_degC"), int | float):
+            self._temperature.add(t, float(fields["unit_degC"]))
+        if isinstance(fields.get("air_degC"), int | float):
+            self._place.first_air(float(fields["air_degC"]))
+
+    def _on_control(self, _: float, fields: Mapping[str, Any]) -> None:
+        if fields.get("what") == "abort" and fields.get("ok", True):
+            self._stopping = True
+
+    def _on_error(self, _: float, fields: Mapping[str, Any]) -> None:
+        self._last_error = dict(fields)
+
+    def _on_end(self, _: float, fields: Mapping[str, Any]) -> None:
+        code = fields.get("error")
+        text = str(self._last_error.get("text", "")) if self._last_error.get("code") == code else ""
+        self._outcome = {"error": code, "text": text if code else "done"}
+        self._holds, self._hold_since, self._prompt = {}, None, None
+
+    # --- the document ------------------------------------------------------------------------------------------
+
+    def document(self, t_utc_s: float) -> dict[str, Any]:
+        """The state document at a moment of the bench."""
+        with self._lock:
+            if self._outcome is None and not self._holds and self._prompt is None:
+                self._place.follow(t_utc_s)
+            step = self._place.step
+            return {
+                **self.head,
+                "state": self._state(),
+                "outcome": self._outcome,
+                "t_utc_s": t_utc_s,
+                "started_utc_s": self._started,
+                "step": self._step_document(step),
+                "wait": self._wait(t_utc_s, step),
+                "progress": self._progress(t_utc_s),
+                "eta": self._eta(t_utc_s),
+                "holds": dict(self._holds),
+                "prompt": self._prompt,
+                "records": self._records.document(),
+                "links": self._links,
+                "instruments": self._panel.documents(),
+                "alarms": self.alarms.documents(),
+                "log": list(self._log),
+                "signals": self._signals,
+                "graphs": self._graphs,
+                "timetable": self._timetable(t_utc_s),
+            }
+
+    def _state(self) -> str:
+        if self._outcome is not None:
+            return "ended"
+        if self._stopping:
+            return "ending"
+        if self._holds:
+            return "holding"
+        return "starting" if self._place.step is None else "running"
+
+    def _step_document(self, step: Step | None) -> dict[str, Any] | None:
+        if step is None:
+            return None
+        until = self._place.time_of(step, step.at_s + step.duration_s) if step.duration_s else None
+        return {
+            "number": step.number + 1, "of": len(self._plan.steps), "phase": step.phase, "what": in_words(step),
+            "conditions": dict(step.conditions), "where": step.where, "since_utc_s": self._place.since_utc_s,
+            "until_utc_s": until,
+        }  # fmt: skip
+
+    def _wait(self, t: float, step: Step | None) -> dict[str, Any] | None:
+        if self._outcome is not None:
+            return None
+        if self._prompt is not None:
+            return {"reason": f"answer: {self._prompt['text']}", "since_utc_s": self._prompt["since_utc_s"],
+                    "until_utc_s": None, "last": None}  # fmt: skip
+        if self._holds:
+            return {"reason": "; ".join(self._holds.values()), "since_utc_s": self._hold_since, "until_utc_s": None,
+                    "last": self._panel.last}  # fmt: skip
+        return None if step is None else wait_of(t, step, self._place, self._temperature, self._panel.last)
+
+    def _progress(self, t: float) -> float:
+        if self._outcome is not None and self._outcome["error"] is None:
+            return 1.0
+        done_s = self._place.position_s(t if self._hold_since is None else self._hold_since)
+        return 0.0 if done_s is None or not self._plan.total_s else min(1.0, done_s / self._plan.total_s)
+
+    def _eta(self, t: float) -> dict[str, float] | None:
+        step = self._place.step
+        if step is None or self._outcome is not None or self._stopping:
+            return None
+        stood_s = t if self._hold_since is None else self._hold_since  # nothing passes while the run stands still
+        position_s = self._place.position_s(stood_s)
+        assert position_s is not None
+        inside_s = position_s - self._plan.before_s(step.phase)
+        left = Remaining(
+            likely_s=self._plan.total_s - position_s,
+            soak_s=soak_to_come_s(self._plan.soaks, step, inside_s),
+            grace_s=self._place.grace_s(t),
+        )
+        return end_of_run(t, left, self._place.late_shares)
+
+    def _timetable(self, t: float) -> dict[str, list[float]]:
+        eta = self._eta(t)
+        end = t if eta is None else eta["likely_utc_s"]
+        if self._place.step is None:
+            return {"t_utc_s": [], "temperature_degC": []}
+        return corners(self._plan.thermal, self._place.start_of, end, self._place.first_degC)
+
+
+def _head(manifest: Mapping[str, Any], source: str, boot_id: str, run: str) -> dict[str, Any]:
+    uut = (manifest.get("campaign") or {}).get("uut") or {}
+    return {
+        "proto": PROTO, "run": run or str(manifest.get("session", "")), "boot_id": boot_id,
+        "title": manifest.get("title"), "sequence": manifest.get("sequence"), "station": manifest.get("station"),
+        "uut": {"model": uut.get("model"), "serial": uut.get("serial")},
+        "simulated": bool(manifest.get("simulated")), "clock": manifest.get("clock"), "source": source,
+    }  # fmt: skip

@@ -1,0 +1,108 @@
+"""The instrument panel: last command and reply of every instrument, how long it took to answer, and its error queue."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+LONGEST_TEXT = 200
+_NUMBER = re.compile(r"\s*([+-]?\d+)")
+# Questions for the error queue or the standing faults, as the drivers ask them; a reply of 0 says that all is well.
+QUEUE_QUESTIONS = frozenset({"SYST:ERR?", "FAULT?", "ERRSTR?", "ALRM1?"})
+
+
+@dataclass
+class _Line:
+    driver: str | None = None
+    resource: str | None = None
+    identity: str | None = None
+    command: str | None = None
+    reply: str | None = None
+    t_utc_s: float | None = None
+    sent_utc_s: float | None = None
+    answer_ms: float | None = None
+    error: str | None = None
+    errors: int = 0
+    state: Literal["ok", "away", "error"] = "ok"
+
+
+class InstrumentPanel:
+    """One line for each instrument, by role; fed with every command and reply.
+
+    ``errors`` counts the entries of the error queue that were not "no error". ``state``: "error" from such an entry (or
+    an event ``error`` of the role) until the queue is found empty again, "away" while the run waits for the instrument.
+    """
+
+    def __init__(self, identities: Mapping[str, Any], places: Mapping[str, tuple[str, str]]) -> None:
+        self._lines: dict[str, _Line] = {}
+        for role in [*places, *(role for role in identities if role not in places)]:
+            driver, resource = places.get(role, (None, None))
+            self._lines[role] = _Line(driver, resource, _identity(identities.get(role)))
+        self._newest: _Line | None = None
+
+    def on_traffic(self, role: str, direction: str, text: str, t_utc_s: float) -> None:
+        """A command to ("tx") or a reply of ("rx") an instrument."""
+        line = self._lines.setdefault(role, _Line())
+        line.t_utc_s, self._newest = t_utc_s, line
+        text = text.strip()
+        if direction == "tx":
+            line.command, line.reply, line.sent_utc_s, line.answer_ms = text[:LONGEST_TEXT], None, t_utc_s, None
+            return
+        line.reply = text[:LONGEST_TEXT]
+        if line.sent_utc_s is not None:
+            line.answer_ms, line.sent_utc_s = round(max(0.0, t_utc_s - line.sent_utc_s) * 1e3, 3), None
+        if line.command is not None and line.command.lstrip(":") in QUEUE_QUESTIONS:
+            _judge(line)
+
+    def trouble(self, role: str, text: str) -> None:
+        """An instrument did not do what it was asked to."""
+        if role in self._lines:
+            self._lines[role].error, self._lines[role].state = text[:LONGEST_TEXT], "error"
+
+    def away(self, roles: frozenset[str]) -> None:
+        """The instruments that the run waits for; the others are there."""
+        for role, line in self._lines.items():
+            if role in roles:
+                line.state = "away"
+            elif line.state == "away":
+                line.state = "ok"
+
+    @property
+    def last(self) -> str | None:
+        """The newest command, with its reply if there is one."""
+        line = self._newest
+        if line is None:
+            return None
+        return f"{line.command}" if line.reply is None else f"{line.command} -> {line.reply}"
+
+    def documents(self) -> dict[str, dict[str, Any]]:
+        """All lines, as part of the state document."""
+        return {role: _document(line) for role, line in self._lines.items()}
+
+
+def _document(line: _Line) -> dict[str, Any]:
+    return {
+        "driver": line.driver, "resource": line.resource, "identity": line.identity, "command": line.command,
+        "reply": line.reply, "t_utc_s": line.t_utc_s, "answer_ms": line.answer_ms, "error": line.error,
+        "errors": line.errors, "state": line.state,
+    }  # fmt: skip
+
+
+def _judge(line: _Line) -> None:
+    found = _NUMBER.match(line.reply or "")
+    if found is None:
+        return
+    if int(found[1]) == 0:
+        line.state = "ok" if line.state == "error" else line.state
+    else:
+        line.errors += 1
+        line.error, line.state = line.reply, "error"
+
+
+def _identity(found: Any) -> str | None:
+    if not isinstance(found, Mapping):
+        return None if found is None else str(found)
+    words = (found.get("manufacturer"), found.get("model"), found.get("serial"), found.get("firmware"))
+    return " ".join(str(word) for word in words if word) or None

@@ -1,0 +1,144 @@
+"""Alarms of the feed: what raises one, what ends it, who has seen it, and that there are never too many."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from bench.run.feed.alarms import MOST, Alarms
+
+TRIPPED = {
+    "name": "air", "signal": "chamber_air", "of": "", "value": 64.0, "limit": 63.0, "unit": "degC", "action": "hold",
+    "state": "tripped",
+}  # fmt: skip
+
+
+def raised(kind: str, **fields: Any) -> list[dict[str, Any]]:
+    alarms = Alarms()
+    alarms.on_event(kind, 5.0, fields)
+    return alarms.documents()
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "severity", "active", "words"),
+    [
+        ("interlock", TRIPPED, "alarm", True, "chamber_air is 64 degC, limit 63 degC: hold"),
+        ("interlock", {**TRIPPED, "action": "warn"}, "warning", True, "warn"),
+        ("interlock", {**TRIPPED, "action": "abort", "state": "lasting"}, "fault", True, "abort"),
+        ("interlock", {**TRIPPED, "state": "stale", "value": None}, "alarm", True, "no reading of chamber_air"),
+        (
+            "link",
+            {"link": "port_a", "state": "lost", "reason": "unplugged"},
+            "alarm",
+            True,
+            "port_a is lost: unplugged",
+        ),
+        ("link", {"link": "port_a", "state": "silent", "reason": "no frame"}, "alarm", True, "silent"),
+        ("link", {"link": "port_a", "state": "kernel errors", "overrun": 3}, "warning", False, "overrun 3"),
+        ("hold", {"by": "operator", "reason": "door (kim)", "step": 3}, "warning", True, "holding: door (kim)"),
+        ("hold", {"by": "link port_a", "reason": "lost", "step": 3}, "alarm", True, "holding: lost"),
+        (
+            "alarm",
+            {"what": "hold", "step": 3, "seconds": 600.0, "reasons": {"a": "b"}},
+            "alarm",
+            True,
+            "after 600 s: b",
+        ),
+        (
+            "alarm",
+            {"what": "stimulus", "role": "switch", "code": "B-INST-001", "text": "mute"},
+            "fault",
+            True,
+            "switch",
+        ),
+        ("alarm", {"what": "prompt", "text": "door closed?"}, "alarm", True, "door closed?"),
+        ("guard", {"state": "acted", "reason": "limit", "text": "too hot"}, "fault", False, "too hot"),
+        ("error", {"code": "B-INST-001", "text": "error B-INST-001: x: mute"}, "warning", False, "mute"),
+        ("clock_step", {"step_s": 300.0}, "warning", False, "+300.000 s"),
+        ("verdict", {"ok": False, "checks": [{"ok": False, "text": "drift"}]}, "alarm", False, "drift"),
+        ("disk", {"code": "B-REC-001", "text": "no space"}, "fault", False, "no space"),
+        ("safe", {"failures": ["switch: not confirmed safe"]}, "fault", False, "not confirmed"),
+    ],
+)
+def test_what_raises_an_alarm(kind: str, fields: dict[str, Any], severity: str, active: bool, words: str) -> None:
+    (alarm,) = raised(kind, **fields)
+    assert (alarm["severity"], alarm["active"], alarm["t_utc_s"]) == (severity, active, 5.0)
+    assert words in alarm["text"]
+    assert alarm["acknowledged"] is None
+    assert alarm["code"] == fields.get("code")
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields"),
+    [
+        ("record", {"number": 1}), ("verdict", {"ok": True, "checks": []}), ("verdict", {"ok": None}),
+        ("link", {"link": "port_a", "state": "open"}), ("guard", {"state": "ready"}), ("safe", {"failures": []}),
+        ("end", {"error": None}), ("interlock", {**TRIPPED, "state": "released"}),
+    ],
+)  # fmt: skip
+def test_what_raises_none(kind: str, fields: dict[str, Any]) -> None:
+    assert raised(kind, **fields) == []
+
+
+@pytest.mark.parametrize(
+    ("begin", "over"),
+    [
+        (("interlock", TRIPPED), ("interlock", {**TRIPPED, "state": "released"})),
+        (("link", {"link": "a", "state": "lost", "reason": ""}), ("link", {"link": "a", "state": "back"})),
+        (("hold", {"by": "x", "reason": "y"}), ("release", {"seconds": 3.0})),
+        (("alarm", {"what": "stimulus", "role": "s"}), ("release", {"seconds": 3.0})),
+        (("alarm", {"what": "prompt", "text": "?"}), ("prompt", {"text": "?"})),
+        (("hold", {"by": "x", "reason": "y"}), ("end", {"error": None})),
+    ],
+)
+def test_an_alarm_stays_until_it_is_over_and_acknowledged(begin: Any, over: Any) -> None:
+    for first in ("over", "acknowledged"):
+        alarms = Alarms()
+        alarms.on_event(begin[0], 1.0, begin[1])
+        (alarm,) = alarms.documents()
+        if first == "over":
+            alarms.on_event(over[0], 2.0, over[1])
+            assert [one["active"] for one in alarms.documents()] == [False]
+            assert alarms.acknowledge(alarm["id"], "kim", 3.0)
+        else:
+            assert alarms.acknowledge(alarm["id"], "kim", 3.0)
+            assert alarms.documents()[0]["acknowledged"] == {"by": "kim", "t_utc_s": 3.0}
+            assert not alarms.acknowledge(alarm["id"], "lee", 4.0)
+            alarms.on_event(over[0], 5.0, over[1])
+        assert alarms.documents() == []
+
+
+def test_the_same_trouble_again_is_the_same_alarm_until_somebody_has_seen_it() -> None:
+    alarms = Alarms()
+    error = {"code": "B-INST-001", "text": "error B-INST-001: GPIB0::14: no answer in 3 s"}
+    for moment in (1.0, 2.0, 3.0):
+        alarms.on_event("error", moment, error)
+    alarms.on_event("error", 4.0, {"code": "B-INST-001", "text": "error B-INST-001: GPIB0::4: no answer in 3 s"})
+    assert [(one["id"], one["t_utc_s"]) for one in alarms.documents()] == [("2", 4.0), ("1", 3.0)]
+    alarms.on_event("control", 5.0, {"what": "acknowledge", "alarm": "1", "by": "kim", "reason": "", "ok": True})
+    assert [one["id"] for one in alarms.documents()] == ["2"]
+    alarms.on_event("control", 5.0, {"what": "acknowledge", "alarm": "2", "by": "kim", "ok": False})
+    assert alarms.waits("2")
+    alarms.on_event("error", 6.0, error)
+    assert [one["id"] for one in alarms.documents()] == ["3", "2"]
+
+
+def test_the_error_that_ends_a_run_is_a_fault() -> None:
+    alarms = Alarms()
+    alarms.on_event("error", 1.0, {"code": "B-RUN-031", "text": "error B-RUN-031: chamber: not reached", "step": 3})
+    alarms.on_event("end", 2.0, {"error": "B-RUN-031"})
+    (alarm,) = alarms.documents()
+    assert (alarm["severity"], alarm["code"]) == ("fault", "B-RUN-031")
+    assert raised("end", error="B-RUN-071")[0]["severity"] == "fault"
+
+
+def test_there_are_never_too_many_and_what_lasts_goes_last() -> None:
+    alarms = Alarms()
+    alarms.on_event("interlock", 0.0, TRIPPED)
+    for number in range(3 * MOST):
+        alarms.on_event("error", float(number), {"code": "B-X", "text": f"error B-X: place {number}: bad"})
+    found = alarms.documents()
+    assert len(found) == MOST
+    assert found[-1]["active"]
+    assert found[0]["t_utc_s"] == 3 * MOST - 1

@@ -1,0 +1,156 @@
+"""Points of 0.1 s against a plain loop over every frame; gaps, late links, numbers that are asked for, temperatures."""
+
+from __future__ import annotations
+
+import math
+import struct
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from run_rig import ROOT
+
+from bench.frame import LinkDecoder, load_frame
+from bench.frame.signals import all_signals
+from bench.model.clock import NS
+from bench.run.feed.points import KEPT, PATIENCE_NS, PointBatch, Points, moments_ns
+
+FRAMES = {"port_a": load_frame(ROOT / "frames" / "ngu_a.yaml"), "port_b": load_frame(ROOT / "frames" / "ngu_b.yaml")}
+SIGNALS = all_signals(FRAMES, ("port_a.npp-ppp[1..2]",))
+NAMES = [one.name for one in SIGNALS]
+ORIGIN_NS, UTC_S = 7 * NS, 1e9
+
+
+def made() -> Points:
+    return Points(SIGNALS, {"port_a": NS // 100, "port_b": NS // 10}, ORIGIN_NS, UTC_S, PATIENCE_NS)
+
+
+def batch_of(stamps_ns: list[int], npp: np.ndarray, first: int = 0, together: int = 1) -> Any:
+    """Frames of port_a decoded from bytes; ``together`` of them have each stamp."""
+    decoder, definition = LinkDecoder(FRAMES["port_a"]), FRAMES["port_a"]
+    n = len(npp)
+    columns = {
+        "counter": (first + np.arange(n)) % 65536, "npp": npp, "ppp": np.zeros((n, 10), int), "af_clock": 2560,
+        "master_count": 1, "fg_count": 1, "status": 0,
+    }  # fmt: skip
+    rows = definition.encode(columns, n)
+    for number in range(0, n, together):
+        decoder.push(stamps_ns[number // together], b"".join(bytes(row) for row in rows[number : number + together]))
+    return decoder.flush()
+
+
+def unpacked(batch: PointBatch, signals: int = len(SIGNALS)) -> tuple[list[float], np.ndarray]:
+    """By the words of docs/live-protocol.md, with struct alone."""
+    times = list(struct.unpack_from(f"<{batch.n}d", batch.packed))
+    values = struct.unpack_from(f"<{2 * batch.n * signals}f", batch.packed, 8 * batch.n)
+    assert len(batch.packed) == 8 * batch.n + 8 * batch.n * signals
+    return times, np.array(values).reshape(batch.n, signals, 2)
+
+
+def test_every_frame_is_between_least_and_greatest_of_its_tenth_of_a_second() -> None:
+    rng = np.random.default_rng(4)
+    print("seed 4")
+    points, n = made(), 3000
+    npp = rng.integers(0, 60000, (n, 10))
+    stamps = [ORIGIN_NS + int(k * NS / 100 + rng.integers(0, 4_000_000)) for k in range(n)]
+    for first in range(0, n, 25):
+        part = slice(first, first + 25)
+        points.on_batch("port_a", batch_of(stamps[part], npp[part], first))
+        if first % 500 == 0:
+            points.since(0, stamps[first + 24])  # made into points bit by bit or all at once: no difference
+    found = points.since(0, stamps[-1])
+    times, values = unpacked(found)
+    expected: dict[int, list[float]] = {}
+    for stamp, row in zip(stamps, npp, strict=True):
+        expected.setdefault((stamp - ORIGIN_NS) // (NS // 10), []).append(float(row[1]))
+    place = NAMES.index("port_a.npp[2]")
+    for number, moment, (least, greatest) in zip(range(found.first, found.seq), times, values[:, place], strict=True):
+        assert moment == pytest.approx(UTC_S + number / 10, abs=1e-6)
+        assert (least, greatest) == (min(expected[number]), max(expected[number]))
+    assert found.seq == (stamps[-1] - ORIGIN_NS) // (NS // 10)
+    difference = values[:, NAMES.index("port_a.npp-ppp[2]")]
+    assert (difference == values[:, place]).all()
+
+
+def test_a_tenth_without_frames_is_nan_and_a_silent_link_holds_nothing_up() -> None:
+    points = made()
+    npp = np.ones((40, 10), int)
+    points.on_batch("port_a", batch_of([ORIGIN_NS + k * NS // 100 for k in range(40)], npp))
+    points.on_batch("port_a", batch_of([ORIGIN_NS + NS + k * NS // 100 for k in range(40)], npp, 100))
+    found = points.since(0, ORIGIN_NS + 1_400_000_000)
+    _, values = unpacked(found)
+    place = NAMES.index("port_a.npp[1]")
+    assert found.seq == 13
+    assert [not math.isnan(one) for one in values[:, place, 0]] == [True] * 4 + [False] * 6 + [True] * 3
+    later = points.since(found.seq, ORIGIN_NS + 5 * NS)
+    assert (later.first, later.seq) == (13, 40)
+    assert np.isnan(unpacked(later)[1][1:, place]).all()
+
+
+@pytest.mark.parametrize(("since", "first"), [(0, 200), (799, 799), (800, 800), (801, 200), (-1, 200), (10**12, 200)])
+def test_numbers_that_are_gone_or_not_there_yet(since: int, first: int) -> None:
+    points = made()
+    found = points.since(since, ORIGIN_NS + 80 * NS + PATIENCE_NS)
+    assert (found.seq, found.first, found.n) == (800, first, 800 - first)
+    assert found.n <= KEPT
+
+
+def test_a_watcher_who_comes_after_an_hour_sees_the_last_minute_and_memory_does_not_grow() -> None:
+    points = made()
+    sizes = []
+    for second in range(0, 3600, 30):
+        stamps = [ORIGIN_NS + second * NS + k * NS // 100 for k in range(3000)]
+        points.on_batch("port_a", batch_of(stamps, np.full((3000, 10), second), 100 * second))
+        sizes.append(len(points._waiting))
+    assert max(sizes) <= 4
+    found = points.since(0, ORIGIN_NS + 3600 * NS)
+    _, values = unpacked(found)
+    assert found.n == KEPT
+    newest = values[:, NAMES.index("port_a.npp[1]"), 0]  # the last tenth of the hour is not complete
+    assert list(newest) == [3510.0] + [3540.0] * 300 + [3570.0] * 299
+
+
+def test_temperatures_of_the_bench_stand_until_the_next_reading_for_a_while() -> None:
+    points = made()
+    points.on_reading(ORIGIN_NS + NS, {"air": 20.0, "setpoint": 50.0})
+    points.on_reading(ORIGIN_NS + 2 * NS, {"air": 21.0})
+    _, values = unpacked(points.since(0, ORIGIN_NS + 3 * NS + PATIENCE_NS))
+    air, unit, setpoint = (values[:, NAMES.index(f"bench.{name}"), 0] for name in ("air", "unit", "setpoint"))
+    assert np.isnan(air[:9]).all()
+    assert list(air[9:]) == [20.0] * 10 + [21.0] * 11
+    assert np.isnan(unit).all()
+    _, values = unpacked(points.since(0, ORIGIN_NS + 100 * NS + PATIENCE_NS))
+    assert np.isnan(values[-1, NAMES.index("bench.air")]).all()
+    assert values[-1, NAMES.index("bench.setpoint"), 1] == 50.0
+    assert set(setpoint[9:]) == {50.0}
+
+
+@pytest.mark.parametrize(
+    ("stamps", "period", "expected"),
+    [
+        ([100, 200, 300], 100, [100, 200, 300]),
+        ([300, 300, 300, 600, 600, 600], 100, [100, 200, 300, 400, 500, 600]),
+        ([300, 310, 310], 100, [300, 305, 310]),  # they came faster than they were sent: never before the one in front
+        ([500, 900, 900], 0, [500, 700, 900]),
+    ],
+)
+def test_frames_received_together_are_laid_one_after_the_other(stamps: Any, period: int, expected: Any) -> None:
+    assert moments_ns(np.array(stamps), period).tolist() == expected
+
+
+def test_a_rehearsal_that_reads_once_a_second_gives_a_point_each_tenth() -> None:
+    points = made()
+    stamps = [ORIGIN_NS + (second + 1) * NS for second in range(10)]
+    npp = np.arange(1000)[:, None] + np.zeros((1, 10), int)
+    points.on_batch("port_a", batch_of(stamps, npp, 0, together=100))
+    _, values = unpacked(points.since(0, stamps[-1]))
+    spans = values[:, NAMES.index("port_a.npp[1]")]
+    assert not np.isnan(spans).any()
+    assert (spans[1:, 1] - spans[1:, 0] == 9.0).all()
+
+
+def test_answers_of_the_unit_are_no_points() -> None:
+    points = made()
+    points.on_batch("port_a", SimpleNamespace(messages={"answer": SimpleNamespace(t_ns=None)}))  # type: ignore[arg-type]
+    assert points.since(0, ORIGIN_NS).n == 0

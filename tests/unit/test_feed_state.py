@@ -1,0 +1,275 @@
+"""The state document: what a run does, waits for and has done, from events alone and told by a living run."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+from feed_plan import MANIFEST, START_S, small_plan
+
+from bench.run.feed import RunState
+from bench.run.feed.eta import MARGIN_S, SHARE, Remaining, end_of_run
+from bench.run.feed.planned import PlannedRun
+
+KEYS = {
+    "proto", "run", "boot_id", "title", "sequence", "station", "uut", "simulated", "clock", "source", "state",
+    "outcome", "t_utc_s", "started_utc_s", "step", "wait", "progress", "eta", "holds", "prompt", "records", "links",
+    "instruments", "alarms", "log", "signals", "graphs", "timetable",
+}  # fmt: skip
+RECORD = {
+    "number": 1, "link": "port_a", "first_counter": 0, "frames": 1000, "t_start_ns": 0, "t_end_ns": 0, "step": 5,
+    "conditions": {"channel": 1},
+}  # fmt: skip
+
+
+def replayed() -> RunState:
+    state = RunState(small_plan(), MANIFEST, source="replay")
+    state.on_event("phase", START_S, {"name": "prepare"})
+    return state
+
+
+def in_campaign() -> RunState:
+    """Second 0 of the campaign is START_S + 5."""
+    state = replayed()
+    state.on_event("prompt", START_S, {"step": 0, "text": "door closed?", "by": "operator"})
+    state.on_event("phase", START_S + 5.0, {"name": "campaign"})
+    return state
+
+
+def what(state: RunState, seconds: float) -> str:
+    document = state.document(START_S + 5.0 + seconds)
+    json.dumps(document, allow_nan=False)
+    assert set(document) == KEYS
+    return str(document["step"]["what"])
+
+
+def test_a_run_that_has_not_begun() -> None:
+    document = RunState(small_plan(), MANIFEST, boot_id="ab").document(START_S)
+    assert (document["state"], document["step"], document["eta"], document["progress"]) == ("starting", None, None, 0.0)
+    assert (document["run"], document["boot_id"], document["source"]) == (MANIFEST["session"], "ab", "live")
+    assert document["uut"] == {"model": "NGU", "serial": "7"}
+    assert document["records"]["planned"] == 1
+
+
+def test_a_recording_follows_the_plan_but_never_past_an_event_that_is_missing() -> None:
+    state = replayed()
+    assert state.document(START_S + 3.0)["step"]["what"] == "prompt"  # not answered yet, whatever the plan says
+    state = in_campaign()
+    assert what(state, 10.0) == "soak 50 degC"
+    assert what(state, 1000.0) == "settle channel 1"  # calls and settle share their start
+    assert what(state, 1025.0) == "record channel 1 -10 mA"
+    assert what(state, 1100.0) == "record channel 1 -10 mA"
+    state.on_event("record", START_S + 5.0 + 1032.0, RECORD)
+    assert what(state, 1032.0) == "source.operating channel 1"
+    document = state.document(START_S + 5.0 + 1032.5)
+    assert document["step"]["number"] == 7
+    assert document["step"]["where"] == "small.yaml:7:1"
+    assert document["records"]["done"] == 1
+    assert document["records"]["last"][0] == {
+        "number": 1, "t_utc_s": START_S + 1037.0, "conditions": {"channel": 1}, "frames": 1000, "lost": None,
+        "bad": None, "flags": None,
+    }  # fmt: skip
+
+
+def test_at_planned_names_the_step() -> None:
+    state = in_campaign()
+    state.at_planned("campaign", 1021.0)
+    assert state.document(START_S + 5.0 + 1021.0)["step"]["number"] == 6
+
+
+def test_a_soak_is_a_wait_with_its_last_reading() -> None:
+    state = in_campaign()
+    for minute in range(3):
+        fields = {"air_degC": 40.0, "unit_degC": 30.0 + minute}
+        state.on_event("environment", START_S + 5.0 + 60.0 * minute, fields)
+    wait = state.document(START_S + 130.0)["wait"]
+    assert wait == {
+        "reason": "soak 50 degC", "since_utc_s": START_S + 5.0, "until_utc_s": START_S + 1005.0,
+        "last": "32.00 degC, +1.000 degC/min",
+    }  # fmt: skip
+
+
+def test_a_late_soak_says_until_when_and_widens_the_range() -> None:
+    state = in_campaign()
+    state.on_event("late", START_S + 1005.0, {"step": 2, "policy": "hold", "last_degC": 48.0, "slope_degC_min": 0.1})
+    document = state.document(START_S + 1105.0)
+    assert document["wait"]["reason"] == "soak 50 degC, later than planned"
+    assert document["wait"]["until_utc_s"] == START_S + 5.0 + 1000.0 + 600.0
+    assert document["step"]["what"] == "soak 50 degC"
+    spread = document["eta"]["latest_utc_s"] - document["eta"]["likely_utc_s"]
+    assert spread == pytest.approx(500.0 + 100.0 * SHARE + 0.005 * 130.0 + MARGIN_S)
+    state.on_event("slip", START_S + 1125.0, {"step": 2, "seconds": 120.0, "reason": "soak"})
+    document = state.document(START_S + 1125.0)
+    assert document["step"]["what"] == "settle channel 1"
+    assert document["eta"]["likely_utc_s"] == pytest.approx(START_S + 1125.0 + 130.0)
+    share = 0.12  # this run's soak was late by so much
+    assert document["eta"]["latest_utc_s"] - document["eta"]["likely_utc_s"] == pytest.approx(
+        100.0 * share + 0.005 * 130.0 + MARGIN_S
+    )
+
+
+def test_standing_still_shifts_the_end_second_by_second() -> None:
+    state = in_campaign()
+    likely = state.document(START_S + 5.0 + 1025.0)["eta"]["likely_utc_s"]
+    state.on_event("hold", START_S + 5.0 + 1025.0, {"step": 5, "by": "link port_a", "reason": "no good frame"})
+    document = state.document(START_S + 5.0 + 1325.0)
+    assert document["state"] == "holding"
+    assert document["holds"] == {"link port_a": "no good frame"}
+    assert document["wait"]["reason"] == "no good frame"
+    assert document["wait"]["since_utc_s"] == START_S + 5.0 + 1025.0
+    assert document["eta"]["likely_utc_s"] == pytest.approx(likely + 300.0)
+    state.on_event("release", START_S + 5.0 + 1325.0, {"step": 5, "seconds": 300.0})
+    document = state.document(START_S + 5.0 + 1326.0)
+    assert (document["state"], document["step"]["what"]) == ("running", "settle channel 1")  # the point from its start
+    assert document["eta"]["likely_utc_s"] == pytest.approx(START_S + 5.0 + 1325.0 + 130.0)
+
+
+def test_a_record_that_is_taken_back_does_not_count() -> None:
+    state = in_campaign()
+    state.on_event("record", START_S + 1035.0, RECORD)
+    state.on_record(1, START_S + 1035.0, {"channel": 1}, {"frames": 990, "lost": 10, "bad": 3, "flags": 4})
+    records = state.document(START_S + 1035.0)["records"]
+    assert (records["done"], records["flagged"], len(records["last"])) == (1, 1, 1)
+    assert records["last"][0]["lost"] == 10
+    state.on_event("retake", START_S + 1036.0, {"record": 1, "reason": "10 of 1000 frames lost"})
+    records = state.document(START_S + 1036.0)["records"]
+    assert (records["done"], records["retaken"], records["flagged"], records["last"]) == (0, 1, 0, [])
+    wiring = {**RECORD, "number": 2, "conditions": {"purpose": "wiring"}}
+    state.on_event("record", START_S + 1037.0, wiring)
+    assert state.document(START_S + 1037.0)["records"]["done"] == 0
+
+
+def test_a_living_run_says_where_it_is_and_one_gone_on_with_what_it_has() -> None:
+    state = RunState(small_plan(), MANIFEST)
+    state.on_timeline(START_S)
+    state.on_step(6, START_S + 1030.0)
+    document = state.document(START_S + 1030.5)
+    assert (document["state"], document["records"]["done"]) == ("running", 1)
+    assert document["progress"] == pytest.approx(1035.0 / 1135.0)
+    assert document["eta"]["earliest_utc_s"] == pytest.approx(START_S + 1030.5 + 100.0)
+    state.on_step(3, START_S + 1040.0)
+    assert state.document(START_S + 1041.0)["wait"] is None
+    wait = state.document(START_S + 1043.0)["wait"]
+    assert (wait["reason"], wait["since_utc_s"]) == ("source.operate", START_S + 1040.0)
+
+
+def test_a_prompt_is_a_wait_in_a_living_run_and_in_a_recording() -> None:
+    asked = {"id": "1", "text": "door closed?", "confirm": "operator", "unit": "", "low": None, "high": None}
+    live = RunState(small_plan(), MANIFEST)
+    live.on_step(0, START_S)
+    live.on_prompt({**asked, "since_utc_s": START_S})
+    recorded = replayed()
+    recorded.on_event("alarm", START_S, {"what": "prompt", **asked})
+    for state in (live, recorded):
+        document = state.document(START_S + 60.0)
+        assert document["prompt"] == {**asked, "since_utc_s": START_S}
+        assert document["wait"]["reason"] == "answer: door closed?"
+    recorded.on_event("prompt", START_S + 61.0, {"step": 0, **asked, "by": "kim", "value": None})
+    document = recorded.document(START_S + 61.0)
+    assert (document["prompt"], document["alarms"][0]["active"]) == (None, False)
+
+
+def test_how_a_run_ends_and_goes_on() -> None:
+    state = in_campaign()
+    state.on_event("control", START_S + 20.0, {"what": "abort", "by": "kim", "reason": "enough", "ok": False})
+    assert state.document(START_S + 20.0)["state"] == "running"
+    state.on_event("control", START_S + 20.0, {"what": "abort", "by": "kim", "reason": "enough", "ok": True})
+    document = state.document(START_S + 20.0)
+    assert (document["state"], document["eta"]) == ("ending", None)
+    state.on_event("error", START_S + 21.0, {"code": "B-RUN-010", "text": "error B-RUN-010: stopped", "step": 2})
+    state.on_event("end", START_S + 22.0, {"error": "B-RUN-010"})
+    document = state.document(START_S + 22.0)
+    assert document["state"] == "ended"
+    assert document["outcome"] == {"error": "B-RUN-010", "text": "error B-RUN-010: stopped"}
+    assert document["wait"] is None
+    state.on_event("resume", START_S + 100.0, {"start": 3, "reason": "B-RUN-010", "segment": 2})
+    state.on_event("phase", START_S + 110.0, {"name": "campaign"})
+    document = state.document(START_S + 111.0)
+    assert (document["state"], document["step"]["what"]) == ("running", "settle channel 1")
+    assert document["outcome"] is None
+    state.on_event("end", START_S + 300.0, {"error": None})
+    document = state.document(START_S + 300.0)
+    assert (document["outcome"], document["progress"]) == ({"error": None, "text": "done"}, 1.0)
+
+
+def test_the_instrument_panel() -> None:
+    state = RunState(small_plan(), MANIFEST, places={"source": ("fluke_5720a", "GPIB0::4::INSTR")})
+    for direction, text, moment in (
+        ("tx", "OUT 1 A", 0.0), ("tx", "FAULT?", 1.0), ("rx", "515\r", 1.25), ("tx", "ISR?", 2.0), ("rx", "4096", 2.5)
+    ):  # fmt: skip
+        state.on_traffic("source", direction, text, START_S + moment)
+    line = state.document(START_S + 3.0)["instruments"]["source"]
+    assert line == {
+        "driver": "fluke_5720a", "resource": "GPIB0::4::INSTR", "identity": "FLUKE 5720A 1 A", "command": "ISR?",
+        "reply": "4096", "t_utc_s": START_S + 2.5, "answer_ms": 500.0, "error": "515", "errors": 1, "state": "error",
+    }  # fmt: skip
+    state.on_traffic("source", "tx", "FAULT?", START_S + 4.0)
+    state.on_traffic("source", "rx", "0", START_S + 4.1)
+    state.on_traffic("chamber", "tx", "RUN", START_S + 5.0)  # not in the manifest, for whatever reason
+    panel = state.document(START_S + 5.0)["instruments"]
+    assert (panel["source"]["state"], panel["source"]["errors"]) == ("ok", 1)
+    assert (panel["chamber"]["reply"], panel["chamber"]["answer_ms"]) == (None, None)
+    state.on_holds({"instrument source": "B-INST-001: no answer"}, frozenset({"source"}))
+    assert state.document(START_S + 6.0)["instruments"]["source"]["state"] == "away"
+
+
+@pytest.mark.parametrize("reply", ['+0,"No error"', '0,"NO ERROR"', "0", '-222,"Data out of range"', "nonsense"])
+def test_error_queues_as_the_drivers_ask_them(reply: str) -> None:
+    state = RunState(small_plan(), MANIFEST)
+    state.on_traffic("source", "tx", "SYST:ERR?", START_S)
+    state.on_traffic("source", "rx", reply, START_S)
+    assert state.document(START_S)["instruments"]["source"]["errors"] == int(reply.startswith("-222"))
+
+
+def test_the_log_and_the_timetable() -> None:
+    state = in_campaign()
+    for number in range(500):
+        state.on_event("clock_step", START_S + number, {"step_s": 1.0})
+    state.on_event("environment", START_S + 500.0, {"air_degC": 22.0, "unit_degC": None})
+    document = state.document(START_S + 500.0)
+    assert len(document["log"]) == 200
+    assert document["log"][0]["t_utc_s"] == START_S + 499.0
+    table = document["timetable"]
+    assert len(table["t_utc_s"]) == len(table["temperature_degC"])
+    assert table["t_utc_s"] == sorted(table["t_utc_s"])
+    assert table["t_utc_s"][-1] == pytest.approx(START_S + 5.0 + 1030.0 + 100.0)
+
+
+def test_the_planned_temperature_is_a_ramp_then_flat() -> None:
+    state = replayed()
+    state.on_event("environment", START_S, {"air_degC": 20.0, "unit_degC": 20.0})
+    state.on_event("prompt", START_S, {"step": 0, "text": "door closed?", "by": "operator"})
+    state.on_event("phase", START_S + 5.0, {"name": "campaign"})
+    table = state.document(START_S + 6.0)["timetable"]
+    began = START_S + 5.0
+    reached = pytest.approx(20.0 + 1030.0 / 60.0)  # at 1 degC/min until the next set-point
+    assert table["temperature_degC"][:4] == [20.0, reached, reached, reached]
+    assert table["t_utc_s"][:3] == [began, began + 1030.0, began + 1030.0]
+
+
+def test_events_of_a_foreign_session_break_nothing() -> None:
+    state = in_campaign()
+    for kind in ("hold", "release", "alarm", "interlock", "link", "guard", "verdict", "error", "end", "slip", "late",
+                 "overrun", "skip", "resume", "phase", "reentry", "prompt", "environment", "control", "gap", "closed",
+                 "something"):  # fmt: skip
+        state.on_event(kind, START_S, {})
+        json.dumps(state.document(START_S), allow_nan=False)
+
+
+def test_the_range_of_the_end() -> None:
+    first = end_of_run(0.0, Remaining(1000.0, 400.0), ())
+    assert first == {"earliest_utc_s": 1000.0, "likely_utc_s": 1000.0, "latest_utc_s": 1000.0 + 40.0 + 5.0 + MARGIN_S}
+    known = end_of_run(0.0, Remaining(1000.0, 400.0), (0.0, 0.0, 0.25))
+    assert known["latest_utc_s"] == 1000.0 + 100.0 + 5.0 + MARGIN_S
+    calm = end_of_run(0.0, Remaining(1000.0, 400.0, 60.0), (0.0,) * 9)
+    assert calm["latest_utc_s"] == 1000.0 + 4.0 + 60.0 + 5.0 + MARGIN_S
+
+
+def test_planned_positions() -> None:
+    plan: Any = PlannedRun(small_plan())
+    assert (plan.total_s, plan.before_s("finally")) == (1135.0, 1035.0)
+    assert plan.position_s(plan.steps[3], 1019.0) == 5.0 + 1019.0  # a call shares the settle time behind it
+    assert plan.position_s(plan.steps[3], 1025.0) == 5.0 + 1020.0
+    assert plan.position_s(plan.steps[8], 150.0) == 1135.0
+    assert plan.step_at("nowhere", 0.0) is None
