@@ -10,21 +10,22 @@ from pathlib import Path
 from bench.model.errors import InputError
 
 
-def write_file(path: Path, text: str) -> None:
-    """Write a text file, its folder too; whoever looks sees the old file or the whole new one, never a part.
+def write_file(path: Path, content: str | bytes) -> None:
+    """Write a file, text as UTF-8, its folder too; whoever looks sees the old file or the whole new one, never a part.
 
     A device or a pipe is written to as it is. Raises: InputError B-CLI-007.
     """
+    raw = content.encode() if isinstance(content, str) else content
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         target = path.resolve()
         if target.exists() and not target.is_file():
-            target.write_text(text)
+            target.write_bytes(raw)
             return
         part = target.with_name(f"{target.name}.part")
         try:
-            with part.open("w") as stream:
-                stream.write(text)
+            with part.open("wb") as stream:
+                stream.write(raw)
                 stream.flush()
                 os.fsync(stream.fileno())
             part.replace(target)

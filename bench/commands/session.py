@@ -17,7 +17,7 @@ from bench.commands.console import console
 from bench.commands.merge import merged
 from bench.commands.output import write_file
 from bench.commands.tables import print_results
-from bench.commands.view import KEPT_EVENTS, SessionView, analyse_view, plan_steps_of, report_html
+from bench.commands.view import KEPT_EVENTS, SessionView, analyse_view, plan_steps_of, report_of
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
 from bench.record.writer import OPEN_MARKER
 from bench.replay import compare, replay_rows
@@ -27,6 +27,7 @@ from bench.replay.series import IMPORT, replay_series
 
 SHOWN_DIFFERENCES = 20
 SOFTWARE_PATH = "provenance.software"  # another version may give the same numbers
+DAMAGED = "damaged: "  # how the notes of a session begin that name a damaged place
 
 
 def replay(folder: Path, as_json: bool) -> int:
@@ -67,12 +68,13 @@ def _why(stored: Mapping[str, Any], results: Mapping[str, Any]) -> str:
     recordings = [one.get("provenance", {}).get("session_sha256") for one in (stored, results)]
     if recordings[0] != recordings[1]:
         return "results.json is of another recording, or this one is not whole: 'bench recover' says which"
-    if _software(stored) != _software(results):
-        return f"compare the software: stored {_software(stored)}, now {_software(results)}"
+    if software_of(stored) != software_of(results):
+        return f"compare the software: stored {software_of(stored)}, now {software_of(results)}"
     return "the recording and the software are the same, so results.json was changed, or made on another machine"
 
 
-def _software(results: Mapping[str, Any]) -> str:
+def software_of(results: Mapping[str, Any]) -> str:
+    """Name and version of the software that wrote results."""
     return str(results.get("provenance", {}).get("software", "unknown"))
 
 
@@ -88,12 +90,17 @@ def fit(folder: Path, method: str | None, as_json: bool, make_up: Sequence[Path]
     return _status(view)
 
 
-def report(folder: Path) -> int:
-    """Write report.html again."""
+def report(folder: Path, pdf: bool = False) -> int:
+    """Write report.html again, and report.pdf if asked for."""
     results, analysis, view = _analysed(folder, None)
+    drawn = report_of(view, results, analysis)
     path = folder / "report.html"
-    write_file(path, report_html(view, results, analysis))
+    write_file(path, drawn.html())
     console().print(f"report   {path}")
+    if pdf:
+        paper = folder / "report.pdf"
+        write_file(paper, drawn.pdf())
+        console().print(f"report   {paper}")
     return _status(view)
 
 
@@ -112,7 +119,7 @@ def _analysed(
 def read_view(folder: Path, strict: bool = False) -> SessionView:
     """A session as its folder holds it; damage is listed in its notes, unless ``strict`` (then SessionDamaged)."""
     replayed = replay_rows(folder, strict=strict)
-    notes = [*replayed.notes, *(f"damaged: {one}" for one in replayed.damage)]
+    notes = [*replayed.notes, *(f"{DAMAGED}{one}" for one in replayed.damage)]
     notes += [f"{name} has no end: the run stopped there, or goes on" for name in replayed.unfinished]
     series: Mapping[str, NDArray[np.float64]] = {}
     if replayed.manifest.get("kind") == IMPORT:
@@ -132,6 +139,7 @@ def read_view(folder: Path, strict: bool = False) -> SessionView:
         splices=replayed.splices,
         incomplete=_is_incomplete(folder, replayed),
         utc_offset_ns=replayed.utc_offset_ns,
+        texts=replayed.texts,
     )
 
 

@@ -18,18 +18,19 @@ from bench.campaigns.material import Material, Reading, Trace
 from bench.campaigns.registry import analyse
 from bench.campaigns.results import INCOMPLETE, build_results
 from bench.commands.happenings import happening_tables, punctuality
+from bench.commands.operation import alarms_raised, commands_given, hashes_of, length_s, surroundings
 from bench.commands.splices import splice_documents, splice_tables
 from bench.model.clock import NS
 from bench.record import RecordRow
 from bench.replay.parts import Splice
-from bench.report import TemperatureTrace, build_report, report_model
+from bench.report import Report, RunStory, TemperatureTrace, report_model
 from bench.run.preflight import report_table
 
 SOFTWARE = f"inertial-bench {__version__}"
 KEPT_EVENTS = (
     "environment", "prompt", "phase", "slip", "overrun", "late", "retake", "skip", "error", "end", "reading", "hold",
     "release", "resume", "reentry", "link", "interlock", "alarm", "guard", "preflight", "verdict", "config",
-    "clock_step", "control",
+    "clock_step", "control", "surroundings",
 )  # fmt: skip
 
 
@@ -39,7 +40,8 @@ class SessionView:
 
     ``counts``: frames, frames_bad, frames_lost over all links; ``events``: (kind, t_mono_ns, fields) in order.
     ``splices``: where the run was gone on with; ``incomplete``: the run has not ended. ``utc_offset_ns``: UTC minus
-    monotonic time, None if unknown; ``make_up``: hashes of the sessions that complete this one.
+    monotonic time, None if unknown; ``make_up``: hashes of the sessions that complete this one. ``texts``: the YAML
+    texts the run was made from, by name.
     """
 
     manifest: Mapping[str, Any]
@@ -55,6 +57,7 @@ class SessionView:
     utc_offset_ns: int | None = None
     make_up: tuple[str, ...] = ()
     series: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    texts: Mapping[str, str] = field(default_factory=dict)
 
     def events_of(self, kind: str) -> list[tuple[int, Mapping[str, Any]]]:
         """Times and fields of all events of one kind."""
@@ -118,6 +121,11 @@ def _reading(t_ns: int, fields: Mapping[str, Any]) -> Reading:
 
 def report_html(view: SessionView, results: Mapping[str, Any], analysis: Analysis) -> str:
     """The report as one HTML page."""
+    return report_of(view, results, analysis).html()
+
+
+def report_of(view: SessionView, results: Mapping[str, Any], analysis: Analysis) -> Report:
+    """The report, drawn; it can be written as a page and on paper."""
     model = report_model(
         results,
         view.rows,
@@ -129,10 +137,22 @@ def report_html(view: SessionView, results: Mapping[str, Any], analysis: Analysi
         components=analysis.components,
         prompts=[dict(fields) for _, fields in view.events_of("prompt")],
         figures=analysis.figures,
-        tables=[*analysis.tables, *_about_the_run(view)],
+        tables=analysis.tables,
         notes=[*([INCOMPLETE] if view.incomplete else []), *analysis.notes, *punctuality(view), *view.notes],
+        run=_story(view),
     )
-    return build_report(model)
+    return Report(model)
+
+
+def _story(view: SessionView) -> RunStory:
+    return RunStory(
+        tables=tuple(_about_the_run(view)),
+        commands=tuple(commands_given(view)),
+        alarms=tuple(alarms_raised(view)),
+        surroundings=tuple(surroundings(view, view.texts, _campaign_ns(view))),
+        length_s=length_s(view),
+        hashes=hashes_of(view.texts),
+    )
 
 
 def _about_the_run(view: SessionView) -> list[dict[str, Any]]:
@@ -142,7 +162,7 @@ def _about_the_run(view: SessionView) -> list[dict[str, Any]]:
 
 def temperature_trace(view: SessionView) -> TemperatureTrace:
     """Temperatures against seconds from the start of the campaign phase."""
-    start_ns = next((t for t, fields in view.events_of("phase") if fields["name"] == "campaign"), 0)
+    start_ns = _campaign_ns(view)
     trace = _trace(view)
     gaps_s = [splice.at_ns / NS for splice in view.splices]  # the lines are broken where nothing was recorded
     at = np.searchsorted(trace.t_s, gaps_s)
@@ -151,6 +171,10 @@ def temperature_trace(view: SessionView) -> TemperatureTrace:
         air_degC=np.insert(trace.air_degC, at, np.nan),
         unit_degC=np.insert(trace.unit_degC, at, np.nan),
     )
+
+
+def _campaign_ns(view: SessionView) -> int:
+    return next((t for t, fields in view.events_of("phase") if fields["name"] == "campaign"), 0)
 
 
 def _trace(view: SessionView) -> Trace:

@@ -1,13 +1,16 @@
-"""Reports of a campaign: a self-contained HTML page and the picture of the timetable."""
+"""Reports of a campaign: a self-contained HTML page, the same as PDF, and the picture of the timetable."""
 
 from bench.report.assemble import record_counts, report_model
+from bench.report.document import Report, build_report
 from bench.report.figures import plot_timetable
-from bench.report.html import build_report
-from bench.report.model import Record, ReportModel, TemperatureTrace
+from bench.report.model import Record, ReportModel, RunStory, Surrounding, TemperatureTrace
 
 __all__ = [
     "Record",
+    "Report",
     "ReportModel",
+    "RunStory",
+    "Surrounding",
     "TemperatureTrace",
     "build_report",
     "plot_timetable",

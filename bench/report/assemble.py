@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from bench.model.quality import Quality
-from bench.report.model import PlannedStep, Record, RecordCounts, ReportModel, Residual, TemperatureTrace
+from bench.report.model import (
+    PlannedStep,
+    Record,
+    RecordCounts,
+    ReportModel,
+    Residual,
+    RunStory,
+    TemperatureTrace,
+)
 from bench.report.timetable import timetable
 
-_ORIGIN = ("sequence", "station", "clock", "seed", "links", "software")
+_ORIGIN = ("sequence", "station", "clock", "seed", "links", "settings", "software")
+_STARTED = re.compile(r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)Z")
 
 
 def report_model(
@@ -28,6 +38,7 @@ def report_model(
     figures: Iterable[Mapping[str, Any]] = (),
     tables: Iterable[Mapping[str, Any]] = (),
     notes: Iterable[str] = (),
+    run: RunStory | None = None,
 ) -> ReportModel:
     """Gather what a report shows; nothing is fitted here and nothing is read from disk.
 
@@ -39,9 +50,9 @@ def report_model(
         residuals: per row of the fit {"channel", "kind", "temperature_degC", "current_A" (signed), "residual_ppm"
             or "residual_A", optionally "std_ppm"}.   components: rows of the table of uncertainty components.
         prompts: operator prompts and answers.   figures, tables: documents of the analysis (bench.campaigns.analysis).
-        notes: sentences of the analysis.
+        notes: sentences of the analysis.   run: what happened during the run.
     """
-    length_s = _prepare_s(plan_steps) if prepare_s is None else prepare_s
+    ready_s = _prepare_s(plan_steps) if prepare_s is None else prepare_s
     return ReportModel(
         title=str(manifest.get("title") or results.get("campaign", "Campaign")),
         results=results,
@@ -49,7 +60,7 @@ def report_model(
         standards=manifest.get("standards", {}),
         origin={name: manifest[name] for name in _ORIGIN if name in manifest},
         identities=manifest.get("identities", {}),
-        timetable=timetable(plan_steps, length_s),
+        timetable=timetable(plan_steps, ready_s),
         trace=trace or TemperatureTrace(),
         residuals=tuple(one for item in residuals if (one := _residual(item)) is not None),
         components=tuple(components),
@@ -58,6 +69,8 @@ def report_model(
         figures=tuple(figures),
         tables=tuple(tables),
         notes=tuple(notes),
+        started_utc=started_utc(str(results.get("session", ""))),
+        run=run or RunStory(),
     )
 
 
@@ -73,7 +86,25 @@ def record_counts(rows: Sequence[Record]) -> RecordCounts:
         bad=sum(row.bad for row in rows),
         lost=sum(row.lost for row in rows),
         by_flag=dict(sorted(flags.items())),
+        by_channel=_by_channel(rows),
     )
+
+
+def _by_channel(rows: Sequence[Record]) -> dict[int, tuple[int, int, int, int, int]]:
+    found: dict[int, tuple[int, int, int, int, int]] = {}
+    for row in rows:
+        channel = row.window.conditions.get("channel")
+        if isinstance(channel, int):
+            so_far = found.get(channel, (0, 0, 0, 0, 0))
+            more = (1, int(bool(row.quality)), row.frames, row.bad, row.lost)
+            found[channel] = tuple(map(sum, zip(so_far, more, strict=True)))  # type: ignore[assignment]
+    return dict(sorted(found.items()))
+
+
+def started_utc(session: str) -> str:
+    """When a session was started, from its name, to the second, ISO 8601; empty if the name does not say."""
+    found = _STARTED.match(session)
+    return "{}-{}-{}T{}:{}:{}Z".format(*found.groups()) if found else ""
 
 
 def _prepare_s(steps: Sequence[PlannedStep]) -> float:

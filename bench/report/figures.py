@@ -9,50 +9,49 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bench.model.texts import ENGLISH, Texts
 from bench.report.model import Floats, TemperatureTrace, TimedPlan, Timetable
 from bench.report.style import BLUE, GREEN, GREY, INK, VERMILION, WINE, Picture, drawing, inline_svg, svg_text
 from bench.report.timetable import timetable
+from bench.report.words import words_of
 
 _FILL = {"prepare": GREY, "finally": GREY, "soak": VERMILION, "measure": BLUE, "repeat": WINE}
 _HATCH = {"prepare": "////", "finally": "////", "soak": "....", "repeat": "xxxx"}
 _MOST_POINTS = 1500
 
 
-def timetable_picture(table: Timetable, trace: TemperatureTrace) -> Picture | None:
+def timetable_picture(table: Timetable, trace: TemperatureTrace, words: Texts) -> Picture | None:
     """Temperature over time, planned and actual, with the lanes of the plan; None if there is nothing to show."""
     if not table.bars and not trace.t_s.size:
         return None
     with drawing():
-        figure = _timetable_figure(table, trace, "")
+        figure = _timetable_figure(table, trace, "", words)
         svg = inline_svg(figure, "timetable")
-    actual = "with the temperatures measured" if trace.t_s.size else "as planned"
-    return Picture(
-        "timetable",
-        svg,
-        "Time counts from hour 0 of the campaign; preparation lies before it. Hatched crosswise: a closing repeat.",
-        f"Chamber temperature over the campaign {actual}, above one lane of bars per channel.",
-    )
+    seen = "measured" if trace.t_s.size else "planned"
+    return Picture("timetable", svg, words("timetable.caption"), words(f"timetable.description.{seen}"))
 
 
 def plot_timetable(plan: TimedPlan, path_svg: Path) -> None:
     """Write the timetable of a compiled plan as an SVG file; the same plan gives the same bytes."""
     with drawing():
-        figure = _timetable_figure(timetable(plan.steps, plan.prepare_s), TemperatureTrace(), plan.title)
+        figure = _timetable_figure(
+            timetable(plan.steps, plan.prepare_s), TemperatureTrace(), plan.title, words_of(ENGLISH)
+        )
         Path(path_svg).write_text(svg_text(figure, "timetable"), encoding="utf-8")
 
 
-def _timetable_figure(table: Timetable, trace: TemperatureTrace, title: str) -> Figure:
+def _timetable_figure(table: Timetable, trace: TemperatureTrace, title: str, words: Texts) -> Figure:
     height = max(0.6, 0.17 * len(table.lanes))
     warm = bool(trace.t_s.size or table.planned_t_s.size)
     figure = Figure(figsize=(7.2, height + (2.5 if warm else 0.7)), layout="constrained")
     divisor, unit = _time_unit(table, trace)
     if warm:
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, height))
-        _draw_temperature(upper, table, trace, divisor)
+        _draw_temperature(upper, table, trace, divisor, words)
     else:
         lower = figure.subplots()
-    _draw_lanes(lower, table, divisor)
-    lower.set_xlabel(f"Time from hour 0 / {unit}")
+    _draw_lanes(lower, table, divisor, words)
+    lower.set_xlabel(words("axis.time", unit=unit))
     if title:
         figure.suptitle(title, fontsize=9.5)
     return figure
@@ -63,14 +62,14 @@ def _time_unit(table: Timetable, trace: TemperatureTrace) -> tuple[float, str]:
     return (3600.0, "h") if max(ends, default=0.0) > 3 * 3600.0 else (60.0, "min")
 
 
-def _draw_temperature(axes: Axes, table: Timetable, trace: TemperatureTrace, divisor: float) -> None:
+def _draw_temperature(axes: Axes, table: Timetable, trace: TemperatureTrace, divisor: float, words: Texts) -> None:
     planned = (table.planned_t_s, table.planned_degC)
     if trace.planned_degC.size:
         planned = thin(trace.t_s, trace.planned_degC)
     series = (
-        ("planned air", planned, INK, (0, (4, 2))),
-        ("air", thin(trace.t_s, trace.air_degC), BLUE, "-"),
-        ("unit under test", thin(trace.t_s, trace.unit_degC), VERMILION, "-"),
+        (words("series.planned"), planned, INK, (0, (4, 2))),
+        (words("series.air"), thin(trace.t_s, trace.air_degC), BLUE, "-"),
+        (words("series.unit"), thin(trace.t_s, trace.unit_degC), VERMILION, "-"),
     )
     for label, (t_s, degC), colour, dash in series:
         if t_s.size:
@@ -78,11 +77,11 @@ def _draw_temperature(axes: Axes, table: Timetable, trace: TemperatureTrace, div
             axes.plot(t_s / divisor, degC, color=colour, linestyle=dash, label=label, zorder=above)
     if axes.lines:
         axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
-    axes.set_ylabel("Temperature / °C")
+    axes.set_ylabel(words("axis.temperature"))
     axes.margins(x=0.01)
 
 
-def _draw_lanes(axes: Axes, table: Timetable, divisor: float) -> None:
+def _draw_lanes(axes: Axes, table: Timetable, divisor: float, words: Texts) -> None:
     lanes = table.lanes
     for bar in table.bars:
         axes.barh(
@@ -95,10 +94,15 @@ def _draw_lanes(axes: Axes, table: Timetable, divisor: float) -> None:
             edgecolor="white",
             linewidth=0.0,
         )
-    axes.set_yticks(range(len(lanes)), [lane if lane != "record" else "records" for lane in lanes])
+    axes.set_yticks(range(len(lanes)), [_lane_name(lane, words) for lane in lanes])
     axes.invert_yaxis()
     axes.grid(visible=False, axis="y")
     axes.tick_params(axis="y", length=0)
+
+
+def _lane_name(lane: str, words: Texts) -> str:
+    name, _, number = lane.partition(" ")
+    return words("channel", number=number) if name == "channel" else words.all.get(f"lane.{lane}", lane)
 
 
 def thin(t_s: Floats, value: Floats, most: int = _MOST_POINTS) -> tuple[Floats, Floats]:

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from bench.report.figures import thin
+from bench.report.multiples import legend_of, panels_of
 from bench.report.style import Picture, drawing, inline_svg, look
 from bench.report.tables import label
 
-_COLUMNS = 2
 _LINE_STYLES = ("-", (0, (4, 2)), (0, (1, 1.2)), (0, (6, 2, 1, 2)))
+_FEW_DECADES = 100.0
 _FEW = 60  # points that are drawn with markers one can tell apart
 Document = Mapping[str, Any]
 
@@ -33,38 +35,47 @@ def analysis_pictures(documents: Sequence[Document]) -> list[Picture]:
 
 def _picture(name: str, group: Sequence[Document]) -> Picture:
     with drawing():
-        figure, panels = _panels(len(group))
+        figure, panels = _panels(group)
         for axes, document in zip(panels, group, strict=True):
             _draw(axes, document)
-        _legend(figure, panels)
+        legend_of(figure, panels, columns=4, least=2)
         svg = inline_svg(figure, name)
     titles = ", ".join(str(document["title"]) for document in group)
     captions = dict.fromkeys(str(document.get("caption", "")) for document in group)
     return Picture(name, svg, " ".join(text for text in captions if text), f"{titles}.")
 
 
-def _panels(count: int) -> tuple[Figure, list[Axes]]:
-    if count == 1:
-        figure = Figure(figsize=(7.2, 3.3), layout="constrained")
-        return figure, [figure.subplots()]
-    rows = math.ceil(count / _COLUMNS)
-    figure = Figure(figsize=(7.2, 0.5 + 2.0 * rows), layout="constrained")
-    grid = list(figure.subplots(rows, _COLUMNS, squeeze=False).flat)
-    for axes in grid[count:]:
-        axes.remove()
-    return figure, grid[:count]
+def _panels(group: Sequence[Document]) -> tuple[Figure, list[Axes]]:
+    titles = [str(document["title"]) for document in group]
+    if len(titles) > 1:
+        names = {str(series["label"]) for document in group for series in document["series"]}
+        return panels_of(titles, legend=len(names) > 1)
+    figure = Figure(figsize=(7.2, 3.3), layout="constrained")
+    axes = figure.subplots()
+    axes.set_title(titles[0], loc="left")
+    return figure, [axes]
 
 
 def _draw(axes: Axes, document: Document) -> None:
     for index, series in enumerate(document["series"]):
         _draw_series(axes, series, index)
-    axes.set_title(str(document["title"]), loc="left")
     axes.set_xlabel(label(str(document["x_label"])))
     axes.set_ylabel(label(str(document["y_label"])))
     if document.get("x_log"):
         axes.set_xscale("log")
+        _mark_decades(axes.xaxis)
     if document.get("y_log"):
         axes.set_yscale("log")
+        _mark_decades(axes.yaxis)
+
+
+def _mark_decades(axis: Axis) -> None:
+    """Numbers at powers of ten, over less than two decades at 1, 2 and 5 of each: there is room for no more."""
+    low, high = axis.get_view_interval()
+    if high < _FEW_DECADES * low:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _draw_series(axes: Axes, series: Document, index: int) -> None:
@@ -86,13 +97,3 @@ def _draw_series(axes: Axes, series: Document, index: int) -> None:
     if np.all(np.diff(x) >= 0):
         x, y = thin(x, y)
     axes.plot(x, y, color=colour, linestyle=_LINE_STYLES[index % len(_LINE_STYLES)], label=name)
-
-
-def _legend(figure: Figure, panels: Sequence[Axes]) -> None:
-    """One legend for all panels: an entry per label, as its first panel draws it."""
-    found: dict[str, Any] = {}
-    for axes in panels:
-        for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
-            found.setdefault(name, handle)
-    if len(found) > 1:
-        figure.legend(list(found.values()), list(found), loc="outside upper center", ncols=min(4, len(found)))

@@ -87,6 +87,19 @@ class TemperatureTrace:
 
 
 @dataclass(frozen=True)
+class Surrounding:
+    """Temperature of a place around the unit, (n,), degC, at ``t_s`` seconds from the start of the campaign phase.
+
+    ``laboratory``: the air of the room, by the station file.
+    """
+
+    name: str
+    t_s: Floats
+    degC: Floats
+    laboratory: bool = False
+
+
+@dataclass(frozen=True)
 class Bar:
     """A stretch of the timetable on one lane; seconds from the start of the campaign, negative while preparing."""
 
@@ -124,7 +137,10 @@ class Residual:
 
 @dataclass(frozen=True)
 class RecordCounts:
-    """Records and frames of the session, by what became of them."""
+    """Records and frames of the session, by what became of them.
+
+    ``by_channel``: records, flagged, frames, bad, lost of each channel; empty if the records belong to no channel.
+    """
 
     records: int = 0
     flagged: int = 0
@@ -132,11 +148,31 @@ class RecordCounts:
     bad: int = 0
     lost: int = 0
     by_flag: Mapping[str, int] = field(default_factory=dict)
+    by_channel: Mapping[int, tuple[int, int, int, int, int]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class RunStory:
+    """What happened during a run. ``commands``, ``alarms``: a document for each, ``time`` since the run began.
+
+    ``tables``: documents like those of an analysis.   ``length_s``: from start to end, NaN if unknown.   ``hashes``:
+    SHA-256 of the texts the run was made from, by name.
+    """
+
+    tables: tuple[Mapping[str, Any], ...] = ()
+    commands: tuple[Mapping[str, Any], ...] = ()
+    alarms: tuple[Mapping[str, Any], ...] = ()
+    surroundings: tuple[Surrounding, ...] = ()
+    length_s: float = float("nan")
+    hashes: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class ReportModel:
-    """Everything a report shows. ``results`` is the document of results.json; the rest explains it."""
+    """Everything a report shows. ``results`` is the document of results.json; the rest explains it.
+
+    ``started_utc``: ISO 8601, empty if unknown.
+    """
 
     title: str
     results: Mapping[str, Any]
@@ -153,6 +189,8 @@ class ReportModel:
     figures: tuple[Mapping[str, Any], ...] = ()
     tables: tuple[Mapping[str, Any], ...] = ()
     notes: tuple[str, ...] = ()
+    started_utc: str = ""
+    run: RunStory = field(default_factory=RunStory)
 
     @property
     def simulated(self) -> bool:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 from typing import Any
 
 _SIGNIFICANT = 2
+_ROOT, _TIMES = re.compile(r"([a-zA-Z]+)\^0\.5"), re.compile(r"(?<=\w)\*(?=\w)")
 _UNIT_TEXT = {
     "ppm": "ppm",
     "ppb": "ppb",
@@ -53,7 +55,8 @@ def with_uncertainty(value: float, expanded: float | None) -> str:
 
 def unit_text(unit: str) -> str:
     """A unit as it is printed: degC becomes °C, 1e-6 notation stays."""
-    return unit.replace("degC2", "°C²").replace("degC^2", "°C²").replace("degC", "°C")
+    text = _ROOT.sub(r"√\1", _TIMES.sub("·", unit))
+    return text.replace("degC3", "°C³").replace("degC2", "°C²").replace("degC^2", "°C²").replace("degC", "°C")
 
 
 def header(key: str) -> str:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from bench.model.quality import Quality
-from bench.report import ReportModel, TemperatureTrace, report_model
+from bench.report import ReportModel, RunStory, Surrounding, TemperatureTrace, report_model
 
 TEMPERATURES_degC = (-10.0, 5.0, 20.0, 35.0, 50.0)
 LEVELS_A = {
@@ -115,7 +115,7 @@ def sample_estimates(rng: np.random.Generator) -> list[dict[str, Any]]:
 def sample_results(simulated: bool = True) -> dict[str, Any]:
     return {
         "schema": 1,
-        "session": "2000-01-01T000000Z_scale_factor_38h_NGU-SIM-1",
+        "session": "20000101T000000Z_scale_factor_38h_SIM-1",
         "campaign": "scale_factor",
         "uut": {"model": "NGU", "serial": "SIM-1"},
         "estimates": sample_estimates(np.random.default_rng(7)),
@@ -159,6 +159,11 @@ def sample_trace() -> TemperatureTrace:
     for index in range(1, unit.size):
         unit[index] = unit[index - 1] + (air[index] - unit[index - 1]) * 10 / 1500
     return TemperatureTrace(t_s, air, unit)
+
+
+def sample_room() -> Surrounding:
+    t_s = np.arange(0.0, 136_800.0, 1500.0)
+    return Surrounding("logger 101", t_s, 23.0 + 0.2 * np.sin(t_s / 2e4), laboratory=True)
 
 
 def sample_manifest() -> dict[str, Any]:
@@ -206,4 +211,22 @@ def sample_model(simulated: bool = True) -> ReportModel:
         ],
         prompts=[{"step": 0, "text": "Calibrator output floating?", "confirm": "operator", "by": "simulation"}],
         notes=["The bias of this campaign is diagnostic; it enters no coefficient."],
+        run=sample_story(),
     )
+
+
+def sample_story() -> RunStory:
+    return RunStory(
+        commands=({"time": "1:00:00", "what": "pause", "by": "A. Person, operator", "reason": "lunch"},),
+        alarms=({"time": "2:00:00", "what": "interlock", "text": "lab_air warned: 24.3 degC, limit 24 degC"},),
+        surroundings=(sample_room(),),
+        length_s=140_657.0,
+        hashes={"sequences/scale_factor_38h.yaml": "12" * 32},
+    )
+
+
+def small_model() -> ReportModel:
+    """The same with one channel and no residuals: for tests of what is not drawn."""
+    model = sample_model()
+    rows = [row for row in model.results["estimates"] if row["conditions"].get("channel", 1) == 1]
+    return replace(model, results={**model.results, "estimates": rows}, residuals=())

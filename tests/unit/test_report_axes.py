@@ -7,16 +7,17 @@ import pytest
 import report_sample
 from matplotlib.figure import Figure
 
-from bench.report import history_plot, multiples
+from bench.report import history_plot, temperature_plots
+from bench.report.words import words_of
 
 
 def test_one_temperature_has_a_readable_axis(monkeypatch: pytest.MonkeyPatch) -> None:
     figures: list[Figure] = []
-    monkeypatch.setattr(multiples, "inline_svg", lambda figure, name: figures.append(figure) or "")
+    monkeypatch.setattr(temperature_plots, "inline_svg", lambda figure, name: figures.append(figure) or "")
     model = report_sample.sample_model()
     for row in model.estimates("dsf_n") + model.estimates("dsf_p"):
         row["conditions"]["unit_temperature_degC"] = 20.004 + 1e-5 * row["conditions"]["channel"]
-    assert multiples.dsf_picture(model) is not None
+    assert temperature_plots.dsf_picture(model, words_of("en")) is not None
     (figure,) = figures
     for axes in figure.axes:
         low, high = axes.get_xlim()

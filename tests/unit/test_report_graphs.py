@@ -7,11 +7,12 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from report_sample import sample_model
+from report_sample import small_model
 
 from bench.report import build_report
+from bench.report.estimate_tables import coefficient_table
 from bench.report.graphs import analysis_pictures
-from bench.report.tables import coefficient_table
+from bench.report.words import words_of
 
 
 def figure(title: str, **more: Any) -> dict[str, Any]:
@@ -70,7 +71,7 @@ def test_error_bars_reach_from_low_to_high_only() -> None:
 def test_figures_and_tables_are_in_the_page_and_the_bytes_repeat() -> None:
     rows = [["gain", 10.0], ["E_n", -0.0151768]]
     table = {"title": "Budget", "caption": "Channel 1.", "headers": ["component", "u / ppm"], "rows": rows}
-    model = replace(sample_model(), figures=(figure("Bias of channel 1"),), tables=(table,))
+    model = replace(small_model(), figures=(figure("Bias of channel 1"),), tables=(table,))
     page = build_report(model)
     assert "Bias of channel 1" in page
     assert "Budget. Channel 1." in page
@@ -81,7 +82,7 @@ def test_figures_and_tables_are_in_the_page_and_the_bytes_repeat() -> None:
 
 @pytest.mark.parametrize("probability", [0.99999, 1.0])
 def test_a_probability_is_never_rounded_up_to_certainty(probability: float) -> None:
-    model = sample_model()
+    model = small_model()
     judged = {
         "quantity": "bias_residual",
         "unit": "A",
@@ -113,7 +114,7 @@ def test_a_coefficient_without_constant_shows_the_value_at_its_reference_tempera
         entry("bias", "A", 436.57e-9, channel=1, temperature_degC=20.0),
         entry("bias_tc1", "A/degC", 2.1e-9, channel=1, reference_temperature_degC=20.0),
     ]
-    model = sample_model()
-    table = coefficient_table(replace(model, results={**model.results, "estimates": estimates}))
+    model = small_model()
+    table = coefficient_table(replace(model, results={**model.results, "estimates": estimates}), words_of("en"))
     assert table is not None
     assert table.rows == (("1", "bias / nA", "436.57 ± 0.10", "2.10 ± 0.10"),)

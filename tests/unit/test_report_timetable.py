@@ -13,6 +13,7 @@ from bench.report import TemperatureTrace, plot_timetable
 from bench.report.figures import thin, timetable_picture
 from bench.report.planned import planned_temperature
 from bench.report.timetable import timetable
+from bench.report.words import words_of
 
 
 def test_bars_cover_exactly_the_planned_time() -> None:
@@ -105,14 +106,14 @@ def test_plan_without_soak_or_channels_has_lanes_by_kind() -> None:
     steps = (SampleStep("campaign", "settle", 0.0, 20.0), SampleStep("campaign", "record", 20.0, 100.0))
     table = timetable(steps, prepare_s=0.0)
     assert table.lanes == ("settle", "record")
-    picture = timetable_picture(table, TemperatureTrace())
+    picture = timetable_picture(table, TemperatureTrace(), words_of("en"))
     assert picture is not None
     assert "Temperature" not in picture.svg
     assert "Time from hour 0 / min" in picture.svg
 
 
 def test_nothing_planned_nothing_drawn() -> None:
-    assert timetable_picture(timetable((), prepare_s=0.0), TemperatureTrace()) is None
+    assert timetable_picture(timetable((), prepare_s=0.0), TemperatureTrace(), words_of("en")) is None
 
 
 def test_thinning_keeps_extremes_and_drops_missing_readings() -> None:

@@ -1,0 +1,218 @@
+"""``bench certificate``: a Digital Calibration Certificate of a session, or a clear reason why there is none."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+from pathlib import Path
+from typing import Any
+
+from bench.campaigns.results import results_json, validate_results
+from bench.commands.console import console
+from bench.commands.output import write_file
+from bench.commands.session import read_view
+from bench.commands.view import SessionView, analyse_view
+from bench.model.clock import NS, WallClock
+from bench.model.errors import ExitStatus, InputError, SessionDamaged
+from bench.record import SessionReader, layout
+from bench.replay import compare
+from bench.replay.compare import ABSENT, Difference
+from bench.report.dcc import (
+    Calibration,
+    CertificateSchema,
+    Laboratory,
+    Span,
+    certificate_text,
+    load_laboratory,
+    nobody,
+    not_valid,
+    overdue,
+)
+
+NAME, SPECIMEN_NAME = "certificate.xml", "certificate.specimen.xml"
+SOFTWARE_PATH = "provenance.software"  # another version may give the same numbers
+REL_TOL = 1e-9  # in another environment floats agree to this, and no better
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the command line asked for."""
+
+    session: Path
+    laboratory: Path | None
+    out: Path | None
+    schema: Path | None
+    specimen: bool
+
+
+def certificate(request: Request) -> int:
+    """Write the certificate; nothing is written unless the recording gives every number of results.json again.
+
+    Raises: InputError B-DCC-001 to -004, -006 to -010, -012, -013, B-YAML-..., B-CLI-007;
+            SessionDamaged B-DCC-005, B-REC-011.
+    """
+    simulated = SessionReader(request.session).manifest.get("simulated") is not False
+    if simulated and not request.specimen:
+        raise InputError(
+            "B-DCC-001",
+            "the session is simulated: nothing was measured that could be certified",
+            where=str(request.session),
+            next_step="'--specimen' writes a marked specimen",
+        )
+    laboratory = _laboratory(request)
+    schema = None if request.schema is None else CertificateSchema(request.schema)
+    calibration = _calibration(request, laboratory)
+    path = request.out or request.session / (SPECIMEN_NAME if request.specimen else NAME)
+    text = certificate_text(calibration)
+    if schema is not None:
+        _validate(schema, text, path)
+    _refuse_to_replace(path, text, request.specimen)
+    write_file(path, text)
+    held = "" if schema is None else f", holds {schema.path.name}"
+    console().print(f"wrote    {path}{held}")
+    return ExitStatus.PASS
+
+
+def _laboratory(request: Request) -> Laboratory:
+    if request.laboratory is not None:
+        return load_laboratory(request.laboratory)
+    if request.specimen:
+        return nobody()
+    raise InputError(
+        "B-DCC-002",
+        "a certificate needs a laboratory: who calibrates, for whom, who signs",
+        where=str(request.session),
+        next_step="name its file by --laboratory; docs/laboratory.yaml is an example",
+    )
+
+
+def _calibration(request: Request, laboratory: Laboratory) -> Calibration:
+    folder = request.session
+    stored, digests = _stored(folder)
+    view = read_view(folder, strict=True)
+    _refuse_unfinished(folder, view)
+    _refuse_other_numbers(folder, stored, view)
+    began, ended = _days(folder)
+    standards = view.manifest.get("standards", {})
+    late = overdue(standards, began, ended)
+    if not request.specimen and (late or not standards):
+        raise InputError(
+            "B-DCC-006",
+            f"not calibrated at the time of the measurement, {began} to {ended}: {'; '.join(late) or 'any standard'}",
+            where=str(folder),
+            next_step="have the standards calibrated and measure again",
+        )
+    return Calibration(
+        results=stored,
+        manifest=view.manifest,
+        laboratory=laboratory,
+        hashes={"session": view.session_sha256, **digests},
+        began=began,
+        ended=ended,
+        issued=laboratory.issued or (None if request.specimen else _day(WallClock().utc_ns())),
+        specimen=request.specimen,
+        chamber=_span(view, "air_degC"),
+        unit=_span(view, "unit_degC"),
+    )
+
+
+def _stored(folder: Path) -> tuple[dict[str, Any], dict[str, str]]:
+    """results.json, and the SHA-256 of it and of the report that goes with it."""
+    path, report = folder / "results.json", folder / "report.html"
+    try:
+        raw = path.read_bytes()
+        document = json.loads(raw)
+        digests = {"results": hashlib.sha256(raw).hexdigest()}
+        if report.is_file():
+            digests["report"] = hashlib.sha256(report.read_bytes()).hexdigest()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(
+            "B-DCC-004",
+            f"there are no results to certify: {reason}",
+            where=str(path),
+            next_step="certify a session whose run ended with results",
+        ) from error
+    validate_results(document, str(path))
+    return document, digests
+
+
+def _refuse_unfinished(folder: Path, view: SessionView) -> None:
+    if view.incomplete:
+        raise InputError(
+            "B-DCC-003",
+            "the run has not ended, or was stopped before its end",
+            where=str(folder),
+            next_step="'bench resume' goes on with it",
+        )
+
+
+def _refuse_other_numbers(folder: Path, stored: Mapping[str, Any], view: SessionView) -> None:
+    """Each number of results.json must follow from the recording, today."""
+    if not view.has_analysis:
+        raise InputError("B-DCC-004", "the sequence of this session asks for no analysis", where=str(folder))
+    if stored["provenance"]["session_sha256"] != view.session_sha256:
+        raise _other("results.json is of another recording", folder)
+    now = json.loads(results_json(analyse_view(view)[0]))
+    found = [one for one in compare(stored, now) if one.path != SOFTWARE_PATH and not _agrees(one)]
+    if found:
+        raise _other(f"results.json differs in {len(found)} values from what it gives today: {found[0]}", folder)
+
+
+def _agrees(one: Difference) -> bool:
+    """A value that only this software gives, or a number that another machine rounds otherwise."""
+    numbers = isinstance(one.first, float) and isinstance(one.second, float)
+    return one.first == ABSENT or (numbers and math.isclose(one.first, one.second, rel_tol=REL_TOL, abs_tol=0.0))
+
+
+def _other(message: str, folder: Path) -> SessionDamaged:
+    next_step = f"'bench replay {folder}' lists what differs"
+    return SessionDamaged("B-DCC-005", message, where=str(folder), next_step=next_step)
+
+
+def _days(folder: Path) -> tuple[date, date]:
+    """UTC days on which the recording began and ended, by its first and last pair of times."""
+    pairs = [message.document() for message in SessionReader(folder).select(frozenset({layout.CLOCK}))]
+    if not pairs:
+        raise InputError(
+            "B-DCC-013",
+            "the session does not say when it was recorded: it holds no UTC beside its own time",
+            where=str(folder),
+            next_step="certify a session that does; docs/session-format.md says how",
+        )
+    times_ns = [int(pair["t_utc_ns"]) for pair in pairs]
+    return _day(min(times_ns)), _day(max(times_ns))
+
+
+def _day(utc_ns: int) -> date:
+    return datetime.fromtimestamp(utc_ns // NS, UTC).date()
+
+
+def _span(view: SessionView, name: str) -> Span | None:
+    """Lowest and highest reading of a temperature in the session."""
+    readings = (one.get(name) for _, one in view.events_of("environment"))
+    values = [float(one) for one in readings if one is not None]
+    return Span(min(values), max(values)) if values else None
+
+
+def _validate(schema: CertificateSchema, text: str, path: Path) -> None:
+    violations = schema.violations(text)
+    if violations:
+        beside = path.with_name(f"{path.stem}.invalid.xml")
+        write_file(beside, text)
+        raise not_valid(violations, beside, schema.path)
+
+
+def _refuse_to_replace(path: Path, text: str, specimen: bool) -> None:
+    """A certificate that was handed out is not changed under its own number."""
+    if not specimen and path.is_file() and path.read_bytes() != text.encode():
+        raise InputError(
+            "B-DCC-012",
+            "is there already and says something else",
+            where=str(path),
+            next_step="remove it if it was never issued; otherwise write to another file by --out",
+        )

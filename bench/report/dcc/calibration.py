@@ -1,0 +1,78 @@
+"""What a certificate is made of: a finished session, checked results, and the laboratory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from bench.model.texts import Texts
+from bench.report.dcc.laboratory import Laboratory
+
+TEXTS = Texts(Path(__file__).parent)
+SPECIMEN = "SPECIMEN"
+
+
+@dataclass(frozen=True)
+class Span:
+    """Lowest and highest of something, degC."""
+
+    low_degC: float
+    high_degC: float
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A calibration to certify.
+
+    ``results``: the document of results.json; ``manifest``: that of the session; ``began``, ``ended``: UTC days.
+    ``hashes``: name (session, results, report) -> SHA-256; ``chamber``, ``unit``: temperatures during the campaign.
+    ``issued``: day of issue, None leaves it out; ``specimen``: marked as no calibration.
+    """
+
+    results: Mapping[str, Any]
+    manifest: Mapping[str, Any]
+    laboratory: Laboratory
+    hashes: Mapping[str, str]
+    began: date
+    ended: date
+    issued: date | None = None
+    specimen: bool = False
+    chamber: Span | None = None
+    unit: Span | None = None
+
+    @property
+    def simulated(self) -> bool:
+        """True unless the results say that a real bench was measured."""
+        return self.results.get("provenance", {}).get("simulated") is not False
+
+    @property
+    def unique_identifier(self) -> str:
+        """Prefix of the laboratory and name of the session; a specimen says so first."""
+        name = f"{self.laboratory.prefix}-{self.results['session']}"
+        return f"{SPECIMEN}-{name}" if self.specimen else name
+
+    def marked(self, title: str) -> str:
+        """A title as it is printed: that of a specimen says in words that it is none."""
+        if not self.specimen:
+            return title
+        mark = TEXTS("mark.simulated" if self.simulated else "mark.specimen")
+        return f"{mark}: {title}"
+
+
+def nobody() -> Laboratory:
+    """The laboratory of a specimen for which none is named."""
+    contact = {"name": TEXTS("nobody.laboratory"), "country": "ZZ", "city": TEXTS("nobody.city")}
+    return Laboratory.model_validate(
+        {
+            "prefix": "NONE",
+            "laboratory": contact,
+            "customer": {**contact, "name": TEXTS("nobody.customer")},
+            "item": {"name": TEXTS("nobody.item")},
+            "responsible": [{"name": TEXTS("nobody.person"), "signs": True}],
+            "traceability": TEXTS("nobody.traceability"),
+            "surroundings": {"temperature": ["22 degC", "24 degC"]},
+        }
+    )

@@ -1,0 +1,171 @@
+"""Results of a certificate: the estimates of one quantity under like conditions are one table, a column each.
+
+A table is a dcc:list of columns, as the good practice of the DCC has it: the conditions, then the value with its
+expanded uncertainty, coverage factor and probability, then what it was made from. No digit of results.json is lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from bench.report.dcc.calibration import TEXTS, Calibration
+from bench.report.dcc.dsi import ONE, SiUnit, condition_unit, estimate_unit, si_number
+from bench.report.dcc.elements import Element, dcc, number_list, si, words
+from bench.report.dcc.judged import conformity, is_judged
+
+PROBABILITY = "0.95"
+Estimate = Mapping[str, Any]
+_LEAST_K = 1.0  # D-SI has no smaller coverage factor
+
+
+@dataclass(frozen=True)
+class Table:
+    """Estimates of one quantity that are listed together.
+
+    ``numeric``, ``texts``: names of the conditions that are columns; ``common``: those that are one sentence for all.
+    """
+
+    quantity: str
+    unit: str
+    numeric: tuple[str, ...]
+    texts: tuple[str, ...]
+    common: tuple[tuple[str, str], ...]
+    estimates: tuple[Estimate, ...]
+
+
+def left_out(estimate: Estimate) -> bool:
+    """True for an estimate without value or uncertainty, or with a coverage factor that D-SI cannot hold."""
+    needed = [estimate.get(name) for name in ("value", "expanded_uncertainty", "coverage_factor")]
+    return None in needed or float(needed[2] or 0.0) < _LEAST_K
+
+
+def tables_of(estimates: Sequence[Estimate]) -> list[Table]:
+    """Tables in the order of results.json; every estimate that can be given is in one of them."""
+    found: dict[tuple[Any, ...], list[Estimate]] = {}
+    for one in estimates:
+        if not left_out(one):
+            found.setdefault(_key(one), []).append(one)
+    return [
+        Table(quantity, unit, numeric, texts, common, tuple(rows))
+        for (quantity, unit, numeric, texts, common, *_), rows in found.items()
+    ]
+
+
+def _key(estimate: Estimate) -> tuple[Any, ...]:
+    """What estimates of one table share: quantity, unit, conditions by sort, whether judged, whether dof are finite."""
+    conditions = estimate["conditions"]
+    numeric = tuple(name for name, value in conditions.items() if _is_number(name, value))
+    others = {name: _text(value) for name, value in conditions.items() if name not in numeric}
+    texts = tuple(name for name, value in others.items() if _is_word(value))
+    common = tuple((name, value) for name, value in others.items() if name not in texts)
+    judged, finite = is_judged(estimate), estimate.get("dof") is not None
+    return (estimate["quantity"], estimate["unit"], numeric, texts, common, judged, finite)
+
+
+def _is_number(name: str, value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and condition_unit(name) is not None
+
+
+def _is_word(text: str) -> bool:
+    return bool(text) and text.split() == [text]
+
+
+def _text(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) or value is None else str(value)
+
+
+def results(calibration: Calibration, ref_ids: Sequence[str]) -> Element:
+    """The element results; ``ref_ids``: methods, software and equipment that every result was made with."""
+    refs = " ".join(ref_ids)
+    tables = tables_of(calibration.results["estimates"])
+    return dcc("results", *(_result(calibration, table, refs) for table in tables))
+
+
+def _result(calibration: Calibration, table: Table, refs: str) -> Element:
+    unit = estimate_unit(table.quantity, table.unit)
+    return dcc(
+        "result",
+        words("name", calibration.marked(quantity_name(table.quantity))),
+        words("description", _description(table, unit)),
+        dcc("data", dcc("list", *_columns(table, unit))),
+        refId=refs,
+        refType=f"bench_{table.quantity}",
+    )
+
+
+def _description(table: Table, unit: SiUnit) -> str:
+    key = "result.moved" if unit.power else "result.same"
+    return TEXTS(key, quantity=table.quantity, unit=table.unit, power=unit.power, count=len(table.estimates))
+
+
+def _columns(table: Table, unit: SiUnit) -> list[Element]:
+    rows = table.estimates
+    found = [_condition(table, name) for name in table.numeric]
+    found += [_words(name, [_text(one["conditions"][name]) for one in rows]) for name in table.texts]
+    found += [dcc("quantity", words("name", name), words("noQuantity", text)) for name, text in table.common]
+    found.append(_values(table, unit))
+    found += [_counts(name, [one[name] for one in rows]) for name in ("n", "dropped")]
+    if rows[0].get("dof") is not None:
+        found.append(_counts("dof", [one["dof"] for one in rows]))
+    return found
+
+
+def _condition(table: Table, name: str) -> Element:
+    unit = condition_unit(name)
+    assert unit is not None
+    values = [si_number(one["conditions"][name], unit.power) for one in table.estimates]
+    return dcc(
+        "quantity", words("name", name), number_list(values, unit.token), refType=f"bench_{camel('condition_' + name)}"
+    )
+
+
+def _words(name: str, values: Sequence[str]) -> Element:
+    listed = dcc("charsXMLList", text=" ".join(values))
+    return dcc("quantity", words("name", name), listed, refType=f"bench_{camel('condition_' + name)}")
+
+
+def _values(table: Table, unit: SiUnit) -> Element:
+    rows = table.estimates
+    uncertainty = si(
+        "expandedUncXMLList",
+        si("uncertaintyXMLList", text=_numbers(rows, "expanded_uncertainty", unit.power)),
+        si("coverageFactorXMLList", text=_numbers(rows, "coverage_factor")),
+        si("coverageProbabilityXMLList", text=PROBABILITY),
+        si("distributionXMLList", text="normal" if rows[0].get("dof") is None else "student-t"),
+    )
+    values = si(
+        "realListXMLList",
+        si("valueXMLList", text=_numbers(rows, "value", unit.power)),
+        si("unitXMLList", text=unit.token),
+        uncertainty,
+    )
+    name = words("name", quantity_name(table.quantity))
+    return dcc("quantity", name, values, conformity(rows, unit), refType=f"basic_measuredValue bench_{table.quantity}")
+
+
+def _numbers(rows: Sequence[Estimate], name: str, power: int = 0) -> str:
+    return " ".join(si_number(one[name], power) for one in rows)
+
+
+def _counts(name: str, values: Sequence[float]) -> Element:
+    listed = number_list([si_number(value) for value in values], ONE)
+    return dcc("quantity", words("name", TEXTS(f"column.{name}")), listed, refType=f"bench_{name}")
+
+
+def quantity_name(quantity: str) -> str:
+    """Name of a quantity in words, by the catalogue where it has one."""
+    known = TEXTS.all
+    if f"quantity.{quantity}" in known:
+        return known[f"quantity.{quantity}"]
+    base, _, ending = quantity.rpartition("_")
+    if base and f"ending.{ending}" in known:
+        return TEXTS(f"ending.{ending}", quantity=quantity_name(base))
+    return quantity.replace("_", " ")
+
+
+def camel(name: str) -> str:
+    """A name as the good practice writes the second part of a refType: conditionTemperatureDegC."""
+    first, *rest = name.split("_")
+    return first + "".join(part[:1].upper() + part[1:] for part in rest)

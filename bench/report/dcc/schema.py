@@ -1,0 +1,148 @@
+"""Validation against the schema that the user has, without the network: imported schemas stand beside it."""
+
+from __future__ import annotations
+
+import importlib
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+from bench.model.errors import InputError
+from bench.report.dcc.elements import DCC, SI, VERSION, lines_of
+
+_XS = "{http://www.w3.org/2001/XMLSchema}"
+_SIGNATURES = "http://www.w3.org/2000/09/xmldsig#"
+_MAX_LISTED = 20
+
+
+@dataclass(frozen=True)
+class Violation:
+    """Where a certificate does not hold a schema: line of the file, path of the element, what is wrong."""
+
+    line: int
+    path: str
+    reason: str
+
+    def __str__(self) -> str:
+        return f"line {self.line}: {self.path}: {self.reason}"
+
+
+class CertificateSchema:
+    """A dcc.xsd with the schemas it imports, found by file name in its folder; that of signatures may be missing there.
+
+    Raises: InputError B-DCC-008 (cannot be read, is of another version, or an imported schema is missing),
+            B-DCC-010 (the package xmlschema is not installed).
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        package = _xmlschema()
+        found = _schemas(path, package)
+        version = ET.fromstring(found[path.name].read_bytes()).get("version")
+        if version != VERSION:
+            raise _unusable(path, f"is of version {version}", f"name the dcc.xsd of version {VERSION}")
+        self._package = package
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")
+                self._schema: Any = package.XMLSchema(
+                    str(path), allow="local", uri_mapper=lambda uri: _local(str(uri), found)
+                )
+        except (package.XMLSchemaException, Warning, OSError, ValueError) as error:
+            first = (str(error).splitlines() or ["?"])[0]
+            raise _unusable(path, f"is not a usable schema: {first}", "fetch it again from its publisher") from error
+
+    def violations(self, text: str) -> list[Violation]:
+        """What does not hold in a certificate, in the order of its lines."""
+        root = ET.fromstring(text)
+        lines = {id(element): line for element, line in zip(root.iter(), lines_of(text), strict=True)}
+        resource = self._package.XMLResource(root, allow="none")
+        return [
+            Violation(lines.get(id(error.elem), 1), _short(str(error.path)), _short(str(error.reason)))
+            for error in self._schema.iter_errors(resource)
+        ]
+
+
+def not_valid(violations: list[Violation], where: Path, schema: Path) -> InputError:
+    """The error B-DCC-009 for a certificate that does not hold its schema; ``where`` it was written to be looked at."""
+    listed = "".join(f"\n  {one}" for one in violations[:_MAX_LISTED])
+    more = len(violations) - _MAX_LISTED
+    listed += f"\n  and {more} more" if more > 0 else ""
+    return InputError(
+        "B-DCC-009",
+        f"does not hold {schema.name} in {len(violations)} places:{listed}",
+        where=str(where),
+        next_step="check that the schema is the published one; if it is, report this",
+    )
+
+
+def _short(text: str) -> str:
+    """One line, with the prefixes of the certificate instead of its namespaces."""
+    for prefix, space in (("dcc", DCC), ("si", SI)):
+        text = text.replace(f"{{{space}}}", f"{prefix}:")
+    return " ".join(text.split())
+
+
+def _schemas(path: Path, package: Any) -> dict[str, Path]:
+    """File name -> file of the schema and all that it imports, directly or not."""
+    found: dict[str, Path] = {}
+    missing: list[str] = []
+    waiting = [path]
+    while waiting:
+        current = waiting.pop()
+        found[current.name] = current
+        for namespace, name in _imports(current):
+            beside = path.parent / name
+            shipped = Path(package.__file__).parent / "schemas" / "DSIG" / name
+            if name in found or name in missing:
+                continue
+            if beside.is_file():
+                waiting.append(beside)
+            elif namespace == _SIGNATURES and shipped.is_file():
+                found[name] = shipped
+            else:
+                missing.append(name)
+    if missing:
+        names = ", ".join(sorted(missing))
+        raise _unusable(path, f"imports what is not in its folder: {names}", f"put {names} beside it")
+    return found
+
+
+def _imports(path: Path) -> Iterator[tuple[str, str]]:
+    """Namespace and file name of what a schema imports or includes."""
+    try:
+        root = ET.fromstring(path.read_bytes())
+    except (OSError, ET.ParseError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise _unusable(path, f"cannot be read: {reason}", "name the file dcc.xsd") from error
+    if root.tag != f"{_XS}schema":
+        raise _unusable(path, "is not an XML schema", "name the file dcc.xsd")
+    for tag in ("import", "include"):
+        for one in root.findall(f"{_XS}{tag}"):
+            if location := one.get("schemaLocation"):
+                yield one.get("namespace", ""), location.rsplit("/", 1)[-1]
+
+
+def _local(uri: str, found: dict[str, Path]) -> str:
+    """Address of a schema -> the file that stands for it."""
+    file = found.get(uri.rsplit("/", 1)[-1])
+    return uri if file is None else file.resolve().as_uri()
+
+
+def _xmlschema() -> Any:
+    try:
+        return importlib.import_module("xmlschema")
+    except ImportError as error:
+        raise InputError(
+            "B-DCC-010",
+            "the package xmlschema is not installed, so nothing can be validated",
+            where="--schema",
+            next_step="pip install 'inertial-bench[certificate]', or leave --schema out",
+        ) from error
+
+
+def _unusable(path: Path, message: str, next_step: str) -> InputError:
+    return InputError("B-DCC-008", message, where=str(path), next_step=next_step)

@@ -1,0 +1,218 @@
+"""Tables of estimates: scale factor, coefficients, and every further quantity by channel and temperature."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bench.model.texts import Texts
+from bench.report.model import ReportModel
+from bench.report.numbers import cell, decimals_for, number, unit_text, with_uncertainty
+from bench.report.tables import Table
+from bench.report.words import column, kind_of
+
+_SCALE_FACTOR = ("dsf_n", "dsf_p", "dsf_asymmetry")
+_COEFFICIENTS = ("tc0", "tc1", "tc2", "tc3")
+_PIVOT = {"channel", "temperature_degC"}
+_AMPERE = re.compile(r"A(?![A-Za-z])")
+Row = Mapping[str, Any]
+
+
+def scale_factor_tables(model: ReportModel, words: Texts) -> list[Table]:
+    """One table per kind of sensor: errors in ppm, and at full scale in nA and in the sensor's unit."""
+    by_number = {entry["number"]: entry for entry in model.campaign.get("channels", ())}
+    kinds = dict.fromkeys(row["conditions"].get("kind", "") for row in model.estimates("dsf_n"))
+    return [table for kind in kinds if (table := _scale_factor_table(model, words, str(kind), by_number)).rows]
+
+
+def _scale_factor_table(model: ReportModel, words: Texts, kind: str, by_number: Mapping[int, Row]) -> Table:
+    found: dict[tuple[Any, Any], dict[str, Row]] = {}
+    for quantity in _SCALE_FACTOR:
+        for row in model.estimates(quantity):
+            conditions = row["conditions"]
+            if conditions.get("kind", "") == kind:
+                key = (conditions["channel"], conditions.get("temperature_degC"))
+                found.setdefault(key, {})[quantity] = row
+    sensor_unit = next((c["sensor_unit"] for c in by_number.values() if c.get("kind") == kind), "")
+    rows = tuple(_scale_factor_row(key, entry, by_number.get(key[0], {})) for key, entry in sorted(found.items()))
+    headers = (
+        *(words("column.channel"), words("scale_factor.set"), words("scale_factor.unit")),
+        *("N / ppm", "P / ppm", "N − P / ppm", "N / nA", "P / nA"),
+    )
+    sensor = (f"N / {sensor_unit}", f"P / {sensor_unit}") if sensor_unit else ()
+    at_full_scale = "nA" + (f", {sensor_unit}" if sensor_unit else "")
+    caption = words("scale_factor.table", kind=kind_of(words, kind), units=at_full_scale)
+    return Table(caption, (*headers, *sensor, words("scale_factor.rows")), rows, stub=2)
+
+
+def _scale_factor_row(key: tuple[Any, Any], entry: Mapping[str, Row], channel: Row) -> tuple[str, ...]:
+    first = next(iter(entry.values()))
+    ppm = [
+        with_uncertainty(entry[name]["value"], entry[name].get("expanded_uncertainty")) if name in entry else "–"
+        for name in _SCALE_FACTOR
+    ]
+    at_full_scale = [_at_full_scale(entry.get(name), channel.get("full_scale_A"), 1e9) for name in _SCALE_FACTOR[:2]]
+    if channel.get("sensor_unit"):
+        at_full_scale += [
+            _at_full_scale(entry.get(name), channel.get("sensor_full_scale"), 1.0) for name in _SCALE_FACTOR[:2]
+        ]
+    used = f"{first.get('n', '–')}" + (f" (−{first['dropped']})" if first.get("dropped") else "")
+    measured = first["conditions"].get("unit_temperature_degC")
+    return (str(key[0]), number(key[1], 1), number(measured, 2), *ppm, *at_full_scale, used)
+
+
+def _at_full_scale(row: Row | None, full_scale: float | None, factor: float) -> str:
+    if row is None or full_scale is None:
+        return "–"
+    scale = 1e-6 * full_scale * factor
+    return number(row["value"] * scale, decimals_for((row.get("expanded_uncertainty") or 0.0) * scale))
+
+
+def coefficient_table(model: ReportModel, words: Texts) -> Table | None:
+    """Temperature coefficients, one row per channel and quantity, about the reference temperature."""
+    found: dict[tuple[str, str], dict[str, Row]] = {}
+    for row in model.results.get("estimates", ()):
+        quantity, _, order = row["quantity"].rpartition("_")
+        if order in _COEFFICIENTS:
+            found.setdefault((str(row["conditions"].get("channel", "–")), quantity), {})[order] = row
+    _add_reference_values(model, found)
+    if not found:
+        return None
+    orders = [order for order in _COEFFICIENTS if any(order in entry for entry in found.values())]
+    lines = []
+    for (channel, quantity), entry in found.items():
+        scale, unit = readable(list(entry.values()))
+        values = (value_text(entry.get(order), scale) for order in orders)
+        lines.append((channel, f"{quantity} / {unit.partition('/')[0]}", *values))
+    conditions = next(iter(next(iter(found.values())).values()))["conditions"]
+    reference = conditions.get("reference_temperature_degC", model.campaign.get("reference_temperature_degC"))
+    at = words("coefficients.at", degC=cell(reference))
+    heads = dict(zip(_COEFFICIENTS, (at, "per °C", "per °C²", "per °C³"), strict=True))
+    headers = (words("column.channel"), words("column.quantity"), *(heads[order] for order in orders))
+    return Table(words("coefficients.table", degC=cell(reference)), headers, tuple(lines), stub=2)
+
+
+def _add_reference_values(model: ReportModel, found: dict[tuple[str, str], dict[str, Row]]) -> None:
+    """Where a fit gives no constant, the value of the quantity at its reference temperature stands for it."""
+    for row in model.results.get("estimates", ()):
+        conditions = row["conditions"]
+        entry = found.get((str(conditions.get("channel", "–")), row["quantity"]))
+        if entry and "tc0" not in entry:
+            reference = next(iter(entry.values()))["conditions"].get("reference_temperature_degC")
+            if reference is not None and conditions.get("temperature_degC") == reference:
+                entry["tc0"] = row
+
+
+def value_text(row: Row | None, scale: float = 1.0) -> str:
+    """A value with its expanded uncertainty, times ``scale``; a dash for none."""
+    if row is None:
+        return "–"
+    expanded = row.get("expanded_uncertainty")
+    return with_uncertainty(row["value"] * scale, None if expanded is None else expanded * scale)
+
+
+def pivot_tables(model: ReportModel, words: Texts) -> list[Table]:
+    """One table per further quantity known by channel and temperature: channels down, set temperatures across."""
+    tables = []
+    by_quantity: dict[str, list[Row]] = {}
+    for row in _further(model):
+        if _pivots(row):
+            by_quantity.setdefault(row["quantity"], []).append(row)
+    for quantity, rows in by_quantity.items():
+        scale, unit = readable(rows)
+        temperatures = sorted({row["conditions"]["temperature_degC"] for row in rows})
+        cells: dict[Any, dict[Any, str]] = {}
+        for row in rows:
+            where = row["conditions"]
+            cells.setdefault(where["channel"], {})[where["temperature_degC"]] = value_text(row, scale)
+        body = tuple((str(key), *(line.get(t, "–") for t in temperatures)) for key, line in sorted(cells.items()))
+        caption = words("others.pivot", quantity=quantity, unit=unit_text(unit))
+        tables.append(Table(caption, (words("column.channel"), *(f"{number(t, 1)} °C" for t in temperatures)), body))
+    return tables
+
+
+def _further(model: ReportModel) -> list[Row]:
+    return [
+        row
+        for row in model.results.get("estimates", ())
+        if row["quantity"] not in _SCALE_FACTOR and row["quantity"].rpartition("_")[2] not in _COEFFICIENTS
+    ]
+
+
+def _pivots(row: Row) -> bool:
+    """True for a quantity known once by channel and set temperature."""
+    return row["conditions"].keys() >= _PIVOT and "repeat" not in row["conditions"]
+
+
+def readable(rows: Sequence[Row]) -> tuple[float, str]:
+    """Factor and unit for printing: currents of the unit under test read best in nanoampere."""
+    unit = str(rows[0]["unit"])
+    small = _AMPERE.match(unit) and max(abs(row["value"]) for row in rows) < 1e-3
+    return (1e9, f"n{unit}") if small else (1.0, unit)
+
+
+def channel_table(model: ReportModel, words: Texts) -> Table | None:
+    """Quantities known once per channel: channels down, quantities across."""
+    found: dict[str, dict[Any, Row]] = {}
+    for row in _further(model):
+        if _once_per_channel(row):
+            found.setdefault(row["quantity"], {})[row["conditions"]["channel"]] = row
+    if not found:
+        return None
+    scales = {quantity: readable(list(rows.values())) for quantity, rows in found.items()}
+    channels = sorted({channel for rows in found.values() for channel in rows})
+    body = tuple(
+        (str(channel), *(value_text(rows.get(channel), scales[quantity][0]) for quantity, rows in found.items()))
+        for channel in channels
+    )
+    headers = (f"{quantity} / {unit_text(scales[quantity][1])}" for quantity in found)
+    return Table(words("others.by_channel"), (words("column.channel"), *headers), body)
+
+
+def _once_per_channel(row: Row) -> bool:
+    conditions = row["conditions"]
+    return "channel" in conditions and not {"temperature_degC", "repeat"} & conditions.keys()
+
+
+def other_table(model: ReportModel, words: Texts) -> Table | None:
+    """Every estimate that has no table of its own, with its conditions."""
+    rows = []
+    for row in _further(model):
+        if not _pivots(row) and not _once_per_channel(row):
+            scale, unit = readable([row])
+            where = _conditions(words, row["conditions"])
+            rows.append((row["quantity"], where, value_text(row, scale), unit_text(unit)))
+    headers = (
+        *(words("column.quantity"), words("column.conditions")),
+        *(words("column.value_expanded"), words("column.unit")),
+    )
+    return Table(words("others.table"), headers, tuple(rows), stub=2) if rows else None
+
+
+def _conditions(words: Texts, conditions: Row) -> str:
+    return ", ".join(f"{column(words, name)}: {cell(value)}" for name, value in conditions.items() if name != "kind")
+
+
+def coverage_table(model: ReportModel, words: Texts) -> Table | None:
+    """What is stated for each quantity: how many values, their standard and expanded uncertainties, and k."""
+    by_quantity: dict[str, list[Row]] = {}
+    for row in model.results.get("estimates", ()):
+        by_quantity.setdefault(row["quantity"], []).append(row)
+    rows = []
+    for quantity, found in by_quantity.items():
+        scale, unit = readable(found)
+        parts = (("std_uncertainty", scale), ("coverage_factor", 1.0), ("expanded_uncertainty", scale))
+        spans = (_span(words, [row.get(name) for row in found], factor) for name, factor in parts)
+        rows.append((quantity, unit_text(unit), str(len(found)), *spans))
+    headers = ("column.quantity", "column.unit", "coverage.count", "coverage.u", "coverage.k", "coverage.U")
+    return Table(words("coverage.table"), tuple(map(words, headers)), tuple(rows), stub=2) if rows else None
+
+
+def _span(words: Texts, values: Sequence[float | None], factor: float) -> str:
+    """Least to greatest, three significant digits; once if they are the same."""
+    known = [factor * one for one in values if one is not None]
+    if not known:
+        return "–"
+    low, high = (number(float(f"{one:.3g}")) for one in (min(known), max(known)))
+    return low if low == high else words("coverage.span", low=low, high=high)

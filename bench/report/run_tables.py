@@ -1,0 +1,132 @@
+"""Tables on the run itself: at a glance, its surroundings, its records, its prompts, commands, alarms and hashes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from bench.model.texts import Texts
+from bench.report.model import Floats, ReportModel
+from bench.report.numbers import cell, number
+from bench.report.tables import Table, documents_table, pairs_table
+
+_COUNTS = ("records", "flagged", "frames", "bad", "lost")
+
+
+def summary_table(model: ReportModel, words: Texts) -> Table | None:
+    """The campaign at a glance."""
+    results, quality = model.results, model.results.get("quality", {})
+    uut = results.get("uut", {})
+    estimates = results.get("estimates", ())
+    lines = {
+        "session": results.get("session", ""),
+        "campaign": results.get("campaign", ""),
+        "uut": words("summary.unit", model=uut.get("model", ""), serial=uut.get("serial", "")),
+        "started": model.started_utc.replace("T", " ").replace("Z", " UTC"),
+        "length": duration(model.run.length_s),
+        "sequence": model.origin.get("sequence", ""),
+        "station": model.origin.get("station", ""),
+        "records": quality.get("records", model.counts.records),
+        "frames": quality.get("frames", model.counts.frames),
+        "lost": quality.get("frames_lost", model.counts.lost),
+        "bad": quality.get("frames_bad", model.counts.bad),
+        "dropped": max((int(row.get("dropped") or 0) for row in estimates), default=0),
+    }
+    lines |= {name: quality[name] for name in ("retaken", "splices") if quality.get(name)}
+    named = {words(f"summary.{name}"): value for name, value in lines.items() if value != ""}
+    return pairs_table(words("summary.table"), (words("column.item"), words("column.value")), named)
+
+
+def duration(seconds: float) -> str:
+    """Hours, minutes and seconds; empty if unknown."""
+    if not math.isfinite(seconds):
+        return ""
+    whole = round(seconds)
+    return f"{whole // 3600} h {whole % 3600 // 60:02d} min {whole % 60:02d} s"
+
+
+def environment_table(model: ReportModel, words: Texts) -> Table | None:
+    """Least, mean and greatest temperature of the chamber's air, the unit and its surroundings over the run."""
+    places = {words("environment.air"): model.trace.air_degC, words("environment.unit"): model.trace.unit_degC}
+    places |= {_place(one.name, one.laboratory, words): one.degC for one in model.run.surroundings}
+    rows = tuple((name, *_span(values)) for name, values in places.items() if np.isfinite(values).any())
+    headers = ("environment.place", "environment.least", "environment.mean", "environment.greatest", "environment.n")
+    return Table(words("environment.table"), tuple(map(words, headers)), rows) if rows else None
+
+
+def _place(name: str, laboratory: bool, words: Texts) -> str:
+    return words("environment.laboratory", channel=name) if laboratory else name
+
+
+def _span(values: Floats) -> tuple[str, ...]:
+    known = values[np.isfinite(values)]
+    return (*(number(float(one), 2) for one in (known.min(), known.mean(), known.max())), number(known.size))
+
+
+def quality_table(model: ReportModel, words: Texts) -> Table | None:
+    """Records and frames of the session; flagged readings stay recorded."""
+    counts = model.counts
+    quality: Mapping[str, Any] = model.results.get("quality", {})
+    lines: dict[str, Any] = {words.all.get(f"quality.{name}", name): value for name, value in quality.items()}
+    lines[words("quality.flagged")] = counts.flagged
+    lines |= {words("quality.flag", flag=name.replace("_", " ")): value for name, value in counts.by_flag.items()}
+    return pairs_table(words("quality.table"), (words("column.item"), words("column.count")), lines, prose=False)
+
+
+def channel_quality_table(model: ReportModel, words: Texts) -> Table | None:
+    """Records and frames of each channel, where records belong to one."""
+    rows = tuple((str(channel), *map(number, found)) for channel, found in model.counts.by_channel.items())
+    headers = (words("column.channel"), *(words(f"quality.by_channel.{name}") for name in _COUNTS))
+    return Table(words("quality.by_channel"), headers, rows) if rows else None
+
+
+def prompt_table(model: ReportModel, words: Texts) -> Table | None:
+    """What the operator was asked, what was allowed, the answer and who gave it."""
+    rows = tuple(
+        (
+            cell(one.get("step")),
+            cell(one.get("text")),
+            _allowed(one),
+            f"{_whole(one.get('value'))} {one.get('unit') or ''}".strip(),
+            cell(one.get("by")),
+        )
+        for one in model.prompts
+    )
+    headers = ("column.step", "prompts.text", "prompts.allowed", "prompts.answer", "prompts.by")
+    return Table(words("prompts.table"), tuple(map(words, headers)), rows, prose=True) if rows else None
+
+
+def _allowed(prompt: Mapping[str, Any]) -> str:
+    low, high, unit = prompt.get("low"), prompt.get("high"), prompt.get("unit") or ""
+    bounds = [f"≥ {_whole(low)}"] if low is not None else []
+    bounds += [f"≤ {_whole(high)}"] if high is not None else []
+    return f"{', '.join(bounds)} {unit}".strip() if bounds else "–"
+
+
+def _whole(value: Any) -> str:
+    """A whole number to its last digit, whatever its size."""
+    return number(value, 0) if isinstance(value, float) and value.is_integer() else cell(value)
+
+
+def command_parts(model: ReportModel, words: Texts) -> tuple[tuple[str, ...], tuple[Table, ...]]:
+    """Tables of commands and alarms, and a sentence for each of which there is none; nothing for a foreign log."""
+    if not math.isfinite(model.run.length_s):
+        return (), ()
+    said, tables = [], []
+    for name, documents in (("commands", model.run.commands), ("alarms", model.run.alarms)):
+        table = documents_table(words, words(f"run.{name}"), documents)
+        if table is None:
+            said.append(words(f"run.no_{name}"))
+        else:
+            tables.append(table)
+    return tuple(said), tuple(tables)
+
+
+def hash_table(model: ReportModel, words: Texts) -> Table | None:
+    """SHA-256 of every text the run was made from."""
+    heads = (words("provenance.file"), "SHA-256")
+    rows = tuple(sorted(model.run.hashes.items()))
+    return Table(words("provenance.hashes"), heads, rows, prose=True) if rows else None

@@ -1,0 +1,117 @@
+"""Tables on paper: the widths of their columns, the size of their type, and what becomes of one that is too wide."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from bench.report.fonts import width_pt
+from bench.report.tables import Table
+
+SIZES_pt = (7.5, 7.0, 6.5)
+ROOM_pt = 493.2  # an A4 page of 595.3 with margins of 18 mm, as in templates/report.typ
+GAP_pt = 7.0  # between the texts of two columns
+_SLACK = 1.015  # kerning and rounding
+_LONGEST = 40  # characters of a word; what is longer may be broken
+_PIECE = 8
+_BREAK, _HOLD, _JOIN = "\u200b", "\u00a0", "\u2060"
+_TIGHT = re.compile(r"/(?=\S)")
+_WORD = re.compile(rf"[^\s{_BREAK}]+")
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A table, or some columns of one, as it is printed: widths of the columns and size of the type in point."""
+
+    table: Table
+    widths_pt: tuple[float, ...]
+    size_pt: float
+
+
+def sheets(table: Table, room_pt: float) -> list[Sheet]:
+    """Set a table into a width; one whose words need more room than there is in the smallest type goes in parts.
+
+    Each part repeats the ``stub`` columns that head the rows.
+    """
+    ready = _broken(table)
+    for size in SIZES_pt:
+        least, natural = _needs(ready, size)
+        if sum(least) <= room_pt:
+            widths = _open(least, room_pt) if table.to_fill else _shared(least, natural, room_pt)
+            return [Sheet(ready, widths, size)]
+    return [_set(_columns(ready, part), room_pt) for part in _parts(ready, _needs(ready, SIZES_pt[-1])[0], room_pt)]
+
+
+def _open(least: Sequence[float], room_pt: float) -> tuple[float, ...]:
+    """A table to fill in: what is left of the width goes to the empty columns in equal parts."""
+    each = (room_pt - least[0]) / (len(least) - 1)
+    return (least[0], *(each for _ in least[1:]))
+
+
+def _set(table: Table, room_pt: float) -> Sheet:
+    least, natural = _needs(table, SIZES_pt[-1])
+    return Sheet(table, _shared(least, natural, room_pt), SIZES_pt[-1])
+
+
+def _parts(table: Table, least: Sequence[float], room_pt: float) -> list[list[int]]:
+    stub = list(range(table.stub))
+    head = sum(least[: table.stub])
+    parts: list[list[int]] = []
+    used = room_pt
+    for column in range(table.stub, len(least)):
+        if used + least[column] > room_pt and (not parts or len(parts[-1]) > len(stub)):
+            parts.append(list(stub))
+            used = head
+        parts[-1].append(column)
+        used += least[column]
+    return parts
+
+
+def _columns(table: Table, chosen: Sequence[int]) -> Table:
+    rows = tuple(tuple(row[index] for index in chosen) for row in table.rows)
+    return Table(table.caption, tuple(table.headers[index] for index in chosen), rows, table.stub, table.prose)
+
+
+def _broken(table: Table) -> Table:
+    """Long words get places to break at; cells of numbers get none, whatever spaces they hold."""
+    headers = tuple(_TIGHT.sub(f"/{_JOIN}", text.replace(" / ", f"{_HOLD}/ ")) for text in table.headers)
+    rows = tuple(tuple(_cell(text) for text in row) for row in table.rows)
+    return Table(table.caption, headers, rows, table.stub, table.prose, table.to_fill)
+
+
+def _cell(text: str) -> str:
+    if not any(one.isalpha() for one in text):
+        return text.replace(" ", _HOLD)
+    return _WORD.sub(lambda found: _pieces(found[0]), text)
+
+
+def _pieces(word: str) -> str:
+    if len(word) <= _LONGEST:
+        return word
+    return _BREAK.join(word[start : start + _PIECE] for start in range(0, len(word), _PIECE))
+
+
+def _needs(table: Table, size_pt: float) -> tuple[list[float], list[float]]:
+    """The least width of each column (its longest word) and its natural one (its longest cell), gap included."""
+    least = [_word_pt(text, size_pt, bold=True) for text in table.headers]
+    natural = [width_pt(text, size_pt, bold=True) for text in table.headers]
+    for row in table.rows:
+        for index, text in enumerate(row):
+            bold = index == 0
+            least[index] = max(least[index], _word_pt(text, size_pt, bold))
+            lines = text.replace(_BREAK, "").split("\n")
+            natural[index] = max(natural[index], *(width_pt(line, size_pt, bold) for line in lines))
+    return [_SLACK * one + GAP_pt for one in least], [_SLACK * one + GAP_pt for one in natural]
+
+
+def _word_pt(text: str, size_pt: float, bold: bool) -> float:
+    words = text.replace(_BREAK, " ").replace("\n", " ").split(" ")
+    return max((width_pt(word, size_pt, bold) for word in words), default=0.0)
+
+
+def _shared(least: Sequence[float], natural: Sequence[float], room_pt: float) -> tuple[float, ...]:
+    """What room is left goes to the columns that would use it, in proportion."""
+    wanted = sum(natural) - sum(least)
+    share = min(1.0, (room_pt - sum(least)) / wanted) if wanted > 0 else 0.0
+    return tuple(low + share * (high - low) for low, high in zip(least, natural, strict=True))

@@ -1,0 +1,69 @@
+"""What is judged by a limit, and how it came out."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bench.model.texts import Texts
+from bench.report.estimate_tables import readable, value_text
+from bench.report.model import ReportModel
+from bench.report.numbers import number, unit_text
+from bench.report.tables import Table
+
+_HEADERS = ("quantity", "channel", "judged", "worst", "limit", "unit", "conformance", "verdicts")
+
+
+def verdict_counts(model: ReportModel) -> Counter[str]:
+    """How many estimates carry each verdict other than none."""
+    rows = model.results.get("estimates", ())
+    return Counter(str(row["verdict"]) for row in rows if row.get("verdict", "none") != "none")
+
+
+def overall_verdict(model: ReportModel, words: Texts) -> tuple[str, str]:
+    """Class (none, pass, fail) and words of the overall verdict."""
+    counts = verdict_counts(model)
+    if not counts:
+        return "none", words("verdicts.none")
+    found = ", ".join(f"{number(counts[name])} {words(f'verdict.{name}')}" for name in sorted(counts))
+    failed = counts["fail"] or counts["conditional_fail"]
+    return ("fail" if failed else "pass"), words("verdicts.overall", counts=found)
+
+
+def verdict_table(model: ReportModel, words: Texts) -> Table | None:
+    """What is judged, one row per quantity and channel: the estimate nearest to its limit; None without verdicts."""
+    judged: dict[tuple[str, Any], list[Mapping[str, Any]]] = {}
+    for row in model.results.get("estimates", ()):
+        if row.get("verdict", "none") != "none":
+            judged.setdefault((row["quantity"], row["conditions"].get("channel", "–")), []).append(row)
+    rows = tuple(_row(words, quantity, channel, group) for (quantity, channel), group in judged.items())
+    rule = model.results.get("decision_rule")
+    sentences = [words("verdicts.table")]
+    sentences += [words("verdicts.rule", rule=str(rule).replace("_", " "))] if rule else []
+    caption = " ".join([*sentences, words("verdicts.conformance")])
+    return Table(caption, tuple(words(f"column.{name}") for name in _HEADERS), rows, stub=2) if rows else None
+
+
+def _row(words: Texts, quantity: str, channel: Any, group: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    worst = max(group, key=lambda row: (abs(row["value"]) + row["expanded_uncertainty"]) / (row["limit"] or math.inf))
+    scale, unit = readable([worst])
+    counted = Counter(str(row["verdict"]) for row in group)
+    limit = worst.get("limit")
+    probability = worst.get("conformance_probability")
+    return (
+        quantity,
+        str(channel),
+        str(len(group)),
+        value_text(worst, scale),
+        number(None if limit is None else limit * scale),
+        unit_text(unit),
+        "–" if probability is None else _percent(probability),
+        ", ".join(f"{count} {words(f'verdict.{name}')}" for name, count in sorted(counted.items())),
+    )
+
+
+def _percent(probability: float) -> str:
+    """Per cent, never rounded up to certainty."""
+    return "> 99.99 %" if probability > 0.9999 else f"{100.0 * probability:.2f} %"

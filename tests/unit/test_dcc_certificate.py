@@ -1,0 +1,280 @@
+"""The certificate: in order by the facts of the schema, every estimate in it to the last digit, a specimen marked."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+from dcc_checker import problems
+from dcc_sample import NS, calibration, estimate, expected, judged, many_estimates, read_certificate, standard
+
+import bench.report.dcc as package
+from bench.model.errors import InputError
+from bench.report.dcc import Calibration, certificate_text, nobody, overdue, session_of
+from bench.report.dcc.calibration import TEXTS
+
+TOKENS = {
+    "ppm": r"\one", "A": r"\ampere", "ppm/degC": r"\kelvin\tothe{-1}", "A/degC2": r"\ampere\kelvin\tothe{-2}",
+    "degC": r"\kelvin", "min": r"\minute", "A*s^0.5": r"\ampere\second\tothe{0.5}",
+    "A/h^0.5": r"\ampere\hour\tothe{-0.5}",
+}  # fmt: skip
+
+
+def xml_of(made: Calibration) -> bytes:
+    return certificate_text(made).encode()
+
+
+def texts_of(xml: bytes, path: str) -> list[str]:
+    return [one.text or "" for one in ET.fromstring(xml).iterfind(path, NS)]
+
+
+@pytest.mark.parametrize("more", [{}, {"specimen": True}, {"specimen": True, "simulated": True, "issued": None}])
+def test_it_holds_the_facts_of_the_schema(more: dict[str, object]) -> None:
+    assert problems(xml_of(calibration(**more))) == []
+
+
+def test_it_holds_them_with_next_to_nothing_known() -> None:
+    bare = calibration(
+        specimen=True, simulated=True, laboratory=nobody(), chamber=None, unit=None, issued=None,
+        hashes={"session": "5" * 64, "results": "a" * 64}, estimates=[estimate("any", "A", 1.0, 2.0, conditions={})],
+    )  # fmt: skip
+    bare = replace(bare, manifest={}, results={**bare.results, "campaign": "any", "notes": [], "decision_rule": None})
+    assert problems(xml_of(bare)) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("<dcc:release>v0.1.0</dcc:release>", ""),
+        ("<dcc:type>application</dcc:type>", "<dcc:type>program</dcc:type>"),
+        ('schemaVersion="3.2.1"', 'schemaVersion="3.2.0"'),
+        ('id="item_1"', 'id="item_2"'),
+        ('id="equipment_dmm"', 'id="equipment_calibrator"'),
+        ('refType="basic_conformity"', 'reftype="basic_conformity"'),
+        ("fail conditionalPass", "fail maybe"),
+        ("<si:coverageProbabilityXMLList>0.95", "<si:coverageProbabilityXMLList>1.5"),
+        ("<si:coverageFactorXMLList>2.0", "<si:coverageFactorXMLList>0.9"),
+        ("<dcc:issueDate>2026-01-09</dcc:issueDate>", "<dcc:issueDate>9 January</dcc:issueDate>"),
+        ("<dcc:countryCode>DE<", "<dcc:countryCode>Germany<"),
+        ("<dcc:statements>", "<dcc:statements>words"),
+        ("<si:unitXMLList>\\one</si:unitXMLList>", ""),
+    ],
+)
+def test_the_check_sees_what_is_wrong(old: str, new: str) -> None:
+    good = xml_of(calibration()).decode()
+    assert old in good
+    assert problems(good.replace(old, new, 1).encode()) != []
+
+
+def test_every_estimate_is_read_back_to_the_last_digit() -> None:
+    wanted = Counter(expected(one, TOKENS[one["unit"]]) for one in many_estimates())
+    assert len(wanted) > 30
+    assert Counter(read_certificate(xml_of(calibration()))) == wanted
+
+
+def test_many_values_of_a_quantity_are_one_table() -> None:
+    results = ET.fromstring(xml_of(calibration())).findall(".//dcc:results/dcc:result", NS)
+    kinds = Counter(one.get("refType") for one in results)
+    assert kinds["bench_quantity_0"] == 1
+    assert kinds["bench_drift"] == 2  # a sentence among the conditions makes a table of its own
+    assert kinds["bench_few"] == 2  # finite degrees of freedom are a column
+
+
+def test_a_small_sample_says_which_distribution_and_how_many_degrees_of_freedom() -> None:
+    xml = xml_of(calibration(estimates=[estimate("few", "A", 1e-9, 2e-9, dof=3.7)]))
+    assert texts_of(xml, ".//si:distributionXMLList") == ["student-t"]
+    assert texts_of(xml, ".//dcc:quantity[@refType='bench_dof']//si:valueXMLList") == ["3.7"]
+
+
+def test_what_cannot_be_given_is_left_out_and_named() -> None:
+    rows = [
+        estimate("kept", "A", 1.0, 2.0),
+        estimate("lost", "A", 1.0, 2.0) | {"value": None},
+        estimate("lost", "A", 1.0, 2.0) | {"expanded_uncertainty": None},
+        estimate("small_k", "A", 1.0, 2.0, coverage_factor=0.5),
+    ]
+    xml = xml_of(calibration(estimates=rows))
+    assert [one.quantity for one in read_certificate(xml)] == ["kept"]
+    (statement,) = texts_of(xml, ".//dcc:statement[@refType='bench_leftOut']/dcc:declaration/dcc:content")
+    assert "2 lost, 1 small_k" in statement
+    assert problems(xml) == []
+
+
+def test_verdicts_have_their_rule_their_limits_and_the_worst_one_for_the_whole() -> None:
+    xml = xml_of(calibration(estimates=[judged(1.0, "pass"), judged(99.0, "conditional_pass")]))
+    assert texts_of(xml, ".//dcc:statement[@refType='basic_conformity']/dcc:conformity") == ["conditionalPass"]
+    assert texts_of(xml, ".//dcc:conformityXMLList") == ["pass conditionalPass"]
+    (rule,) = texts_of(xml, ".//dcc:statement[@refType='bench_decisionRule']/dcc:declaration/dcc:content")
+    assert "non-binary" in rule
+
+
+@pytest.mark.parametrize("rule", ["simple", "guard_band", "non_binary"])
+def test_every_rule_of_decision_has_its_words(rule: str) -> None:
+    made = calibration()
+    xml = xml_of(replace(made, results={**made.results, "decision_rule": rule}))
+    assert TEXTS(f"rule.{rule}") in texts_of(xml, ".//dcc:declaration/dcc:content")
+
+
+def test_nothing_judged_is_said() -> None:
+    xml = xml_of(calibration(estimates=[estimate("any", "A", 1.0, 2.0)]))
+    assert TEXTS("statement.not_judged") in texts_of(xml, ".//dcc:declaration/dcc:content")
+    assert texts_of(xml, ".//dcc:conformity") == []
+
+
+def test_a_simulated_specimen_is_marked_everywhere() -> None:
+    xml = xml_of(calibration(specimen=True, simulated=True))
+    mark = "SPECIMEN - simulated, not a calibration"
+    assert texts_of(xml, ".//dcc:uniqueIdentifier")[0].startswith("SPECIMEN-EX-")
+    names = texts_of(xml, ".//dcc:result/dcc:name/dcc:content")
+    names += texts_of(xml, ".//dcc:measurementResult/dcc:name/dcc:content") + texts_of(
+        xml, ".//dcc:item/dcc:name/dcc:content")  # fmt: skip
+    assert len(names) > 10
+    assert all(name.startswith(mark) for name in names)
+    first = texts_of(xml, ".//dcc:statement/dcc:declaration/dcc:content")[0]
+    assert "Nothing was measured" in first
+    assert set(texts_of(xml, ".//dcc:certificate/dcc:traceable")) == {"false"}
+
+
+def test_a_specimen_of_a_real_session_is_not_called_simulated() -> None:
+    xml = xml_of(calibration(specimen=True))
+    assert b"SPECIMEN - not a calibration certificate" in xml
+    assert b"simulated" not in xml
+
+
+def test_a_certificate_bears_no_mark() -> None:
+    assert b"SPECIMEN" not in xml_of(calibration())
+
+
+def test_the_session_it_belongs_to_is_told() -> None:
+    made = calibration(specimen=True)
+    found = session_of(xml_of(made))
+    assert found.hashes == {"session": "5" * 64, "results": "a" * 64, "report": "b" * 64}
+    assert (found.session, found.specimen) == (made.results["session"], True)
+    assert found.unique_identifier == "SPECIMEN-EX-20260101T180000Z_scale_factor_38h_17"
+    plain = session_of(xml_of(calibration(hashes={"session": "1", "results": "2"})))
+    assert (plain.hashes, plain.specimen) == ({"session": "1", "results": "2"}, False)
+
+
+@pytest.mark.parametrize("xml", [b"", b"no xml", b"<html/>", b"<!DOCTYPE a [<!ENTITY b 'c'>]><a>&b;</a>"])
+def test_another_document_is_no_certificate(xml: bytes) -> None:
+    with pytest.raises(InputError) as caught:
+        session_of(xml)
+    assert caught.value.code == "B-DCC-011"
+
+
+def test_the_standards_with_their_certificates_and_dates() -> None:
+    xml = xml_of(calibration())
+    one = ".//dcc:measuringEquipment[@id='equipment_calibrator']"
+    assert texts_of(xml, f"{one}/dcc:model") == ["5720A"]
+    assert texts_of(xml, f"{one}//dcc:identification/dcc:value") == ["12"]
+    assert texts_of(xml, f"{one}/dcc:certificate/dcc:referralID") == ["C-1"]
+    assert texts_of(xml, f"{one}/dcc:certificate/dcc:inValidityRange") == ["true"]
+    assert texts_of(xml, f"{one}/dcc:description/dcc:content") == ["calibrated 2025-11-01, due 2026-11-01"]
+    assert texts_of(xml, f"{one}/dcc:manufacturer/dcc:name/dcc:content") == ["FLUKE"]
+
+
+@pytest.mark.parametrize(
+    ("began", "ended", "late"),
+    [
+        (date(2025, 11, 1), date(2026, 11, 1), False),
+        (date(2025, 10, 31), date(2026, 1, 1), True),
+        (date(2026, 10, 31), date(2026, 11, 2), True),
+    ],
+)
+def test_a_standard_must_be_valid_from_the_first_day_to_the_last(began: date, ended: date, late: bool) -> None:
+    found = overdue({"calibrator": standard()}, began, ended)
+    assert bool(found) is late
+    assert not late or "calibrator (5720A, 12): calibrated 2025-11-01, due 2026-11-01" in found
+
+
+def test_a_register_that_says_little_is_never_valid() -> None:
+    made = calibration(specimen=True)
+    made = replace(made, manifest={"standards": {"meter": {"model": "M"}}})
+    assert overdue(made.manifest["standards"], made.began, made.ended) == [
+        "meter (M, unknown): calibrated unknown, due unknown"
+    ]
+    assert problems(xml_of(made)) == []
+
+
+def test_a_specimen_names_the_standards_that_were_not_valid() -> None:
+    xml = xml_of(calibration(specimen=True, ended=date(2027, 1, 1)))
+    (text,) = texts_of(xml, ".//dcc:statement[@refType='bench_overdue']/dcc:declaration/dcc:content")
+    assert "calibrator (5720A, 12)" in text
+    assert set(texts_of(xml, ".//dcc:inValidityRange")) == {"false"}
+
+
+def test_surroundings_in_their_units() -> None:
+    xml = xml_of(calibration())
+    for ref_type, values, unit in (
+        ("basic_temperature", ["22.0", "24.0"], "\\degreecelsius"),
+        ("basic_humidityRelative", ["0.3", "0.6"], "\\one"),
+        ("bench_chamberTemperature", ["-40.1", "60.2"], "\\degreecelsius"),
+        ("bench_unitTemperature", ["-39.0", "63.5"], "\\degreecelsius"),
+    ):
+        one = f".//dcc:influenceCondition[@refType='{ref_type}']"
+        assert texts_of(xml, f"{one}//si:value") == values
+        assert set(texts_of(xml, f"{one}//si:unit")) == {unit}
+
+
+def test_notes_and_statements_of_the_laboratory_are_in_it() -> None:
+    found = texts_of(xml_of(calibration()), ".//dcc:statement/dcc:declaration/dcc:content")
+    assert "A restriction of the results." in found
+    assert any(text.startswith("This certificate may not be reproduced") for text in found)
+    assert any("8 frames received whole, 7 damaged, 6 lost; records taken again: 4" in text for text in found)
+
+
+def test_text_that_xml_cannot_hold_does_no_harm() -> None:
+    made = calibration()
+    odd = {**made.manifest, "title": " <a & b> \x07 \n 'c' \ud800 ", "identities": {"dmm": {"manufacturer": " A & B "}}}
+    xml = xml_of(replace(made, manifest=odd))
+    assert problems(xml) == []
+    assert texts_of(xml, ".//dcc:measurementResult/dcc:name/dcc:content") == ["<a & b> 'c'"]
+
+
+def test_the_same_calibration_gives_the_same_bytes() -> None:
+    assert xml_of(calibration()) == xml_of(calibration())
+
+
+def test_a_unit_without_a_form_in_dsi_stops_it() -> None:
+    with pytest.raises(InputError) as caught:
+        certificate_text(calibration(estimates=[estimate("any", "furlong", 1.0, 2.0)]))
+    assert caught.value.code == "B-DCC-007"
+
+
+FOLDER = Path(package.__file__).parent
+CATALOGUE = json.loads((FOLDER / "texts" / "en.json").read_text())
+OPEN_FAMILIES = (
+    "quantity.",
+    "ending.",
+    "method.",
+    "rule.",
+    "surroundings.",
+    "identification.",
+    "conformity.",
+    "column.",
+)
+
+
+def keys_in_code() -> set[str]:
+    found: set[str] = set()
+    for path in FOLDER.glob("*.py"):
+        found |= set(re.findall(r'TEXTS\(\s*"([a-z_.0-9A-Z]+)"', path.read_text()))
+        found |= set(re.findall(r'"((?:mark|statement|result|identification)\.[a-z_0-9]+)"', path.read_text()))
+    return found
+
+
+def test_every_text_of_the_code_is_in_the_catalogue() -> None:
+    assert len(keys_in_code()) > 20
+    assert keys_in_code() - CATALOGUE.keys() == set()
+
+
+def test_every_text_of_the_catalogue_is_used() -> None:
+    single = {key for key in CATALOGUE if not key.startswith((*OPEN_FAMILIES, "ref_type."))}
+    assert single - keys_in_code() == set()
+    assert list(CATALOGUE) == sorted(CATALOGUE)
