@@ -14,7 +14,8 @@ from rich.console import Console
 from bench.commands.console import PLAIN_COLUMNS, console, hours
 from bench.commands.loading import settings_of
 from bench.commands.output import write_file
-from bench.commands.terminal import PlainLines, ProgressBar, TerminalOperator, describe
+from bench.commands.progress import PlainLines, ProgressBar
+from bench.commands.terminal import TerminalOperator
 from bench.model.errors import BenchError
 from bench.run.operator import Question
 
@@ -22,7 +23,10 @@ PLAN: Any = SimpleNamespace(steps=(None,) * 9, record_count=100, prepare_s=10.0,
 
 
 def step(kind: str, **fields: Any) -> Any:
-    given = {"kind": kind, "number": 3, "role": "switch", "name": "route", "conditions": {}}
+    given = {
+        "kind": kind, "number": 3, "role": "switch", "name": "route", "conditions": {},
+        "arguments": {"temperature": 50.0},
+    }  # fmt: skip
     return SimpleNamespace(**{**given, **fields})
 
 
@@ -131,17 +135,6 @@ def test_a_narrow_terminal_shows_figures_instead_of_a_bar(columns: int) -> None:
         bar.record(record(lost=3))
     assert ("\u2501" in out.getvalue()) == (columns == 200)
     assert columns < 80 or "1/100 records" in out.getvalue()
-
-
-@pytest.mark.parametrize(
-    ("conditions", "words"),
-    [
-        ({"channel": 3, "current_A": 1e-3, "polarity": -1}, "switch.route             channel 3 -1 mA"),
-        ({"channel": 3, "route": "open", "current_A": 0.0}, "switch.route             channel 3 open"),
-    ],
-)
-def test_a_step_in_words(conditions: dict[str, Any], words: str) -> None:
-    assert describe(step("call", conditions=conditions)) == words
 
 
 def test_hours() -> None:

@@ -1,0 +1,187 @@
+"""What a person sees while a run goes on: two lines on a terminal, plain lines with a sign of life elsewhere."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from types import TracebackType
+
+from rich.console import Console, RenderableType
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+from rich.text import Text
+
+from bench.commands.console import hours
+from bench.commands.following import Follower, doing, ends, losses
+from bench.model.clock import NS, Clock, WallClock
+from bench.plan import Plan, Step
+from bench.record import RecordRow
+from bench.run.context import RunContext
+from bench.run.feed.words import in_words
+
+PLAIN_EVERY = 50
+SIGN_OF_LIFE_S = 540.0  # looked at each minute, so a log is never silent for more than ten
+LOOK_EVERY_S = 60.0
+BAR = 30  # columns
+NARROW = 120  # a terminal that has less shows no bar: figures tell more
+
+
+def _counts(row: RecordRow) -> bool:
+    """Whether a record is one of the campaign's, which the plan counts; those of the wiring check are not."""
+    return str(row.window.conditions.get("purpose", "measurement")) != "wiring"
+
+
+class PlainLines:
+    """A line at each soak, prompt and every 50th record, and at least each ten minutes; for logs and pipes."""
+
+    def __init__(self, plan: Plan, out: Console, clock: Clock | None = None) -> None:
+        self._plan, self._out = plan, out
+        self._records = 0
+        self._clock = clock or WallClock()
+        self._said_ns = self._clock.now_ns()
+
+    def __enter__(self) -> PlainLines:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return None
+
+    @contextmanager
+    def follow(self, context: RunContext) -> Iterator[None]:
+        """Say where the run is when it has been quiet for long; real time, whatever the clock of the run."""
+        follower = Follower(context.folder)
+        ticker = self._clock.every(LOOK_EVERY_S, lambda: self.sign_of_life(follower))
+        try:
+            yield
+        finally:
+            ticker.cancel()
+            follower.close()
+
+    def sign_of_life(self, follower: Follower) -> None:
+        """One line of where the run is, if nothing was said for nine minutes."""
+        if self._clock.now_ns() - self._said_ns < SIGN_OF_LIFE_S * NS:
+            return
+        document = follower.look()
+        if document is None:
+            return
+        done = f"{self._records}/{self._plan.record_count} records, {losses(document)}"
+        when = hours(document["t_utc_s"] - document["started_utc_s"])
+        end = ends(document)
+        self._say(f"{when}  {100 * document['progress']:.0f} %  {doing(document)}; {done}{f'; {end}' if end else ''}")
+
+    def step(self, step: Step, at_s: float) -> None:
+        if step.kind in ("soak", "prompt"):
+            self._say(f"{hours(at_s)}  step {step.number + 1}/{len(self._plan.steps)}  {in_words(step)}")
+
+    def record(self, row: RecordRow) -> None:
+        if not _counts(row):
+            return
+        self._records += 1
+        if self._records % PLAIN_EVERY == 0:
+            lost = f", {row.lost} frames lost" if row.lost else ""
+            self._say(f"record {self._records}/{self._plan.record_count}{lost}")
+
+    def message(self, text: str) -> None:
+        self._say(text)
+
+    def _say(self, text: str) -> None:
+        self._said_ns = self._clock.now_ns()
+        self._out.print(text)
+
+
+class _End(ProgressColumn):
+    """When the run will be over; of a rehearsal, which has no such time, how long it will still take."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._left = TimeRemainingColumn()
+
+    def render(self, task: Task) -> Text:
+        return Text(task.fields["end"]) if task.fields["end"] else self._left.render(task)
+
+
+class _TwoLines(Progress):
+    """The figures, and what is going on below them."""
+
+    what = ""
+
+    def get_renderables(self) -> Iterable[RenderableType]:
+        yield self.make_tasks_table(self.tasks)
+        yield Text(f"  {self.what}", no_wrap=True, overflow="crop")
+
+
+class ProgressBar:
+    """Time, share done, records, losses and the end; below: the step, or what is waited for and its last reading."""
+
+    def __init__(self, plan: Plan, out: Console) -> None:
+        self._plan = plan
+        self._total_s = plan.prepare_s + plan.duration_s + plan.finally_s
+        self._progress = _TwoLines(
+            TextColumn("{task.fields[elapsed]}"),
+            *([BarColumn(bar_width=BAR)] if out.width >= NARROW else []),
+            TextColumn("{task.percentage:>3.0f} %"),
+            TextColumn("{task.fields[counts]}"),
+            _End(),
+            console=out,
+            refresh_per_second=4,
+        )
+        self._task = self._progress.add_task("", total=self._total_s, elapsed="0:00:00", counts="", end="")
+        self._records = 0
+        self._lost = 0
+        self._followed = False  # the run says of itself where it is: that is newer than the last step
+
+    def __enter__(self) -> ProgressBar:
+        self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with suppress(OSError):  # the terminal may be gone; the results must still be written
+            self._progress.stop()
+
+    @contextmanager
+    def follow(self, context: RunContext) -> Iterator[None]:
+        """Show what the run says of itself, twice a second; nobody waits for it, and it asks as everybody may."""
+        follower = Follower(context.folder)
+        ticker = WallClock().every(0.5, lambda: self.show(follower))
+        try:
+            yield
+        finally:
+            ticker.cancel()
+            follower.close()
+
+    def show(self, follower: Follower) -> None:
+        """The newest state document; without an answer everything stays as it is."""
+        document = follower.look()
+        if document is None:
+            return
+        self._followed = True
+        self._progress.what = doing(document)
+        self._progress.update(
+            self._task,
+            completed=document["progress"] * self._total_s,
+            elapsed=hours(document["t_utc_s"] - document["started_utc_s"]),
+            counts=f"{self._records}/{self._plan.record_count} records, {losses(document)}",
+            end=ends(document),
+        )
+
+    def step(self, step: Step, at_s: float) -> None:
+        if not self._followed and step.kind in ("soak", "record", "settle", "prompt"):
+            self._progress.what = in_words(step)
+            self._progress.update(self._task, completed=at_s, elapsed=hours(at_s))
+
+    def record(self, row: RecordRow) -> None:
+        self._records += _counts(row)
+        self._lost += row.lost
+        if not self._followed:
+            counts = f"{self._records}/{self._plan.record_count} records, {self._lost} lost"
+            self._progress.update(self._task, counts=counts)
+
+    def message(self, text: str) -> None:
+        self._progress.console.print(text)
+
+
+def watcher(plan: Plan, out: Console) -> PlainLines | ProgressBar:
+    """Two lines on a terminal, plain lines otherwise."""
+    return ProgressBar(plan, out) if sys.stderr.isatty() else PlainLines(plan, out)

@@ -1,0 +1,65 @@
+"""``bench top``: a living run in the terminal; it looks on and commands nothing."""
+
+from __future__ import annotations
+
+import os
+import sys
+from functools import partial
+from pathlib import Path
+
+from bench.commands.console import console
+from bench.model.clock import WallClock
+from bench.model.errors import ExitStatus, InputError
+from bench.run.feed.client import FeedClient, FeedGone
+from bench.tui.app import TopApp
+from bench.tui.earlier import remember_earlier
+from bench.tui.ending import ending
+from bench.tui.glyphs import glyphs_for
+from bench.tui.look import Look, catalogue
+from bench.tui.page import page_of
+from bench.tui.watch import Seen, Watch
+
+SOCKETS = ("live.sock", "live.path")
+
+
+def top(session: Path | None, out: Path) -> int:
+    """Watch the run of a session, or the newest run that answers in ``out``; without a terminal print its state once.
+
+    Raises: InputError B-TUI-001 if no run answers.
+    """
+    watch = _watched([session] if session is not None else _candidates(out), session or out)
+    look = Look(catalogue(), glyphs_for(os.environ, sys.stdout.encoding or ""))
+    if not (sys.stdout.isatty() and sys.stdin.isatty()) or os.environ.get("TERM", "dumb") == "dumb":
+        _print(watch.seen, look)
+        return ExitStatus.PASS
+    TopApp(watch.seen, look, watch.look).run(mouse=False)  # so that text can be marked and copied
+    return ExitStatus.PASS
+
+
+def _candidates(out: Path) -> list[Path]:
+    """Folders in which a run may answer, the newest first."""
+    found = {path.parent for name in SOCKETS for path in out.glob(f"*/{name}")}
+    return sorted(found, key=lambda folder: (folder.stat().st_mtime_ns, folder.name), reverse=True)
+
+
+def _watched(folders: list[Path], where: Path) -> Watch:
+    for folder in folders:
+        try:
+            watch = Watch(folder, FeedClient(folder), WallClock(), partial(ending, folder), FeedGone)
+        except FeedGone:
+            continue
+        remember_earlier(watch.seen, folder)
+        return watch
+    raise InputError(
+        "B-TUI-001",
+        "no run answers here",
+        where=str(where),
+        next_step="name the folder of a living run, or its --out; 'bench serve' shows finished sessions too",
+    )
+
+
+def _print(seen: Seen, look: Look) -> None:
+    out = console()
+    page = page_of(seen, look.at(width=out.width))
+    for line in (*page.head, *page.body):
+        out.print(line.plain)

@@ -1,0 +1,179 @@
+"""What is remembered of a run that is watched: its last word, how old that is, its temperatures of the last hour."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.model.clock import NS, Clock
+from bench.tui.guard_word import guard_word
+from bench.tui.plot import Range
+
+AIR, UNIT = "bench.air", "bench.unit"
+OLD_S = 3.0  # a run that has said nothing for so long is called lost
+HOUR_S = 3600.0
+BUCKET_S = 30.0
+
+
+class Points(Protocol):
+    """Answer of a feed (bench.run.feed.client): its header, and the points in columns."""
+
+    @property
+    def header(self) -> Mapping[str, Any]: ...
+
+    @property
+    def t_utc_s(self) -> NDArray[np.float64]: ...
+
+    @property
+    def low(self) -> NDArray[np.float32]: ...
+
+    @property
+    def high(self) -> NDArray[np.float32]: ...
+
+
+class Feed(Protocol):
+    """Who answers for a run."""
+
+    def poll(self, since: int, state: bool = True) -> Points:
+        """State and points from number ``since`` on. Raises: BenchError if nobody answers."""
+
+
+@dataclass
+class Trend:
+    """Least and greatest temperature in each half minute of the last hour, by number of the half minute."""
+
+    buckets: dict[int, Range] = field(default_factory=dict)
+    newest: int = 0
+
+    def add(self, t_utc_s: float, low: float, high: float) -> None:
+        """Take a reading; one of long ago is forgotten at once."""
+        number = int(t_utc_s // BUCKET_S)
+        self.newest = max(self.newest, number)
+        known = self.buckets.get(number, (low, high))
+        self.buckets[number] = (min(known[0], low), max(known[1], high))
+        oldest = self.newest - int(HOUR_S / BUCKET_S)
+        if min(self.buckets) <= oldest:
+            self.buckets = {at: found for at, found in self.buckets.items() if at > oldest}
+
+    @property
+    def span_s(self) -> float:
+        """Time from the oldest to the newest reading, second."""
+        return (self.newest + 1 - min(self.buckets, default=self.newest)) * BUCKET_S
+
+    def ranges(self, count: int) -> list[Range | None]:
+        """The known span in ``count`` parts of equal length, None for a part without a reading."""
+        first = min(self.buckets, default=0)
+        size = self.newest + 1 - first
+        found: list[Range | None] = [None] * count
+        for number, (low, high) in self.buckets.items():
+            begin = (number - first) * count // size
+            for at in range(begin, max(begin + 1, (number + 1 - first) * count // size)):
+                known = found[at]
+                found[at] = (low, high) if known is None else (min(known[0], low), max(known[1], high))
+        return found
+
+
+@dataclass
+class Seen:
+    """What a page is drawn from. ``age_s``: since the run answered last. ``last``: newest value of a signal.
+
+    ``guard``: what the guard of a run that is lost did.
+    """
+
+    document: Mapping[str, Any]
+    folder: str
+    age_s: float = 0.0
+    lost: bool = False
+    last: dict[str, float] = field(default_factory=dict)
+    trend: Trend = field(default_factory=Trend)
+    guard: Mapping[str, Any] | None = None
+
+    def keep_trend(self, t_utc_s: NDArray[np.float64], low: NDArray[np.float32], high: NDArray[np.float32]) -> None:
+        """Add readings of the unit, degC; a NaN is none."""
+        for row in np.flatnonzero(np.isfinite(low) & np.isfinite(high)):
+            self.trend.add(float(t_utc_s[row]), float(low[row]), float(high[row]))
+
+
+class Watch:
+    """Asks a feed again and again and remembers.
+
+    Args:   folder: of the session. feed: who is asked. clock: real time.
+            ended: how a session that nobody answers for ended; None while it has not.
+    Raises: BenchError if the run does not answer the very first time.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        feed: Feed,
+        clock: Clock,
+        ended: Callable[[], Mapping[str, Any] | None],
+        gone: type[Exception],
+    ) -> None:
+        self._feed, self._clock, self._ended, self._gone = feed, clock, ended, gone
+        self._folder = folder
+        self._since = 0
+        self._boot = ""
+        self._heard_ns = clock.now_ns()
+        self.seen = Seen({}, str(folder))
+        self._take(feed.poll(0))
+
+    def look(self) -> Seen:
+        """Ask once more; blocks as long as the feed does. Never raises because of a run that is gone."""
+        if self.seen.document["state"] == "ended":
+            return self.seen
+        try:
+            self._take(self._feed.poll(self._since))
+        except self._gone:
+            self._missed()
+        return self._copy()
+
+    def _copy(self) -> Seen:
+        """What is drawn does not change while it is drawn, on another thread."""
+        trend = Trend(dict(self.seen.trend.buckets), self.seen.trend.newest)
+        return replace(self.seen, last=dict(self.seen.last), trend=trend)
+
+    def _missed(self) -> None:
+        seen = self.seen
+        seen.age_s = (self._clock.now_ns() - self._heard_ns) / NS
+        end = self._ended()
+        if end is not None:
+            seen.document = {
+                **seen.document,
+                "state": "ended",
+                "outcome": end.get("outcome"),
+                "wait": None,
+                "holds": {},
+            }
+            seen.lost = False
+        else:
+            seen.lost = seen.age_s > OLD_S
+            seen.guard = guard_word(self._folder)
+
+    def _take(self, reply: Points) -> None:
+        header, seen = reply.header, self.seen
+        self._heard_ns = self._clock.now_ns()
+        seen.age_s, seen.lost, seen.guard = 0.0, False, None
+        if header["boot_id"] != self._boot:
+            self._boot, self._since = header["boot_id"], 0
+        if header.get("state"):
+            seen.document = header["state"]
+        names = [str(one["name"]) for one in seen.document.get("signals") or ()]
+        for name in (AIR, UNIT):
+            if name in names:
+                self._keep(name, reply, names.index(name))
+        self._since = int(header["seq"])
+
+    def _keep(self, name: str, reply: Points, column: int) -> None:
+        low, high = reply.low[:, column], reply.high[:, column]
+        known = np.flatnonzero(np.isfinite(low) & np.isfinite(high))
+        if len(known):
+            newest = known[-1]
+            self.seen.last[name] = (float(low[newest]) + float(high[newest])) / 2
+        if name == UNIT:
+            self.seen.keep_trend(reply.t_utc_s, low, high)
