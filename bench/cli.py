@@ -71,11 +71,12 @@ def run(
         str | None, typer.Option("--history", help="URL of the calibration history; default: history.sqlite in --out")
     ] = None,
     json: AsJson = False,
+    ask: Annotated[bool, typer.Option("--ask", help="put the prompts to a person on a simulated station too")] = False,
 ) -> None:
     """Run a campaign; ends with the result table, results.json and report.html in the session's folder."""
     from bench.commands import run as run_command
 
-    request = run_command.Request(sequence, station, settings or [], clock, seed, out, truth, json, history)
+    request = run_command.Request(sequence, station, settings or [], clock, seed, out, truth, json, history, ask)
     raise typer.Exit(run_command.run(request))
 
 
@@ -119,12 +120,44 @@ def fit(
     raise typer.Exit(session_command.fit(session, method, json, make_up or []))
 
 
-@app.command(epilog="Example: bench report sessions/20000101T000000Z_scale_factor_38h_SIM-1")
-def report(session: SessionFolder) -> None:
-    """Write report.html again from the session alone."""
+@app.command(epilog="Example: bench report sessions/20000101T000000Z_scale_factor_38h_SIM-1 --pdf")
+def report(
+    session: SessionFolder,
+    pdf: Annotated[bool, typer.Option("--pdf", help="write report.pdf too (extra 'pdf')")] = False,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="derive everything again from the raw bytes, compare, write nothing")
+    ] = False,
+    json: AsJson = False,
+) -> None:
+    """Write report.html again from the session alone; or say whether results and report are what it gives."""
+    if verify:
+        from bench.commands import verify as verify_command
+
+        raise typer.Exit(verify_command.verify(session, json))
     from bench.commands import session as session_command
 
-    raise typer.Exit(session_command.report(session))
+    raise typer.Exit(session_command.report(session, pdf))
+
+
+@app.command(epilog="Example: bench certificate sessions/20260101T180000Z_scale_factor_38h_17 --schema dcc.xsd")
+def certificate(
+    session: SessionFolder,
+    laboratory: Annotated[
+        Path | None, typer.Option("--laboratory", metavar="FILE", help="YAML: laboratory, customer, who signs")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="default: certificate.xml in the session's folder")] = None,
+    schema: Annotated[
+        Path | None, typer.Option("--schema", metavar="XSD", help="validate against this dcc.xsd (extra 'certificate')")
+    ] = None,
+    specimen: Annotated[
+        bool, typer.Option("--specimen", help="a marked specimen; the only one a simulated session gets")
+    ] = False,
+) -> None:
+    """Write a Digital Calibration Certificate (PTB DCC 3.2.1, D-SI units) of a session."""
+    from bench.commands import certificate as certificate_command
+
+    request = certificate_command.Request(session, laboratory, out, schema, specimen)
+    raise typer.Exit(certificate_command.certificate(request))
 
 
 @app.command(epilog="Example: bench decode vn100_binary F00379 --csv vn100.csv")
@@ -234,6 +267,52 @@ def abort(
     from bench.commands import control as control_command
 
     raise typer.Exit(control_command.abort(session, reason))
+
+
+@app.command(epilog="Example: bench answer sessions/20260101T180000Z_scale_factor_38h_17 '0.2 ohm'")
+def answer(
+    session: SessionFolder,
+    value: Annotated[str, typer.Argument(help="with its unit; nothing: what is asked is so")] = "",
+) -> None:
+    """Answer the prompt a living run waits at; without a value it is confirmed."""
+    from bench.commands import control as control_command
+
+    raise typer.Exit(control_command.answer(session, value))
+
+
+@app.command(epilog="Example: bench serve --out sessions")
+def serve(
+    out: Annotated[Path, typer.Option("--out", help="folder of the sessions to show")] = Path("sessions"),
+    host: Annotated[str, typer.Option("--host", help="address to listen on")] = "127.0.0.1",
+    port: Annotated[int, typer.Option("--port", help="0: any free one", min=0, max=65535)] = 8321,
+    cert: Annotated[Path | None, typer.Option("--cert", help="TLS certificate, PEM")] = None,
+    key: Annotated[Path | None, typer.Option("--key", help="TLS key, PEM")] = None,
+    behind_proxy: Annotated[
+        str | None, typer.Option("--behind-proxy", metavar="URL", help="people reach it at this https address")
+    ] = None,
+    rotate: Annotated[bool, typer.Option("--rotate", help="new tokens and a new key: logs everybody out")] = False,
+    history: Annotated[
+        str | None, typer.Option("--history", help="URL of the calibration history; default: history.sqlite in --out")
+    ] = None,
+) -> None:
+    """Serve the live page: runs, sessions and calibrations of a folder; a process of its own that no run waits for."""
+    from bench.commands import serve as serve_command
+
+    request = serve_command.Request(out, host, port, cert, key, behind_proxy, rotate, history)
+    raise typer.Exit(serve_command.serve(request))
+
+
+@app.command(epilog="Example: bench top")
+def top(
+    session: Annotated[
+        Path | None, typer.Argument(help="the folder of a living run; default: the newest one in --out")
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", help="folder of the sessions")] = Path("sessions"),
+) -> None:
+    """Watch a living run in the terminal, over ssh too; leaving it changes nothing."""
+    from bench.commands import top as top_command
+
+    raise typer.Exit(top_command.top(session, out))
 
 
 @app.command(epilog="Example: bench drill --station af_bench_sim")

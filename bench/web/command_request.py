@@ -1,0 +1,90 @@
+"""What a page may ask a run to do: the fields of a command, checked."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from starlette.requests import Request
+
+from bench.web.refusal import Refusal
+
+COMMANDS = ("pause", "resume", "abort", "acknowledge", "answer")
+NEED_REASON = ("pause", "abort")
+LONGEST_REASON = 500
+LONGEST_ID = 64
+LONGEST_NAME = 200  # of an alarm, a prompt, a run
+
+
+@dataclass(frozen=True)
+class Command:
+    """One command; ``words`` is what the run is told besides who asks."""
+
+    id: str
+    run: str
+    name: str
+    reason: str
+    words: dict[str, Any]
+
+
+async def json_object(request: Request) -> dict[str, Any]:
+    """The body as a JSON object; empty if it is none, which no command is."""
+    try:
+        found = json.loads(await request.body())
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def command_of(document: dict[str, Any]) -> Command:
+    """Raises: Refusal B-WEB-017 naming the field that is wrong."""
+    if not document:
+        raise _wrong("the body is no JSON object")
+    command = document.get("command")
+    if command not in COMMANDS:
+        raise _wrong(f"{str(command)[:40]!r} is no command; known: {', '.join(COMMANDS)}")
+    reason = _text(document, "reason", LONGEST_REASON, empty=command not in NEED_REASON)
+    words: dict[str, Any] = {"command": command, "reason": reason}
+    if command == "acknowledge":
+        words["alarm"] = _text(document, "alarm", LONGEST_NAME)
+    if command == "answer":
+        words |= {"prompt": _text(document, "prompt", LONGEST_NAME), "value": _value(document)}
+    return Command(_text(document, "id", LONGEST_ID), _text(document, "run", LONGEST_NAME), command, reason, words)
+
+
+def taken(document: dict[str, Any]) -> bool:
+    """Whether the command is to be taken or given up. Raises: Refusal B-WEB-017."""
+    take = document.get("take")
+    if not isinstance(take, bool):
+        raise _wrong("take: true or false is due")
+    return take
+
+
+def _text(document: dict[str, Any], key: str, longest: int, *, empty: bool = False) -> str:
+    found = document.get(key, "")
+    text = found.strip() if isinstance(found, str) else None
+    if text is None or len(text) > longest or not (text or empty) or not _is_one_line(text):
+        need = "a line" if empty else "a line that is not empty,"
+        raise _wrong(f"{key}: {need} of at most {longest} characters is due")
+    return text
+
+
+def _value(document: dict[str, Any]) -> float | str | bool | None:
+    found = document.get("value")
+    if found is None or isinstance(found, bool):
+        return found
+    if isinstance(found, int | float):
+        if not math.isfinite(found) or abs(found) > 1e15:
+            raise _wrong("value: a finite number is due")
+        return found
+    return _text(document, "value", LONGEST_REASON, empty=True)
+
+
+def _is_one_line(text: str) -> bool:
+    return all(letter.isprintable() for letter in text)
+
+
+def _wrong(what: str) -> Refusal:
+    return Refusal(400, "B-WEB-017", what, next_step="docs/live-protocol.md has the fields of a command")

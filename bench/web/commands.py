@@ -1,0 +1,112 @@
+"""``POST /api/v1/commands`` and ``/operator``: what people want of a run, passed on to it; the run decides.
+
+Nothing is done twice: the reply to an id is kept, and a second request with it, even while the first is under way,
+gets the same one. Every attempt goes to the audit.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+
+from bench.web.asking import NoAnswer, ask_run
+from bench.web.command_request import Command, command_of, json_object, taken
+from bench.web.cookie import Login
+from bench.web.places import run_folder
+from bench.web.refusal import Refusal
+from bench.web.serving import Serving
+
+
+async def commands(request: Request) -> Response:
+    """Pass a command on to the control socket of its run, and its reply back."""
+    serving: Serving = request.app.state.serving
+    who: Login = request.user
+    wanted = await json_object(request)
+    try:
+        _only_operators(who)
+        command = command_of(wanted)
+        sent = serving.sent.known(who, command)
+        if sent is None:
+            folder = _permitted(serving, who, command)
+            task = asyncio.create_task(_pass_on(serving, who, request.scope["address"], folder, command))
+            serving.sent.keep(who, command, task)
+        else:
+            task = sent.reply
+    except Refusal as refusal:
+        _audit(serving, request, wanted, refusal)
+        raise
+    # shielded: a page that goes away does not stop what it has asked for
+    return JSONResponse({"id": command.id, **await asyncio.shield(task)})
+
+
+async def operator(request: Request) -> Response:
+    """Take the command or give it up; whoever has had it is named."""
+    serving: Serving = request.app.state.serving
+    who: Login = request.user
+    wanted = await json_object(request)
+    try:
+        _only_operators(who)
+        take = taken(wanted)
+    except Refusal as refusal:
+        _audit(serving, request, {"command": "operator", "reason": str(wanted.get("take"))}, refusal)
+        raise
+    if take:
+        before = serving.lease.take(who)
+        text = f"taken from {before.login.name}" if before else "you have the command"
+    else:
+        text = "given up" if serving.lease.leave(who) else "it was not yours"
+    serving.audit.write("operator", **_person(who, request.scope["address"]), take=take, ok=True, text=text)
+    return JSONResponse({"ok": True, "text": text, "operator": serving.lease.document()})
+
+
+async def _pass_on(serving: Serving, who: Login, address: str, folder: Path, command: Command) -> dict[str, Any]:
+    reply = {"ok": False, "text": "the page server was stopped before the run answered"}
+    try:
+        answer = await ask_run(folder, {**command.words, "by": f"{who.name}, {who.role}, {address}"})
+        reply = {"ok": answer.get("ok") is True, "text": str(answer.get("text") or answer.get("error") or "")}
+    except NoAnswer as silent:
+        doubt = "; whether it heard the command is not known" if silent.sent else ""
+        reply = {"ok": False, "error": "B-WEB-018", "text": f"no answer: {silent}{doubt}"}
+    finally:
+        serving.audit.write(
+            "command",
+            **_person(who, address),
+            command=command.name,
+            run=command.run,
+            id=command.id,
+            reason=command.reason,
+            **{key: value for key, value in command.words.items() if key in ("alarm", "prompt", "value")},
+            **{key: reply[key] for key in ("ok", "text")},
+        )
+    return reply
+
+
+def _only_operators(who: Login) -> None:
+    if not who.may_command:
+        advice = "log in with the operator's token"
+        raise Refusal(403, "B-WEB-015", "you may look, but not command", next_step=advice)
+
+
+def _permitted(serving: Serving, who: Login, command: Command) -> Path:
+    holder = serving.lease.holder()
+    if holder is None or holder.login.id != who.id:
+        whose = "nobody has the command" if holder is None else f"{holder.login.name} has the command"
+        raise Refusal(409, "B-WEB-016", whose, next_step="take it on the page first")
+    folder = run_folder(serving.out, command.run)
+    if folder is None:
+        raise Refusal(404, "B-WEB-013", "there is no such run")
+    return folder
+
+
+def _person(who: Login, address: str) -> dict[str, str]:
+    return {"name": who.name, "role": who.role, "address": address}
+
+
+def _audit(serving: Serving, request: Request, wanted: dict[str, Any], refusal: Refusal) -> None:
+    asked = {key: str(wanted.get(key, ""))[:200] for key in ("command", "run", "id", "reason")}
+    person = _person(request.user, request.scope["address"])
+    serving.audit.write("command", **person, **asked, ok=False, text=f"{refusal.code}: {refusal.message}")

@@ -1,0 +1,146 @@
+"""Figures of the page as Bokeh models: built here, drawn by BokehJS in the browser, filled there as data arrive.
+
+The models carry no callback and no code. Axes have tickers and labels that the page sets (UTC, local or elapsed time),
+and no level of detail: BokehJS would leave out readings while a figure is dragged.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from bokeh.embed import json_item
+from bokeh.models import (
+    BoxZoomTool,
+    ColumnDataSource,
+    FixedTicker,
+    Grid,
+    Line,
+    LinearAxis,
+    PanTool,
+    Plot,
+    Range1d,
+    Span,
+    WheelZoomTool,
+)
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+
+THEMES = ("dark", "light")
+DASHES: tuple[tuple[int, ...], ...] = ((), (7, 4))
+CURVES = 10
+
+
+@dataclass(frozen=True)
+class Palette:
+    """Colours of one theme; every hue has a contrast of at least 3:1 on the card.
+
+    Source: WCAG 2.2, success criterion 1.4.11.
+    """
+
+    card: str
+    ink: str
+    soft: str
+    grid: str
+    now: str
+    hues: tuple[str, ...]
+
+
+# Hues after Okabe and Ito, and Tol; those too pale on white or too deep on the dark card are replaced by a neighbour.
+PALETTES = {
+    "dark": Palette(
+        card="#171d24",
+        ink="#e8edf2",
+        soft="#a3b0bd",
+        grid="#2b343e",
+        now="#ff6b6b",
+        hues=("#56b4e9", "#e69f00", "#2fc59b", "#e58fc3", "#f0e442"),
+    ),
+    "light": Palette(
+        card="#ffffff",
+        ink="#1a1f24",
+        soft="#55606b",
+        grid="#dfe4e8",
+        now="#c1121f",
+        hues=("#0072b2", "#c04f00", "#00795a", "#882255", "#6b6100"),
+    ),
+}
+
+
+def looks() -> list[dict[str, Any]]:
+    """Hue and dash of each curve: five hues drawn through, the same five dashed."""
+    hues = len(PALETTES["dark"].hues)
+    return [{"hue": index % hues, "dash": list(DASHES[index // hues])} for index in range(CURVES)]
+
+
+def line_plot(name: str, unit: str, curves: int, *, zoom: bool = False) -> Plot:
+    """An empty figure with as many curves as asked for, each with a source ``curve-<index>`` of columns t and y.
+
+    A curve runs through the least and the greatest value of each bucket of time; NaN parts it.
+
+    Args: unit: of the vertical axis, as text; zoom: drag and wheel change the time range.
+    """
+    plot = Plot(
+        name=name,
+        x_range=Range1d(0.0, 1.0, name="x"),
+        y_range=Range1d(0.0, 1.0, name="y"),
+        sizing_mode="stretch_both",
+        toolbar_location=None,
+        min_border_left=66,
+        min_border_right=6,
+        min_border_top=6,
+        lod_threshold=None,
+        outline_line_color=None,
+        background_fill_alpha=0.0,
+        border_fill_alpha=0.0,
+    )
+    time_axis = LinearAxis(name="time", ticker=FixedTicker(name="time-ticks", ticks=[]), axis_label=" ")
+    value_axis = LinearAxis(name="value", ticker=FixedTicker(name="value-ticks", ticks=[]), axis_label=unit)
+    for axis in (time_axis, value_axis):
+        axis.axis_label_text_font_style = "normal"
+        axis.axis_line_alpha = 0.5
+        axis.minor_tick_line_color = None
+        axis.major_tick_in = 0
+    plot.add_layout(time_axis, "below")
+    plot.add_layout(value_axis, "left")
+    plot.add_layout(Grid(name="time-grid", dimension=0, ticker=time_axis.ticker))
+    plot.add_layout(Grid(name="value-grid", dimension=1, ticker=value_axis.ticker))
+    for index in range(curves):
+        source = ColumnDataSource({"t": [], "y": []}, name=f"curve-{index}")
+        plot.add_glyph(source, Line(x="t", y="y", line_width=1.4, name=f"line-{index}"))
+    for mark in ("now", "cursor"):
+        span = Span(name=mark, dimension="height", location=None, line_width=1, line_dash="solid", level="overlay")
+        plot.add_layout(span)
+    if zoom:
+        _add_zoom(plot)
+    return plot
+
+
+def _add_zoom(plot: Plot) -> None:
+    drag, wheel = BoxZoomTool(dimensions="width"), WheelZoomTool(dimensions="width")
+    plot.add_tools(drag, wheel, PanTool(dimensions="width"))
+    plot.toolbar.active_drag = drag
+    plot.toolbar.active_scroll = wheel
+
+
+def run_figures(state: dict[str, Any]) -> dict[str, Any]:
+    """Figures of one run from its state document: graphs, temperature, history, and how they look in both themes."""
+    graphs = state.get("graphs") or []
+    plots = [
+        line_plot(f"graph-{index}", str(graph["unit"]), min(CURVES, len(graph["signals"])))
+        for index, graph in enumerate(graphs)
+    ]
+    most = max([min(CURVES, len(graph["signals"])) for graph in graphs], default=1)
+    return {
+        "graphs": [json_item(plot) for plot in plots],
+        "temperature": json_item(line_plot("temperature", "°C", 3)),
+        "history": json_item(line_plot("history", " ", most, zoom=True)),
+        "palettes": {name: vars(palette) for name, palette in PALETTES.items()},
+        "looks": looks(),
+    }
+
+
+async def figures(request: Request) -> Response:
+    """``GET /api/v1/runs/{run}/figures``: what `run_figures` makes of the run's state document."""
+    state = await request.app.state.hub.document(request.path_params["run"])
+    return JSONResponse(run_figures(state))

@@ -1,0 +1,205 @@
+"""Everything that is shown now: the runs somebody looks at, each followed once for all who look."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import asynccontextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol, TypeVar
+
+from bench.model.clock import Clock, pause
+from bench.record.trend_reader import TrendWindow
+from bench.run.feed.client import FeedReply
+from bench.web.history_query import HistoryQuery
+from bench.web.listing import Row, RunList
+from bench.web.live import FeedLine, LiveRun, listens, state_of
+from bench.web.partial import PartialFits
+from bench.web.past import Past
+from bench.web.places import run_folder
+from bench.web.points import Points
+from bench.web.refusal import Refusal
+from bench.web.replaying import ReplayRun
+from bench.web.viewer import Viewer
+
+FEED_THREADS = 8
+WORK_THREADS = 4  # history, recordings, lists; some may wait for a trend that is being made
+LISTED_S = 1.0  # a list of runs waits no longer for any of them
+_WARM_S = 0.05
+_Result = TypeVar("_Result")
+
+Watched = LiveRun | ReplayRun
+
+
+class Serving(Protocol):
+    """What the hub needs to know of the server it belongs to."""
+
+    @property
+    def out(self) -> Path:
+        """Folder of the sessions."""
+
+    @property
+    def history(self) -> str | None:
+        """URL of the calibration history; None: the one of the folder."""
+
+    @property
+    def clock(self) -> Clock:
+        """Time of the page server."""
+
+
+class Hub:
+    """Living runs and recordings on their way to browsers. Made anywhere, started and stopped on the event loop.
+
+    ``lease`` gives who holds the command, as the state document says it; set by whoever keeps the lease.
+    """
+
+    def __init__(self, serving: Serving) -> None:
+        self.serving = serving
+        self.runs = RunList(serving.out)
+        self.past = Past()
+        self.lease: Callable[[], dict[str, Any] | None] = lambda: None
+        self._feeds = ThreadPoolExecutor(FEED_THREADS, "feed")
+        self._work = ThreadPoolExecutor(WORK_THREADS, "work")
+        self._live: dict[str, LiveRun] = {}
+        self._tasks: dict[str, list[asyncio.Task[None]]] = {}
+        self._fits = PartialFits(serving.clock)
+        self._warming: asyncio.Task[None] | None = None
+
+    async def start(self) -> None:
+        """Begin to read the sessions there are, newest first, so that the first list is whole soon."""
+        self._warming = asyncio.create_task(self._warm())
+
+    async def stop(self) -> None:
+        """Let go of everything; runs do not notice."""
+        tasks = [task for tasks in self._tasks.values() for task in tasks]
+        tasks += [self._warming] if self._warming is not None else []
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        self.past.stop()
+        self._feeds.shutdown(wait=False, cancel_futures=True)
+        self._work.shutdown(wait=False, cancel_futures=True)
+
+    async def work(self, task: Callable[..., _Result], *arguments: Any) -> _Result:
+        """Do something that takes long in a thread of its own."""
+        return await asyncio.get_running_loop().run_in_executor(self._work, partial(task, *arguments))
+
+    def folder(self, run: str) -> Path:
+        """Folder of a run. Raises: Refusal B-WEB-013, status 404."""
+        folder = run_folder(self.serving.out, run)
+        if folder is None:
+            raise Refusal(404, "B-WEB-013", "there is no run of that name", next_step="the first page lists them")
+        return folder
+
+    @asynccontextmanager
+    async def watching(self, run: str, viewer: Viewer) -> AsyncIterator[Watched]:
+        """What a viewer looks at: the living run, shared by all, or a replay of its own. Raises: Refusal B-WEB-013."""
+        folder = self.folder(run)
+        if run in self._live or await self._feed(listens, folder):
+            async with self._in_room(run, viewer) as live:
+                yield live
+        else:
+            async with self._in_replay(folder, viewer) as replay:
+                yield replay
+
+    async def document(self, run: str) -> dict[str, Any]:
+        """The state document of a run now; of a recording at its end. Raises: Refusal B-WEB-013."""
+        folder = self.folder(run)
+        if run in self._live and self._live[run].room.state:
+            return self._live[run].room.state
+        state = await self._state_of(folder)
+        if state is not None:
+            return {**state, **self._extra(run)}
+        return {**await self.work(self.past.final, folder), "operator": self.lease()}
+
+    async def history(self, run: str, query: HistoryQuery) -> TrendWindow:
+        """Signals of a run over time. Raises: Refusal B-WEB-013, InputError for a signal that is not there."""
+        return await self.work(
+            self.past.history, self.folder(run), query.signals, query.t0_utc_s, query.t1_utc_s, query.n
+        )
+
+    async def listed(self) -> tuple[list[Row], int]:
+        """Rows of all runs, newest first, living ones as they are now; and how many could not be read yet."""
+        rows, unread = await self.work(self.runs.rows)
+        return list(await asyncio.gather(*(self._row_now(row) for row in rows))), unread
+
+    async def _row_now(self, row: Row) -> Row:
+        if row["state"] != "stopped":  # its recording is closed
+            return row
+        live = self._live.get(row["run"])
+        state = live.room.state if live is not None else await self._state_of(self.serving.out / row["run"])
+        if not state or state["state"] == "ended":
+            return row
+        records = {key: state["records"][key] for key in ("done", "planned")}
+        return {**row, "state": state["state"], "live": True, "records": records}
+
+    async def _state_of(self, folder: Path) -> dict[str, Any] | None:
+        """What the run itself says; None if nobody answers in time."""
+        try:
+            return await asyncio.wait_for(self._feed(state_of, folder), LISTED_S)
+        except TimeoutError:
+            return None
+
+    async def _feed(self, ask: Callable[..., _Result], *arguments: Any) -> _Result:
+        return await asyncio.get_running_loop().run_in_executor(self._feeds, partial(ask, *arguments))
+
+    def _extra(self, run: str) -> dict[str, Any]:
+        return {"operator": self.lease(), "estimates": self._fits.of(run)}
+
+    @asynccontextmanager
+    async def _in_room(self, run: str, viewer: Viewer) -> AsyncIterator[LiveRun]:
+        live = self._live.get(run) or self._enter(run)
+        live.room.enter(viewer)
+        try:
+            yield live
+        finally:
+            live.room.viewers.discard(viewer)
+            if not live.room.viewers and self._live.pop(run, None) is not None:
+                await _ended(self._tasks.pop(run))
+
+    def _enter(self, run: str) -> LiveRun:
+        folder = self.serving.out / run
+        line = FeedLine(folder)
+
+        async def ask(since: int, state: bool) -> FeedReply:
+            return await self._feed(line.poll, since, state)
+
+        async def follow() -> None:
+            try:
+                await live.follow()
+            finally:
+                self._feeds.submit(line.close)
+
+        final = partial(self.work, self.past.final, folder)
+        live = LiveRun(folder, ask, self.serving.clock, partial(self._extra, run), final)
+        self._live[run] = live
+        coroutines = (follow(), live.beat(), self._fits.keep(folder))
+        self._tasks[run] = [asyncio.create_task(one) for one in coroutines]
+        return live
+
+    @asynccontextmanager
+    async def _in_replay(self, folder: Path, viewer: Viewer) -> AsyncIterator[ReplayRun]:
+        state = await self.work(self.past.state, folder)
+
+        def fetch(t0_utc_s: float, t1_utc_s: float, width_s: float) -> Points:
+            return self.past.points(folder, t0_utc_s, t1_utc_s, width_s)
+
+        replay = ReplayRun(state, fetch, self.work, self.serving.clock, lambda: {"operator": self.lease()})
+        replay.room.enter(viewer)
+        task = asyncio.create_task(replay.follow())
+        try:
+            yield replay
+        finally:
+            await _ended([task])
+
+    async def _warm(self) -> None:
+        while (await self.work(self.runs.rows))[1]:
+            await pause(_WARM_S)
+
+
+async def _ended(tasks: list[asyncio.Task[None]]) -> None:
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)

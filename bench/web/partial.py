@@ -1,0 +1,108 @@
+"""Estimates of a run that still goes on, as they converge: fitted by a process of its own, seldom, for all viewers."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from collections import OrderedDict
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from bench.model.clock import NS, Clock, pause
+
+SHORTEST_S = 60.0  # between two fits
+SHARE = 30  # of the time: a fit of 10 s is not repeated before 300 s are over
+LONGEST_FIT_S = 600.0
+KEPT_PER_ROW = 200
+KEPT_IN_ALL = 6000  # points of all rows: a page that opens must not be sent megabytes
+KEPT_RUNS = 8
+_LOOK_S = 1.0
+
+Estimates = dict[str, Any]
+
+
+class PartialFits:
+    """Estimates of living runs by the name of the run; at most one fit at a time, whatever the number of runs."""
+
+    def __init__(
+        self, clock: Clock, command: tuple[str, ...] = (sys.executable, "-m", "bench.commands.partial")
+    ) -> None:
+        self._clock = clock
+        self._command = command
+        self._found: OrderedDict[str, Estimates] = OrderedDict()
+        self._not_before_ns: dict[str, int] = {}
+        self._one = asyncio.Lock()
+
+    def of(self, run: str) -> Estimates | None:
+        """What is known of a run so far, as the key ``estimates`` of its state; None if nothing is."""
+        return self._found.get(run)
+
+    async def keep(self, folder: Path) -> None:
+        """Fit a run again and again, for as long as it is not cancelled."""
+        run = folder.name
+        while True:
+            async with self._one:
+                if self._clock.now_ns() >= self._not_before_ns.get(run, 0):
+                    await self._fit(folder)
+            await pause(_LOOK_S)
+
+    async def _fit(self, folder: Path) -> None:
+        start_ns = self._clock.now_ns()
+        answer = await self._answer(folder)
+        spent_s = (self._clock.now_ns() - start_ns) / NS
+        self._not_before_ns[folder.name] = self._clock.now_ns() + round(max(SHORTEST_S, SHARE * spent_s) * NS)
+        if answer is not None and answer.get("rows"):
+            self._found[folder.name] = joined(self._found.get(folder.name), answer, self._clock.utc_ns() / NS)
+            self._found.move_to_end(folder.name)
+            while len(self._found) > KEPT_RUNS:
+                gone, _ = self._found.popitem(last=False)
+                self._not_before_ns.pop(gone, None)
+
+    async def _answer(self, folder: Path) -> dict[str, Any] | None:
+        """What the process prints; None if it fails: a page without estimates is better than none."""
+        process = await asyncio.create_subprocess_exec(
+            *self._command, str(folder), stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.DEVNULL,
+        )  # fmt: skip
+        try:
+            printed, _ = await asyncio.wait_for(process.communicate(), LONGEST_FIT_S)
+            answer = json.loads(printed)
+        except (ValueError, TimeoutError):
+            return None
+        finally:
+            if process.returncode is None:
+                with suppress(ProcessLookupError):
+                    process.kill()
+                await process.wait()
+        return answer if isinstance(answer, dict) else None
+
+
+def joined(before: Estimates | None, answer: dict[str, Any], t_utc_s: float) -> Estimates:
+    """Estimates with those of a new fit behind their history; a fit of the same records adds nothing."""
+    known = {_key(row): row for row in (before or {}).get("rows", ())}
+    records = int(answer["records"])
+    kept = max(1, min(KEPT_PER_ROW, KEPT_IN_ALL // len(answer["rows"])))
+    rows = []
+    for row in answer["rows"]:
+        history = list(known.get(_key(row), {}).get("history", ()))
+        if not history or history[-1][0] != records:
+            history.append([records, row["value"], row["std_uncertainty"]])
+        rows.append({**row, "history": history[-kept:]})
+    return {"t_utc_s": t_utc_s, "records": records, "rows": rows}
+
+
+def finished_estimates(results: dict[str, Any], t_utc_s: float) -> Estimates | None:
+    """Estimates of a finished session from its results.json; None if it has none."""
+    records = int((results.get("quality") or {}).get("records") or 0)
+    rows = [
+        {**{key: one.get(key) for key in ("quantity", "unit", "conditions", "value", "std_uncertainty")},
+         "history": [[records, one.get("value"), one.get("std_uncertainty")]]}
+        for one in results.get("estimates") or ()
+    ]  # fmt: skip
+    return {"t_utc_s": t_utc_s, "records": records, "rows": rows} if rows else None
+
+
+def _key(row: dict[str, Any]) -> str:
+    return json.dumps([row["quantity"], row["conditions"]], sort_keys=True)

@@ -1,0 +1,77 @@
+"""One run as it is shown, and everybody who looks at it: the same state, points and heartbeat for all of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from bench.web.patch import merge_patch
+from bench.web.points import LastPoints, Points
+from bench.web.viewer import Outgoing, Viewer
+
+
+class Room:
+    """What a run shows now. ``state``: the state document of docs/live-protocol.md without the role of who looks."""
+
+    def __init__(self, state: Mapping[str, Any]) -> None:
+        self.viewers: set[Viewer] = set()
+        self.state: dict[str, Any] = dict(state)
+        self.points = LastPoints(0)
+        self._changes = 0
+
+    def enter(self, viewer: Viewer) -> None:
+        """One more looks; the first thing sent is a snapshot, as soon as there is a state."""
+        self.viewers.add(viewer)
+        if self.state:
+            viewer.ask_snapshot()
+
+    def snapshot(self, viewer: Viewer) -> list[Outgoing]:
+        """What a page needs to begin: the whole state, and the newest points as one batch."""
+        points = self.points.all()
+        document = {
+            "type": "snapshot",
+            "seq": self._changes,
+            "state": {**self.state, "role": viewer.role},
+            "points": {"first": points.first, "n": len(points)},
+        }
+        return [_text(document), points.batch()]
+
+    def begin(self, state: Mapping[str, Any], points: Points | None = None) -> None:
+        """Another process answers, or another place of a recording: everybody gets a snapshot of it."""
+        self.state = dict(state)
+        self.points = LastPoints(len(state.get("signals") or ()))
+        if points is not None and len(points):
+            self.points.add(points)
+        for viewer in self.viewers:
+            viewer.ask_snapshot()
+
+    def change(self, **values: Any) -> None:
+        """Put values into the state, and tell everybody."""
+        self.become({**self.state, **values})
+
+    def become(self, state: Mapping[str, Any]) -> None:
+        """Another state; everybody is told what is different, nobody anything if nothing is."""
+        patch = merge_patch(self.state, state)
+        self.state = dict(state)
+        if patch:
+            self._changes += 1
+            self._tell(_text({"type": "delta", "seq": self._changes, "patch": patch}))
+
+    def show(self, points: Points, flags: int = 0) -> None:
+        """Hand out newer points; not more often than ten times a second."""
+        if len(points):
+            self.points.add(points)
+            self._tell(points.batch(flags))
+
+    def beat(self, t_utc_s: float, age_s: float | None) -> None:
+        """The sign of life. ``age_s``: since the run answered last, s; None if it never has."""
+        self._tell(_text({"type": "heartbeat", "t_utc_s": t_utc_s, "age_s": age_s}))
+
+    def _tell(self, message: Outgoing) -> None:
+        for viewer in self.viewers:
+            viewer.put(message)
+
+
+def _text(document: Mapping[str, Any]) -> str:
+    return json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False)

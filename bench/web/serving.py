@@ -1,0 +1,131 @@
+"""What one page server serves and to whom, and the server itself (uvicorn)."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import FrameType
+
+import uvicorn
+from starlette.applications import Starlette
+
+from bench.model.clock import Clock
+from bench.web.audit import Audit
+from bench.web.cookie import Cookies
+from bench.web.login_limit import LoginLimit
+from bench.web.operator import Lease
+from bench.web.sent import SentCommands
+from bench.web.tokens import Tokens
+
+MOST_CONNECTIONS = 256
+LARGEST_MESSAGE = 65_536  # bytes of a WebSocket message from a page
+
+
+@dataclass
+class Serving:
+    """One page server.
+
+    Args: out: folder of the sessions. hosts: what a Host header may say, with the port where a browser sends one.
+        port: it listens on. secure: people reach it by https. behind_proxy: a proxy of ours is the only client, and the
+        last entry of its X-Forwarded-For is believed. history: URL of the calibration history, None for its default.
+        any_address: it listens on every address of the machine, and each of them is a host too.
+    """
+
+    out: Path
+    tokens: Tokens
+    audit: Audit
+    clock: Clock
+    hosts: frozenset[str]
+    port: int
+    secure: bool = False
+    behind_proxy: bool = False
+    history: str | None = None
+    any_address: bool = False
+    origins: frozenset[str] = field(init=False)
+    cookies: Cookies = field(init=False)
+    lease: Lease = field(init=False)
+    limit: LoginLimit = field(init=False)
+    sent: SentCommands = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.origins = frozenset(f"{self.scheme}://{host}" for host in self.hosts)
+        self.cookies = Cookies(self.tokens, self.clock, self.port, self.secure)
+        self.lease = Lease(self.clock)
+        self.limit = LoginLimit(self.clock)
+        self.sent = SentCommands()
+
+    def is_host(self, host: str, arrived_at: tuple[str, int] | None) -> bool:
+        """True if a Host header may say ``host``. ``arrived_at``: our own end of the connection."""
+        return host.lower() in self.hosts or (self.any_address and host in written(arrived_at, self.secure))
+
+    def is_origin(self, origin: str, arrived_at: tuple[str, int] | None) -> bool:
+        """True if a request may come from a page of this origin."""
+        scheme, _, host = origin.partition("://")
+        return origin in self.origins or (
+            self.any_address and scheme == self.scheme and host in written(arrived_at, self.secure)
+        )
+
+    @property
+    def scheme(self) -> str:
+        """How people reach it."""
+        return "https" if self.secure else "http"
+
+
+def written(place: tuple[str, int] | None, secure: bool) -> frozenset[str]:
+    """An address and a port as a browser writes them into Host, which leaves the usual port out."""
+    if place is None:
+        return frozenset()
+    name, port = place[0].lower().removeprefix("::ffff:"), place[1]  # an IPv4 address on an IPv6 socket
+    name = f"[{name}]" if ":" in name else name
+    usual = 443 if secure else 80
+    return frozenset({f"{name}:{port}"} | ({name} if port == usual else set()))
+
+
+def server_of(app: Starlette, cert: Path | None = None, key: Path | None = None) -> uvicorn.Server:
+    """The server of ``app``, not started: plain HTTP without ``cert``, bounded in everything."""
+    config = uvicorn.Config(
+        app,
+        http="h11",
+        ws="websockets-sansio",
+        ws_max_size=LARGEST_MESSAGE,
+        ws_per_message_deflate=False,  # costs more processor than it saves on points
+        lifespan="on",
+        log_config=None,
+        access_log=False,  # paths and addresses are the audit's business
+        proxy_headers=False,  # who a proxy speaks for is decided in gate.py; uvicorn would believe any local process
+        server_header=False,
+        limit_concurrency=MOST_CONNECTIONS,
+        timeout_graceful_shutdown=0,
+        ssl_certfile=cert,
+        ssl_keyfile=key,
+    )
+    logging.getLogger("uvicorn.error").addFilter(_Quiet())
+    return uvicorn.Server(config)
+
+
+def serve_until_told(server: uvicorn.Server, listener: socket.socket, announce: Callable[[], None]) -> None:
+    """Announce it and serve on a listening socket, until SIGINT or SIGTERM; then nobody is waited for."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        del number, frame
+        server.should_exit = True
+
+    # uvicorn has handlers of its own while it serves and raises the signal again at the end: these make it exit 0
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        announce()
+        server.run(sockets=[listener])
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class _Quiet(logging.Filter):
+    """Connections that are cut at the end are no error: pages come back by themselves."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        return not str(record.msg).startswith("Cancel ")

@@ -1,0 +1,104 @@
+// From buckets of least and greatest values to what is drawn. Nothing is left out, nothing is bridged.
+
+/**
+ * The line of one signal through every bucket: up in one, down in the next, so that both ends of each are on it.
+ * Args: rows: {n, signals, t_s, pairs}; column: number of the signal. Returns: {t (ms), y}; NaN parts the line.
+ */
+export function lineOf(rows, column) {
+  const t = new Float64Array(rows.n * 2);
+  const y = new Float64Array(rows.n * 2);
+  let at = 0;
+  for (let row = 0; row < rows.n; row += 1) {
+    const low = rows.pairs[(row * rows.signals + column) * 2];
+    const high = rows.pairs[(row * rows.signals + column) * 2 + 1];
+    const t_ms = rows.t_s[row] * 1000;
+    const up = row % 2 === 0;
+    t[at] = t_ms; y[at] = up ? low : high; at += 1;
+    if (low !== high) { t[at] = t_ms; y[at] = up ? high : low; at += 1; }
+  }
+  return { t: t.subarray(0, at), y: y.subarray(0, at) };
+}
+
+/**
+ * As `lineOf`, every bucket a box as wide as it lasts: where a bucket is several pixels wide, a line through its ends would look like a wave.
+ */
+export function boxesOf(rows, column) {
+  const t = new Float64Array(rows.n * 6);
+  const y = new Float64Array(rows.n * 6);
+  for (let row = 0; row < rows.n; row += 1) {
+    const low = rows.pairs[(row * rows.signals + column) * 2];
+    const high = rows.pairs[(row * rows.signals + column) * 2 + 1];
+    const next_s = row + 1 < rows.n ? rows.t_s[row + 1] : Infinity;
+    const [from, to] = [rows.t_s[row] * 1000, Math.min(rows.t_s[row] + rows.bucket_s, next_s) * 1000];
+    t.set([from, from, to, to, from, to], row * 6);
+    y.set([low, high, high, low, low, low], row * 6);
+  }
+  return { t, y };
+}
+
+/** Rows without any: of so many signals. */
+export const nothing = (signals) => ({ n: 0, signals, bucket_s: 0, t_s: new Float64Array(0), pairs: new Float32Array(0) });
+
+/** Some columns of rows as rows of their own. */
+export function pick(rows, columns) {
+  const pairs = new Float32Array(rows.n * columns.length * 2);
+  for (let row = 0; row < rows.n; row += 1) {
+    columns.forEach((column, index) => {
+      const from = (row * rows.signals + column) * 2;
+      const to = (row * columns.length + index) * 2;
+      pairs[to] = column < 0 ? NaN : rows.pairs[from];
+      pairs[to + 1] = column < 0 ? NaN : rows.pairs[from + 1];
+    });
+  }
+  return { n: rows.n, signals: columns.length, bucket_s: rows.bucket_s, t_s: rows.t_s, pairs };
+}
+
+/** One after the other; both have the same signals. */
+export function joined(before, after) {
+  const [t_s, pairs] = [new Float64Array(before.n + after.n), new Float32Array(before.pairs.length + after.pairs.length)];
+  t_s.set(before.t_s); t_s.set(after.t_s, before.n);
+  pairs.set(before.pairs); pairs.set(after.pairs, before.pairs.length);
+  return { n: before.n + after.n, signals: before.signals, bucket_s: before.bucket_s, t_s, pairs };
+}
+
+/** Least and greatest of a column between two instants, its last bucket, and the mean of the middles of its buckets. */
+export function extent(rows, column, first_s = -Infinity, last_s = Infinity) {
+  let [low, high, sum, count] = [Infinity, -Infinity, 0, 0];
+  let last = null;
+  for (let row = 0; row < rows.n; row += 1) {
+    if (rows.t_s[row] < first_s || rows.t_s[row] > last_s) continue;
+    const a = rows.pairs[(row * rows.signals + column) * 2];
+    const b = rows.pairs[(row * rows.signals + column) * 2 + 1];
+    if (Number.isNaN(a) || Number.isNaN(b)) continue;
+    low = Math.min(low, a); high = Math.max(high, b); sum += (a + b) / 2; count += 1;
+    last = [a, b];
+  }
+  return count ? { low, high, mean: sum / count, last } : null;
+}
+
+/** The bucket of a column nearest before an instant, [low, high], or null where there is none. */
+export function bucketAt(rows, column, t_s) {
+  let [low, high] = [0, rows.n];
+  while (low < high) { const middle = (low + high) >> 1; if (rows.t_s[middle] <= t_s) low = middle + 1; else high = middle; }
+  if (!low) return null;
+  const at = ((low - 1) * rows.signals + column) * 2;
+  return Number.isNaN(rows.pairs[at]) ? null : [rows.pairs[at], rows.pairs[at + 1]];
+}
+
+/** Round ticks of an axis of values: {ticks, decimals}. */
+export function valueTicks(low, high, most) {
+  const rough = (high - low) / Math.max(1, most);
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((one) => one * power).find((one) => one >= rough * (1 - 1e-9));
+  const ticks = [];
+  for (let n = Math.ceil(low / step - 1e-9); n * step <= high + step * 1e-9 && ticks.length < 50; n += 1) ticks.push(n * step);
+  return { ticks, decimals: Math.min(12, Math.max(0, -Math.floor(Math.log10(step) + 1e-9))) };
+}
+
+/** The longest beginning that all names share up to a dot or bracket, which a list of curves need not repeat. */
+export function sharedPrefix(names) {
+  if (names.length < 2) return (names[0] ?? "").slice(0, (names[0] ?? "").indexOf(".") + 1);
+  let prefix = names[0];
+  for (const name of names) while (!name.startsWith(prefix)) prefix = prefix.slice(0, -1);
+  return prefix.slice(0, Math.max(prefix.lastIndexOf("."), prefix.lastIndexOf("[")) + 1);
+}

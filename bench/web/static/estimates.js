@@ -1,0 +1,78 @@
+// Results so far: a table, and for each a small curve of how it has settled.
+import { conditions } from "./conditions.js";
+import { byId, fillTable, say } from "./dom.js";
+import { minus } from "./figure.js";
+import { page } from "./state.js";
+import { t } from "./texts.js";
+import { stamp } from "./time.js";
+import { unitText } from "./units.js";
+
+const SVG = "http://www.w3.org/2000/svg";
+const [WIDTH, HEIGHT] = [144, 35];
+const pictures = new Map();
+let shown; // estimates of the last time
+
+/** Value over number of records, with a band of one standard uncertainty. */
+function picture(history, description) {
+  const svg = document.createElementNS(SVG, "svg");
+  svg.setAttribute("class", "spark");
+  svg.setAttribute("viewBox", `0 0 ${WIDTH} ${HEIGHT}`);
+  svg.setAttribute("preserveAspectRatio", "none");
+  svg.setAttribute("role", "img");
+  svg.setAttribute("aria-label", description);
+  const rows = history.filter((row) => row.every(Number.isFinite));
+  if (rows.length < 2) return svg;
+  const [first, last] = [rows[0][0], rows.at(-1)[0]];
+  const [low, high] = [Math.min(...rows.map((row) => row[1] - row[2])), Math.max(...rows.map((row) => row[1] + row[2]))];
+  const x = (records) => (((records - first) / (last - first || 1)) * WIDTH).toFixed(1);
+  const y = (value) => (HEIGHT - 2 - ((value - low) / (high - low || 1)) * (HEIGHT - 4)).toFixed(1);
+  const band = document.createElementNS(SVG, "polygon");
+  band.setAttribute("points", [...rows.map((row) => `${x(row[0])},${y(row[1] + row[2])}`),
+    ...rows.toReversed().map((row) => `${x(row[0])},${y(row[1] - row[2])}`)].join(" "));
+  const line = document.createElementNS(SVG, "path");
+  line.setAttribute("d", rows.map((row, index) => `${index ? "L" : "M"}${x(row[0])} ${y(row[1])}`).join(""));
+  svg.append(band, line);
+  return svg;
+}
+
+/** As many digits as the uncertainty gives a meaning to: two of it. */
+export function withUncertainty(value, uncertainty) {
+  if (!Number.isFinite(value)) return ["", ""];
+  if (!(uncertainty > 0)) return [minus(value.toPrecision(6)), ""];
+  const size = Math.floor(Math.log10(Math.max(Math.abs(value), uncertainty)));
+  const power = Math.abs(size) > 4 ? Math.floor(size / 3) * 3 : 0;
+  const scale = 10 ** power;
+  const places = Math.min(12, Math.max(0, 1 - Math.floor(Math.log10(uncertainty / scale))));
+  const tail = power ? `e${power}` : "";
+  return [minus((value / scale).toFixed(places) + tail), minus((uncertainty / scale).toFixed(places) + tail)];
+}
+
+function cellOf(key, row) {
+  const mark = JSON.stringify(row.history ?? []);
+  const known = pictures.get(key);
+  if (known?.mark === mark) return known.svg;
+  const svg = picture(row.history ?? [], t("estimate.picture", { quantity: row.quantity }));
+  pictures.set(key, { mark, svg });
+  return svg;
+}
+
+export function showEstimates(everything = false) {
+  const { estimates = null, source } = page.state;
+  if (shown !== undefined && estimates === shown && !everything) return;
+  shown = estimates ?? null;
+  const rows = estimates?.rows ?? [];
+  byId("estimates-card").hidden = !estimates;
+  if (!estimates) return;
+  const when = stamp(estimates.t_utc_s, page.state.started_utc_s);
+  say(byId("estimates-when"), t(source === "replay" ? "estimate.of-session" : "estimate.when", { time: when, records: estimates.records ?? "\u2013" }));
+  const columns = [["quantity", "fixed"], ["conditions", ""], ["value", "number"], ["uncertainty", "number"], ["unit", "fixed"], ["course", ""]]
+    .map(([name, look]) => ({ head: t(`estimate.${name}`), class: look }));
+  const keys = new Set();
+  fillTable(byId("estimates"), columns, rows.map((row) => {
+    const key = `${row.quantity} ${JSON.stringify(row.conditions)}`;
+    keys.add(key);
+    const [value, uncertainty] = withUncertainty(row.value, row.std_uncertainty);
+    return { key, cells: [row.quantity, conditions(row.conditions), value, uncertainty, unitText(row.unit), cellOf(key, row)] };
+  }), estimates.why ?? t("estimate.none"));
+  for (const key of [...pictures.keys()]) if (!keys.has(key)) pictures.delete(key);
+}

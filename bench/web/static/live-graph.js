@@ -1,0 +1,134 @@
+// A graph that follows the run: the last minute from the points themselves, longer windows from the history with the points behind.
+import { joined, pick } from "./curves.js";
+import { make, say } from "./dom.js";
+import { draw } from "./draw.js";
+import { choiceOf, GraphCard } from "./graph-card.js";
+import { History, runSpan } from "./history.js";
+import { remember, remembered } from "./settings.js";
+import { isReplay, page } from "./state.js";
+import { t } from "./texts.js";
+import { duration } from "./time.js";
+import { unitText } from "./units.js";
+
+const MINUTE_s = 60;
+const WHOLE_RUN = 0;
+
+export class LiveGraph {
+  constructor(graph, number, look) {
+    this.graph = graph;
+    this.number = number;
+    this.history = new History();
+    this.before = null; // rows of the history
+    this.asked_ms = -Infinity;
+    this.ring = null;
+    this.card = new GraphCard(graph.title, curvesOf(graph), look);
+    const windows = [...new Set([MINUTE_s, 600, 3600, Math.round(graph.window_s ?? MINUTE_s)])].sort((one, other) => one - other);
+    this.window_s = Number(remembered(`window.${graph.title}`, graph.window_s ?? MINUTE_s));
+    if (![...windows, WHOLE_RUN].includes(this.window_s)) this.window_s = windows[0];
+    choiceOf(this.card.choices, [...windows.map((window) => [window, windowName(window)]), [WHOLE_RUN, t("graph.run")]], this.window_s,
+      (window) => this.setWindow(window));
+    this.lock = make("button", { type: "button", "aria-pressed": "false", title: t("graph.lock-title"), onclick: () => this.turnLock() }, t("graph.lock"));
+    this.card.choices.append(this.lock);
+    this.seen = true;
+    new IntersectionObserver(([entry]) => { this.seen = entry.isIntersecting; }, { rootMargin: "300px" }).observe(this.card.element);
+  }
+
+  async draw(item) {
+    await this.card.draw(item);
+    this.card.figure.setUnit(unitText(this.graph.unit));
+    this.refresh();
+  }
+
+  setWindow(window_s) {
+    this.window_s = window_s;
+    remember(`window.${this.graph.title}`, window_s);
+    this.forget();
+    this.refresh();
+  }
+
+  /** What the history said is of another run or place. */
+  forget() {
+    this.before = null;
+    this.asked_ms = -Infinity;
+    if (this.card.figure) this.card.figure.fitted = false;
+  }
+
+  turnLock() {
+    const locked = this.lock.getAttribute("aria-pressed") !== "true";
+    this.lock.setAttribute("aria-pressed", String(locked));
+    if (!locked) this.refresh();
+  }
+
+  points(ring) {
+    this.ring = ring;
+    if (this.seen) this.refresh(); // once a second is enough for a graph nobody has scrolled to
+  }
+
+  refresh = () => { draw(this.paint); };
+
+  span() {
+    const last_s = this.ring?.count ? this.ring.last_s : page.t_s || page.state.t_utc_s;
+    const first_s = this.window_s === WHOLE_RUN ? runSpan(last_s).first_s : last_s - this.window_s;
+    return { first_s, last_s };
+  }
+
+  paint = () => {
+    const { figure } = this.card;
+    if (!figure || !this.ring) return;
+    const { first_s, last_s } = this.span();
+    const columns = this.graph.signals.map((name) => page.state.signals.findIndex((signal) => signal.name === name));
+    const live = this.ring.since(-Infinity);
+    let rows = pick(live, columns);
+    if (this.window_s !== MINUTE_s) {
+      this.ask(first_s, last_s);
+      if (this.before) rows = behind(this.before, this.ring, columns);
+    }
+    figure.show(rows, first_s, last_s, { lockY: this.lock.getAttribute("aria-pressed") === "true", decimals: this.card.curves[0]?.decimals });
+    say(this.card.bucket, this.before && this.window_s !== MINUTE_s ? bucketText(this.before.bucket_s) : bucketText(this.ring.width_s));
+  };
+
+  /** Asks again when the window has moved by a hundredth, and not more than once a second. */
+  async ask(first_s, last_s) {
+    const now = performance.now();
+    const stale = !this.before || last_s - this.before.to_s > Math.min(30, Math.max(5, (last_s - first_s) / 100)) || last_s < this.before.to_s - 1;
+    if (!stale || this.history.busy || now - this.asked_ms < 1000) return;
+    this.asked_ms = now;
+    const rows = await this.history.ask(this.graph.signals, first_s, last_s, Math.max(300, this.card.plot.clientWidth));
+    this.card.complain(this.history.trouble);
+    if (rows) { this.before = Object.assign(rows, { to_s: last_s }); this.refresh(); }
+    else this.asked_ms += 4000; // no answer: not again at once
+  }
+
+  each_second() {
+    this.card.tabulate();
+    if (isReplay() || !this.seen || this.window_s !== MINUTE_s) this.refresh();
+  }
+}
+
+/** Rows of the history and the points that came after them, parted where there is nothing between. */
+function behind(before, ring, columns) {
+  const last_s = before.n ? before.t_s[before.n - 1] : -Infinity;
+  const live = pick(ring.since(last_s + before.bucket_s), columns);
+  if (!live.n || !before.n || live.t_s[0] - last_s <= 2.5 * Math.max(before.bucket_s, 0.4)) return joined(before, live);
+  const gap = { n: 1, signals: before.signals, bucket_s: 0, t_s: Float64Array.of(last_s + before.bucket_s), pairs: new Float32Array(before.signals * 2).fill(NaN) };
+  return joined(joined(before, gap), live);
+}
+
+export function curvesOf(graph) {
+  return graph.signals.map((name) => {
+    const signal = page.state.signals.find((one) => one.name === name);
+    return { name, unit: unitText(signal?.unit ?? graph.unit), decimals: signal?.decimals ?? 3 };
+  });
+}
+
+function windowName(window_s) {
+  if (window_s % 3600 === 0) return t("graph.hours", { n: window_s / 3600 });
+  return window_s % 60 === 0 ? t("graph.minutes", { n: window_s / 60 }) : duration(window_s);
+}
+
+/** Says how wide a bucket is, so that nobody takes what is drawn for a reading. */
+export function bucketText(bucket_s) {
+  if (!bucket_s) return t("graph.raw");
+  const digits = bucket_s < 10 ? 1 : 0;
+  return t("graph.bucket", { bucket: `${bucket_s.toFixed(digits).replace(/\.0$/, "")} s` });
+}

@@ -1,0 +1,58 @@
+// Questions of the run: a dialog beside the page, not in front of it. Closing it answers nothing and stops nothing.
+import { byId, say } from "./dom.js";
+import { command, onMayCommand } from "./commands.js";
+import { isReplay, mayCommand, page } from "./state.js";
+import { t } from "./texts.js";
+
+let shown = null; // id of the question the dialog is about
+
+function limits({ unit, low, high }) {
+  const known = (value) => value !== null && value !== undefined;
+  if (known(low) && known(high)) return t("prompt.between", { low, high, unit: unit ?? "" });
+  if (known(low)) return t("prompt.at-least", { low, unit: unit ?? "" });
+  return known(high) ? t("prompt.at-most", { high, unit: unit ?? "" }) : t("prompt.value", { unit: unit ?? "" });
+}
+
+export function showPrompt() {
+  const { prompt } = page.state;
+  const open = Boolean(prompt) && !isReplay();
+  byId("show-prompt").hidden = !open;
+  if (!open) { shown = null; byId("prompt").close(); return; }
+  say(byId("prompt-text"), prompt.text);
+  say(byId("prompt-limits"), limits(prompt));
+  byId("prompt-field").hidden = Boolean(prompt.confirm);
+  byId("prompt-form").querySelector(".main").disabled = !mayCommand();
+  if (!mayCommand()) say(byId("prompt-trouble"), t("prompt.not-operator"));
+  else if (byId("prompt-trouble").textContent === t("prompt.not-operator")) say(byId("prompt-trouble"), "");
+  if (shown !== prompt.id) {
+    shown = prompt.id;
+    byId("prompt-value").value = "";
+    byId("prompt").show();
+  }
+}
+
+/** The value typed, or null and a word of what is wrong with it. The run checks it again. */
+function answer({ confirm, low, high }) {
+  if (confirm) return { value: true };
+  const typed = byId("prompt-value").value.trim().replace(",", ".");
+  const value = Number(typed);
+  if (!typed || !Number.isFinite(value)) return { trouble: t("prompt.no-number") };
+  if ((low ?? -Infinity) > value || value > (high ?? Infinity)) return { trouble: limits(page.state.prompt) };
+  return { value };
+}
+
+export function wirePrompt() {
+  byId("prompt-close").addEventListener("click", () => byId("prompt").close());
+  byId("show-prompt").addEventListener("click", () => { byId("prompt").close(); byId("prompt").show(); byId("prompt-value").focus(); });
+  byId("prompt-form").addEventListener("submit", async (event) => {
+    event.preventDefault();
+    const { prompt } = page.state;
+    if (!prompt) return;
+    const { value, trouble } = answer(prompt);
+    if (trouble) { say(byId("prompt-trouble"), trouble); return; }
+    const reply = await command({ command: "answer", prompt: prompt.id, value });
+    say(byId("prompt-trouble"), reply.ok ? "" : reply.text);
+    if (reply.ok) byId("prompt").close();
+  });
+  onMayCommand(showPrompt);
+}

@@ -1,0 +1,131 @@
+"""Tokens of the page: made by chance, told once, kept hashed in a file that only its owner may read.
+
+The file is ``serve.json`` in ``$XDG_CONFIG_HOME/inertial-bench`` (``~/.config/inertial-bench``), mode 0600. It holds a
+salt, the SHA-256 of salt and token for each role, and the key that signs cookies. A token has 192 random bits, so a
+plain hash is enough: nobody tries 2**192 of them. The only file of the project that draws without a seed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import hmac
+import json
+import os
+import secrets
+import stat
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from bench.model.errors import InputError
+
+VIEWER, OPERATOR = "viewer", "operator"
+FILE = "serve.json"
+TOKEN_BYTES = 24
+_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+
+
+@dataclass(frozen=True)
+class Tokens:
+    """What is kept of the tokens; hexadecimal."""
+
+    salt: str
+    viewer: str
+    operator: str
+    cookie_key: str
+
+    def role_of(self, token: str) -> str | None:
+        """Role that a token opens, None for a wrong one; takes as long whatever the token is."""
+        given = _hash(self.salt, token)
+        is_viewer, is_operator = (hmac.compare_digest(given, kept) for kept in (self.viewer, self.operator))
+        return OPERATOR if is_operator else VIEWER if is_viewer else None
+
+
+def private_folder() -> Path:
+    """Where the tokens and the audit of the page are kept."""
+    base = os.environ.get("XDG_CONFIG_HOME", "")
+    return (Path(base) if base.startswith("/") else Path.home() / ".config") / "inertial-bench"
+
+
+def draw_id() -> str:
+    """16 hexadecimal digits that nobody guesses: the name of one login."""
+    return secrets.token_hex(8)
+
+
+def obtain_tokens(folder: Path, rotate: bool = False) -> tuple[Tokens, dict[str, str]]:
+    """The tokens in ``folder``, made if there are none or ``rotate``; and the new ones in clear by role, else {}.
+
+    Raises: InputError B-WEB-006 if others may read the file or change the folder, B-WEB-007 if the file cannot be
+    read, written or understood.
+    """
+    path = folder / FILE
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        _refuse_open_folder(folder)
+        if not rotate and os.path.lexists(path):
+            return _read(path), {}
+        clear = {role: secrets.token_urlsafe(TOKEN_BYTES) for role in (VIEWER, OPERATOR)}
+        salt = secrets.token_hex(16)
+        hashes = {role: _hash(salt, token) for role, token in clear.items()}
+        made = Tokens(salt, hashes[VIEWER], hashes[OPERATOR], secrets.token_hex(32))
+        return (made, clear) if _write(path, made, rotate) else (_read(path), {})
+    except OSError as error:
+        raise _unusable(path, error.strerror or str(error)) from error
+
+
+def _hash(salt: str, token: str) -> str:
+    return hashlib.sha256(f"{salt}:{token}".encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def _write(path: Path, tokens: Tokens, replace: bool) -> bool:
+    """Write the whole file at once; False if another server was first."""
+    draft = path.with_name(f".{FILE}.{secrets.token_hex(4)}")
+    descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    try:
+        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+            json.dump({"schema": 1, **asdict(tokens)}, file, indent=1)
+            file.flush()
+            os.fsync(file.fileno())
+        if replace:
+            draft.replace(path)
+            return True
+        try:
+            os.link(draft, path)
+        except FileExistsError:
+            return False
+        return True
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def _read(path: Path) -> Tokens:
+    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW), encoding="utf-8") as file:
+        found = os.fstat(file.fileno())
+        if found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077:
+            message = f"the file of the tokens has mode {stat.S_IMODE(found.st_mode):04o}, others may use it; due: 0600"
+            advice = "'chmod 600' it if nobody has read it, else 'bench serve --rotate' makes new tokens"
+            raise InputError("B-WEB-006", message, where=str(path), next_step=advice)
+        try:
+            kept = json.load(file)
+            return Tokens(**{name: _hexadecimal(kept[name]) for name in Tokens.__dataclass_fields__})
+        except (ValueError, KeyError, TypeError) as error:
+            raise _unusable(path, f"not what 'bench serve' wrote ({error})") from error
+
+
+def _hexadecimal(text: str) -> str:
+    if len(bytes.fromhex(text)) < 16:
+        raise ValueError("too short")
+    return text
+
+
+def _refuse_open_folder(folder: Path) -> None:
+    found = folder.stat()
+    if found.st_uid != os.getuid() or found.st_mode & _OTHERS_WRITE:
+        message = "others may change what is in this folder, which keeps the tokens of the page"
+        raise InputError("B-WEB-006", message, where=str(folder), next_step="'chmod 700' it, as its owner")
+
+
+def _unusable(path: Path, why: str) -> InputError:
+    advice = "'bench serve --rotate' makes new tokens; check the folder and $XDG_CONFIG_HOME"
+    return InputError(
+        "B-WEB-007", f"the tokens of the page cannot be kept here: {why}", where=str(path), next_step=advice
+    )

@@ -1,0 +1,47 @@
+"""The browser, the page server and a shown run for all browser tests; skipped where there is no Chromium."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from browser_rig import PageServer, chromium_path
+from playwright.sync_api import Browser, sync_playwright
+from shown_run import ShownRun
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    path = chromium_path()
+    if path is None:
+        pytest.skip("no Chromium on this machine: install the package 'chromium' to run the browser tests")
+    words = ["--no-sandbox"] if os.geteuid() == 0 else []
+    with sync_playwright() as playwright:
+        found = playwright.chromium.launch(executable_path=path, args=words)
+        yield found
+        found.close()
+
+
+@pytest.fixture(scope="session")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PageServer]:
+    started = PageServer(tmp_path_factory.mktemp("page"))
+    yield started
+    started.end()
+
+
+@pytest.fixture
+def shown(server: PageServer, request: pytest.FixtureRequest) -> Iterator[ShownRun]:
+    run = ShownRun(server.out, f"20260101T000000Z_{request.node.name.replace('[', '_').replace(']', '')[:60]}_7")
+    yield run
+    run.close()
+
+
+@pytest.fixture(scope="session")
+def screenshots(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where pictures go for a person to look at: $BENCH_SCREENSHOTS, or the folder of this test run."""
+    wanted = os.environ.get("BENCH_SCREENSHOTS")
+    folder = Path(wanted) if wanted else tmp_path_factory.mktemp("screenshots")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder

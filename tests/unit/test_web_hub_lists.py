@@ -1,0 +1,198 @@
+"""Lists of runs and calibrations, history requests, partial fits: what a page asks for now and then."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from record_sample import write_sample
+from web_rig import RUN, Page, served
+
+from bench.model.clock import VirtualClock
+from bench.record.writer import OPEN_MARKER
+from bench.web import partial
+from bench.web.calibrations import calibration_rows
+from bench.web.history_query import MOST_POINTS, history_query
+from bench.web.listing import READ_AT_ONCE, RunList, verdict_of
+from bench.web.partial import KEPT_IN_ALL, KEPT_PER_ROW, PartialFits, finished_estimates, joined
+from bench.web.past import Past
+from bench.web.refusal import Refusal
+
+GOOD = {"signals": "a.b,a.c,a.b", "t0": "1.5", "t1": "2.5", "n": "10"}
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    with served(tmp_path_factory.mktemp("lists")) as found:
+        write_sample(found.serving.out / "20260102T030405Z_sample_7", seconds=3)
+        yield found
+
+
+def test_a_history_request_is_read() -> None:
+    query = history_query(GOOD)
+    assert (query.signals, query.t0_utc_s, query.t1_utc_s, query.n) == (("a.b", "a.c"), 1.5, 2.5, 10)
+    assert history_query({**GOOD, "n": "999999"}).n == MOST_POINTS
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"signals": ""}, {"signals": ",".join(f"a.b[{index}]" for index in range(41))}, {"t0": "nan"}, {"t1": "inf"},
+     {"t0": "x"}, {"t0": ""}, {"t1": "1.5"}, {"t1": "-3"}, {"n": "0"}, {"n": "-1"}, {"n": "1.5"}, {"n": "1e3"},
+     {"n": "9" * 5000}, {"n": "٣"}],
+)  # fmt: skip
+def test_a_history_request_that_makes_no_sense_is_refused(wrong: dict[str, str]) -> None:
+    with pytest.raises(Refusal) as refused:
+        history_query({**GOOD, **wrong})
+    assert (refused.value.code, refused.value.status) == ("B-WEB-020", 400)
+
+
+def test_history_over_http_says_what_is_wrong(page: Page) -> None:
+    path = f"/api/v1/runs/{RUN}/history?signals=a.b&t0=2&t1=1"
+    answer = page.ask("GET", path, page.cookie("viewer"))
+    assert (answer.status, answer.json["error"]) == (400, "B-WEB-020")
+    assert "later" in answer.json["text"]
+    path = "/api/v1/runs/20260102T030405Z_sample_7/history?signals=port_a.nothing&t0=1&t1=2"
+    assert page.ask("GET", path, page.cookie("viewer")).status == 400
+
+
+def test_a_session_without_a_report_says_so(page: Page) -> None:
+    answer = page.ask("GET", f"/api/v1/runs/{RUN}/report", page.cookie("viewer"))
+    assert (answer.status, answer.json["error"]) == (404, "B-WEB-021")
+    (page.serving.out / RUN / "report.html").write_text("<p>report")
+    answer = page.ask("GET", f"/api/v1/runs/{RUN}/report", page.cookie("viewer"))
+    assert (answer.status, answer.body) == (200, b"<p>report")
+    assert "sandbox" in answer.headers["content-security-policy"]
+
+
+def test_a_report_that_leads_elsewhere_is_not_read(page: Page) -> None:
+    secret = page.serving.out.parent / "secret"
+    secret.write_text("secret")
+    (page.serving.out / "20260102T030405Z_sample_7" / "report.html").symlink_to(secret)
+    assert page.ask("GET", "/api/v1/runs/20260102T030405Z_sample_7/report", page.cookie("viewer")).status == 404
+
+
+def test_a_run_that_is_not_there_has_no_document(page: Page) -> None:
+    with pytest.raises(Refusal) as refused:
+        page.app.state.hub.folder("20000101T000000Z_gone")
+    assert (refused.value.status, refused.value.code) == (404, "B-WEB-013")
+
+
+def test_a_session_that_cannot_be_read_has_a_document_that_says_so(page: Page) -> None:
+    state = page.ask("GET", f"/api/v1/runs/{RUN}", page.cookie("viewer")).json
+    assert (state["state"], state["outcome"]["error"]) == ("stopped", "B-REC-012")
+
+
+def test_runs_are_listed_newest_first(page: Page) -> None:
+    rows = page.ask("GET", "/api/v1/runs", page.cookie("viewer")).json["runs"]
+    assert [row["run"] for row in rows] == ["20260102T030405Z_sample_7", RUN]
+    assert rows[0]["started_utc_s"] == 1_767_323_045
+    assert (rows[0]["state"], rows[0]["verdict"], rows[0].get("live")) == ("ended", None, None)
+    assert rows[1]["title"] is None, "its segment is empty"
+
+
+def test_no_history_is_an_empty_list(page: Page) -> None:
+    assert page.ask("GET", "/api/v1/calibrations", page.cookie("viewer")).json == {"calibrations": []}
+    assert calibration_rows(None, page.serving.out) == []
+
+
+def test_a_session_is_read_once_until_its_folder_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from bench.web import listing
+
+    for number in range(READ_AT_ONCE + 6):
+        write_sample(tmp_path / f"20260101T0000{number:02d}Z_x_1", seconds=1)
+    read: list[str] = []
+    plain = listing.session_row
+    monkeypatch.setattr(listing, "session_row", lambda folder: (read.append(folder.name), plain(folder))[1])
+    runs = RunList(tmp_path)
+    rows, unread = runs.rows()
+    assert (len(rows), unread, len(read)) == (READ_AT_ONCE + 6, 6, READ_AT_ONCE)
+    assert [row["simulated"] for row in rows[-2:]] == [None, None], "the oldest are read last"
+    assert runs.rows()[1] == 0
+    assert runs.rows()[1] == 0
+    assert len(read) == READ_AT_ONCE + 6
+    results = {"uut": {"model": "NGU", "serial": "9"}, "quality": {"records": 5}, "estimates": [{"verdict": "fail"}]}
+    newest = tmp_path / rows[0]["run"]
+    (newest / "results.json").write_text(json.dumps(results))
+    (newest / OPEN_MARKER).touch()
+    row = runs.rows()[0][0]
+    assert (row["verdict"], row["uut"]["serial"], row["records"]["done"], row["state"]) == ("fail", "9", 5, "stopped")
+    assert read[-1] == newest.name
+
+
+def test_the_verdict_of_a_session_is_its_worst() -> None:
+    def of(*verdicts: str) -> str:
+        return verdict_of({"estimates": [{"verdict": one} for one in verdicts]})
+
+    assert of("none", "pass", "conditional_pass") == "conditional_pass"
+    assert of("pass", "fail", "conditional_fail") == "fail"
+    assert of("none") == of() == "none"
+
+
+def row(value: float, channel: int = 1) -> dict[str, Any]:
+    conditions = {"channel": channel, "temperature_degC": 20.0}
+    return {"quantity": "dsf_n", "unit": "ppm", "conditions": conditions, "value": value, "std_uncertainty": 1.0}
+
+
+def test_partial_fits_are_put_behind_each_other() -> None:
+    found = None
+    for records in (1, 2, 2, 3):
+        found = joined(found, {"records": records, "rows": [row(10.0 + records)]}, 5.0)
+    assert found is not None
+    assert found["rows"][0]["history"] == [[1, 11.0, 1.0], [2, 12.0, 1.0], [3, 13.0, 1.0]]
+    assert found["rows"][0]["value"] == 13.0
+    for records in range(4, 500):
+        found = joined(found, {"records": records, "rows": [row(0.0)]}, 5.0)
+    assert len(found["rows"][0]["history"]) == KEPT_PER_ROW
+    many = {"records": 501, "rows": [row(0.0, channel) for channel in range(300)]}
+    assert max(len(one["history"]) for one in joined(found, many, 5.0)["rows"]) == KEPT_IN_ALL // 300
+
+
+def test_estimates_of_a_finished_session_are_its_results() -> None:
+    found = finished_estimates({"estimates": [{**row(3.0), "verdict": "pass"}], "quality": {"records": 7}}, 1.0)
+    assert found is not None
+    assert found["rows"] == [{**row(3.0), "history": [[7, 3.0, 1.0]]}]
+    assert finished_estimates({}, 1.0) is None
+
+
+@pytest.mark.parametrize(
+    ("program", "fits"),
+    [("print('{\"records\": 4, \"rows\": []}')", 0), ("raise SystemExit(1)", 0), ("print('[]')", 0),
+     ("print('{')", 0),
+     (f"import json; print(json.dumps({{'records': 4, 'rows': {[row(1.0)]!r}}}))", 1)],
+)  # fmt: skip
+def test_a_fit_runs_in_a_process_and_not_again_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, program: str, fits: int
+) -> None:
+    clock = VirtualClock()
+    log = tmp_path / "log"
+    fitting = PartialFits(clock, (sys.executable, "-c", f"open({str(log)!r}, 'a').write('x'); {program}"))
+    looks = 0
+
+    async def pause(seconds: float) -> None:
+        nonlocal looks
+        looks += 1
+        clock.sleep(seconds)
+        await asyncio.sleep(0)
+        if looks == 100:
+            raise asyncio.CancelledError
+
+    monkeypatch.setattr(partial, "pause", pause)
+    with pytest.raises(asyncio.CancelledError):
+        asyncio.run(fitting.keep(tmp_path))
+    assert log.read_text() == "xx", "at 0 s and at 60 s of 100 s"
+    found = fitting.of(tmp_path.name)
+    assert (0 if found is None else len(found["rows"])) == fits
+
+
+def test_a_trend_that_cannot_be_made_is_told(tmp_path: Path) -> None:
+    past = Past(tmp_path / "cache")
+    (tmp_path / "s").mkdir()
+    (tmp_path / "s" / "session.0001.mcap").write_bytes(b"nothing")
+    with pytest.raises(Exception, match="cannot be made") as told:
+        past.history(tmp_path / "s", ["port_a.npp[1]"], 0.0, 1e6, 10)
+    assert getattr(told.value, "code", "") == "B-WEB-022"

@@ -1,0 +1,197 @@
+"""A living run on a page: a feed made from the protocol document, a real server, a client of another library."""
+
+from __future__ import annotations
+
+import json
+import socket
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from feed_stand_in import NAMES, T0, FeedStandIn
+from web_rig import RUN, Page, served
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
+
+from bench.model.clock import WallClock
+from bench.record.writer import OPEN_MARKER
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Iterator[Page]:
+    with served(tmp_path) as found:
+        yield found
+
+
+@pytest.fixture
+def feed(page: Page) -> Iterator[FeedStandIn]:
+    folder = page.serving.out / RUN
+    (folder / OPEN_MARKER).touch()
+    stand_in = FeedStandIn(folder)
+    stand_in.made = 1000
+    yield stand_in
+    stand_in.close()
+
+
+@contextmanager
+def watching(page: Page, role: str = "viewer", run: str = RUN) -> Iterator[ClientConnection]:
+    url = f"ws://127.0.0.1:{page.port}/ws?run={run}"
+    headers = page.cookie(role)
+    with connect(url, origin=page.origin, additional_headers=headers, proxy=None) as connection:  # type: ignore[arg-type]
+        yield connection
+
+
+def until(connection: ClientConnection, kind: str) -> Any:
+    """The next message of a kind: text by its type, or a binary batch."""
+    while True:
+        message = connection.recv(timeout=10)
+        if isinstance(message, bytes):
+            if kind == "batch":
+                return message
+        elif json.loads(message)["type"] == kind:
+            return json.loads(message)
+
+
+def unpacked(batch: bytes, signals: int = len(NAMES)) -> tuple[int, int, np.ndarray[Any, Any], np.ndarray[Any, Any]]:
+    first, count, flags = struct.unpack_from("<IHH", batch)
+    times = np.frombuffer(batch, "<f8", count, 8)
+    return first, flags, times, np.frombuffer(batch, "<f4", offset=8 + 8 * count).reshape(count, signals, 2)
+
+
+def test_a_page_gets_state_and_the_last_minute_then_what_is_new(page: Page, feed: FeedStandIn) -> None:
+    with watching(page) as connection:
+        snapshot = until(connection, "snapshot")
+        assert snapshot["points"] == {"first": 400, "n": 600}
+        assert (snapshot["state"]["state"], snapshot["state"]["role"]) == ("running", "viewer")
+        assert snapshot["state"]["title"] == feed.state["title"]
+        first, flags, times, pairs = unpacked(until(connection, "batch"))
+        assert (first, flags, len(times)) == (400, 0, 600)
+        assert np.allclose(times, T0 + np.arange(400, 1000) / 10)
+        assert np.array_equal(pairs[0, 3], [403, 404])
+        feed.made += 7
+        first, flags, times, pairs = unpacked(until(connection, "batch"))
+        assert (first, flags, len(times)) == (1000, 0, 7)
+        assert np.array_equal(pairs[-1, 0], [1006, 1007])
+        feed.state = {**feed.state, "state": "holding", "progress": 0.2, "holds": {"operator": "tea"}, "step": None}
+        delta = until(connection, "delta")
+        assert delta["seq"] == snapshot["seq"] + 1
+        assert delta["patch"] == {"state": "holding", "progress": 0.2, "holds": {"operator": "tea"}, "step": None}
+        beat = until(connection, "heartbeat")
+        assert 0 <= beat["age_s"] < 3
+
+
+def test_points_that_are_gone_are_flagged(page: Page, feed: FeedStandIn) -> None:
+    with watching(page) as connection:
+        until(connection, "batch")
+        feed.made += 5000
+        first, flags, times, _ = unpacked(until(connection, "batch"))
+        assert (first, flags, len(times)) == (5400, 1, 600)
+
+
+def test_another_process_that_answers_begins_with_a_snapshot(page: Page, feed: FeedStandIn) -> None:
+    with watching(page) as connection:
+        until(connection, "batch")
+        feed.state = {**feed.state, "boot_id": "f" * 16, "state": "starting"}
+        feed.made = 30
+        snapshot = until(connection, "snapshot")
+        assert snapshot["state"]["boot_id"] == "f" * 16
+        assert snapshot["points"] == {"first": 0, "n": 30}
+
+
+def test_a_page_may_ask_for_a_snapshot_and_says_nothing_else_that_matters(page: Page, feed: FeedStandIn) -> None:
+    with watching(page) as connection:
+        until(connection, "snapshot")
+        for nonsense in ("[]", "{", '{"type": "replay", "speed": 10}', '{"type": 1}', "null"):
+            connection.send(nonsense)
+        connection.send(b"\0\1")
+        connection.send(json.dumps({"type": "snapshot"}))
+        assert until(connection, "snapshot")["state"]["state"] == "running"
+    assert feed.state["state"] == "running"
+
+
+def test_a_page_that_comes_later_gets_a_snapshot_too(page: Page, feed: FeedStandIn) -> None:
+    with watching(page) as one:
+        until(one, "heartbeat")
+        with watching(page, "operator") as two:
+            assert until(two, "snapshot")["points"]["n"] == 600
+            assert until(two, "heartbeat")["age_s"] < 3
+
+
+def test_many_pages_cost_the_run_one_question(page: Page, feed: FeedStandIn) -> None:
+    with watching(page) as one, watching(page, "operator") as two, watching(page) as three:
+        for connection in (one, two, three):
+            assert until(connection, "snapshot")["points"]["n"] == 600
+        asked = [request["since"] for request in feed.asked]
+        assert asked.count(0) == 1, "all look at the same room"
+        assert sum(request["state"] for request in feed.asked) < len(feed.asked) / 2 + 2
+
+
+def test_a_run_that_does_not_answer_is_lost_and_found_again(page: Page, feed: FeedStandIn) -> None:
+    with watching(page) as connection:
+        until(connection, "snapshot")
+        feed.close()
+        delta = until(connection, "delta")
+        assert delta["patch"] == {"state": "lost"}
+        assert until(connection, "heartbeat")["age_s"] > 3
+        again = FeedStandIn(page.serving.out / RUN)
+        again.made = 1000
+        try:
+            assert until(connection, "delta")["patch"] == {"state": "running"}
+        finally:
+            again.close()
+
+
+def test_a_run_whose_recording_is_closed_has_ended(page: Page, feed: FeedStandIn) -> None:
+    with watching(page) as connection:
+        until(connection, "snapshot")
+        (page.serving.out / RUN / OPEN_MARKER).unlink()
+        feed.close()
+        delta = until(connection, "delta")
+        assert delta["patch"]["state"] == "ended"
+
+
+def test_a_run_that_is_not_there_closes_the_connection(page: Page) -> None:
+    with watching(page, run="20000101T000000Z_nothing") as connection, pytest.raises(ConnectionClosed) as closed:
+        until(connection, "snapshot")
+    assert closed.value.rcvd is not None
+    assert closed.value.rcvd.code == 4404
+
+
+def test_a_frozen_page_keeps_no_more_than_its_queue_and_begins_anew(page: Page, feed: FeedStandIn) -> None:
+    url = f"ws://127.0.0.1:{page.port}/ws?run={RUN}"
+    narrow = socket.socket()
+    narrow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 65_536)
+    narrow.connect(("127.0.0.1", page.port))
+    with connect(
+        url, origin=page.origin, additional_headers=page.cookie("viewer"), proxy=None, sock=narrow, max_queue=1,  # type: ignore[arg-type]
+        max_size=None, ping_interval=None,
+    ) as connection:  # fmt: skip
+        until(connection, "snapshot")
+        (viewer,) = page.app.state.hub._live[RUN].room.viewers
+        for number in range(300):
+            feed.made += 1
+            feed.state = {**feed.state, "log": [{"t_utc_s": T0, "kind": "reading", "text": f"{number}" * 700_000}]}
+            WallClock().sleep(0.05)
+            if viewer.dropped:
+                break
+        assert viewer.dropped == 1
+        assert viewer.stale, "nothing waits for it but a snapshot"
+        feed.state = {**feed.state, "log": []}
+        until(connection, "snapshot")
+        assert until(connection, "heartbeat")["age_s"] < 3
+
+
+def test_the_list_and_the_document_show_a_living_run(page: Page, feed: FeedStandIn) -> None:
+    listed = page.ask("GET", "/api/v1/runs", page.cookie("viewer")).json["runs"]
+    assert [(row["run"], row["state"], row["live"]) for row in listed] == [(RUN, "running", True)]
+    assert listed[0]["records"] == {"done": 3, "planned": 9}
+    state = page.ask("GET", f"/api/v1/runs/{RUN}", page.cookie("operator")).json
+    assert (state["role"], state["progress"], state["operator"]) == ("operator", 0.1, None)
+    page.post("/api/v1/operator", "operator", {"take": True})
+    assert page.ask("GET", f"/api/v1/runs/{RUN}", page.cookie("viewer")).json["operator"]["name"] == "kim"
+    feed.close()
+    assert page.ask("GET", "/api/v1/runs", page.cookie("viewer")).json["runs"][0]["state"] == "stopped"

@@ -1,0 +1,208 @@
+"""Pages, texts and colours of the browser side: nothing missing, nothing unused, nothing too pale."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import httpx
+import pytest
+from starlette.applications import Starlette
+from starlette.routing import Route
+
+import bench.web
+from bench.model.texts import languages
+from bench.web import figures, pages
+
+HERE = Path(bench.web.__file__).parent
+ENGLISH = json.loads((HERE / "texts" / "en.json").read_text(encoding="utf-8"))
+SCRIPTS = {path.name: path.read_text(encoding="utf-8") for path in sorted((HERE / "static").glob("*.js"))}
+TEMPLATES = {path.name: path.read_text(encoding="utf-8") for path in sorted((HERE / "templates").glob("*.j2"))}
+# Words of docs/live-protocol.md and of results.json that the page has to know, by family of keys.
+FAMILIES = {
+    "state": {"starting", "running", "holding", "ending", "ended", "stopped", "lost", "connecting"},
+    "alarm": {"warning", "alarm", "fault"},
+    "instrument.state": {"ok", "away", "error"},
+    "link.state": {"waiting", "streaming", "stale", "silent", "lost"},
+    "verdict": {"pass", "fail", "conditional_pass", "conditional_fail", "none"},
+    "role": {"viewer", "operator"},
+}
+GRAPHS = [{"title": "Gyros", "unit": "pulse", "signals": [f"port_a.npp[{n}]" for n in range(1, 11)], "window_s": 60}]
+
+
+def used_keys() -> set[str]:
+    """Keys that scripts and templates ask for, word for word or as a list of names of a family."""
+    everything = "\n".join([*SCRIPTS.values(), *TEMPLATES.values()])
+    literal = set(re.findall(r"[\"']([a-z]+(?:[.-][a-z_-]+)+)[\"']", everything))
+    families = re.findall(r"`([a-z.]+)\.\$\{\w+\}(-[a-z]+)?`", everything)
+    names = set(re.findall(r"[\"']([a-z]+)[\"']", everything))
+    names |= set(re.findall(r"[{ ,]([a-z]+)(?=: (?:fixed|code|number|\{\})|, time| }, |, age)", everything))
+    found = {f"{family}.{name}{tail}" for family, tail in families for name in names}
+    found |= {f"{family}.{name}" for family in ("link", "record", "instrument", "log") for name in names}
+    found |= {f"{family}.{name}" for family, members in FAMILIES.items() for name in members}
+    return literal | found
+
+
+def contrast(one: str, other: str) -> float:
+    """Contrast ratio of two colours. Source: WCAG 2.2, relative luminance and contrast ratio."""
+
+    def luminance(colour: str) -> float:
+        shares = [int(colour[index : index + 2], 16) / 255 for index in (1, 3, 5)]
+        linear = [share / 12.92 if share <= 0.04045 else ((share + 0.055) / 1.055) ** 2.4 for share in shares]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    bright, dark = sorted((luminance(one), luminance(other)), reverse=True)
+    return (bright + 0.05) / (dark + 0.05)
+
+
+def test_contrast_is_that_of_the_recommendation() -> None:
+    """Two pairs whose ratio is published with the recommendation: black on white, and #777 on white."""
+    assert contrast("#000000", "#ffffff") == pytest.approx(21.0)
+    assert contrast("#777777", "#ffffff") == pytest.approx(4.48, abs=0.005)
+
+
+@pytest.mark.parametrize("theme", figures.THEMES)
+def test_every_curve_stands_out_from_its_card(theme: str) -> None:
+    palette = figures.PALETTES[theme]
+    looks = figures.looks()
+    assert len({(look["hue"], tuple(look["dash"])) for look in looks}) == len(looks) >= 10
+    ratios = {palette.hues[look["hue"]]: contrast(palette.hues[look["hue"]], palette.card) for look in looks}
+    assert {hue: ratio for hue, ratio in ratios.items() if ratio < 3.0} == {}
+    assert contrast(palette.now, palette.card) >= 3.0
+    assert min(contrast(palette.ink, palette.card), contrast(palette.soft, palette.card)) >= 4.5
+
+
+@pytest.mark.parametrize("theme", figures.THEMES)
+def test_texts_stand_out_and_cards_are_those_of_the_figures(theme: str) -> None:
+    css = (HERE / "static" / "page.css").read_text(encoding="utf-8")
+    block = css.split(':root[data-theme="light"]')[theme == "light"].split("}")[0]
+    colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6})", block))
+    assert colours["card"] == figures.PALETTES[theme].card
+    for name in ("ink", "soft", "link", "good", "warn", "bad"):
+        assert contrast(colours[name], colours["card"]) >= 4.5, name
+        assert contrast(colours[name], colours["ground"]) >= 4.5, name
+    for state in ("good", "warn", "bad"):
+        assert contrast(colours[state], colours[f"{state}-fill"]) >= 4.5, state
+    assert contrast(colours["edge"], colours["card"]) >= 3.0
+
+
+def test_every_text_that_is_asked_for_is_there() -> None:
+    everything = "\n".join([*SCRIPTS.values(), *TEMPLATES.values()])
+    asked = set(re.findall(r"\bt\([\"']([^\"'$]+)[\"']", everything))
+    asked |= set(re.findall(r"\"(trouble\.[a-z-]+)\"", everything))
+    assert asked - set(ENGLISH) == set()
+    known = {f"{family}.{name}" for family, members in FAMILIES.items() for name in members}
+    assert known - set(ENGLISH) == set()
+
+
+def test_no_text_is_left_over() -> None:
+    assert {key for key in ENGLISH if not key.startswith("login.")} - used_keys() == set()
+
+
+@pytest.mark.parametrize("language", languages(HERE))
+def test_a_language_has_no_key_that_english_lacks_and_the_same_names(language: str) -> None:
+    catalogue = json.loads((HERE / "texts" / f"{language}.json").read_text(encoding="utf-8"))
+    assert set(catalogue) <= set(ENGLISH)
+    names = {key: set(re.findall(r"\{(\w+)\}", text)) for key, text in ENGLISH.items()}
+    assert {key for key, text in catalogue.items() if set(re.findall(r"\{(\w+)\}", text)) != names[key]} == set()
+
+
+class _Elements(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[tuple[str, dict[str, str | None]]] = []
+        self.inside: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.found.append((tag, dict(attrs)))
+        self.inside.append(tag)
+
+    def handle_data(self, data: str) -> None:
+        if self.inside and self.inside[-1] == "script":
+            assert not data.strip(), "an inline script"
+
+    def handle_endtag(self, tag: str) -> None:
+        self.inside.append("")
+
+
+class Client:
+    """Asks an application without a server."""
+
+    def __init__(self, app: Starlette) -> None:
+        self._app = app
+
+    def get(self, path: str, **headers: str) -> httpx.Response:
+        async def ask() -> httpx.Response:
+            transport = httpx.ASGITransport(app=self._app)
+            async with httpx.AsyncClient(transport=transport, base_url="http://bench") as client:
+                return await client.get(path, headers={name.replace("_", "-"): text for name, text in headers.items()})
+
+        return asyncio.run(ask())
+
+
+@pytest.fixture
+def client() -> Client:
+    async def document(run: str) -> dict[str, Any]:
+        return {"run": run, "graphs": GRAPHS, "signals": []}
+
+    routes = [Route("/", pages.index), Route("/runs/{run}", pages.run_page), Route("/texts", pages.texts),
+              Route("/figures/{run}", figures.figures)]  # fmt: skip
+    app = Starlette(routes=routes)
+    app.state.hub = SimpleNamespace(document=document)
+    return Client(app)
+
+
+@pytest.mark.parametrize("path", ["/", "/runs/20260101T000000Z_x_7"])
+def test_a_page_has_no_inline_script_and_every_file_it_names(client: Client, path: str) -> None:
+    reply = client.get(path)
+    parser = _Elements()
+    parser.feed(reply.text)
+    named = [attrs.get("src") or attrs.get("href") or "" for tag, attrs in parser.found if tag in ("script", "link")]
+    own = [name.removeprefix("/static/") for name in named if name.startswith("/static/")]
+    assert {name for name in own if not (HERE / "static" / name).is_file()} == set()
+    assert {name for name in named if not name.startswith(("/static/", "/bokeh/bokeh.min.js"))} == set()
+    assert not [attrs for _, attrs in parser.found if any(name.startswith("on") for name in attrs)]
+    ids = [attrs["id"] for _, attrs in parser.found if "id" in attrs]
+    assert len(ids) == len(set(ids))
+    assert ("html", {"lang": "en"}) in parser.found
+
+
+def test_every_element_that_a_script_looks_for_is_on_its_page(client: Client) -> None:
+    for path, first in (("/", "start.js"), ("/runs/x", "page.js")):
+        html = client.get(path).text
+        scripts = "".join(SCRIPTS[module] for module in pages._modules(first))
+        wanted = set(re.findall(r'byId\("([a-z-]+)"\)(?!\?)', scripts))
+        wanted -= {"language"}  # only where there is more than one
+        assert {name for name in wanted if f'id="{name}"' not in html} == set(), path
+
+
+def test_every_script_is_part_of_a_page() -> None:
+    used = {"theme.js", *pages._modules("start.js"), *pages._modules("page.js")}
+    assert set(SCRIPTS) == used
+    assert {name: len(text.splitlines()) for name, text in SCRIPTS.items() if len(text.splitlines()) >= 250} == {}
+
+
+def test_the_name_of_a_run_is_never_markup(client: Client) -> None:
+    assert "<b>" not in client.get("/runs/%3Cb%3E").text
+
+
+def test_the_language_is_the_chosen_one_or_english(client: Client) -> None:
+    assert client.get("/texts", accept_language="xx-YY, de;q=0.5").json() == ENGLISH
+
+
+def test_figures_have_no_code_and_leave_no_reading_out(client: Client) -> None:
+    made = client.get("/figures/x").json()
+    text = json.dumps(made)
+    assert "CustomJS" not in text
+    assert len(made["graphs"]) == 1
+    for item in (*made["graphs"], made["temperature"], made["history"]):
+        (plot,) = item["doc"]["roots"]
+        # BokehJS draws every lod_factor-th point of a figure that is dragged, above lod_threshold points
+        assert plot["attributes"]["lod_threshold"] is None
+    names = re.findall(r'"name": "(curve-\d+)"', json.dumps(made["graphs"][0]))
+    assert names == [f"curve-{index}" for index in range(10)]
