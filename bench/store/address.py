@@ -25,8 +25,10 @@ class Address:
 
     @property
     def file(self) -> Path | None:
-        """The file of a SQLite history."""
-        return Path(str(self.url.database)) if self.url.get_backend_name() == "sqlite" else None
+        """The file of a SQLite history, also of one written as a URI (file:...?uri=true)."""
+        if self.url.get_backend_name() != "sqlite":
+            return None
+        return Path(str(self.url.database).removeprefix("file:"))
 
 
 def chosen_url(asked: str | None, out: Path, environment: Mapping[str, str]) -> str:

@@ -153,8 +153,9 @@ def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
     tmp_path.chmod(0o755)
 
 
-def test_a_history_that_is_read_only(tmp_path: Path) -> None:
+def test_a_history_that_is_read_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As on a full or write-protected disk, which also stops root."""
+    monkeypatch.chdir(tmp_path)
     path = tmp_path / "history.sqlite"
     assert record(f"sqlite:///{path}") == ""
     address = f"sqlite:///file:{path}?mode=ro&uri=true"
@@ -163,6 +164,7 @@ def test_a_history_that_is_read_only(tmp_path: Path) -> None:
         record_calibration(address, document, manifest, None)
     assert caught.value.code == "B-STORE-006"
     assert len(list_calibrations(f"sqlite:///{path}", Filters())) == 1
+    assert not (tmp_path / "file:").exists(), "the folder of the file is meant, not one named after the scheme"
 
 
 def test_an_empty_history_has_nothing_to_compare(tmp_path: Path) -> None:
