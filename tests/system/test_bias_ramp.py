@@ -105,7 +105,9 @@ def test_the_chamber_ramps_as_planned_and_the_unit_lags(session: Session) -> Non
 def test_same_seed_same_bytes(session: Session, tmp_path: Path) -> None:
     assert run_short(tmp_path / "out", tmp_path).returncode == 0
     again = tmp_path / "out" / session.folder.name
-    first, second = ({path.name: path.read_bytes() for path in one.iterdir()} for one in (session.folder, again))
+    first, second = (
+        {path.name: path.read_bytes() for path in one.rglob("*") if path.is_file()} for one in (session.folder, again)
+    )
     assert first.keys() == second.keys()
     assert {name for name in first if first[name] != second[name]} == set()
 

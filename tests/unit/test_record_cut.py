@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from record_frames import FRAME_NS, MASTER, Stream, chunks_of, housekeeping, stream
 from record_sample import NS, frame
@@ -91,6 +91,7 @@ def test_lost_frames_and_any_batching(seed: int, flush_each: int) -> None:
 
 
 @settings(max_examples=40, deadline=None)
+@example(seed=86)  # one lost frame with the pattern in it twice: more candidates than frames
 @given(seed=st.integers(0, 2**32 - 1))
 def test_damaged_bytes_give_the_same_rows_however_they_arrive(seed: int) -> None:
     """Flips, drops and insertions; chunks of 1-700 bytes; the batches must not matter."""
@@ -113,7 +114,9 @@ def test_damaged_bytes_give_the_same_rows_however_they_arrive(seed: int) -> None
     reference = cut(pieces, windows, 1)
     for flush_each in (3, 17, len(pieces)):
         assert [comparable(row) for row in cut(pieces, windows, flush_each)] == [comparable(row) for row in reference]
-    assert all(row.frames + row.lost == 160 and row.bad <= row.lost for row in reference)
+    assert all(row.frames + row.lost == 160 for row in reference)
+    candidates = bytes(raw).count(made.frames[0, :2].tobytes())  # the pattern may stand inside a lost frame once more
+    assert sum(row.bad + row.frames for row in reference) <= candidates
 
 
 def comparable(row: RecordRow) -> tuple[object, ...]:
