@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, NoReturn
 
@@ -359,6 +360,11 @@ def version() -> None:
     typer.echo(__version__)
 
 
+def _tell(text: str) -> None:
+    with suppress(OSError):  # a terminal that is gone changes no exit status
+        typer.echo(text, err=True)
+
+
 def main() -> NoReturn:
     """Entry point: BenchErrors become one clear message and their exit status."""
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # read when numpy is imported, which is later
@@ -367,14 +373,14 @@ def main() -> NoReturn:
         status = app(sys.argv[1:] or ["--help"], standalone_mode=False)
     except BenchError as error:
         for line in (str(error), *getattr(error, "__notes__", ())):
-            typer.echo(line, err=True)
+            _tell(line)
         sys.exit(error.exit_status)
     except TyperException as error:
         text = " ".join(error.format_message().split())
-        typer.echo(f"error B-CLI-011: {text.rstrip('.')}. Next: add --help to see how the command is used", err=True)
+        _tell(f"error B-CLI-011: {text.rstrip('.')}. Next: add --help to see how the command is used")
         sys.exit(ExitStatus.BAD_INPUT)
     except (Abort, KeyboardInterrupt):
-        typer.echo("ended by the operator", err=True)
+        _tell("ended by the operator")
         sys.exit(ExitStatus.SAFE_BY_OPERATOR)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for what is still in the buffers
@@ -382,6 +388,6 @@ def main() -> NoReturn:
     except Exception as error:  # the last line of defence: a technician never sees a traceback
         text = " ".join(str(error).split())
         message = f"error B-INT-001: {type(error).__name__}: {text} Next: report this with the command you gave"
-        typer.echo(message, err=True)
+        _tell(message)
         sys.exit(ExitStatus.INTERNAL)
     sys.exit(status or 0)

@@ -2,19 +2,37 @@
 
 from __future__ import annotations
 
+import errno
 import select
 import sys
+import termios
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
 
 from bench.commands.console import console
 from bench.model.errors import OperatorStop
-from bench.run.operator import Question, limits_of
+from bench.run.operator import Answer, Operator, Question, limits_of
+
+
+class Aside:
+    """An operator who is asked while nothing else is drawn on the terminal (bench.run.operator.Operator)."""
+
+    def __init__(self, operator: Operator, aside: Callable[[], AbstractContextManager[None]]) -> None:
+        self._operator, self._aside = operator, aside
+
+    def ask(self, question: Question) -> Answer:
+        """As the operator does."""
+        with self._aside():
+            return self._operator.ask(question)
 
 
 class StdinTerminal:
     """Standard input and error of the process (bench.run.asking.Terminal)."""
 
     def ask(self, question: Question) -> None:
-        """Show a question and how to answer it."""
+        """Show a question and how to answer it. What was typed before is no answer to it, and is dropped."""
+        with suppress(termios.error):
+            termios.tcflush(sys.stdin, termios.TCIFLUSH)
         due = f"value ({limits_of(question)})" if question.unit else "yes"
         self.tell(f"{question.text}\n{due} or stop:")
 
@@ -27,6 +45,8 @@ class StdinTerminal:
         if not ready:
             return None
         typed = sys.stdin.readline()
+        if not typed and not sys.stdin.isatty():  # a terminal that has hung up reads like one where nothing is said
+            raise OSError(errno.EIO, "the terminal has hung up")
         if not typed or typed.strip().lower() == "stop":
             raise OperatorStop("B-CLI-006", "the operator refused a prompt", where="prompt")
         return typed.strip()

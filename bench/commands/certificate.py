@@ -52,7 +52,7 @@ class Request:
 def certificate(request: Request) -> int:
     """Write the certificate; nothing is written unless the recording gives every number of results.json again.
 
-    Raises: InputError B-DCC-001 to -004, -006 to -010, -012, -013, B-YAML-..., B-CLI-007;
+    Raises: InputError B-DCC-001 to -004, -006 to -010, -012 to -014, B-YAML-..., B-CLI-007;
             SessionDamaged B-DCC-005, B-REC-011.
     """
     simulated = SessionReader(request.session).manifest.get("simulated") is not False
@@ -92,11 +92,15 @@ def _laboratory(request: Request) -> Laboratory:
 
 def _calibration(request: Request, laboratory: Laboratory) -> Calibration:
     folder = request.session
+    if not (folder / "results.json").exists():  # a run that was stopped has none
+        _refuse_unfinished(folder, read_view(folder))
     stored, digests = _stored(folder)
     view = read_view(folder, strict=True)
     _refuse_unfinished(folder, view)
     _refuse_other_numbers(folder, stored, view)
     began, ended = _days(folder)
+    if not request.specimen:
+        _refuse_other_days(request.laboratory, laboratory, began, ended)
     standards = view.manifest.get("standards", {})
     late = overdue(standards, began, ended)
     if not request.specimen and (late or not standards):
@@ -186,6 +190,19 @@ def _days(folder: Path) -> tuple[date, date]:
         )
     times_ns = [int(pair["t_utc_ns"]) for pair in pairs]
     return _day(min(times_ns)), _day(max(times_ns))
+
+
+def _refuse_other_days(path: Path | None, laboratory: Laboratory, began: date, ended: date) -> None:
+    """What is calibrated was received before, and its certificate is issued after."""
+    received, issued = laboratory.received, laboratory.issued
+    wrong = []
+    if received is not None and received > began:
+        wrong.append(f"received {received}, but the measurement began on {began}")
+    if issued is not None and issued < ended:
+        wrong.append(f"issued {issued}, but the measurement ended on {ended}")
+    if wrong:
+        advice = "correct the days in the laboratory file; without 'issued' it is today"
+        raise InputError("B-DCC-014", "; ".join(wrong), where=str(path), next_step=advice)
 
 
 def _day(utc_ns: int) -> date:

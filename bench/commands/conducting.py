@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bench.commands.asking import terminal_here
+from bench.commands.asking import Aside, terminal_here
 from bench.commands.progress import watcher
 from bench.commands.terminal import TerminalOperator
 from bench.commands.view import KEPT_EVENTS
@@ -41,8 +41,8 @@ def conduct_watched(
     """
     simulated = plan.station.simulated and not ask
     asking = None if simulated or clock.virtual else WaitingOperator(terminal_here())
-    operator: Operator = asking or (SimulatedOperator() if simulated else TerminalOperator())
     with watcher(plan, errors) as listener:
+        operator: Operator = SimulatedOperator() if simulated else Aside(asking or TerminalOperator(), listener.aside)
         return conduct(
             plan,
             clock=clock,

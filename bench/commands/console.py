@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import os
+from typing import Any
+
 from rich.console import Console
 
 PLAIN_COLUMNS = 110
@@ -11,6 +15,15 @@ class _Console(Console):
     def on_broken_pipe(self) -> None:
         """Nobody reads any more: an error like any other, not an exit with a status of its own."""
         raise BrokenPipeError
+
+    def print(self, *words: Any, **style: Any) -> None:
+        """A terminal that has hung up is one that nobody looks at: nothing is said any more, nothing fails."""
+        try:
+            super().print(*words, **style)
+        except OSError as error:
+            if error.errno != errno.EIO:
+                raise
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self.file.fileno())  # for what is still in the buffers
 
 
 def console(stderr: bool = False) -> Console:

@@ -10,10 +10,16 @@ from typing import Any
 from bench.commands.console import console
 from bench.model.errors import ExitStatus, InputError
 from bench.run.control_place import find_socket
+from bench.run.control_server import LONGEST_LINE
 
 ANSWER_S = 5.0
 LONGEST_REPLY = 1_000_000
-ADVICE = {"answer": "'bench answer SESSION VALUE' again, the value with its unit; the run goes on waiting"}
+ADVICE = {
+    "answer": "'bench answer SESSION VALUE' again, the value with its unit; the run goes on waiting",
+    "pause": "give a short --reason, one line; 'bench abort SESSION' ends the run",
+    "resume": "'bench top SESSION' shows what the run does",
+    "abort": "'bench top SESSION' shows what the run does; Ctrl-C in its own terminal or SIGTERM ends it too",
+}
 
 
 def ask(folder: Path, command: str, reason: str = "", **about: object) -> dict[str, Any]:
@@ -22,22 +28,29 @@ def ask(folder: Path, command: str, reason: str = "", **about: object) -> dict[s
     Raises: InputError B-CTRL-001 if no run of this session is alive, B-CTRL-002 if the run refuses the command,
     B-CTRL-003 if there is no answer in 5 s or none that is understood.
     """
-    reply = _exchange(folder, {"command": command, "reason": reason, **about})
+    line = json.dumps({"command": command, "reason": reason, **about}).encode() + b"\n"
+    if len(line) > LONGEST_LINE:
+        raise _refused(folder, command, f"the words are too long: {len(line)} bytes, at most {LONGEST_LINE}")
+    reply = _exchange(folder, line)
     if not reply.get("ok"):
-        advice = ADVICE.get(command, "'bench resume SESSION' lets a paused run go on, 'bench abort SESSION' ends it")
-        raise InputError("B-CTRL-002", str(reply.get("error", "refused")), where=str(folder), next_step=advice)
+        raise _refused(folder, command, str(reply.get("error", "refused")))
     return reply
+
+
+def _refused(folder: Path, command: str, why: str) -> InputError:
+    advice = ADVICE.get(command, "'bench top SESSION' shows what the run does")
+    return InputError("B-CTRL-002", why, where=str(folder), next_step=advice)
 
 
 def pause(folder: Path, reason: str) -> int:
     """Let a run stand still until it is resumed."""
-    console().print(ask(folder, "pause", reason)["text"])
+    console().print(ask(folder, "pause", " ".join(reason.split()))["text"])
     return ExitStatus.PASS
 
 
 def abort(folder: Path, reason: str) -> int:
     """End a run at its next check; its bench is made safe and its session closed."""
-    console().print(ask(folder, "abort", reason)["text"])
+    console().print(ask(folder, "abort", " ".join(reason.split()))["text"])
     return ExitStatus.PASS
 
 
@@ -64,7 +77,7 @@ def release(folder: Path) -> bool:
     return True
 
 
-def _exchange(folder: Path, request: dict[str, Any]) -> dict[str, Any]:
+def _exchange(folder: Path, line: bytes) -> dict[str, Any]:
     if not folder.is_dir():
         message = "there is no such folder"
         raise InputError("B-CTRL-001", message, where=str(folder), next_step="name the folder of a session")
@@ -83,7 +96,7 @@ def _exchange(folder: Path, request: dict[str, Any]) -> dict[str, Any]:
                 next_step="'bench resume SESSION' goes on with a session that ended early",
             ) from error
         try:
-            connection.sendall(json.dumps(request).encode() + b"\n")
+            connection.sendall(line)
             reply = json.loads(_line(connection))
         except (OSError, ValueError) as error:
             raise _no_answer(folder, error) from error

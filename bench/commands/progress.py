@@ -47,6 +47,11 @@ class PlainLines:
         return None
 
     @contextmanager
+    def aside(self) -> Iterator[None]:
+        """Nothing stands in the way of a question here."""
+        yield
+
+    @contextmanager
     def follow(self, context: RunContext) -> Iterator[None]:
         """Say where the run is when it has been quiet for long; real time, whatever the clock of the run."""
         follower = Follower(context.folder)
@@ -110,21 +115,25 @@ class _TwoLines(Progress):
         yield Text(f"  {self.what}", no_wrap=True, overflow="crop")
 
 
+def _two_lines(out: Console) -> _TwoLines:
+    return _TwoLines(
+        TextColumn("{task.fields[elapsed]}"),
+        *([BarColumn(bar_width=BAR)] if out.width >= NARROW else []),
+        TextColumn("{task.percentage:>3.0f} %"),
+        TextColumn("{task.fields[counts]}"),
+        _End(),
+        console=out,
+        refresh_per_second=4,
+    )
+
+
 class ProgressBar:
     """Time, share done, records, losses and the end; below: the step, or what is waited for and its last reading."""
 
     def __init__(self, plan: Plan, out: Console) -> None:
         self._plan = plan
         self._total_s = plan.prepare_s + plan.duration_s + plan.finally_s
-        self._progress = _TwoLines(
-            TextColumn("{task.fields[elapsed]}"),
-            *([BarColumn(bar_width=BAR)] if out.width >= NARROW else []),
-            TextColumn("{task.percentage:>3.0f} %"),
-            TextColumn("{task.fields[counts]}"),
-            _End(),
-            console=out,
-            refresh_per_second=4,
-        )
+        self._progress = _two_lines(out)
         self._task = self._progress.add_task("", total=self._total_s, elapsed="0:00:00", counts="", end="")
         self._records = 0
         self._lost = 0
@@ -139,6 +148,22 @@ class ProgressBar:
     ) -> None:
         with suppress(OSError):  # the terminal may be gone; the results must still be written
             self._progress.stop()
+
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """Draw nothing while a question is asked: what is drawn again and again would cover it, and what is typed."""
+        before, (task,) = self._progress, self._progress.tasks
+        with suppress(OSError):
+            before.stop()
+        try:
+            yield
+        finally:  # a new one begins below what was typed; the old one would begin above
+            after = _two_lines(before.console)
+            after.what = before.what
+            self._task = after.add_task("", total=self._total_s, completed=int(task.completed), **task.fields)
+            self._progress = after
+            with suppress(OSError):
+                after.start()
 
     @contextmanager
     def follow(self, context: RunContext) -> Iterator[None]:

@@ -18,6 +18,7 @@ from bench.commands.verification import (
     check_results,
 )
 from bench.commands.verify_certificate import check_certificates
+from bench.commands.verify_trend import check_trend
 from bench.commands.view import SessionView, analyse_view
 from bench.model.errors import BenchError, ExitStatus, InputError, SessionDamaged
 
@@ -37,6 +38,7 @@ def verify(folder: Path, as_json: bool) -> int:
         if not found.changes:
             raise
         found.add(RESULTS, f"cannot be derived from what is left: {error}")
+    check_trend(found, folder)
     _tell(found, folder, view, as_json)
     if found.changes:
         raise SessionDamaged(

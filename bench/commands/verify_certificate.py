@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
+from bench.campaigns.results import results_json
 from bench.commands.verification import REPORT, RESULTS, Verification
 from bench.model.errors import InputError
 from bench.report.dcc import Calibration, certificate_text, nobody, session_of
@@ -24,6 +26,7 @@ def check_certificates(
     found: Verification, folder: Path, manifest: Mapping[str, Any], results: Mapping[str, Any]
 ) -> None:
     """Compare the certificates that are in the session's folder; what a laboratory says of itself is not compared."""
+    results = json.loads(results_json(results))  # as a certificate reads them: conditions in the order of the file
     for name in NAMES:
         content = found.content(folder / name) if (folder / name).exists() else None
         if content is None:

@@ -51,7 +51,7 @@ def parse_quantity(text: object, dimension: str) -> float:
         raise ValueError(f"{text!r} is not a quantity; write a number and a unit, for example {_example(dimension)}")
     number, unit = match.groups()
     if unit not in _UNITS:
-        known = ", ".join(sorted(u for u, (d, _) in _UNITS.items() if d == dimension))
+        known = ", ".join(sorted(u for u, (d, _) in _UNITS.items() if d == dimension and u.isascii()))
         what = f"has the unknown unit {unit!r}" if unit else "has no unit"
         raise ValueError(f"{text!r} {what}; use one of: {known}")
     found, factor = _UNITS[unit]
@@ -115,6 +115,13 @@ def quantity(dimension: str, low: float | None = None, high: float | None = None
 
 
 _DISPLAY_PREFIX = (("G", 9), ("M", 6), ("k", 3), ("", 0), ("m", -3), ("u", -6), ("n", -9), ("p", -12))
+
+
+def plain_quantity(value: float, unit: str) -> str:
+    """As a person would write it: ``0.5 ohm``, ``1 Mohm``, ``2 h``; a prefix only for the very large and very small."""
+    if unit == "s" and abs(value) >= 60:
+        return f"{value / 3600:g} h" if abs(value) >= 3600 else f"{value / 60:g} min"
+    return f"{value:g} {unit}" if 1e-3 <= abs(value) < 1e3 else format_quantity(value, unit)
 
 
 def format_quantity(value: float, unit: str, digits: int = 6) -> str:

@@ -7,17 +7,19 @@ again. The sequencer waits here, gives its sign of life, and hears a stop within
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from bench.model.errors import BenchError, RunError
-from bench.model.units import parse_quantity
+from bench.model.units import parse_quantity, plain_quantity
 from bench.run.context import RunContext
 from bench.run.operator import Answer, Question, judge, limits_of
 
 POLL_S = 0.25
 YES = ("y", "yes")
+LARGEST_VALUE = 1e15
 
 
 class Terminal(Protocol):
@@ -92,7 +94,7 @@ class WaitingOperator:
                 raise Refused(f"answered already by {asked.answer.by}")
             asked.answer = _judged(asked.question, value, by)
             given = asked.answer.value
-        return "confirmed" if given is None else f"answered with {given:g} {asked.question.unit}"
+        return "confirmed" if given is None else f"answered with {plain_quantity(given, asked.question.unit)}"
 
     def document(self, utc_s: Callable[[int], float]) -> dict[str, Any] | None:
         """The question as part of the state document; ``utc_s`` turns the run's clock into UTC."""
@@ -104,12 +106,13 @@ class WaitingOperator:
 
     def _announce(self, context: RunContext, asked: _Open) -> None:
         if self._terminal is not None:
-            self._terminal.ask(asked.question)
-            return
-        value = " VALUE" if asked.question.unit else ""
+            with self._terminal_may_go():
+                self._terminal.ask(asked.question)
+                return
+        value, limits = (" VALUE", f" ({limits_of(asked.question)})") if asked.question.unit else ("", "")
         context.event("alarm", what="prompt", **_fields(asked))
         context.listener.message(
-            f"waiting for an answer: {asked.question.text} {limits_of(asked.question)}\n"
+            f"waiting for an answer: {asked.question.text}{limits}\n"
             f"'bench answer {context.folder}{value}' or the live page gives it"
         )
 
@@ -120,22 +123,29 @@ class WaitingOperator:
             if line is not None:
                 self._take_typed(asked, line)
         if self._terminal is not None and asked.answer.by != asked.question.confirm:
-            self._terminal.tell(f"answered by {asked.answer.by}")
+            with self._terminal_may_go():
+                self._terminal.tell(f"answered by {asked.answer.by}")
         return asked.answer
 
     def _typed(self, context: RunContext) -> str | None:
         if self._terminal is not None:
-            try:
+            with self._terminal_may_go():
                 return self._terminal.line(POLL_S)
-            except OSError:  # it hung up
-                if not self.reachable:
-                    raise RunError(
-                        "B-CLI-005", "the terminal is gone and nobody else can answer", where="prompt",
-                        next_step="'bench resume SESSION' from a terminal",
-                    ) from None  # fmt: skip
-                self._terminal = None
         context.clock.sleep(POLL_S)
         return None
+
+    @contextmanager
+    def _terminal_may_go(self) -> Iterator[None]:
+        """When it has hung up, the question is left to the others. Raises: RunError B-CLI-005 if there are none."""
+        try:
+            yield
+        except OSError:
+            if not self.reachable:
+                raise RunError(
+                    "B-CLI-005", "the terminal is gone and nobody else can answer", where="prompt",
+                    next_step="'bench resume SESSION' from a terminal",
+                ) from None  # fmt: skip
+            self._terminal = None
 
     def _take_typed(self, asked: _Open, line: str) -> None:
         assert self._terminal is not None
@@ -143,8 +153,9 @@ class WaitingOperator:
             self.propose(asked.id, line.strip(), asked.question.confirm)
         except Refused as why:
             if asked.answer is None:
-                self._terminal.tell(str(why))
-                self._terminal.ask(asked.question)
+                with self._terminal_may_go():
+                    self._terminal.tell(str(why))
+                    self._terminal.ask(asked.question)
 
 
 def _fields(asked: _Open) -> dict[str, Any]:
@@ -156,7 +167,7 @@ def _fields(asked: _Open) -> dict[str, Any]:
 
 
 def _judged(question: Question, value: object, by: str) -> Answer:
-    """The answer if it counts. A number is in the unit of the question, a text a quantity or a bare number."""
+    """The answer if it counts. A number is in the unit of the question, a text a number with its unit."""
     if not question.unit:
         if value is None or value is True or str(value).strip().lower() in YES:
             return Answer(by)
@@ -171,6 +182,8 @@ def _judged(question: Question, value: object, by: str) -> Answer:
 
 def _number(question: Question, value: object) -> float:
     if isinstance(value, int | float) and not isinstance(value, bool):
+        if not abs(value) <= LARGEST_VALUE:  # JSON has numbers that no float holds, and Python's has NaN
+            raise Refused("a finite number is due")
         return float(value)
     if not isinstance(value, str) or not value.strip():
         raise Refused(f"a value in {question.unit} is due")

@@ -56,13 +56,14 @@ class Control:
 
     def answer(self, request: dict[str, Any], peer: str) -> dict[str, Any]:
         """The reply to one request; it never waits and never raises for what a client sends."""
+        request = {key: _written(value) for key, value in request.items()}
         command, reason, name = request.get("command"), request.get("reason", ""), request.get("by", "")
         if command not in COMMANDS:
             return _no(f"{str(command)[:40]!r} is no command; known: {', '.join(COMMANDS)}")
         if command == "status":
             return {"ok": True, **self.status()}
-        if not isinstance(reason, str) or len(reason) > LONGEST_REASON:
-            return _no(f"a reason is a text of at most {LONGEST_REASON} characters")
+        if not isinstance(reason, str) or len(reason) > LONGEST_REASON or not reason.isprintable():
+            return _no(f"a reason is one line of at most {LONGEST_REASON} printable characters")
         if not isinstance(name, str) or len(name) > LONGEST_NAME or not name.isprintable():
             return _no(f"'by' is a name of at most {LONGEST_NAME} printable characters")
         by = f"{name} via {peer}" if name else peer
@@ -199,6 +200,11 @@ def control(
     finally:
         server.close()
         forget_socket(context.folder, path)
+
+
+def _written(value: Any) -> Any:
+    """A text as it can be journaled: half a character, of a terminal in another encoding, keeps no abort back."""
+    return value.encode(errors="replace").decode() if isinstance(value, str) else value
 
 
 def _no(why: str) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from typing import Any
 from bench.model.clock import NS, Clock
 from bench.run.local_socket import listen, peer_of
 
-LONGEST_LINE = 4096
+LONGEST_LINE = 16384  # a reason of 500 letters of any script fits, twelve bytes each
 MOST_CLIENTS = 16
 IDLE_S = 5.0
 POLL_S = 0.25
@@ -73,7 +73,8 @@ class ControlServer:
     def _accept(self) -> None:
         try:
             connection, _ = self._listener.accept()
-        except OSError:  # gone again, or no descriptor is left
+        except OSError:  # gone again; or no descriptor is left, and whoever waits there would be tried without end
+            self._ended.wait(POLL_S)
             return
         by = peer_of(connection)
         if by is None:
@@ -123,7 +124,7 @@ class ControlServer:
         except (ValueError, RecursionError):
             request = None
         if not isinstance(request, dict):
-            return {"ok": False, "error": "a request is one line of JSON, an object"}
+            return {"ok": False, "error": f"a request is one line of JSON, an object, at most {LONGEST_LINE} bytes"}
         try:
             return self._answer(request, by)
         except Exception as error:  # whatever a client asks, the run goes on

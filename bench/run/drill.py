@@ -134,7 +134,8 @@ def _trial(
 @contextmanager
 def _controller(station_path: Path, folder: Path) -> Iterator[tuple[subprocess.Popen[str], dict[str, Any]]]:
     """A controller in the stimulus, and what it said. Raises: RunError B-RUN-096."""
-    command = [sys.executable, "-m", "bench.run.drill_controller", str(station_path.absolute()), str(folder.absolute())]
+    places = [str(station_path.absolute()), str(folder.absolute())]
+    command = [sys.executable, "-P", "-m", "bench.run.drill_controller", *places]
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True) as process:
         try:

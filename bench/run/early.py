@@ -33,7 +33,7 @@ MOST_OUTPUT = 1_000_000
 def judge_command(folder: Path, early: Early) -> list[str]:
     """The process that judges a session."""
     limits = {name: getattr(early, name) for name in LIMITS}
-    return [sys.executable, "-m", JUDGE, str(folder), json.dumps(limits)]
+    return [sys.executable, "-P", "-m", JUDGE, str(folder), json.dumps(limits)]
 
 
 class EarlyVerdicts:

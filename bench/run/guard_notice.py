@@ -24,7 +24,7 @@ def notice_command(notify: Notify | None) -> tuple[str, ...]:
     if notify is None or "alarm" not in notify.on:
         return ()
     document = notify.model_dump_json(exclude={"heartbeat"}, exclude_none=True)
-    return (sys.executable, "-m", "bench.run.guard_notice", document)
+    return (sys.executable, "-P", "-m", "bench.run.guard_notice", document)
 
 
 def main(document: str) -> int:

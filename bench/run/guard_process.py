@@ -51,7 +51,7 @@ class GuardProcess:
         self._begun_ns = clock.now_ns()
 
     def __enter__(self) -> GuardProcess:
-        command = [sys.executable, "-m", "bench.run.guard"]
+        command = [sys.executable, "-P", "-m", "bench.run.guard"]
         pipe = subprocess.PIPE
         self._process = subprocess.Popen(
             command, stdin=pipe, stdout=pipe, stderr=pipe, start_new_session=True, env=_environment()

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from bench.model.errors import RunError
+from bench.model.units import plain_quantity
 
 
 @dataclass(frozen=True)
@@ -58,9 +59,10 @@ def judge(question: Question, answer: Answer, where: str) -> None:
     low = -math.inf if question.low is None else question.low
     high = math.inf if question.high is None else question.high
     if not low <= answer.value <= high:
+        given = plain_quantity(answer.value, question.unit)
         raise RunError(
             "B-RUN-041",
-            f"{answer.value:g} {question.unit} is outside the limits ({limits_of(question)}) for '{question.text}'",
+            f"{given} is outside the limits ({limits_of(question)}) for '{question.text}'",
             where=where,
             next_step="correct the set-up, then start again",
         )
@@ -68,10 +70,10 @@ def judge(question: Question, answer: Answer, where: str) -> None:
 
 def limits_of(question: Question) -> str:
     """What value is due, for a person, such as "at most 0.5 ohm"; "" for a plain confirmation."""
-    low, high, unit = question.low, question.high, question.unit
+    low, high = (None if one is None else plain_quantity(one, question.unit) for one in (question.low, question.high))
     if high is None:
-        return unit if low is None or not unit else f"at least {low:g} {unit}"
-    return f"at most {high:g} {unit}" if low is None else f"{low:g} to {high:g} {unit}"
+        return question.unit if low is None or not question.unit else f"at least {low}"
+    return f"at most {high}" if low is None else f"{low} to {high}"
 
 
 def answer_fields(question: Question, answer: Answer) -> dict[str, Any]:

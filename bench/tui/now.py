@@ -7,6 +7,7 @@ from typing import Any
 
 from rich.text import Text
 
+from bench.model.units import plain_quantity
 from bench.tui.folding import folded, joined
 from bench.tui.look import Look, duration
 from bench.tui.watch import Seen
@@ -96,10 +97,15 @@ def prompt(seen: Seen, look: Look) -> list[Text]:
         return []
     lines = folded(look.clean(asked.get("text") or ""), look.width, ASKED, "  ")
     if asked.get("unit"):
-        limits = {name: look.texts("none") if asked.get(name) is None else asked[name] for name in ("low", "high")}
-        lines += folded(look.texts("prompt.limits", unit=look.clean(asked["unit"]), **limits), look.width, first="  ")
+        lines += folded(_limits(asked, look), look.width, first="  ")
     how = folded(look.texts("prompt.answer", folder=look.clean(seen.folder)), look.width, first="  ")
     return [Text(""), Text(look.texts("section.prompt"), style=ASKED), *lines, *how]
+
+
+def _limits(asked: Mapping[str, Any], look: Look) -> str:
+    unit = look.clean(asked["unit"])
+    given = {name: plain_quantity(asked[name], unit) for name in ("low", "high") if asked.get(name) is not None}
+    return look.texts(f"prompt.limits.{'_'.join(given) or 'none'}", unit=unit, **given)
 
 
 def holds(seen: Seen, look: Look) -> list[Text]:

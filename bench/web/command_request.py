@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import math
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,8 @@ NEED_REASON = ("pause", "abort")
 LONGEST_REASON = 500
 LONGEST_ID = 64
 LONGEST_NAME = 200  # of an alarm, a prompt, a run
+LARGEST_VALUE = 1e15
+_BLANKS = re.compile("[\u00a0\u2000-\u200a\u202f\u3000]+")  # hard and wide ones, as a paste or an input method makes
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ def taken(document: dict[str, Any]) -> bool:
 
 def _text(document: dict[str, Any], key: str, longest: int, *, empty: bool = False) -> str:
     found = document.get(key, "")
-    text = found.strip() if isinstance(found, str) else None
+    text = _BLANKS.sub(" ", found).strip() if isinstance(found, str) else None
     if text is None or len(text) > longest or not (text or empty) or not _is_one_line(text):
         need = "a line" if empty else "a line that is not empty,"
         raise _wrong(f"{key}: {need} of at most {longest} characters is due")
@@ -76,7 +78,7 @@ def _value(document: dict[str, Any]) -> float | str | bool | None:
     if found is None or isinstance(found, bool):
         return found
     if isinstance(found, int | float):
-        if not math.isfinite(found) or abs(found) > 1e15:
+        if not abs(found) <= LARGEST_VALUE:  # NaN, and whole numbers that no float holds, too
             raise _wrong("value: a finite number is due")
         return found
     return _text(document, "value", LONGEST_REASON, empty=True)

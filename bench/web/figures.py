@@ -23,8 +23,6 @@ from bokeh.models import (
     Span,
     WheelZoomTool,
 )
-from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
 
 THEMES = ("dark", "light")
 DASHES: tuple[tuple[int, ...], ...] = ((), (7, 4))
@@ -138,9 +136,3 @@ def run_figures(state: dict[str, Any]) -> dict[str, Any]:
         "palettes": {name: vars(palette) for name, palette in PALETTES.items()},
         "looks": looks(),
     }
-
-
-async def figures(request: Request) -> Response:
-    """``GET /api/v1/runs/{run}/figures``: what `run_figures` makes of the run's state document."""
-    state = await request.app.state.hub.document(request.path_params["run"])
-    return JSONResponse(run_figures(state))

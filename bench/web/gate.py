@@ -25,11 +25,13 @@ from bench.web.serving import Serving
 
 LOGIN = "/login"
 HEADER, HEADER_VALUE = "x-bench-command", "1"
+MOST_SOCKETS = 120  # WebSockets that are open at once; the limit of the server's connections does not count them
+KEPT_FOR_OPERATORS = 20  # of them: whoever commands must not be shut out by those who look
 LARGEST_BODY = 65_536
 BODY_S = 10.0
 READING = ("GET", "HEAD")
 _ELSEWHERE = re.compile(rb"%2f|%5c|%00|\\|//|(^|/)\.\.?(/|$)|%2e", re.IGNORECASE)
-_CLOSE = {401: 4401, 403: 4403, 404: 4404}
+_CLOSE = {401: 4401, 403: 4403, 404: 4404, 429: 4429}
 
 log = logging.getLogger(__name__)
 
@@ -40,6 +42,7 @@ class Gate:
     def __init__(self, app: ASGIApp, serving: Serving) -> None:
         self._app = app
         self._serving = serving
+        self._sockets = 0
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "http":
@@ -56,13 +59,18 @@ class Gate:
             login = self._admit(headers, scope)
             self._check_origin(headers, scope)
             _check_path(scope)
+            self._check_room(login)
         except Refusal as refusal:
             await receive()  # the connect message
             await send({"type": "websocket.accept"})
             await send({"type": "websocket.close", "code": _CLOSE[refusal.status], "reason": refusal.code})
             return
-        with self._serving.lease.present(login):
-            await self._app(scope, receive, send)
+        self._sockets += 1
+        try:
+            with self._serving.lease.present(login):
+                await self._app(scope, receive, send)
+        finally:
+            self._sockets -= 1
 
     async def _http(self, scope: Scope, receive: Receive, send: Send) -> None:
         started = False
@@ -119,6 +127,10 @@ class Gate:
         if len(origins) != 1 or not self._serving.is_origin(origins[0], scope.get("server")):
             advice = "only the page itself sends commands"
             raise Refusal(403, "B-WEB-010", "the request comes from elsewhere", next_step=advice)
+
+    def _check_room(self, login: Login) -> None:
+        if self._sockets >= MOST_SOCKETS - (0 if login.may_command else KEPT_FOR_OPERATORS):
+            raise Refusal(429, "B-WEB-023", "too many pages are open", next_step="close some; the page tries again")
 
     def _address(self, headers: Headers, scope: Scope) -> str:
         """Address of the person's machine; the last entry is the one our proxy has written."""

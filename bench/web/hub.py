@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -28,6 +29,7 @@ FEED_THREADS = 8
 WORK_THREADS = 4  # history, recordings, lists; some may wait for a trend that is being made
 LISTED_S = 1.0  # a list of runs waits no longer for any of them
 _WARM_S = 0.05
+_COUNTED = ("done", "planned")
 _Result = TypeVar("_Result")
 
 Watched = LiveRun | ReplayRun
@@ -68,7 +70,7 @@ class Hub:
         self._warming: asyncio.Task[None] | None = None
 
     async def start(self) -> None:
-        """Begin to read the sessions there are, newest first, so that the first list is whole soon."""
+        """Begin to read the sessions there are, newest first, so that the first list is whole soon; and load Bokeh."""
         self._warming = asyncio.create_task(self._warm())
 
     async def stop(self) -> None:
@@ -130,10 +132,10 @@ class Hub:
             return row
         live = self._live.get(row["run"])
         state = live.room.state if live is not None else await self._state_of(self.serving.out / row["run"])
-        if not state or state["state"] == "ended":
+        if not state or state.get("state") in (None, "ended"):
             return row
-        records = {key: state["records"][key] for key in ("done", "planned")}
-        return {**row, "state": state["state"], "live": True, "records": records}
+        records = state.get("records") or row["records"]  # a run of another version may say less
+        return {**row, "state": state["state"], "live": True, "records": {key: records.get(key) for key in _COUNTED}}
 
     async def _state_of(self, folder: Path) -> dict[str, Any] | None:
         """What the run itself says; None if nobody answers in time."""
@@ -186,7 +188,12 @@ class Hub:
         def fetch(t0_utc_s: float, t1_utc_s: float, width_s: float) -> Points:
             return self.past.points(folder, t0_utc_s, t1_utc_s, width_s)
 
-        replay = ReplayRun(state, fetch, self.work, self.serving.clock, lambda: {"operator": self.lease()})
+        estimates = (await self.work(self.past.final, folder)).get("estimates")
+
+        def extra() -> dict[str, Any]:
+            return {"operator": self.lease(), "estimates": estimates}
+
+        replay = ReplayRun(state, fetch, self.work, self.serving.clock, extra)
         replay.room.enter(viewer)
         task = asyncio.create_task(replay.follow())
         try:
@@ -195,6 +202,7 @@ class Hub:
             await _ended([task])
 
     async def _warm(self) -> None:
+        await self.work(import_module, "bench.web.figures")
         while (await self.work(self.runs.rows))[1]:
             await pause(_WARM_S)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,7 +16,7 @@ from bench.model.errors import BenchError
 from bench.record import layout
 from bench.record.walk import Walk
 from bench.record.writer import OPEN_MARKER
-from bench.web.places import run_folder
+from bench.web.places import content_of, run_folder
 
 READ_AT_ONCE = 24  # sessions that one request reads; the rest follows with the next requests
 _FIRST_SEGMENT = layout.segment_name(1)
@@ -101,8 +102,10 @@ def verdict_of(results: Row) -> str:
 
 
 def _unread(name: str) -> Row:
-    started = _STARTED.match(name)
-    utc = datetime.strptime(started[1], "%Y%m%dT%H%M%S").replace(tzinfo=UTC).timestamp() if started else None
+    started, utc = _STARTED.match(name), None
+    if started:
+        with suppress(ValueError):  # digits that are no time: somebody named the folder
+            utc = datetime.strptime(started[1], "%Y%m%dT%H%M%S").replace(tzinfo=UTC).timestamp()
     empty = dict.fromkeys(("title", "sequence", "state", "uut", "simulated", "verdict", "records", "report"))
     return {"run": name, "started_utc_s": utc, **empty}
 
@@ -124,7 +127,7 @@ def _manifest(segment: Path) -> Row:
 def results_of(folder: Path) -> Row:
     """results.json of a session; empty if there is none that can be read."""
     try:
-        found = json.loads((folder / "results.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        found = json.loads(content_of(folder / "results.json") or b"")
+    except (ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}

@@ -49,6 +49,7 @@ class LiveRun:
         self._boot_id: str | None = None
         self._next = 0
         self._polls = 0
+        self._has_results = False
         self._answered_ns = clock.now_ns()
 
     @property
@@ -105,6 +106,7 @@ class LiveRun:
             reply = await self._ask(0, True)
         header = reply.header
         self._boot_id = header["boot_id"]
+        self._has_results = False
         self._next = header["seq"]
         self._polls = 1
         self.room.begin({**header["state"], **self._extra()}, _points(reply))
@@ -112,10 +114,14 @@ class LiveRun:
     async def _missed(self) -> None:
         """Nobody answers: the run has ended if its recording is closed; else it may come back."""
         self._polls = 0  # the first answer brings the state
-        if self.room.state.get("state") == "ended" or (self.folder / OPEN_MARKER).exists():
+        if self._has_results or (self.folder / OPEN_MARKER).exists():
             return
         final = await self._ended()
-        self.room.become({**final, **self._extra(), "source": "live", "state": "ended"})
+        results = {key: final[key] for key in ("estimates",) if final.get(key)}
+        self._has_results = bool(results)  # they are written some time after the recording is closed
+        if self.room.state.get("state") != "ended":
+            self.room.become({**final, **self._extra(), "source": "live", "state": "ended"})
+        self.room.change(**results)
 
 
 class FeedLine:

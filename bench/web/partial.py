@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import resource
 import sys
 from collections import OrderedDict
 from contextlib import suppress
@@ -13,11 +14,12 @@ from typing import Any
 from bench.model.clock import NS, Clock, pause
 
 SHORTEST_S = 60.0  # between two fits
-SHARE = 30  # of the time: a fit of 10 s is not repeated before 300 s are over
+SHARE = 30  # of a core: a fit that costs 10 s of processor is not repeated before 300 s are over
 LONGEST_FIT_S = 600.0
 KEPT_PER_ROW = 200
 KEPT_IN_ALL = 6000  # points of all rows: a page that opens must not be sent megabytes
 KEPT_RUNS = 8
+MEASURED = "unit_temperature_degC"  # a condition that says nothing of which estimate it is
 _LOOK_S = 1.0
 
 Estimates = dict[str, Any]
@@ -27,7 +29,7 @@ class PartialFits:
     """Estimates of living runs by the name of the run; at most one fit at a time, whatever the number of runs."""
 
     def __init__(
-        self, clock: Clock, command: tuple[str, ...] = (sys.executable, "-m", "bench.commands.partial")
+        self, clock: Clock, command: tuple[str, ...] = (sys.executable, "-P", "-m", "bench.commands.partial")
     ) -> None:
         self._clock = clock
         self._command = command
@@ -49,9 +51,9 @@ class PartialFits:
             await pause(_LOOK_S)
 
     async def _fit(self, folder: Path) -> None:
-        start_ns = self._clock.now_ns()
+        before_s = _spent_s()
         answer = await self._answer(folder)
-        spent_s = (self._clock.now_ns() - start_ns) / NS
+        spent_s = _spent_s() - before_s
         self._not_before_ns[folder.name] = self._clock.now_ns() + round(max(SHORTEST_S, SHARE * spent_s) * NS)
         if answer is not None and answer.get("rows"):
             self._found[folder.name] = joined(self._found.get(folder.name), answer, self._clock.utc_ns() / NS)
@@ -97,11 +99,18 @@ def finished_estimates(results: dict[str, Any], t_utc_s: float) -> Estimates | N
     """Estimates of a finished session from its results.json; None if it has none."""
     records = int((results.get("quality") or {}).get("records") or 0)
     rows = [
-        {**{key: one.get(key) for key in ("quantity", "unit", "conditions", "value", "std_uncertainty")},
+        {**{key: one.get(key) for key in ("quantity", "unit", "value", "std_uncertainty")},
+         "conditions": {key: value for key, value in (one.get("conditions") or {}).items() if key != MEASURED},
          "history": [[records, one.get("value"), one.get("std_uncertainty")]]}
         for one in results.get("estimates") or ()
     ]  # fmt: skip
-    return {"t_utc_s": t_utc_s, "records": records, "rows": rows} if rows else None
+    return {"t_utc_s": t_utc_s, "records": records, "rows": rows, "final": True} if rows else None
+
+
+def _spent_s() -> float:
+    """Processor time of the processes that have ended, s; a fit takes longer on a busy machine, and costs the same."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def _key(row: dict[str, Any]) -> str:

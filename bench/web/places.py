@@ -1,8 +1,13 @@
-"""Which folders the page may look into: the sessions directly below one folder, nothing else."""
+"""Which folders the page may look into: the sessions directly below one folder, nothing else.
+
+A session may come from elsewhere: no link in it is followed, and a pipe, at which one would wait for ever, is no file.
+"""
 
 from __future__ import annotations
 
+import os
 import re
+import stat
 from pathlib import Path
 
 from bench.record.layout import SEGMENT_NAME
@@ -18,6 +23,17 @@ def run_folder(out: Path, name: str) -> Path | None:
     try:
         if folder.is_symlink() or not folder.is_dir():
             return None
-        return folder if any(SEGMENT_NAME.fullmatch(path.name) for path in folder.iterdir()) else None
+        with os.scandir(folder) as entries:
+            plain = [one.is_file(follow_symlinks=False) for one in entries if SEGMENT_NAME.fullmatch(one.name)]
+    except OSError:
+        return None
+    return folder if plain and all(plain) else None
+
+
+def content_of(path: Path) -> bytes | None:
+    """What a plain file of a session holds; None if it is not there, cannot be read, or is no plain file."""
+    try:
+        with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
+            return file.read() if stat.S_ISREG(os.fstat(file.fileno()).st_mode) else None
     except OSError:
         return None

@@ -53,8 +53,8 @@ class ReplayRun:
     async def move(self, said: Mapping[str, Any]) -> None:
         """What the viewer wants: ``playing``, ``speed``, ``at_utc_s``; what makes no sense is not done."""
         at, speed, playing = said.get("at_utc_s"), said.get("speed"), said.get("playing")
-        if isinstance(at, int | float) and not isinstance(at, bool) and math.isfinite(at):
-            self._jump(min(max(float(at), self._first_s), self._last_s))
+        if isinstance(at, int | float) and not isinstance(at, bool) and -math.inf < at < math.inf:
+            self._jump(float(min(max(at, self._first_s), self._last_s)))
         if speed in SPEEDS and not isinstance(speed, bool) and speed != self._speed:
             self._speed = int(speed)
             self._jumped = True

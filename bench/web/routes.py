@@ -8,7 +8,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 
-from bench.web import assets, commands, figures, login, pages, runs
+from bench.web import assets, commands, login, pages, runs
 from bench.web.places import run_folder
 from bench.web.refusal import Refusal
 from bench.web.socket import socket
@@ -30,7 +30,7 @@ def routes() -> list[BaseRoute]:
         Route("/api/v1/runs", runs.runs),
         Route("/api/v1/runs/{run}", of_a_run(runs.run)),
         Route("/api/v1/runs/{run}/history", of_a_run(runs.history)),
-        Route("/api/v1/runs/{run}/figures", of_a_run(figures.figures)),
+        Route("/api/v1/runs/{run}/figures", of_a_run(runs.figures)),
         Route("/api/v1/runs/{run}/report", of_a_run(runs.report)),
         Route("/api/v1/calibrations", runs.calibrations),
         Route("/api/v1/commands", commands.commands, methods=["POST"]),

@@ -8,9 +8,9 @@ from typing import Any
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
-from bench.web.calibrations import calibration_rows
 from bench.web.history_query import history_query
 from bench.web.hub import Hub
+from bench.web.places import content_of
 from bench.web.refusal import Refusal
 
 
@@ -33,10 +33,17 @@ async def history(request: Request) -> Response:
     return Response(window.to_bytes(), media_type="application/octet-stream")
 
 
+async def figures(request: Request) -> Response:
+    """``GET /api/v1/runs/{run}/figures``: Bokeh figures of what the run measures, empty."""
+    hub = _hub(request)
+    state = await hub.document(request.path_params["run"])
+    return JSONResponse(await hub.work(_figures, state))
+
+
 async def report(request: Request) -> Response:
     """``GET /api/v1/runs/{run}/report``: report.html of the session."""
     hub, name = _hub(request), request.path_params["run"]
-    content = await hub.work(_content, hub.folder(name) / "report.html")
+    content = await hub.work(content_of, hub.folder(name) / "report.html")
     if content is None:
         raise Refusal(404, "B-WEB-021", f"{name} has no report", next_step=f"'bench report {name}' writes one")
     return Response(content, media_type="text/html")
@@ -45,7 +52,7 @@ async def report(request: Request) -> Response:
 async def calibrations(request: Request) -> Response:
     """``GET /api/v1/calibrations``: the calibration history, newest first."""
     hub = _hub(request)
-    rows: list[dict[str, Any]] = await hub.work(calibration_rows, hub.serving.history, hub.serving.out)
+    rows: list[dict[str, Any]] = await hub.work(_calibrations, hub.serving.history, hub.serving.out)
     return JSONResponse({"calibrations": rows})
 
 
@@ -54,8 +61,13 @@ def _hub(request: Request) -> Hub:
     return hub
 
 
-def _content(path: Path) -> bytes | None:
-    try:
-        return None if path.is_symlink() else path.read_bytes()
-    except OSError:
-        return None
+def _figures(state: dict[str, Any]) -> dict[str, Any]:
+    from bench.web.figures import run_figures  # Bokeh takes a second to import: the server listens before
+
+    return run_figures(state)
+
+
+def _calibrations(history: str | None, out: Path) -> list[dict[str, Any]]:
+    from bench.web.calibrations import calibration_rows  # and so does SQLAlchemy
+
+    return calibration_rows(history, out)

@@ -15,6 +15,7 @@ from starlette.applications import Starlette
 
 from bench.model.clock import Clock
 from bench.web.audit import Audit
+from bench.web.connections import PatientHttp, PatientSocket
 from bench.web.cookie import Cookies
 from bench.web.login_limit import LoginLimit
 from bench.web.operator import Lease
@@ -89,8 +90,8 @@ def server_of(app: Starlette, cert: Path | None = None, key: Path | None = None)
     """The server of ``app``, not started: plain HTTP without ``cert``, bounded in everything."""
     config = uvicorn.Config(
         app,
-        http="h11",
-        ws="websockets-sansio",
+        http=PatientHttp,
+        ws=PatientSocket,
         ws_max_size=LARGEST_MESSAGE,
         ws_per_message_deflate=False,  # costs more processor than it saves on points
         lifespan="on",

@@ -59,7 +59,8 @@ def obtain_tokens(folder: Path, rotate: bool = False) -> tuple[Tokens, dict[str,
     """
     path = folder / FILE
     try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for one in (folder.parent, folder):  # made for everybody, ~/.config would let others change what is in it
+            one.mkdir(mode=0o700, parents=True, exist_ok=True)
         _refuse_open_folder(folder)
         if not rotate and os.path.lexists(path):
             return _read(path), {}

@@ -55,7 +55,7 @@ class Trends:
                 self._building.kill()
 
     def _build(self, folder: Path, cache: Path) -> None:
-        words = [sys.executable, "-m", "bench.replay.build_trend", str(folder), str(cache / folder.name)]
+        words = [sys.executable, "-P", "-m", "bench.replay.build_trend", str(folder), str(cache / folder.name)]
         failed = "the page server ends"
         if not self._stopped:
             with subprocess.Popen(words, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:

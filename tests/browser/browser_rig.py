@@ -8,12 +8,13 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from playwright.sync_api import Browser, BrowserContext, Error, Page
+import pytest
+from playwright.sync_api import Browser, BrowserContext, CDPSession, Error, Page, sync_playwright
 
 WATCH = """
 window.violations = [];
@@ -29,10 +30,24 @@ def chromium_path() -> str | None:
     return shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
 
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """A browser; skips the test where there is none."""
+    path = chromium_path()
+    if path is None:
+        pytest.skip("no Chromium on this machine: install the package 'chromium' to run the browser tests")
+    words = ["--no-sandbox"] if os.geteuid() == 0 else []
+    with sync_playwright() as playwright:
+        found = playwright.chromium.launch(executable_path=path, args=words)
+        yield found
+        found.close()
+
+
 class PageServer:
     """``bench serve`` on one port, which it keeps when it is started again."""
 
-    def __init__(self, top: Path) -> None:
+    def __init__(self, top: Path, program: Sequence[str] = ("-m", "bench")) -> None:
+        self._program = program
         self.out, self._private = top / "sessions", top / "private"
         self.out.mkdir()
         self._private.mkdir()
@@ -46,7 +61,7 @@ class PageServer:
         return f"http://127.0.0.1:{self.port}"
 
     def start(self) -> None:
-        command = [sys.executable, "-m", "bench", "serve", "--out", str(self.out), "--port", str(self.port)]
+        command = [sys.executable, *self._program, "serve", "--out", str(self.out), "--port", str(self.port)]
         environment = {**os.environ, "XDG_CONFIG_HOME": str(self._private)}
         self.process = subprocess.Popen(
             command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
@@ -77,9 +92,13 @@ class Visitor:
         self.page.set_default_timeout(PATIENCE_MS)
         self.page.add_init_script(WATCH)
         self.page.on("pageerror", lambda error: self.wrong.append(f"script: {error}"))
-        self.page.on("console", lambda said: said.type == "error" and self.wrong.append(f"console: {said.text}"))
+        self.page.on("console", self._hear)
         self.page.on("request", self._look_at)
         self.requests: list[Any] = []
+
+    def _hear(self, said: Any) -> None:
+        if said.type in ("error", "warning"):
+            self.wrong.append(f"console: {said.text}")
 
     def _look_at(self, request: Any) -> None:
         self.requests.append(request)
@@ -103,6 +122,12 @@ class Visitor:
         return list(self.page.evaluate("window.violations"))
 
 
+def metrics(cdp: CDPSession) -> dict[str, float]:
+    """What the page holds after everything that can go has gone: JSHeapUsedSize, Nodes, JSEventListeners and so on."""
+    cdp.send("HeapProfiler.collectGarbage")
+    return {one["name"]: one["value"] for one in cdp.send("Performance.getMetrics")["metrics"]}
+
+
 def until(page: Page, true: Callable[[], bool], what: str) -> None:
     """Wait for something the page will do; the page goes on meanwhile."""
     for _ in range(PATIENCE_MS // 100):
@@ -114,13 +139,15 @@ def until(page: Page, true: Callable[[], bool], what: str) -> None:
 
 @contextmanager
 def visiting(
-    browser: Browser, server: PageServer, role: str, *, may_fail: bool = False, **options: Any
+    browser: Browser, server: PageServer, role: str | None, *, may_fail: bool = False, **options: Any
 ) -> Iterator[Visitor]:
-    """A visitor of a role. Fails on any violation of the content policy, error or request to another host."""
+    """A visitor of a role (None: not logged in). Fails on any violation of the content policy, on anything the console
+    complains of, and on a request to another host."""
     context = browser.new_context(**{"viewport": {"width": 1600, "height": 1000}, "color_scheme": "dark", **options})
     try:
         visitor = Visitor(server, context)
-        visitor.login(role)
+        if role is not None:
+            visitor.login(role)
         yield visitor
         assert visitor.violations() == []
         if not may_fail:

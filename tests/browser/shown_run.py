@@ -7,6 +7,7 @@ import math
 import socketserver
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -72,32 +73,42 @@ def first_state(run: str) -> dict[str, Any]:
 class ShownRun:
     """Serves the feed and the control socket of a session's folder. ``asked``: commands it was given."""
 
+    speed = 1.0  # of its clock
+    point_rows = 600  # that it remembers
+    before_s = HOUR_S  # that it has gone on for when it is first seen
+
     def __init__(self, out: Path, name: str) -> None:
         self.folder = out / name
         self.folder.mkdir()
         (self.folder / "session.0001.mcap").touch()
+        (self.folder / "session.open").touch()
         self.name = name
         self.state = first_state(name)
         self.asked: list[dict[str, Any]] = []
         self.closed = False
-        self._began_utc_s = now_utc_s() - 60
-        self._record_hour()
+        self._made_utc_s = now_utc_s()
+        self._began_utc_s = self._made_utc_s - 60
+        self._record_before()
         self._place = TemporaryDirectory()  # folders of tests are too deep for the path of a socket
         self._servers = [self._serve("live", self._feed), self._serve("control", self._control)]
 
-    def _record_hour(self) -> None:
-        """The trend of the hour before, as docs/session-format.md has it."""
+    def now_utc_s(self) -> float:
+        """Time on the bench."""
+        return self._made_utc_s + (now_utc_s() - self._made_utc_s) * self.speed
+
+    def _record_before(self) -> None:
+        """The trend of the time before, as docs/session-format.md has it."""
         signals = [
             {"name": one["name"], "link": "port_a", "message": "frame", "field": one["name"], "element": 0, "minus": "",
              "unit": one["unit"], "decimals": one["decimals"]} for one in self.state["signals"]]  # fmt: skip
-        start_s = math.floor(self._began_utc_s - HOUR_S + 60)
+        start_s = math.floor(self._made_utc_s - self.before_s)
         head = {"version": 1, "levels_s": [1, 10, 100], "offsets_ns": [start_s * NS],
                 "sources": [{"name": "port_a", "period_s": 0.01, "signals": signals}]}  # fmt: skip
         folder = self.folder / "trend"
         folder.mkdir()
         (folder / "trend.json").write_text(json.dumps(head))
         for level_s in (1, 10, 100):
-            numbers = np.arange(0, HOUR_S, level_s)
+            numbers = np.arange(0, self.before_s, level_s)
             block = np.empty(len(numbers), [("t", "<f8"), ("span", "<f4", (len(signals), 2))])
             low, high = self.values(numbers)
             block["t"], block["span"] = start_s + numbers, np.stack([low, high], axis=-1)
@@ -108,10 +119,11 @@ class ShownRun:
 
         class Handler(socketserver.StreamRequestHandler):
             def handle(self) -> None:
-                for line in self.rfile:
-                    if run.closed:
-                        return
-                    self.wfile.write(answer(json.loads(line)))
+                with suppress(ConnectionError):  # a server that was killed
+                    for line in self.rfile:
+                        if run.closed:
+                            return
+                        self.wfile.write(answer(json.loads(line)))
 
         class Server(socketserver.ThreadingUnixStreamServer):
             daemon_threads = True
@@ -124,9 +136,9 @@ class ShownRun:
         return server
 
     def _feed(self, request: dict[str, Any]) -> bytes:
-        made = int((now_utc_s() - self._began_utc_s) * 10)
+        made = int((self.now_utc_s() - self._began_utc_s) * 10)
         since = request["since"] if request["since"] <= made else 0
-        first = max(since, made - 600)
+        first = max(since, made - self.point_rows)
         numbers = np.arange(first, made)
         low, high = self.values(numbers)
         points = (self._began_utc_s + numbers / 10).astype("<f8").tobytes()
@@ -134,7 +146,7 @@ class ShownRun:
         header: dict[str, Any] = {"proto": 1, "boot_id": self.state["boot_id"], "seq": made, "first": first,
                                   "n": len(numbers), "signals": low.shape[1]}  # fmt: skip
         if request.get("state"):
-            header["state"] = {**self.state, "t_utc_s": now_utc_s()}
+            header["state"] = {**self.state, "t_utc_s": self.now_utc_s()}
         text = json.dumps(header).encode()
         return len(text).to_bytes(4, "little") + len(points).to_bytes(4, "little") + text + points
 

@@ -1,90 +1,180 @@
-"""What an operator does on the page, and what a viewer cannot."""
+"""What an operator does on the page, with the keyboard alone from the login on; what happens by mistake is not done."""
 
 from __future__ import annotations
 
-from browser_rig import PageServer, Visitor, until, visiting
+from browser_rig import PageServer, until, visiting
 from playwright.sync_api import Browser, Page
 from shown_run import ShownRun, now_utc_s
 
-
-def taken(visitor: Visitor, run: str) -> Page:
-    """The page of an operator who has taken the command."""
-    page = visitor.open_run(run)
-    page.click("#take")
-    page.wait_for_selector("#abort:enabled")
-    return page
+FOCUS = "() => [document.activeElement].map((one) => one.id || one.className || one.tagName)[0]"
+MOST_TABS = 200
+SMALL = {"width": 800, "height": 600}  # only what is seen is drawn ten times a second
+ALARM = {"id": "a1", "severity": "warning", "code": None, "active": True, "acknowledged": None,
+         "text": "GPIB 14 timeout"}  # fmt: skip
 
 
 def commands(shown: ShownRun) -> list[str]:
     return [request["command"] for request in shown.asked]
 
 
-def test_abort_needs_two_steps_and_a_reason(browser: Browser, server: PageServer, shown: ShownRun) -> None:
-    with visiting(browser, server, "operator") as visitor:
-        page = taken(visitor, shown.name)
-        page.click("#abort")
-        assert "not an emergency stop" in page.inner_text("#reason-text")
-        page.evaluate("() => document.getElementById('reason-form').requestSubmit()")  # without a reason
-        page.keyboard.press("Escape")
-        page.click("#abort")
-        page.fill("#reason-value", "smoke")
+def tab_to(page: Page, selector: str) -> None:
+    """Walk with Tab until something that fits has the focus."""
+    for _ in range(MOST_TABS):
+        if page.evaluate("(selector) => document.activeElement.matches(selector)", selector):
+            return
+        page.keyboard.press("Tab")
+    raise AssertionError(f"Tab does not lead to {selector}; it stands at {page.evaluate(FOCUS)}")
+
+
+def press(page: Page, selector: str) -> None:
+    tab_to(page, selector)
+    page.keyboard.press("Enter")
+
+
+def test_everything_is_done_by_keyboard(browser: Browser, server: PageServer, shown: ShownRun) -> None:
+    with visiting(browser, server, None, may_fail=True, viewport=SMALL) as visitor:  # 401 at first
+        page = visitor.page
+        page.goto(f"{server.origin}/")
+        page.keyboard.type("kim")  # the first field has the focus
+        page.keyboard.press("Tab")
+        page.keyboard.type(server.tokens["operator"])
         page.keyboard.press("Enter")
-        assert "step 2 of 2" in page.inner_text("#reason-title")
-        page.keyboard.press("Enter")  # once too often: the focus is on Cancel
-        assert page.is_hidden("#reason")
-        assert commands(shown) == []
+        page.wait_for_selector("#living a")
+        press(page, f"a[href='/runs/{shown.name}']")
+        page.wait_for_selector("#graphs figure .ends button")
+        del visitor.wrong[:]
+        page.keyboard.press("Tab")
+        assert page.evaluate(FOCUS) == "skip"
+        press(page, "#take")
+        page.wait_for_selector("#pause:enabled")
+        pause_and_resume(page, shown)
+        acknowledge(page, shown)
+        answer(page, shown)
+        zoom(page)
+        press(page, "figure.graph details.numbers summary")
+        page.wait_for_selector("figure.graph details[open] tbody tr")
+        press(page, "#log-filter")
+        press(page, "#abort")
+        page.keyboard.type("smoke")
+        page.keyboard.press("Enter")
+        press(page, "#reason-go")
+        until(page, lambda: commands(shown)[-1] == "abort", "abort")
+        assert shown.asked[-1]["reason"] == "smoke"
+        assert visitor.wrong == []
+
+
+def pause_and_resume(page: Page, shown: ShownRun) -> None:
+    press(page, "#pause")
+    page.keyboard.type("a look at the relay")
+    page.keyboard.press("Enter")
+    until(page, lambda: commands(shown) == ["pause"], "pause")
+    assert shown.asked[0]["reason"] == "a look at the relay"
+    shown.state["state"] = "holding"
+    page.wait_for_selector("#resume:enabled")
+    press(page, "#resume")
+    until(page, lambda: commands(shown) == ["pause", "resume"], "resume")
+    shown.state["state"] = "running"
+
+
+def acknowledge(page: Page, shown: ShownRun) -> None:
+    shown.state["alarms"] = [{**ALARM, "t_utc_s": now_utc_s()}]
+    page.wait_for_selector("#alarms li")
+    press(page, "#alarms button")
+    until(page, lambda: "acknowledged by kim" in page.inner_text("#alarms"), "who has seen it")
+    assert shown.asked[-1]["alarm"] == "a1"
+
+
+def answer(page: Page, shown: ShownRun) -> None:
+    shown.state["prompt"] = {"id": "p1", "text": "Resistance between LO and ground", "confirm": "operator",
+                             "unit": "ohm", "low": 1e6, "high": None, "since_utc_s": now_utc_s()}  # fmt: skip
+    page.wait_for_selector("#prompt[open]")
+    tab_to(page, "#prompt-value")
+    page.keyboard.type("2e6")
+    page.keyboard.press("Enter")
+    until(page, lambda: commands(shown)[-1] == "answer", "the answer")
+    assert shown.asked[-1]["value"] == 2e6
+    for number, (unit, typed, value) in enumerate((("ohm", "2 Mohm", "2 Mohm"), ("", "", True))):
+        until(page, lambda: page.is_hidden("#prompt"), "the question to be gone")
+        shown.state["prompt"] = {"id": f"q{number}", "text": "And now?", "confirm": "operator",
+                                 "unit": unit, "low": None, "high": None, "since_utc_s": now_utc_s()}  # fmt: skip
+        page.wait_for_selector("#prompt[open]")
+        assert page.is_visible("#prompt-value") == bool(unit)  # without a unit there is nothing to type
+        if typed:
+            page.fill("#prompt-value", typed)
+        press(page, "#prompt-form .main")
+        until(page, lambda wanted=value: shown.asked[-1].get("value") == wanted, "the answer")
+
+
+def zoom(page: Page) -> None:
+    """+ and - zoom the history, 0 shows the whole run, arrows move the cursor."""
+    at = page.locator("figure.graph").last.locator("p.bucket")
+    until(page, lambda: "of each" in at.inner_text(), "the history of the whole run")
+    whole = at.inner_text()
+    tab_to(page, "figure.graph.wide .plot")
+    for _ in range(3):
+        page.keyboard.press("+")
+    until(page, lambda: at.inner_text() != whole, "a closer look")
+    page.keyboard.press("0")
+    until(page, lambda: at.inner_text().partition("Z")[0] == whole.partition("Z")[0], "the whole run again")
+    page.keyboard.press("ArrowLeft")
+
+
+def test_a_mistake_does_nothing(browser: Browser, server: PageServer, shown: ShownRun) -> None:
+    with visiting(browser, server, "operator", viewport=SMALL) as visitor:
+        page = visitor.open_run(shown.name)
+        page.click("#take")
+        page.wait_for_selector("#abort:enabled")
+        abort_needs_two_steps_and_a_reason(page, shown)
+        an_alarm_is_announced_once(page, shown)
+        closing_a_prompt_answers_nothing(page, shown)
         page.click("#abort")
         page.fill("#reason-value", "smoke")
         page.keyboard.press("Enter")
         page.click("#reason-go")
-        until(page, lambda: commands(shown) == ["abort"], "abort")
-        assert shown.asked[0]["reason"] == "smoke"
-        assert shown.asked[0]["by"].startswith("kim, operator, 127.0.0.1")
+        until(page, lambda: commands(shown) == ["answer", "abort"], "abort")
+        assert shown.asked[1]["by"].startswith("kim, operator, 127.0.0.1")
         until(page, lambda: page.inner_text("#command-reply") == "abort heard", "the answer of the run")
 
 
-def test_an_alarm_is_announced_once_and_acknowledged(browser: Browser, server: PageServer, shown: ShownRun) -> None:
-    with visiting(browser, server, "operator") as visitor:
-        page = taken(visitor, shown.name)
-        shown.state["alarms"] = [{"id": "a1", "severity": "warning", "code": None, "t_utc_s": now_utc_s(),
-                                  "active": True, "acknowledged": None, "text": "GPIB 14 timeout"}]  # fmt: skip
-        page.wait_for_selector("#alarms li")
-        assert page.inner_text("#announce").strip() == "WARNING: GPIB 14 timeout"
-        page.evaluate("() => { document.getElementById('announce').textContent = ''; }")
-        shown.state["progress"] = 0.39
-        until(page, lambda: page.inner_text("#percent") == "39.0 %", "another delta")
-        assert page.inner_text("#announce") == ""
-        page.click("#alarms button")
-        until(page, lambda: "acknowledged by kim" in page.inner_text("#alarms"), "who has seen it")
-        assert shown.asked[-1]["alarm"] == "a1"
+def abort_needs_two_steps_and_a_reason(page: Page, shown: ShownRun) -> None:
+    page.click("#abort")
+    assert "not an emergency stop" in page.inner_text("#reason-text")
+    page.evaluate("() => document.getElementById('reason-form').requestSubmit()")  # without a reason
+    page.keyboard.press("Escape")
+    page.click("#abort")
+    page.fill("#reason-value", "smoke")
+    page.keyboard.press("Enter")
+    assert "step 2 of 2" in page.inner_text("#reason-title")
+    page.keyboard.press("Enter")  # once too often: the focus is on Cancel
+    assert page.is_hidden("#reason")
+    assert commands(shown) == []
 
 
-def test_closing_a_prompt_answers_nothing(browser: Browser, server: PageServer, shown: ShownRun) -> None:
-    with visiting(browser, server, "operator") as visitor:
-        page = taken(visitor, shown.name)
-        shown.state["prompt"] = {"id": "p1", "text": "Resistance between LO and ground", "confirm": False,
-                                 "unit": "ohm", "low": 1e6, "high": None, "since_utc_s": now_utc_s()}  # fmt: skip
-        page.wait_for_selector("#prompt[open]")
-        page.click("#theme")  # the page behind can still be used
-        page.click("#prompt-close")
-        assert page.is_hidden("#prompt")
-        page.wait_for_timeout(1500)
-        assert page.is_hidden("#prompt"), "it came back by itself"
-        assert commands(shown) == []
-        page.click("#show-prompt")
-        page.fill("#prompt-value", "5")
-        page.keyboard.press("Enter")
-        assert "at least 1000000 ohm" in page.inner_text("#prompt-trouble")
-        page.fill("#prompt-value", "2e6")
-        page.keyboard.press("Enter")
-        until(page, lambda: commands(shown) == ["answer"], "the answer")
-        assert shown.asked[0]["value"] == 2e6
-        until(page, lambda: page.is_hidden("#show-prompt"), "the question to be gone")
+def an_alarm_is_announced_once(page: Page, shown: ShownRun) -> None:
+    shown.state["alarms"] = [{**ALARM, "t_utc_s": now_utc_s()}]
+    page.wait_for_selector("#alarms li")
+    assert page.inner_text("#announce").strip() == "WARNING: GPIB 14 timeout"
+    page.evaluate("() => { document.getElementById('announce').textContent = ''; }")
+    shown.state["progress"] = 0.39
+    until(page, lambda: page.inner_text("#percent") == "39.0 %", "another delta")
+    assert page.inner_text("#announce") == ""
 
 
-def test_a_viewer_has_no_command(browser: Browser, server: PageServer, shown: ShownRun) -> None:
-    with visiting(browser, server, "viewer") as visitor:
-        page = visitor.open_run(shown.name)
-        page.wait_for_selector("#commands", state="visible")
-        page.wait_for_selector("#operator:not(:empty)")
-        assert all(page.is_hidden(f"#{name}") for name in ("pause", "resume", "abort", "take"))
+def closing_a_prompt_answers_nothing(page: Page, shown: ShownRun) -> None:
+    shown.state["prompt"] = {"id": "p1", "text": "Resistance between LO and ground", "confirm": "operator",
+                             "unit": "ohm", "low": 1e6, "high": None, "since_utc_s": now_utc_s()}  # fmt: skip
+    page.wait_for_selector("#prompt[open]")
+    page.click("#theme")  # the page behind can still be used
+    page.click("#prompt-close")
+    assert page.is_hidden("#prompt")
+    page.wait_for_timeout(1500)
+    assert page.is_hidden("#prompt"), "it came back by itself"
+    assert commands(shown) == []
+    page.click("#show-prompt")
+    page.fill("#prompt-value", "5")
+    page.keyboard.press("Enter")
+    assert "at least 1000000 ohm" in page.inner_text("#prompt-trouble")
+    page.fill("#prompt-value", "2e6")
+    page.keyboard.press("Enter")
+    until(page, lambda: commands(shown) == ["answer"], "the answer")
+    until(page, lambda: page.is_hidden("#show-prompt"), "the question to be gone")

@@ -109,6 +109,9 @@ def test_a_session_without_results_gets_none(session: Path) -> None:
     assert refused(request(session)).code == "B-DCC-004"
     (session / "results.json").write_text("{")
     assert refused(request(session)).code == "B-DCC-004"
+    (session / "results.json").unlink()
+    (session / "session.open").touch()
+    assert refused(request(session)).code == "B-DCC-003"  # which says more
 
 
 def test_a_number_that_the_recording_does_not_give_is_seen(session: Path) -> None:
@@ -216,6 +219,18 @@ def test_a_standard_that_is_overdue_is_named(real: Real) -> None:
     error = refused(real(due="1999-12-31"))
     assert error.code == "B-DCC-006"
     assert "calibrator (5720A, SIM5720): calibrated 1999-11-01, due 1999-12-31" in str(error)
+
+
+@pytest.mark.parametrize("day", ["received: 2000-01-02", "issued: 1999-12-31"])
+def test_days_that_contradict_the_session_are_named(real: Real, tmp_path: Path, day: str) -> None:
+    laboratory = tmp_path / "laboratory.yaml"
+    key, _, value = day.partition(": ")
+    laboratory.write_text(f'{EXAMPLE.read_text()}\n{key}: "{value}"\n')
+    error = refused(real(laboratory=laboratory))
+    assert error.code == "B-DCC-014"
+    assert str(laboratory) in str(error)
+    assert day.replace(":", "") in str(error)
+    assert "on 2000-01-01" in str(error)
 
 
 def test_a_session_without_utc_has_no_days(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:

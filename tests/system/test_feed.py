@@ -113,6 +113,7 @@ def test_a_watched_run_writes_the_same_bytes_and_tells_the_truth(tmp_path: Path)
     last = crowd.seen[-1]
     assert (last["simulated"], last["clock"], last["source"]) == (True, "virtual", "live")
     assert last["records"]["planned"] == 15
+    assert {str(record["flags"]) for record in last["records"]["last"]} == {"[]"}
     assert set(last["instruments"]) == set(plan.station.instruments)
     assert not any(link["state"] in ("lost", "silent") for one in crowd.seen for link in one["links"].values())
     json.dumps(crowd.seen, allow_nan=False)

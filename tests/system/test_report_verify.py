@@ -264,6 +264,22 @@ def test_a_cut_segment_is_named(session: Path, capsys: pytest.CaptureFixture[str
     assert any(change["what"].startswith("provenance.session_sha256") for change in document["changes"])
 
 
+@pytest.mark.usefixtures("drawn")
+@pytest.mark.parametrize("name", ["port_a.001s", "port_b.100s", "trend.json"])
+def test_one_altered_byte_of_the_trend_is_named(session: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
+    """It is no part of the recording, so it makes nothing wrong."""
+    assert verified(session, capsys, ExitStatus.PASS)["notes"] == []
+    path = session / "trend" / name
+    flip(path, path.read_bytes().rindex(b'"npp"') + 1 if name == "trend.json" else 40)
+    (note,) = verified(session, capsys, ExitStatus.PASS)["notes"]
+    assert note.startswith(f"trend/{name} is not what the session gives; it is no part of the recording")
+    (session / "trend" / "trend.json").write_bytes(b"{")
+    (note,) = verified(session, capsys, ExitStatus.PASS)["notes"]
+    assert note.startswith("trend/trend.json cannot be read")
+    shutil.rmtree(session / "trend")
+    assert verified(session, capsys, ExitStatus.PASS)["notes"] == []
+
+
 def test_no_session_at_all(tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         verify(tmp_path, as_json=False)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,13 +15,13 @@ from hold_rig import HoldRig
 
 from bench.commands import asking as at_the_terminal
 from bench.commands import control as command
-from bench.commands.asking import StdinTerminal, terminal_here
+from bench.commands.asking import Aside, StdinTerminal, terminal_here
 from bench.model.clock import WallClock
 from bench.model.errors import BenchError, ExitStatus, InputError, OperatorStop, RunError
 from bench.run.asking import Refused, WaitingOperator
 from bench.run.control import control
 from bench.run.following import Following
-from bench.run.operator import Answer, Question
+from bench.run.operator import Answer, Question, limits_of
 
 OHMS = Question("resistance?", unit="ohm", high=0.5)
 DOOR = Question("door closed?", "foreman")
@@ -83,7 +85,7 @@ def test_only_the_first_answer_counts_and_a_wrong_one_changes_nothing(tmp_path: 
 
     def act() -> None:
         for prompt, value in (("2", 0.1), (None, 0.6), (None, "0.6 ohm"), (None, ""), (None, True), (None, None),
-                              (None, float("nan")), (None, [1])):  # fmt: skip
+                              (None, float("nan")), (None, [1]), (None, 10**400), (None, float("-inf"))):  # fmt: skip
             with pytest.raises(Refused) as why:
                 operator.propose(prompt, value, "kim")
             refused.append(str(why.value))
@@ -98,7 +100,8 @@ def test_only_the_first_answer_counts_and_a_wrong_one_changes_nothing(tmp_path: 
 
     typist.act = act
     assert operator.ask(OHMS) == Answer("kim", 0.1)
-    assert len(refused) == 8
+    assert len(refused) == 10
+    assert refused[-1] == refused[-2] == "a finite number is due"
 
 
 @pytest.mark.parametrize("value", [None, True, "yes", " Y "])
@@ -146,7 +149,7 @@ def test_without_a_terminal_it_says_how_to_answer_tells_people_and_waits(tmp_pat
     assert operator.ask(OHMS) == Answer("kim", 0.5)
     assert rig.clock.now_ns() >= 3_000_000_000
     (message,) = rig.listener.messages
-    assert "resistance? at most 0.5 ohm" in message
+    assert "resistance? (at most 0.5 ohm)" in message
     assert f"bench answer {context.folder} VALUE" in message
     (alarm,) = rig.events("alarm")
     assert (alarm["what"], alarm["id"], alarm["text"], alarm["high"]) == ("prompt", "1", "resistance?", 0.5)
@@ -157,6 +160,34 @@ def test_a_terminal_that_hangs_up_leaves_it_to_the_others(tmp_path: Path) -> Non
     operator.reachable = True
     rig.at(3.0, lambda: operator.propose("1", None, "kim"))
     assert operator.ask(DOOR) == Answer("kim")
+
+
+def test_a_terminal_that_has_gone_before_the_question_is_not_missed(tmp_path: Path) -> None:
+    class Gone(Typist):
+        def ask(self, question: Question) -> None:
+            raise OSError(5, "hung up")
+
+    rig, context, operator = waiting(tmp_path, Gone())
+    operator.reachable = True
+    rig.at(3.0, lambda: operator.propose("1", None, "kim"))
+    assert operator.ask(DOOR) == Answer("kim")
+    assert len(rig.events("alarm")) == 1  # told to the others instead
+    assert context is not None
+
+
+def test_the_end_of_a_terminal_is_not_its_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pseudo terminal whose other side is closed: the kernel reports the end of the input, like Ctrl-D."""
+    ours, theirs = os.openpty()
+    with os.fdopen(theirs) as stdin:
+        monkeypatch.setattr(at_the_terminal.sys, "stdin", stdin)
+        terminal = terminal_here()
+        assert terminal is not None
+        os.write(ours, b"\x04")
+        with pytest.raises(OperatorStop):
+            terminal.line(5.0)
+        os.close(ours)
+        with pytest.raises(OSError, match=r"hung up|Input/output error"):
+            terminal.line(5.0)
 
 
 def test_bench_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -199,10 +230,46 @@ def answered(folder: Path, text: str, value: str) -> int:
     raise AssertionError("it was not asked")
 
 
+def test_a_question_is_asked_aside_of_what_is_drawn() -> None:
+    seen: list[str] = []
+
+    @contextmanager
+    def aside() -> Iterator[None]:
+        seen.append("nothing is drawn")
+        yield
+        seen.append("drawn again")
+
+    class Asked:
+        def ask(self, question: Question) -> Answer:
+            seen.append(question.text)
+            return Answer("kim")
+
+    assert Aside(Asked(), aside).ask(DOOR) == Answer("kim")
+    assert seen == ["nothing is drawn", "door closed?", "drawn again"]
+
+
+@pytest.mark.parametrize(
+    ("question", "words"),
+    [
+        (Question("R?", unit="ohm", low=1e6), "at least 1 Mohm"),
+        (Question("R?", unit="ohm", high=0.5), "at most 0.5 ohm"),
+        (Question("on?", unit="s", low=7200.0, high=3.6e7), "2 h to 10000 h"),
+        (Question("on?", unit="s", low=0.0, high=90.0), "0 s to 1.5 min"),
+        (Question("T?", unit="degC", low=-10.0, high=1000.0), "-10 degC to 1000 degC"),
+        (Question("R?", unit="ohm"), "ohm"),
+        (DOOR, ""),
+    ],
+)
+def test_limits_as_a_person_would_write_them(question: Question, words: str) -> None:
+    assert limits_of(question) == words
+
+
 def test_what_is_typed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     typed = ["0.2 ohm\n", "stop\n", ""]
     stdin: Any = SimpleNamespace(readline=lambda: typed.pop(0), isatty=lambda: True)
     monkeypatch.setattr(at_the_terminal.sys, "stdin", stdin)
+    dropped: list[tuple[object, int]] = []
+    monkeypatch.setattr(at_the_terminal.termios, "tcflush", lambda *of: dropped.append(of))
     ready: list[list[object]] = [[], [stdin], [stdin], [stdin]]
     monkeypatch.setattr(at_the_terminal.select, "select", lambda *_: (ready.pop(0), [], []))
     terminal = terminal_here()
@@ -210,6 +277,7 @@ def test_what_is_typed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFi
     terminal.ask(OHMS)
     terminal.ask(DOOR)
     assert capsys.readouterr().err == "resistance?\nvalue (at most 0.5 ohm) or stop:\ndoor closed?\nyes or stop:\n"
+    assert dropped == [(stdin, at_the_terminal.termios.TCIFLUSH)] * 2  # typed before the question: no answer to it
     assert terminal.line(0.1) is None
     assert terminal.line(0.1) == "0.2 ohm"
     for _ in range(2):

@@ -76,6 +76,24 @@ def test_two_lines_on_a_terminal(columns: int) -> None:
     assert ("\u2501" in figures) == (columns == 140)
 
 
+def test_a_question_stands_below_what_was_drawn_and_is_not_drawn_over() -> None:
+    out = io.StringIO()
+    with ProgressBar(PLAN, Console(file=out, width=80, force_terminal=True, color_system=None)) as bar:
+        bar.show(Told())  # type: ignore[arg-type]
+        with bar.aside():
+            before = len(out.getvalue())
+            bar.show(Told())  # type: ignore[arg-type]
+            bar._progress.refresh()
+            out.write("door closed?\nyes or stop:\n")
+            while_asked = out.getvalue()[before:]
+        after = out.getvalue()[before + len(while_asked) :]
+        bar.show(Told(progress=0.5))  # type: ignore[arg-type]
+    assert while_asked == "door closed?\nyes or stop:\n"
+    assert "1:00:00" in after  # at once what stood there before
+    assert "\x1b[1A" not in after.split("1:00:00")[0]  # and below the question
+    assert " 50 %" in out.getvalue()
+
+
 def test_a_rehearsal_shows_how_long_it_still_takes() -> None:
     out = io.StringIO()
     with ProgressBar(PLAN, Console(file=out, width=80, force_terminal=True, color_system=None)) as bar:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,6 +21,18 @@ from bench.model.errors import BenchError
 from bench.run.operator import Question
 
 PLAN: Any = SimpleNamespace(steps=(None,) * 9, record_count=100, prepare_s=10.0, duration_s=90.0, finally_s=0.0)
+
+
+def test_a_terminal_that_hangs_up_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = os.openpty()
+    with os.fdopen(theirs, "w") as gone:
+        monkeypatch.setattr(sys, "stderr", gone)
+        out = console(stderr=True)
+        out.print("heard")
+        os.close(ours)
+        out.print("not heard")
+        out.print("nor this")
+        assert not gone.isatty()  # closing it flushes what is left, which must not fail either
 
 
 def step(kind: str, **fields: Any) -> Any:

@@ -78,6 +78,24 @@ def test_every_estimate_is_read_back_to_the_last_digit() -> None:
     assert Counter(read_certificate(xml_of(calibration()))) == wanted
 
 
+def test_a_condition_is_a_number_with_its_unit_where_it_is_one_and_a_word_where_not() -> None:
+    conditions = {"temperature_degC": -40.5, "channel": 3, "current_A": 1e-2, "kind": "gyro", "closed": True}
+    xml = xml_of(calibration(estimates=[estimate("x", "A", 1e-9, 2e-9, conditions=conditions)]))
+    result = ET.fromstring(xml).find(".//dcc:results/dcc:result", NS)
+    assert result is not None
+    found = {}
+    for quantity in result.iterfind(".//dcc:quantity", NS):
+        value, unit, words = (
+            quantity.findtext(f".//{name}", None, NS)
+            for name in ("si:valueXMLList", "si:unitXMLList", "dcc:charsXMLList")
+        )
+        found[quantity.findtext("dcc:name/dcc:content", None, NS)] = (value, unit, words)
+    assert found["temperature_degC"] == ("-40.5", "\\degreecelsius", None)
+    assert found["channel"] == ("3", "\\one", None)
+    assert found["current_A"] == ("0.01", "\\ampere", None)
+    assert (found["kind"][2], found["closed"][2]) == ("gyro", "true")
+
+
 def test_many_values_of_a_quantity_are_one_table() -> None:
     results = ET.fromstring(xml_of(calibration())).findall(".//dcc:results/dcc:result", NS)
     kinds = Counter(one.get("refType") for one in results)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import socket
@@ -21,6 +22,7 @@ from hold_rig import HoldRig
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus
 from bench.run.control_place import LIVE, LONGEST_PATH, socket_path
+from bench.run.control_server import ControlServer
 from bench.run.feed import FeedClient, FeedGone
 from bench.run.feed import server as served_by
 from bench.run.feed.live import live_feed
@@ -122,10 +124,18 @@ def test_nobody_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
             FeedClient(tmp_path, answer_s=0.1).poll(0)
 
 
-@pytest.mark.parametrize("header", [b"[]", b"{}", b"{", b'{"n": 3, "signals": 9, "seq": 4}'])
-def test_a_reply_that_is_none(tmp_path: Path, header: bytes) -> None:
+REPLY = {"boot_id": "0", "first": 0, "n": 0, "signals": 0, "seq": 0, "state": {}}
+NO_REPLIES = [b"[]", b"{}", b"{", b"[" * 30_000, json.dumps({**REPLY, "n": 3}).encode()] + [
+    json.dumps({**REPLY, key: value}).encode()
+    for key, value in (("boot_id", None), ("first", -1), ("n", -1), ("signals", True), ("seq", "1"), ("state", None))
+]
+
+
+@contextmanager
+def answering(folder: Path, header: bytes) -> Iterator[FeedClient]:
+    """Somebody at the place of a feed who says one thing once."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as other:
-        other.bind(str(tmp_path / "live.sock"))
+        other.bind(str(folder / "live.sock"))
         other.listen(1)
 
         def answer() -> None:
@@ -136,9 +146,20 @@ def test_a_reply_that_is_none(tmp_path: Path, header: bytes) -> None:
 
         thread = threading.Thread(target=answer)
         thread.start()
-        with pytest.raises(FeedGone):
-            FeedClient(tmp_path).poll(0)
+        yield FeedClient(folder)
         thread.join(WAIT_S)
+
+
+@pytest.mark.parametrize("header", NO_REPLIES, ids=range(len(NO_REPLIES)))
+def test_a_reply_that_is_none(tmp_path: Path, header: bytes) -> None:
+    with answering(tmp_path, header) as client, pytest.raises(FeedGone):
+        client.poll(0)
+
+
+def test_the_least_that_is_a_reply(tmp_path: Path) -> None:
+    with answering(tmp_path, json.dumps(REPLY).encode()) as client:
+        assert client.poll(0).header["state"] == {}
+        client.close()
 
 
 @pytest.mark.parametrize(
@@ -245,6 +266,25 @@ def watched(rig: HoldRig, folder: Path) -> Any:
     return context
 
 
+@pytest.mark.parametrize("kind", ["feed", "control"])
+def test_without_descriptors_it_does_not_spin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
+    tried = []
+
+    def accept(_: socket.socket) -> None:
+        tried.append(1)
+        raise OSError(errno.EMFILE, "too many open files")
+
+    monkeypatch.setattr(socket.socket, "accept", accept)
+    path = socket_path(tmp_path, LIVE)
+    server = FeedServer(path, HEAD, dict, three_points) if kind == "feed" else ControlServer(path, lambda *_: {}, CLOCK)
+    with connected(tmp_path):
+        until(lambda: len(tried) > 1)
+        before = len(tried)
+        CLOCK.sleep(0.5)
+        assert len(tried) - before < 20, "a thread that spins holds up the run"
+    server.close()
+
+
 def test_a_run_that_cannot_be_watched_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(folder: Path, what: str) -> Path:
         raise PermissionError("belongs to somebody else")
@@ -275,6 +315,16 @@ def test_an_error_inside_the_feed_is_said_once_and_is_no_concern_of_the_run(tmp_
         with pytest.raises(FeedGone):
             client.poll(0)
     assert len(rig.events("phase")) == 3
+
+
+def test_the_set_point_of_a_run_that_came_back_is_a_point(tmp_path: Path) -> None:
+    rig = HoldRig(tmp_path, 1)
+    context = watched(rig, tmp_path)
+    with live_feed(context, Following(context)) as feed:
+        context.event("reentry", target_degC=50.0, unit_degC=23.0, soaked=False, seconds=1.0)
+        context.event("reentry", target_degC=None, unit_degC=23.0, soaked=False, seconds=1.0)
+        assert [value for _, value in feed.points._changes["setpoint"]] == [50.0]
+        assert not feed.broken
 
 
 def test_a_long_path_gets_a_short_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

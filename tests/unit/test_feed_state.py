@@ -125,10 +125,18 @@ def test_standing_still_shifts_the_end_second_by_second() -> None:
     assert document["eta"]["likely_utc_s"] == pytest.approx(START_S + 5.0 + 1325.0 + 130.0)
 
 
+def test_a_release_says_which_step_stood_still_whatever_the_plan_has_now() -> None:
+    state = in_campaign()
+    assert what(state, 990.0) == "soak 50 degC"
+    state.on_event("hold", START_S + 5.0 + 990.0, {"step": 5, "by": "operator", "reason": "door"})
+    state.on_event("release", START_S + 5.0 + 1200.0, {"step": 5, "seconds": 210.0})
+    assert what(state, 1201.0) == "settle channel 1"
+
+
 def test_a_record_that_is_taken_back_does_not_count() -> None:
     state = in_campaign()
     state.on_event("record", START_S + 1035.0, RECORD)
-    state.on_record(1, START_S + 1035.0, {"channel": 1}, {"frames": 990, "lost": 10, "bad": 3, "flags": 4})
+    state.on_record(1, START_S + 1035.0, {"channel": 1}, {"frames": 990, "lost": 10, "bad": 3, "flags": ["over range"]})
     records = state.document(START_S + 1035.0)["records"]
     assert (records["done"], records["flagged"], len(records["last"])) == (1, 1, 1)
     assert records["last"][0]["lost"] == 10

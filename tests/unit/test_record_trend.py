@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from bench.record.trend_bench import BenchRows, setpoint_degC
 from bench.record.trend_format import FOLDER, sources_of
 from bench.record.trend_reader import TrendReader
 from bench.record.trend_rows import TrendRows, spread_ns
+from bench.replay.raw_window import _with_gaps
 
 SOURCES = sources_of(all_signals({"port_b": FRAMES["port_b"]}), {"port_b": FRAMES["port_b"]})
 NAMES = ["port_b.unit_temperature[2]", "port_b.supply_voltage"]
@@ -154,3 +157,14 @@ def test_frames_of_one_stamp_are_laid_back_and_never_overlap() -> None:
     stamps = np.array([100, 100, 100, 130, 130, 130, 130, 500], np.int64)
     assert spread_ns(stamps, 10, -1000).tolist() == [80, 90, 100, 109, 116, 123, 130, 500]
     assert spread_ns(stamps[:3], 10, 94).tolist() == [96, 98, 100]
+
+
+def test_frames_that_the_counter_misses_part_the_curve_of_single_readings() -> None:
+    batch: Any = SimpleNamespace(counter=np.array([5, 6, 9, 10]), message=SimpleNamespace(counter=object()))
+    values = np.array([[1.0, 10.0], [2.0, 20.0], [3.0, 30.0], [4.0, 40.0]])
+    rows = _with_gaps(batch, np.array([0, 10, 40, 50]), values)
+    assert rows.start_s.tolist() == [0, 10, 25, 40, 50]
+    assert np.isnan(rows.low[2]).all()
+    assert np.delete(rows.low, 2, axis=0).tolist() == values.tolist() == np.delete(rows.high, 2, axis=0).tolist()
+    batch.counter = np.arange(4)
+    assert not np.isnan(_with_gaps(batch, np.array([0, 10, 40, 50]), values).low).any()

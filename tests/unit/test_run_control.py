@@ -104,8 +104,9 @@ def test_pause_resume_abort_are_wishes_and_events(tmp_path: Path) -> None:
     [
         ({"command": "pause"}, "needs a reason"),
         ({"command": "pause", "reason": "  "}, "needs a reason"),
-        ({"command": "pause", "reason": 7}, "a reason is a text"),
-        ({"command": "pause", "reason": "x" * 501}, "a reason is a text"),
+        ({"command": "pause", "reason": 7}, "a reason is one line"),
+        ({"command": "pause", "reason": "x" * 501}, "a reason is one line"),
+        ({"command": "pause", "reason": "x\x1b[31mred"}, "a reason is one line"),
         ({"command": "resume"}, "not holding"),
         ({"command": "launch"}, "no command"),
         ({}, "no command"),
@@ -122,6 +123,13 @@ def test_what_cannot_be_done_is_refused_and_changes_nothing(
     refused = [(event["what"], event["ok"], event["text"]) for event in rig.events("control")]
     understood = words in ("needs a reason", "not holding")
     assert refused == ([(request_["command"], False, reply["error"])] if understood else [])
+
+
+def test_half_a_character_keeps_no_abort_back(tmp_path: Path) -> None:
+    rig, context, answering = controlled(tmp_path)
+    assert answering.answer({"command": "abort", "reason": "smoke \udcff"}, "me")["ok"]
+    assert context.stop.requested == "abort by me: smoke ?"
+    assert [event["reason"] for event in rig.events("control")] == ["smoke ?"]
 
 
 def test_a_run_that_ends_is_not_paused(tmp_path: Path) -> None:
@@ -221,6 +229,21 @@ def test_a_hundred_clients_with_garbage_do_nothing(tmp_path: Path) -> None:
         for client in clients:
             client.close()
     assert threading.active_count() <= before + 2
+
+
+def test_the_longest_reason_fits_in_any_script_and_a_longer_one_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with served(tmp_path) as (_, context):
+        assert command.pause(tmp_path, "\U0001f321" * 500) == ExitStatus.PASS
+        assert "\U0001f321" * 500 in context.stop.holds.reasons["operator"]
+        for reason, told in (("x" * 501, "at most 500 printable"), ("x" * 100_000, "too long: 100"), ("", "a reason")):
+            with pytest.raises(InputError, match=told) as caught:
+                command.pause(tmp_path, reason)
+            assert caught.value.code == "B-CTRL-002"
+            assert "--reason" in str(caught.value)
+        assert command.pause(tmp_path, " door\n\topened\u3000now ") == ExitStatus.PASS
+        assert context.stop.holds.reasons["operator"].startswith("door opened now (")
 
 
 def test_lines_may_come_in_pieces_and_together(tmp_path: Path) -> None:

@@ -123,8 +123,8 @@ def test_a_judge_that_does_not_start_is_an_event(tmp_path: Path) -> None:
 
 def test_the_judge_is_not_imported_by_the_run() -> None:
     words = judge_command(Path("a"), early())
-    assert words[1:3] == ["-m", "bench.commands.early"]
-    assert json.loads(words[4]) == {"max_lost": 0.001, "max_bad": 0.001, "max_dispersion": 5.0, "max_residual": 6.0}
+    assert words[1:4] == ["-P", "-m", "bench.commands.early"]
+    assert json.loads(words[5]) == {"max_lost": 0.001, "max_bad": 0.001, "max_dispersion": 5.0, "max_residual": 6.0}
 
 
 CAMPAIGN = Campaign.model_validate({

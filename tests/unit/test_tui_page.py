@@ -116,7 +116,7 @@ def test_the_most_important_comes_first_and_old_alarms_go() -> None:
     text = "\n".join(found)
     assert "port_b: adapter pulled" in text
     assert "long gone" not in text
-    assert "99.0 to 101.0" in text
+    assert "a value in ohm, 99 ohm to 101 ohm" in text
     assert "unit 71.2 degC, limit 70 degC" in text
 
 

@@ -67,6 +67,12 @@ def take(page: Page, name: str = "kim", role: str = OPERATOR, wanted: Any = True
     return page.post("/api/v1/operator", role, {"take": wanted}, name=name)
 
 
+def test_wide_and_hard_blanks_are_blanks(page: Page, run: Run) -> None:
+    take(page)
+    assert send(page, "pause", "blanks", reason="\u3000door\u00a0\u3000opened\u3000").status == 200
+    assert run.asked[-1]["reason"] == "door opened"
+
+
 def test_a_command_reaches_the_run_with_who_and_why(page: Page, run: Run) -> None:
     take(page)
     answer = send(page, "pause", reason=" door opened ")
@@ -211,6 +217,9 @@ WRONG = [
     {"command": "answer", "prompt": 1},
     {"command": "answer", "prompt": "1", "value": [1]},
     {"command": "answer", "prompt": "1", "value": 1e300},
+    {"command": "answer", "prompt": "1", "value": 10**400},
+    {"command": "answer", "prompt": "1", "value": float("nan")},
+    {"command": "answer", "prompt": "1", "value": float("-inf")},
 ]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,6 +23,7 @@ from bench.web.listing import READ_AT_ONCE, RunList, verdict_of
 from bench.web.partial import KEPT_IN_ALL, KEPT_PER_ROW, PartialFits, finished_estimates, joined
 from bench.web.past import Past
 from bench.web.refusal import Refusal
+from bench.web.trends import Trends
 
 GOOD = {"signals": "a.b,a.c,a.b", "t0": "1.5", "t1": "2.5", "n": "10"}
 
@@ -76,6 +78,24 @@ def test_a_report_that_leads_elsewhere_is_not_read(page: Page) -> None:
     assert page.ask("GET", "/api/v1/runs/20260102T030405Z_sample_7/report", page.cookie("viewer")).status == 404
 
 
+def test_a_pipe_or_a_link_in_a_session_holds_nobody_up(tmp_path: Path) -> None:
+    with served(tmp_path) as page:
+        out = page.serving.out
+        os.mkfifo(out / RUN / "report.html")
+        os.mkfifo(out / RUN / "results.json")
+        for name, make in (
+            ("pipe", os.mkfifo),
+            ("link", lambda path: path.symlink_to(out / RUN / "session.0001.mcap")),
+        ):
+            (out / name).mkdir()
+            (out / name / "session.0001.mcap").touch()
+            make(out / name / "session.0002.mcap")
+        listed = page.ask("GET", "/api/v1/runs", page.cookie("viewer")).json["runs"]
+        assert [row["run"] for row in listed] == [RUN]
+        for path in (f"{RUN}/report", "pipe", "link"):
+            assert page.ask("GET", f"/api/v1/runs/{path}", page.cookie("viewer")).status == 404
+
+
 def test_a_run_that_is_not_there_has_no_document(page: Page) -> None:
     with pytest.raises(Refusal) as refused:
         page.app.state.hub.folder("20000101T000000Z_gone")
@@ -122,6 +142,13 @@ def test_a_session_is_read_once_until_its_folder_changes(tmp_path: Path, monkeyp
     row = runs.rows()[0][0]
     assert (row["verdict"], row["uut"]["serial"], row["records"]["done"], row["state"]) == ("fail", "9", 5, "stopped")
     assert read[-1] == newest.name
+
+
+def test_a_folder_named_after_no_time_is_listed_without_one(tmp_path: Path) -> None:
+    for name in ("20260101T000067Z_x_1", "20261399T999999Z_x_1", "20260101T000001Z_x_1"):
+        write_sample(tmp_path / name, seconds=1)
+    rows, _ = RunList(tmp_path).rows()
+    assert sorted(row["started_utc_s"] is None for row in rows) == [False, True, True]
 
 
 def test_the_verdict_of_a_session_is_its_worst() -> None:
@@ -196,3 +223,31 @@ def test_a_trend_that_cannot_be_made_is_told(tmp_path: Path) -> None:
     with pytest.raises(Exception, match="cannot be made") as told:
         past.history(tmp_path / "s", ["port_a.npp[1]"], 0.0, 1e6, 10)
     assert getattr(told.value, "code", "") == "B-WEB-022"
+
+
+def test_processes_import_nothing_from_where_the_server_was_started(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """That folder may be one in which others can write."""
+    taken = tmp_path / "taken"
+    for name in ("json", "numpy"):
+        (tmp_path / f"{name}.py").write_text(f"open({str(taken)!r}, 'w')\n")
+    write_sample(tmp_path / "20260102T030405Z_sample_7", seconds=3)
+    monkeypatch.chdir(tmp_path)
+    folder, cache = tmp_path / "20260102T030405Z_sample_7", tmp_path / "cache"
+    assert Trends(cache).made(folder) is not None
+    asyncio.run(PartialFits(VirtualClock())._answer(folder))
+    assert list(cache.glob("*/*/trend/trend.json"))
+    assert not taken.exists()
+
+
+def test_a_recording_is_read_once_until_it_changes(tmp_path: Path) -> None:
+    folder = tmp_path / "20260102T030405Z_sample_7"
+    write_sample(folder, seconds=3)
+    past = Past(tmp_path / "cache")
+    first = past._read(folder)
+    assert past._read(folder) is first
+    (folder / "results.json").write_text("{}")
+    again = past._read(folder)
+    assert again is not first
+    assert past._read(folder) is again

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import socket
 import struct
@@ -13,12 +14,14 @@ from typing import Any
 import numpy as np
 import pytest
 from feed_stand_in import NAMES, T0, FeedStandIn
+from record_sample import write_sample
 from web_rig import RUN, Page, served
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from bench.model.clock import WallClock
 from bench.record.writer import OPEN_MARKER
+from bench.web.live import LiveRun
 
 
 @pytest.fixture
@@ -154,6 +157,40 @@ def test_a_run_whose_recording_is_closed_has_ended(page: Page, feed: FeedStandIn
         assert delta["patch"]["state"] == "ended"
 
 
+def test_results_that_come_after_the_end_take_the_place_of_those_so_far(tmp_path: Path) -> None:
+    """A run writes them some time after its recording is closed."""
+    results: list[dict[str, Any]] = []
+
+    async def gone(since: int, state: bool) -> Any:
+        raise AssertionError((since, state))
+
+    async def final() -> dict[str, Any]:
+        return {"state": "ended", "estimates": results[0] if results else None}
+
+    async def retries() -> list[Any]:
+        live = LiveRun(tmp_path, gone, WallClock(), lambda: {"operator": None, "estimates": {"records": 3}}, final)
+        seen = []
+        for number in range(4):
+            if number == 2:
+                results.append({"records": 7, "final": True})
+            await live._missed()
+            seen.append(live.room.state["estimates"]["records"])
+        return seen
+
+    assert asyncio.run(retries()) == [3, 3, 7, 7]
+
+
+def test_a_replay_has_the_results_of_the_session(page: Page) -> None:
+    folder = page.serving.out / "20000101T000000Z_sample_1"
+    write_sample(folder)
+    row = {"quantity": "dsf_n", "unit": "ppm", "conditions": {}, "value": 3.0, "std_uncertainty": 1.0}
+    (folder / "results.json").write_text(json.dumps({"estimates": [row], "quality": {"records": 7}}))
+    with watching(page, run=folder.name) as connection:
+        state = until(connection, "snapshot")["state"]
+    assert (state["source"], state["estimates"]["records"], state["estimates"]["final"]) == ("replay", 7, True)
+    assert state["estimates"]["rows"][0]["value"] == 3.0
+
+
 def test_a_run_that_is_not_there_closes_the_connection(page: Page) -> None:
     with watching(page, run="20000101T000000Z_nothing") as connection, pytest.raises(ConnectionClosed) as closed:
         until(connection, "snapshot")
@@ -193,5 +230,8 @@ def test_the_list_and_the_document_show_a_living_run(page: Page, feed: FeedStand
     assert (state["role"], state["progress"], state["operator"]) == ("operator", 0.1, None)
     page.post("/api/v1/operator", "operator", {"take": True})
     assert page.ask("GET", f"/api/v1/runs/{RUN}", page.cookie("viewer")).json["operator"]["name"] == "kim"
+    feed.state = {"state": "running", "signals": [], "boot_id": "x"}  # of a run of another version
+    row = page.ask("GET", "/api/v1/runs", page.cookie("viewer")).json["runs"][0]
+    assert (row["state"], row["records"]["done"]) == ("running", None)
     feed.close()
     assert page.ask("GET", "/api/v1/runs", page.cookie("viewer")).json["runs"][0]["state"] == "stopped"

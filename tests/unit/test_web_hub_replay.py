@@ -203,7 +203,7 @@ def test_it_stops_at_the_end(stage: Stage, session: Recording) -> None:
 @pytest.mark.parametrize(
     "said",
     [{"speed": 7}, {"speed": True}, {"speed": "10"}, {"at_utc_s": float("nan")}, {"at_utc_s": "x"}, {"playing": 1}, {},
-     {"speed": [1]}, {"at_utc_s": None}],
+     {"speed": [1]}, {"at_utc_s": None}, {"at_utc_s": float("inf")}, {"at_utc_s": True}],
 )  # fmt: skip
 def test_what_makes_no_sense_is_not_done(stage: Stage, said: dict[str, Any]) -> None:
     stage.play(12, {1: said})
@@ -215,6 +215,12 @@ def test_a_cursor_stays_inside_the_recording(stage: Stage) -> None:
     stage.play(4, {1: {"at_utc_s": 0.0}})
     assert stage.of("snapshot")[-1]["state"]["replay"]["at_utc_s"] == UTC_S + 10
     assert stage.of("snapshot")[-1]["points"]["n"] <= 600
+
+
+def test_a_whole_number_that_no_float_holds_is_the_end(stage: Stage, session: Recording) -> None:
+    stage.play(4, {1: {"at_utc_s": 10**400}})
+    assert stage.of("snapshot")[-1]["state"]["replay"]["at_utc_s"] == session.last_utc_s
+    assert len(stage.of("snapshot")) == 2
 
 
 def test_a_viewer_that_stands_still_holds_no_more_than_its_queue(stage: Stage) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,7 +18,7 @@ from starlette.routing import Route
 
 import bench.web
 from bench.model.texts import languages
-from bench.web import figures, pages
+from bench.web import figures, pages, runs
 
 HERE = Path(bench.web.__file__).parent
 ENGLISH = json.loads((HERE / "texts" / "en.json").read_text(encoding="utf-8"))
@@ -150,10 +151,13 @@ def client() -> Client:
     async def document(run: str) -> dict[str, Any]:
         return {"run": run, "graphs": GRAPHS, "signals": []}
 
+    async def work(task: Callable[..., Any], *arguments: Any) -> Any:
+        return task(*arguments)
+
     routes = [Route("/", pages.index), Route("/runs/{run}", pages.run_page), Route("/texts", pages.texts),
-              Route("/figures/{run}", figures.figures)]  # fmt: skip
+              Route("/figures/{run}", runs.figures)]  # fmt: skip
     app = Starlette(routes=routes)
-    app.state.hub = SimpleNamespace(document=document)
+    app.state.hub = SimpleNamespace(document=document, work=work)
     return Client(app)
 
 

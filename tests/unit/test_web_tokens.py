@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import stat
 from pathlib import Path
 
@@ -59,6 +60,18 @@ def test_a_file_that_others_may_use_is_refused_b_web_006(tmp_path: Path, wrong: 
     assert f"{wrong:04o}" in raised.value.message
     obtain_tokens(tmp_path / "a", rotate=True)
     assert mode(tmp_path / "a" / FILE) == 0o600
+
+
+def test_what_is_made_for_it_is_the_owners_alone_whatever_the_umask(tmp_path: Path) -> None:
+    before = os.umask(0)
+    try:
+        obtain_tokens(tmp_path / ".config" / "inertial-bench")
+        Audit(tmp_path / ".config" / "inertial-bench", VirtualClock()).write("login")
+    finally:
+        os.umask(before)
+    folder = tmp_path / ".config" / "inertial-bench"
+    assert [mode(one) for one in (folder.parent, folder)] == [0o700, 0o700]
+    assert {mode(one) for one in folder.iterdir()} == {0o600}
 
 
 def test_a_folder_that_others_may_change_is_refused(tmp_path: Path) -> None:

@@ -52,18 +52,17 @@ class FeedClient:
 
         Raises: FeedGone B-RUN-100 if nobody answers within 2 s, or not in the protocol.
         """
-        request = json.dumps({"since": since, "state": state}).encode() + b"\n"
         try:
             if self._connection is not None:
                 try:
-                    return self._exchange(self._connection, request)
+                    return self._exchange(self._connection, since, state)
                 except TimeoutError:
                     raise
                 except OSError:  # let go for being silent, or another run of the session answers by now
                     self.close()
             self._connection = self._connect()
-            return self._exchange(self._connection, request)
-        except (OSError, ValueError) as error:
+            return self._exchange(self._connection, since, state)
+        except (OSError, ValueError, RecursionError) as error:
             self.close()
             raise FeedGone(
                 "B-RUN-100",
@@ -88,12 +87,15 @@ class FeedClient:
             raise
         return connection
 
-    def _exchange(self, connection: socket.socket, request: bytes) -> FeedReply:
-        connection.sendall(request)
+    def _exchange(self, connection: socket.socket, since: int, state: bool) -> FeedReply:
+        connection.sendall(json.dumps({"since": since, "state": state}).encode() + b"\n")
         lengths = _LENGTHS.unpack(_exactly(connection, _LENGTHS.size))
         if sum(lengths) > LONGEST_REPLY:
             raise ValueError(f"a reply of {sum(lengths)} bytes")
-        return _understood(json.loads(_exactly(connection, lengths[0])), _exactly(connection, lengths[1]))
+        reply = _understood(json.loads(_exactly(connection, lengths[0])), _exactly(connection, lengths[1]))
+        if state and not isinstance(reply.header.get("state"), dict):
+            raise ValueError("no reply of the feed")
+        return reply
 
 
 def _exactly(connection: socket.socket, count: int) -> bytes:
@@ -107,7 +109,10 @@ def _exactly(connection: socket.socket, count: int) -> bytes:
 
 
 def _understood(header: Any, packed: bytes) -> FeedReply:
-    if not isinstance(header, dict) or not all(isinstance(header.get(name), int) for name in ("n", "signals", "seq")):
+    """Raises: ValueError for what no run of this protocol says."""
+    if not isinstance(header, dict) or not isinstance(header.get("boot_id"), str):
+        raise ValueError("no reply of the feed")
+    if not all(type(header.get(name)) is int and header[name] >= 0 for name in ("first", "n", "signals", "seq")):
         raise ValueError("no reply of the feed")
     n, signals = header["n"], header["signals"]
     times = np.frombuffer(packed, "<f8", n)

@@ -14,6 +14,7 @@ from typing import Any
 from bench.frame import LinkBatch
 from bench.frame.signals import all_signals
 from bench.model.clock import NS, WallClock, to_ns
+from bench.model.quality import Quality
 from bench.plan import Step
 from bench.plan.graph_language import graphs_of, names_in
 from bench.record import RecordRow
@@ -110,7 +111,8 @@ class LiveFeed:
     @_harmless
     def record(self, row: RecordRow) -> None:
         """A record is complete."""
-        counts = {"frames": row.frames, "lost": row.lost, "bad": row.bad, "flags": int(row.quality)}
+        flags = [str(flag.name).lower().replace("_", " ") for flag in Quality if flag & row.quality]
+        counts = {"frames": row.frames, "lost": row.lost, "bad": row.bad, "flags": flags}
         now_s = self._utc_s(self._context.clock.now_ns())
         self.state.on_record(row.window.number, now_s, row.window.conditions, counts)
 

@@ -37,7 +37,7 @@ class Records:
             self._retaken += 1
             self._withdraw(int(fields["record"]))
 
-    def on_record(self, number: int, t_utc_s: float, conditions: Mapping[str, Any], counts: Mapping[str, int]) -> None:
+    def on_record(self, number: int, t_utc_s: float, conditions: Mapping[str, Any], counts: Mapping[str, Any]) -> None:
         """What became of a record; its event came before."""
         if is_measurement(conditions):
             self._take(number, t_utc_s, conditions, counts)

@@ -100,7 +100,8 @@ class FeedServer:
     def _accept(self) -> None:
         try:
             connection, _ = self._listener.accept()
-        except OSError:  # gone again, or no descriptor is left
+        except OSError:  # gone again; or no descriptor is left, and whoever waits there would be tried without end
+            self._ended.wait(POLL_S)
             return
         if peer_of(connection) is None:
             connection.close()

@@ -106,7 +106,7 @@ class RunState:
         with self._lock:
             self._place.at_planned(phase, seconds)
 
-    def on_record(self, number: int, t_utc_s: float, conditions: Mapping[str, Any], counts: Mapping[str, int]) -> None:
+    def on_record(self, number: int, t_utc_s: float, conditions: Mapping[str, Any], counts: Mapping[str, Any]) -> None:
         """A record is complete: ``counts`` has frames, lost, bad and flags (bits of bench.model.quality)."""
         with self._lock:
             self._records.on_record(number, t_utc_s, conditions, counts)

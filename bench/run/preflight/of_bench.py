@@ -20,7 +20,7 @@ def guard(context: PreflightContext) -> Finding:
     """A process of its own can load what the guard needs: its program and the station's VISA library."""
     if context.in_process:
         return Finding("guard", Status.SKIPPED, "", "", "a bench inside this process ends with it")
-    words = (sys.executable, "-c", _START, context.station.file.visa)
+    words = (sys.executable, "-P", "-c", _START, context.station.file.visa)
     if context.host.output(words, GUARD_LIMIT_S) != "ready":
         text = "a new process cannot load the guard or the VISA library; reinstall the software"
         return Finding("guard", Status.FAIL, "does not start", f"in {GUARD_LIMIT_S:g} s", text)

@@ -2,7 +2,7 @@
 import { byId, icon, make, say } from "./dom.js";
 import { command, onMayCommand } from "./commands.js";
 import { mayCommand, page } from "./state.js";
-import { t, word } from "./texts.js";
+import { t, withCode, word } from "./texts.js";
 import { stamp } from "./time.js";
 
 const items = new Map();
@@ -33,7 +33,7 @@ export function showAlarms() {
     const one = item(alarm);
     one.element.classList.toggle("quiet", Boolean(alarm.acknowledged));
     say(one.time, stamp(alarm.t_utc_s, page.state.started_utc_s));
-    say(one.text, [alarm.code, alarm.text].filter(Boolean).join(" "));
+    say(one.text, withCode(alarm.code, alarm.text, " "));
     say(one.state, stateOf(alarm));
     one.button.hidden = Boolean(alarm.acknowledged) || page.state.source === "replay";
     one.button.disabled = !mayCommand();

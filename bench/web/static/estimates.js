@@ -57,14 +57,14 @@ function cellOf(key, row) {
 }
 
 export function showEstimates(everything = false) {
-  const { estimates = null, source } = page.state;
+  const { estimates = null } = page.state;
   if (shown !== undefined && estimates === shown && !everything) return;
   shown = estimates ?? null;
   const rows = estimates?.rows ?? [];
   byId("estimates-card").hidden = !estimates;
   if (!estimates) return;
   const when = stamp(estimates.t_utc_s, page.state.started_utc_s);
-  say(byId("estimates-when"), t(source === "replay" ? "estimate.of-session" : "estimate.when", { time: when, records: estimates.records ?? "\u2013" }));
+  say(byId("estimates-when"), t(estimates.final ? "estimate.of-session" : "estimate.when", { time: when, records: estimates.records ?? "\u2013" }));
   const columns = [["quantity", "fixed"], ["conditions", ""], ["value", "number"], ["uncertainty", "number"], ["unit", "fixed"], ["course", ""]]
     .map(([name, look]) => ({ head: t(`estimate.${name}`), class: look }));
   const keys = new Set();

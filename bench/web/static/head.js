@@ -1,7 +1,7 @@
 // The head of the page: what the run does, how far it is, and above all whether that is still true.
 import { byId, say, setIcon } from "./dom.js";
 import { age_s, ended, freshness, isReplay, page } from "./state.js";
-import { t, word } from "./texts.js";
+import { t, withCode, word } from "./texts.js";
 import { clock, duration, stamp } from "./time.js";
 
 /** State as shape and word; never that of a run nobody hears. */
@@ -19,7 +19,7 @@ function stepLine() {
   if (!step) return "";
   const place = t("status.step", { number: step.number, of: step.of });
   const now_s = page.t_s || page.state.t_utc_s;
-  const times = step.until_utc_s
+  const times = step.until_utc_s && page.state.state !== "ended"
     ? t("status.of", { gone: duration(now_s - step.since_utc_s), all: duration(step.until_utc_s - step.since_utc_s) }) : "";
   return [place, step.what, times, step.where].filter(Boolean).join(" \u00b7 ");
 }
@@ -42,7 +42,7 @@ function holdLine() {
 
 function outcomeLine() {
   const { outcome } = page.state;
-  return outcome ? [outcome.error, outcome.text].filter(Boolean).join(": ") : "";
+  return outcome ? withCode(outcome.error, outcome.text, ": ") : "";
 }
 
 function etaLine() {

@@ -19,8 +19,8 @@ export function showPrompt() {
   byId("show-prompt").hidden = !open;
   if (!open) { shown = null; byId("prompt").close(); return; }
   say(byId("prompt-text"), prompt.text);
-  say(byId("prompt-limits"), limits(prompt));
-  byId("prompt-field").hidden = Boolean(prompt.confirm);
+  say(byId("prompt-limits"), prompt.unit ? limits(prompt) : "");
+  byId("prompt-field").hidden = !prompt.unit;
   byId("prompt-form").querySelector(".main").disabled = !mayCommand();
   if (!mayCommand()) say(byId("prompt-trouble"), t("prompt.not-operator"));
   else if (byId("prompt-trouble").textContent === t("prompt.not-operator")) say(byId("prompt-trouble"), "");
@@ -31,12 +31,12 @@ export function showPrompt() {
   }
 }
 
-/** The value typed, or null and a word of what is wrong with it. The run checks it again. */
-function answer({ confirm, low, high }) {
-  if (confirm) return { value: true };
+/** The value typed, or what is wrong with it. A number is in the unit asked for; with a unit it is for the run to judge. */
+function answer({ unit, low, high }) {
+  if (!unit) return { value: true };
   const typed = byId("prompt-value").value.trim().replace(",", ".");
   const value = Number(typed);
-  if (!typed || !Number.isFinite(value)) return { trouble: t("prompt.no-number") };
+  if (!typed || !Number.isFinite(value)) return /^[-+.\d]/.test(typed) ? { value: typed } : { trouble: t("prompt.no-number") };
   if ((low ?? -Infinity) > value || value > (high ?? Infinity)) return { trouble: limits(page.state.prompt) };
   return { value };
 }

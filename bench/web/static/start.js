@@ -34,11 +34,17 @@ function sessions() {
   const rows = found.slice(0, shown).map((run) => ({
     key: run.run,
     cells: [stamp(run.started_utc_s), link(run), unitOf(run), word("state", run.state), word("verdict", run.verdict ?? "none"),
-      [run.records?.done, run.records?.planned].filter((one) => one !== null && one !== undefined).join(" / ")],
+      recordsOf(run)],
   }));
   fillTable(byId("sessions"), columns, rows, t(wanted.length ? "start.no-match" : "start.no-sessions"));
   say(byId("found"), t("start.found", { shown: rows.length, found: found.length }));
   byId("more").hidden = found.length <= shown;
+}
+
+/** Done and planned; what is not known is a dash, so that no planned number passes for a done one. */
+function recordsOf({ records }) {
+  const [done, planned] = [records?.done ?? null, records?.planned ?? null];
+  return done === null && planned === null ? "" : `${done ?? "\u2013"} / ${planned ?? "\u2013"}`;
 }
 
 function link(run) {

@@ -15,3 +15,8 @@ export function t(key, values = {}) {
 export function word(family, name) {
   return catalogue[`${family}.${name}`] ?? String(name ?? "");
 }
+
+/** A code and what it means; the text of an error begins with its code already. */
+export function withCode(code, text, between) {
+  return text?.startsWith(`error ${code}:`) ? text : [code, text].filter(Boolean).join(between);
+}

@@ -1,0 +1,131 @@
+"""A finished session on the same page: what a replay shows and does not offer, its history down to single readings."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from browser_rig import PageServer, until, visiting
+from playwright.sync_api import Browser, Page
+
+ZOOM_MS = 300
+FIRST_PLOT_MS = 2000
+ATTEMPTS = 3  # another process of the machine may be in the way once
+SMALL = {"width": 800, "height": 600}
+COMMANDS = ("pause", "resume", "abort", "take", "give")
+# From the end of a drag to the frame in which its data are drawn.
+WATCH = """() => {
+  const at = document.querySelector("figure.graph.wide:last-of-type p.bucket");
+  window.zoomed = [];
+  let since = null;
+  addEventListener("pointerup", () => { since = performance.now(); }, true);
+  new MutationObserver(() => {
+    if (since === null) return;
+    const began = since;
+    since = null;
+    requestAnimationFrame(() => requestAnimationFrame(() => window.zoomed.push(performance.now() - began)));
+  }).observe(at, { childList: true, subtree: true, characterData: true });
+}"""
+DRAWN = """async () => {
+  const { page } = await import("/static/state.js");
+  const drawn = () => page.history?.card.figure?.rows.n > 100;
+  while (!drawn()) await new Promise(requestAnimationFrame);
+  await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+  return performance.now();
+}"""
+
+
+def recorded(server: PageServer, sequence: str) -> str:
+    """A finished session in the folder of the server, by name."""
+    command = [sys.executable, "-m", "bench", "run", sequence, "--seed", "1", "--out", str(server.out)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return next(path.name for path in server.out.glob(f"2000*_{sequence}_*") if path.is_dir())
+
+
+@pytest.fixture(scope="module")
+def finished(server: PageServer) -> str:
+    return recorded(server, "scale_factor_short")
+
+
+def history(page: Page) -> str:
+    """What the graph of the history says about what it draws."""
+    return page.locator("figure.graph.wide").last.locator("p.bucket").inner_text()
+
+
+def drag(page: Page, part: float) -> None:
+    """Zoom into so much of what the history shows, from its middle on, as one does with a mouse."""
+    plot = page.locator("figure.graph.wide").last.locator(".plot")
+    plot.scroll_into_view_if_needed()
+    before, box = history(page), plot.bounding_box()
+    assert box is not None
+    left, width = box["x"] + 70, box["width"] - 80  # inside the axes
+    height = box["y"] + box["height"] / 2
+    for _ in range(ATTEMPTS):  # a page that is busy takes a drag that is over in no time for a click
+        page.mouse.move(left + width * 0.4, height)
+        page.mouse.down()
+        for share in (0.5, 1.0):
+            page.mouse.move(left + width * (0.4 + part * share), height)
+        page.mouse.up()
+        for _ in range(50):
+            if history(page) != before:
+                return
+            page.wait_for_timeout(100)
+    raise AssertionError("dragging does not zoom")
+
+
+def zoom_to_readings(page: Page, parts: tuple[float, ...]) -> list[float]:
+    """Drag again and again, to single readings; the time of each until it is drawn, ms."""
+    until(page, lambda: "of each" in history(page), "the history of the whole session")
+    page.evaluate(WATCH)
+    for number, part in enumerate(parts):
+        drag(page, part)
+        until(page, lambda count=number + 1: len(page.evaluate("window.zoomed")) >= count, "drawn")
+    assert history(page).startswith("single readings")
+    return [float(one) for one in page.evaluate("window.zoomed")]
+
+
+def test_a_replay_offers_no_command(browser: Browser, server: PageServer, finished: str, screenshots: Path) -> None:
+    with visiting(browser, server, "operator") as visitor:
+        page = visitor.open_run(finished)
+        assert page.inner_text("#replay-band").startswith("REPLAY")
+        assert "SIMULATED" in page.inner_text("header.bar")
+        assert page.is_visible("#watermark")
+        assert page.is_hidden("#commands")
+        assert all(page.is_hidden(f"#{name}") for name in COMMANDS)
+        rows = page.locator("#estimates tbody tr")
+        until(page, lambda: rows.count() > 3, "results")
+        assert re.search(r"dsf_n.*ppm", rows.first.inner_text().replace("\n", " "))
+        page.screenshot(path=screenshots / "replay.png", full_page=True)
+        print("zoom to raw, ms:", [round(one) for one in zoom_to_readings(page, (0.03, 0.04))])
+        page.screenshot(path=screenshots / "replay-raw.png", full_page=True)
+        at = page.inner_text("#replay-at")
+        page.click("#replay-play")
+        page.select_option("#replay-speed", "1000")
+        until(page, lambda: page.inner_text("#replay-at") != at, "a replay that goes on")
+        assert page.is_visible("#replay-band")
+        assert page.is_hidden("#commands")
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("sequence", ["scale_factor_38h", "bias_ramp_25h"])
+def test_whole_campaigns_are_drawn_at_once(browser: Browser, server: PageServer, sequence: str) -> None:
+    """25 h and 38 h, ten channels: first plot from the request for the page on; each zoom 38 h, 1 h, 1 min, raw."""
+    name = recorded(server, sequence)
+    first, zoomed = [], []
+    for _ in range(ATTEMPTS):
+        with visiting(browser, server, "viewer") as visitor:
+            page = visitor.page
+            page.goto(f"{server.origin}/runs/{name}", wait_until="domcontentloaded")
+            first.append(float(page.evaluate(DRAWN)))
+            page.wait_for_timeout(2000)
+            zoomed.append(zoom_to_readings(page, (1 / 38, 1 / 60, 1 / 4)))
+    print(sequence, "first plot, ms:", [round(one) for one in first])
+    print(sequence, "zooms, ms:", [[round(one) for one in row] for row in zoomed])
+    shutil.rmtree(server.out / name)
+    assert min(first) < FIRST_PLOT_MS
+    assert max(map(min, zip(*zoomed, strict=True))) < ZOOM_MS
