@@ -7,6 +7,7 @@ and no level of detail: BokehJS would leave out readings while a figure is dragg
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from bokeh.embed import json_item
@@ -124,11 +125,14 @@ def _add_zoom(plot: Plot) -> None:
 def run_figures(state: dict[str, Any]) -> dict[str, Any]:
     """Figures of one run from its state document: graphs, temperature, history, and how they look in both themes."""
     graphs = state.get("graphs") or []
-    plots = [
-        line_plot(f"graph-{index}", str(graph["unit"]), min(CURVES, len(graph["signals"])))
-        for index, graph in enumerate(graphs)
-    ]
-    most = max([min(CURVES, len(graph["signals"])) for graph in graphs], default=1)
+    return _figures(tuple((str(graph["unit"]), min(CURVES, len(graph["signals"]))) for graph in graphs))
+
+
+@lru_cache(maxsize=32)
+def _figures(graphs: tuple[tuple[str, int], ...]) -> dict[str, Any]:
+    """Figures for graphs of given units and numbers of curves; making them takes a quarter of a second."""
+    plots = [line_plot(f"graph-{index}", unit, curves) for index, (unit, curves) in enumerate(graphs)]
+    most = max((curves for _, curves in graphs), default=1)
     return {
         "graphs": [json_item(plot) for plot in plots],
         "temperature": json_item(line_plot("temperature", "°C", 3)),

@@ -132,7 +132,7 @@ def resume_after_kill(page: Page, server: PageServer) -> float:
     assert {badge for badge, _, _ in gone} == {"NOT CONNECTED"}
     assert all("RUNNING" not in title for _, title, _ in gone)
     started_ms = page.evaluate("() => Date.now()")
-    until(page, lambda: word(page) == "RUNNING", "RUNNING again")
+    until(page, lambda: page.evaluate("() => window.samples.at(-1)[0]") == "RUNNING", "RUNNING again")
     assert page.evaluate("() => window.sameDocument"), "the page was loaded again"
     words = page.evaluate("() => window.samples.map((one) => one[0])")
     first = words.index("NOT CONNECTED")
