@@ -3,6 +3,7 @@
 from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch
 from bench.frame.catalogue import CATALOGUE, CrcModel, find_model
 from bench.frame.checksums import CHECKSUMS, Check
+from bench.frame.commands import CommandLayout, PayloadLayout
 from bench.frame.crc import Crc
 from bench.frame.cumulative import CumulativeCount, Increments
 from bench.frame.definition import Decoder, FrameDefinition, load_frame, parse_frame
@@ -14,6 +15,7 @@ __all__ = [
     "CATALOGUE",
     "CHECKSUMS",
     "Check",
+    "CommandLayout",
     "Crc",
     "CrcModel",
     "CumulativeCount",
@@ -28,6 +30,7 @@ __all__ = [
     "LinkCounts",
     "LinkDecoder",
     "MessageBatch",
+    "PayloadLayout",
     "decode_file",
     "find_model",
     "frame_schema",

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 
 from bench.frame.catalogue import ALIASES, CATALOGUE, CrcModel, find_model
 from bench.frame.checksums import CHECKSUMS, Check
+from bench.frame.commands import CommandLayout
+from bench.frame.compile_commands import compile_commands
 from bench.frame.compile_fields import place_fields
 from bench.frame.crc import Crc
 from bench.frame.layout import Field, Layout, Message
@@ -27,7 +29,7 @@ class _Compiler:
     def fail(self, code: str, path: Path_, message: str, next_step: str) -> None:
         self.errors.append(InputError(code, message, where=self.document.where(path), next_step=next_step))
 
-    def build(self) -> Layout:
+    def build(self) -> tuple[Layout, dict[str, CommandLayout]]:
         spec = self.spec
         common = place_fields(spec.fields, ("fields",), (), len(spec.sync), spec.endian, self.fail)
         check = self._check(spec.crc)
@@ -35,8 +37,14 @@ class _Compiler:
         type_field = self._reference("type", spec.type.field if spec.type else None, common)
         messages = self._messages(common, check.size, type_field)
         self._check_lengths(messages, check.size)
+        commands = compile_commands(spec, messages, self.fail)
         if self.errors:
             raise InputErrors(self.errors)
+        return self._layout(common, messages, check, length_field, type_field), commands
+
+    def _layout(self, common: list[Field], messages: list[Message], check: Check, length_field: Field | None,
+                type_field: Field | None) -> Layout:  # fmt: skip
+        spec = self.spec
         pattern = bytes(spec.sync)
         for field in messages[0].fields if len(messages) == 1 else common:
             if field.constant is None:
@@ -56,6 +64,7 @@ class _Compiler:
             type_field=type_field,
             shared_counter=bool(spec.messages) and any(field.counter for field in common),
             rate_Hz=spec.rate,
+            silence_s=spec.silence,
         )
 
     def _reference(self, key: str, name: str | None, common: Sequence[Field]) -> Field | None:
@@ -163,9 +172,9 @@ class _Compiler:
         return Crc(model)
 
 
-def compile_frame(document: Document[FrameSpec]) -> Layout:
-    """Compile a frame file.
+def compile_frame(document: Document[FrameSpec]) -> tuple[Layout, dict[str, CommandLayout]]:
+    """Compile a frame file: the layout of its frames, and its commands by name.
 
-    Raises: InputErrors (B-FRAME-001 to 010) with every mistake found, each with its position.
+    Raises: InputErrors (B-FRAME-001 to 010, 014) with every mistake found, each with its position.
     """
     return _Compiler(document).build()

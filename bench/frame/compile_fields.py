@@ -62,7 +62,11 @@ def _field(spec: FieldSpec, where: Path_, offset: int, endian: str, fail: Fail) 
         per=spec.per or "",
     )
     bits = _bits(spec, field, where, fail)
-    return replace(field, bits=bits, constant=_constant(spec, field, where, fail))
+    constant = _written("constant", spec.constant, field, where, fail)
+    default = _written("default", spec.default, field, where, fail)
+    if constant is not None and default is not None:
+        fail("B-FRAME-005", (*where, "default"), f"{spec.name}: a constant needs no default", "remove one of them")
+    return replace(field, bits=bits, constant=constant, default=default)
 
 
 def _check_options(spec: FieldSpec, kind: str, where: Path_, fail: Fail) -> None:
@@ -79,7 +83,7 @@ def _check_options(spec: FieldSpec, kind: str, where: Path_, fail: Fail) -> None
         refuse("count", "only bytes can have the count 'rest'")
     if kind != "u":
         for key in ("bits", "per"):
-            if getattr(spec, key) is not None:
+            if getattr(spec, key) not in (None, "sample"):
                 refuse(key, f"{key!r} needs an unsigned integer, not {spec.type}")
     if spec.scale == 0:
         refuse("scale", "the scale must not be 0")
@@ -107,8 +111,8 @@ def _bits(spec: FieldSpec, field: Field, where: Path_, fail: Fail) -> dict[str, 
     return spans
 
 
-def _constant(spec: FieldSpec, field: Field, where: Path_, fail: Fail) -> bytes | None:
-    value = spec.constant
+def _written(key: str, value: int | str | None, field: Field, where: Path_, fail: Fail) -> bytes | None:
+    """Bytes of a constant or a default as they stand on the wire."""
     if value is None:
         return None
     found: bytes | None = None
@@ -120,7 +124,8 @@ def _constant(spec: FieldSpec, field: Field, where: Path_, fail: Fail) -> bytes 
         except OverflowError:
             found = None
     if found is None or len(found) != field.length or not found:
+        kind = "bytes" if field.kind == "b" else f"{field.kind}{8 * field.size}"
         advice = "a whole number for a single integer, hex text of the full length for bytes"
-        fail("B-FRAME-005", (*where, "constant"), f"{spec.name}: {value!r} does not fit {spec.type}", advice)
+        fail("B-FRAME-005", (*where, key), f"{field.name}: the {key} {value!r} does not fit {kind}", advice)
         return None
     return found

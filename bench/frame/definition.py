@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame.batch import FrameBatch, FrameCounts
+from bench.frame.commands import CommandLayout, canonical_commands
 from bench.frame.compile import compile_frame
 from bench.frame.crc import require_fast_crc
 from bench.frame.encode import encode_frame, encode_rows
@@ -34,6 +35,9 @@ class Decoder(Protocol):
     def feed(self, chunk: bytes) -> FrameBatch:
         """Decode what can be decided; the undecided tail waits for the next feed."""
 
+    def give_up(self, before: int) -> FrameBatch:
+        """Reject what was begun before the stream offset ``before`` and is not whole yet; the search goes on behind."""
+
     def finish(self) -> FrameBatch:
         """End of the stream: decide the tail."""
 
@@ -42,7 +46,8 @@ class FrameDefinition:
     """A compiled frame file.
 
     Attributes: name; text (the YAML); sha256 of the canonical compiled definition (two texts that mean the same have
-    the same hash); rate_Hz (None if the file states none); messages (names; "frame" where there is only one kind).
+    the same hash); rate_Hz (None if the file states none); messages (names; "frame" where there is only one kind);
+    commands (layouts of their payloads by name, empty if the file states none).
     """
 
     def __init__(self, document: Document[FrameSpec]) -> None:
@@ -50,11 +55,15 @@ class FrameDefinition:
         self.name = document.model.frame
         self.title = document.model.title or self.name
         self.text = document.text
-        self.layout: Layout = compile_frame(document)
+        compiled: tuple[Layout, Mapping[str, CommandLayout]] = compile_frame(document)
+        self.layout, self.commands = compiled
         check_golden(document, self.layout)
         self.rate_Hz = self.layout.rate_Hz
         self.messages = tuple(message.name for message in self.layout.messages)
-        content = json.dumps(self.layout.canonical(), sort_keys=True, separators=(",", ":"))
+        meaning = self.layout.canonical()
+        if self.commands:
+            meaning["commands"] = canonical_commands(list(self.commands.values()))
+        content = json.dumps(meaning, sort_keys=True, separators=(",", ":"))
         self.sha256 = hashlib.sha256(content.encode()).hexdigest()
 
     def message(self, name: str = "frame") -> Message:
@@ -65,6 +74,10 @@ class FrameDefinition:
         advice = f"use one of: {', '.join(self.messages)}"
         raise InputError("B-FRAME-023", f"{self.name} has no message {name!r}", where=self.name, next_step=advice)
 
+    def command_of(self, code: int) -> CommandLayout | None:
+        """The command with that code, None if there is none."""
+        return next((one for one in self.commands.values() if one.code == code), None)
+
     def decoder(self, engine: Engine = "numpy") -> Decoder:
         """A fresh decoder at the start of a stream."""
         return NumpyDecoder(self.layout) if engine == "numpy" else ReferenceDecoder(self.layout)
@@ -74,7 +87,7 @@ class FrameDefinition:
 
         Args:
             columns: raw values by field, (n,) or (n, count), or one value for all; named bits as "field.bits".
-                Length, type, constants and check are filled in.
+                Length, type, constants, defaults and check are filled in.
             n: number of frames.
         Returns: (n, length) uint8.
         Raises: InputError B-FRAME-020 (missing, wrong shape), 021 (does not fit), 022 (unknown), 023 (no message).

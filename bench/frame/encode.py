@@ -75,7 +75,7 @@ def _with_automatic(layout: Layout, message: Message, columns: Mapping[str, Any]
 def _taken(columns: Mapping[str, Any], name: str, message: Message) -> Any:
     if name not in columns:
         text = f"the message {message.name!r} needs a value for {name!r}"
-        raise InputError("B-FRAME-020", text, where=_WHERE, next_step="give every field that is not constant")
+        raise InputError("B-FRAME-020", text, where=_WHERE, next_step="give every field without constant or default")
     return columns[name]
 
 
@@ -83,14 +83,14 @@ def _put(rows: NDArray[np.uint8], item: Field, given: Mapping[str, Any], count: 
     target = rows[:, item.offset : item.offset + item.length]
     if item.name in given:
         values = np.asarray(given[item.name])
-    elif item.constant is not None:
-        target[:] = np.frombuffer(item.constant, np.uint8)
+    elif (fixed := item.constant or item.default) is not None:
+        target[:] = np.frombuffer(fixed, np.uint8)
         return
     elif item.bits and any(f"{item.name}.{part}" in given for part in item.bits):
         values = _join_bits(item, given)
     else:
         text = f"no value for the field {item.name!r}"
-        raise InputError("B-FRAME-020", text, where=_WHERE, next_step="give every field that is not constant")
+        raise InputError("B-FRAME-020", text, where=_WHERE, next_step="give every field without constant or default")
     if item.kind == "b" and values.dtype.kind == "S":
         values = np.frombuffer(bytes(given[item.name]), np.uint8)
     elements = 1 if item.count is None else item.count

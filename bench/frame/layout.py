@@ -33,6 +33,7 @@ class Field:
     per: str = ""
     bits: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     constant: bytes | None = None
+    default: bytes | None = None
 
     @property
     def length(self) -> int:
@@ -110,6 +111,7 @@ class Layout:
     type_field: Field | None
     shared_counter: bool
     rate_Hz: float | None
+    silence_s: float | None = None
 
     @property
     def fixed(self) -> bool:
@@ -120,6 +122,7 @@ class Layout:
         """JSON-able content that decides how bytes become numbers; hashed into every session."""
         check = self.check
         model = getattr(check, "model", None)
+        silence = {} if self.silence_s is None else {"silence_s": self.silence_s}
         return {
             "sync": self.sync.hex(),
             "check": check.name if model is None else [model.width, *_numbers(model)],
@@ -129,6 +132,7 @@ class Layout:
             "type": None if self.type_field is None else self.type_field.name,
             "rate_Hz": self.rate_Hz,
             "messages": [_message_content(message) for message in self.messages],
+            **silence,
         }
 
 
@@ -141,14 +145,15 @@ def _message_content(message: Message) -> dict[str, Any]:
         "name": message.name,
         "type_value": message.type_value,
         "cover": [message.cover_start, message.cover_stop],
-        "fields": [_field_content(item) for item in message.fields],
+        "fields": [field_content(item) for item in message.fields],
     }
 
 
-def _field_content(item: Field) -> list[Any]:
+def field_content(item: Field) -> list[Any]:
+    """JSON-able content of a field; what was added to the language later stands there only where it is used."""
     bits = {name: list(span) for name, span in item.bits.items()}
     constant = None if item.constant is None else item.constant.hex()
     return [
         item.name, item.kind, item.size, item.count, item.offset, item.big, item.scale, item.shift, item.unit,
-        item.counter, item.per, bits, constant,
+        item.counter, item.per, bits, constant, *([] if item.default is None else [item.default.hex()]),
     ]  # fmt: skip

@@ -42,7 +42,11 @@ class NumpyDecoder:
         """End of the stream: candidates whose bytes never came are no frames."""
         return self._run(self._tail, final=True)
 
-    def _run(self, stream: bytes, final: bool) -> FrameBatch:
+    def give_up(self, before: int) -> FrameBatch:
+        """Reject what was begun before the stream offset ``before`` and is not whole yet, byte by byte."""
+        return self._run(self._tail, final=False, before=before - self._position)
+
+    def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
         buffer = np.frombuffer(stream, np.uint8)
         layout = self._layout
         window = max(_WINDOW_BYTES, 4 * layout.max_length)
@@ -58,7 +62,7 @@ class NumpyDecoder:
                 if rows and good == rows:
                     continue
             stop = min(len(buffer), at + window)
-            part = self._scanner.scan(buffer, at, stop, final and stop == len(buffer))
+            part = self._scanner.scan(buffer, at, stop, final and stop == len(buffer), before - at)
             self._damaged = len(part.bad) > 0
             found.append(part)
             bad.append(part.bad)

@@ -1,7 +1,7 @@
 """The reference engine: one byte at a time, plain Python. It is the oracle of the vectorised engine.
 
-At each position: no sync -> one byte on; sync but not all bytes there -> wait; check, length or type wrong -> count
-one rejected candidate, one byte on; else accept the frame and go on behind it.
+At each position: no sync -> one byte on; sync but not all bytes there -> wait, unless the line has been silent since;
+check, length or type wrong -> count one rejected candidate, one byte on; else accept the frame and go on behind it.
 """
 
 from __future__ import annotations
@@ -34,13 +34,18 @@ class ReferenceDecoder:
         """End of the stream: candidates whose bytes never came are no frames."""
         return self._run(self._tail, final=True)
 
-    def _run(self, stream: bytes, final: bool) -> FrameBatch:
+    def give_up(self, before: int) -> FrameBatch:
+        """Reject what was begun before the stream offset ``before`` and is not whole yet, byte by byte."""
+        return self._run(self._tail, final=False, before=before)
+
+    def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
         found: dict[str, list[tuple[int, bytes]]] = {message.name: [] for message in self._layout.messages}
         bad: list[int] = []
         at = 0
         pattern = self._layout.pattern
         while at < len(stream):
-            if len(stream) - at < len(pattern) and not final:
+            may_wait = not final and self._position + at >= before
+            if len(stream) - at < len(pattern) and may_wait:
                 break
             if stream[at : at + len(pattern)] != pattern:
                 at += 1
@@ -48,8 +53,10 @@ class ReferenceDecoder:
                 continue
             length, message = self._measure(stream, at)
             if length is None or at + length > len(stream):
-                if not final:
+                if may_wait:
                     break
+                if not final:
+                    bad.append(self._position + at)
             elif message is not None and self._passes(stream[at : at + length], message):
                 found[message.name].append((at, stream[at : at + length]))
                 at += length

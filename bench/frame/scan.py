@@ -42,8 +42,11 @@ class Scanner:
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
 
-    def scan(self, buffer: NDArray[np.uint8], at: int, stop: int, final: bool) -> Found:
-        """Decode buffer[at:stop] as the reference engine would; ``final``: nothing will follow."""
+    def scan(self, buffer: NDArray[np.uint8], at: int, stop: int, final: bool, before: int = 0) -> Found:
+        """Decode buffer[at:stop] as the reference engine would; ``final``: nothing will follow.
+
+        What begins among the first ``before`` bytes and is not whole is rejected: a tail, shorter than a frame, is due.
+        """
         window = buffer[at:stop]
         candidates = _find(window, self._layout.pattern)
         length, message = self._measure(window, candidates)
@@ -51,8 +54,8 @@ class Scanner:
         valid = np.zeros(len(candidates), np.bool_)
         for index, item in enumerate(self._layout.messages):
             self._check(window, candidates, length, complete & (message == index), item, valid)
-        waiting = (length == _UNKNOWN) | ((length > 0) & ~complete)
-        last = len(window) if final else max(len(window) - len(self._layout.pattern) + 1, 0)
+        waiting = ((length == _UNKNOWN) | ((length > 0) & ~complete)) & (candidates >= before)
+        last = len(window) if final else max(len(window) - len(self._layout.pattern) + 1, min(before, len(window)), 0)
         events = np.flatnonzero(valid if final else valid | waiting)
         taken, position = _serve(candidates, length, waiting, events, last)
         accepted = candidates[taken]

@@ -27,7 +27,8 @@ class FieldSpec(StrictModel):
 
     ``count`` makes an array; for ``bytes`` it is the length, or "rest" for everything up to the check.
     Physical value = raw * scale + offset, in ``unit``. ``constant`` fixes the value: right behind the sync bytes it
-    extends the sync pattern, elsewhere a frame that differs is marked suspect.
+    extends the sync pattern, elsewhere a frame that differs is marked suspect. ``default`` is the raw value that the
+    encoder writes where the caller gives none; the decoder ignores it.
     """
 
     name: Name
@@ -38,9 +39,10 @@ class FieldSpec(StrictModel):
     offset: Number | None = None
     unit: Annotated[str, StringConstraints(min_length=1, max_length=20)] | None = None
     role: Literal["counter"] | None = None
-    per: Literal["frame", "cumulative"] | None = None
+    per: Literal["frame", "cumulative", "sample"] | None = None
     bits: dict[str, Annotated[int, Limits(strict=True)] | str] | None = None
     constant: Annotated[int, Limits(strict=True)] | str | None = None
+    default: Annotated[int, Limits(strict=True)] | str | None = None
 
 
 class CheckSpec(StrictModel):
@@ -84,18 +86,33 @@ class MessageSpec(StrictModel):
     expect: Annotated[dict[str, Any], Limits(min_length=1)]
 
 
+class CommandSpec(StrictModel):
+    """What a command carries, and its answer behind the status byte; ``timeout``: how long the unit may take."""
+
+    code: Byte
+    timeout: Annotated[float, *quantity("s", low=1e-3, high=3600.0)] = 0.2
+    request: tuple[FieldSpec, ...] = ()
+    answer: tuple[FieldSpec, ...] = ()
+
+
 class FrameSpec(StrictModel):
-    """A frame file: either ``fields`` with one ``golden``, or common ``fields``, ``type`` and ``messages``."""
+    """A frame file: either ``fields`` with one ``golden``, or common ``fields``, ``type`` and ``messages``.
+
+    ``silence``: a frame that was begun before a longer pause of the line, and that is not whole when the line speaks
+    again, is given up. ``commands``: what the payloads of the messages ``command`` and ``answer`` mean.
+    """
 
     frame: Annotated[str, StringConstraints(pattern=r"^[a-z0-9_]+$", max_length=60)]
     title: str | None = None
     endian: Endian
     sync: Annotated[list[Byte], Limits(min_length=1, max_length=16)]
     rate: Annotated[float, *quantity("Hz", low=1e-6, high=1e6)] | None = None
+    silence: Annotated[float, *quantity("s", low=1e-3, high=60.0)] | None = None
     fields: Annotated[list[FieldSpec], Limits(min_length=1, max_length=1000)]
     length: LengthSpec | None = None
     type: TypeSpec | None = None
     messages: dict[Name, MessageSpec] | None = None
+    commands: dict[Name, CommandSpec] | None = None
     crc: CheckSpec
     golden: str | None = None
     expect: Annotated[dict[str, Any], Limits(min_length=1)] | None = None

@@ -22,7 +22,7 @@ from bench.model.errors import InputError
 BENCH = "bench"
 BENCH_FIELDS = ("air", "unit", "setpoint")
 MOST_SIGNALS = 200
-_ASKED = ("command", "answer")  # messages that come when somebody asks, not by themselves
+_ASKED = ("command", "answer", "refusal")  # messages that come when somebody asks, not by themselves
 _FLOAT_DECIMALS = 4
 _MOST_DECIMALS = 9
 _NAME = re.compile(r"([a-z0-9_]+)\.([a-z0-9_]+)(?:-([a-z0-9_]+))?(?:\[(\d{1,4})(?:\.\.(\d{1,4}))?\])?")
@@ -78,9 +78,9 @@ def signal_of(name: str, frames: Mapping[str, FrameDefinition]) -> Signal:
 def all_signals(frames: Mapping[str, FrameDefinition], wanted: Sequence[str] = ()) -> tuple[Signal, ...]:
     """Every number of the frames that stream, then what else is wanted (differences), then those of the bench.
 
-    Left out: messages that answer, counters, bytes, constants, and fields of bits. Of a field that several messages of
-    a link have, the first one counts. Where there are more than ``MOST_SIGNALS`` only those wanted and those of the
-    bench remain. The order is that of the links' names, then of the wire.
+    Left out: messages that answer, counters, bytes, constants, defaults, codes of commands, and fields of bits. Of a
+    field that several messages of a link have, the first one counts. Where there are more than ``MOST_SIGNALS`` only
+    those wanted and those of the bench remain. The order is that of the links' names, then of the wire.
 
     Raises: InputError B-FRAME-024 for a wanted name that is none.
     """
@@ -178,11 +178,13 @@ def _of_link(link: str, definition: FrameDefinition) -> Iterator[Signal]:
 def _numbers(definition: FrameDefinition) -> Iterator[tuple[Message, Field]]:
     """Messages that stream, with the fields that are numbers a person would look at."""
     framing = {item.name for item in (definition.layout.length_field, definition.layout.type_field) if item is not None}
+    framing |= {"command"} if definition.commands else set()
     for message in definition.layout.messages:
         if message.name in _ASKED or message.rest is not None:
             continue
         for item in message.fields:
             plain = item.kind != "b" and item.constant is None and not item.counter and not item.bits
+            plain = plain and item.default is None  # addresses and the like, which the encoder fills in
             if plain and item.name not in framing:
                 yield message, item
 

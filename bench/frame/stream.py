@@ -9,9 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame.batch import MessageBatch
+from bench.frame.batch import FrameBatch, MessageBatch
 from bench.frame.counter import CounterUnwrapper
 from bench.frame.definition import Engine, FrameDefinition
+from bench.model.clock import NS
+
+_Chunk = tuple[int, bytes]  # receive stamp in ns, bytes
 
 
 @dataclass(frozen=True)
@@ -47,12 +50,20 @@ class LinkBatch:
 
 
 class LinkDecoder:
-    """Decoder of one link. ``push`` only queues and may be called from the reading thread; ``flush`` decodes."""
+    """Decoder of one link. ``push`` only queues and may be called from the reading thread; ``flush`` decodes.
+
+    Where the definition states a ``silence``, a frame that was begun before a longer pause between two chunks, and
+    that the chunk behind the pause does not complete, is given up: a false length cannot keep the decoder waiting.
+    Only the stamps of the chunks count, so the same chunks give the same frames later, however they are flushed.
+    """
 
     def __init__(self, definition: FrameDefinition, engine: Engine = "numpy") -> None:
         self.definition = definition
         self._decoder = definition.decoder(engine)
-        self._queue: deque[tuple[int, bytes]] = deque()
+        silence_s = definition.layout.silence_s
+        self._silence_ns = None if silence_s is None else round(silence_s * NS)
+        self._heard_ns: int | None = None  # stamp of the last chunk that held bytes
+        self._queue: deque[_Chunk] = deque()
         self._pushed = 0
         self._taken = 0
         self._ends = np.empty(0, np.int64)  # stream offset behind each chunk that is not decided to its end
@@ -83,23 +94,51 @@ class LinkDecoder:
         queued = []
         while self._queue:
             queued.append(self._queue.popleft())
-        return self._decode(queued, last=False)
+        batches = []
+        for chunks, silent_until in self._between_silences(queued):
+            found = self._fed(chunks)
+            batches.append(self._accounted(found))
+            if silent_until is not None and found.position < silent_until:
+                batches.append(self._accounted(self._decoder.give_up(silent_until)))
+        return _joined(batches)
 
     def finish(self) -> LinkBatch:
         """Decode all queued chunks and the tail: nothing will follow."""
         batch = self.flush()
-        tail = self._decode([], last=True)
+        tail = self._accounted(self._decoder.finish())
         if not any(len(part) for part in tail.messages.values()) and not len(tail.bad_offset):
             return batch
-        return _joined(batch, tail)
+        return _joined([batch, tail])
 
-    def _decode(self, queued: list[tuple[int, bytes]], last: bool) -> LinkBatch:
-        sizes = np.fromiter((len(chunk) for _, chunk in queued), np.int64, len(queued))
-        stamps = np.fromiter((stamp for stamp, _ in queued), np.int64, len(queued))
+    def _between_silences(self, queued: list[_Chunk]) -> list[tuple[list[_Chunk], int | None]]:
+        """Chunks to be decoded together, with the stream offset at which a silence ended.
+
+        The chunk that ended the silence is the last one of its group: it may still complete the frame before it.
+        """
+        if self._silence_ns is None:
+            return [(queued, None)]
+        groups: list[tuple[list[_Chunk], int | None]] = []
+        group: list[_Chunk] = []
+        at = self._taken
+        for stamp, chunk in queued:
+            group.append((stamp, chunk))
+            if chunk and self._heard_ns is not None and stamp - self._heard_ns > self._silence_ns:
+                groups.append((group, at))
+                group = []
+            at += len(chunk)
+            self._heard_ns = stamp if chunk else self._heard_ns
+        return groups if groups and not group else [*groups, (group, None)]
+
+    def _fed(self, chunks: list[_Chunk]) -> FrameBatch:
+        sizes = np.fromiter((len(chunk) for _, chunk in chunks), np.int64, len(chunks))
+        stamps = np.fromiter((stamp for stamp, _ in chunks), np.int64, len(chunks))
         self._ends = np.concatenate((self._ends, self._taken + np.cumsum(sizes)))
         self._stamps = np.concatenate((self._stamps, stamps))
         self._taken += int(sizes.sum())
-        found = self._decoder.finish() if last else self._decoder.feed(b"".join(chunk for _, chunk in queued))
+        return self._decoder.feed(b"".join(chunk for _, chunk in chunks))
+
+    def _accounted(self, found: FrameBatch) -> LinkBatch:
+        """Give frames their stamps and counters, and let go of the chunks behind."""
         for batch in found.messages.values():
             batch.t_ns = self._stamps_of(batch)
         lost, duplicate = self._count(found.messages)
@@ -165,12 +204,15 @@ class LinkDecoder:
         return result.lost, result.duplicate
 
 
-def _joined(first: LinkBatch, second: LinkBatch) -> LinkBatch:
-    messages = {name: MessageBatch.join([batch, second.messages[name]]) for name, batch in first.messages.items()}
+def _joined(parts: list[LinkBatch]) -> LinkBatch:
+    """Batches that follow each other in the stream, as one."""
+    if len(parts) == 1:
+        return parts[0]
+    messages = {name: MessageBatch.join([part.messages[name] for part in parts]) for name in parts[0].messages}
     return LinkBatch(
         messages,
-        np.concatenate((first.bad_offset, second.bad_offset)),
-        np.concatenate((first.bad_t_ns, second.bad_t_ns)),
-        first.lost + second.lost,
-        first.duplicate + second.duplicate,
+        np.concatenate([part.bad_offset for part in parts]),
+        np.concatenate([part.bad_t_ns for part in parts]),
+        sum(part.lost for part in parts),
+        sum(part.duplicate for part in parts),
     )

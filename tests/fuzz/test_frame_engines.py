@@ -13,7 +13,7 @@ from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, load_frame
 from bench.frame.layout import Field, Message
 
 FRAMES = Path(__file__).resolve().parents[2] / "frames"
-NAMES = ("ngu_a", "ngu_b", "vn100_binary", "ngu_a_100s")
+NAMES = ("ngu_a", "ngu_b", "vn100_binary", "ngu_a_100s", "gnc_422")
 DAMAGE = ("flip", "drop", "insert", "truncate", "repeat_tail", "garbage", "sync_storm", "false_header")
 SHARES = (0.0, 0.001, 0.01, 0.1, 0.5, 1.0)
 SHORT, FULL = 60, 1000

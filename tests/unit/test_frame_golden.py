@@ -56,8 +56,19 @@ def vn100() -> bytes:
     return with_crc(b"\xfa", bytes.fromhex("143e003a00") + struct.pack("<29f", *FLOATS), Crc16Xmodem)
 
 
+def gnc(kind: int, command: int, sequence: int, payload: bytes, to_unit: bool = False) -> bytes:
+    ends = (0x10, 0x01) if to_unit else (0x01, 0x10)
+    body = struct.pack("<6BH", 1, *ends, sequence, kind, command, len(payload)) + payload
+    return b"\xeb\x90" + body + struct.pack("<H", Crc16Ibm3740.calc(body))
+
+
+SAMPLE = struct.pack("<2IB9ih", 70000, 4294967290, 1, 43200, -3, 7, -12, 1003, 5, 1200, -3584, 2500, 2512)
 HOUSEKEEPING = struct.pack(">H4hHH3HH", 513, -1023, -998, 2004, 5001, 28012, 1850, 5003, 15010, 14990, 3)
 INDEPENDENT = {
+    "gnc_422.command": gnc(0x01, 0x11, 7, struct.pack("<IB", 5000, 20), to_unit=True),
+    "gnc_422.answer": gnc(0x81, 0x21, 8, struct.pack("<BI", 0, 48000)),
+    "gnc_422.stream": gnc(0x02, 0x22, 9, SAMPLE),
+    "gnc_422.refusal": gnc(0x7F, 0x44, 255, b"\x03"),
     "ngu_a": ngu_a(),
     "ngu_a_100s": ngu_a_100s(),
     "ngu_b.housekeeping": ngu_b(1, HOUSEKEEPING),
@@ -122,6 +133,24 @@ def test_ngu_b_messages() -> None:
     assert (command.raw("command")[0], command.raw("payload")[0]) == (2, b"\x64")
 
 
+def test_gnc_messages() -> None:
+    stream = b"".join(frame for name, frame in INDEPENDENT.items() if name.startswith("gnc_422"))
+    messages = frame_of("gnc_422").decoder().feed(stream).messages
+    assert {name: len(batch) for name, batch in messages.items()} == dict.fromkeys(messages, 1)
+    command, answer, refusal = (messages[name] for name in ("command", "answer", "refusal"))
+    assert (command.raw("destination")[0], command.raw("source")[0], command.raw("sequence")[0]) == (16, 1, 7)
+    assert (answer.raw("status")[0], answer.raw("payload")[0]) == (0, struct.pack("<I", 48000))
+    assert (refusal.raw("command")[0], refusal.raw("status")[0], refusal.raw("sequence")[0]) == (0x44, 3, 255)
+    sample = messages["stream"]
+    assert (sample.raw("counter")[0], sample.raw("tick")[0], len(sample.message.fields)) == (70000, 4294967290, 14)
+    np.testing.assert_allclose(sample.scaled("gyro")[0], [216.0, -0.015, 0.035], rtol=1e-15)
+    np.testing.assert_allclose(sample.scaled("accel")[0], [-0.012, 1.003, 0.005], rtol=1e-15)
+    np.testing.assert_allclose(sample.scaled("mag")[0], [0.144, -0.43008, 0.3], rtol=1e-15)
+    np.testing.assert_allclose(sample.scaled("temperature"), [25.12], rtol=1e-15)
+    per_sample = {item.name for item in sample.message.fields if item.per == "sample"}
+    assert per_sample == {"tick", "gyro", "accel", "mag", "temperature"}
+
+
 def test_vn100_fields() -> None:
     batch = decode("vn100_binary", INDEPENDENT["vn100_binary"])
     assert len(INDEPENDENT["vn100_binary"]) == 124
@@ -146,3 +175,16 @@ def test_encoder_of_single_frames_gives_the_golden_bytes() -> None:
     del columns["length"], columns["kind"]
     assert definition.encode_one(columns, "housekeeping") == INDEPENDENT["ngu_b.housekeeping"]
     assert definition.encode(columns, 1, "housekeeping").tobytes() == INDEPENDENT["ngu_b.housekeeping"]
+
+
+def test_encoder_fills_in_length_kind_constants_and_defaults() -> None:
+    definition = frame_of("gnc_422")
+    command = definition.encode_one({"sequence": 7, "command": 0x11, "payload": b"\x88\x13\0\0\x14"}, "command")
+    assert command == INDEPENDENT["gnc_422.command"]
+    from_unit = {"destination": 1, "source": 16}
+    answer = {"sequence": 8, "command": 0x21, "status": 0, "payload": b"\x80\xbb\0\0", **from_unit}
+    assert definition.encode_one(answer, "answer") == INDEPENDENT["gnc_422.answer"]
+    sample = {"counter": 70000, "tick": 4294967290, "gyro": [43200, -3, 7], "accel": [-12, 1003, 5],
+              "mag": [1200, -3584, 2500], "temperature": 2512, "sequence": 9, "command": 0x22, **from_unit}  # fmt: skip
+    rows = definition.encode(sample, 3, "stream")
+    assert {row.tobytes() for row in rows} == {INDEPENDENT["gnc_422.stream"]}

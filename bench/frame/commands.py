@@ -1,0 +1,184 @@
+"""Payloads of commands and of their answers: values to bytes and back, one at a time."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from bench.frame.layout import Field, field_content
+from bench.model.errors import InputError
+from bench.model.units import read_quantity
+
+_MOST_F32 = 3.4028234663852886e38
+
+
+@dataclass(frozen=True)
+class PayloadLayout:
+    """Fields one behind the other, from the first byte of a payload on; ``title`` names it in messages."""
+
+    title: str
+    fields: tuple[Field, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the fields, in wire order."""
+        return tuple(item.name for item in self.fields)
+
+    def encode(self, values: Mapping[str, Any]) -> bytes:
+        """Bytes of physical values.
+
+        Args: values: by field, in its unit: a number, a text with a unit of the same kind ("200 Hz"), a list for an
+            array, bytes or hex text for bytes. Fields with a scale take the nearest step, others need whole numbers.
+        Raises: InputError B-FRAME-020 (missing, wrong number of elements), 021 (does not fit), 022 (unknown).
+        """
+        unknown = [name for name in values if name not in self.names]
+        if unknown:
+            due = ", ".join(self.names) or "nothing"
+            raise self._wrong("B-FRAME-022", f"has no field {unknown[0]!r}", f"it takes {due}")
+        return b"".join(self._bytes_of(item, values.get(item.name)) for item in self.fields)
+
+    def decode(self, payload: bytes) -> dict[str, Any]:
+        """Physical values by field: int where the raw value is the value, else float; lists for arrays.
+
+        Bytes are given as hex text. Raises: InputError B-FRAME-025 if the payload is too short or too long.
+        """
+        due = sum(item.length for item in self.fields)
+        open_end = bool(self.fields) and self.fields[-1].rest
+        if len(payload) < due or (len(payload) > due and not open_end):
+            least = "at least " if open_end else ""
+            text = f"has {len(payload)} bytes, {least}{due} are due"
+            raise self._wrong("B-FRAME-025", text, "compare the 'commands' of the frame file with the unit's firmware")
+        return {item.name: _value_of(payload, item) for item in self.fields}
+
+    def _bytes_of(self, item: Field, value: Any) -> bytes:
+        if value is None:
+            if item.default is None:
+                raise self._wrong("B-FRAME-020", f"needs a value for {item.name!r}", "give every field without default")
+            return item.default
+        if item.kind == "b":
+            return self._plain_bytes(item, value)
+        elements = [value] if item.count is None else value
+        if isinstance(elements, str | bytes) or not hasattr(elements, "__len__") or len(elements) != (item.count or 1):
+            text = f"{item.name!r} needs {item.count} values, not {value!r}"
+            raise self._wrong("B-FRAME-020", text, "give a list")
+        return b"".join(self._element(item, element) for element in elements)
+
+    def _plain_bytes(self, item: Field, value: Any) -> bytes:
+        try:
+            found = bytes.fromhex(value) if isinstance(value, str) else bytes(value)
+        except (TypeError, ValueError):
+            raise self._wrong("B-FRAME-021", f"{item.name!r}: {value!r} is neither bytes nor hex text", "") from None
+        if not item.rest and len(found) != item.length:
+            raise self._wrong("B-FRAME-021", f"{item.name!r} has {len(found)} bytes, {item.length} are due", "")
+        return found
+
+    def _element(self, item: Field, value: Any) -> bytes:
+        number = self._number(item, value)
+        raw = (number - item.shift) / item.scale if scaled(item) else number
+        try:
+            if item.kind == "f":
+                return struct.pack(_float_code(item), raw)
+            whole: int = round(raw)
+            if not scaled(item) and whole != raw:
+                raise self._wrong("B-FRAME-021", f"{item.name!r}: {value!r} is no whole number", "")
+            return whole.to_bytes(item.size, _order(item), signed=item.kind == "i")
+        except OverflowError:
+            low, high = _limits(item)
+            text = f"{item.name!r}: {value!r} is outside {low:g} to {high:g} {item.unit}".rstrip()
+            raise self._wrong("B-FRAME-021", text, "correct the value") from None
+
+    def _number(self, item: Field, value: Any) -> Any:
+        """A finite number in the unit of the field; numpy's numbers become Python's."""
+        number = value.item() if hasattr(value, "item") else value
+        if isinstance(number, str):
+            given, unit = read_quantity(number), read_quantity(f"1 {item.unit or '1'}")
+            if given is None or unit is None or given[1] != unit[1]:
+                text = f"{item.name!r}: {value!r} is no quantity in {item.unit or '1'}"
+                raise self._wrong("B-FRAME-021", text, "write a number and a unit of that kind")
+            number = round(given[0] / unit[0], 12)
+        if isinstance(number, bool) or not isinstance(number, int | float) or not math.isfinite(number):
+            raise self._wrong("B-FRAME-021", f"{item.name!r}: {value!r} is no finite number", "")
+        return number
+
+    def _wrong(self, code: str, text: str, next_step: str) -> InputError:
+        return InputError(code, text, where=self.title, next_step=next_step)
+
+
+@dataclass(frozen=True)
+class CommandLayout:
+    """One command of a link: ``request`` is the payload of the command, ``answer`` that behind the status byte."""
+
+    name: str
+    code: int
+    timeout_s: float
+    request: PayloadLayout
+    answer: PayloadLayout
+
+    def encode(self, values: Mapping[str, Any]) -> bytes:
+        """Payload of the command; see PayloadLayout.encode."""
+        return self.request.encode(values)
+
+    def decode(self, payload: bytes) -> dict[str, Any]:
+        """Values of an answer from its payload behind the status byte; see PayloadLayout.decode."""
+        return self.answer.decode(payload)
+
+
+def scaled(item: Field) -> bool:
+    """Whether physical and raw values of a field differ."""
+    return item.scale != 1.0 or item.shift != 0.0
+
+
+def canonical_commands(commands: Sequence[CommandLayout]) -> dict[str, Any]:
+    """JSON-able content of the commands of a link."""
+    return {
+        one.name: [
+            one.code,
+            one.timeout_s,
+            [field_content(item) for item in one.request.fields],
+            [field_content(item) for item in one.answer.fields],
+        ]
+        for one in commands
+    }
+
+
+def _order(item: Field) -> Literal["big", "little"]:
+    return "big" if item.big else "little"
+
+
+def _float_code(item: Field) -> str:
+    return (">" if item.big else "<") + ("f" if item.size == 4 else "d")
+
+
+def _limits(item: Field) -> tuple[float, float]:
+    """Least and greatest value that fits, in the unit of the field."""
+    bits = 8 * item.size
+    low: float
+    high: float
+    if item.kind == "f":
+        low, high = -_MOST_F32, _MOST_F32
+    else:
+        low, high = (0, (1 << bits) - 1) if item.kind == "u" else (-(1 << (bits - 1)), (1 << (bits - 1)) - 1)
+    first, last = sorted((low * item.scale + item.shift, high * item.scale + item.shift))
+    return first, last
+
+
+def _value_of(payload: bytes, item: Field) -> Any:
+    if item.kind == "b":
+        stop = len(payload) if item.rest else item.offset + item.length
+        return payload[item.offset : stop].hex()
+    values = [_one(payload, item, element) for element in range(1 if item.count is None else item.count)]
+    return values[0] if item.count is None else values
+
+
+def _one(payload: bytes, item: Field, element: int) -> int | float:
+    start = item.offset + element * item.size
+    raw = payload[start : start + item.size]
+    number: int | float
+    if item.kind == "f":
+        number = struct.unpack(_float_code(item), raw)[0]
+    else:
+        number = int.from_bytes(raw, _order(item), signed=item.kind == "i")
+    return number * item.scale + item.shift if scaled(item) else number
