@@ -38,6 +38,7 @@ def import_log(mapping_file: Path, file: Path, out: Path) -> int:
     if mapping.analysis != NO_ANALYSIS:
         _known_analysis(document)
     found = survey(file, mapping)
+    _segments_inside(document, found)
     folder = _write(document, file, found, out)
     counts = found.counts
     console().print(
@@ -66,6 +67,18 @@ def _known_analysis(document: Document[LogMapping]) -> None:
         raise InputError(
             error.code, error.message, where=document.where(("analysis",)), next_step=error.next_step
         ) from error
+
+
+def _segments_inside(document: Document[LogMapping], found: Survey) -> None:
+    rows = found.counts.rows
+    for label, one in document.model.segments.items():
+        if one.rows[1] >= rows:
+            raise InputError(
+                "B-IMP-008",
+                f"the segment {label!r} ends at row {one.rows[1]}, the last row of the log is {rows - 1}",
+                where=document.where(("segments", label, "rows")),
+                next_step="count rows from 0, without the line of column names; both ends are included",
+            )
 
 
 def _results(folder: Path, out: Path) -> None:

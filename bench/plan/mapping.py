@@ -12,13 +12,22 @@ from pydantic import AfterValidator, Field, StringConstraints, model_validator
 
 from bench.model.units import quantity, read_quantity
 from bench.model.yamlio import Document, StrictModel, load_yaml
+from bench.plan.mapping_imu import (
+    ANALYSES,
+    LogSite,
+    Segment,
+    SensorColumn,
+    check_analysis,
+    check_segments,
+    check_sensors,
+)
 from bench.plan.schemas import DIALECT
 from bench.plan.templated import Name
 
 UnitName = Annotated[str, StringConstraints(min_length=1, max_length=80)]
 Header = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 Role = Literal["temperature", "set_point", "reading", "reference"]
-ELAPSED, UNIX, ISO = "elapsed", "unix", "iso"
+ELAPSED, UNIX, ISO, SAMPLES = "elapsed", "unix", "iso", "samples"
 TEMPERATURES = ("temperature", "set_point")
 _PROBE = datetime(2001, 12, 23, 21, 43, 56)
 _ZONE = r"^(UTC|[+-](0[0-9]|1[0-4]):[0-5][0-9])$"
@@ -39,10 +48,10 @@ def _second(text: str) -> str:
 
 def _time_format(text: str) -> str:
     """A word of the language, or a pattern that tells one second of one day from any other."""
-    if text in (ELAPSED, UNIX, ISO):
+    if text in (ELAPSED, UNIX, ISO, SAMPLES):
         return text
     if "%" not in text:
-        raise ValueError(f"{text!r} is neither iso, unix, elapsed nor a pattern such as '%d/%m/%Y %H:%M:%S'")
+        raise ValueError(f"{text!r} is neither iso, unix, elapsed, samples nor a pattern such as '%d/%m/%Y %H:%M:%S'")
     try:
         read = datetime.strptime(_PROBE.replace(tzinfo=UTC).strftime(text), text).replace(tzinfo=None)
     except ValueError as error:
@@ -67,20 +76,29 @@ class TimeColumn(StrictModel):
 
     role: Literal["time"]
     format: Annotated[str, AfterValidator(_time_format)] = Field(
-        description="iso, unix (since 1970), elapsed (since 'start'), or a strptime pattern such as '%d/%m/%Y %H:%M:%S'"
+        description="iso, unix (since 1970), elapsed (since 'start'), samples (numbered, at a 'rate', since 'start'), "
+        "or a strptime pattern such as '%d/%m/%Y %H:%M:%S'"
     )
     unit: Annotated[str, AfterValidator(_second)] | None = Field(None, description="of unix and elapsed times")
     zone: Annotated[str, StringConstraints(pattern=_ZONE)] | None = Field(
         None, description="UTC or an offset such as +02:00; of iso times and patterns without %z"
     )
     start: Annotated[str, AfterValidator(_instant)] | None = Field(
-        None, description="UTC of the elapsed time 0, such as 2024-10-20T01:18:45Z"
+        None, description="UTC of the elapsed time 0 or of sample 0, such as 2024-10-20T01:18:45Z"
+    )
+    rate: Annotated[float, *quantity("Hz", 1e-6, 1e6)] | None = Field(
+        None, description="of numbered samples, as the recorder states it, such as 102.4 Hz"
     )
 
     @model_validator(mode="after")
     def _complete(self) -> TimeColumn:
-        numeric = self.format in (ELAPSED, UNIX)
-        due = {"unit": numeric, "start": self.format == ELAPSED, "zone": not numeric and "%z" not in self.format}
+        numeric, numbered = self.format in (ELAPSED, UNIX), self.format == SAMPLES
+        due = {
+            "unit": numeric,
+            "start": self.format in (ELAPSED, SAMPLES),
+            "zone": not numeric and not numbered and "%z" not in self.format,
+            "rate": numbered,
+        }
         for key, wanted in due.items():
             if wanted != (getattr(self, key) is not None):
                 verb = "needs" if wanted else "takes no"
@@ -124,7 +142,8 @@ class IgnoredColumn(StrictModel):
     role: Literal["ignore"]
 
 
-Column = Annotated[TimeColumn | ValueColumn | IgnoredColumn, Field(discriminator="role")]
+Column = Annotated[TimeColumn | ValueColumn | SensorColumn | IgnoredColumn, Field(discriminator="role")]
+NumberColumn = ValueColumn | SensorColumn
 
 
 class FileForm(StrictModel):
@@ -134,6 +153,9 @@ class FileForm(StrictModel):
         ",", description='one character, "\\t" for a tab, or whitespace for runs of blanks and tabs'
     )
     header: int | None = Field(None, ge=1, le=10_000, description="line of the column names; default: the first one")
+    names: Annotated[list[Header], Field(min_length=1, max_length=1000)] | None = Field(
+        None, description="names of the columns of a file that has no line with them"
+    )
     decimal: Literal[".", ","] = "."
     comment: Annotated[str, StringConstraints(min_length=1, max_length=10)] | None = Field(
         None, description="lines that begin with this are skipped"
@@ -144,6 +166,14 @@ class FileForm(StrictModel):
     def _decimal_is_not_delimiter(self) -> FileForm:
         if self.decimal == self.delimiter:
             raise ValueError(f"{self.decimal!r} cannot be both decimal sign and delimiter")
+        return self
+
+    @model_validator(mode="after")
+    def _names_or_header(self) -> FileForm:
+        if self.names is not None and self.header is not None:
+            raise ValueError("a file has either a 'header' line or 'names' of its columns")
+        if self.names is not None and len(set(self.names)) < len(self.names):
+            raise ValueError("two of the 'names' are the same")
         return self
 
 
@@ -171,6 +201,8 @@ class LogMapping(StrictModel):
     reference_temperature: Annotated[float, *quantity("degC", -273.15, 1000.0)] = 20.0
     file: FileForm = Field(default_factory=lambda: FileForm.model_validate({}))
     columns: dict[Header, Column]
+    segments: dict[Name, Segment] = Field(default_factory=dict, description="named stretches of rows of an IMU's log")
+    site: LogSite | None = None
     overload: Overload = Field(default_factory=lambda: Overload.model_validate({}))
     bad_rows: Annotated[float, *quantity("1", 0.0, 1.0)] = Field(
         0.0, description="share of rows that may be unreadable before the file is refused, such as '1 %'"
@@ -181,14 +213,23 @@ class LogMapping(StrictModel):
         times = [header for header, column in self.columns.items() if column.role == "time"]
         if len(times) != 1:
             raise ValueError(f"{len(times)} columns have the role time, one is due")
+        if self.file.names is not None and (absent := [one for one in self.columns if one not in self.file.names]):
+            raise ValueError(f"the column {absent[0]!r} is not among the 'names' of the file")
         names = Counter(column.quantity for column in self.values.values())
         if twice := [name for name, count in names.items() if count > 1]:
             raise ValueError(f"two columns have the quantity {twice[0]!r}")
-        roles = {column.role for column in self.values.values()}
-        if self.analysis != "none" and not {"temperature", "reading"} <= roles:
-            raise ValueError(f"the analysis {self.analysis!r} needs a column of the roles temperature and reading each")
         self._check_units()
+        check_sensors(self.sensors)
+        check_segments(self.segments, self.sensors.values(), self.bad_rows)
+        self._check_analysis()
         return self
+
+    def _check_analysis(self) -> None:
+        roles = {column.role for column in self.values.values()}
+        if self.analysis in ANALYSES:
+            check_analysis(self.analysis, self.sensors.values(), self.segments, self.site)
+        elif self.analysis != "none" and not {"temperature", "reading"} <= roles:
+            raise ValueError(f"the analysis {self.analysis!r} needs a column of the roles temperature and reading each")
 
     def _check_units(self) -> None:
         for header, column in self.values.items():
@@ -205,9 +246,14 @@ class LogMapping(StrictModel):
         return next((header, one) for header, one in self.columns.items() if isinstance(one, TimeColumn))
 
     @property
-    def values(self) -> Mapping[str, ValueColumn]:
+    def values(self) -> Mapping[str, NumberColumn]:
         """Columns of numbers, by header."""
-        return {header: one for header, one in self.columns.items() if isinstance(one, ValueColumn)}
+        return {header: one for header, one in self.columns.items() if isinstance(one, NumberColumn)}
+
+    @property
+    def sensors(self) -> Mapping[str, SensorColumn]:
+        """Columns of gyroscopes and accelerometers, by header."""
+        return {header: one for header, one in self.columns.items() if isinstance(one, SensorColumn)}
 
     def campaign(self) -> dict[str, Any]:
         """The section ``campaign`` of the manifest of an imported session."""
@@ -215,11 +261,21 @@ class LogMapping(StrictModel):
             "analysis": self.analysis,
             "reference_temperature_degC": self.reference_temperature,
             "uut": {"model": self.uut.model, "serial": self.uut.serial},
-            "columns": [
-                {"header": header, "name": one.quantity, "role": one.role, "unit": one.dimension}
-                for header, one in self.values.items()
-            ],
+            "columns": [_column(header, one) for header, one in self.values.items()],
+            **(self._of_imu() if self.sensors else {}),
         }
+
+    def _of_imu(self) -> dict[str, Any]:
+        return {
+            "segments": [segment.campaign(label) for label, segment in self.segments.items()],
+            "site": {} if self.site is None else self.site.campaign(),
+            "rate_Hz": self.time[1].rate,
+        }
+
+
+def _column(header: str, one: NumberColumn) -> dict[str, str]:
+    found = {"header": header, "name": one.quantity, "role": one.role, "unit": one.dimension}
+    return found | ({"axis": one.axis} if isinstance(one, SensorColumn) else {})
 
 
 def load_mapping(path: Path) -> Document[LogMapping]:

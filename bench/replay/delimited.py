@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from bench.model.errors import InputError
 from bench.plan.findings import suggestion
-from bench.plan.mapping import FileForm, LogMapping, Overload, ValueColumn
+from bench.plan.mapping import FileForm, LogMapping, NumberColumn, Overload
 from bench.replay.log_time import TimeReader
 
 MAX_LINE_BYTES = 100_000
@@ -66,11 +66,13 @@ class LogParser:
         self._time_header, column = mapping.time
         self._time = TimeReader(column, mapping.file.decimal)
         self._sentinels = _Sentinels(mapping.overload, mapping.file)
-        self._readers: list[tuple[int, ValueColumn, float]] = []
+        self._readers: list[tuple[int, NumberColumn, float]] = []
         self._time_at = 0
         self._width = 0
         self._line = 0
         self._last: LogRow | None = None
+        if self._form.names is not None:
+            self._take_header(self._form.names)
 
     def row(self, raw: bytes) -> LogRow | None:
         """The next line of the file; None if it is no row (comment, blank, header) or a bad one.

@@ -1,4 +1,4 @@
-"""Times of a log's rows: patterns, ISO 8601, seconds since 1970 or since a start, as UTC in nanoseconds."""
+"""Times of a log's rows: patterns, ISO 8601, seconds since 1970 or a start, sample numbers; as UTC in nanoseconds."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from decimal import Decimal, InvalidOperation
 
 from bench.model.clock import NS
 from bench.model.units import read_quantity
-from bench.plan.mapping import ELAPSED, ISO, UNIX, TimeColumn
+from bench.plan.mapping import ELAPSED, ISO, SAMPLES, UNIX, TimeColumn
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)
@@ -19,12 +19,14 @@ class TimeReader:
 
     def __init__(self, column: TimeColumn, decimal: str) -> None:
         self._format = column.format
-        self._numeric = column.format in (ELAPSED, UNIX)
+        self._numeric = column.format in (ELAPSED, UNIX, SAMPLES)
         self._zone = timezone(timedelta(seconds=column.offset_s))
         self._comma = decimal == ","
         self._start_ns = 0 if column.start is None else _utc_ns(datetime.fromisoformat(column.start))
         unit = None if column.unit is None else read_quantity(f"1 {column.unit}")
         self._unit_ns = Decimal(round((1.0 if unit is None else unit[0]) * NS))
+        if column.rate is not None:
+            self._unit_ns = NS / Decimal(str(column.rate))
 
     def utc_ns(self, text: str) -> int:
         """UTC in ns since 1970. Raises ValueError if the text is no such time."""

@@ -1,0 +1,178 @@
+"""Logs of inertial measurement units: numbered samples, columns without names, named stretches of rows."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.commands.import_log import import_log
+from bench.model.errors import InputError, InputErrors
+from bench.model.yamlio import parse_yaml
+from bench.plan.mapping import LogMapping
+from bench.record import SessionReader
+from bench.replay.series import ImportedSeries, replay_series
+
+NUMBERED = """\
+mapping: turned
+uut: {model: M, serial: S-1}
+columns:
+  n: {role: time, format: samples, rate: 102.4 Hz, start: 2024-01-01T00:00:00Z}
+  gx: {role: gyro, axis: x, unit: deg/h}
+  gz: {role: gyro, axis: z, unit: deg/h}
+  ax: {role: accelerometer, axis: x, unit: mg}
+  T: {role: temperature, quantity: sensor, unit: degC}
+segments:
+  up: {rows: [0, 1], up: -x}
+  turn: {rows: [2, 3], axis: z, turn: -360 deg}
+site: {gravity: 9.80665 m/s2, latitude: 39.9 deg, azimuth: 90 deg}
+"""
+LOG = "n,gx,gz,ax,T\n100,3600,-7200,1000,20\n101,0,36,-1001,21\n103,1,2,3,22\n1123,4,5,6,23\n"
+
+COUNTS = """\
+mapping: counts
+uut: {model: M, serial: S-2}
+file: {delimiter: whitespace, names: [t, x, y, z]}
+columns:
+  t: {role: time, format: elapsed, unit: s, start: 1970-01-01T00:00:00Z}
+  z: {role: accelerometer, axis: z, unit: "1"}
+  x: {role: accelerometer, axis: x, unit: "1"}
+"""
+BARE = "   2.9840000e-02   3.3108000e+04   3.3329000e+04   3.6429000e+04\n   3.9857000e-02  33096 1 -7.5\n"
+
+
+def imported(folder: Path, mapping: str, log: str) -> tuple[Path, ImportedSeries]:
+    (folder / "m.yaml").write_text(mapping, encoding="utf-8")
+    (folder / "log.txt").write_text(log, encoding="utf-8")
+    import_log(folder / "m.yaml", folder / "log.txt", folder / "out")
+    session = next((folder / "out").iterdir())
+    return session, replay_series(session)
+
+
+def test_numbered_samples_at_a_rate(tmp_path: Path) -> None:
+    session, series = imported(tmp_path, NUMBERED, LOG)
+    assert session.name == "20240101T000000Z_turned_S-1"
+    assert list(series.columns) == ["t_s", "gyro_x_deg_s", "gyro_z_deg_s", "accel_x_g", "sensor"]
+    # 102.4 Hz: a step is 9.765625 ms exactly, so that a whole number of ns is due only every eighth sample or so
+    np.testing.assert_allclose(series.columns["t_s"], np.array([0, 1, 3, 1023]) * 0.009765625, atol=1.1e-9)
+    np.testing.assert_allclose(series.columns["gyro_x_deg_s"], [1.0, 0.0, 1 / 3600, 4 / 3600], rtol=1e-12)
+    np.testing.assert_allclose(series.columns["accel_x_g"], [1.0, -1.001, 0.003, 0.006], rtol=1e-12)
+
+
+def test_what_the_analysis_is_told(tmp_path: Path) -> None:
+    session, _ = imported(tmp_path, NUMBERED, LOG)
+    campaign = json.loads(json.dumps(SessionReader(session).manifest["campaign"]))
+    assert campaign["segments"] == [
+        {"label": "up", "first": 0, "last": 1, "item": "position", "up": "-x"},
+        {"label": "turn", "first": 2, "last": 3, "item": "rotation", "axis": "z", "turn_deg": -360.0},
+    ]
+    assert campaign["site"] == {"gravity_m_s2": 9.80665, "latitude_deg": 39.9, "azimuth_deg": 90.0}
+    assert campaign["rate_Hz"] == 102.4
+    assert campaign["columns"][1] == {
+        "header": "gz", "name": "gyro_z_deg_s", "role": "gyro", "unit": "deg/s", "axis": "z",
+    }  # fmt: skip
+    assert "axis" not in campaign["columns"][3]
+
+
+def test_a_file_without_a_line_of_names(tmp_path: Path) -> None:
+    session, series = imported(tmp_path, COUNTS, BARE)
+    assert series.columns["accel_x_counts"].tolist() == [33108.0, 33096.0]
+    assert series.columns["accel_z_counts"].tolist() == [36429.0, -7.5]
+    np.testing.assert_allclose(series.columns["t_s"], [0.0, 0.010017], atol=1e-9)
+    campaign = SessionReader(session).manifest["campaign"]
+    assert (campaign["segments"], campaign["site"], campaign["rate_Hz"]) == ([], {}, None)
+
+
+def test_a_row_that_is_too_short_is_not_taken_for_names(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="line 1: 3 fields, 4 are due") as caught:
+        imported(tmp_path, COUNTS, "0.0 1 2\n" + BARE)
+    assert caught.value.code == "B-IMP-005"
+
+
+def test_a_log_of_temperatures_says_nothing_of_imus() -> None:
+    text = NUMBERED.partition("segments:")[0].replace("gyro, axis: x", "reading, quantity: a")
+    text = text.replace("deg/h", "V").replace("accelerometer, axis: x, unit: mg", "ignore")
+    text = text.replace("gyro, axis: z", "reading, quantity: b")
+    campaign = parse_yaml(text, "m.yaml", LogMapping).model.campaign()
+    assert set(campaign) == {"analysis", "reference_temperature_degC", "uut", "columns"}
+    assert all(set(one) == {"header", "name", "role", "unit"} for one in campaign["columns"])
+
+
+def test_a_segment_behind_the_last_row_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="'turn' ends at row 4, the last row of the log is 3") as caught:
+        imported(tmp_path, NUMBERED.replace("[2, 3]", "[2, 4]"), LOG)
+    assert caught.value.code == "B-IMP-008"
+    assert caught.value.where.endswith("m.yaml:11:10")
+    assert not (tmp_path / "out").exists()
+
+
+SIX = """\
+  ay: {role: accelerometer, axis: y, unit: mg}
+  az: {role: accelerometer, axis: z, unit: mg}
+segments:
+  a: {rows: [0, 1], up: +x}
+  b: {rows: [2, 3], up: -x}
+  c: {rows: [4, 5], up: +y}
+  d: {rows: [6, 7], up: -y}
+  e: {rows: [8, 9], up: +z}
+  f: {rows: [10, 11], up: -z}
+"""
+POSITIONS = NUMBERED.partition("segments:")[0] + SIX + "site: {gravity: 9.81 m/s2}\nanalysis: imu_six_position\n"
+
+
+def refused(text: str) -> str:
+    with pytest.raises(InputErrors) as caught:
+        parse_yaml(text, "m.yaml", LogMapping)
+    return str(caught.value)
+
+
+def test_what_an_analysis_of_positions_needs() -> None:
+    assert parse_yaml(POSITIONS, "m.yaml", LogMapping).model.analysis == "imu_six_position"
+    assert "'up: -y'" in refused(POSITIONS.replace("up: -y", "up: +y"))
+    assert "needs an accelerometer column of the axis z" in refused(
+        POSITIONS.replace("az: {role: accelerometer, axis: z, unit: mg}", "az: {role: ignore}")
+    )
+    assert "needs 'site' with the local gravity" in refused(POSITIONS.replace("site: {gravity: 9.81 m/s2}\n", ""))
+    several = POSITIONS.replace("six", "multi").replace("up: -y", "up: +y")
+    assert parse_yaml(several, "m.yaml", LogMapping).model.analysis == "imu_multi_position"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("rows: [0, 1], up: -x", "rows: [1, 0], up: -x", "stands before the first one"),
+        ("rows: [0, 1], up: -x", "rows: [0, 1]", "either 'up', or 'axis' and a 'turn'"),
+        ("rows: [0, 1], up: -x", "rows: [0, 1], up: -x, turn: 1 deg", "either 'up', or 'axis' and a 'turn'"),
+        ("rows: [0, 1], up: -x", "rows: [0, 1], up: -x, axis: x, turn: 1 deg", "either 'up', or 'axis' and a 'turn'"),
+        ("turn: -360 deg", "turn: 0 deg", "either 'up', or 'axis' and a 'turn'"),
+        ("turn: -360 deg", "turn: -360", "has no unit"),
+        ("up: -x", "up: x", "up"),
+        ("rows: [0, 1]", "rows: [0, 1.5]", "rows"),
+        ("9.80665 m/s2", "1 g", "m/s2"),
+        ("9.80665 m/s2", "98 m/s2", "above the limit"),
+        ("site:", "bad_rows: 1 %\nsite:", "no row may be left out"),
+        ("gyro, axis: z, unit: deg/h", "gyro, axis: z, unit: mg", "a gyro needs a unit of deg/s, 1"),
+        ("gyro, axis: z, unit: deg/h", 'gyro, axis: z, unit: "1"', "have different units"),
+        ("gyro, axis: z", "gyro, axis: x", "two columns have the quantity 'gyro_x_deg_s'"),
+        ("gyro, axis: z", "gyro, axis: w", "axis"),
+        ("quantity: sensor", "quantity: accel_x_g", "two columns have the quantity 'accel_x_g'"),
+        ("unit: deg/h", "unit: furlong", "is no unit"),
+        ("rate: 102.4 Hz, ", "", "the time format 'samples' needs 'rate'"),
+        (", start: 2024-01-01T00:00:00Z", "", "the time format 'samples' needs 'start'"),
+        ("format: samples", "format: elapsed, unit: s", "takes no 'rate'"),
+        ("rate: 102.4 Hz", "rate: 102.4", "has no unit"),
+        ("columns:", "file: {names: [n, gx], header: 1}\ncolumns:", "either a 'header' line or 'names'"),
+        ("columns:", "file: {names: [n, gx, gx]}\ncolumns:", "two of the 'names' are the same"),
+        ("columns:", "file: {names: [n, gx, gz, ax, temp]}\ncolumns:", "'T' is not among the 'names'"),
+    ],
+)
+def test_mistakes_are_named(old: str, new: str, said: str) -> None:
+    assert old in NUMBERED
+    assert said in refused(NUMBERED.replace(old, new))
+
+
+def test_segments_need_a_sensor() -> None:
+    text = NUMBERED.replace("gyro, axis: x, unit: deg/h", "ignore").replace("gyro, axis: z, unit: deg/h", "ignore")
+    assert "segments need columns" in refused(text.replace("accelerometer, axis: x, unit: mg", "ignore"))
