@@ -23,6 +23,8 @@ class Effect(Enum):
     ROUTES_OPEN = "routes_open"  # opens every route
     THERMAL = "thermal"  # changes the temperature of the unit under test
     POWER = "power"  # changes the supply of the unit under test
+    MOTION_ON = "motion_on"  # from here on a table may move; nobody may stand at it
+    MOTION_OFF = "motion_off"  # the table is at rest and its drives are off: always allowed
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,20 @@ _UNITS |= {
     "ppm": ("1", Decimal("1e-6")),
     "%": ("1", Decimal("0.01")),
     "1": ("1", Decimal(1)),
+    "deg": ("deg", Decimal(1)),
+    "arcmin": ("deg", Decimal(1) / 60),
     "deg/s": ("deg/s", Decimal(1)),
+    "deg/h": ("deg/s", Decimal(1) / 3600),
+    "deg/s2": ("deg/s2", Decimal(1)),
     "g": ("g", Decimal(1)),
+    "mg": ("g", Decimal("1e-3")),
+    "ug": ("g", Decimal("1e-6")),
+    "m/s2": ("m/s2", Decimal(1)),
+    "gauss": ("gauss", Decimal(1)),
+    "mgauss": ("gauss", Decimal("1e-3")),
+    "ugauss": ("gauss", Decimal("1e-6")),
+    "m": ("m", Decimal(1)),
+    "mm": ("m", Decimal("1e-3")),
     "ppm/degC": ("1/degC", Decimal("1e-6")),
 }
 
@@ -38,7 +50,8 @@ def parse_quantity(text: object, dimension: str) -> float:
 
     Args:
         text: the quantity as text; anything else is refused.
-        dimension: base unit that is due: ``A V Hz s C ohm W F degC degC/min 1 deg/s g 1/degC``.
+        dimension: base unit that is due: ``A V Hz s C ohm W F degC degC/min 1 deg deg/s
+            deg/s2 g m/s2 gauss m 1/degC``.
     Returns:
         The nearest float to the decimal value in the base unit (28 digits are kept on the way).
     Raises:

@@ -14,6 +14,7 @@ from bench.plan.values import Channel, Quantity, read_text, traced
 
 MAX_CHANNEL = 64
 NEED_DATA_SHEET = ("scale_factor", "bias_ramp", "dmm_method")  # analyses whose uncertainty needs the declared noise
+DATA_SHEET = ("af_clock", "master_clock", "function_generator", "temperature_sensor_uncertainty")
 NOISE = ("white_noise_per_rtHz", "bias_walk_per_rth")
 _RANGE = re.compile(r"(\d{1,4})\s*-\s*(\d{1,4})")
 
@@ -122,9 +123,11 @@ def check_declared(document: Document[Sequence], findings: Findings) -> None:
     if uut is None:
         message = f"the analysis {analysis} needs 'uut', the data sheet of the unit under test"
         findings.add("B-PLAN-026", document.where(("analysis",)), message, "describe the unit under 'uut'")
-    elif uut.temperature_sensor_uncertainty is None:
-        message = f"the analysis {analysis} needs temperature_sensor_uncertainty of the unit"
-        findings.add("B-PLAN-026", document.where(("uut",)), message, "take it from the unit's data sheet")
+    else:
+        for name in DATA_SHEET:
+            if getattr(uut, name) is None:
+                message = f"the analysis {analysis} needs {name} of the unit"
+                findings.add("B-PLAN-026", document.where(("uut",)), message, "take it from the unit's data sheet")
 
 
 def _constants(channel: Channel, kind: Kind) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from bench.model.errors import InputError
 from bench.plan.bus_time import ON_THE_BUS
 from bench.plan.check_actions import ActionCheck
 from bench.plan.check_analysis import check_asked
+from bench.plan.check_pose import check_poses
 from bench.plan.check_records import check_record
 from bench.plan.check_register import check_used_ranges
 from bench.plan.check_state import BenchState
@@ -66,6 +67,7 @@ def check_steps(
             check_record(plan, step, state, findings)
     _bus_time(plan, findings, doubtful)
     check_windows(plan, station, findings, doubtful)
+    check_poses(plan, station, findings)
     return state
 
 

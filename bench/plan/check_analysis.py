@@ -11,10 +11,15 @@ from bench.plan.language import Sequence
 from bench.plan.plan import Plan, Step
 
 NONE = "none"
-OF_LOGS = ("temperature_ramp",)  # made of imported logs, not of records
+OF_LOGS = ("temperature_ramp", "imu_six_position", "imu_multi_position")  # made of imported logs, not of records
+OF_TESTS = "gnc_unit_test"  # made of commands to the unit and their answers
+POSE = ("item", "mounting", "outer_deg", "middle_deg", "inner_deg")
+OF_SAMPLES = {"imu_calibration": POSE, "imu_bias": POSE, "magnetometer": (*POSE, "rate_deg_s")}
 BRANCHES = ("hold_start", "up", "hold_top", "down", "hold_end")
 _POINT = ("channel", "temperature_degC", "current_A", "polarity", "range_A")
-ASKED = {"scale_factor": _POINT, "dmm_method": _POINT, "bias_ramp": ("route", "branch")}
+ASKED = {
+    "scale_factor": _POINT, "dmm_method": _POINT, "bias_ramp": ("route", "branch"), OF_TESTS: (), **OF_SAMPLES,
+}  # fmt: skip
 ASKED_OF_OPEN = ("channel", "temperature_degC", "route", "branch")  # an open input needs no level, polarity or range
 METER = "measure_current"
 
@@ -43,9 +48,18 @@ def check_asked(plan: Plan, findings: Findings) -> None:
         message = f"the analysis {name} needs readings of the meter, and no step calls {METER}"
         findings.add("B-PLAN-078", records[0].where, message, "read the meter before each record with a closed route")
 
+    if name == OF_TESTS and not any(step.kind == "unit" and "item" in step.arguments for step in plan.steps):
+        message = f"the analysis {name} is made of 'test' steps, and there is none"
+        findings.add("B-PLAN-078", plan.steps[0].where, message, "add 'test' steps; docs/gnc-module.md describes them")
+    for step in records if name in OF_SAMPLES else ():
+        if not step.arguments.get("samples"):
+            message = f"the analysis {name} needs the samples of each record"
+            findings.add("B-PLAN-078", step.where, message, "write 'samples: true'")
+
 
 def _check_conditions(name: str, step: Step, findings: Findings) -> None:
-    asked = [one for one in ASKED[name] if one in ASKED_OF_OPEN or step.conditions.get("route") != "open"]
+    of_open = name not in OF_SAMPLES and step.conditions.get("route") == "open"
+    asked = [one for one in ASKED[name] if one in ASKED_OF_OPEN or not of_open]
     branch = step.conditions.get("branch", "up")
     if missing := [one for one in asked if one not in step.conditions]:
         message = f"the analysis {name} asks for the condition {', '.join(missing)}, which the record does not have"

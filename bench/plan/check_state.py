@@ -7,14 +7,15 @@ from typing import Any
 
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
-from bench.model.ports import Effect
+from bench.model.ports import Action, Effect
 from bench.plan.check_actions import Judged
+from bench.plan.check_motion import MotionState, tables_of
 from bench.plan.drivers import driver_actions, driver_ladder_A, range_after
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
 from bench.plan.station import Station
 
-_ENERGY = (Effect.STIMULUS_ON, Effect.POWER, Effect.THERMAL)
+_ENERGY = (Effect.STIMULUS_ON, Effect.POWER, Effect.THERMAL, Effect.MOTION_ON)
 _RELEASES = ("output_off", "stop")
 _OVER_RANGE = 1.2  # a meter reads up to 120 % of a range
 
@@ -28,7 +29,7 @@ class BenchState:
     ``closed`` holds the arguments of the route that each switch has closed; ``level_A`` and ``range_A`` what each
     source was last set to (None: not known), ``used_A`` every range a source or a meter was set to,
     ``meter_A`` the range a meter is on;
-    ``target_degC`` is where the temperature was last sent.
+    ``target_degC`` is where the temperature was last sent; ``motion`` follows the tables that move.
     """
 
     def __init__(self, plan: Plan, station: Station, findings: Findings) -> None:
@@ -37,7 +38,9 @@ class BenchState:
         self._origins = plan.origins
         self._metered = plan.campaign.get("analysis") == "dmm_method"
         self._full_scale = {int(c["number"]): float(c["full_scale_A"]) for c in plan.campaign.get("channels", [])}
-        self._effects = {role: _effects(entry.driver) for role, entry in station.instruments.items()}
+        actions = {role: _actions(entry.driver) for role, entry in station.instruments.items()}
+        self._effects = {role: frozenset(one.effect for one in known.values()) for role, known in actions.items()}
+        self.motion = MotionState(plan, tables_of(actions), findings)
         self.switches = _with(Effect.ROUTE, self._effects)
         self.sources = _with(Effect.STIMULUS_ON, self._effects)
         self.energised: dict[str, str] = {}
@@ -58,8 +61,12 @@ class BenchState:
             self._energise(step, step.role)
         elif step.kind == "send":
             self._raw(step)
+            self.motion.raw(step)
+        elif step.kind == "prompt":
+            self.motion.prompt(step)
         elif step.kind == "call" and judged.action is not None:
             self._call(step, judged.action.effect, judged.usable)
+            self.motion.call(step, judged.action, judged.usable)
             self._measure(step.role, judged.usable)
             if judged.action.returns == "A":
                 self._readable(step)
@@ -88,7 +95,7 @@ class BenchState:
         elif effect is Effect.THERMAL and "temperature" in usable:
             self.target_degC = usable["temperature"]
             self._energise(step, role)
-        elif effect in _ENERGY and step.name in _RELEASES:
+        elif effect is Effect.MOTION_OFF or (effect in _ENERGY and step.name in _RELEASES):
             self.energised.pop(role, None)
         elif effect in _ENERGY:
             self._energise(step, role)
@@ -199,8 +206,8 @@ def _with(effect: Effect, effects: Mapping[str, frozenset[Effect]]) -> frozenset
     return frozenset(role for role, known in effects.items() if effect in known)
 
 
-def _effects(driver: str) -> frozenset[Effect]:
+def _actions(driver: str) -> Mapping[str, Action]:
     try:
-        return frozenset(action.effect for action in driver_actions(driver).values())
+        return driver_actions(driver)
     except InputError:
-        return frozenset()
+        return {}

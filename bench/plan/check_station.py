@@ -124,7 +124,7 @@ def _world(station: Station, findings: Findings) -> None:
     if world.name not in simulation.WORLDS:
         known = suggestion(world.name, simulation.WORLDS)
         findings.add("B-PLAN-014", station.document.where(("world", "name")), f"no world {world.name!r}{known}")
-    options = (*simulation.WORLD_OPTIONS, *simulation.WORLD_NUMBERS, *simulation.UNIT_OPTIONS)
+    options = simulation.options_of(world.name)
     for name, value in world.options.items():
         where = station.document.where(("world", "options", name))
         if name not in options:

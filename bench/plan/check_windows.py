@@ -50,7 +50,7 @@ def _calls(step: Step, calls: list[Step], station: Station, findings: Findings, 
     wrong = next((call for call in calls if not _harmless(call, station)), None)
     if wrong is not None:
         named = ".".join(filter(None, (wrong.role, wrong.name)))
-        message = f"{named} stands between two records without a gap; only chamber actions and readings may"
+        message = f"{named} stands between two records without a gap; only actions of chamber or table and readings may"
         findings.add("B-PLAN-061", step.where, message, "add a settle step and take 'follows' out, or move the call")
     total_s = sum(bus_s(call, station) for call in calls)
     if total_s > step.duration_s and not doubtful:
@@ -63,4 +63,4 @@ def _harmless(call: Step, station: Station) -> bool:
     if call.kind not in ("call", "verify") or declared is None:
         return call.kind in ("call", "verify")  # a call of nothing is a mistake of its own
     reading = declared.effect is Effect.NONE and (bool(declared.returns) or call.kind == "verify")
-    return reading or declared.effect is Effect.THERMAL
+    return reading or declared.effect in (Effect.THERMAL, Effect.MOTION_ON)

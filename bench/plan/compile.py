@@ -24,14 +24,14 @@ from bench.plan.findings import Findings, suggestion
 from bench.plan.interlocks import plan_rules
 from bench.plan.language import Sequence
 from bench.plan.language_steps import Step_
-from bench.plan.leaves import TIMED
+from bench.plan.limits import check_limits
 from bench.plan.loading import load_both
 from bench.plan.overrides import apply_parameters, split_overrides
 from bench.plan.plan import Phase, Plan, Step, steps_sha256
 from bench.plan.station import Station
+from bench.plan.unit_constants import unit_constants
 from bench.plan.values import Scope, plain, traced
 
-COMMAND = "command"  # the message of a frame definition that carries commands to the unit
 _SERIAL = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,39}")
 
 
@@ -75,13 +75,12 @@ class _Compiler:
         frames = self._frames()
         check_declared(document, findings)
         check_named(document, findings)
+        check_limits(document, findings)
         channels = declared_channels(document, findings)
         constants = campaign_channels(document, channels, findings)
         link = next(iter(document.model.frame))
         rate_Hz = (frames[link].rate_Hz if link in frames else None) or math.nan
-        commands = [n for n in document.model.frame if n not in frames or COMMAND in frames[n].messages]
-        timed = link not in frames or counts_pulses(frames[link])
-        expander = Expander(document, self.station, channels, rate_Hz, commands, timed, findings)
+        expander = Expander(document, self.station, channels, rate_Hz, frames, findings)
         scope = Scope(self._variables(expander), expander.role_attribute, {})
         serial = self._serial(expander, scope)
         lengths = self._expand(expander, scope)
@@ -231,16 +230,7 @@ class _Compiler:
             "channels": channels,
             "decision": {"rule": model.decision.rule},
         }
-        if model.uut is not None:
-            if model.uut.temperature_sensor_uncertainty is not None:
-                campaign["temperature_sensor_u95_degC"] = model.uut.temperature_sensor_uncertainty
-            campaign |= {
-                "af_clock_Hz": model.uut.af_clock,
-                "fg_Hz": model.uut.function_generator,
-                "master_Hz": model.uut.master_clock,
-                "uut": {"model": model.uut.model, "serial": serial},
-            }
-        return campaign
+        return campaign | unit_constants(model, serial)
 
 
 def _found(source: Path, frame: str) -> Path:
@@ -248,12 +238,6 @@ def _found(source: Path, frame: str) -> Path:
         return find_beside(source, "frames", frame)
     except InputError:
         return Path()
-
-
-def counts_pulses(definition: FrameDefinition) -> bool:
-    """Whether a message of these frames holds what the pulses of a record are timed by."""
-    messages = definition.layout.messages
-    return any({item.name for item in one.fields if item.per == "frame"}.issuperset(TIMED) for one in messages)
 
 
 def _records(steps: list[Step] | tuple[Step, ...]) -> int:

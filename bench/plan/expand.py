@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import Any, NoReturn
 
+from bench.frame import FrameDefinition
 from bench.model.yamlio import Document
 from bench.plan import language, leaves
 from bench.plan.channels import channel_numbers
@@ -20,6 +21,7 @@ from bench.plan.values import Channel, Quantity, Scope, UnknownVariable, named, 
 Path = tuple[str | int, ...]
 MAX_STEPS = 50_000
 MAX_CALLS = 20
+COMMAND = "command"  # the message of a frame definition that carries commands to the unit
 MAY_END = ("call", "verify", "send", "unit", "soak")  # kinds of step that 'finally' may hold
 REQUIRED = "required"
 NO_TIME = Quantity(0.0, "s")
@@ -39,22 +41,24 @@ class Expander:
         station: Station,
         channels: Mapping[int, Channel],
         rate_Hz: float,
-        command_links: Collection[str],
-        counts_pulses: bool,
+        frames: Mapping[str, FrameDefinition],
         findings: Findings,
     ) -> None:
         self.document = document
         self.station = station
         self.channels = channels
         self.rate_Hz = rate_Hz
-        self.command_links = command_links
+        counted = frames.get(next(iter(document.model.frame)))  # one that cannot be read forbids nothing
+        self.counts_pulses = counted is None or counts_pulses(counted)
+        self.has_samples = counted is None or has_samples(counted)
+        self.command_links = [n for n in document.model.frame if n not in frames or COMMAND in frames[n].messages]
+        self.layouts = {link: definition.commands for link, definition in frames.items()}
         self.findings = findings
         self.steps: list[Step] = []
         self.phase: Phase = "prepare"
         self.at_s = 0.0
         self.levels_A: dict[str, float | None] = {}
         self.ranges_A: dict[str, float | None] = {}
-        self.counts_pulses = counts_pulses
         self.settle_band_degC: float | None = None
         self.dimensions: list[Mapping[str, str]] = []
         self.origins: list[Mapping[str, str]] = []
@@ -273,6 +277,17 @@ class Expander:
 
     def _argument(self, key: str, raw: Any, path: Path, scope: Scope) -> Any:
         return traced(self.resolve(raw, scope, path), f"argument {key}, {self.line(path)}")
+
+
+def counts_pulses(definition: FrameDefinition) -> bool:
+    """Whether a message of these frames holds what the pulses of a record are timed by."""
+    messages = definition.layout.messages
+    return any({item.name for item in one.fields if item.per == "frame"}.issuperset(leaves.TIMED) for one in messages)
+
+
+def has_samples(definition: FrameDefinition) -> bool:
+    """Whether a message of these frames holds samples."""
+    return any(item.per == "sample" for one in definition.layout.messages for item in one.fields)
 
 
 def _describe(value: Any) -> str:

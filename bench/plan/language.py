@@ -24,6 +24,23 @@ def _sensor(text: str) -> str:
     return text
 
 
+def _limit(text: str) -> str:
+    if read_quantity(text) is None:
+        raise ValueError(f"{text!r} is not a quantity with its unit, for example '10 deg/h'")
+    return text
+
+
+class Imu(StrictModel):
+    """Ranges and resolutions of the sensors of a GNC module, as its data sheet declares them."""
+
+    gyro_range: Annotated[float, *quantity("deg/s", 1e-3, 1e5)]
+    gyro_resolution: Annotated[float, *quantity("deg/s", 0.0, 100.0)]
+    accelerometer_range: Annotated[float, *quantity("g", 1e-3, 1e5)]
+    accelerometer_resolution: Annotated[float, *quantity("g", 0.0, 10.0)]
+    magnetometer_range: Annotated[float, *quantity("gauss", 1e-3, 1e3)]
+    magnetometer_resolution: Annotated[float, *quantity("gauss", 0.0, 10.0)]
+
+
 class Kind(StrictModel):
     """Declared constants of one kind of converter channel (AF-converter design table)."""
 
@@ -47,13 +64,29 @@ class UnitUnderTest(StrictModel):
 
     model: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,39}$")]
     serial: Title = Field(description="serial number, or a parameter such as '{serial}'")
-    af_clock: Annotated[float, *quantity("Hz", 1.0, 1e9)]
-    master_clock: Annotated[float, *quantity("Hz", 1.0, 1e10)]
-    function_generator: Annotated[float, *quantity("Hz", 1.0, 1e10)]
+    af_clock: Annotated[float, *quantity("Hz", 1.0, 1e9)] | None = Field(None, description="of an AF converter")
+    master_clock: Annotated[float, *quantity("Hz", 1.0, 1e10)] | None = None
+    function_generator: Annotated[float, *quantity("Hz", 1.0, 1e10)] | None = None
     temperature_sensor_uncertainty: Annotated[float, *quantity("degC", 0.0, 10.0)] | None = Field(
         None, description="expanded uncertainty of the unit's own temperature sensor, 95 %"
     )
-    kinds: dict[Literal["gyro", "accelerometer"], Kind]
+    kinds: dict[Literal["gyro", "accelerometer"], Kind] = Field(default_factory=dict)
+    imu: Imu | None = Field(None, description="inertial measurement unit and magnetometer of a GNC module")
+    limits: dict[Name, Annotated[str, AfterValidator(_limit)]] = Field(
+        default_factory=dict, description="limits of the data sheet by name, each with its unit"
+    )
+
+
+class Site(StrictModel):
+    """Where the bench stands: what the Earth does to gyroscopes and accelerometers there."""
+
+    latitude: Annotated[float, *quantity("deg", -90.0, 90.0)] = Field(description="positive north")
+    longitude: Annotated[float, *quantity("deg", -180.0, 180.0)] | None = Field(None, description="positive east")
+    height: Annotated[float, *quantity("m", -500.0, 9000.0)] | None = None
+    gravity: Annotated[float, *quantity("m/s2", 9.7, 9.9)]
+    azimuth: Annotated[float, *quantity("deg", -360.0, 360.0)] = Field(
+        description="of the turntable's inner axis with all axes at zero, from north, positive east"
+    )
 
 
 def _hexadecimal(text: str) -> str:
@@ -102,6 +135,7 @@ class Sequence(StrictModel):
     duration: Annotated[float, *quantity("s", 0.0)] | None = Field(None, description="the plan must last exactly this")
     records: int | None = Field(None, ge=0, description="the campaign must hold exactly this many records")
     uut: UnitUnderTest | None = None
+    site: Site | None = Field(None, description="where the bench stands, for the analyses of inertial sensors")
     unit_commands: dict[Name, UnitCommand] = Field(default_factory=dict)
     parameters: dict[Name, Scalar | list[Scalar]] = Field({}, description="what --set may change")
     tables: dict[Name, list[Scalar]] = Field(default_factory=dict)

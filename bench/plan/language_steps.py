@@ -25,7 +25,7 @@ Duration = Annotated[Any, *templated("s", 0.0, 1e7)]
 Arguments = dict[Name, Scalar]
 Text = Annotated[str, StringConstraints(min_length=1, max_length=2000)]
 _CLOCK = re.compile(r"(\d{1,3}):([0-5]\d):([0-5]\d)")
-VERBS = ("for", "settle", "record", "soak", "prompt", "verify", "unit", "send")
+VERBS = ("for", "settle", "record", "soak", "prompt", "verify", "unit", "test", "send")
 
 
 def _one_entry(value: dict[Any, Any]) -> None:
@@ -83,6 +83,7 @@ class Record(StrictModel):
     windows: int | None = Field(None, strict=True, ge=1, le=10_000, description="this many records without a gap")
     follows: bool = Field(False, strict=True, description="begins with the frame behind the record before it")
     pulse_timing: bool = Field(False, strict=True, description="keep when in the record the pulses came")
+    samples: bool = Field(False, strict=True, description="keep every sample of the record, not only its sums")
     retry: int = Field(0, ge=0, le=10)
     max_lost: Annotated[Any, *templated("1", 0.0, 1.0)] = 0.0
     purpose: Name = "measurement"
@@ -93,17 +94,21 @@ class Record(StrictModel):
 class PromptValue(StrictModel):
     """A value the operator must give, inside limits."""
 
-    unit: Literal["A", "V", "ohm", "s", "degC"]
+    unit: Literal["A", "V", "ohm", "s", "degC", "m"]
     low: Text | None = None
     high: Text | None = None
 
 
 class Prompt(StrictModel):
-    """Something only a person can do; waits for the confirmation."""
+    """Something only a person can do; waits for the confirmation. ``{name}`` in the text is that variable.
+
+    ``sets`` says what the person's act changes on the bench, for example which unit sits on the test board.
+    """
 
     text: Text
     confirm: Literal["operator"] = "operator"
     value: PromptValue | None = None
+    sets: Arguments = Field(default_factory=dict)
 
 
 class SettleStep(StrictModel):
@@ -136,15 +141,40 @@ class VerifyStep(StrictModel):
     verify: ActionName
 
 
-class UnitStep(StrictModel):
-    """A command of ``unit_commands`` to the unit under test over a link: ``{port_b: start_stream}``."""
+UnitCall = dict[Name, Name | dict[Name, Arguments | None]]
 
-    unit: dict[Name, Name]
+
+class UnitStep(StrictModel):
+    """A command to the unit under test over a link: ``{port_b: start_stream}``.
+
+    The command is one of ``unit_commands``, or one that the frame of the link declares; that one takes arguments:
+    ``{rs422: {stream_start: {rate: 200 Hz}}}``.
+    """
+
+    unit: UnitCall
 
     @model_validator(mode="after")
     def _single(self) -> UnitStep:
         _one_entry(self.unit)
+        called = next(iter(self.unit.values()))
+        if isinstance(called, dict):
+            _one_entry(called)
         return self
+
+
+class Test(StrictModel):
+    """A command whose outcome is judged when the session is analysed; whatever comes back, the run goes on."""
+
+    link: Name | None = Field(None, description="the first link, if left out")
+    item: Name = Field(description="the test item it belongs to, for example memory")
+    command: Name = Field(description="a command that the frame of the link declares")
+    arguments: Arguments = Field(default_factory=dict)
+
+
+class TestStep(StrictModel):
+    """Test one thing of the unit under test."""
+
+    test: Test
 
 
 class SendStep(StrictModel):
@@ -231,6 +261,7 @@ Step_ = Annotated[
     | Annotated[PromptStep, Tag("<prompt>")]
     | Annotated[VerifyStep, Tag("<verify>")]
     | Annotated[UnitStep, Tag("<unit>")]
+    | Annotated[TestStep, Tag("<test>")]
     | Annotated[SendStep, Tag("<send>")]
     | Annotated[CallStep, Tag("<call>")]
     | Annotated[ProcedureStep, Tag("<procedure>")],
@@ -247,7 +278,7 @@ class TimelineEntry(StrictModel):
     )
     send: dict[Name, Text] | None = None
     call: CallStep | None = None
-    unit: dict[Name, Name] | None = None
+    unit: UnitCall | None = None
     record: Annotated[Record, BeforeValidator(_record_shorthand), _OrText()] | None = None
     soak: Soak | None = None
     prompt: Annotated[Prompt, BeforeValidator(_prompt_shorthand), _OrText()] | None = None

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from bench.model.ports import Effect
-from bench.model.units import parse_quantity
+from bench.model.units import parse_quantity, plain_quantity
 from bench.plan.bus_time import declared_action
 from bench.plan.findings import suggestion
 from bench.plan.language_steps import (
@@ -21,10 +22,13 @@ from bench.plan.language_steps import (
     SettleStep,
     Soak,
     SoakStep,
+    TestStep,
     TimelineEntry,
     UnitStep,
     VerifyStep,
 )
+from bench.plan.templated import REFERENCE
+from bench.plan.unit_commands import expand_test, expand_unit
 from bench.plan.values import Quantity, Scope, named, plain
 
 if TYPE_CHECKING:
@@ -32,6 +36,7 @@ if TYPE_CHECKING:
 
 WORDS = VERBS
 TIMED = ("npp", "ppp")  # counts whose pulses can be timed
+MOST_SAMPLES = 2_000_000  # of one record: it is held in memory until the analysis
 MOST_TIMED_FRAMES = 100_000  # the square of the frame's number times its pulses still sums up exactly
 
 
@@ -45,7 +50,7 @@ def expand_entry(plan: Expander, entry: TimelineEntry, path: Path, scope: Scope)
     if entry.send is not None:
         _send(plan, SendStep(send=entry.send), path, scope)
     elif entry.unit is not None:
-        _unit(plan, UnitStep(unit=entry.unit), path, scope)
+        expand_unit(plan, UnitStep(unit=entry.unit), path, scope)
     elif entry.call is not None:
         _call(plan, entry.call, (*path, "call"), scope)
     elif entry.verify is not None:
@@ -66,11 +71,6 @@ def _role(plan: Expander, role: str, path: Path) -> None:
     if role not in plan.station.instruments:
         known = suggestion(role, plan.station.instruments)
         plan.fail("B-PLAN-040", path, f"station {plan.station.name} has no instrument {role!r}{known}")
-
-
-def _link(plan: Expander, link: str, path: Path) -> None:
-    if link not in plan.document.model.frame:
-        plan.fail("B-PLAN-041", path, f"there is no link {link!r}{suggestion(link, plan.document.model.frame)}")
 
 
 def _duration(plan: Expander, raw: Any, scope: Scope, path: Path) -> Quantity | None:
@@ -106,23 +106,6 @@ def _send(plan: Expander, step: SendStep, path: Path, scope: Scope) -> None:
     plan.add("send", role, "", {"text": text}, scope, (*path, "send"))
 
 
-def _unit(plan: Expander, step: UnitStep, path: Path, scope: Scope) -> None:
-    link, name = next(iter(step.unit.items()))
-    _link(plan, link, (*path, "unit", link))
-    if link in plan.document.model.frame and link not in plan.command_links:
-        frame = plan.document.model.frame[link]
-        plan.fail(
-            "B-PLAN-039", (*path, "unit", link), f"{link} takes no commands: frame {frame!r} has no 'command' message"
-        )
-    command = plan.document.model.unit_commands.get(name)
-    if command is None:
-        known = suggestion(name, plan.document.model.unit_commands)
-        plan.fail("B-PLAN-049", (*path, "unit", link), f"'unit_commands' has no {name!r}{known}")
-        return
-    arguments = {"command": command.code, "payload": tuple(bytes.fromhex(command.payload))}
-    plan.add("unit", link, name, arguments, scope, (*path, "unit"))
-
-
 def _settle(plan: Expander, step: SettleStep, path: Path, scope: Scope) -> None:
     seconds = _duration(plan, step.settle, scope, (*path, "settle"))
     plan.add("settle", "", "", {}, scope, (*path, "settle"), seconds)
@@ -155,6 +138,9 @@ def take_record(plan: Expander, record: Record, path: Path, scope: Scope) -> Non
     if record.pulse_timing:
         arguments["pulse_timing"] = True
         _can_time_pulses(plan, seconds, (*path, "pulse_timing"))
+    if record.samples:
+        arguments["samples"] = True
+        _can_keep_samples(plan, seconds, (*path, "samples"))
     if record.windows is not None and record.windows > 1 and record.retry:
         message = f"{record.windows} windows without a gap cannot be taken again (retry {record.retry})"
         plan.fail("B-PLAN-068", (*path, "retry"), message, "leave 'retry' out; lost frames are counted in each window")
@@ -185,6 +171,18 @@ def _can_time_pulses(plan: Expander, seconds: Quantity | None, path: Path) -> No
         frames = round(seconds.value * plan.rate_Hz)
         message = f"pulse times of {frames} frames do not fit; {MOST_TIMED_FRAMES} are allowed"
         plan.fail("B-PLAN-069", path, message, "take shorter records; 'windows' makes many without a gap")
+
+
+def _can_keep_samples(plan: Expander, seconds: Quantity | None, path: Path) -> None:
+    """Note what keeps ``samples`` from being kept (B-PLAN-092)."""
+    if not plan.has_samples:
+        frame = next(iter(plan.document.model.frame.values()))
+        message = f"frame {frame!r} has no fields with 'per: sample', so a record has no samples"
+        plan.fail("B-PLAN-092", path, message, "leave 'samples' out, or record a link whose frames carry samples")
+    elif seconds is not None and seconds.value * plan.rate_Hz > MOST_SAMPLES:
+        count = round(seconds.value * plan.rate_Hz)
+        message = f"{count} samples of one record do not fit; {MOST_SAMPLES} are allowed"
+        plan.fail("B-PLAN-092", path, message, "take shorter records; 'windows' makes many without a gap")
 
 
 def _whole_frames(plan: Expander, seconds: Quantity, path: Path) -> None:
@@ -229,7 +227,10 @@ def _prompt(plan: Expander, step: PromptStep, path: Path, scope: Scope) -> None:
 
 def prompt(plan: Expander, step: Prompt, path: Path, scope: Scope) -> None:
     """Append an operator prompt; limits come out in the base unit of the value."""
-    arguments: dict[str, Any] = {"text": step.text, "confirm": step.confirm}
+    arguments: dict[str, Any] = {"text": _filled(plan, step.text, scope, (*path, "text")), "confirm": step.confirm}
+    if step.sets:
+        sets = _values(plan, step.sets, (*path, "sets"), scope)
+        arguments["sets"] = {name: plain(value) for name, value in sets.items()}
     if step.value is not None:
         arguments["unit"] = step.value.unit
         for key in ("low", "high"):
@@ -243,11 +244,22 @@ def prompt(plan: Expander, step: Prompt, path: Path, scope: Scope) -> None:
     plan.add("prompt", "", "", arguments, scope, path)
 
 
+def _filled(plan: Expander, text: str, scope: Scope, path: Path) -> str:
+    """A text for a person with its variables written out."""
+
+    def value(match: re.Match[str]) -> str:
+        found = plan.resolve(match[0], scope, path)
+        return plain_quantity(found.value, found.dimension) if isinstance(found, Quantity) else str(plain(found))
+
+    return REFERENCE.sub(value, text)
+
+
 _EXPANDERS: dict[type, Callable[[Expander, Any, Path, Scope], None]] = {
     CallStep: _call,
     VerifyStep: _verify,
     SendStep: _send,
-    UnitStep: _unit,
+    UnitStep: expand_unit,
+    TestStep: expand_test,
     SettleStep: _settle,
     RecordStep: _record,
     SoakStep: _soak,

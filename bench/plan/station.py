@@ -22,7 +22,8 @@ from bench.plan.templated import Name, Scalar
 
 Words = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 Current = Annotated[float, *quantity("A", -10.0, 10.0)]
-NUMBERS = ("_ppm", "_A", "_V", "_s", "_Hz", "_degC", "time_constants")  # how options that are numbers end
+NUMBERS = ("_ppm", "_A", "_V", "_s", "_Hz", "_degC", "_arcmin", "time_constants")  # how options that are numbers end
+TEXTS = ("faults",)  # options that are neither numbers nor on or off; the world judges them
 Fraction = Annotated[float, *quantity("1", -1.0, 1.0)]
 CHAMBER_MARGIN_DEGC, UNIT_MARGIN_DEGC = 5.0, 10.0  # hard limits above the highest set-point; the unit warms itself
 Share = Annotated[float, *quantity("1", 0.0, 1.0)]  # of an uncertainty: never negative
@@ -299,6 +300,8 @@ def wrong_option(name: str, text: str) -> str:
 
     As everywhere a name with the suffix of a unit is a number; every other option is on or off.
     """
+    if name in TEXTS:
+        return ""
     if not name.endswith(NUMBERS):
         return "" if text in ("on", "off") else "'on' or 'off' is due"
     try:

@@ -47,7 +47,7 @@ def summarise(plan: Plan, start_utc_ns: int = VIRTUAL_START_UTC_NS) -> Summary:
         finally_s=plan.finally_s,
         finish_utc_ns=start_utc_ns + round(total_s * NS),
         disk_bytes=round(total_s * (plan.link_bytes_s + SECOND_BYTES) + STEP_BYTES * len(plan.steps)),
-        hazards=(*_stimulus(plan), *_thermal(plan), *_power(plan), *_raw(plan), *_afterwards(plan), *_left_on(plan)),
+        hazards=tuple(line for told in _HAZARDS for line in told(plan)),
     )
 
 
@@ -91,6 +91,16 @@ def _power(plan: Plan) -> list[str]:
     return [f"{role}: up to {format_quantity(level, 'V')}" for role, level in volts.items()]
 
 
+def _motion(plan: Plan) -> list[str]:
+    closed = [step.role for step in _calls(plan, Effect.MOTION_ON) if "axis" not in step.arguments]
+    rates = _highest(_calls(plan, Effect.MOTION_ON), "rate")
+    return [
+        f"{role}: moves at up to {rates.get(role, 0.0):g} deg/s, interlock closed {closed.count(role)} times; "
+        "nobody may stand at it"
+        for role in sorted(set(closed))
+    ]
+
+
 def _raw(plan: Plan) -> list[str]:
     roles = sorted({step.role for step in plan.steps if step.kind == "send"})
     return [f"{role}: takes raw commands, which the check cannot look into" for role in roles]
@@ -112,3 +122,6 @@ def _left_on(plan: Plan) -> list[str]:
         declared = declared_action(plan.station, step.role, step.name) if step.kind == "call" else None
         state.take(step, Judged(declared, step.arguments))
     return [f"{role}: on until it is made safe at the end" for role in sorted(state.energised)]
+
+
+_HAZARDS = (_stimulus, _thermal, _power, _motion, _raw, _afterwards, _left_on)

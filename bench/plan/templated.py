@@ -16,7 +16,7 @@ Name = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$")]
 ActionName = Annotated[str, StringConstraints(pattern=f"^{ACTION_PATTERN}$")]
 Scalar = bool | int | float | str
 
-_REFERENCE = re.compile(r"\{(" + NAME_PATTERN + r")(?:\.(" + NAME_PATTERN + r"))?\}")
+REFERENCE = re.compile(r"\{(" + NAME_PATTERN + r")(?:\.(" + NAME_PATTERN + r"))?\}")
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Reference:
 
 def as_reference(value: object) -> Reference | None:
     """The reference a value is, or None if it is written out."""
-    match = _REFERENCE.fullmatch(value) if isinstance(value, str) else None
+    match = REFERENCE.fullmatch(value) if isinstance(value, str) else None
     return None if match is None else Reference(match[1], match[2] or "")
 
 

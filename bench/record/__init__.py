@@ -6,6 +6,7 @@ from bench.record.layout import Message, canonical_json
 from bench.record.packed import PackedList, PackedRows
 from bench.record.reader import SessionReader
 from bench.record.resume import resume_session
+from bench.record.samples import Samples
 from bench.record.scan import Damage
 from bench.record.window import RecordRow
 from bench.record.writer import RecordError, SessionWriter
@@ -21,6 +22,7 @@ __all__ = [
     "RecordCutter",
     "RecordError",
     "RecordRow",
+    "Samples",
     "SessionReader",
     "SessionWriter",
     "canonical_json",

@@ -12,33 +12,34 @@ from bench.frame import FrameDefinition, LinkBatch, MessageBatch
 from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
+from bench.record.samples import SampleKeeper, counting_message, sample_scales
 from bench.record.window import OpenWindow, RecordRow, Rows
 
 OVER_RANGE_BITS = "over_range"
 
 
 class RecordCutter:
-    """Sums the per-frame counts of one link over the windows opened on it.
+    """Sums the per-frame counts of one link over the windows opened on it, or keeps its samples.
 
     The result depends on the bytes and their receive stamps only, not on how the stream was cut into batches, so a
     replay gives the same rows. Feed housekeeping (``feed_context``) before the measurement frames of the same time.
-    Raises: InputError B-REC-020 if the frame definition has no per-frame counts or no counter.
+    Raises: InputError B-REC-020 if the frame definition has neither per-frame counts nor samples, or no counter.
     """
 
     def __init__(self, definition: FrameDefinition) -> None:
-        counting = [item for item in definition.layout.messages if any(field.per == "frame" for field in item.fields)]
-        if not counting or counting[0].counter is None:
+        message = counting_message(definition)
+        if message is None:
             raise InputError(
                 "B-REC-020",
-                f"{definition.name} has no message with a counter and per-frame counts",
+                f"{definition.name} has no message with a counter and counts per frame, or samples",
                 where=definition.name,
-                next_step="declare 'role: counter' and 'per: frame' in the frame file",
+                next_step="declare 'role: counter' and 'per: frame', or 'per: sample', in the frame file",
             )
-        message = counting[0]
         self._message = message.name
         self._length = message.length
         fields = [field for field in message.fields if field.per == "frame"]
         self._shapes = {field.name: (() if field.count is None else (field.count,)) for field in fields}
+        self._scales = sample_scales(message)
         flagged = [field.name for field in message.fields if OVER_RANGE_BITS in field.bits]
         self._period_ns = round(NS / definition.rate_Hz) if definition.rate_Hz else 1
         self._over_range = f"{flagged[0]}.{OVER_RANGE_BITS}" if flagged else ""
@@ -46,13 +47,16 @@ class RecordCutter:
         self._highest = -1
         self._previous = (-1, 0)  # counter and stream offset of the newest good frame
 
-    def open(self, window: RecordWindow, *, until_ns: int | None = None, timed: bool = False) -> None:
+    def open(
+        self, window: RecordWindow, *, until_ns: int | None = None, timed: bool = False, sampled: bool = False
+    ) -> None:
         """Cut this record too. Its frames must not have been fed before.
 
         ``until_ns``: frames received later do not count (in a replay: when the run gave the record up).
-        ``timed``: keep when in the record the pulses came (``RecordRow.timing``).
+        ``timed``: keep when in the record the pulses came (``RecordRow.timing``).   ``sampled``: keep the samples.
         """
-        item = OpenWindow(window, until_ns, self._shapes, timed, self._period_ns)
+        keeper = SampleKeeper(self._scales) if sampled and self._scales else None
+        item = OpenWindow(window, until_ns, self._shapes, timed, self._period_ns, keeper)
         insort(self._open, item, key=lambda item: item.first)
 
     def feed(self, batch: LinkBatch) -> None:
@@ -135,6 +139,9 @@ class RecordCutter:
             rows: Rows = slice(first, stop) if fresh is None else fresh[first:stop]
             columns = {name: frames.raw(name) for name in self._shapes}
             item.add(columns, rows, frames.t_ns, self._is_over_range(frames, rows, item.window))
+            if item.keeper is not None:
+                sampled = {name: frames.raw(name)[rows] for name in self._scales}
+                item.keeper.add(kept[first:stop], frames.t_ns[rows], sampled)
         if given_up or kept[-1] >= item.stop - 1:
             item.settle()
 

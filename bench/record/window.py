@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record.gate import implausible
+from bench.record.samples import SampleKeeper, Samples
 from bench.record.timing import pulse_timing
 
 Rows = slice | NDArray[np.int64]
@@ -62,6 +63,7 @@ class RecordRow:
         duplicate: frames received twice (counted once). suspect: frames left out because they cannot be true.
         timing: when in the record the pulses came (bench.record.timing); empty if it was not asked for or a frame is
             missing or suspect.
+        samples: every sample of the record, if that was asked for and the frames carry samples.
     """
 
     window: RecordWindow
@@ -74,6 +76,7 @@ class RecordRow:
     duplicate: int = 0
     suspect: int = 0
     timing: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
+    samples: Samples | None = None
 
 
 @dataclass
@@ -81,6 +84,7 @@ class OpenWindow:
     """A record being cut. ``until_ns``: frames received later do not belong to it, whatever their counter.
 
     ``timed``: keep when the pulses came. ``period_ns``: how long the counts of one frame take, 1 if nobody knows.
+    ``keeper``: takes the samples, if they are kept.
     """
 
     window: RecordWindow
@@ -88,6 +92,7 @@ class OpenWindow:
     shapes: Mapping[str, tuple[int, ...]]
     timed: bool = False
     period_ns: int = 1
+    keeper: SampleKeeper | None = None
     complete: bool = False
     duplicate: int = 0
     over_range: bool = False
@@ -95,6 +100,7 @@ class OpenWindow:
     last_stamp_ns: int = -1
     bad_counters: set[int] = field(default_factory=set)
     _pieces: list[Mapping[str, NDArray[Any]]] = field(default_factory=list)
+    _counts: list[int] = field(default_factory=list)  # frames of each piece
     _context: list[tuple[NDArray[np.int64], Mapping[str, NDArray[np.float64]]]] = field(default_factory=list)
     _sums: dict[str, NDArray[np.int64]] = field(default_factory=dict)
     _timing: dict[str, NDArray[np.int64]] = field(default_factory=dict)
@@ -117,6 +123,7 @@ class OpenWindow:
         if not self._pieces:
             self.first_stamp_ns = int(t_ns[rows][0])
         self._pieces.append(piece)
+        self._counts.append(len(t_ns[rows]))
         self.last_stamp_ns = int(t_ns[rows][-1])
         self.over_range = self.over_range or over_range
 
@@ -133,8 +140,7 @@ class OpenWindow:
         wrong = implausible(self._pieces)
         total = {name: np.zeros(shape, np.int64) for name, shape in self.shapes.items()}
         at = 0
-        for piece in self._pieces:
-            count = len(next(iter(piece.values())))
+        for piece, count in zip(self._pieces, self._counts, strict=True):
             keep = None if wrong is None else ~wrong[at : at + count]
             for name, column in piece.items():
                 total[name] += column_sums(column if keep is None else column[keep])
@@ -161,7 +167,7 @@ class OpenWindow:
             quality |= flag if wrong else Quality.GOOD
         return RecordRow(
             self.window, self._sums, self._frames, lost, bad, quality, means, self.duplicate, self._suspect,
-            self._timing,
+            self._timing, None if self.keeper is None else self.keeper.samples(),
         )  # fmt: skip
 
     def _thermal_quality(self, unit_degC: float | None) -> Quality:

@@ -149,7 +149,7 @@ class _Replay:
                 link = item.window.link
                 if link not in self._cutters:
                     self._cutters[link] = RecordCutter(self.definitions[link])
-                self._cutters[link].open(item.window, until_ns=item.until_ns, timed=item.timed)
+                self._cutters[link].open(item.window, until_ns=item.until_ns, timed=item.timed, sampled=item.sampled)
 
     def take(self, message: Message) -> None:
         """Take the next message of the session."""

@@ -17,13 +17,15 @@ RESUME = "resume"
 class RecordedWindow:
     """A record window and the time after which the run no longer waited for frames.
 
-    ``part`` counts the "resume" events before it: counters start anew with each. ``timed``: its pulses were timed.
+    ``part`` counts the "resume" events before it: counters start anew with each. ``timed``: its pulses were timed;
+    ``sampled``: its samples were kept.
     """
 
     window: RecordWindow
     until_ns: int
     part: int
     timed: bool = False
+    sampled: bool = False
 
 
 def recorded_windows(events: Iterable[Message]) -> list[RecordedWindow]:
@@ -43,8 +45,8 @@ def recorded_windows(events: Iterable[Message]) -> list[RecordedWindow]:
         elif kind == "record":
             window = _window(fields, message)
             found.pop(window.number, None)
-            timed = fields.get("pulse_timing") is True
-            found[window.number] = RecordedWindow(window, message.t_ns, part, timed)
+            timed, sampled = fields.get("pulse_timing") is True, fields.get("samples") is True
+            found[window.number] = RecordedWindow(window, message.t_ns, part, timed, sampled)
     return list(found.values())
 
 

@@ -1,0 +1,82 @@
+"""Samples of a record: every value of the frames that carry measurements instead of counts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.frame import FrameDefinition
+from bench.frame.layout import Message
+
+PER_SAMPLE = "sample"
+Scale = tuple[float, float, str]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Good frames of a record in the order of their counter; a frame that is missing has no row.
+
+    ``columns``: raw integers of the fields with ``per: sample``, (n,) or (n, elements).   ``counter``: (n,) unwrapped,
+    so that what is missing can be told.   ``t_ns``: (n,) receive stamps.   ``scales``: by field, physical value =
+    raw * scale + shift in unit.
+    """
+
+    columns: Mapping[str, NDArray[np.generic]]
+    counter: NDArray[np.int64]
+    t_ns: NDArray[np.int64]
+    scales: Mapping[str, Scale]
+
+    def __len__(self) -> int:
+        return len(self.counter)
+
+    def scaled(self, name: str) -> NDArray[np.float64]:
+        """Values of one field in its unit, (n,) or (n, elements). Raises: KeyError for a field that is not there."""
+        scale, shift, _ = self.scales[name]
+        return self.columns[name].astype(np.float64) * scale + shift
+
+    def unit(self, name: str) -> str:
+        """Unit of one field, "" if it has none."""
+        return self.scales[name][2]
+
+
+def sample_scales(message: Message) -> dict[str, Scale]:
+    """The fields of a message that are samples, with their scales; empty for one that counts."""
+    return {item.name: (item.scale, item.shift, item.unit) for item in message.fields if item.per == PER_SAMPLE}
+
+
+def counting_message(definition: FrameDefinition) -> Message | None:
+    """The message that records are cut from: it has a counter, and counts per frame or samples; None without one."""
+    for message in definition.layout.messages:
+        if any(item.per in ("frame", PER_SAMPLE) for item in message.fields):
+            return message if message.counter is not None else None
+    return None
+
+
+class SampleKeeper:
+    """Collects the frames of one window; none of them comes twice."""
+
+    def __init__(self, scales: Mapping[str, Scale]) -> None:
+        self._scales = scales
+        self._pieces: list[tuple[NDArray[np.int64], NDArray[np.int64], dict[str, NDArray[np.generic]]]] = []
+
+    def add(
+        self, counter: NDArray[np.int64], t_ns: NDArray[np.int64], columns: Mapping[str, NDArray[np.generic]]
+    ) -> None:
+        """Take frames behind those before."""
+        self._pieces.append((counter.copy(), t_ns.copy(), {name: columns[name].copy() for name in self._scales}))
+
+    def samples(self) -> Samples:
+        """Everything taken so far."""
+        return Samples(
+            {name: _joined([piece[2][name] for piece in self._pieces]) for name in self._scales},
+            _joined([piece[0] for piece in self._pieces]).astype(np.int64),
+            _joined([piece[1] for piece in self._pieces]).astype(np.int64),
+            dict(self._scales),
+        )
+
+
+def _joined(parts: Sequence[NDArray[np.generic]]) -> NDArray[np.generic]:
+    return np.concatenate(parts) if parts else np.empty(0, np.int64)
