@@ -26,7 +26,8 @@ class BaseInstrument(Commands):
 
     Class members: ``identity_pattern`` matches "manufacturer,model"; ``safe_state`` says in words what ``make_safe``
     leaves behind; ``default_options`` are the options a station may give; a source of current names its ranges in
-    ``ranges_A`` (ampere, lowest first), which the static check holds against the register of standards.
+    ``ranges_A`` (ampere, lowest first), which the static check holds against the register of standards;
+    ``spacing_s`` is the time between two commands, second (half of it in a hurry).
 
     Args: reopen: opens the same address again after a failure of the bus.   interface_clear: of the whole bus.
     """
@@ -37,6 +38,7 @@ class BaseInstrument(Commands):
     longest_error_queue: ClassVar[int] = 32
     default_options: ClassVar[Mapping[str, Any]] = {}
     ranges_A: ClassVar[tuple[float, ...]] = ()
+    spacing_s: ClassVar[float] = 0.0
 
     def __init__(
         self,
@@ -56,7 +58,7 @@ class BaseInstrument(Commands):
         self.identity: Identity | None = None
         self.seen: dict[str, object] = {}
         self._said = ""  # the last reply to the identity question
-        self.bus = BusSession(resource, role, clock, transcript)
+        self.bus = BusSession(resource, role, clock, transcript, self.spacing_s)
         self.bus.climb = Ladder(self.bus, self._drain_known, self._readmit, reopen, interface_clear).climb
         if unknown := sorted(set(self.options) - set(self.default_options)):
             known = ", ".join(self.default_options) or "none"

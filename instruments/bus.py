@@ -52,16 +52,28 @@ class BusSession(Wire):
     """Sends commands to one resource and reads replies.
 
     Args: resource: open PyVISA resource; its terminators are set to line feed.   role: name in the station file.
+    spacing_s: time between two commands, second, for an instrument that loses what comes sooner; half of it in a hurry,
+    where what is lost is found by read-back and done again without one.
     """
 
-    def __init__(self, resource: MessageBasedResource, role: str, clock: Clock, transcript: Transcript) -> None:
+    def __init__(
+        self,
+        resource: MessageBasedResource,
+        role: str,
+        clock: Clock,
+        transcript: Transcript,
+        spacing_s: float = 0.0,
+    ) -> None:
         super().__init__(resource, role, clock, transcript)
+        self._spacing_ns = to_ns(spacing_s)
+        self._spoke_ns = clock.now_ns()  # another session may have spoken just before this one was opened
         self.where = f"{role} ({resource.resource_name})"
         self.lock = bus_lock(resource.resource_name)
         self.climb: Climb | None = None
 
     def write(self, command: str, timeout_s: float) -> None:
         """Send one command, once. Raises: InstrumentError B-INST-001 (time-out), B-INST-003 (bus)."""
+        self._keep_apart()
         with self.lock:
             self.note("tx", command)
             limit_s = self.limit(timeout_s)
@@ -69,6 +81,8 @@ class BusSession(Wire):
                 self._resource.write(command)
             except BUS_ERRORS as error:
                 raise self._failure(error, command, limit_s) from error
+            finally:
+                self._spoke_ns = self._clock.now_ns()
 
     def read(self, parse: Callable[[str], T], command: str, timeout_s: float) -> T:
         """Read the reply to ``command`` once and understand it.
@@ -98,6 +112,7 @@ class BusSession(Wire):
                 return self._understood(parse, command, self._await_reply(command, timeout_s, patience_s))
             return self.read(parse, command, timeout_s)
 
+        self._keep_apart()  # before the lock: the other instruments of the bus need not wait
         with self.lock:
             try:
                 return ask()
@@ -118,6 +133,10 @@ class BusSession(Wire):
     def close(self) -> None:
         """Release the session."""
         self._resource.close()
+
+    def _keep_apart(self) -> None:
+        if self._spacing_ns:
+            self._clock.sleep_until_ns(self._spoke_ns + self._spacing_ns // (2 if self.hurried else 1))
 
     def _put(self, question: str, timeout_s: float) -> None:
         if not self.in_step:
@@ -153,6 +172,7 @@ class BusSession(Wire):
             raise self._not_understood(command, repr(error.object), "it is not ASCII") from error
         except BUS_ERRORS as error:
             raise self._failure(error, command, limit_s) from error
+        self._spoke_ns = self._clock.now_ns()
         self.note("rx", reply)
         return reply
 

@@ -74,6 +74,7 @@ class RunContext:
     ``ahead`` holds the windows that are open before their record step, by number of the step.
     ``manifest`` is the session's; ``traffic`` are called with every command and reply of an instrument (``earlier``:
     those before the session), ``told`` with every message for a person. They must not wait.
+    ``operate`` does on a simulated bench what a person did by a prompt (name, value).
     """
 
     plan: Plan
@@ -100,6 +101,7 @@ class RunContext:
     earlier: tuple[tuple[str, str, str, int], ...] = ()
     traffic: list[Traffic] = field(default_factory=list)
     told: list[Callable[[str], None]] = field(default_factory=list)
+    operate: Callable[[str, Any], None] = lambda name, value: None
     in_use: InUse = field(default_factory=InUse)
     health: Health = field(init=False)
 

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 from bench.frame import FrameDefinition, LinkBatch, LinkDecoder, MessageBatch
 from bench.model.clock import NS, Clock
@@ -19,17 +20,67 @@ from bench.record import RecordError
 
 READ_BYTES = 1_000_000  # ports are opened without a time-out: a read returns what is there
 HELD_BYTES = 8_000_000  # per link, read and not yet recorded: 11 minutes at 115,200 Bd
-ANSWER = "answer"
+ANSWER, REFUSAL = "answer", "refusal"  # messages of a frame definition
+SEQUENCE = "sequence"  # the field of a command that its answer repeats
 _MARKS = 10  # of the rate, one each second
+_NUMBERS = 256  # a sequence number is one byte
 
 BatchListener = Callable[[LinkBatch], None]
+
+
+class UnitAnswer(NamedTuple):
+    """An answer of the unit. ``payload``: behind the status; ``sequence``: -1 if its frames carry none."""
+
+    command: int
+    status: int
+    payload: bytes
+    sequence: int = -1
+    refused: bool = False
+
+
+class SequenceNumbers:
+    """The sequence numbers of the commands on one link; to be used under the acquisition's lock or by one thread.
+
+    ``last``: the newest one; ``opened``: the unit has answered one of this run, so that the next one is new to it.
+    """
+
+    def __init__(self) -> None:
+        self.last = 0
+        self.opened = False
+        self._asked: set[int] = set()
+        self._step = -1  # whose command with the number ``last`` is not answered yet
+
+    def new(self) -> int:
+        """The next number."""
+        self.last, self._step = (self.last + 1) % _NUMBERS, -1
+        self._asked.discard(self.last)
+        return self.last
+
+    def of_step(self, step: int) -> int:
+        """The number of a step's command: a new one, or that of before if the step was broken off and is done again."""
+        if step != self._step:
+            self.new()
+            self._step = step
+        return self.last
+
+    def settled(self) -> None:
+        """The command of the step has its answer, or none is waited for any more."""
+        self._step = -1
+
+    def ask(self, number: int) -> None:
+        """The command with this number asks the unit who it is."""
+        self._asked.add(number)
+
+    def asks(self, number: int) -> bool:
+        """Whether the command with this number asked the unit who it is."""
+        return number in self._asked
 
 
 @dataclass
 class LinkReader:
     """One serial link: reads, stamps, records, queues and decodes.
 
-    ``answers`` collects (command, status, payload) of the unit's answers;
+    ``answers`` collects the unit's answers; ``numbered``: its commands and answers carry one of ``numbers``;
     ``last_counter`` is the unwrapped counter of the newest good frame (-1 before the first), ``last_frame_ns`` its
     receive stamp, ``last_frame_end`` the stream offset behind it, ``last_raw`` its counter as it was sent.
     ``lost`` says why the port is gone, "" while it is there; ``kept`` promises that somebody brings it back, so that
@@ -48,7 +99,8 @@ class LinkReader:
     last_raw: int = -1
     last_byte_ns: int = -1
     newest: dict[str, MessageBatch] = field(default_factory=dict)
-    answers: list[tuple[int, int, bytes]] = field(default_factory=list)
+    answers: list[UnitAnswer] = field(default_factory=list)
+    numbers: SequenceNumbers = field(default_factory=SequenceNumbers)
     lost: str = ""
     kept: bool = False
     behind: int = 0
@@ -56,6 +108,9 @@ class LinkReader:
 
     def __post_init__(self) -> None:
         self.decoder = LinkDecoder(self.definition)
+        self.numbered = any(
+            message.name == ANSWER and SEQUENCE in message.by_name for message in self.definition.layout.messages
+        )
         self._lock = threading.RLock()
         self._gate = threading.Lock()  # reading and stamping: the order of the stamps is that of the bytes
         self._arrived: deque[tuple[int, bytes]] = deque()
@@ -124,8 +179,8 @@ class LinkReader:
 
     def _note(self, message: str, frames: MessageBatch) -> None:
         self.newest[message] = frames
-        if message == ANSWER:
-            self.answers += _answers(frames)
+        if message in (ANSWER, REFUSAL):
+            self.answers += answers_of(message, frames)
         if frames.counter is None or frames.t_ns is None or frames.message.counter is None:
             return
         self.last_counter = int(frames.counter[-1])
@@ -168,6 +223,13 @@ class LinkReader:
             self.on_broken()
             raise
 
+    def command(self, arguments: Mapping[str, Any], number: int = -1) -> bytes:
+        """The frame of a command from the arguments of its step; ``number`` where commands are numbered."""
+        values = {name: arguments[name] for name in ("command", "payload") if name in arguments}
+        if self.numbered:
+            values[SEQUENCE] = number
+        return self.definition.encode_one(values, "command")
+
     def send(self, chunk: bytes) -> None:
         """Send bytes to the unit; they are recorded. Raises: LinkError B-RUN-020."""
         with self._lock:
@@ -191,6 +253,13 @@ class LinkReader:
         )
 
 
-def _answers(frames: MessageBatch) -> list[tuple[int, int, bytes]]:
-    columns = (frames.raw("command"), frames.raw("status"), frames.raw("payload"))
-    return [(int(command), int(status), bytes(payload)) for command, status, payload in zip(*columns, strict=True)]
+def answers_of(message: str, frames: MessageBatch) -> list[UnitAnswer]:
+    """The answers or refusals of a batch, in order."""
+    count, fields = len(frames), frames.message.by_name
+    payloads = frames.raw("payload") if "payload" in fields else [b""] * count
+    numbers = frames.raw(SEQUENCE) if SEQUENCE in fields else [-1] * count
+    columns = (frames.raw("command"), frames.raw("status"), payloads, numbers)
+    return [
+        UnitAnswer(int(command), int(status), bytes(payload), int(number), message == REFUSAL)
+        for command, status, payload, number in zip(*columns, strict=True)
+    ]

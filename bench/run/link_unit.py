@@ -11,7 +11,7 @@ from bench.model.clock import NS
 from bench.model.errors import LinkError, RunError
 from bench.plan import Step
 from bench.run.context import RunContext
-from bench.run.link_reader import ANSWER, LinkReader
+from bench.run.link_reader import ANSWER, LinkReader, UnitAnswer, answers_of
 
 IDENTIFY = "identify"  # name of the unit command, under unit_commands, whose answer tells who the unit is
 DONE = 0  # status of an answer
@@ -52,12 +52,13 @@ def went_on(before: CounterMark, after: CounterMark, rate_Hz: float | None, wrap
 class Unit:
     """What the plan says to the unit, and who the unit said it is.
 
-    The answer to the step ``identify`` of the plan is kept; a plan without this step has no way to ask.
+    The answer to the step ``identify`` of the plan is kept; a plan without this step has no way to ask. Tests of the
+    unit are neither asked nor sent again: the units of one session are several, and a FLASH is erased once.
     """
 
     def __init__(self, context: RunContext) -> None:
         self._context = context
-        self._steps = [step for step in context.plan.steps if step.kind == "unit"]
+        self._steps = [step for step in context.plan.steps if step.kind == "unit" and "item" not in step.arguments]
         self._identify = next((step for step in self._steps if step.name == IDENTIFY), None)
         self._known: bytes | None = context.unit_answer
         self._asked = False
@@ -121,22 +122,30 @@ class Unit:
         frames = batch.messages.get(ANSWER)
         if frames is None or not len(frames) or self._identify is None:
             return
-        columns = (frames.raw("command"), frames.raw("status"), frames.raw("payload"))
-        for command, status, payload in zip(*columns, strict=True):
-            if int(command) == int(self._identify.arguments["command"]) and int(status) == DONE:
-                self._heard = bytes(payload)
+        for answer in answers_of(ANSWER, frames):
+            if self._is_asked_for(self._identify, answer):
+                self._heard = answer.payload
                 if self._asked:
                     continue
                 self._known = self._known or self._heard
                 if self._heard != self._known:
                     self._context.stop.fail(self.other("after the run was stopped", self._identify.role))
 
+    def _is_asked_for(self, identify: Step, answer: UnitAnswer) -> bool:
+        """The unit says who it is, and was not asked by a test."""
+        if answer.command != int(identify.arguments["command"]) or answer.status != DONE:
+            return False
+        return answer.sequence < 0 or self._readers[identify.role].numbers.asks(answer.sequence)
+
     def _send(self, step: Step) -> bool:
         reader = self._readers[step.role]
         if reader.lost:
             return False
+        number = reader.numbers.new() if reader.numbered else -1
+        if step is self._identify:
+            reader.numbers.ask(number)
         try:
-            reader.send(reader.definition.encode_one(step.arguments, "command"))
+            reader.send(reader.command(step.arguments, number))
         except LinkError:
             return False
         return True

@@ -41,6 +41,9 @@ class World(Protocol):
     def truth(self, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
         """What an analysis of these records should have found."""
 
+    def operate(self, name: str, value: Any) -> None:
+        """What a person does at the bench: put a unit on it, set a switch. Raises: InputError for an unknown name."""
+
     def close(self) -> None:
         """Forget the world."""
 

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from bench.model.errors import RunError
 from bench.model.units import plain_quantity
+from bench.plan import Step
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,15 @@ def limits_of(question: Question) -> str:
     if high is None:
         return question.unit if low is None or not question.unit else f"at least {low}"
     return f"at most {high}" if low is None else f"{low} to {high}"
+
+
+def changes_of(steps: Iterable[Step]) -> dict[str, Any]:
+    """What the prompts among some steps have changed on the bench, by name; of two changes the later counts."""
+    changes: dict[str, Any] = {}
+    for step in steps:
+        if step.kind == "prompt":
+            changes |= step.arguments.get("sets", {})
+    return changes
 
 
 def answer_fields(question: Question, answer: Answer) -> dict[str, Any]:

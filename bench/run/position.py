@@ -9,6 +9,7 @@ from typing import Any
 
 from bench.plan import Plan, Step
 from bench.record import JournalEntry
+from bench.run.motion_again import is_motion
 
 Event = tuple[str, int, Mapping[str, Any]]
 
@@ -101,15 +102,26 @@ def _next_step(
 def point_start(steps: Sequence[Step], index: int) -> int:
     """Index of the first step of the point that holds ``steps[index]``: where its relays and level are set.
 
-    The step itself if it belongs to no point, or to records that follow each other without a gap.
+    The step itself if it belongs to no point, or to records that follow each other without a gap; but records with a
+    motion between them are one recording of it, which begins with the first of them.
     """
     record = _record_of(steps, index)
-    if record is None or steps[record].arguments.get("follows"):
+    if record is not None and steps[record].arguments.get("follows"):
+        begun = _recording_start(steps, record)
+        record = begun if any(is_motion(step) for step in steps[begun:record]) else None
+    if record is None:
         return index
     first = max(0, int(steps[record].arguments["retry_step"]) - steps[0].number)
     if first > index or any(step.kind == "soak" for step in steps[first : index + 1]):
         return index
     return first
+
+
+def _recording_start(steps: Sequence[Step], record: int) -> int:
+    """Index of the first of the records that follow each other without a gap up to this one."""
+    while record > 0 and (steps[record].kind != "record" or steps[record].arguments.get("follows")):
+        record -= 1
+    return record
 
 
 def in_point(steps: Sequence[Step], index: int) -> bool:

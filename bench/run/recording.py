@@ -9,7 +9,7 @@ from bench.model.ports import RecordWindow
 from bench.plan import Step
 from bench.record import RecordRow
 from bench.run.context import RunContext
-from bench.run.windows import begin_window, is_chained, is_timed, patience_s, silent
+from bench.run.windows import begin_window, is_chained, is_sampled, is_timed, patience_s, silent
 from bench.run.wiring import check_wiring
 
 MEASUREMENT = "measurement"
@@ -56,7 +56,8 @@ def _take(context: RunContext, step: Step, number: int) -> RecordRow:
     with context.acquisition.lock:  # a replay takes the frames received up to the time of the event, no others
         context.acquisition.catch_up()
         timed = {"pulse_timing": True} if is_timed(step) else {}
-        context.event("record", **window_fields(window), **timed)
+        sampled = {"samples": True} if is_sampled(step) else {}
+        context.event("record", **window_fields(window), **timed, **sampled)
         return context.cutter.close(number)
 
 

@@ -16,6 +16,8 @@ from bench.model.clock import NS, to_ns
 from bench.model.ports import actions_of
 from bench.plan import Step
 from bench.run.context import CHAMBER, RunContext
+from bench.run.motion_again import motion_again
+from bench.run.operator import changes_of
 from bench.run.setpoints import steps_again
 from bench.run.soak import soak
 from bench.run.steps import EXECUTORS
@@ -31,26 +33,42 @@ def enter(context: RunContext, start: int) -> None:
     """
     if start == len(context.plan.steps):  # every step was done: nothing is switched on for the rest
         return
+    for name, value in changes_of(context.plan.steps[:start]).items():
+        context.listener.message(f"taken to be as before: {name} {value}")
+        context.operate(name, value)
     with _not_interrupted(context):
         drivers = {role: actions_of(type(instrument)) for role, instrument in context.instruments.items()}
-        for step in steps_again(context.plan, start, drivers):
-            if step.kind == "settle":
-                context.timeline.wait_until_ns(context.clock.now_ns() + to_ns(step.duration_s))
-            else:
-                context.listener.message(f"again: {step.role}.{step.name or step.arguments.get('text', '')}")
-                EXECUTORS[step.kind](context, step)
+        _do_again(context, [*steps_again(context.plan, start, drivers), *_motion(context, start)])
         _to_temperature(context, start, stopped=True)
 
 
 def come_back(context: RunContext, number: int) -> None:
-    """After a hold, in which the chamber ran on: the temperature as step ``number`` needs it. Raises: B-RUN-031.
+    """After a hold: tables, which it brought to rest, and the temperature as step ``number`` needs them.
 
-    A soak that was interrupted needs none: it goes on to its own, and not back to the one before.
+    The chamber ran on. A soak that was interrupted needs no other: it goes on to its own, not back to the one before.
+
+    Raises: B-RUN-031; InstrumentError of a table.
     """
+    with _not_interrupted(context):
+        _do_again(context, _motion(context, number))
     if context.plan.steps[number].kind == "soak":
         return
     with _not_interrupted(context):
         _to_temperature(context, number, stopped=False)
+
+
+def _motion(context: RunContext, number: int) -> list[Step]:
+    drivers = {role: actions_of(type(instrument)) for role, instrument in context.instruments.items()}
+    return motion_again(context.plan.steps, number, drivers)
+
+
+def _do_again(context: RunContext, steps: Sequence[Step]) -> None:
+    for step in steps:
+        if step.kind == "settle":
+            context.timeline.wait_until_ns(context.clock.now_ns() + to_ns(step.duration_s))
+        else:
+            context.listener.message(f"again: {step.role}.{step.name or step.arguments.get('text', '')}")
+            EXECUTORS[step.kind](context, step)
 
 
 def thermal_steps(steps: Sequence[Step], number: int) -> list[Step]:

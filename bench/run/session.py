@@ -54,6 +54,7 @@ class Conducted:
     """A run that has ended: where its session is, how it ended, what simulated truth says (empty on a real bench).
 
     ``counts``: frames, frames_bad, frames_lost over all links; ``events``: the kinds asked for, in order.
+    ``utc_offset_ns``: UTC minus the bench clock at the start of the run.
     """
 
     folder: Path
@@ -63,6 +64,7 @@ class Conducted:
     counts: Mapping[str, int]
     events: list[Event]
     truth: list[dict[str, Any]]
+    utc_offset_ns: int | None = None
 
 
 def session_name(plan: Plan, clock: Clock) -> str:
@@ -146,7 +148,8 @@ def conduct(
             truth = bench.world.truth([row.window for row in outcome.rows]) if bench.world and has_past else []
         finally:
             bench.close()
-    return Conducted(writer.folder, manifest, outcome, writer.chain, run.counts(), sink.events, truth)
+    counts, offset_ns = run.counts(), run.utc_offset_ns
+    return Conducted(writer.folder, manifest, outcome, writer.chain, counts, sink.events, truth, offset_ns)
 
 
 def _frames(plan: Plan) -> dict[str, FrameDefinition]:
@@ -249,6 +252,7 @@ class _Run:
     transcript: HeldTranscript
 
     def __post_init__(self) -> None:
+        self.utc_offset_ns: int | None = None
         self.cutter = RecordCutter(self.frames[self.plan.measurement_link])
         self.readers = self._readers()
 
@@ -291,6 +295,8 @@ class _Run:
             timeline, self.plan.measurement_link, folder=self.writer.folder, manifest=self.manifest,
             traffic=self.transcript.heard, told=listener.heard, earlier=self.transcript.earlier,
         )  # fmt: skip
+        if self.bench.world is not None:
+            context.operate = self.bench.world.operate
         if self.resumed is not None:
             context.record_count = self.resumed.records
             context.unit_answer, context.settled = self.resumed.unit_answer, self.resumed.settled
@@ -318,7 +324,10 @@ class _Run:
         beside.callback(self.clock.every(SYNC_S, guarded(to_disk, self.stop)).cancel)
 
     def _pair(self) -> None:
-        self.writer.clock_pair(self.clock.now_ns(), self.clock.utc_ns())
+        t_mono_ns, t_utc_ns = self.clock.now_ns(), self.clock.utc_ns()
+        if self.utc_offset_ns is None:
+            self.utc_offset_ns = t_utc_ns - t_mono_ns
+        self.writer.clock_pair(t_mono_ns, t_utc_ns)
 
     def counts(self) -> dict[str, int]:
         """Frames of all links: good, bad, lost."""

@@ -1,8 +1,9 @@
 """Standing still: the stimulus is off, everything else stays as it is, until nobody wants it any more.
 
 Off means: every instrument that drives a stimulus or leads it to the unit is made safe in the station's order (the
-calibrator goes to standby before a relay opens). Supply, clock and chamber go on, so that the unit stays warm and
-its stream is watched; the frames that come meanwhile are recorded like any others.
+calibrator goes to standby before a relay opens), and so is a table, because somebody may come to it. Supply, clock and
+chamber go on, so that the unit stays warm and its stream is watched; the frames that come meanwhile are recorded like
+any others.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from bench.model.ports import Effect, actions_of
 from bench.run.context import RunContext
 from bench.run.holds import Wish
 from bench.run.instrument_hold import ASK_S, ask_again
+from bench.run.motion_again import can_move
 
 POLL_S = 0.25
 AGAIN_S = 2.0  # between two attempts to switch a stimulus off
@@ -31,7 +33,7 @@ def stand_still(context: RunContext, wish: Wish, step: int) -> int:
     began_ns = context.clock.now_ns()
     context.event("hold", step=step, by=wish.by, reason=wish.reason)
     context.listener.message(f"holding at step {step}: {wish.reason} ({wish.by}); the stimulus goes off")
-    driven = [role for role in context.plan.station.safe_order if drives(type(context.instruments.get(role)))]
+    driven = [role for role in context.plan.station.safe_order if _goes_off(type(context.instruments.get(role)))]
     driven, tried_s, alarmed = _still_driven(context, driven, step), 0.0, False
     asked_ns = began_ns
     while (reasons := context.stop.holds.reasons) or driven:
@@ -78,6 +80,10 @@ def _too_long(by: str, reason: str, limit_s: float) -> RunError:
         where=by,
         next_step="remove the cause, then 'bench resume SESSION'",
     )
+
+
+def _goes_off(driver: type) -> bool:
+    return drives(driver) or can_move(actions_of(driver))
 
 
 def drives(driver: type) -> bool:

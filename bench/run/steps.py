@@ -10,6 +10,8 @@ from bench.model.ports import Effect, Instrument, actions_of
 from bench.model.quality import Quality
 from bench.plan import Step
 from bench.run.context import RunContext
+from bench.run.exchange import ATTEMPTS, TIMEOUT_S, exchange
+from bench.run.link_reader import LinkReader, UnitAnswer
 from bench.run.operator import Question, answer_fields, judge
 from bench.run.recording import take_record
 from bench.run.soak import soak
@@ -83,7 +85,7 @@ def record(context: RunContext, step: Step) -> None:
 
 
 def prompt(context: RunContext, step: Step) -> None:
-    """Ask the operator; the answer is recorded and judged."""
+    """Ask the operator; the answer is recorded and judged, and a simulated bench is changed as the person did it."""
     arguments = step.arguments
     question = Question(
         str(arguments["text"]),
@@ -99,8 +101,12 @@ def prompt(context: RunContext, step: Step) -> None:
     if waited_ns > PROMPT_SLIP_NS:
         context.timeline.add_slip(waited_ns)
         context.event("slip", step=step.number, seconds=waited_ns / NS, reason="prompt")
-    context.event("prompt", step=step.number, **answer_fields(question, answer))
+    changes = dict(arguments.get("sets", {}))
+    told = {"sets": changes} if changes else {}
+    context.event("prompt", step=step.number, **answer_fields(question, answer), **told)
     judge(question, answer, step.where)
+    for name, value in changes.items():
+        context.operate(name, value)
 
 
 def send(context: RunContext, step: Step) -> None:
@@ -110,32 +116,46 @@ def send(context: RunContext, step: Step) -> None:
 
 
 def unit(context: RunContext, step: Step) -> None:
-    """Send a command to the unit under test and wait for its answer.
+    """Send a command to the unit under test and wait for its answer; what a test of it gives is judged later.
 
-    Raises: LinkError B-RUN-022 (no answer to this command), B-RUN-023 (the answer is a refusal).
+    Raises: LinkError B-RUN-022 (no answer to this command), B-RUN-023 (the answer is a refusal); see ``exchange``.
     """
     reader, number = context.acquisition.readers[step.role], int(step.arguments["command"])
-    with context.acquisition.lock:
-        context.acquisition.refresh()  # an answer that is there already belongs to somebody else's command
-        reader.answers.clear()
-        reader.write(reader.definition.encode_one(step.arguments, "command"))
-    deadline = context.clock.now_ns() + to_ns(ANSWER_S)
-    if not context.acquisition.wait_until(lambda: any(found[0] == number for found in reader.answers), deadline):
+    if reader.numbered:
+        found = exchange(context, step).answer
+        waited = f"{ATTEMPTS} times {float(step.arguments.get('timeout', TIMEOUT_S)):g} s"
+    else:
+        found, waited = _answer_of(context, step, reader), f"{ANSWER_S:g} s"
+    if "item" in step.arguments:
+        return
+    if found is None:
         raise LinkError(
             "B-RUN-022",
-            f"the unit did not answer '{step.name}' within {ANSWER_S:g} s",
+            f"the unit did not answer '{step.name}' within {waited}",
             where=step.role,
             next_step="check supply and cable of the unit, then start again",
         )
-    _, status, payload = next(found for found in reader.answers if found[0] == number)
-    context.event("answer", step=step.number, role=step.role, name=step.name, status=status, payload=payload.hex())
-    if status != DONE:
+    status, payload = found.status, found.payload.hex()
+    context.event("answer", step=step.number, role=step.role, name=step.name, status=status, payload=payload)
+    if status != DONE or found.refused:
         raise LinkError(
             "B-RUN-023",
             f"the unit refused '{step.name}' with status {status}",
             where=step.role,
             next_step=f"check its code {number} and payload in the sequence against the unit's manual",
         )
+
+
+def _answer_of(context: RunContext, step: Step, reader: LinkReader) -> UnitAnswer | None:
+    """The answer of a unit whose commands carry no number: the first one to a command of this code."""
+    number = int(step.arguments["command"])
+    with context.acquisition.lock:
+        context.acquisition.refresh()  # an answer that is there already belongs to somebody else's command
+        reader.answers.clear()
+        reader.write(reader.command(step.arguments))
+    deadline = context.clock.now_ns() + to_ns(ANSWER_S)
+    context.acquisition.wait_until(lambda: any(found.command == number for found in reader.answers), deadline)
+    return next((found for found in reader.answers if found.command == number), None)
 
 
 EXECUTORS: dict[str, Callable[[RunContext, Step], object]] = {

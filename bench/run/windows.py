@@ -51,6 +51,11 @@ def is_timed(step: Step) -> bool:
     return bool(step.arguments.get("pulse_timing"))
 
 
+def is_sampled(step: Step) -> bool:
+    """Whether a record keeps its samples."""
+    return bool(step.arguments.get("samples"))
+
+
 def is_chained(context: RunContext, step: Step) -> bool:
     """Whether a record follows another one without a gap, or is followed by one."""
     return bool(step.arguments.get("follows")) or next(_followers(context.plan.steps, step), None) is not None
@@ -119,7 +124,7 @@ def _followers(steps: Sequence[Step], step: Step) -> Iterator[Step]:
 
 
 def _open(context: RunContext, step: Step, window: RecordWindow) -> None:
-    context.cutter.open(window, timed=is_timed(step))
+    context.cutter.open(window, timed=is_timed(step), sampled=is_sampled(step))
 
 
 def _frames(context: RunContext, step: Step) -> int:

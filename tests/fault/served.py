@@ -19,11 +19,11 @@ SAFE_S = 5.0  # the deadline of safety
 
 
 class Served:
-    """``bench sim`` in a process; ``station`` is the station file that reaches it."""
+    """``bench sim`` of the station ``of`` in a process; ``station`` is the station file that reaches it."""
 
-    def __init__(self, folder: Path, *words: str) -> None:
+    def __init__(self, folder: Path, *words: str, of: str = "af_rack_sim") -> None:
         self.folder = folder
-        command = [sys.executable, "-m", "bench", "sim", "af_rack_sim", "--dir", str(folder), *words]
+        command = [sys.executable, "-m", "bench", "sim", of, "--dir", str(folder), *words]
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert self._process.stdout is not None
         for line in self._process.stdout:

@@ -31,8 +31,10 @@ IDENTIFY = {
         NO_ERROR,
     ],
     "agilent_34401a": [(b"*IDN?\n", b"HEWLETT-PACKARD,34401A,0,10-5-2\n"), NO_ERROR],
+    "acutrol_3000": [(b"*IDN?\n", b"ACUTRONIC,ACUTROL3000,1201,3.2\n"), (b"*STB?\n", b"0\n")],
 }
 
+_RATE_0 = ((b"dem:rate", b",0"), (b"mode:rate", b""))
 _OUTPUT_OFF = [(b"OUTP OFF\n", None), NO_ERROR, (b"OUTP?\n", b"0\n")]
 
 MAKE_SAFE = {
@@ -46,6 +48,13 @@ MAKE_SAFE = {
     "agilent_e3631a": _OUTPUT_OFF,
     "agilent_34970a": [(b"ABOR\n", None), NO_ERROR],
     "agilent_34401a": [NO_ERROR],
+    "acutrol_3000": [
+        *[(b":%s %d%s\n" % (what, axis, value), None) for axis in (3, 2, 1) for what, value in _RATE_0],
+        *[(b":read:rate? %d\n" % axis, b"-0.0012\n") for axis in (3, 2, 1)],
+        *[(b":int:open %d\n" % axis, None) for axis in (3, 2, 1)],
+        (b"*STB?\n", b"0\n"),
+        *[(b":int? %d\n" % axis, b"Open\n") for axis in (1, 2, 3)],
+    ],
 }
 
 

@@ -52,7 +52,7 @@ CASES = [
 
 def test_the_walk_knows_every_driver() -> None:
     assert set(MODULES) - SHARED == set(DRIVERS) == set(IDENTIFY) == set(MAKE_SAFE)
-    assert len(DRIVERS) == 10
+    assert len(DRIVERS) == 11
 
 
 @pytest.mark.parametrize("name", DRIVERS)
@@ -89,6 +89,8 @@ def test_energising_actions_come_with_a_safe_state(name: str) -> None:
         assert Effect.STIMULUS_OFF in effects
     if Effect.ROUTE in effects:
         assert Effect.ROUTES_OPEN in effects
+    if Effect.MOTION_ON in effects:
+        assert Effect.MOTION_OFF in effects
 
 
 @pytest.mark.parametrize(("name", "action", "wrong"), CASES)

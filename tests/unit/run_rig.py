@@ -284,9 +284,10 @@ class Rig:
             self.stop, Timeline(self.clock, self.stop, self.clock.now_ns()), "port_a",
         )  # fmt: skip
 
-    def run(self, safe_order: tuple[str, ...] = ()) -> Outcome:
+    def run(self, safe_order: tuple[str, ...] = (), operate: Callable[[str, Any], None] | None = None) -> Outcome:
         journal = Journal(self.folder)
         self.ran = self.context()
+        self.ran.operate = operate or self.ran.operate
         outcome = Sequencer(self.ran, journal, safe_order).run()
         journal.close()
         return outcome

@@ -309,3 +309,26 @@ def test_a_pause_on_the_way_back_counts_from_its_end_on(tmp_path: Path) -> None:
     assert [answer["ok"] for answer in answers] == [True, True]
     with pytest.raises(Interruption, match="hold: door"):
         context.stop.check()
+
+
+def test_what_persons_changed_on_the_bench_is_as_before(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    rig.step("prompt", text="put in SIM-1", sets={"unit": "SIM-1", "mounting": "x"})
+    rig.step("prompt", text="put in SIM-2", sets={"unit": "SIM-2"})
+    rig.step("settle", duration_s=1.0, bus_s=0.0)
+    rig.step("prompt", text="put in SIM-3", sets={"unit": "SIM-3"})
+    context, done = rig.context(), []
+    context.operate = lambda name, value: done.append((name, value))
+    enter(context, 3)
+    assert done == [("unit", "SIM-2"), ("mounting", "x")]
+    assert any("SIM-2" in text for text in rig.listener.messages)
+
+
+def test_a_test_of_the_unit_is_not_done_again(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    rig.step("unit", "rs422", "stream_start", command=0x20, payload=())
+    rig.step("unit", "rs422", "memory", command=0x12, payload=(), item="memory")
+    rig.step("unit", "rs422", "memory", command=0x12, payload=())
+    rig.step("unit", "rs422", "memory", command=0x12, payload=(1,), item="memory")
+    plan: Any = SimpleNamespace(steps=tuple(rig.steps))
+    assert [step.number for step in steps_again(plan, 4, {})] == [0, 2]

@@ -116,6 +116,29 @@ def test_a_confirmation_needs_no_value(tmp_path: Path) -> None:
     assert rig.run().error is None
 
 
+def test_what_a_person_did_is_done_to_a_simulated_bench_behind_the_answer(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    done: list[tuple[str, object]] = []
+    rig.operator.act = lambda: done.append(("asked", 0))
+    rig.step("prompt", text="put unit SIM-2 on the board", sets={"unit": "SIM-2", "dip_switch": 0})
+    rig.step("prompt", text="go on?")
+    assert rig.run(operate=lambda name, value: done.append((name, value))).error is None
+    assert done == [("asked", 0), ("unit", "SIM-2"), ("dip_switch", 0), ("asked", 0)]
+    first, second = rig.events("prompt")
+    assert first["sets"] == {"unit": "SIM-2", "dip_switch": 0}
+    assert "sets" not in second
+
+
+def test_a_refused_value_changes_nothing_on_the_bench(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    rig.operator.value = 3.0
+    rig.step("prompt", **OHM, sets={"unit": "SIM-2"})
+    done: list[str] = []
+    outcome = rig.run(operate=lambda name, value: done.append(name))
+    assert outcome.error is not None
+    assert done == []
+
+
 # --- commands to the unit ------------------------------------------------------------------------------------------
 
 

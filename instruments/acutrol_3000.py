@@ -1,0 +1,327 @@
+"""Acutronic ACUTROL3000 controller of a three-axis turntable over GPIB: outer axis 1, middle axis 2, inner axis 3.
+
+A mode that is activated moves the table to whatever demand is loaded, so a demand is loaded and read back before its
+mode. ``*STB?`` clears what it tells: bit 0 interlock fault, bit 7 errors queued. Commands are kept 200 ms apart, as in
+public programs, which report commands that are not recognised; 100 ms in the first hurried attempt to make it safe (40
+ms are said to be the least). Angles in deg, not wrapped; rates in deg/s.
+
+Source: public Python, C# and ROS programs for this controller (:INT, :MODE, :DEM, :LIM, :READ, *STB?, words "Rate",
+"Position", "Fault", the order of :LIM:ABS?). The command manual itself leaves the error queue open. Not confirmed on
+hardware: the identity reply; numbers and end of the error queue; the words "Open", "Closed" and "Off"; that a demand
+reads back with ``:DEM:POS?`` and ``:DEM:RATE?``; that :INT, :LIM and :MODE are per axis; above all that a position
+demand beyond a turn is taken as turns (public programs stay below 180 deg): where it is not, the read-back or
+``in_position`` fails. An emergency stop within reach and the table's own limits stay the safety function.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Any
+
+from bench.model.errors import InstrumentError
+from bench.model.ports import Effect, Parameter, action
+from instruments.base import BaseInstrument
+from instruments.bus import TIMED_OUT
+from instruments.readback import either
+from instruments.scpi import read_scpi_error
+from instruments.values import plain_form, read_integer, read_number
+
+OPEN, CLOSED, FAULT = "OPEN", "CLOSED", "FAULT"
+_AXES = (1, 2, 3)
+_INNER_FIRST = (3, 2, 1)  # the inner axis is the fast one
+_INTERLOCK_FAULT, _ERRORS_QUEUED = 1 << 0, 1 << 7
+_AT_REST_DEG_S = 0.01
+_THERE_DEG = 0.003
+_STEP = 1e-4  # of the read-back of limits and demands
+_ABSOLUTE_VALUES = 6  # rate, acceleration, jerk, lowest and highest position, speed of the trip
+_STANDSTILL_S = 10.0
+_HURRIED_STANDSTILL_S = 1.0  # what still turns then is braked by the open interlock
+_BRAKED_S = 3.0
+_LOOK_S = 0.2
+_AXIS = Parameter("axis", choices=_AXES)
+_ANGLE = Parameter("angle", "deg", -3600.0, 3600.0)
+_RATE = Parameter("rate", "deg/s", 0.001, 1000.0)
+_ACCELERATION = Parameter("acceleration", "deg/s2", 0.1, 5000.0)
+
+
+class Acutrol3000(BaseInstrument):
+    """Control of the table: limits, then interlock, then motion. No action waits until a motion has ended."""
+
+    identity_pattern = r"ACUTRONIC.*,ACUTROL3000"
+    safe_state = "all rates 0, at rest, all interlocks open (:INT:OPEN), confirmed by :INT? and :READ:RATE?"
+    spacing_s = 0.2
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self.limits: dict[int, tuple[float, float]] = {}  # deg/s and deg/s2 by axis, of this run
+        self.window: dict[int, tuple[float, float]] = {}  # lowest and highest position by axis, deg
+        self.wanted: dict[int, float] = {}  # position demand by axis, deg; none for an axis in rate mode
+        self.closed = False
+
+    @action(_AXIS, _RATE, _ACCELERATION, bus_s=3.5)
+    def set_limits(self, axis: int, rate: float, acceleration: float) -> None:
+        """Set the most an axis may do in either mode, deg/s and deg/s2, and read it back; its interlock must be open.
+
+        Raises: InstrumentError B-INST-008 (also above the table's own limits), B-INST-017, B-INST-005, B-INST-011.
+        """
+        axis, rate, acceleration = self.checked("set_limits", axis=axis, rate=rate, acceleration=acceleration)
+        if self._interlock(axis) == CLOSED:
+            message = f"set_limits: the interlock of axis {axis} is closed; nothing was set"
+            raise self.error("B-INST-017", message, "set the limits before close_interlock")
+        most_rate, most_acceleration, _, low, high, _ = self.ask(f":lim:abs? {axis}", _read_absolute)
+        for name, value, most in (("rate", rate, most_rate), ("acceleration", acceleration, most_acceleration)):
+            if value > most:
+                message = f"set_limits: {name} {value!r} is above {most!r}, the table's own limit of axis {axis}"
+                raise self.error("B-INST-008", f"{message}; nothing was set", "correct the sequence")
+        self.limits.pop(axis, None)
+        for mode in ("pos", "rate"):
+            self._limit("rate", mode, axis, rate)
+            self._limit("acc", mode, axis, acceleration)
+        self.limits[axis], self.window[axis] = (rate, acceleration), (low, high)
+
+    @action(effect=Effect.MOTION_ON, bus_s=10.0)
+    def close_interlock(self) -> None:
+        """Set the interlocks of all axes closed with rate 0 demanded, if all limits read back, and confirm each.
+
+        Raises: InstrumentError B-INST-010 before ``set_limits`` of each axis, B-INST-005, B-INST-011.
+        """
+        if missing := [axis for axis in _AXES if axis not in self.limits]:
+            message = f"close_interlock refused: no limits were set by this run for axis {missing[0]}"
+            raise self.error("B-INST-010", message, "call set_limits for each axis before it")
+        self._recheck()
+        self.set(":int:reset")
+        for axis in _AXES:
+            self._mode("off", "OFF", axis)
+            self._demand("rate", axis, 0.0)
+            self.set(f":int:close {axis}", either(lambda axis=axis: self._interlock(axis), CLOSED))  # type: ignore[misc]
+            self._confirm_closed(axis)
+            self._mode("rate", "RATE", axis)
+        self.wanted.clear()
+        self.closed = True
+
+    @action(effect=Effect.MOTION_OFF, bus_s=5.0)
+    def open_interlock(self) -> None:
+        """Set all rates to 0, wait for standstill, then open all interlocks and confirm it.
+
+        Raises: InstrumentError B-INST-009 if an interlock stays closed or an axis does not come to rest in 10 s.
+        """
+        self._ready()
+        self._rest_and_open(_STANDSTILL_S)
+
+    @action(_AXIS, _ANGLE, _RATE, effect=Effect.MOTION_ON, bus_s=3.5)
+    def move(self, axis: int, angle: float, rate: float) -> None:
+        """Set an axis on its way to an angle (deg, absolute up to whole turns) the shorter way, at most at ``rate``.
+
+        Raises: InstrumentError B-INST-008, B-INST-010 (no limits), B-INST-017 (interlock open), B-INST-005, B-INST-011.
+        """
+        axis, angle, rate = self.checked("move", axis=axis, angle=angle, rate=rate)
+        acceleration = self._limits_of("move", axis, rate)[1]
+        here = self._here("move", axis)
+        turns = round((here - angle) / 360.0)
+        ways = (angle + 360.0 * count for count in (turns, turns - 1, turns + 1, 0))
+        low, high = self.window[axis]
+        target = next((way for way in ways if low <= way <= high), angle)
+        self._go("move", axis, target, rate, acceleration)
+
+    @action(_AXIS, _ANGLE, _RATE, _ACCELERATION, effect=Effect.MOTION_ON, bus_s=3.5)
+    def turn(self, axis: int, angle: float, rate: float, acceleration: float) -> None:
+        """Set an axis turning by an angle (deg, signed, turns included) from its demand: trapezoid, exactly so far.
+
+        Raises: InstrumentError B-INST-008, B-INST-010 (no limits), B-INST-017 (interlock open, or an axis that turns
+                with no position demand), B-INST-005, B-INST-011.
+        """
+        axis, angle, rate, acceleration = self.checked(
+            "turn", axis=axis, angle=angle, rate=rate, acceleration=acceleration
+        )
+        self._limits_of("turn", axis, rate, acceleration)
+        self._go("turn", axis, self._here("turn", axis) + angle, rate, acceleration)
+
+    @action(_AXIS, Parameter("rate", "deg/s", -1000.0, 1000.0), effect=Effect.MOTION_ON, bus_s=2.0)
+    def spin(self, axis: int, rate: float) -> None:
+        """Set an axis turning at a constant rate, deg/s, signed.
+
+        Raises: InstrumentError B-INST-008, B-INST-010 (no limits), B-INST-017 (interlock open), B-INST-005, B-INST-011.
+        """
+        axis, rate = self.checked("spin", axis=axis, rate=rate)
+        self._limits_of("spin", axis, rate)
+        self._must_be_closed("spin", axis)
+        self._turn_at(axis, rate)
+
+    @action(_AXIS, bus_s=1.5)
+    def stop(self, axis: int) -> None:
+        """Set the rate of an axis to 0, whatever it does. Raises: InstrumentError B-INST-005, B-INST-011."""
+        (axis,) = self.checked("stop", axis=axis)
+        self._turn_at(axis, 0.0)
+
+    @action(_AXIS, bus_s=0.5, returns="deg")
+    def measure_position(self, axis: int) -> float:
+        """Measure the angle of an axis, deg, whole turns included."""
+        (axis,) = self.checked("measure_position", axis=axis)
+        return self.ask(f":read:pos? {axis}", read_number)
+
+    @action(_AXIS, bus_s=0.5, returns="deg/s")
+    def measure_rate(self, axis: int) -> float:
+        """Measure the rate of an axis, deg/s."""
+        (axis,) = self.checked("measure_rate", axis=axis)
+        return self.ask(f":read:rate? {axis}", read_number)
+
+    @action(bus_s=2.0)
+    def in_position(self) -> bool:
+        """Get whether all axes are at rest, within 0.003 deg of their demands, and held by closed interlocks."""
+        self._ready()
+        if not self.closed or not self._at_rest() or any(self._interlock(axis) != CLOSED for axis in _AXES):
+            return False
+        return all(abs(self.measure_position(axis) - angle) <= _THERE_DEG for axis, angle in self.wanted.items())
+
+    def make_safe(self) -> None:
+        """Set the declared safe state; one that does not even say who it is gets the commands all the same."""
+        try:
+            super().make_safe()
+        except InstrumentError as error:
+            if error.code == TIMED_OUT and self.identity is None:
+                with suppress(InstrumentError):
+                    self._order_rest()
+                    self._order_open()
+            raise
+
+    def drain_errors(self) -> list[str]:
+        """Get what the status byte tells, which that clears, and all queued errors, oldest first."""
+        status = self.bus.query("*STB?", read_integer, self.timeout_s, repeatable=False)
+        found = ["interlock fault"] if status & _INTERLOCK_FAULT else []
+        return found + super().drain_errors() if status & _ERRORS_QUEUED else found
+
+    def _next_error(self) -> str | None:
+        return self.bus.query(":query:error? 1", read_scpi_error, self.timeout_s, repeatable=False)
+
+    def _limits_of(self, name: str, axis: int, rate: float, acceleration: float = 0.0) -> tuple[float, float]:
+        if axis not in self.limits:
+            message = f"{name} refused: no limits were set by this run for axis {axis}; nothing was sent"
+            raise self.error("B-INST-010", message, "call set_limits, then close_interlock before it")
+        limits = self.limits[axis]
+        for what, value, limit in (("rate", abs(rate), limits[0]), ("acceleration", acceleration, limits[1])):
+            if value > limit:
+                message = f"{name}: {what} {value!r} is above {limit!r}, the limit set for axis {axis}"
+                raise self.error("B-INST-008", f"{message}; nothing was sent", "correct the sequence")
+        return limits
+
+    def _must_be_closed(self, name: str, axis: int) -> None:
+        if (found := self._interlock(axis)) != CLOSED:
+            message = f"{name} refused: the interlock of axis {axis} is {found.lower()}; nothing was moved"
+            raise self.error("B-INST-017", message, "close_interlock before it; after a fault look at the table first")
+
+    def _here(self, name: str, axis: int) -> float:
+        """Where a motion begins, deg: the demand, or the reading of an axis at rest that has none."""
+        self._must_be_closed(name, axis)
+        if axis in self.wanted:
+            return self.wanted[axis]
+        if abs(found := self.measure_rate(axis)) > _AT_REST_DEG_S:
+            message = f"{name} refused: axis {axis} turns at {found!r} deg/s without a position demand"
+            raise self.error("B-INST-017", message, "stop the axis and settle before it")
+        return self.measure_position(axis)
+
+    def _go(self, name: str, axis: int, target: float, rate: float, acceleration: float) -> None:
+        low, high = self.window[axis]
+        if not low <= target <= high:
+            message = f"{name}: {target!r} deg is outside {low!r} to {high!r} deg of axis {axis}; nothing was moved"
+            raise self.error("B-INST-008", message, "correct the sequence")
+        self._limit("rate", "pos", axis, rate)
+        self._limit("acc", "pos", axis, acceleration)
+        self.wanted.pop(axis, None)
+        self._demand("pos", axis, target)
+        self._mode("pos", "POSITION", axis)
+        self.wanted[axis] = target
+
+    def _turn_at(self, axis: int, rate: float) -> None:
+        self.wanted.pop(axis, None)
+        self._demand("rate", axis, rate)
+        self._mode("rate", "RATE", axis)
+
+    def _limit(self, what: str, mode: str, axis: int, value: float) -> None:
+        query, unit = f":lim:{what}? {mode},{axis}", "deg/s" if what == "rate" else "deg/s2"
+        self.set(f":lim:{what} {mode},{axis},{plain_form(value)}", self.number(query, value, _STEP))
+        self.confirm(query, value, _STEP, unit)
+
+    def _demand(self, what: str, axis: int, value: float) -> None:
+        query, unit = f":dem:{what}? {axis}", "deg" if what == "pos" else "deg/s"
+        self.set(f":dem:{what} {axis},{plain_form(value)}", self.number(query, value, _STEP))
+        self.confirm(query, value, _STEP, unit)
+
+    def _mode(self, mode: str, word: str, axis: int) -> None:
+        query = f":mode? {axis}"
+        self.set(f":mode:{mode} {axis}", self.word(query, word))
+        if (found := self.ask(query, str.upper)) != word:
+            raise self.error("B-INST-011", f"{query!r} reads back {found!r}, but {word!r} was set")
+        self.seen[query] = word
+
+    def _interlock(self, axis: int) -> str:
+        return self.ask(f":int? {axis}", _read_interlock)
+
+    def _confirm_closed(self, axis: int) -> None:
+        if (found := self._interlock(axis)) != CLOSED:
+            message = f"the interlock of axis {axis} reads back {found.lower()}, but it was closed"
+            raise self.error("B-INST-011", message, "look at the table and its emergency stop")
+
+    def _at_rest(self) -> bool:
+        return all(abs(self.measure_rate(axis)) <= _AT_REST_DEG_S for axis in _INNER_FIRST)
+
+    def _recheck(self) -> None:
+        for axis, (rate, acceleration) in sorted(self.limits.items()):
+            self.confirm(f":lim:rate? rate,{axis}", rate, _STEP, "deg/s")
+            self.confirm(f":lim:acc? rate,{axis}", acceleration, _STEP, "deg/s2")
+        if self.closed:
+            for axis in _AXES:
+                self._confirm_closed(axis)
+
+    def _forget(self) -> None:
+        self.limits, self.window, self.wanted, self.closed = {}, {}, {}, False
+
+    def _go_safe(self) -> None:
+        self._rest_and_open(_HURRIED_STANDSTILL_S if self.bus.hurried else _STANDSTILL_S)
+
+    def _rest_and_open(self, patience_s: float) -> None:
+        """Rates 0, standstill for at most ``patience_s``, interlocks open: the last whatever was answered before."""
+        self.wanted.clear()
+        self._order_rest()
+        at_rest, doubt = False, None
+        try:
+            at_rest = self.poll(self._at_rest, patience_s, _LOOK_S)
+        except InstrumentError as error:
+            doubt = error
+        self._order_open()
+        if doubt is not None:
+            raise doubt
+        self.drain_errors()
+        if still := [axis for axis in _AXES if self._interlock(axis) == CLOSED]:
+            message = f"the interlock of axis {still[0]} is still closed after :int:open"
+            raise self.error("B-INST-009", message, "press the emergency stop of the table")
+        self.closed = False
+        if not at_rest and not self.poll(self._at_rest, _BRAKED_S, _LOOK_S):
+            raise self.error(
+                "B-INST-009", "the interlocks are open and the table still turns", "keep away until it rests"
+            )
+
+    def _order_rest(self) -> None:
+        for axis in _INNER_FIRST:
+            self.bus.write(f":dem:rate {axis},0", self.timeout_s)
+            self.bus.write(f":mode:rate {axis}", self.timeout_s)
+
+    def _order_open(self) -> None:
+        for axis in _INNER_FIRST:
+            self.bus.write(f":int:open {axis}", self.timeout_s)
+
+
+def _read_interlock(reply: str) -> str:
+    word = reply.upper()
+    if word not in (OPEN, CLOSED, FAULT):
+        raise ValueError("Open, Closed or Fault is due")
+    return word
+
+
+def _read_absolute(reply: str) -> list[float]:
+    values = [read_number(field.strip()) for field in reply.split(",")]
+    if len(values) != _ABSOLUTE_VALUES:
+        raise ValueError("rate, acceleration, jerk, lowest and highest position and trip speed are due")
+    return values
+
+
+DRIVER = Acutrol3000

@@ -1,0 +1,282 @@
+"""Simulated ACUTROL3000 controller with its three-axis table: outer axis 1, middle axis 2, inner axis 3.
+
+Headers may be cut to any beginning of their words (``:D:R 1,5`` is ``:DEMAND:RATE 1,5``). A demand is obeyed in its
+mode only; a mode that is activated obeys the demand that is loaded. A drive without a closed interlock, or in mode Off,
+is braked to rest. Two commands within 40 ms are not understood. Motion is exact (sim_instruments.motion); only the
+read-out has noise and steps.
+
+Source: public programs for this controller and its read-me (commands, reply words, "65" of ``*STB?`` at an interlock
+fault, 40 ms as least time over GPIB). Placeholders, not confirmed on hardware: identity, error numbers and texts, the
+table's own limits, deceleration without drive, resolution and noise of the read-out, position demands of many turns.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from bench.model.clock import to_ns
+from sim_instruments.live import LiveDevice
+from sim_instruments.motion import AxisMotion
+
+INTERLOCK_EVENT, ERROR_EVENT, SERVICE = 1, 128, 64
+LEAST_NS = to_ns(0.04)
+BRAKE_DEG_S2 = 400.0
+POSITION_NOISE_DEG, RATE_NOISE_DEG_S = 1.0 / 3600.0, 3e-4
+ABSOLUTE = (
+    (400.0, 400.0, 1e5, -36000.0, 36000.0, 440.0),
+    (400.0, 400.0, 1e5, -36000.0, 36000.0, 440.0),
+    (1000.0, 1000.0, 1e5, -36000.0, 36000.0, 1100.0),
+)  # of each axis: rate, acceleration, jerk, lowest and highest position, trip speed
+NOT_RECOGNIZED = (101, "COMMAND NOT RECOGNIZED")
+BAD_ARGUMENT = (102, "ARGUMENT OUT OF RANGE")
+LIMIT_EXCEEDED = (103, "LIMIT EXCEEDED")
+INTERLOCK_FAULT = (104, "INTERLOCK FAULT")
+_QUEUE = 20
+_UNIT = re.compile(r"(:?)([A-Z]+(?::[A-Z]+)*)(\??)(?:\s+(.*))?")
+
+
+class TableError(Exception):
+    """An error for the queue; ``args`` are its number and text."""
+
+
+@dataclass
+class Axis:
+    """One axis with its drive; ``offset_deg`` is how far from a position demand it comes to rest (a fault)."""
+
+    number: int
+    motion: AxisMotion
+    interlock: str = "Open"
+    mode: str = "Off"
+    demands: dict[str, float] = field(default_factory=lambda: {"POSITION": 0.0, "RATE": 0.0})
+    limits: dict[tuple[str, str], float] = field(default_factory=dict)
+    stalled: bool = False
+    offset_deg: float = 0.0
+
+    @property
+    def absolute(self) -> tuple[float, ...]:
+        """The limits nobody can exceed, in the order of ``:LIMIT:ABSOLUTE?``."""
+        return ABSOLUTE[self.number - 1]
+
+    def obey(self, now_ns: int) -> None:
+        """Move from ``now_ns`` on as mode, demand, limits and faults say."""
+        if self.interlock != "Closed" or self.mode == "Off" or self.stalled:
+            self.motion.run_at(0.0, BRAKE_DEG_S2, now_ns)
+        elif self.mode == "Rate":
+            self.motion.run_at(self.demands["RATE"], self.limits["ACCELERATION", "RATE"], now_ns)
+        else:
+            target_deg = self.demands["POSITION"] + self.offset_deg
+            limits = self.limits["RATE", "POSITION"], self.limits["ACCELERATION", "POSITION"]
+            self.motion.go_to(target_deg, *limits, now_ns)
+
+
+class Acutrol3000(LiveDevice):
+    """The controller; ``axes`` are its three axes. A world with ``motion`` is moved, any other has none to see."""
+
+    identity = "ACUTRONIC,ACUTROL3000,SIM3000,1.0"
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        motion = getattr(self.world, "motion", None) or [AxisMotion() for _ in ABSOLUTE]
+        self.axes = [Axis(number, one) for number, one in enumerate(motion, 1)]
+        for axis in self.axes:
+            for mode in ("POSITION", "RATE"):
+                axis.limits["RATE", mode], axis.limits["ACCELERATION", mode] = axis.absolute[:2]
+        self._errors: deque[tuple[int, str]] = deque(maxlen=_QUEUE)
+        self._events = 0
+        self._deaf_until_ns = -1
+        self._noise = self.rng("table encoders")
+
+    def outputs(self) -> dict[str, Any]:
+        rates = [round(float(axis.motion.rate_deg_s(self.now_ns)), 3) for axis in self.axes]
+        return {"interlocks": [axis.interlock for axis in self.axes], "rates_deg_s": rates}
+
+    def status_byte(self) -> int:
+        return super().status_byte() | self._events
+
+    def on_clear(self) -> None:
+        self._deaf_until_ns = -1
+
+    # --- faults ------------------------------------------------------------------------------------------------
+
+    def stall(self, number: int, stalled: bool) -> None:
+        """Fault: an axis comes to rest where it is and obeys nothing, or does again."""
+        self.axes[number - 1].stalled = stalled
+        self.axes[number - 1].obey(self.now_ns)
+
+    def offset(self, number: int, offset_deg: float) -> None:
+        """Fault: an axis stands that far from its position demands."""
+        self.axes[number - 1].offset_deg = offset_deg
+        self.axes[number - 1].obey(self.now_ns)
+
+    def drop_interlock(self) -> None:
+        """Fault: the safety chain opens; closed interlocks are in fault until they are reset."""
+        for axis in self.axes:
+            if axis.interlock == "Closed":
+                axis.interlock = "Fault"
+                self._events |= INTERLOCK_EVENT
+                axis.obey(self.now_ns)
+
+    # --- messages ----------------------------------------------------------------------------------------------
+
+    def execute(self, message: str) -> None:
+        early, self._deaf_until_ns = self.now_ns < self._deaf_until_ns, self.now_ns + LEAST_NS
+        if early:
+            self._error(*NOT_RECOGNIZED)
+            return
+        replies, parents = [], ""
+        for unit in message.upper().split(";"):
+            try:
+                answer, parents = self._carry_out(unit.strip(), parents)
+            except TableError as problem:
+                self._error(*problem.args)
+                continue
+            if answer is not None:
+                replies.append(answer)
+        if replies:
+            self.reply(";".join(replies))
+
+    def _carry_out(self, unit: str, parents: str) -> tuple[str | None, str]:
+        """Reply of one command, and the words that a next one without a colon goes on from."""
+        if unit in ("*IDN?", "*STB?"):
+            return (self._identity() if unit == "*IDN?" else self._status()), parents
+        match = _UNIT.fullmatch(unit)
+        if match is None:
+            raise TableError(*NOT_RECOGNIZED)
+        colon, header, query, text = match.groups()
+        words = (header if colon or not parents else f"{parents}:{header}").split(":")
+        count, command = _command(words, bool(query))
+        arguments = [part.strip() for part in text.split(",")] if text else []
+        if len(arguments) != count:
+            raise TableError(*BAD_ARGUMENT)
+        return command(self, *arguments), ":".join(words[:-1])
+
+    def _identity(self) -> str:
+        return self.faults.identity or self.identity
+
+    def _status(self) -> str:
+        told = self._events | (SERVICE if self._events else 0)
+        self._events = 0
+        return str(told)
+
+    def _error(self, number: int, text: str) -> None:
+        self._errors.append((number, text))
+        self._events |= ERROR_EVENT
+
+    def _axis(self, text: str) -> Axis:
+        if text not in ("1", "2", "3"):
+            raise TableError(*BAD_ARGUMENT)
+        return self.axes[int(text) - 1]
+
+    # --- commands ----------------------------------------------------------------------------------------------
+
+    def _reset(self) -> None:
+        for axis in self.axes:
+            if axis.interlock == "Fault":
+                axis.interlock = "Open"
+
+    def _close(self, number: str) -> None:
+        axis = self._axis(number)
+        if axis.interlock == "Fault":
+            raise TableError(*INTERLOCK_FAULT)
+        axis.interlock = "Closed"
+        axis.obey(self.now_ns)
+
+    def _open(self, number: str) -> None:
+        axis = self._axis(number)
+        if axis.interlock == "Closed":
+            axis.interlock, axis.mode = "Open", "Off"
+            axis.obey(self.now_ns)
+
+    def _set_mode(self, number: str, mode: str) -> None:
+        axis = self._axis(number)
+        axis.mode = mode
+        axis.obey(self.now_ns)
+
+    def _demand(self, what: str, number: str, text: str) -> None:
+        axis, value = self._axis(number), _number(text)
+        if what == "RATE" and abs(value) > axis.limits["RATE", "RATE"]:
+            raise TableError(*LIMIT_EXCEEDED)
+        if what == "POSITION" and not axis.absolute[3] <= value <= axis.absolute[4]:
+            raise TableError(*LIMIT_EXCEEDED)
+        axis.demands[what] = value
+        if axis.mode.upper() == what:
+            axis.obey(self.now_ns)
+
+    def _limit(self, what: str, mode: str, number: str, text: str) -> None:
+        axis, value = self._axis(number), _number(text)
+        if not 0.0 < value <= axis.absolute[0 if what == "RATE" else 1]:
+            raise TableError(*LIMIT_EXCEEDED)
+        axis.limits[what, _mode(mode)] = value
+
+    def _limit_of(self, what: str, mode: str, number: str) -> str:
+        return f"{self._axis(number).limits[what, _mode(mode)]:.4f}"
+
+    def _read_position(self, number: str) -> str:
+        true_deg = float(self._axis(number).motion.angle_deg(self.now_ns))
+        return self.reading(f"{true_deg + self._noise.normal(0.0, POSITION_NOISE_DEG):.4f}")
+
+    def _read_rate(self, number: str) -> str:
+        true_deg_s = float(self._axis(number).motion.rate_deg_s(self.now_ns))
+        return self.reading(f"{true_deg_s + self._noise.normal(0.0, RATE_NOISE_DEG_S):.4f}")
+
+    def _next_error(self, _: str) -> str:
+        number, text = self._errors.popleft() if self._errors else (0, "NO ERROR")
+        return f"{number},{text}"
+
+
+_COMMANDS: dict[tuple[str, bool], tuple[int, Callable[..., str | None]]] = {
+    ("INTERLOCK:RESET", False): (0, Acutrol3000._reset),
+    ("INTERLOCK:CLOSE", False): (1, Acutrol3000._close),
+    ("INTERLOCK:OPEN", False): (1, Acutrol3000._open),
+    ("INTERLOCK", True): (1, lambda table, number: table._axis(number).interlock),
+    ("MODE:OFF", False): (1, lambda table, number: table._set_mode(number, "Off")),
+    ("MODE:POSITION", False): (1, lambda table, number: table._set_mode(number, "Position")),
+    ("MODE:RATE", False): (1, lambda table, number: table._set_mode(number, "Rate")),
+    ("MODE", True): (1, lambda table, number: table._axis(number).mode),
+    ("DEMAND:POSITION", False): (2, lambda table, *given: table._demand("POSITION", *given)),
+    ("DEMAND:RATE", False): (2, lambda table, *given: table._demand("RATE", *given)),
+    ("DEMAND:POSITION", True): (1, lambda table, number: f"{table._axis(number).demands['POSITION']:.6f}"),
+    ("DEMAND:RATE", True): (1, lambda table, number: f"{table._axis(number).demands['RATE']:.6f}"),
+    ("LIMIT:RATE", False): (3, lambda table, *given: table._limit("RATE", *given)),
+    ("LIMIT:ACCELERATION", False): (3, lambda table, *given: table._limit("ACCELERATION", *given)),
+    ("LIMIT:RATE", True): (2, lambda table, mode, number: table._limit_of("RATE", mode, number)),
+    ("LIMIT:ACCELERATION", True): (2, lambda table, mode, number: table._limit_of("ACCELERATION", mode, number)),
+    ("LIMIT:ABSOLUTE", True): (1, lambda table, number: ",".join(f"{one:.4f}" for one in table._axis(number).absolute)),
+    ("READ:POSITION", True): (1, Acutrol3000._read_position),
+    ("READ:RATE", True): (1, Acutrol3000._read_rate),
+    ("QUERY:ERROR", True): (1, Acutrol3000._next_error),
+}  # fmt: skip
+
+
+def _command(words: list[str], query: bool) -> tuple[int, Callable[..., str | None]]:
+    """Number of arguments and function of a header whose words are beginnings of those of a command."""
+    for (header, asks), found in _COMMANDS.items():
+        whole = header.split(":")
+        if asks == query and len(whole) == len(words) and all(map(str.startswith, whole, words)):
+            return found
+    raise TableError(*NOT_RECOGNIZED)
+
+
+def _mode(text: str) -> str:
+    mode = next((mode for mode in ("POSITION", "RATE") if text and mode.startswith(text)), None)
+    if mode is None:
+        raise TableError(*BAD_ARGUMENT)
+    return mode
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise TableError(*BAD_ARGUMENT)
+    return value
+
+
+SIMULATOR = Acutrol3000

@@ -1,0 +1,299 @@
+"""Exact exchanges of the turntable: limits, interlock, motion, and everything it refuses."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from known_drivers import IDENTIFY, MAKE_SAFE, after
+from scripted import CLEAR, SILENT, TIMEOUT, make, scripted
+
+from bench.model.clock import NS
+from bench.model.errors import InstrumentError
+
+START = IDENTIFY["acutrol_3000"]
+FINE = (b"*STB?\n", b"0\n")
+ABSOLUTE = b"400.0, 500.0, 10000.0, -720.0, 720.0, 440.0\n"
+Pairs = list[tuple[Any, Any]]
+
+
+def put(command: str, value: str = "", query: str = "") -> Pairs:
+    """A setting that is accepted, with its read-back."""
+    back = [(f"{query}\n".encode(), f"{value}\n".encode())] if query else []
+    return [*after(f"{command}\n".encode(), FINE), *back]
+
+
+def interlock(axis: int, word: str) -> tuple[bytes, bytes]:
+    return f":int? {axis}\n".encode(), f"{word}\n".encode()
+
+
+def limits(axis: int, rate: str = "300", acceleration: str = "200") -> Pairs:
+    """The exchange of set_limits."""
+    script: Pairs = [interlock(axis, "Open"), (f":lim:abs? {axis}\n".encode(), ABSOLUTE)]
+    for mode in ("pos", "rate"):
+        script += put(f":lim:rate {mode},{axis},{rate}", f"{rate}.0", f":lim:rate? {mode},{axis}")
+        script += put(f":lim:acc {mode},{axis},{acceleration}", f"{acceleration}.0", f":lim:acc? {mode},{axis}")
+    return script
+
+
+def closing() -> Pairs:
+    """The exchange of close_interlock."""
+    script: Pairs = []
+    for axis in (1, 2, 3):
+        script += [(f":lim:rate? rate,{axis}\n".encode(), b"300\n"), (f":lim:acc? rate,{axis}\n".encode(), b"200\n")]
+    script += put(":int:reset")
+    for axis in (1, 2, 3):
+        script += put(f":mode:off {axis}", "Off", f":mode? {axis}")
+        script += put(f":dem:rate {axis},0", "0.0", f":dem:rate? {axis}")
+        script += [*put(f":int:close {axis}"), interlock(axis, "Closed")]
+        script += put(f":mode:rate {axis}", "Rate", f":mode? {axis}")
+    return script
+
+
+def motion(axis: int, target: str, rate: str, acceleration: str) -> Pairs:
+    """The exchange that sends an axis to a position."""
+    return [
+        *put(f":lim:rate pos,{axis},{rate}", rate, f":lim:rate? pos,{axis}"),
+        *put(f":lim:acc pos,{axis},{acceleration}", acceleration, f":lim:acc? pos,{axis}"),
+        *put(f":dem:pos {axis},{target}", target, f":dem:pos? {axis}"),
+        *put(f":mode:pos {axis}", "Position", f":mode? {axis}"),
+    ]
+
+
+def resting(axis: int, at: str) -> Pairs:
+    """An axis without a demand says where it is."""
+    return [(f":read:rate? {axis}\n".encode(), b"0.0004\n"), (f":read:pos? {axis}\n".encode(), f"{at}\n".encode())]
+
+
+READY: Pairs = [*START, *limits(1), *limits(2), *limits(3), *closing()]
+
+
+def make_ready(table: Any) -> None:
+    for axis in (1, 2, 3):
+        table.set_limits(axis, 300.0, 200.0)
+    table.close_interlock()
+
+
+def refused(code: str, text: str) -> Any:
+    return pytest.raises(InstrumentError, match=rf"{code}.*{text}")
+
+
+def test_limits_then_interlock_then_motion() -> None:
+    script = [*READY, interlock(3, "Closed"), *resting(3, "0.0003"), *motion(3, "90", "45", "200")]
+    script += [interlock(3, "Closed"), *motion(3, "-630", "270", "150")]
+    script += [interlock(3, "Closed"), *put(":dem:rate 3,-30", "-30.0", ":dem:rate? 3")]
+    script += put(":mode:rate 3", "Rate", ":mode? 3")
+    script += [*put(":dem:rate 3,0", "0.0", ":dem:rate? 3"), *put(":mode:rate 3", "Rate", ":mode? 3")]
+    with scripted("acutrol_3000", script) as table:
+        make_ready(table)
+        table.move(3, 90.0, 45.0)
+        table.turn(3, -720.0, 270.0, 150.0)
+        table.spin(3, -30.0)
+        table.stop(3)
+
+
+@pytest.mark.parametrize(
+    ("here", "angle", "target"),
+    [
+        ("350.0001", 0.0, "360"),
+        ("719.9998", 0.0, "720"),
+        ("-200", 170.0, "-190"),
+        ("700", 30.0, "390"),  # 750 would be outside
+        ("0", 180.0, "180"),
+    ],
+)
+def test_a_move_goes_the_shorter_way_inside_the_window_of_the_axis(here: str, angle: float, target: str) -> None:
+    script = [*READY, interlock(1, "Closed"), *resting(1, here), *motion(1, target, "10", "200")]
+    with scripted("acutrol_3000", script) as table:
+        make_ready(table)
+        table.move(1, angle, 10.0)
+
+
+def test_commands_are_two_tenths_of_a_second_apart() -> None:
+    with scripted("acutrol_3000", [*READY, (b":read:rate? 3\n", b"0.0\n")]) as table:
+        make_ready(table)
+        table.measure_rate(3)
+        sent_ns = [0, *(t_ns for _, direction, _, t_ns in table.test_log.lines if direction == "tx")]
+    assert len(sent_ns) > 80
+    assert min(later - earlier for earlier, later in pairwise(sent_ns)) >= 0.2 * NS
+
+
+def test_in_a_hurry_half_of_that() -> None:
+    with scripted("acutrol_3000", [*START, *MAKE_SAFE["acutrol_3000"]]) as table:
+        with table.quick(0.5):
+            table.make_safe()
+        sent_ns = [t_ns for _, direction, _, t_ns in table.test_log.lines if direction == "tx"]
+    assert {later - earlier for earlier, later in pairwise(sent_ns)} == {NS // 10}
+
+
+def test_nothing_moves_without_limits_and_nothing_is_sent() -> None:
+    table = make("acutrol_3000", [])
+    with refused("B-INST-010", "axis 1"):
+        table.close_interlock()
+    for name, values in (("move", (90.0, 10.0)), ("turn", (90.0, 10.0, 10.0)), ("spin", (10.0,))):
+        with refused("B-INST-010", f"{name} refused.*axis 2"):
+            getattr(table, name)(2, *values)
+
+
+def test_beyond_its_limits_nothing_is_sent() -> None:
+    with scripted("acutrol_3000", [*START, *limits(2)]) as table:
+        table.set_limits(2, 300.0, 200.0)
+        for name, values in (("move", (9.0, 300.5)), ("turn", (9.0, 301.0, 1.0)), ("spin", (-300.5,))):
+            with refused("B-INST-008", f"{name}: rate .*300.0.*nothing was sent"):
+                getattr(table, name)(2, *values)
+        with refused("B-INST-008", "turn: acceleration 201.0"):
+            table.turn(2, 9.0, 10.0, 201.0)
+
+
+def test_the_tables_own_limits_are_above_those_of_the_run() -> None:
+    own = [interlock(1, "Open"), (b":lim:abs? 1\n", ABSOLUTE)]
+    with scripted("acutrol_3000", [*START, *own, *own]) as table:
+        with refused("B-INST-008", "rate 401.0 is above 400.0"):
+            table.set_limits(1, 401.0, 100.0)
+        with refused("B-INST-008", "acceleration 501.0 is above 500.0"):
+            table.set_limits(1, 400.0, 501.0)
+
+
+def test_a_target_outside_the_window_is_refused() -> None:
+    script = [*READY, interlock(2, "Closed"), *resting(2, "700.0")]
+    with scripted("acutrol_3000", script) as table:
+        make_ready(table)
+        with refused("B-INST-008", "1060.0 deg is outside -720.0 to 720.0"):
+            table.turn(2, 360.0, 10.0, 10.0)
+
+
+@pytest.mark.parametrize("word", ["Open", "Fault"])
+def test_an_open_interlock_is_no_place_to_move(word: str) -> None:
+    script = [*READY, *[interlock(1, word)] * 3]
+    with scripted("acutrol_3000", script) as table:
+        make_ready(table)
+        for name, values in (("move", (90.0, 10.0)), ("turn", (90.0, 10.0, 10.0)), ("spin", (10.0,))):
+            with refused("B-INST-017", f"{name} refused: the interlock of axis 1 is {word.lower()}"):
+                getattr(table, name)(1, *values)
+
+
+def test_limits_are_not_set_with_the_interlock_closed() -> None:
+    with scripted("acutrol_3000", [*READY, interlock(1, "Closed")]) as table:
+        make_ready(table)
+        with pytest.raises(InstrumentError, match="interlock of axis 1 is closed") as caught:
+            table.set_limits(1, 10.0, 10.0)
+    assert caught.value.code == "B-INST-017"
+
+
+def test_a_spinning_axis_has_no_position_to_go_on_from() -> None:
+    script = [*READY, interlock(3, "Closed"), (b":read:rate? 3\n", b"29.9999\n")]
+    with scripted("acutrol_3000", script) as table:
+        make_ready(table)
+        with refused("B-INST-017", "turns at 29.9999"):
+            table.turn(3, 10.0, 10.0, 10.0)
+
+
+def test_an_interlock_that_does_not_close_or_a_demand_that_wraps_is_noticed() -> None:
+    place = closing().index(interlock(2, "Closed"))
+    script = [*START, *limits(1), *limits(2), *limits(3), *closing()[:place], interlock(2, "Open")]
+    with scripted("acutrol_3000", script) as table, refused("B-INST-011", "interlock of axis 2 reads back open"):
+        make_ready(table)
+    wrapped = [*motion(3, "450", "90", "90")[:-3][:-1], (b":dem:pos? 3\n", b"90.0\n")]
+    script = [*READY, interlock(3, "Closed"), *resting(3, "0.0"), *wrapped]
+    with scripted("acutrol_3000", script) as table:
+        make_ready(table)
+        with refused("B-INST-011", "reads back 90.0 deg, but 450.0 deg was set"):
+            table.turn(3, 450.0, 90.0, 90.0)
+
+
+def test_limits_changed_by_somebody_else_keep_the_interlock_open() -> None:
+    changed = [(b":lim:rate? rate,1\n", b"400.0\n")]
+    script = [*START, *limits(1), *limits(2), *limits(3), *changed]
+    with scripted("acutrol_3000", script) as table, refused("B-INST-011", "400.0 deg/s"):
+        make_ready(table)
+
+
+def test_the_status_byte_is_cleared_by_reading_so_all_errors_are_read_at_once() -> None:
+    queue = [(b":query:error? 1\n", reply) for reply in (b"103,LIMIT EXCEEDED\n", b'12,"BAD"\n', b"0,NO ERROR\n")]
+    script = [*START, (b":dem:rate 1,0\n", None), (b"*STB?\n", b"193\n"), *queue]
+    with (
+        scripted("acutrol_3000", script) as table,
+        refused("B-INST-005", "interlock fault; 103 LIMIT EXCEEDED; 12 BAD"),
+    ):
+        table.stop(1)
+
+
+@pytest.mark.parametrize(
+    ("closed", "rates", "words", "positions", "there"),
+    [
+        (True, ["0.0003", "0.0", "-0.0005"], ["Closed"] * 3, ["90.0004"], True),
+        (True, ["0.0003", "0.0", "-0.0005"], ["Closed"] * 3, ["90.0031"], False),
+        (True, ["0.0003", "0.0", "0.0131"], [], [], False),
+        (True, ["0.0003", "0.0", "0.0"], ["Closed", "Fault"], [], False),
+        (False, [], [], [], False),
+    ],
+)
+def test_in_position(closed: bool, rates: list[str], words: list[str], positions: list[str], there: bool) -> None:
+    moved = [interlock(1, "Closed"), *resting(1, "0.0"), *motion(1, "90", "10", "200")]
+    script: Pairs = [*READY, *moved] if closed else [*START]
+    script += [
+        (f":read:rate? {axis}\n".encode(), f"{rate}\n".encode()) for axis, rate in zip((3, 2, 1), rates, strict=False)
+    ]
+    script += [interlock(axis, word) for axis, word in zip((1, 2, 3), words, strict=False)]
+    script += [(b":read:pos? 1\n", f"{at}\n".encode()) for at in positions]
+    with scripted("acutrol_3000", script) as table:
+        if closed:
+            make_ready(table)
+            table.move(1, 90.0, 10.0)
+        assert table.in_position() is there
+
+
+def test_opening_waits_for_standstill() -> None:
+    safe = MAKE_SAFE["acutrol_3000"]
+    script = [*START, *safe[:6], (b":read:rate? 3\n", b"41.5\n"), (b":read:rate? 3\n", b"1.5\n"), *safe[6:]]
+    with scripted("acutrol_3000", script) as table:
+        table.open_interlock()
+
+
+def test_a_table_that_never_rests_is_opened_all_the_same_and_told() -> None:
+    safe, turning = MAKE_SAFE["acutrol_3000"], (b":read:rate? 3\n", b"20.0\n")
+    waiting, braked = 50, 15  # looks in 10 s and in 3 s
+    script = [*START, *safe[:6], *[turning] * waiting, *safe[9:], *[turning] * braked]
+    with scripted("acutrol_3000", script) as table, refused("B-INST-009", "still turns"):
+        table.open_interlock()
+
+
+def test_an_interlock_that_stays_closed_is_told() -> None:
+    script = [*START, *MAKE_SAFE["acutrol_3000"][:-1], interlock(3, "Closed")]
+    with scripted("acutrol_3000", script) as table, refused("B-INST-009", "axis 3 is still closed"):
+        table.make_safe()
+
+
+def test_a_table_that_falls_mute_is_stopped_and_opened_unheard() -> None:
+    safe = MAKE_SAFE["acutrol_3000"]
+    mute = [(b":read:rate? 3\n", TIMEOUT)]
+    with scripted("acutrol_3000", [*START, *safe[:6], *mute, *safe[9:12]]) as table:
+        table.identify()
+        with table.quick(0.5), refused("B-INST-001", "read:rate"):
+            table.make_safe()
+
+
+def test_a_table_that_was_mute_from_the_beginning_is_stopped_and_opened_unheard() -> None:
+    safe = MAKE_SAFE["acutrol_3000"]
+    with (
+        scripted("acutrol_3000", [(b"*IDN?\n", TIMEOUT), *safe[:6], *safe[9:12]]) as table,
+        table.quick(0.5),
+        refused("B-INST-001", "IDN"),
+    ):
+        table.make_safe()
+
+
+def test_a_word_that_is_no_state_of_an_interlock_is_not_guessed() -> None:
+    script = [*START, *[(b":int? 1\n", b"Ready\n"), (CLEAR, None), FINE] * 2, (b":int? 1\n", b"Ready\n"), (CLEAR, None)]
+    with scripted("acutrol_3000", script) as table, refused("B-INST-004", "Open, Closed or Fault"):
+        table.set_limits(1, 10.0, 10.0)
+
+
+def test_another_table_after_a_reopening_forgets_the_limits() -> None:
+    table = make("acutrol_3000", [*START, *limits(1)])
+    table.set_limits(1, 300.0, 200.0)
+    table._forget()
+    with refused("B-INST-010", "axis 1"):
+        table.spin(1, 10.0)
+    assert SILENT
