@@ -1,4 +1,5 @@
-"""Simulated HP/Agilent 34401A multimeter on rail 1 (+6 V output) of the auxiliary supply.
+"""Simulated HP/Agilent 34401A multimeter on rail 1 (+6 V output) of the auxiliary supply,
+or where the world says if there is none.
 
 Source: 34401A User's Guide (CONFigure, READ?, INITiate, FETCh?, NPLCycles, overload reading 9.9E37).
 """
@@ -34,7 +35,7 @@ class Agilent34401A(ScpiDevice):
 
     def _measure(self) -> str:
         supply = self.partner(AgilentE3631A)
-        true_V = supply.output(0)[0] if supply is not None else 0.0
+        true_V = supply.output(0)[0] if supply is not None else self.world.rail_V
         self.reply_after(2 * self.power_line_cycles / LINE_HZ)
         if self.range_V is not None and abs(true_V) > 1.2 * self.range_V:
             return f"{OVERLOAD if true_V > 0 else -OVERLOAD:+.8E}"

@@ -21,6 +21,7 @@ from sim_instruments.simulation import open_world
 
 LOCK, CONTROL, STATION = "sim.lock", "control.sock", "station.yaml"
 STOPPING = (signal.SIGINT, signal.SIGTERM)
+OPERATE, OPERATE_WORDS = "operate", 3
 LOOK_S = 0.5  # how often the main thread looks whether a thread of the bench has failed
 
 
@@ -80,11 +81,16 @@ class ServedBench:
         return {name: str(link.path) for name, link in self.links.items()}
 
     def answer(self, words: Sequence[str]) -> dict[str, Any]:
-        """Switch a fault, clear all, or tell the state. Raises: InputError B-SIM-010, B-SIM-011, B-SIM-012."""
+        """Switch a fault, clear all, tell the state, or ``operate NAME VALUE``: what a person does at the bench.
+
+        Raises: InputError B-SIM-010, B-SIM-011, B-SIM-012, B-SIM-018, B-SIM-019.
+        """
         if list(words) == ["state"]:
             links = {name: {"sent": link.sent_bytes, "lost": link.lost_bytes} for name, link in self.links.items()}
             return {"state": {**bench_state(self._world, self._watch), "link_bytes": links}}
-        if list(words) == ["clear"]:
+        if len(words) == OPERATE_WORDS and words[0] == OPERATE:
+            self._world.operate(words[1], words[2])
+        elif list(words) == ["clear"]:
             self._world.switches.clear()
         else:
             self._world.switches.switch(*words)

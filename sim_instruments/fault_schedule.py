@@ -106,7 +106,7 @@ DRAWS: Mapping[str, Draw] = {
     "chamber_shortfall": _amount(0.5, 5.0, 600.0, 3600.0),
     "reference_lost": _for(60.0, 600.0),
     "unit_restart": _once,
-}  # replug is the end of unplug
+}  # replug is the end of unplug; the benches these schedules are for have no table
 
 
 def random_schedule(

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from bench.model.errors import InputError
+from sim_instruments.acutrol_3000 import Acutrol3000
 from sim_instruments.faults import InstrumentFaults, LinkFaults
 from sim_instruments.fluke_5720a import Fluke5720A
 from sim_instruments.hp_6632b import Hp6632B
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 OFF = "off"
 RESTART_S = 0.3  # the unit's supply is away
 MOST_REPLIES = 1_000_000
+AXES = (1, 2, 3)
+_WHOLE = ("COUNT", "AXIS")
 _STUCK = re.compile(r"(?:0x)?((?:[0-9A-Fa-f]{2}){1,16})")
 
 Value = float | str
@@ -119,8 +122,26 @@ def _restart(world: World, _: str, __: tuple[Any, ...]) -> None:
     world.after(RESTART_S, back)
 
 
+def _stall(world: World, _: str, values: tuple[Any, ...]) -> None:
+    for table in world.instruments_of(Acutrol3000):
+        for number in values or AXES:
+            table.stall(number, stalled=bool(values))
+
+
+def _offset(world: World, _: str, values: tuple[Any, ...]) -> None:
+    for table in world.instruments_of(Acutrol3000):
+        for number in values[:1] or AXES:
+            table.offset(number, values[1] if values else 0.0)
+
+
+def _interlock(world: World, _: str, __: tuple[Any, ...]) -> None:
+    for table in world.instruments_of(Acutrol3000):
+        table.drop_interlock()
+
+
 _RATE = ("RATE", 0.0, 1.0)
 _COUNT = ("COUNT", 1, MOST_REPLIES)
+_AXIS = ("AXIS", AXES[0], AXES[-1])
 FAULTS: dict[str, Fault] = {
     "bit_errors": Fault(
         "link", (("RATE", 0.0, 0.1),), "bits turned over, per bit",
@@ -166,6 +187,12 @@ FAULTS: dict[str, Fault] = {
         _chamber("chamber_shortfall_degC"), _chamber("chamber_shortfall_degC")),
     "reference_lost": Fault("", (), "the counters' external 10 MHz is gone", _reference(True), _reference(False)),
     "unit_restart": Fault("", (), f"the unit loses its supply for {RESTART_S:g} s; its counter starts anew", _restart),
+    "table_stall": Fault(
+        "", (_AXIS,), "an axis of the turntable stops where it is and obeys nothing", _stall, _stall),
+    "table_offset": Fault(
+        "", (_AXIS, ("DEG", -10.0, 10.0)), "an axis of the turntable stands that far from where it is sent",
+        _offset, _offset),
+    "table_interlock": Fault("", (), "the safety chain of the turntable opens: it is braked to rest", _interlock),
 }  # fmt: skip
 _COUNTERS = {
     "late": "late_replies",
@@ -258,9 +285,9 @@ def _value(name: str, what: tuple[str, float, float], value: Value) -> Any:
         due = "1 to 16 hexadecimal bytes are due"
     else:
         number = _number(value)
-        if low <= number <= high and (word != "COUNT" or number == int(number)):
-            return int(number) if word == "COUNT" else number
-        due = f"a {'whole ' if word == 'COUNT' else ''}number from {low:g} to {high:g} is due"
+        if low <= number <= high and (word not in _WHOLE or number == int(number)):
+            return int(number) if word in _WHOLE else number
+        due = f"a {'whole ' if word in _WHOLE else ''}number from {low:g} to {high:g} is due"
     raise InputError("B-SIM-012", f"{word} of {name} is {value!r}", where=name, next_step=due)
 
 

@@ -1,7 +1,7 @@
 """Simulated HP 6632B system supply (20 V, 5 A), power of the unit under test.
 
-The unit takes a constant current (linear regulators); below its starting voltage, or when the current limit is lower
-than that, it is off.
+The unit takes a constant current (linear regulators), as its world says; below its starting voltage, or when the
+current limit is lower than that, it is off.
 
 Source: HP 6631B-6634B operating and programming guides (ranges, VOLT:PROT, CURR:PROT:STAT, OUTP:PROT:CLE). Placeholder:
 protections act at once.
@@ -42,20 +42,22 @@ class Hp6632B(ScpiDevice):
         """Voltage (V) and current (A) at the terminals."""
         if not self.on or self.tripped:
             return 0.0, 0.0
-        if self.voltage_V < UNIT_START_V:
+        start_V, load_A = self.world.load
+        if self.voltage_V < start_V:
             return self.voltage_V, 0.0
-        if self.current_A >= UNIT_CURRENT_A:
-            return self.voltage_V, UNIT_CURRENT_A
-        return UNIT_START_V / 2, self.current_A  # the limit holds the voltage below the start of the unit
+        if self.current_A >= load_A:
+            return self.voltage_V, load_A
+        return start_V / 2, self.current_A  # the limit holds the voltage below the start of the unit
 
     def _apply(self) -> None:
+        start_V, load_A = self.world.load
         if self.on and not self.tripped:
             if self.voltage_V > self.trip_V:
                 self.tripped = "OV"
-            elif self.over_current_trip and self.voltage_V >= UNIT_START_V and self.current_A < UNIT_CURRENT_A:
+            elif self.over_current_trip and self.voltage_V >= start_V and self.current_A < load_A:
                 self.tripped = "OC"
         voltage_V = self._load()[0]
-        supplied_V = voltage_V if voltage_V >= UNIT_START_V else 0.0
+        supplied_V = voltage_V if voltage_V >= start_V else 0.0
         if supplied_V != self.supplied_V:
             self.supplied_V = supplied_V
             self.world.unit.set_power(supplied_V > 0, self.now_ns, supplied_V)

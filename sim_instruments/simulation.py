@@ -16,7 +16,7 @@ from sim_instruments.live import LiveDevice
 from sim_instruments.thermal import Thermal
 from sim_instruments.world import Unit, World
 
-WORLDS = ("af_converter",)
+WORLDS = ("af_converter", "gnc_module")
 WORLD_OPTIONS = {
     "calibrator_gain": "common gain error of the calibrator, N(0, 10 ppm)",
     "calibrator_floor": "range offsets and level errors of the calibrator, N(0, floor/2) of Table 2",
@@ -29,7 +29,14 @@ WORLD_NUMBERS = {
 IDENTITY_FIELDS = 4  # manufacturer, model, serial number, firmware
 MOST = 1000.0
 LEAST = {"time_constants": 1.0}
+MOST_TILT_ARCMIN = 60.0
 UNIT_OPTIONS = ("noise", "hysteresis", "master_error_ppm", "af_clock_error_ppm")
+GNC_OPTIONS = {
+    "imu_errors": "scale, cross terms, biases and temperature effects of the sensors, iron at the magnetometer",
+    "noise": "noise, bias instability and turn-on bias of the sensors",
+}
+GNC_NUMBERS = {"tilt_arcmin": "tilt of the unit on the table, standard deviation by axis and pose, 0 to 60"}
+GNC_TEXTS = {"faults": "faults of units by serial number, GNC-02=flash_weak_cell,GNC-03=gps_silent+io_open"}
 UnitFactory = Callable[[Clock, int, Callable[[Any], Any], Mapping[str, str]], Unit]
 
 
@@ -45,14 +52,14 @@ def open_world(
     """Build a simulated bench and register it under an id of its own.
 
     Args:
-        name: kind of world; "af_converter" is the one there is.
+        name: kind of world, one of ``WORLDS``.
         clock: clock of the run.
         seed: seed of every random draw, 0 or positive.
         station: {"instruments": {role: {"driver", "resource", "options"}}, "links": {...}}.
-        options: the world's own options (``WORLD_OPTIONS``, each on or off, ``WORLD_NUMBERS``) and the unit's
-            (``UNIT_OPTIONS``), as text.
-        unit_factory: makes the unit under test from (clock, seed, unit temperature function, options); the
-            simulated NGU by default.
+        options: of the AF-converter bench its own (``WORLD_OPTIONS``, each on or off, ``WORLD_NUMBERS``) and the
+            unit's (``UNIT_OPTIONS``), of the GNC bench ``GNC_OPTIONS``, ``GNC_NUMBERS`` and ``GNC_TEXTS``; as text.
+        unit_factory: makes the unit under test of the AF-converter bench from (clock, seed, unit temperature
+            function, options); the simulated NGU by default.
     Raises:
         InputError: B-SIM-001 unknown world, B-SIM-002 bad option, B-SIM-003 no simulator of that driver,
             B-SIM-004 bad or doubled VISA address.
@@ -61,17 +68,46 @@ def open_world(
         raise InputError(
             "B-SIM-001", f"no simulated world is called {name!r}", next_step=f"use one of: {', '.join(WORLDS)}"
         )
-    own, rest = _split_options(options or {})
-    make_unit = unit_factory or _simulated_ngu
-    thermal = Thermal(float(own.get("time_constants", 1.0)))
-    unit = make_unit(clock, seed, thermal.unit, rest)
-    world = World(clock=clock, seed=seed, unit=unit, thermal=thermal, options=own)
+    if name == "gnc_module":
+        world = _gnc_world(clock, seed, options or {})
+    else:
+        world = _af_world(clock, seed, options or {}, unit_factory or _simulated_ngu)
     try:
         for role, entry in station.get("instruments", {}).items():
             _connect(world, role, entry)
     except InputError:
         world.close()
         raise
+    return world
+
+
+def options_of(name: str) -> tuple[str, ...]:
+    """Names of all options of a kind of world."""
+    if name == "gnc_module":
+        return (*GNC_OPTIONS, *GNC_NUMBERS, *GNC_TEXTS)
+    return (*WORLD_OPTIONS, *WORLD_NUMBERS, *UNIT_OPTIONS)
+
+
+def _af_world(clock: Clock, seed: int, options: Mapping[str, str], make_unit: UnitFactory) -> World:
+    own, rest = _split_options(options)
+    thermal = Thermal(float(own.get("time_constants", 1.0)))
+    unit = make_unit(clock, seed, thermal.unit, rest)
+    return World(clock=clock, seed=seed, unit=unit, thermal=thermal, options=own)
+
+
+def _gnc_world(clock: Clock, seed: int, options: Mapping[str, str]) -> World:
+    module = importlib.import_module("sim_instruments.gnc_world")
+    found: dict[str, bool | float | str] = dict.fromkeys(GNC_OPTIONS, True)
+    for key, value in options.items():
+        if key in GNC_OPTIONS:
+            found[key] = _switch(key, value)
+        elif key in GNC_NUMBERS:
+            found[key] = _number(key, value, 0.0, MOST_TILT_ARCMIN)
+        elif key in GNC_TEXTS:
+            found[key] = value
+        else:
+            raise _unknown(key, options_of("gnc_module"))
+    world: World = module.GncWorld(clock=clock, seed=seed, options=found)
     return world
 
 
@@ -87,26 +123,32 @@ def _split_options(options: Mapping[str, str]) -> tuple[dict[str, bool | float],
         if key in UNIT_OPTIONS:
             rest[key] = value
         elif key in WORLD_NUMBERS:
-            own[key] = _number(key, value)
+            own[key] = _number(key, value, LEAST.get(key, -MOST), MOST)
         elif key not in WORLD_OPTIONS:
-            known = ", ".join((*WORLD_OPTIONS, *WORLD_NUMBERS, *UNIT_OPTIONS))
-            raise InputError("B-SIM-002", f"no world option is called {key!r}", next_step=f"use one of: {known}")
-        elif value not in ("on", "off"):
-            raise InputError("B-SIM-002", f"world option {key} is {value!r}", next_step=f"write {key}=on or {key}=off")
+            raise _unknown(key, options_of("af_converter"))
         else:
-            own[key] = value == "on"
+            own[key] = _switch(key, value)
     return own, rest
 
 
-def _number(key: str, value: str) -> float:
+def _unknown(key: str, known: tuple[str, ...]) -> InputError:
+    return InputError("B-SIM-002", f"no world option is called {key!r}", next_step=f"use one of: {', '.join(known)}")
+
+
+def _switch(key: str, value: str) -> bool:
+    if value not in ("on", "off"):
+        raise InputError("B-SIM-002", f"world option {key} is {value!r}", next_step=f"write {key}=on or {key}=off")
+    return value == "on"
+
+
+def _number(key: str, value: str, least: float, most: float) -> float:
     try:
         number = float(value)
     except ValueError:
         number = math.nan
-    least = LEAST.get(key, -MOST)
-    if not least <= number <= MOST:
+    if not least <= number <= most:
         raise InputError(
-            "B-SIM-002", f"world option {key} is {value!r}", next_step=f"write a number from {least:g} to {MOST:g}"
+            "B-SIM-002", f"world option {key} is {value!r}", next_step=f"write a number from {least:g} to {most:g}"
         )
     return number
 

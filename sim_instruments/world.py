@@ -11,10 +11,12 @@ import numpy as np
 from pyvisa_sim.devices import Devices
 
 from bench.model.clock import Clock, to_ns
+from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
 from sim_instruments import registry
 from sim_instruments.fault_switches import FaultSwitches
 from sim_instruments.faults import Faults
+from sim_instruments.hp_6632b import UNIT_CURRENT_A, UNIT_START_V
 from sim_instruments.live import LiveDevice
 from sim_instruments.seeds import generator
 from sim_instruments.thermal import Thermal
@@ -48,6 +50,8 @@ class World:
         options: checked options of the world (sim_instruments.simulation.WORLD_OPTIONS).
     """
 
+    ports: tuple[str, ...] = PORTS
+
     def __init__(
         self,
         *,
@@ -64,7 +68,7 @@ class World:
         self.options = dict(options or {})
         self.lock = threading.RLock()
         self.faults = Faults(seed)
-        self.switches = FaultSwitches(self, PORTS)
+        self.switches = FaultSwitches(self, self.ports)
         self.wiring = Wiring(unit, seed)
         self.devices = Devices()
         self.instruments: dict[str, LiveDevice] = {}
@@ -105,6 +109,29 @@ class World:
     def truth(self, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
         """True values of what the campaign estimates, in the form of the contract's ``estimates``."""
         return estimates(self.unit.truth, self.thermal, windows)
+
+    def operate(self, name: str, value: Any) -> None:
+        """What a person does at the bench. Raises: InputError B-SIM-018, nobody can do that here."""
+        known = ", ".join(self.operations) or "nothing"
+        raise InputError(
+            "B-SIM-018", f"{name!r} cannot be set to {value!r} on this simulated bench", where="sets of a prompt",
+            next_step=f"what a person can do here: {known}",
+        )  # fmt: skip
+
+    @property
+    def operations(self) -> tuple[str, ...]:
+        """What ``operate`` knows."""
+        return ()
+
+    @property
+    def load(self) -> tuple[float, float]:
+        """The unit at its supply: volt from which it draws current, ampere."""
+        return UNIT_START_V, UNIT_CURRENT_A
+
+    @property
+    def rail_V(self) -> float:
+        """Voltage at the multimeter's leads on a bench without an auxiliary supply, volt."""
+        return 0.0
 
     def close(self) -> None:
         """Forget the world: its id opens nothing any more and pending events do nothing."""

@@ -1,0 +1,165 @@
+"""Where the simulated module is and how it turns: table angles, mounting, Earth's rate, gravity and lever arm.
+
+Local frame: x East, y North, z Up. v_n = Rz(90 deg - azimuth) Rz(outer) Ry(middle) Rx(inner) M v_b, right-handed,
+angles in degrees; M puts the body axis named by the mounting along the inner axis of the table. A small tilt turns the
+body against the inner axis; it is kept to its first order (1 arcmin squared is 8e-8).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+EARTH_RATE_RAD_S = 7.292115e-5
+STANDARD_GRAVITY_M_S2 = 9.80665  # the "g" of the bench's units
+BODY_OF_TABLE = {"x": (0, 1, 2), "y": (2, 0, 1), "z": (1, 2, 0)}  # which table component body x, y, z is
+
+
+class AxisMotion(Protocol):
+    """Angle and rate of one axis of the table at bench times."""
+
+    def angle_deg(self, t_ns: Int64) -> Float:
+        """Angle at bench times (n,), degrees."""
+
+    def rate_deg_s(self, t_ns: Int64) -> Float:
+        """Its derivative, degrees per second."""
+
+
+class Surroundings(Protocol):
+    """What the sensors see of the world. ``motion`` is (outer, middle, inner)."""
+
+    motion: Sequence[AxisMotion]
+    mounting: str  # body axis along the inner axis: "x", "y" or "z"
+    table: str  # "turntable", "non_magnetic" or "bench"
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where the bench stands; with all angles zero the inner axis points at ``azimuth_deg``, clockwise from North."""
+
+    latitude_deg: float = 34.2
+    gravity_m_s2: float = 9.7969
+    azimuth_deg: float = 90.0
+
+    @property
+    def earth_rate_deg_s(self) -> Float:
+        """Earth's rate in the local frame (East, North, Up), degrees per second."""
+        latitude = np.deg2rad(self.latitude_deg)
+        return np.array([0.0, np.cos(latitude), np.sin(latitude)]) * float(np.rad2deg(EARTH_RATE_RAD_S))
+
+    @property
+    def rest_force_g(self) -> Float:
+        """Specific force at rest in the local frame, standard g: up."""
+        return np.array([0.0, 0.0, self.gravity_m_s2 / STANDARD_GRAVITY_M_S2])
+
+
+@dataclass(frozen=True)
+class Still:
+    """An axis that stands at one angle."""
+
+    angle: float = 0.0
+
+    def angle_deg(self, t_ns: Int64) -> Float:
+        """The angle, (n,)."""
+        return np.full(np.shape(t_ns), self.angle)
+
+    def rate_deg_s(self, t_ns: Int64) -> Float:
+        """Zeros, (n,)."""
+        return np.zeros(np.shape(t_ns))
+
+
+@dataclass
+class OnTheBench:
+    """A module that lies level and at rest; what there is without a turntable."""
+
+    motion: Sequence[AxisMotion] = (Still(), Still(), Still())
+    mounting: str = "x"
+    table: str = "bench"
+
+
+@dataclass(frozen=True)
+class Tilt:
+    """Small turn of the body against the inner axis, radians about the table's axes: a constant of the mounting,
+    and a wobble with the inner and with the middle angle (first harmonics), a third of the variance each.
+    """
+
+    constant: Float  # (3,)
+    with_inner: Float  # (2, 3), of cosine and sine
+    with_middle: Float  # (2, 3)
+
+    def rad(self, angles_deg: Float) -> Float:
+        """Turn at table angles (n, 3), radians, (n, 3)."""
+        inner, middle = np.deg2rad(angles_deg[:, 2]), np.deg2rad(angles_deg[:, 1])
+        wobble = np.stack((np.cos(inner), np.sin(inner)), 1) @ self.with_inner
+        return self.constant + wobble + np.stack((np.cos(middle), np.sin(middle)), 1) @ self.with_middle
+
+
+def angles_deg(motion: Sequence[AxisMotion], t_ns: Int64) -> Float:
+    """Outer, middle and inner angle at bench times, (n, 3), degrees."""
+    return np.stack([axis.angle_deg(t_ns) for axis in motion], axis=1)
+
+
+def in_inner_axes(vector: Float, angles: Float, site: Site) -> Float:
+    """A vector of the local frame (3,) in the axes of the inner gimbal at table angles (n, 3): (n, 3)."""
+    outer, middle, inner = np.deg2rad(angles).T
+    turn = outer + np.deg2rad(90.0 - site.azimuth_deg)
+    east, north, up = vector
+    x, y = np.cos(turn) * east + np.sin(turn) * north, np.cos(turn) * north - np.sin(turn) * east
+    x, z = np.cos(middle) * x - np.sin(middle) * up, np.sin(middle) * x + np.cos(middle) * up
+    return np.stack((x, np.cos(inner) * y + np.sin(inner) * z, np.cos(inner) * z - np.sin(inner) * y), axis=1)
+
+
+def in_body_axes(inner_axes: Float, mounting: str, tilt_rad: Float | None = None) -> Float:
+    """Vectors in the axes of the inner gimbal (n, 3) in those of the body; ``tilt_rad`` as ``Tilt`` gives it."""
+    if tilt_rad is not None:
+        inner_axes = inner_axes - np.cross(tilt_rad, inner_axes)
+    return inner_axes[:, BODY_OF_TABLE[mounting]]
+
+
+def turned_deg(first: Float, last: Float, between: Float, gain_deg: Float) -> Float:
+    """Small turn of the inner gimbal between two sets of table angles, degrees about its own axes.
+
+    Args:
+        first, last: table angles at both ends, (n, 3), degrees; their differences enter exactly.
+        between: table angles (2, n, 3) at the two nodes that stand for the time between.
+        gain_deg: rates at the second node minus those at the first, times the time between the ends, (n, 3).
+    """
+    outer, middle, inner = np.moveaxis(last - first, 1, 0)
+    of_outer, of_middle, _ = np.moveaxis(gain_deg, 1, 0)
+    _, about_y, about_x = np.moveaxis(np.deg2rad(between), 2, 0)
+    cos_x, sin_x, cos_y, sin_y = np.cos(about_x), np.sin(about_x), np.cos(about_y), np.sin(about_y)
+    x = inner - _shared(outer, of_outer, sin_y)
+    y = _shared(middle, of_middle, cos_x) + _shared(outer, of_outer, cos_y * sin_x)
+    z = _shared(outer, of_outer, cos_y * cos_x) - _shared(middle, of_middle, sin_x)
+    return np.stack((x, y, z), axis=1)
+
+
+def _shared(way_deg: Float, gain_deg: Float, share: Float) -> Float:
+    """Integral of a rate times its share (2, n) at the nodes: exactly the way where the share does not change."""
+    return np.asarray(way_deg * share.mean(axis=0) + gain_deg * (share[1] - share[0]) / 4.0)
+
+
+def rates_in_inner_axes(motion: Sequence[AxisMotion], t_ns: Int64) -> Float:
+    """Rate of the inner gimbal against the local frame about its own axes at bench times, (n, 3), deg/s."""
+    outer, middle, inner = (axis.rate_deg_s(t_ns) for axis in motion)
+    _, about_y, about_x = np.deg2rad(angles_deg(motion, t_ns)).T
+    forward = outer * np.cos(about_y)
+    y = middle * np.cos(about_x) + forward * np.sin(about_x)
+    return np.stack((inner - outer * np.sin(about_y), y, forward * np.cos(about_x) - middle * np.sin(about_x)), axis=1)
+
+
+def lever_force_g(rate_deg_s: Float, change_deg_s2: Float, lever_arm_m: Float) -> Float:
+    """Specific force at a point ``lever_arm_m`` (body axes) from the centre of rotation, (n, 3), standard g.
+
+    Args: rate_deg_s and its derivative in body axes, (n, 3).
+    """
+    rate, change = np.deg2rad(rate_deg_s), np.deg2rad(change_deg_s2)
+    force_m_s2 = np.cross(rate, np.cross(rate, lever_arm_m)) + np.cross(change, lever_arm_m)
+    return np.asarray(force_m_s2 / STANDARD_GRAVITY_M_S2)

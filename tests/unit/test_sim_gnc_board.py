@@ -1,0 +1,238 @@
+"""The simulated test board on its line: frames, times, repeated numbers, damage."""
+
+import struct
+
+import pytest
+from crccheck.crc import Crc16CcittFalse
+from gnc_rig import ANSWER, BAUD, REFUSAL, frames_in, open_host, packed
+
+from bench.frame import load_frame
+from bench.model.clock import NS
+from bench.model.shipped import find_shipped
+
+BYTE_NS = 10 * NS / BAUD
+ERASE = (2, 2, 1, 0, 4096)  # SPI FLASH, its first sector
+
+
+def test_the_check_of_these_tests_is_the_catalogues():
+    frame = packed(0x11, struct.pack("<IB", 5000, 20), sequence=7)
+    assert frame == bytes.fromhex("eb 90 01 10 01 07 01 11 05 00 88 13 00 00 14 5c 84")
+    assert Crc16CcittFalse.calc(frame[2:-2]) == int.from_bytes(frame[-2:], "little")
+
+
+def test_identify_byte_by_byte():
+    with open_host(serial="GNC-07") as host:
+        host.board.write("rs422", packed(0x01, sequence=9, source=3))
+        host.clock.sleep(0.1)
+        body = bytes.fromhex("01 03 10 09 81 01 1c 00 00 01") + b"GNC-TB-SIM  GNC-07      " + bytes.fromhex("02 01")
+        assert host.read() == b"\xeb\x90" + body + Crc16CcittFalse.calc(body).to_bytes(2, "little")
+
+
+def test_bytes_take_their_time_on_the_line_both_ways():
+    with open_host() as host:
+        sent = packed(0x01)
+        host.board.write("rs422", sent)
+        done_ns = host.clock.now_ns() + round(len(sent) * BYTE_NS) + 2_000_000
+        host.clock.sleep_until_ns(done_ns)
+        assert host.board.waiting("rs422") == 0
+        host.clock.sleep_until_ns(done_ns + round(10.5 * BYTE_NS))
+        assert host.board.waiting("rs422") == 10
+        host.clock.sleep_until_ns(done_ns + round(39.5 * BYTE_NS))
+        assert len(host.read()) == 39
+
+
+def test_nothing_is_heard_before_the_module_has_booted_or_without_power():
+    with open_host(on=False) as host:
+        assert host.exchange(0x01) is None
+        host.power()
+        host.clock.sleep(1.19)
+        host.board.write("rs422", packed(0x01, sequence=1))
+        host.clock.sleep(0.5)
+        assert host.read() == b""
+        assert host.exchange(0x01) is not None
+        host.power(False)
+        assert host.exchange(0x01) is None
+
+
+def test_power_that_goes_during_a_command_ends_it():
+    with open_host() as host:
+        host.board.write("rs422", packed(0x12, struct.pack("<3B2I", *ERASE), sequence=5))
+        host.clock.sleep(0.001)
+        host.power(False)
+        host.clock.sleep(0.1)
+        host.power()
+        host.clock.sleep(2)
+        assert host.read() == b""
+        assert host.board.module.memories.erases[2] == 0
+
+
+def test_a_repeated_number_is_answered_again_and_nothing_is_done_twice():
+    with open_host() as host:
+        payload = struct.pack("<3B2I", *ERASE)
+        first, again = (host.exchange(0x12, payload, sequence=5) for _ in range(2))
+        assert first == again
+        assert struct.unpack("<6I", first.payload[1:])[5] == 1
+        other = host.exchange(0x12, payload, sequence=6)
+        assert struct.unpack("<6I", other.payload[1:])[5] == 2
+        changed = host.exchange(0x12, struct.pack("<3B2I", 2, 2, 2, 0, 4096), sequence=6)
+        assert struct.unpack("<6I", changed.payload[1:])[0] == 1024, "another command with this number is done"
+        assert host.board.module.memories.erases[2] == 2
+
+
+def test_a_number_that_comes_round_again_is_done_again():
+    with open_host() as host:
+        for turn in (1, 2):
+            found = host.exchange(0x12, struct.pack("<3B2I", *ERASE), sequence=77)
+            assert struct.unpack("<6I", found.payload[1:])[5] == turn
+            for sequence in range(8):
+                assert host.exchange(0x17, b"\x34\x12", sequence=sequence) is not None
+
+
+def test_while_a_command_is_being_done_nothing_is_heard():
+    with open_host() as host:
+        host.board.write("rs422", packed(0x10, bytes(4), sequence=1))
+        host.clock.sleep(0.1)
+        for sequence in (1, 2):
+            host.board.write("rs422", packed(0x10, bytes(4), sequence=sequence))
+        host.clock.sleep(1.0)
+        assert [frame.sequence for frame in frames_in(host.read())] == [1]
+
+
+@pytest.mark.parametrize(
+    ("command", "payload", "status"),
+    [
+        (0x44, "", 3),
+        (0x02, "00", 3),
+        (0x01, "00", 4),
+        (0x10, "000000", 4),
+        (0x11, "63 00 00 00 14", 4),  # 99 us
+        (0x11, "88 13 00 00 15", 4),  # 21 ticks
+        (0x12, "04 00 00 00000000 04000000", 4),  # no such memory
+        (0x12, "00 00 01 00000000 04000000", 4),  # RAM is not erased
+        (0x12, "02 00 00 00000000 04000000", 4),  # FLASH is not written without erasing
+        (0x12, "00 00 00 02000000 04000000", 4),  # not a word
+        (0x12, "00 00 00 00000000 04000100", 4),  # beyond its end
+        (0x12, "00 00 00 00000000 00000000", 4),
+        (0x13, "00", 4),
+        (0x15, "06", 4),
+        (0x16, "01 01 00", 4),
+        (0x16, "01 05 00", 4),
+        (0x16, "01 02 02", 4),
+        (0x19, "00 00 00 20", 4),  # 30 bits
+        (0x20, "00 c8 00 00000000", 4),
+        (0x20, "07 c9 00 00000000", 4),  # 201 Hz
+        (0x31, "0000 0000 0000 0000 0000", 4),
+        (0x7E, "ff", 4),
+    ],
+)
+def test_what_cannot_be_done_is_refused(command, payload, status):
+    with open_host() as host:
+        frame = host.exchange(command, bytes.fromhex(payload))
+        assert (frame.kind, frame.payload) == (REFUSAL, bytes([status]))
+
+
+def test_frames_for_others_and_damaged_ones_are_not_answered():
+    with open_host() as host:
+        damaged = bytearray(packed(0x01, sequence=2))
+        damaged[-1] ^= 0x10
+        for sent in (packed(0x01, destination=0x11), bytes(damaged), b"\xeb\x90\xeb"):
+            host.board.write("rs422", sent)
+        host.board.write("rs422", packed(0x01, sequence=3))
+        host.clock.sleep(0.02)
+        assert [frame.sequence for frame in frames_in(host.read())] == [3]
+
+
+def test_a_false_length_is_given_up_after_a_silence_and_what_it_swallowed_is_found():
+    with open_host() as host:
+        false = bytearray(packed(0x01, sequence=1))
+        false[8:10] = b"\x00\x04"
+        host.board.write("rs422", bytes(false) + packed(0x01, sequence=2))
+        host.clock.sleep(0.045)
+        assert host.read() == b""
+        host.clock.sleep(0.010)
+        assert [frame.sequence for frame in frames_in(host.read())] == [2]
+
+
+def test_the_rest_of_an_interrupted_frame_is_not_taken_for_it():
+    with open_host() as host:
+        frame = packed(0x01, sequence=1)
+        for pause_s, answers in ((0.045, 1), (0.060, 0)):
+            host.board.write("rs422", frame[:7])
+            host.clock.sleep(pause_s)
+            host.board.write("rs422", frame[7:])
+            host.clock.sleep(0.2)
+            assert len(frames_in(host.read())) == answers
+
+
+ASKED = {  # what is asked for, and some of what must come back; everything else only has to be read
+    "identify": ({}, {"protocol": 1, "board_serial": b"GNC-TB-SIM  ".hex(), "unit_serial": b"GNC-01      ".hex()}),
+    "cpu": ({"seed": 1}, {"operations": [256] * 4, "wrong": [0] * 4, "memory_wrong": 0}),
+    "timer": ({"setting_us": 500, "ticks": 20}, {"interrupts": 20}),
+    "memory": ({"region": 3, "pattern": 0, "operation": 1, "start": 0, "length": 4096}, {"checked": 1024, "erases": 1}),
+    "imu": ({"samples": 20}, {"samples": 20}),
+    "gps": ({}, {"fix": 3, "latitude": pytest.approx(34.2, abs=1e-3), "longitude": pytest.approx(108.9, abs=1e-3),
+                 "height": pytest.approx(400.0, abs=30.0)}),
+    "ad": ({"dip": 0}, {}),
+    "io": ({"output": 1, "input": 3, "level": 1}, {"read": 1, "others": 0}),
+    "spi": ({"word": 0x1234}, {"received": 0x1234, "observed": 0x1234}),
+    "sci": ({"pattern": b"\x55\xaa"}, {"echo": "55aa"}),
+    "can": ({"identifier": 0x123, "pattern": b"\x01"}, {"identifier": 0x123, "echo": "01"}),
+    "set_magnetometer": ({"offset": [0.12, 0.0, -0.12], "gain": 1.05, "sin_alpha": 0.02}, {}),
+    "roll": ({}, {}),
+    "stream_start": ({"sensors": 7, "rate": 200, "samples": 5}, {}),
+    "stream_stop": ({}, {"sent": 0}),
+    "inject": ({"code": 21}, {}),
+}  # fmt: skip
+
+
+def test_the_frame_file_and_the_board_mean_the_same():
+    commands = load_frame(find_shipped("frames", "gnc_422")).commands
+    assert set(commands) == set(ASKED)
+    with open_host() as host:
+        for name, (asked, due) in ASKED.items():
+            frame = host.exchange(commands[name].code, commands[name].encode(asked))
+            assert (frame.kind, frame.payload[0]) == (ANSWER, 0), name
+            found = commands[name].decode(frame.payload[1:])
+            assert {field: found[field] for field in due} == due
+        assert host.board.correction.gain == pytest.approx(1.05)
+        assert host.board.correction.offset == (1000, 0, -1000)
+        assert host.board.correction.sin_alpha == pytest.approx(0.02)
+
+
+def exchanges_over_a_bad_line(count, seed):
+    """How many were completed in three tries; checks that none is done twice or answered wrongly."""
+    print("seed", seed)
+    with open_host(seed) as host:
+        host.world.faults.link("rs422").bit_error_rate = 0.05 / (8 * 30)  # about one frame of 30 bytes in twenty
+        memories = host.board.module.memories
+        completed = repeated = 0
+        for number in range(count):
+            echo = number % 4 != 0
+            pattern = struct.pack("<IQ", number, number * 0x9E3779B97F4A7C15 % 2**64)
+            request = (0x18, pattern) if echo else (0x12, struct.pack("<3B2I", *ERASE))
+            before = memories.erases[2]
+            frame = None
+            for turn in range(3):
+                if frame is None:
+                    frame = host.exchange(*request, sequence=number % 256)
+                    repeated += turn > 0
+            assert memories.erases[2] - before <= (0 if echo else 1)
+            if frame is None:
+                continue
+            completed += 1
+            assert (frame.kind, frame.payload[0]) == (ANSWER, 0)
+            if echo:
+                assert frame.payload[1:] == pattern
+            else:
+                assert struct.unpack("<6I", frame.payload[1:])[5] == memories.erases[2]
+    assert repeated > count / 30, "the line was not bad"
+    return completed
+
+
+def test_commands_over_a_bad_line_are_completed_by_repeating_them():
+    assert exchanges_over_a_bad_line(300, seed=4) >= 298
+
+
+@pytest.mark.sweep
+def test_two_thousand_commands_over_a_bad_line():
+    assert exchanges_over_a_bad_line(2000, seed=5) >= 1990
