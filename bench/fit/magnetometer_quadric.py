@@ -1,0 +1,201 @@
+"""Closed quadric (ellipse in the plane, ellipsoid in space) through noisy points, by orthogonal distance.
+
+A fit of the conic's coefficients is biased by the noise of the points, because they stand in it squared. The distance
+of a point from the curve is linear in its noise. What is left
+of the bias goes with the curvature: noise s about a radius R makes it s^2 / (2 R) too large, 0.7 ppm of R at
+s / R = 0.5 mgauss / 0.43 gauss, alike on all axes.
+
+Source: Gander, Golub and Strebel, BIT 34 (1994) 558 (geometric fit); Ahn, Rauh and Warnecke, Pattern
+Recognition 34 (2001) 2283 (orthogonal distance as residual).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, stats
+
+from bench.model.errors import FitError
+
+Array = NDArray[np.float64]
+BLOCKS = 20  # parts of the record, in order of time, whose pulls on the parameters are compared
+_FOOT_STEPS = 60
+_FOOT_TOLERANCE = 1e-9  # steps square themselves, so the next would be below rounding
+_MOST_STEPS = 200
+_SAME = 1e-12  # scatter of readings that differ by rounding only
+_SUSPICION = 0.999  # the scatter between blocks counts only where white noise would hardly bring it
+
+
+@dataclass(frozen=True)
+class Quadric:
+    """Points v of the surface obey ``|shape @ (v - centre)| = 1``.
+
+    Attributes:
+        centre: (d,), unit of the points.   shape: (d, d), upper triangular, positive diagonal, 1 / unit.
+        covariance: (p, p) of centre, then of the upper triangle row by row; p = d + d (d + 1) / 2.
+        distance: signed orthogonal distance of each point, (n,), positive outside.   noise: its standard deviation
+            with n - p degrees of freedom.   wander: mean square of the pulls of ``BLOCKS`` parts of the record,
+            1 for white noise; the covariance has been widened by it where chance does not explain it.
+    """
+
+    centre: Array
+    shape: Array
+    covariance: Array
+    distance: Array
+    noise: float
+    wander: float
+
+    def corrected(self, points: Array) -> Array:
+        """Points on a circle or sphere of radius 1 about the origin, the shape of ``points`` (n, d)."""
+        return np.asarray((points - self.centre) @ self.shape.T)
+
+
+def fit_quadric(points: Array) -> Quadric:
+    """Least squares of the orthogonal distances, noise alike on all axes and independent from point to point.
+
+    Args:    points: (n, d), d = 2 or 3, any unit; rows with NaN must be left out before.
+    Returns: Quadric.
+    Raises:  FitError B-FIT-090 if there are too few points or no closed quadric passes through them.
+    Source:  see the head of this file.
+    """
+    count, dimensions = points.shape
+    parameters = dimensions + dimensions * (dimensions + 1) // 2
+    if count <= parameters or not np.isfinite(points).all():
+        raise _no_quadric(f"{count} points are too few for {parameters} parameters, or one is not a number")
+    middle = points.mean(axis=0)
+    scale = float(np.sqrt(np.square(points - middle).sum(axis=1).mean()))
+    if scale <= _SAME * float(np.abs(middle).max()):
+        raise _no_quadric(f"all {count} points are the same")
+    unit = (points - middle) / scale
+    both = _Once(unit)
+    found = optimize.least_squares(
+        lambda place: both.at(place)[0],
+        _round(unit),
+        jac=lambda place: both.at(place)[1],
+        method="lm",
+        xtol=1e-13,
+        ftol=1e-13,
+        gtol=1e-13,
+        max_nfev=_MOST_STEPS,
+    )
+    if found.status <= 0:
+        raise _no_quadric(f"the {count} points lie on a line, a plane or an open curve")
+    centre, shape = _split(found.x, dimensions)
+    distance, jacobian = both.at(found.x)
+    sign = np.sign(np.diag(shape))
+    covariance, noise, wander = _uncertainty(jacobian, distance)
+    factor = np.concatenate((np.full(dimensions, scale), sign[np.triu_indices(dimensions)[0]] / scale))
+    return Quadric(
+        centre=middle + scale * centre,
+        shape=sign[:, None] * shape / scale,
+        covariance=covariance * np.outer(factor, factor),
+        distance=distance * scale,
+        noise=noise * scale,
+        wander=wander,
+    )
+
+
+def _round(unit: Array) -> Array:
+    """Start: the circle or sphere through the points, whose equation is linear in centre and radius.
+
+    Source: Kasa, IEEE Trans. Instrum. Meas. 25 (1976) 8. Started from the coefficients of a free conic, eight scattered
+    points end in a far branch; from the circle they end in the published best fit.
+    """
+    dimensions = unit.shape[1]
+    columns = np.column_stack((2.0 * unit, np.ones(len(unit))))
+    solution = np.linalg.lstsq(columns, np.square(unit).sum(axis=1), rcond=None)[0]
+    centre = solution[:-1]
+    radius = float(np.sqrt(np.square(unit - centre).sum(axis=1).mean()))
+    return np.concatenate((centre, (np.eye(dimensions) / radius)[np.triu_indices(dimensions)]))
+
+
+class _Once:
+    """Distances and their derivatives, which the search asks for one after the other at the same place."""
+
+    def __init__(self, points: Array) -> None:
+        self._points = points
+        self._place: Array | None = None
+        self._found = (np.empty(0), np.empty(0))
+
+    def at(self, place: Array) -> tuple[Array, Array]:
+        if self._place is None or not np.array_equal(place, self._place):
+            self._place = place.copy()
+            self._found = _distances(self._points, place, self._points.shape[1])
+        return self._found
+
+
+def _split(place: Array, dimensions: int) -> tuple[Array, Array]:
+    shape = np.zeros((dimensions, dimensions))
+    shape[np.triu_indices(dimensions)] = place[dimensions:]
+    return place[:dimensions], shape
+
+
+def _distances(points: Array, place: Array, dimensions: int) -> tuple[Array, Array]:
+    """Signed orthogonal distances (n,) and their derivatives (n, p).
+
+    The foot moves along the surface only, so to first order the distance changes by F_parameter / |grad F| at it.
+    """
+    centre, shape = _split(place, dimensions)
+    stretch, turn = np.linalg.svd(shape)[1:]
+    axes = 1.0 / stretch
+    local = (points - centre) @ turn.T
+    foot = _feet(local, axes)
+    from_centre = foot @ turn
+    inside = from_centre @ shape.T  # W (f - c), unit length
+    slope = inside @ shape  # half the gradient of |W (v - c)|^2
+    steep = np.linalg.norm(slope, axis=1)
+    distance = np.einsum("nd,nd->n", local @ turn - from_centre, slope) / steep
+    rows, columns = np.triu_indices(dimensions)
+    derivative = np.column_stack((-slope, inside[:, rows] * from_centre[:, columns])) / steep[:, None]
+    return distance, derivative
+
+
+def _feet(local: Array, axes: Array) -> Array:
+    """Feet of the perpendiculars on an ellipsoid along its axes: a_k^2 p_k / (t + a_k^2) with t by Newton's method.
+
+    The sum of squares falls and is convex in t beyond its poles, so from the left the steps never pass the root.
+    Source: Eberly, Distance from a point to an ellipse, an ellipsoid, or a hyperellipsoid (Geometric Tools, 2011).
+    """
+    squares = axes**2
+    t = np.max(axes * np.abs(local) - squares, axis=1)
+    for _ in range(_FOOT_STEPS):
+        ratio = axes * local / np.maximum(t[:, None] + squares, 1e-300)
+        excess = np.square(ratio).sum(axis=1) - 1.0
+        fall = 2.0 * (np.square(ratio) / np.maximum(t[:, None] + squares, 1e-300)).sum(axis=1)
+        step = excess / np.maximum(fall, 1e-300)
+        t = t + step
+        if np.max(np.abs(step)) < _FOOT_TOLERANCE * float(squares.max()):
+            break
+    foot = squares * local / np.maximum(t[:, None] + squares, 1e-300)
+    return np.asarray(foot / np.linalg.norm(foot / axes, axis=1)[:, None])
+
+
+def _uncertainty(jacobian: Array, distance: Array) -> tuple[Array, float, float]:
+    """Covariance of the parameters, noise of the distances, mean square pull of the blocks."""
+    count, parameters = jacobian.shape
+    noise = float(np.sqrt(distance @ distance / (count - parameters)))
+    normal = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-15, hermitian=True)
+    covariance: Array = np.asarray(noise**2 * normal, np.float64)
+    blocks = min(BLOCKS, count // (4 * parameters))
+    if blocks < 5 or noise == 0.0:
+        return covariance, noise, 1.0
+    pulls = np.array([
+        part.T @ rest
+        for part, rest in zip(np.array_split(jacobian, blocks), np.array_split(distance, blocks), strict=True)
+    ]) @ normal  # fmt: skip
+    ratio = np.square(pulls).sum(axis=0) / np.maximum(np.diag(covariance), 1e-300) * blocks / (blocks - 1)
+    wander = float(ratio.mean())
+    if wander > stats.chi2.ppf(_SUSPICION, blocks - 1) / (blocks - 1):
+        widening = np.sqrt(np.maximum(ratio, 1.0))
+        covariance = covariance * np.outer(widening, widening)
+    return covariance, noise, wander
+
+
+def _no_quadric(reason: str) -> FitError:
+    return FitError(
+        "B-FIT-090",
+        f"no ellipse or ellipsoid can be fitted: {reason}",
+        next_step="look at the X-Y figure of the readings; turn the unit through whole turns",
+    )

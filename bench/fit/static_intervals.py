@@ -1,0 +1,88 @@
+"""Where an inertial unit was at rest, from its accelerometers alone.
+
+Source: Tedaldi, Pretto and Menegatti, A robust and easy to implement method for IMU calibration without external
+equipments, ICRA 2014, section IV: the length of the vector of the three variances in a window, against a multiple of
+the same in an initial interval at rest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.model.errors import FitError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class StaticIntervals:
+    """``begin``, ``end`` (k,): first sample at rest and the one behind the last.   ``threshold``: length of the vector
+    of variances, unit^2.   ``initial``: the same of the initial interval.
+    """
+
+    begin: NDArray[np.int64]
+    end: NDArray[np.int64]
+    threshold: float
+    initial: float
+
+    def means(self, samples: Array) -> Array:
+        """Mean of each interval, (k, 3)."""
+        return np.stack([samples[a:b].mean(axis=0) for a, b in zip(self.begin, self.end, strict=True)])
+
+
+def static_intervals(
+    samples: Array,
+    rate_Hz: float,
+    *,
+    initial_s: float,
+    multiple: float = 5.0,
+    window_s: float = 2.0,
+    least_s: float = 1.0,
+) -> StaticIntervals:
+    """Find the intervals at rest.
+
+    Args:    samples: (n, 3) of the accelerometers, any unit.   rate_Hz: of the samples.   initial_s: rest at the begin.
+             multiple: of the initial variance that still counts as rest.   window_s: over which the variance is taken,
+             centred.   least_s: a shorter interval is left out.
+    Returns: StaticIntervals in order of time.
+    Raises:  FitError B-FIT-084 if the record is shorter than its initial interval, or if no interval is at rest.
+    Source:  Tedaldi et al. 2014, section IV.
+    """
+    half, first = max(1, round(0.5 * window_s * rate_Hz)), round(initial_s * rate_Hz)
+    if first < 2 or len(samples) < max(first, 2 * half + 1):
+        raise _no_rest(f"{len(samples) / rate_Hz:.4g} s of samples for {initial_s:g} s of rest first")
+    initial = float(np.linalg.norm(np.var(samples[:first], axis=0)))
+    if initial == 0.0:
+        raise _no_rest(f"the outputs do not change at all in the first {initial_s:g} s")
+    size = np.linalg.norm(_moving_variance(samples, half), axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], (size < multiple * initial).astype(np.int8), [0]])))
+    begin, end = edges[0::2], edges[1::2]
+    long = end - begin >= least_s * rate_Hz
+    if not long.any():
+        raise _no_rest(
+            f"no interval of {least_s:g} s stays below {multiple:g} times the variance of the first {initial_s:g} s"
+        )
+    return StaticIntervals(begin[long], end[long], multiple * initial, initial)
+
+
+def _moving_variance(samples: Array, half: int) -> Array:
+    """(n, 3) variance in windows of 2 half + 1 samples; infinite within half a window of an end."""
+    centred = samples - samples.mean(axis=0)  # sums of squares would lose digits
+    width = 2 * half + 1
+    sums = np.cumsum(np.vstack([np.zeros(3), centred]), axis=0)
+    squares = np.cumsum(np.vstack([np.zeros(3), centred**2]), axis=0)
+    mean = (sums[width:] - sums[:-width]) / width
+    inside = (squares[width:] - squares[:-width]) / width - mean**2
+    return np.asarray(np.pad(inside, ((half, half), (0, 0)), constant_values=np.inf))
+
+
+def _no_rest(message: str) -> FitError:
+    return FitError(
+        "B-FIT-084",
+        message,
+        next_step="leave the unit at rest before it is turned by hand, and a few seconds in each pose; "
+        "look at the initial interval declared",
+    )
