@@ -12,6 +12,7 @@ import typer
 from typer.exceptions import Abort, TyperException
 
 from bench import __version__
+from bench.commands.batch_app import batch
 from bench.commands.history_app import app as history_app
 from bench.model.errors import BenchError, ExitStatus
 
@@ -183,6 +184,9 @@ def coefficients(
     from bench.commands import coefficients as coefficients_command
 
     raise typer.Exit(coefficients_command.coefficients(sessions, out))
+
+
+app.command(epilog="Example: bench batch sessions --out batch")(batch)
 
 
 @app.command("import", epilog="Example: bench import docs/mappings/tckit_1v_ramp.yaml log.dsv --out sessions")

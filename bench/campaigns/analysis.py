@@ -19,6 +19,7 @@ class Analysis:
     ``tables``: {"title", "caption", "headers", "rows"}.
     ``compensation``: {"channel", "kind", "parameter", "unit", "reference_temperature_degC", "coefficients",
     "valid_degC"}, coefficient k in unit per degC^k; channel None for what belongs to the whole unit.
+    ``attachments``: files that go with the results, by their path below the session's folder ``units``, as text.
     """
 
     campaign: str
@@ -33,3 +34,4 @@ class Analysis:
     figures: Documents = field(default_factory=list)
     tables: Documents = field(default_factory=list)
     compensation: Documents = field(default_factory=list)
+    attachments: Mapping[str, str] = field(default_factory=dict)

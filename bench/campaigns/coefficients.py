@@ -128,15 +128,6 @@ def coefficients_of(analysis: Analysis, results: Mapping[str, Any], campaign: Ma
             next_step=_NEXT,
         )
     channels = campaign.get("channels", ())
-    source = {
-        "session": session,
-        "campaign": analysis.campaign,
-        "method": analysis.method,
-        "session_sha256": results["provenance"]["session_sha256"],
-        "software": results["provenance"]["software"],
-        "worst_verdict": _worst(one["verdict"] for one in results["estimates"]),
-        "missing": list(analysis.missing),
-    }
     document = {
         "schema": 1,
         "uut": {name: str(results["uut"][name]) for name in ("model", "serial")},
@@ -144,10 +135,23 @@ def coefficients_of(analysis: Analysis, results: Mapping[str, Any], campaign: Ma
         "signs": dict(SIGNS),
         "nominal": [{"channel": one["number"], "kind": one["kind"], "k0_C": one["k0_C"]} for one in channels],
         "parameters": parameters,
-        "sources": [source],
+        "sources": [source_of(analysis, results)],
     }
     validate_coefficients(document, session)
     return document
+
+
+def source_of(analysis: Analysis, results: Mapping[str, Any]) -> dict[str, Any]:
+    """Where coefficients come from: session, method, hashes, the worst verdict and what is missing."""
+    return {
+        "session": str(results["session"]),
+        "campaign": analysis.campaign,
+        "method": analysis.method,
+        "session_sha256": results["provenance"]["session_sha256"],
+        "software": results["provenance"]["software"],
+        "worst_verdict": _worst(one["verdict"] for one in results["estimates"]),
+        "missing": list(analysis.missing),
+    }
 
 
 def merged(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -158,9 +162,7 @@ def merged(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             B-COEF-003 (simulated and real).
     """
     first = documents[0]
-    for other in documents[1:]:
-        _same(first, other, "uut", "B-COEF-001", "belong to different units")
-        _same(first, other, "simulated", "B-COEF-003", "are partly simulated, partly measured")
+    same_unit(documents)
     parameters = [one for document in documents for one in document["parameters"]]
     seen: dict[tuple[str, int], str] = {}
     for one in parameters:
@@ -179,6 +181,16 @@ def merged(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "parameters": sorted(parameters, key=lambda one: (order.index(one["parameter"]), one["channel"] or 0)),
         "sources": [source for document in documents for source in document["sources"]],
     }
+
+
+def same_unit(documents: Sequence[Mapping[str, Any]]) -> None:
+    """Refuse documents that do not belong together.
+
+    Raises: InputError B-COEF-001 (another unit), B-COEF-003 (simulated and real).
+    """
+    for other in documents[1:]:
+        _same(documents[0], other, "uut", "B-COEF-001", "belong to different units")
+        _same(documents[0], other, "simulated", "B-COEF-003", "are partly simulated, partly measured")
 
 
 def _same(first: Mapping[str, Any], other: Mapping[str, Any], name: str, code: str, what: str) -> None:

@@ -48,7 +48,7 @@ def header_text(document: Mapping[str, Any]) -> str:
     width = max((len(one["coefficients"]) for one in parameters), default=1)
     last = max((int(one["channel"] or 0) for one in (*document["nominal"], *parameters)), default=0)
     parts = [
-        _comment(_preamble(document)),
+        comment(preamble(document)),
         f"#ifndef {guard}\n#define {guard}\n",
         f"#define COMPENSATION_SIMULATED {int(document['simulated'])}\n",
         _TYPE.replace("WIDTH", str(width)),
@@ -61,7 +61,8 @@ def header_text(document: Mapping[str, Any]) -> str:
     return "\n".join([*parts, f"#endif /* {guard} */\n"])
 
 
-def _preamble(document: Mapping[str, Any]) -> list[str]:
+def preamble(document: Mapping[str, Any]) -> list[str]:
+    """What a reader of the header must know: unit, simulated or not, signs, sources."""
     unit = document["uut"]
     lines = [f"Compensation of {unit['model']}, serial number {unit['serial']}."]
     if document["simulated"]:
@@ -75,7 +76,7 @@ def _preamble(document: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _comment(lines: Sequence[str]) -> str:
+def comment(lines: Sequence[str]) -> str:
     """A C comment. What a session says goes into it, so nothing in a line may end it or leave ASCII."""
     return "\n".join(["/*", *(f" * {_safe(line)}".rstrip() for line in lines), " */", ""])
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from bench.frame import CommandLayout
     from bench.record import RecordRow
 
 Floats = NDArray[np.float64]
@@ -44,10 +45,35 @@ class Reading:
 
 
 @dataclass(frozen=True)
+class Exchange:
+    """A command to the unit under test and what came back.
+
+    ``item``: the test item it belongs to, "" for a command that is no test.   ``attempts``: how often it was sent.
+    ``status``: that of the answer, None if nobody answered.   ``refused``: the unit refused the command itself.
+    ``sent``, ``received``: payloads, the received one behind its status.   ``begin_s``, ``end_s``: bench clock.
+    """
+
+    step: int
+    item: str
+    name: str
+    sequence: int
+    attempts: int
+    begin_s: float
+    end_s: float
+    status: int | None
+    refused: bool
+    sent: bytes
+    received: bytes
+    conditions: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Material:
     """What a session gives to an analysis.
 
     ``rows``: the measuring records, by number.   ``campaign``, ``standards``: sections of the manifest.
+    ``exchanges``: commands to the unit and their answers.   ``layouts``: of the payloads, by name of the command.
+    ``utc_offset_s``: UTC (seconds since 1970) minus the bench clock, None if unknown.
     ``series``: columns of an imported log, (n,) each, "t_s" among them; empty for a session of this bench.
     """
 
@@ -56,4 +82,7 @@ class Material:
     standards: Mapping[str, Mapping[str, Any]]
     trace: Trace = field(default_factory=Trace)
     readings: Sequence[Reading] = ()
+    exchanges: Sequence[Exchange] = ()
+    layouts: Mapping[str, CommandLayout] = field(default_factory=dict)
+    utc_offset_s: float | None = None
     series: Mapping[str, Floats] = field(default_factory=dict)

@@ -6,7 +6,18 @@ import difflib
 from collections.abc import Mapping
 from typing import Protocol
 
-from bench.campaigns import bias_ramp, dmm_method, scale_factor, temperature_ramp
+from bench.campaigns import (
+    bias_ramp,
+    dmm_method,
+    gnc_unit_test,
+    imu_bias,
+    imu_calibration,
+    imu_multi_position,
+    imu_six_position,
+    magnetometer,
+    scale_factor,
+    temperature_ramp,
+)
 from bench.campaigns.analysis import Analysis
 from bench.campaigns.material import Material
 from bench.model.errors import FitError
@@ -26,6 +37,12 @@ ANALYSES: Mapping[str, AnalysisModule] = {
     "bias_ramp": bias_ramp,
     "dmm_method": dmm_method,
     "temperature_ramp": temperature_ramp,
+    "gnc_unit_test": gnc_unit_test,
+    "imu_calibration": imu_calibration,
+    "imu_bias": imu_bias,
+    "magnetometer": magnetometer,
+    "imu_six_position": imu_six_position,
+    "imu_multi_position": imu_multi_position,
 }
 
 

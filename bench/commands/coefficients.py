@@ -1,4 +1,4 @@
-"""``bench coefficients``: compensation of a unit as coefficients.json and coefficients.h."""
+"""``bench coefficients``: compensation of a unit as JSON and as a C header, of its converters or of its IMU."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Any
 from bench.campaigns.analysis import Analysis
 from bench.campaigns.coefficients import coefficients_of, merged
 from bench.campaigns.coefficients_header import header_text
+from bench.campaigns.coefficients_imu import imu_coefficients_of, is_imu, merged_imu
+from bench.campaigns.coefficients_imu_header import imu_header_text
 from bench.campaigns.results import results_json
 from bench.commands.console import console
 from bench.commands.output import write_file
@@ -17,6 +19,8 @@ from bench.commands.view import SessionView, analyse_view
 from bench.model.errors import ExitStatus, InputError
 
 JSON_NAME, HEADER_NAME = "coefficients.json", "coefficients.h"
+IMU_JSON_NAME, IMU_HEADER_NAME = "imu_coefficients.json", "imu_coefficients.h"
+NAMES = (JSON_NAME, HEADER_NAME, IMU_JSON_NAME, IMU_HEADER_NAME)
 
 
 def coefficients(folders: Sequence[Path], out: Path) -> int:
@@ -24,7 +28,7 @@ def coefficients(folders: Sequence[Path], out: Path) -> int:
 
     Raises: InputError B-COEF-001 to -006; SessionDamaged for a session that is not whole.
     """
-    document = merged([_document(folder) for folder in folders])
+    document = merged_documents([_document(folder) for folder in folders])
     for path in _write(out, document):
         console().print(f"wrote    {path}")
     for source in document["sources"]:
@@ -43,7 +47,37 @@ def write_coefficients(
     """
     if not analysis.compensation:
         return []
-    return _write(folder, merged([coefficients_of(analysis, results, campaign)]))
+    return _write(folder, merged_documents([document_of(analysis, results, campaign)]))
+
+
+def document_of(analysis: Analysis, results: Mapping[str, Any], campaign: Mapping[str, Any]) -> dict[str, Any]:
+    """The document of one session: of converters, or of an IMU.
+
+    Raises: InputError B-COEF-004, B-COEF-006.
+    """
+    if is_imu(analysis.compensation):
+        return imu_coefficients_of(analysis, results)
+    return coefficients_of(analysis, results, campaign)
+
+
+def coefficient_texts(document: Mapping[str, Any]) -> dict[str, str]:
+    """The two files of a document, by name."""
+    if "sections" in document:
+        return {IMU_JSON_NAME: results_json(document), IMU_HEADER_NAME: imu_header_text(document)}
+    return {JSON_NAME: results_json(document), HEADER_NAME: header_text(document)}
+
+
+def merged_documents(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """One document of several sessions of one unit. Raises: InputError B-COEF-001 to -003, -007."""
+    kinds = {"sections" in one for one in documents}
+    if len(kinds) > 1:
+        raise InputError(
+            "B-COEF-007",
+            "some sessions are of converters, others of an IMU",
+            where=", ".join(str(one["sources"][0]["session"]) for one in documents),
+            next_step="merge sessions of one kind",
+        )
+    return merged_imu(documents) if kinds == {True} else merged(documents)
 
 
 def _document(folder: Path) -> dict[str, Any]:
@@ -51,7 +85,7 @@ def _document(folder: Path) -> dict[str, Any]:
     if view.has_analysis:
         results, analysis = analyse_view(view)
         if analysis.compensation:
-            return coefficients_of(analysis, results, view.manifest["campaign"])
+            return document_of(analysis, results, view.manifest["campaign"])
     raise InputError(
         "B-COEF-005",
         "the session gives no coefficients",
@@ -61,7 +95,7 @@ def _document(folder: Path) -> dict[str, Any]:
 
 
 def _write(folder: Path, document: Mapping[str, Any]) -> list[Path]:
-    texts = {JSON_NAME: results_json(document), HEADER_NAME: header_text(document)}
+    texts = coefficient_texts(document)
     for name, text in texts.items():
         write_file(folder / name, text)
     return [folder / name for name in texts]

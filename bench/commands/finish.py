@@ -17,7 +17,7 @@ from rich.console import Console
 from bench.campaigns.analysis import Analysis
 from bench.campaigns.results import results_json
 from bench.commands.coefficients import write_coefficients
-from bench.commands.output import write_file
+from bench.commands.output import write_attachments, write_file
 from bench.commands.view import SessionView, analyse_view, report_html
 from bench.model.errors import ExitStatus, FitError
 from bench.store import StoreError, record_calibration
@@ -63,6 +63,8 @@ def finish(folder: Path, view: SessionView, history: str) -> Finished:
         done.written.append((kind, str(folder / name)))
     for path in write_coefficients(folder, analysis, results, view.manifest["campaign"]):
         done.written.append(("coeffs", str(path)))
+    if analysis.attachments:
+        done.written.append(("units", str(write_attachments(folder, analysis.attachments))))
     try:
         record_calibration(history, results, view.manifest, hashlib.sha256(page.encode()).hexdigest())
     except StoreError as error:

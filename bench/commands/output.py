@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 from bench.model.errors import InputError
+
+UNITS = "units"  # folder of a session with the results of each unit and test item
 
 
 def write_file(path: Path, content: str | bytes) -> None:
@@ -31,6 +33,17 @@ def write_file(path: Path, content: str | bytes) -> None:
             part.replace(target)
         finally:
             part.unlink(missing_ok=True)
+
+
+def write_attachments(folder: Path, attachments: Mapping[str, str]) -> Path:
+    """Write the files that go with the results of a session below its folder ``units``; returns that folder.
+
+    Raises: InputError B-CLI-007.
+    """
+    target = folder / UNITS
+    for name, text in attachments.items():
+        write_file(target / name, text)
+    return target
 
 
 def make_folder(path: Path) -> None:

@@ -114,6 +114,7 @@ def view_of(plan: Plan, done: Conducted) -> SessionView:
         plan_steps=plan.steps,
         events=done.events,
         texts=plan.texts,
+        utc_offset_ns=done.utc_offset_ns,
     )
 
 

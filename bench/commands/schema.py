@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.campaigns.coefficients import coefficients_schema
+from bench.campaigns.coefficients_imu import imu_coefficients_schema
 from bench.campaigns.results import results_schema
 from bench.commands.console import console
 from bench.commands.output import write_file
@@ -18,7 +19,7 @@ from bench.plan.schemas import json_schemas, vscode_settings
 def schema(folder: Path, vscode: bool) -> int:
     """Write one schema file per kind of file; with ``vscode`` also register them in .vscode/settings.json."""
     kinds: dict[str, Any] = {**json_schemas(), "results": results_schema(), "coefficients": coefficients_schema()}
-    kinds["mapping"] = mapping_schema()
+    kinds |= {"imu_coefficients": imu_coefficients_schema(), "mapping": mapping_schema()}
     for kind, content in kinds.items():
         write_file(folder / f"{kind}.schema.json", json.dumps(content, indent=1, sort_keys=True) + "\n")
     console().print(f"{len(kinds)} schemas written to {folder}")

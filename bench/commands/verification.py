@@ -10,10 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from bench.campaigns.analysis import Analysis
-from bench.campaigns.coefficients import coefficients_of, merged
-from bench.campaigns.coefficients_header import header_text
 from bench.campaigns.results import results_json
-from bench.commands.coefficients import HEADER_NAME, JSON_NAME
+from bench.commands.coefficients import NAMES, coefficient_texts, document_of, merged_documents
 from bench.commands.session import SOFTWARE_PATH, software_of
 from bench.commands.view import SessionView, report_of
 from bench.model.errors import InputError
@@ -161,11 +159,10 @@ def check_reports(found: Verification, folder: Path, pages: Pages) -> None:
 def check_coefficients(
     found: Verification, folder: Path, view: SessionView, results: Mapping[str, Any], analysis: Analysis
 ) -> None:
-    """Compare coefficients.json and coefficients.h byte by byte; an analysis may give none."""
-    texts: dict[str, str | None] = {JSON_NAME: None, HEADER_NAME: None}
+    """Compare the coefficients, JSON and header, byte by byte; an analysis may give none."""
+    texts: dict[str, str | None] = dict.fromkeys(NAMES)
     if analysis.compensation:
-        document = merged([coefficients_of(analysis, results, view.manifest["campaign"])])
-        texts = {JSON_NAME: results_json(document), HEADER_NAME: header_text(document)}
+        texts |= coefficient_texts(merged_documents([document_of(analysis, results, view.manifest["campaign"])]))
     for name, text in texts.items():
         if text is None and not (folder / name).exists():
             continue

@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 
 from bench import __version__
 from bench.campaigns.analysis import Analysis
-from bench.campaigns.material import Material, Reading, Trace
+from bench.campaigns.joined import joined
+from bench.campaigns.material import Exchange, Material, Reading, Trace
 from bench.campaigns.registry import analyse
 from bench.campaigns.results import INCOMPLETE, build_results
 from bench.commands.happenings import happening_tables, punctuality
 from bench.commands.operation import alarms_raised, commands_given, hashes_of, length_s, surroundings
 from bench.commands.splices import splice_documents, splice_tables
+from bench.frame import CommandLayout, parse_frame
 from bench.model.clock import NS
 from bench.record import RecordRow
 from bench.replay.parts import Splice
@@ -30,7 +32,7 @@ SOFTWARE = f"inertial-bench {__version__}"
 KEPT_EVENTS = (
     "environment", "prompt", "phase", "slip", "overrun", "late", "retake", "skip", "error", "end", "reading", "hold",
     "release", "resume", "reentry", "link", "interlock", "alarm", "guard", "preflight", "verdict", "config",
-    "clock_step", "control", "surroundings",
+    "clock_step", "control", "surroundings", "exchange",
 )  # fmt: skip
 
 
@@ -99,13 +101,39 @@ def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str
 def material_of(view: SessionView) -> Material:
     """What the analysis may see of a session."""
     return Material(
-        rows=view.rows,
+        rows=joined(view.rows),
         campaign=view.manifest["campaign"],
         standards=view.manifest["standards"],
         trace=_trace(view),
         readings=[_reading(t_ns, fields) for t_ns, fields in view.events_of("reading")],
         series=view.series,
+        exchanges=[_exchange(fields) for _, fields in view.events_of("exchange")],
+        layouts=_layouts(view),
+        utc_offset_s=None if view.utc_offset_ns is None else view.utc_offset_ns / NS,
     )
+
+
+def _exchange(fields: Mapping[str, Any]) -> Exchange:
+    return Exchange(
+        step=int(fields["step"]),
+        item=str(fields["item"]),
+        name=str(fields["name"]),
+        sequence=int(fields["sequence"]),
+        attempts=int(fields["attempts"]),
+        begin_s=int(fields["begin_ns"]) / NS,
+        end_s=int(fields["end_ns"]) / NS,
+        status=None if fields["status"] is None else int(fields["status"]),
+        refused=bool(fields["refused"]),
+        sent=bytes.fromhex(fields["sent"]),
+        received=bytes.fromhex(fields["received"]),
+        conditions=dict(fields.get("conditions", {})),
+    )
+
+
+def _layouts(view: SessionView) -> Mapping[str, CommandLayout]:
+    """Payloads of the measurement link's commands, from the frame definition the session holds."""
+    name = view.manifest.get("links", {}).get(view.manifest.get("measurement_link"))
+    return parse_frame(view.texts[name], name).commands if name in view.texts else {}
 
 
 def _reading(t_ns: int, fields: Mapping[str, Any]) -> Reading:

@@ -19,6 +19,14 @@ def html_page(model: ReportModel, sections: list[Section], words: Texts) -> str:
 
     The same model gives the same bytes in the same environment; no date and no random id enters.
     """
+    session, verdict = str(model.results["session"]), overall_verdict(model, words)
+    return page(model.title, session, sections, words, verdict=verdict, simulated=model.simulated)
+
+
+def page(
+    title: str, subtitle: str, sections: list[Section], words: Texts, *, verdict: tuple[str, str], simulated: bool
+) -> str:
+    """Sections as one HTML document; ``verdict``: class (none, pass, fail) and words."""
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES),
         autoescape=True,
@@ -28,10 +36,11 @@ def html_page(model: ReportModel, sections: list[Section], words: Texts) -> str:
         keep_trailing_newline=True,
     )
     return environment.get_template("report.html.j2").render(
-        model=model,
+        title=title,
+        subtitle=subtitle,
         sections=sections,
         words=words,
         language=words.language,
-        watermark=words("watermark") if model.simulated else "",
-        verdict=overall_verdict(model, words),
+        watermark=words("watermark") if simulated else "",
+        verdict=verdict,
     )

@@ -59,11 +59,11 @@ def _row(words: Texts, quantity: str, channel: Any, group: Sequence[Mapping[str,
         value_text(worst, scale),
         number(None if limit is None else limit * scale),
         unit_text(unit),
-        "–" if probability is None else _percent(probability),
+        "–" if probability is None else percent(probability),
         ", ".join(f"{count} {words(f'verdict.{name}')}" for name, count in sorted(counted.items())),
     )
 
 
-def _percent(probability: float) -> str:
+def percent(probability: float) -> str:
     """Per cent, never rounded up to certainty."""
     return "> 99.99 %" if probability > 0.9999 else f"{100.0 * probability:.2f} %"

@@ -1,0 +1,192 @@
+"""Calibration of the accelerometers by positions and of the gyros by turns, with the check of what the compensation
+leaves.
+
+Source: GNC-module paper section 4.2 1), equations (1) to (4) as corrected in ``bench.fit.imu_six_position`` and
+``bench.fit.imu_rotations``; table 3 limits the coupling after compensation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from bench.campaigns.analysis import Analysis
+from bench.campaigns.coefficients_imu import triad_section
+from bench.campaigns.gnc_limits import Limits
+from bench.campaigns.imu_files import rotation_files
+from bench.campaigns.imu_report import matrix_table, position_figure, rotation_figures
+from bench.campaigns.imu_rows import Floats, gravity_g, sampled_rows, site_of, temperature_span
+from bench.campaigns.imu_sample_checks import check_notes, check_table, checked, usable
+from bench.campaigns.imu_sets import TURNS, UPS, Sets, position_fit, rotation_record, sets_of
+from bench.campaigns.imu_table3 import table_3
+from bench.campaigns.imu_triad_estimates import ACCELEROMETER, GYRO, checked_coupling, triad_estimates
+from bench.campaigns.material import Material
+from bench.fit.imu_rotation_inputs import Declared
+from bench.fit.imu_rotations import RotationFit, fit_rotations
+from bench.fit.imu_triad import TriadFit
+from bench.model.errors import FitError
+
+METHODS: tuple[str, ...] = ("least_squares",)
+_OF_ONE_PART = ("B-FIT-001", "B-FIT-080", "B-FIT-081", "B-FIT-082", "B-FIT-083")
+
+
+@dataclass
+class Calibration:
+    """What was fitted, and why the rest was not."""
+
+    sets: Sets
+    accelerometer: TriadFit | None = None
+    gyro: RotationFit | None = None
+    accelerometer_check: TriadFit | None = None
+    gyro_check: RotationFit | None = None
+    missing: list[str] = field(default_factory=list)
+    refused: list[FitError] = field(default_factory=list)
+
+
+def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
+    """Matrices, biases, scale-factor errors and couplings of both triads; what is missing is named.
+
+    Raises: FitError B-FIT-004 (unknown method), B-GNC-001, -003, -004, -005; that of the fit if nothing is determined.
+    """
+    if method not in METHODS:
+        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    rows, empty = sampled_rows(material, ("position", "rotation"))
+    looked_at = checked(rows, ("gyro", "accelerometer"), material.campaign)
+    good, refused = usable(looked_at)
+    found = calibrate(sets_of(good), material)
+    if found.accelerometer is None and found.gyro is None and found.refused:
+        raise found.refused[0]
+    limits = Limits(material.campaign)
+    estimates = _estimates(found, limits)
+    return Analysis(
+        campaign="imu_calibration",
+        method=method,
+        uut=dict(material.campaign["uut"]),
+        estimates=estimates,
+        notes=[*_notes(found), *check_notes(looked_at)],
+        missing=[*empty, *refused, *found.missing],
+        figures=[*position_figure(found), *rotation_figures(found)],
+        tables=[*matrix_table(found), table_3(estimates, material.campaign), check_table(looked_at)],
+        compensation=_compensation(found),
+        attachments=rotation_files(found, str(material.campaign["uut"]["serial"])),
+    )
+
+
+def calibrate(sets: Sets, material: Material) -> Calibration:
+    """Fit what the records determine, and check it by the second set where there is one."""
+    found = Calibration(sets)
+    imu = material.campaign.get("imu") or {}
+    gravity, resolution = gravity_g(material.campaign), float(imu.get("accel_resolution_g", 0.0))
+    _name_missing(found)
+    if sets.positions:
+        with _Part(found, "accelerometers"):
+            found.accelerometer = position_fit(list(sets.positions.values()), gravity, resolution)
+    if found.accelerometer is not None and sets.check_positions:
+        with _Part(found, "check of the accelerometers"):
+            rows = list(sets.check_positions.values())
+            found.accelerometer_check = position_fit(rows, gravity, resolution, found.accelerometer)
+    _turns(found, material, float(imu.get("gyro_resolution_deg_s", 0.0)))
+    return found
+
+
+def _turns(found: Calibration, material: Material, resolution_deg_s: float) -> None:
+    sets, site = found.sets, site_of(material.campaign)
+    declared = Declared(resolution_deg_s=resolution_deg_s)
+    if sets.rotations:
+        with _Part(found, "gyros"):
+            records = [rotation_record(row) for row in sets.rotations.values()]
+            found.gyro = fit_rotations(records, site, declared)
+    if found.gyro is not None and sets.check_rotations:
+        with _Part(found, "check of the gyros"):
+            triad = found.gyro.triad
+            again = [
+                rotation_record(row, compensated(triad, row.values("gyro"))) for row in sets.check_rotations.values()
+            ]
+            found.gyro_check = fit_rotations(again, site, declared)
+
+
+def compensated(triad: TriadFit, indicated: Floats) -> Floats:
+    """Rates after compensation, (n, 3) deg/s: w = K N - bias."""
+    return triad.apply(np.asarray(indicated), bias_sign=-1)
+
+
+class _Part:
+    """A part of the calibration that may be refused without costing the rest; the reason is kept."""
+
+    def __init__(self, found: Calibration, what: str) -> None:
+        self._found, self._what = found, what
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, _kind: object, error: object, _trace: object) -> bool:
+        if not isinstance(error, FitError) or error.code not in _OF_ONE_PART:
+            return False
+        self._found.refused.append(error)
+        self._found.missing.append(f"{self._what}: {error.message} ({error.code})")
+        return True
+
+
+def _name_missing(found: Calibration) -> None:
+    sets = found.sets
+    found.missing += [f"position {up} up: no record" for up in UPS if up not in sets.positions]
+    found.missing += [
+        f"rotation {axis.upper()}{'+' if sign > 0 else '-'}: no record"
+        for axis, sign in TURNS
+        if (axis, sign) not in sets.rotations
+    ]
+    if not sets.check_positions:
+        found.missing.append("coupling of the accelerometers after compensation: no second set of positions")
+    if not sets.check_rotations:
+        found.missing.append("coupling of the gyros after compensation: no second set of rotations")
+
+
+def _estimates(found: Calibration, limits: Limits) -> list[dict[str, Any]]:
+    estimates: list[dict[str, Any]] = []
+    if found.accelerometer is not None:
+        count = sum(len(row.samples) for row in found.sets.positions.values())
+        estimates += triad_estimates(found.accelerometer, ACCELEROMETER, count)
+        if found.accelerometer_check is not None:
+            both = found.accelerometer_check, found.accelerometer
+            estimates += checked_coupling(*both, ACCELEROMETER, limits("accel_cross_coupling"))
+    if found.gyro is not None:
+        estimates += triad_estimates(found.gyro.triad, GYRO, sum(found.gyro.used.values()))
+        if found.gyro_check is not None:
+            both = found.gyro_check.triad, found.gyro.triad
+            estimates += checked_coupling(*both, GYRO, limits("gyro_cross_coupling"))
+    return estimates
+
+
+def _compensation(found: Calibration) -> list[dict[str, Any]]:
+    sections = []
+    if found.accelerometer is not None:
+        span = temperature_span(list(found.sets.positions.values()))
+        sections.append(triad_section(ACCELEROMETER.kind, found.accelerometer, span))
+    if found.gyro is not None:
+        span = temperature_span(list(found.sets.rotations.values()))
+        sections.append(triad_section(GYRO.kind, found.gyro.triad, span))
+    return sections
+
+
+def _notes(found: Calibration) -> list[str]:
+    notes = [f"No result: {one}." for one in found.missing]
+    gyro = None if found.gyro is None else found.gyro.triad
+    for name, fit in (("accelerometers", found.accelerometer), ("gyros", gyro)):
+        if fit is not None and fit.inflated:
+            notes.append(
+                f"The residuals of the {name} are larger than noise and resolution explain (chi-square {fit.chi2:.0f} "
+                f"with {fit.residual_dof} degrees of freedom); the intervals were widened for it. A tilt of the table "
+                "from pose to pose looks like this."
+            )
+    if found.gyro is not None:
+        cut_s = {name: cut for name, cut in found.gyro.trimmed_s.items() if cut > 0.0}
+        notes += [f"{name}: {cut:.3f} s were cut off its end, so that both directions are of equal length."
+                  for name, cut in cut_s.items()]  # fmt: skip
+        notes += [f"{name}: {count} samples that came twice were left out."
+                  for name, count in found.gyro.duplicates.items() if count]  # fmt: skip
+    if found.sets.surplus:
+        notes.append(f"{found.sets.surplus} records of a third time and later were not used.")
+    notes.append("Angles of the table and gravity are taken as stated: their uncertainty is not included.")
+    return notes

@@ -1,0 +1,125 @@
+"""``bench batch``: every session named is fitted, and all of them are looked at together.
+
+One session after the other, and nothing of one is kept but its estimates: the memory does not grow with their length.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+from bench.commands.console import console
+from bench.commands.output import write_file
+from bench.commands.session import read_view
+from bench.commands.view import SOFTWARE, analyse_view
+from bench.model.errors import BenchError, ExitStatus, FitError, InputError
+from bench.report.batch import batch_html
+from bench.report.batch_document import batch_json
+from bench.report.batch_model import Batch, LeftOut, Outcome
+from bench.report.batch_tables import unit_name
+
+SEGMENTS = "session.*.mcap"
+JSON_NAME, PAGE_NAME = "batch.json", "batch.html"
+_SHOWN = 20
+
+
+def batch(named: Sequence[Path], out: Path, as_json: bool) -> int:
+    """Fit and compare sessions; writes batch.json and batch.html.
+
+    Returns: 5 if a session is damaged or cannot be read, else 1 if a verdict fails or a session determines no result,
+             else 0.
+    Raises:  InputError B-CLI-013 if a path holds no session, B-CLI-007 if a file cannot be written.
+    """
+    folders = list(dict.fromkeys(folder for path in named for folder in session_folders(path)))
+    found, status = Batch(), ExitStatus.PASS
+    for folder, name in zip(folders, _names(folders), strict=True):
+        status = max(status, _add(found, folder, name))
+    document = batch_json(found, SOFTWARE)
+    written = [(out / JSON_NAME, document), (out / PAGE_NAME, batch_html(found, SOFTWARE))]
+    for path, text in written:
+        write_file(path, text)
+    if as_json:
+        sys.stdout.write(document)
+    else:
+        _tell(found, [path for path, _ in written])
+    return max(status, ExitStatus.VERDICT_FAIL) if found.yield_of().failed else status
+
+
+def session_folders(path: Path) -> list[Path]:
+    """The session a path names, or all in the folder it names, or all that match it. Raises: InputError B-CLI-013."""
+    if _is_session(path):
+        return [path]
+    matches: Iterable[Path] = path.iterdir() if path.is_dir() else _matches(path)
+    folders = sorted(one for one in matches if _is_session(one))
+    if not folders:
+        raise InputError(
+            "B-CLI-013",
+            "is no session, and holds none",
+            where=str(path),
+            next_step="name folders with session.0001.mcap, or a folder of such folders",
+        )
+    return folders
+
+
+def _is_session(path: Path) -> bool:
+    return path.is_dir() and any(path.glob(SEGMENTS))
+
+
+def _matches(pattern: Path) -> Iterator[Path]:
+    """What a pattern in quotes matches; a shell has replaced any other."""
+    anchor = Path(pattern.anchor) if pattern.anchor else Path()
+    relative = pattern.relative_to(pattern.anchor) if pattern.anchor else pattern
+    return anchor.glob(str(relative)) if any(sign in str(pattern) for sign in "*?[") else iter(())
+
+
+def _names(folders: Sequence[Path]) -> list[str]:
+    """Names of the folders; with that of the folder around them where two have one name."""
+    names = [folder.resolve().name for folder in folders]
+    if len(set(names)) == len(names):
+        return names
+    return [str(Path(folder.resolve().parent.name, folder.resolve().name)) for folder in folders]
+
+
+def _add(found: Batch, folder: Path, name: str) -> ExitStatus:
+    """Add one session, or say why it is left out."""
+    try:
+        view = read_view(folder)
+    except BenchError as error:
+        found.left_out.append(LeftOut(name, error.code, error.message))
+        return ExitStatus.SESSION_DAMAGED
+    status = ExitStatus.PASS
+    if view.damaged:
+        found.damaged.append(name)
+        found.left_out.append(LeftOut(name, "B-REC-011", "; ".join(view.notes)))
+        status = ExitStatus.SESSION_DAMAGED
+    if not view.has_analysis:
+        found.left_out.append(LeftOut(name, "B-CLI-008", "the sequence of this session asks for no analysis"))
+        return status
+    try:
+        results, _ = analyse_view(view)
+    except BenchError as error:
+        found.left_out.append(LeftOut(name, error.code, error.message))
+        found.without_result(view.manifest, name)
+        return max(status, ExitStatus.VERDICT_FAIL if isinstance(error, FitError) else ExitStatus.SESSION_DAMAGED)
+    found.add(results, name)
+    return status
+
+
+def _tell(found: Batch, written: Sequence[Path]) -> None:
+    out = console()
+    total = found.yield_of()
+    low, high = total.interval
+    share = "" if total.share is None else f"; yield {100 * total.share:.1f} % ({100 * low:.1f} to {100 * high:.1f} %)"
+    counts = f"{total.passed} pass, {total.failed} fail, {total.without} without a verdict"
+    out.print(f"{len(found.outcomes)} units in {len({part.session for part in found.parts})} sessions: {counts}{share}")
+    bad = [part for part in found.parts if part.outcome in (Outcome.FAIL, Outcome.NO_RESULT)]
+    for part in bad[:_SHOWN]:
+        said = part.outcome.replace("_", " ")
+        out.print(f"{said:<10} {unit_name(part.unit)}  {part.session}: {part.failed} of {part.judged} judged failed")
+    if len(bad) > _SHOWN:
+        out.print(f"... and {len(bad) - _SHOWN} more in {JSON_NAME}")
+    for one in found.left_out:
+        out.print(f"left out   {one.session}: {one.code} {one.text}")
+    for path in written:
+        out.print(f"wrote      {path}")
