@@ -173,6 +173,8 @@ def _magnetometer(module: GncImu, windows: Sequence[RecordWindow]) -> Iterator[E
     yield entry("mag_angle", "deg", plane.angle_deg, kind)
     yield entry("mag_radius", "gauss", plane.radius_gauss, kind)
     yield entry("mag_roll_offset", "deg", plane.roll_deg, kind)
+    for axis, offset_gauss in zip(AXES, module.magnetometer.offset_gauss, strict=True):
+        yield entry("mag_hard_iron", "gauss", float(offset_gauss), {**kind, "axis": axis})
     for row, column in np.ndindex(3, 3):
         yield entry("mag_matrix", "1", matrix[row, column], {**kind, "row": AXES[row], "column": AXES[column]})
 

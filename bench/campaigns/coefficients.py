@@ -222,10 +222,10 @@ def _worst(verdicts: Iterable[str]) -> str:
     return next((one for one in ("fail", "conditional_fail", "conditional_pass", "pass") if one in found), "none")
 
 
-def validate_coefficients(document: object, where: str) -> None:
+def validate_coefficients(document: object, where: str, form: type[BaseModel] = Coefficients) -> None:
     """Check a document against its form. Raises InputError B-COEF-006 naming the first wrong field."""
     try:
-        Coefficients.model_validate(document)
+        form.model_validate(document)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         place = ".".join(str(part) for part in first["loc"])

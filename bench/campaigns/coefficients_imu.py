@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from bench.campaigns.analysis import Analysis
-from bench.campaigns.coefficients import Source, UnitUnderTest, same_unit, source_of
+from bench.campaigns.coefficients import Source, UnitUnderTest, same_unit, source_of, validate_coefficients
 from bench.model.errors import InputError
 
 if TYPE_CHECKING:
@@ -152,17 +152,7 @@ def merged_imu(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 def validate_imu_coefficients(document: object, where: str) -> None:
     """Check a document against its form. Raises InputError B-COEF-006 naming the first wrong field."""
-    try:
-        ImuCoefficients.model_validate(document)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise InputError(
-            "B-COEF-006",
-            f"{place}: {first['msg'][:1].lower()}{first['msg'][1:]} (found {str(first['input'])[:60]})",
-            where=where,
-            next_step="correct the analysis that makes these coefficients",
-        ) from error
+    validate_coefficients(document, where, ImuCoefficients)
 
 
 def imu_coefficients_schema() -> dict[str, Any]:

@@ -13,6 +13,7 @@ from bench.campaigns.joined import CONTINUES
 from bench.campaigns.material import Material
 from bench.fit.earth_rate import Pose, Site
 from bench.fit.imu_records import tick_seconds
+from bench.fit.unit_clock import UnitClock, unit_clock
 from bench.model.errors import FitError
 
 if TYPE_CHECKING:
@@ -94,12 +95,23 @@ def sampled_rows(material: Material, items: Sequence[str]) -> tuple[list[Sampled
         else:
             found.append(_sampled(row, row.samples))
     if not found:
-        raise FitError(
-            "B-GNC-003",
-            f"the session holds no record with samples of {', '.join(items)}",
-            next_step="look at the session with 'bench recover'; records need 'samples: true' and the condition 'item'",
-        )
+        raise no_records(items)
     return found, empty
+
+
+def no_records(items: Sequence[str]) -> FitError:
+    """The error of a session without a record of these items."""
+    return FitError(
+        "B-GNC-003",
+        f"the session holds no record with samples of {', '.join(items)}",
+        next_step="look at the session with 'bench recover'; records need 'samples: true' and the condition 'item'",
+    )
+
+
+def clock_of(rows: Sequence[SampledRow]) -> UnitClock:
+    """The unit's clock against the bench clock, over all records."""
+    stamps = [(row.samples.columns["tick"].astype(np.int64), row.samples.t_ns * 1e-9) for row in rows]
+    return unit_clock(stamps, 1.0 / rows[0].rate_Hz)
 
 
 def _sampled(row: RecordRow, samples: Samples) -> SampledRow:

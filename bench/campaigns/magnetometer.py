@@ -15,10 +15,12 @@ from bench.campaigns.coefficients_imu import magnetometer_section
 from bench.campaigns.estimates import estimate
 from bench.campaigns.gnc_limits import Limits
 from bench.campaigns.imu_report import curve
-from bench.campaigns.imu_rows import AXES, SampledRow, sampled_rows, temperature_span
+from bench.campaigns.imu_rows import AXES, SampledRow, no_records, sampled_rows, temperature_span
 from bench.campaigns.imu_sample_checks import check_notes, check_table, checked, usable
 from bench.campaigns.imu_table3 import table_3
 from bench.campaigns.magnetometer_roll import roll_estimates
+from bench.campaigns.magnetometer_sphere import ITEM as ATTITUDES
+from bench.campaigns.magnetometer_sphere import sphere_of
 from bench.campaigns.material import Material
 from bench.fit.ellipse import PlaneParameters
 from bench.fit.magnetometer_plane import ELLIPSE, EXTREMES, PlaneComparison, compare_methods
@@ -38,7 +40,8 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """
     if method not in METHODS:
         raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
-    rows, missing = sampled_rows(material, ("magnetometer",))
+    all_rows, missing = sampled_rows(material, ("magnetometer", ATTITUDES))
+    rows = [row for row in all_rows if row.item != ATTITUDES]
     looked_at = checked(rows, ("magnetometer",), material.campaign)
     good, bad = usable(looked_at)
     missing += bad
@@ -52,7 +55,9 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             refused.append(error)
             missing.append(f"record {row.number}: {error.message} ({error.code})")
     if not fits:
-        raise refused[0]
+        raise refused[0] if refused else no_records(("magnetometer",))
+    sphere = sphere_of(all_rows)
+    missing += sphere.missing
     parameters = fits[0][1].by_method[method]
     estimates = [one for row, fit in fits for one in _estimates(row, fit, len(fits) > 1)]
     limit_deg = Limits(material.campaign)("roll_error")
@@ -61,10 +66,15 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         campaign="magnetometer",
         method=method,
         uut=dict(material.campaign["uut"]),
-        estimates=estimates,
-        notes=[*_notes(fits, material), *check_notes(looked_at), *(f"No result: {one}." for one in missing)],
+        estimates=[*estimates, *sphere.estimates],
+        notes=[
+            *_notes(fits, material),
+            *sphere.notes,
+            *check_notes(looked_at),
+            *(f"No result: {one}." for one in missing),
+        ],
         missing=missing,
-        figures=_figures(fits[0][0], parameters),
+        figures=[*_figures(fits[0][0], parameters), *sphere.figures],
         tables=[_table(fits[0][1]), table_3(estimates, material.campaign), check_table(looked_at)],
         compensation=[magnetometer_section(method, parameters, temperature_span([fits[0][0]]))],
     )
@@ -149,5 +159,4 @@ def _notes(fits: Sequence[tuple[SampledRow, PlaneComparison]], material: Materia
                 f"Record {row.number}: the readings are not on an ellipse (reduced chi-square "
                 f"{ellipse.shape_misfit:.1f}): the field changed or the table is magnetic."
             )
-    found.append("A turn about Z determines X and Y only; offset and gain of Z need an ellipsoid of all attitudes.")
     return found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from bench.model.ports import Effect
@@ -137,10 +138,10 @@ def take_record(plan: Expander, record: Record, path: Path, scope: Scope) -> Non
         conditions["label"] = record.label
     if record.pulse_timing:
         arguments["pulse_timing"] = True
-        _can_time_pulses(plan, seconds, (*path, "pulse_timing"))
+        _can_keep(plan, _PULSES, plan.counts_pulses, seconds, (*path, "pulse_timing"))
     if record.samples:
         arguments["samples"] = True
-        _can_keep_samples(plan, seconds, (*path, "samples"))
+        _can_keep(plan, _SAMPLES, plan.has_samples, seconds, (*path, "samples"))
     if record.windows is not None and record.windows > 1 and record.retry:
         message = f"{record.windows} windows without a gap cannot be taken again (retry {record.retry})"
         plan.fail("B-PLAN-068", (*path, "retry"), message, "leave 'retry' out; lost frames are counted in each window")
@@ -161,28 +162,37 @@ def _windows(
         )  # fmt: skip
 
 
-def _can_time_pulses(plan: Expander, seconds: Quantity | None, path: Path) -> None:
-    """Note what keeps ``pulse_timing`` from being kept (B-PLAN-069)."""
-    if not plan.counts_pulses:
-        frame = next(iter(plan.document.model.frame.values()))
-        message = f"frame {frame!r} has no {' and '.join(TIMED)} counts per frame, so no pulse has a time"
-        plan.fail("B-PLAN-069", path, message, "leave 'pulse_timing' out, or count a link that has them")
-    elif seconds is not None and seconds.value * plan.rate_Hz > MOST_TIMED_FRAMES:
-        frames = round(seconds.value * plan.rate_Hz)
-        message = f"pulse times of {frames} frames do not fit; {MOST_TIMED_FRAMES} are allowed"
-        plan.fail("B-PLAN-069", path, message, "take shorter records; 'windows' makes many without a gap")
+@dataclass(frozen=True)
+class _Kept:
+    """What a record can keep beside its sums: how many frames of it fit, and what frames must carry."""
+
+    code: str
+    most: int
+    what: str
+    lacks: str
+    advice: str
 
 
-def _can_keep_samples(plan: Expander, seconds: Quantity | None, path: Path) -> None:
-    """Note what keeps ``samples`` from being kept (B-PLAN-092)."""
-    if not plan.has_samples:
+_PULSES = _Kept(
+    "B-PLAN-069", MOST_TIMED_FRAMES, "pulse times of {} frames",
+    f"no {' and '.join(TIMED)} counts per frame, so no pulse has a time",
+    "leave 'pulse_timing' out, or count a link that has them",
+)  # fmt: skip
+_SAMPLES = _Kept(
+    "B-PLAN-092", MOST_SAMPLES, "{} samples of one record",
+    "no fields with 'per: sample', so a record has no samples",
+    "leave 'samples' out, or record a link whose frames carry samples",
+)  # fmt: skip
+
+
+def _can_keep(plan: Expander, kept: _Kept, carried: bool, seconds: Quantity | None, path: Path) -> None:
+    """Note what keeps a record from keeping more than its sums (B-PLAN-069, -092)."""
+    if not carried:
         frame = next(iter(plan.document.model.frame.values()))
-        message = f"frame {frame!r} has no fields with 'per: sample', so a record has no samples"
-        plan.fail("B-PLAN-092", path, message, "leave 'samples' out, or record a link whose frames carry samples")
-    elif seconds is not None and seconds.value * plan.rate_Hz > MOST_SAMPLES:
-        count = round(seconds.value * plan.rate_Hz)
-        message = f"{count} samples of one record do not fit; {MOST_SAMPLES} are allowed"
-        plan.fail("B-PLAN-092", path, message, "take shorter records; 'windows' makes many without a gap")
+        plan.fail(kept.code, path, f"frame {frame!r} has {kept.lacks}", kept.advice)
+    elif seconds is not None and seconds.value * plan.rate_Hz > kept.most:
+        message = f"{kept.what.format(round(seconds.value * plan.rate_Hz))} do not fit; {kept.most} are allowed"
+        plan.fail(kept.code, path, message, "take shorter records; 'windows' makes many without a gap")
 
 
 def _whole_frames(plan: Expander, seconds: Quantity, path: Path) -> None:

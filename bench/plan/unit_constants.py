@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from bench.model.units import read_quantity
@@ -22,14 +23,14 @@ def unit_constants(model: Sequence, serial: str) -> dict[str, Any]:
     return found
 
 
-def _converter(uut: UnitUnderTest) -> dict[str, Any]:
+def _converter(uut: UnitUnderTest) -> dict[str, float]:
     constants = {
         "temperature_sensor_u95_degC": uut.temperature_sensor_uncertainty,
         "af_clock_Hz": uut.af_clock,
         "fg_Hz": uut.function_generator,
         "master_Hz": uut.master_clock,
     }
-    return {name: value for name, value in constants.items() if value is not None}
+    return _stated(constants)
 
 
 def _sensors(imu: Imu) -> dict[str, float]:
@@ -56,4 +57,8 @@ def _site(site: Site) -> dict[str, float]:
         "gravity_m_s2": site.gravity,
         "azimuth_deg": site.azimuth,
     }
+    return _stated(constants)
+
+
+def _stated(constants: Mapping[str, float | None]) -> dict[str, float]:
     return {name: value for name, value in constants.items() if value is not None}

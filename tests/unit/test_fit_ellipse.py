@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from bench.fit.ellipse import corrected, fit_ellipse
+from bench.fit.ellipse import PlaneParameters, corrected, fit_ellipse
 from bench.fit.magnetometer_quadric import fit_quadric
 from bench.fit.roll import roll_deg, roll_uncertainty
 from bench.model.errors import FitError
@@ -104,7 +104,7 @@ def test_few_units(rate_deg_s: float) -> None:
     check(*fits(8, rate_deg_s, seed=62))
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 @pytest.mark.validates(
     "magnetometer ellipse of 50 units, RMS errors and coverage of 95 % intervals",
     against="the errors that were put into simulated readings (0.43 gauss, 0.5 mgauss noise, 3 min at 200 Hz)",
@@ -182,3 +182,17 @@ def test_a_line_is_refused() -> None:
     with pytest.raises(FitError) as caught:
         fit_ellipse(component + rng.normal(0, 5e-4, 4000), 0.5 * component + rng.normal(0, 5e-4, 4000))
     assert caught.value.code in ("B-FIT-090", "B-FIT-091")
+
+
+def test_roll_uncertainty_of_a_large_angle_between_the_axes() -> None:
+    """Each parameter moved by one standard uncertainty at a time, at readings of a turn; alpha of 35 degrees."""
+    values, stds = np.array([0.02, -0.01, 1.1, 35.0, 0.4]), np.array([1e-7, 2e-7, 3e-7, 4e-5, 0.0])
+    unit = PlaneParameters(values[:2], values[2], values[3], values[4], np.diag(stds**2), np.zeros(5))
+    angle, skew = np.deg2rad(np.arange(0.0, 360.0, 5.0)), np.deg2rad(35.0)
+    x, y = 0.4 * np.cos(angle), -0.4 * np.sin(angle)
+    x_out, y_out = 0.02 + x * np.cos(skew) + y * np.sin(skew), -0.01 + y / 1.1
+    moved = [roll_deg(*corrected(values + one, x_out, y_out)) - roll_deg(x, y) for one in np.diag(stds)]
+    spread = np.linalg.norm((np.array(moved) + 180.0) % 360.0 - 180.0, axis=0)
+    stated = roll_uncertainty(unit, 0.0)
+    assert stated.rms_deg == pytest.approx(np.sqrt(np.mean(spread**2)), rel=1e-4)
+    assert stated.worst_deg == pytest.approx(spread.max(), rel=1e-4)

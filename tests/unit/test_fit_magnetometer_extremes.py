@@ -108,7 +108,7 @@ def test_few_units(name: str, rate_deg_s: float, clock: float) -> None:
     check(5, name, rate_deg_s, clock, seed=73)
 
 
-@pytest.mark.slow
+@pytest.mark.sweep
 @pytest.mark.validates(
     "maximum and minimum method of the paper: RMS errors, factor to the ellipse, coverage of its 95 % intervals",
     against="the errors that were put into simulated readings of 50 units",

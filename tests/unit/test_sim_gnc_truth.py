@@ -172,7 +172,7 @@ def test_the_page_names_every_quantity_and_the_numbers_of_the_code() -> None:
     windows = [window(100, 200, item=item, mounting="z") for item in items]
     windows += [window(k * 100, k * 100 + 50, item="repeatability", repeat_index=k) for k in (3, 4)]
     quantities = {one["quantity"] for one in estimates({"": unit}, windows)}
-    assert len(quantities) == 20
+    assert len(quantities) == 21
     assert [name for name in quantities if f"`{name}`" not in page] == []
     for number in (
         f"{errors.WARM_UP_DEGC:g} °C of self-heating with a lag of {errors.WARM_UP_LAG_S:g} s",
