@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 from bench.model.clock import Clock
 from bench.model.errors import InputError
@@ -52,34 +52,40 @@ class GncWorld(World):
         self.board = GncBoard(clock, self._module(FIRST_UNIT, seed), lambda: self.dip_switch)
         super().__init__(clock=clock, seed=seed, unit=self.board, thermal=Thermal(), options=options)
 
+    operations: ClassVar[tuple[str, ...]] = ("unit", "dip_switch", "mounting", "table")
+
     def operate(self, name: str, value: Any) -> None:
         """What a person does at the bench: unit, dip_switch, mounting, table.
 
         Raises: InputError B-SIM-018 for another name, B-SIM-019 for a value that cannot be.
         """
+        self.check_operation(name, value)
         text = str(value)
         with self.lock:
             self.board.settle()
-            if name == "unit":
-                _require(0 < len(text) <= 12 and text.isascii(), name, value, "a serial number of 1 to 12 characters")
-                if text != self.board.module.serial:
-                    self.board.insert(self._module(text, self.seed))
+            if name == "unit" and text != self.board.module.serial:
+                self.board.insert(self._module(text, self.seed))
             elif name == "dip_switch":
-                found = [switch for switch in range(SWITCHES + 1) if text in (str(switch), f"{switch}.0")]
-                _require(bool(found), name, value, f"0 (none) to {SWITCHES}")
-                self.dip_switch = found[0]
+                self.dip_switch = int(float(text))
             elif name == "mounting":
-                _require(text in MOUNTINGS, name, value, f"one of {', '.join(MOUNTINGS)}")
                 self.mounting = text
             elif name == "table":
-                _require(text in TABLES, name, value, f"one of {', '.join(TABLES)}")
                 self.table = text
-            else:
-                super().operate(name, value)
 
-    @property
-    def operations(self) -> tuple[str, ...]:
-        return ("unit", "dip_switch", "mounting", "table")
+    @classmethod
+    def check_operation(cls, name: str, value: Any) -> None:
+        """Raises: InputError B-SIM-018, B-SIM-019."""
+        super().check_operation(name, value)
+        text = str(value)
+        if name == "unit":
+            _require(0 < len(text) <= 12 and text.isascii(), name, value, "a serial number of 1 to 12 characters")
+        elif name == "dip_switch":
+            switches = range(SWITCHES + 1)
+            found = any(text in (str(switch), f"{switch}.0") for switch in switches)
+            _require(found, name, value, f"0 (none) to {SWITCHES}")
+        else:
+            possible = MOUNTINGS if name == "mounting" else TABLES
+            _require(text in possible, name, value, f"one of {', '.join(possible)}")
 
     @property
     def load(self) -> tuple[float, float]:

@@ -88,6 +88,20 @@ def options_of(name: str) -> tuple[str, ...]:
     return (*WORLD_OPTIONS, *WORLD_NUMBERS, *UNIT_OPTIONS)
 
 
+def check_operation(name: str, what: str, value: Any) -> None:
+    """Raises: InputError B-SIM-018, B-SIM-019 if no person can set this at a bench of the kind ``name``."""
+    found = importlib.import_module("sim_instruments.gnc_world").GncWorld if name == "gnc_module" else World
+    found.check_operation(what, value)
+
+
+def check_options(name: str, options: Mapping[str, str]) -> None:
+    """Raises: InputError B-SIM-002 if a world of the kind ``name`` cannot be opened with these options."""
+    if name == "gnc_module":
+        _gnc_options(options)
+    else:
+        _split_options(options)
+
+
 def _af_world(clock: Clock, seed: int, options: Mapping[str, str], make_unit: UnitFactory) -> World:
     own, rest = _split_options(options)
     thermal = Thermal(float(own.get("time_constants", 1.0)))
@@ -97,6 +111,11 @@ def _af_world(clock: Clock, seed: int, options: Mapping[str, str], make_unit: Un
 
 def _gnc_world(clock: Clock, seed: int, options: Mapping[str, str]) -> World:
     module = importlib.import_module("sim_instruments.gnc_world")
+    world: World = module.GncWorld(clock=clock, seed=seed, options=_gnc_options(options))
+    return world
+
+
+def _gnc_options(options: Mapping[str, str]) -> dict[str, bool | float | str]:
     found: dict[str, bool | float | str] = dict.fromkeys(GNC_OPTIONS, True)
     for key, value in options.items():
         if key in GNC_OPTIONS:
@@ -107,8 +126,8 @@ def _gnc_world(clock: Clock, seed: int, options: Mapping[str, str]) -> World:
             found[key] = value
         else:
             raise _unknown(key, options_of("gnc_module"))
-    world: World = module.GncWorld(clock=clock, seed=seed, options=found)
-    return world
+    importlib.import_module("sim_instruments.gnc_faults").parse_faults(str(found.get("faults", "")))
+    return found
 
 
 def _simulated_ngu(clock: Clock, seed: int, thermal: Callable[[Any], Any], options: Mapping[str, str]) -> Unit:

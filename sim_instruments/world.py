@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from pyvisa_sim.devices import Devices
@@ -110,18 +110,21 @@ class World:
         """True values of what the campaign estimates, in the form of the contract's ``estimates``."""
         return estimates(self.unit.truth, self.thermal, windows)
 
-    def operate(self, name: str, value: Any) -> None:
-        """What a person does at the bench. Raises: InputError B-SIM-018, nobody can do that here."""
-        known = ", ".join(self.operations) or "nothing"
-        raise InputError(
-            "B-SIM-018", f"{name!r} cannot be set to {value!r} on this simulated bench", where="sets of a prompt",
-            next_step=f"what a person can do here: {known}",
-        )  # fmt: skip
+    operations: ClassVar[tuple[str, ...]] = ()  # what ``operate`` knows
 
-    @property
-    def operations(self) -> tuple[str, ...]:
-        """What ``operate`` knows."""
-        return ()
+    def operate(self, name: str, value: Any) -> None:
+        """What a person does at the bench. Raises: what ``check_operation`` raises."""
+        self.check_operation(name, value)
+
+    @classmethod
+    def check_operation(cls, name: str, value: Any) -> None:
+        """Raises: InputError B-SIM-018, nobody can do that at such a bench."""
+        known = ", ".join(cls.operations) or "nothing"
+        if name not in cls.operations:
+            raise InputError(
+                "B-SIM-018", f"{name!r} cannot be set to {value!r} on this simulated bench", where="sets of a prompt",
+                next_step=f"what a person can do here: {known}",
+            )  # fmt: skip
 
     @property
     def load(self) -> tuple[float, float]:

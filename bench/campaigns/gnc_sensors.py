@@ -22,6 +22,7 @@ _ENOUGH = {"gyro": 5, "accel": 20}
 _FIX_3D = 3
 _SIGMAS = 5.0
 _METRES_deg = 111_195.0  # of latitude
+_COORDINATES_deg = {"latitude": 90.0, "longitude": 180.0}
 _HEIGHTS_m = (-500.0, 9000.0)
 
 
@@ -100,9 +101,10 @@ def _place(one: Answer, limits: Limits, site: Mapping[str, Any], found: Findings
     latitude, longitude = one.fields["latitude"], one.fields["longitude"]
     scale_m = {"latitude": _METRES_deg, "longitude": _METRES_deg * math.cos(math.radians(latitude))}
     for name, value in (("latitude", latitude), ("longitude", longitude)):
-        due = site.get(f"{name}_deg")
-        ok = abs(value) <= 180.0 if due is None else abs(value - float(due)) * scale_m[name] <= reach_m
-        text = "-180 to 180 deg" if due is None else f"{float(due):.5f} deg within {reach_m:g} m"
+        due, most = site.get(f"{name}_deg"), _COORDINATES_deg[name]
+        away = 0.0 if due is None else (value - float(due) + 180.0) % 360.0 - 180.0  # 180 East is 180 West
+        ok = abs(value) <= most if due is None else abs(away) * scale_m[name] <= reach_m
+        text = f"-{most:g} to {most:g} deg" if due is None else f"{float(due):.5f} deg within {reach_m:g} m"
         found.expect(ok, one, name, text, f"{value:.6f} deg")
     due, height, reach_m = site.get("height_m"), one.fields["height"], _SIGMAS * limits("height_error")
     ok = _HEIGHTS_m[0] <= height <= _HEIGHTS_m[1] if due is None else abs(height - float(due)) <= reach_m

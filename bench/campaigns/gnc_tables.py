@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from typing import Any
 
 from bench.campaigns.gnc_units import IDENTITY, ITEMS, SUPPLY, UnitResult
@@ -16,19 +17,27 @@ def title_of(item: str) -> str:
     return {SUPPLY: "supply", IDENTITY: "identity"}.get(item, ITEMS.get(item, item))
 
 
-def unit_table(units: Sequence[UnitResult]) -> Document:
-    """Start, elapsed time, end and verdict of each unit, by the clock of the bench."""
+def unit_table(units: Sequence[UnitResult], offset_s: float | None) -> Document:
+    """Start, elapsed time, end and verdict of each unit; ``offset_s``: UTC minus bench clock, None if unknown."""
     rows: list[list[Any]] = []
     for unit in units:
         span_s = unit.span_s
         times: list[Any] = ["–", "–", "–"]
         if span_s is not None:
-            times = [round(span_s[0], 3), round(span_s[1] - span_s[0], 3), round(span_s[1], 3)]
+            times = [_moment(span_s[0], offset_s), f"{span_s[1] - span_s[0]:.3f}", _moment(span_s[1], offset_s)]
         failed = ", ".join(title_of(one.item) for one in unit.all if one.verdict == "fail") or "–"
         rows.append([unit.unit, *times, len(unit.wrong), failed, _verdict(unit.verdict)])
-    headers = ["unit", "start / s", "elapsed / s", "end / s", "wrong results", "failed", "verdict"]
-    caption = "Times by the clock of the bench, from the first to the last test; PASS only if everything was tested."
-    return {"title": "Units tested", "caption": caption, "headers": headers, "rows": rows}
+    clock = "s" if offset_s is None else "UTC"
+    headers = ["unit", f"start / {clock}", "elapsed / s", f"end / {clock}", "wrong results", "failed", "verdict"]
+    caption = "Times from the first to the last test; PASS only if everything was tested."
+    return {"title": "Units tested", "caption": caption, "headers": headers, "rows": rows, "prose": True, "lead": True}
+
+
+def _moment(at_s: float, offset_s: float | None) -> str:
+    """Date and time in UTC; without it the seconds of the bench clock."""
+    if offset_s is None:
+        return f"{at_s:.3f}"
+    return datetime.fromtimestamp(at_s + offset_s, UTC).strftime("%Y-%m-%d %H:%M:%S.%f")[:-3]
 
 
 def item_table(units: Sequence[UnitResult]) -> Document:
@@ -43,7 +52,8 @@ def item_table(units: Sequence[UnitResult]) -> Document:
         "of its table 3. Position, velocity and timing accuracy of the receiver are not tested here."
     )
     headers = ["unit", *map(title_of, names)]
-    return {"title": "Table 1: unit tests", "caption": caption, "headers": headers, "rows": rows, "prose": True}
+    title = "Table 1: unit tests"
+    return {"title": title, "caption": caption, "headers": headers, "rows": rows, "prose": True, "lead": True}
 
 
 def measured_table(units: Sequence[UnitResult]) -> list[Document]:
@@ -53,7 +63,7 @@ def measured_table(units: Sequence[UnitResult]) -> list[Document]:
     for unit in units:
         for item in unit.all:
             for one in item.findings.measured:
-                key = one.quantity, ", ".join(str(value) for value in one.conditions.values()), one.unit
+                key = one.quantity, _place(one.conditions), one.unit
                 values.setdefault(key, []).append(one.value)
                 limits[key] = one.limit
     rows = [
@@ -89,12 +99,21 @@ def wrong_table(units: Sequence[UnitResult]) -> list[Document]:
     caption = f"{more} more are in the folders of the units." if more > 0 else "All of them; payloads as hex bytes."
     headers = ["unit", "item", "what", "sent", "expected", "received"]
     shown = rows[:_MOST_WRONG]
-    return [{"title": "Wrong results", "caption": caption, "headers": headers, "rows": shown, "prose": True}]
+    document = {"title": "Wrong results", "caption": caption, "headers": headers, "rows": shown}
+    return [document | {"prose": True, "lead": True}]
 
 
 def _verdict(text: str) -> str:
     return text.upper() if text in ("pass", "fail") else text
 
 
+def _place(conditions: Mapping[str, Any]) -> str:
+    """Words as they are, numbers with their name: ``supply``, ``setting ms 0.5``."""
+    said = (
+        value if isinstance(value, str) else f"{name.replace('_', ' ')} {value:g}" for name, value in conditions.items()
+    )
+    return ", ".join(said) or "–"
+
+
 def _limit(value: float | None) -> Any:
-    return "–" if value is None else value
+    return "–" if value is None else f"{value:g}"

@@ -44,7 +44,12 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         estimates=[one for unit in units for one in _estimates(unit)],
         notes=_notes(units),
         missing=_missing(units),
-        tables=[unit_table(units), item_table(units), *measured_table(units), *wrong_table(units)],
+        tables=[
+            unit_table(units, material.utc_offset_s),
+            item_table(units),
+            *wrong_table(units),
+            *measured_table(units),
+        ],
         attachments=folders_of(units, material),
     )
 
@@ -52,7 +57,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 def _estimates(unit: UnitResult) -> list[dict[str, Any]]:
     found = []
     for item in unit.all:
-        if not item.runs:
+        if not item.runs or not item.judged:
             continue
         place = {"unit": unit.unit}
         wrong = float(len(item.findings.wrong))
@@ -83,7 +88,7 @@ def _missing(units: Sequence[UnitResult]) -> list[str]:
         f"unit {unit.unit}: {ITEMS.get(item.item, item.item)} was not tested"
         for unit in units
         for item in unit.all
-        if item.verdict == NOT_TESTED
+        if item.judged and item.verdict == NOT_TESTED
     ]
 
 

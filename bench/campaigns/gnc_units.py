@@ -39,6 +39,7 @@ class ItemResult:
     """One test item of one unit; times in seconds of the bench clock, None if nothing was done.
 
     ``runs``: how many exchanges there were of the item.   ``retries``: how many commands were sent once more.
+    ``judged``: False for an item that no judge knows: it is reported, and neither passes nor fails.
     """
 
     item: str
@@ -47,11 +48,12 @@ class ItemResult:
     begin_s: float | None = None
     end_s: float | None = None
     retries: int = 0
+    judged: bool = True
 
     @property
     def verdict(self) -> str:
         """pass, fail, or not tested."""
-        if not self.runs:
+        if not self.runs or not self.judged:
             return NOT_TESTED
         return FAIL if self.findings.wrong else PASS
 
@@ -79,7 +81,7 @@ class UnitResult:
     @property
     def verdict(self) -> str:
         """fail if anything fails; pass only if everything was tested and passes."""
-        verdicts = {one.verdict for one in self.all}
+        verdicts = {one.verdict for one in self.all if one.judged}
         if FAIL in verdicts:
             return FAIL
         return PASS if verdicts == {PASS} else NOT_TESTED
@@ -156,6 +158,19 @@ def _item(
     if not exchanges:
         return ItemResult(item, Findings(), 0)
     answers = answers_of(exchanges, material.layouts)
-    findings = Findings(remarks=["nobody judges this item"]) if judge is None else judge(answers, limits)
+    findings = Findings(remarks=["nobody judges this item"]) if judge is None else _judged(item, answers, judge, limits)
     retries = sum(one.attempts - 1 for one in exchanges)
-    return ItemResult(item, findings, len(exchanges), exchanges[0].begin_s, exchanges[-1].end_s, retries)
+    times_s = exchanges[0].begin_s, exchanges[-1].end_s
+    return ItemResult(item, findings, len(exchanges), *times_s, retries, judged=judge is not None)
+
+
+def _judged(
+    item: str, answers: Sequence[Answer], judge: Callable[[Sequence[Answer], Limits], Findings], limits: Limits
+) -> Findings:
+    """What the judge says of the commands of its item; another command under its name is a wrong result."""
+    own = [one for one in answers if one.exchange.name == item]
+    findings = judge(own, limits) if own else Findings()
+    for one in answers:
+        name = one.exchange.name
+        findings.expect(name == item, one, f"command {name} is no test of this item", f"command {item}", name)
+    return findings

@@ -87,14 +87,19 @@ def _belongs(conditions: Mapping[str, Any]) -> bool:
     return conditions.get("purpose", _PURPOSE) == _PURPOSE and {"channel", "temperature_degC"} <= conditions.keys()
 
 
+def flag_problem(row: RecordRow) -> str:
+    """What is wrong with a record whatever it holds, "" if nothing is."""
+    flags = Quality(row.quality) & ~_LINK_FLAGS & ~Quality.STALE
+    return ", ".join(str(flag.name).lower().replace("_", " ") for flag in flags)
+
+
 def count_problem(row: RecordRow) -> str:
     """Why the counts of a record may not enter an estimate, "" if they may.
 
     Rates are taken over the frames that did arrive, so a loss of up to 0.1 % costs resolution, not truth.
     """
-    flags = Quality(row.quality) & ~_LINK_FLAGS & ~Quality.STALE
-    if flags:
-        return ", ".join(str(flag.name).lower().replace("_", " ") for flag in flags)
+    if problem := flag_problem(row):
+        return problem
     if row.lost > _MOST_LOST * row.window.frames:
         return "frames lost"
     complete = all(np.any(row.sums.get(name, 0)) for name in _NEEDED_CLOCKS) and row.sums.keys() >= _COUNTS

@@ -29,7 +29,8 @@ def table_2(estimates: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "no limit and is not judged."
     )
     headers = ["quantity", *AXES]
-    return {"title": "Table 2: stability and repeatability", "caption": caption, "headers": headers, "rows": rows}
+    title = "Table 2: stability and repeatability"
+    return {"title": title, "caption": caption, "headers": headers, "rows": rows, "lead": True}
 
 
 def bias_table(estimates: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -39,7 +40,7 @@ def bias_table(estimates: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     caption = (
         "Gyro: 3 min at rest, the Earth's rate taken off, w = K N - bias. Accelerometer: by a flip, a = K N + bias."
     )
-    return {"title": "Bias", "caption": caption, "headers": ["quantity", *AXES], "rows": rows}
+    return {"title": "Bias", "caption": caption, "headers": ["quantity", *AXES], "rows": rows, "lead": True}
 
 
 def _cell(estimates: Sequence[Mapping[str, Any]], quantity: str, axis: str, factor: float = 1.0) -> str:

@@ -7,6 +7,7 @@ Source: GNC-module paper section 4.2 1), equations (1) to (4) as corrected in ``
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,17 +16,29 @@ import numpy as np
 from bench.campaigns.analysis import Analysis
 from bench.campaigns.coefficients_imu import triad_section
 from bench.campaigns.gnc_limits import Limits
+from bench.campaigns.imu_calibration_notes import calibration_notes
 from bench.campaigns.imu_files import rotation_files
 from bench.campaigns.imu_report import matrix_table, position_figure, rotation_figures
-from bench.campaigns.imu_rows import Floats, gravity_g, sampled_rows, site_of, temperature_span
+from bench.campaigns.imu_rows import (
+    Floats,
+    SampledRow,
+    clock_of,
+    gravity_g,
+    power_on_of,
+    sampled_rows,
+    site_of,
+    temperature_span,
+)
 from bench.campaigns.imu_sample_checks import check_notes, check_table, checked, usable
 from bench.campaigns.imu_sets import TURNS, UPS, Sets, position_fit, rotation_record, sets_of
 from bench.campaigns.imu_table3 import table_3
 from bench.campaigns.imu_triad_estimates import ACCELEROMETER, GYRO, checked_coupling, triad_estimates
 from bench.campaigns.material import Material
+from bench.fit.earth_rate import Site
 from bench.fit.imu_rotation_inputs import Declared
 from bench.fit.imu_rotations import RotationFit, fit_rotations
 from bench.fit.imu_triad import TriadFit
+from bench.fit.unit_clock import UnitClock
 from bench.model.errors import FitError
 
 METHODS: tuple[str, ...] = ("least_squares",)
@@ -34,15 +47,22 @@ _OF_ONE_PART = ("B-FIT-001", "B-FIT-080", "B-FIT-081", "B-FIT-082", "B-FIT-083")
 
 @dataclass
 class Calibration:
-    """What was fitted, and why the rest was not."""
+    """What was fitted, and why the rest was not. ``power_on``: its number by the number of the record."""
 
     sets: Sets
+    clock: UnitClock
+    power_on: Mapping[int, int]
+    tilt_deg: float = 0.0
     accelerometer: TriadFit | None = None
     gyro: RotationFit | None = None
     accelerometer_check: TriadFit | None = None
     gyro_check: RotationFit | None = None
     missing: list[str] = field(default_factory=list)
     refused: list[FitError] = field(default_factory=list)
+
+    def one_power_on(self, rows: Collection[SampledRow]) -> bool:
+        """Whether the unit was not switched off between these records."""
+        return len({self.power_on[row.number] for row in rows}) <= 1
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -55,7 +75,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     rows, empty = sampled_rows(material, ("position", "rotation"))
     looked_at = checked(rows, ("gyro", "accelerometer"), material.campaign)
     good, refused = usable(looked_at)
-    found = calibrate(sets_of(good), material)
+    found = calibrate(Calibration(sets_of(good), clock_of(good), power_on_of(good)), material)
     if found.accelerometer is None and found.gyro is None and found.refused:
         raise found.refused[0]
     limits = Limits(material.campaign)
@@ -65,7 +85,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         method=method,
         uut=dict(material.campaign["uut"]),
         estimates=estimates,
-        notes=[*_notes(found), *check_notes(looked_at)],
+        notes=[*calibration_notes(found), *check_notes(looked_at)],
         missing=[*empty, *refused, *found.missing],
         figures=[*position_figure(found), *rotation_figures(found)],
         tables=[*matrix_table(found), table_3(estimates, material.campaign), check_table(looked_at)],
@@ -74,35 +94,44 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     )
 
 
-def calibrate(sets: Sets, material: Material) -> Calibration:
+def calibrate(found: Calibration, material: Material) -> Calibration:
     """Fit what the records determine, and check it by the second set where there is one."""
-    found = Calibration(sets)
+    sets, site = found.sets, site_of(material.campaign)
     imu = material.campaign.get("imu") or {}
     gravity, resolution = gravity_g(material.campaign), float(imu.get("accel_resolution_g", 0.0))
+    found.tilt_deg = site.tilt_std_deg
     _name_missing(found)
     if sets.positions:
         with _Part(found, "accelerometers"):
-            found.accelerometer = position_fit(list(sets.positions.values()), gravity, resolution)
+            rows = list(sets.positions.values())
+            found.accelerometer = position_fit(
+                rows, gravity, resolution, tilt_std_deg=found.tilt_deg, one_power_on=found.one_power_on(rows)
+            )
     if found.accelerometer is not None and sets.check_positions:
         with _Part(found, "check of the accelerometers"):
             rows = list(sets.check_positions.values())
-            found.accelerometer_check = position_fit(rows, gravity, resolution, found.accelerometer)
-    _turns(found, material, float(imu.get("gyro_resolution_deg_s", 0.0)))
+            found.accelerometer_check = position_fit(
+                rows, gravity, resolution, found.accelerometer, tilt_std_deg=found.tilt_deg,
+                one_power_on=found.one_power_on(rows),
+            )  # fmt: skip
+    _turns(found, site, float(imu.get("gyro_resolution_deg_s", 0.0)))
     return found
 
 
-def _turns(found: Calibration, material: Material, resolution_deg_s: float) -> None:
-    sets, site = found.sets, site_of(material.campaign)
-    declared = Declared(resolution_deg_s=resolution_deg_s)
+def _turns(found: Calibration, site: Site, resolution_deg_s: float) -> None:
+    sets = found.sets
+    declared = Declared(tilt_std_deg=site.tilt_std_deg, resolution_deg_s=resolution_deg_s, time_std=found.clock.std)
+    clock_error = found.clock.error
     if sets.rotations:
         with _Part(found, "gyros"):
-            records = [rotation_record(row) for row in sets.rotations.values()]
+            records = [rotation_record(row, clock_error) for row in sets.rotations.values()]
             found.gyro = fit_rotations(records, site, declared)
     if found.gyro is not None and sets.check_rotations:
         with _Part(found, "check of the gyros"):
             triad = found.gyro.triad
             again = [
-                rotation_record(row, compensated(triad, row.values("gyro"))) for row in sets.check_rotations.values()
+                rotation_record(row, clock_error, compensated(triad, row.values("gyro")))
+                for row in sets.check_rotations.values()
             ]
             found.gyro_check = fit_rotations(again, site, declared)
 
@@ -168,25 +197,3 @@ def _compensation(found: Calibration) -> list[dict[str, Any]]:
         span = temperature_span(list(found.sets.rotations.values()))
         sections.append(triad_section(GYRO.kind, found.gyro.triad, span))
     return sections
-
-
-def _notes(found: Calibration) -> list[str]:
-    notes = [f"No result: {one}." for one in found.missing]
-    gyro = None if found.gyro is None else found.gyro.triad
-    for name, fit in (("accelerometers", found.accelerometer), ("gyros", gyro)):
-        if fit is not None and fit.inflated:
-            notes.append(
-                f"The residuals of the {name} are larger than noise and resolution explain (chi-square {fit.chi2:.0f} "
-                f"with {fit.residual_dof} degrees of freedom); the intervals were widened for it. A tilt of the table "
-                "from pose to pose looks like this."
-            )
-    if found.gyro is not None:
-        cut_s = {name: cut for name, cut in found.gyro.trimmed_s.items() if cut > 0.0}
-        notes += [f"{name}: {cut:.3f} s were cut off its end, so that both directions are of equal length."
-                  for name, cut in cut_s.items()]  # fmt: skip
-        notes += [f"{name}: {count} samples that came twice were left out."
-                  for name, count in found.gyro.duplicates.items() if count]  # fmt: skip
-    if found.sets.surplus:
-        notes.append(f"{found.sets.surplus} records of a third time and later were not used.")
-    notes.append("Angles of the table and gravity are taken as stated: their uncertainty is not included.")
-    return notes

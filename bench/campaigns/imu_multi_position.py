@@ -118,7 +118,8 @@ def _table(fit: NormFit, unit: str) -> dict[str, Any]:
         "Intervals of two standard uncertainties."
     )
     headers = ["axis", f"output per {unit}", "± output", "zero", "± zero", *(f"U {axis}" for axis in AXES)]
-    return {"title": "Accelerometers from many poses", "caption": caption, "headers": headers, "rows": rows}
+    title = "Accelerometers from many poses"
+    return {"title": title, "caption": caption, "headers": headers, "rows": rows, "lead": True}
 
 
 def _rest_table(rests: StaticIntervals, log: ImuLog) -> dict[str, Any]:

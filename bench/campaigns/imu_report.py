@@ -8,6 +8,7 @@ import numpy as np
 
 from bench.campaigns.imu_rows import AXES, Floats
 from bench.campaigns.imu_sets import rotation_record
+from bench.report.numbers import with_uncertainty
 
 if TYPE_CHECKING:
     from bench.campaigns.imu_calibration import Calibration
@@ -34,8 +35,8 @@ def _triad(title: str, unit: str, factor: float, fit: TriadFit) -> dict[str, Any
         coupling = [
             f"{1e3 * value:.4f}" if column != number else "–" for column, value in enumerate(fit.cross_coupling[number])
         ]
-        bias = f"{factor * fit.bias[number]:.4f} ± {2 * factor * fit.bias_std[number]:.4f}"
-        scale = f"{fit.scale_error_ppm[number]:.1f} ± {2 * fit.scale_error_std_ppm[number]:.1f}"
+        bias = with_uncertainty(factor * fit.bias[number], 2 * factor * fit.bias_std[number])
+        scale = with_uncertainty(fit.scale_error_ppm[number], 2 * fit.scale_error_std_ppm[number])
         rows.append([axis, *matrix, bias, scale, *coupling])
     couplings = [f"coupling from {axis}, 1e-3" for axis in AXES]
     caption = (
@@ -43,7 +44,7 @@ def _triad(title: str, unit: str, factor: float, fit: TriadFit) -> dict[str, Any
         "sensor itself, before compensation; intervals of two standard uncertainties."
     )
     headers = ["axis", *(f"K {axis}" for axis in AXES), f"bias, {unit}", "scale-factor error, ppm", *couplings]
-    return {"title": title, "caption": caption, "headers": headers, "rows": rows}
+    return {"title": title, "caption": caption, "headers": headers, "rows": rows, "lead": True}
 
 
 def position_figure(found: Calibration) -> Documents:

@@ -13,7 +13,7 @@ from bench.campaigns.joined import CONTINUES
 from bench.campaigns.material import Material
 from bench.fit.earth_rate import Pose, Site
 from bench.fit.imu_records import tick_seconds
-from bench.fit.unit_clock import UnitClock, unit_clock
+from bench.fit.unit_clock import UnitClock, power_ons, unit_clock
 from bench.model.errors import FitError
 
 if TYPE_CHECKING:
@@ -110,8 +110,16 @@ def no_records(items: Sequence[str]) -> FitError:
 
 def clock_of(rows: Sequence[SampledRow]) -> UnitClock:
     """The unit's clock against the bench clock, over all records."""
-    stamps = [(row.samples.columns["tick"].astype(np.int64), row.samples.t_ns * 1e-9) for row in rows]
-    return unit_clock(stamps, 1.0 / rows[0].rate_Hz)
+    return unit_clock(_stamps(rows), 1.0 / rows[0].rate_Hz) if rows else UnitClock()
+
+
+def power_on_of(rows: Sequence[SampledRow]) -> dict[int, int]:
+    """Number of the power-on of the unit, from 0, by the number of the record."""
+    return {rows[place].number: number for number, places in enumerate(power_ons(_stamps(rows))) for place in places}
+
+
+def _stamps(rows: Sequence[SampledRow]) -> list[tuple[NDArray[np.int64], Floats]]:
+    return [(row.samples.columns["tick"].astype(np.int64), row.samples.t_ns.astype(np.float64) * 1e-9) for row in rows]
 
 
 def _sampled(row: RecordRow, samples: Samples) -> SampledRow:
@@ -119,10 +127,14 @@ def _sampled(row: RecordRow, samples: Samples) -> SampledRow:
 
 
 def site_of(campaign: Mapping[str, Any]) -> Site:
-    """Latitude and azimuth of the table. Raises: FitError B-GNC-005 if the campaign does not state them."""
+    """Latitude and azimuth of the table, and how well it holds a pose (0 if the campaign does not say).
+
+    Raises: FitError B-GNC-005 if the campaign does not state the first two.
+    """
     site = campaign.get("site") or {}
     try:
-        return Site(float(site["latitude_deg"]), float(site["azimuth_deg"]))
+        tilt_deg = float(site.get("tilt_std_deg", 0.0))
+        return Site(float(site["latitude_deg"]), float(site["azimuth_deg"]), tilt_std_deg=tilt_deg)
     except KeyError as error:
         raise _no_site(error) from error
 

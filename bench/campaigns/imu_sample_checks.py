@@ -55,11 +55,13 @@ def usable(found: Sequence[CheckedRow]) -> tuple[list[SampledRow], list[str]]:
 
 def _check(row: SampledRow, kinds: Sequence[str], limits: Mapping[str, float]) -> SampleChecks:
     samples = row.samples
-    columns = {kind: samples.columns[SENSORS[kind]].astype("int64") for kind in kinds}
+    raw = {kind: samples.columns[SENSORS[kind]] for kind in kinds}
+    words = {kind: float(np.iinfo(str(values.dtype)).max) for kind, values in raw.items()}
     return check_samples(
-        columns,
+        {kind: values.astype("int64") for kind, values in raw.items()},
         samples.counter,
-        limits=limits,
+        # 6 gauss are 50,000 steps of 120 ugauss: the word of the frame ends before the range does
+        limits={kind: min(limits.get(kind, math.inf), word) for kind, word in words.items()},
         interval_s=1.0 / max(1, round(row.rate_Hz)),
         tick_s=unwrapped_ticks_s(samples.columns["tick"].astype("int64")),
         received_s=samples.t_ns.astype(np.float64) * 1e-9,

@@ -85,13 +85,16 @@ def _unclear(row: SampledRow, why: str) -> FitError:
     )
 
 
-def rotation_record(row: SampledRow, rate: Floats | None = None) -> RotationRecord:
-    """A rotation as the fit takes it; ``rate`` replaces the indicated rates, for the check of the compensation."""
+def rotation_record(row: SampledRow, clock_error: float = 0.0, rate: Floats | None = None) -> RotationRecord:
+    """A rotation as the fit takes it, in seconds of the bench: ``clock_error`` is that of the unit's clock, relative.
+
+    ``rate`` replaces the indicated rates, for the check of the compensation.
+    """
     return RotationRecord(
         axis=str(row.conditions["axis"]),
         turn_deg=float(row.conditions["turn_deg"]),
         counter=row.samples.counter,
-        time_s=row.time_s,
+        time_s=row.time_s / (1.0 + clock_error),
         rate=row.values("gyro") if rate is None else rate,
         pose=row.pose,
         turned=str(row.conditions.get("turned", "inner")),
@@ -99,9 +102,18 @@ def rotation_record(row: SampledRow, rate: Floats | None = None) -> RotationReco
 
 
 def position_fit(
-    rows: Sequence[SampledRow], gravity: float, resolution_g: float, calibration: TriadFit | None = None
+    rows: Sequence[SampledRow],
+    gravity: float,
+    resolution_g: float,
+    calibration: TriadFit | None = None,
+    *,
+    tilt_std_deg: float = 0.0,
+    one_power_on: bool = True,
 ) -> TriadFit:
     """Fit of the accelerometers to records at rest, after compensation by ``calibration`` if there is one.
+
+    The bias changes with each power-on: if the records are of more than ``one_power_on``, the noise inside of them does
+    not say how well they agree, and the intervals come from the residuals alone.
 
     Raises: FitError B-FIT-001 (too few poses), B-FIT-083 (records too short), B-GNC-004.
     """
@@ -110,5 +122,7 @@ def position_fit(
         outputs = [calibration.apply(one, bias_sign=1) for one in outputs]
     means, covariance, dof = static_means(outputs, rows[0].rate_Hz, resolution=resolution_g)
     force = gravity * np.stack([up_in_body(row.pose) for row in rows])
-    fit = fit_six_position(means, force, covariance)
+    if not one_power_on:
+        return fit_six_position(means, force)
+    fit = fit_six_position(means, force, covariance, tilt_std_deg=tilt_std_deg)
     return replace(fit, dof=min(fit.dof, dof))

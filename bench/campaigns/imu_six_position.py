@@ -22,6 +22,7 @@ from bench.fit.imu_six_position import fit_six_position
 from bench.fit.imu_triad import TriadFit
 from bench.fit.imu_turns_from_rest import fit_turns_from_rest
 from bench.model.errors import FitError
+from bench.report.numbers import with_uncertainty
 
 METHODS: tuple[str, ...] = ("least_squares",)
 _OF_ONE_PART = ("B-FIT-001", "B-FIT-080", "B-FIT-081", "B-FIT-082", "B-FIT-083")
@@ -135,11 +136,11 @@ def _tables(accelerometer: TriadFit, gyro: TriadFit | None, unit: str) -> list[d
     ):
         if fit is not None:
             rows = [
-                [axis, *(f"{value:.6g}" for value in fit.matrix[k]), f"{fit.bias[k]:.6f} ± {2 * fit.bias_std[k]:.6f}"]
+                [axis, *(f"{value:.6f}" for value in fit.matrix[k]), with_uncertainty(fit.bias[k], 2 * fit.bias_std[k])]
                 for k, axis in enumerate(AXES)
             ]
             rms = float(np.sqrt(np.mean(fit.residual**2)))
             caption = f"Residual {rms:.5f} {bias_unit} RMS." if fit.residual_dof else "No residual is left over."
             headers = ["axis", *(f"K {axis}" for axis in AXES), f"bias, {bias_unit}"]
-            tables.append({"title": title, "caption": caption, "headers": headers, "rows": rows})
+            tables.append({"title": title, "caption": caption, "headers": headers, "rows": rows, "lead": True})
     return tables

@@ -11,6 +11,7 @@ from typing import Any
 
 from bench.campaigns.estimates import judged, rule_of
 from bench.campaigns.gnc_limits import Limits
+from bench.report.numbers import with_uncertainty
 
 NOT_TESTED = "not tested"
 _ORDER = ("fail", "conditional_fail", "conditional_pass", "pass", "none")  # the worst axis speaks for the row
@@ -64,8 +65,9 @@ def table_3(estimates: Sequence[Mapping[str, Any]], campaign: Mapping[str, Any])
     return {
         "title": "Table 3: specification of the module",
         "caption": "Worst axis with its expanded uncertainty; what this session does not measure is not tested.",
-        "headers": ["parameter", "unit", "measured", "U", "limit", "of", "verdict"],
+        "headers": ["parameter", "unit", "measured ± U", "limit", "axis", "verdict"],
         "rows": rows,
+        "lead": any(row[-1] != NOT_TESTED for row in rows),  # of nothing but "not tested" nobody reads first
     }
 
 
@@ -73,10 +75,11 @@ def _row(row: Row, found: list[Mapping[str, Any]], limits: Limits, rule: str) ->
     limit = row.specified if row.limit is None else f"{row.factor * limits(row.limit):g}"
     unit = "–" if row.quantity is None else row.unit
     if not found:
-        return [row.text, unit, "–", "–", limit, "–", NOT_TESTED]
+        return [row.text, unit, "–", limit, "–", NOT_TESTED]
     worst = min(
         (judged(one, rule) for one in found), key=lambda one: (_ORDER.index(one["verdict"]), -abs(one["value"]))
     )
     verdict = NOT_TESTED if worst["verdict"] == "none" else str(worst["verdict"]).upper().replace("_", " ")
     place = " ".join(str(value) for name, value in worst["conditions"].items() if name != "kind")
-    return [row.text, unit, worst["value"], worst["expanded_uncertainty"], limit, place or "–", verdict]
+    measured = with_uncertainty(worst["value"], worst["expanded_uncertainty"])
+    return [row.text, unit, measured, limit, place or "–", verdict]

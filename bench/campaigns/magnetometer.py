@@ -40,14 +40,13 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """
     if method not in METHODS:
         raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
-    all_rows, missing = sampled_rows(material, ("magnetometer", ATTITUDES))
-    rows = [row for row in all_rows if row.item != ATTITUDES]
+    rows, missing = sampled_rows(material, ("magnetometer", ATTITUDES))
     looked_at = checked(rows, ("magnetometer",), material.campaign)
     good, bad = usable(looked_at)
     missing += bad
     fits: list[tuple[SampledRow, PlaneComparison]] = []
     refused: list[FitError] = []
-    for row in good:
+    for row in (one for one in good if one.item != ATTITUDES):
         field = row.values("magnetometer")
         try:
             fits.append((row, compare_methods(field[:, 0], field[:, 1])))
@@ -56,12 +55,12 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             missing.append(f"record {row.number}: {error.message} ({error.code})")
     if not fits:
         raise refused[0] if refused else no_records(("magnetometer",))
-    sphere = sphere_of(all_rows)
+    sphere = sphere_of(good)
     missing += sphere.missing
     parameters = fits[0][1].by_method[method]
     estimates = [one for row, fit in fits for one in _estimates(row, fit, len(fits) > 1)]
-    limit_deg = Limits(material.campaign)("roll_error")
-    estimates += roll_estimates(material, fits[0][1].by_method, method, limit_deg)
+    limit_deg, noise_deg = Limits(material.campaign)("roll_error"), fits[0][1].roll[method].noise_deg
+    estimates += roll_estimates(material, fits[0][1].by_method, method, limit_deg, noise_deg)
     return Analysis(
         campaign="magnetometer",
         method=method,
@@ -105,10 +104,11 @@ def _table(fit: PlaneComparison) -> dict[str, Any]:
     rms, largest = fit.roll_difference_deg
     caption = (
         f"Two standard uncertainties. Roll by the two methods differs by {rms:.3g} deg RMS, {largest:.3g} deg at most. "
-        f"{fit.extremes.phases} phases of the turn were read; extremes of few phases miss the true ones."
+        f"Phases of the turn that were read: {fit.extremes.phases}; extremes of few phases miss the true ones."
     )
     headers = ["parameter", "extremes (paper)", "ellipse (least squares)", "difference / std"]
-    return {"title": "Magnetometer by two methods", "caption": caption, "headers": headers, "rows": rows, "prose": True}
+    title = "Magnetometer by two methods"
+    return {"title": title, "caption": caption, "headers": headers, "rows": rows, "prose": True, "lead": True}
 
 
 def _with(value: float, std: float) -> str:
@@ -122,6 +122,7 @@ def _figures(row: SampledRow, parameters: PlaneParameters) -> list[dict[str, Any
     x, y = parameters.corrected(field[:, 0] / 1e3, field[:, 1] / 1e3)
     plane = {
         "title": "Magnetometer, X against Y",
+        "equal": True,
         "caption": f"As read and after compensation; circle about the origin of {1e3 * parameters.radius:.1f} mgauss.",
         "x_label": "X, mgauss",
         "y_label": "Y, mgauss",

@@ -42,11 +42,13 @@ class RollAnswer:
 
 
 def roll_estimates(
-    material: Material, methods: Mapping[str, PlaneParameters], chosen: str, limit_deg: float
+    material: Material, methods: Mapping[str, PlaneParameters], chosen: str, limit_deg: float, noise_deg: float
 ) -> list[dict[str, Any]]:
     """mag_roll as returned, and mag_roll_error against the table by method; that of ``chosen`` is judged.
 
-    The direction of the field is not known, so one angle common to all answers is taken off.
+    The direction of the field is not known, so one angle common to all answers is taken off. Each answer is a single
+    reading: ``noise_deg``, the standard deviation of its angle by the noise of the sensor, is the larger part of the
+    uncertainty. That of the coefficients is not in it: the error that they leave is what is shown.
     """
     answers = _answers(material)
     found = [
@@ -61,13 +63,14 @@ def roll_estimates(
     rolls |= {name: roll_deg(*one.corrected(x, y)) for name, one in methods.items()}
     table = np.array([one.table_deg for one in placed])
     step_deg = math.degrees(_STEP_gauss / float(np.mean([one.size for one in placed])))
+    std_deg = math.hypot(step_deg, noise_deg)
     for name, angles in rolls.items():
         apart = np.exp(1j * np.radians(angles - table))
         error = np.degrees(np.angle(apart / np.mean(apart)))
         for one, value in zip(placed, error, strict=True):
             place = {"kind": "magnetometer", "method": name, "roll_deg": one.table_deg}
             limit = limit_deg if name == chosen else None
-            found.append(estimate("mag_roll_error", "deg", float(value), step_deg, place, n=1, limit=limit))
+            found.append(estimate("mag_roll_error", "deg", float(value), std_deg, place, n=1, limit=limit))
     return found
 
 

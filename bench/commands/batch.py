@@ -97,12 +97,12 @@ def _add(found: Batch, folder: Path, name: str) -> ExitStatus:
         found.left_out.append(LeftOut(name, "B-CLI-008", "the sequence of this session asks for no analysis"))
         return status
     try:
-        results, _ = analyse_view(view)
+        results, analysis = analyse_view(view)
     except BenchError as error:
         found.left_out.append(LeftOut(name, error.code, error.message))
         found.without_result(view.manifest, name)
         return max(status, ExitStatus.VERDICT_FAIL if isinstance(error, FitError) else ExitStatus.SESSION_DAMAGED)
-    found.add(results, name)
+    found.add(results, name, analysis.missing)
     return status
 
 

@@ -41,7 +41,7 @@ def conduct_watched(
     """
     simulated = plan.station.simulated and not ask
     asking = None if simulated or clock.virtual else WaitingOperator(terminal_here())
-    with watcher(plan, errors) as listener:
+    with watcher(plan, errors, asks=not simulated) as listener:
         operator: Operator = SimulatedOperator() if simulated else Aside(asking or TerminalOperator(), listener.aside)
         return conduct(
             plan,

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from decimal import Decimal
 from typing import Any
 
-from bench.commands.record_states import VALID, RecordState
+from bench.commands.record_states import VALID, RecordState, of_samples
 from bench.model.errors import InputError
 from bench.model.ports import Action, Parameter
 from bench.plan import Plan, Step
@@ -36,6 +36,13 @@ def make_up_sequence(plan: Plan, states: Sequence[RecordState]) -> tuple[str, in
     if not again:
         raise InputError("B-RES-007", "every record is valid, there is nothing to make up", next_step="'bench fit'")
     for one in again:
+        if of_samples(one.step):
+            raise InputError(
+                "B-RES-008",
+                "records of samples on a table cannot be taken again one by one: each depends on how it was mounted",
+                where=one.step.where,
+                next_step="'bench resume' goes on with the run; else run the campaign again",
+            )
         if one.step.arguments.get("follows") or "window_index" in one.step.conditions:
             raise InputError(
                 "B-RES-008",

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from bench.commands.record_states import condition_key, is_measuring, row_problem
+from bench.commands.record_states import condition_key, is_measuring, of_samples, row_problem
 from bench.commands.view import SessionView
 from bench.model.errors import InputError
 from bench.record import RecordRow
@@ -22,11 +22,19 @@ def merged(view: SessionView, others: Sequence[SessionView]) -> SessionView:
     It is complete when every planned record is valid in one of them. The notes name the overlap.
     Raises: InputError B-RES-010 if a session is of another unit, analysis or set of channels, or of other standards.
     """
+    measuring = [step for step in view.plan_steps if is_measuring(step)]
+    if not measuring or any(of_samples(step) for step in measuring):
+        raise InputError(
+            "B-RES-010",
+            "its results do not come from records that are made up one by one",
+            where=str(view.manifest["session"]),
+            next_step="'bench resume' goes on with it; else run the campaign again",
+        )
     for other in others:
         _compatible(view, other)
         view = _joined(view, other)
     valid = {condition_key(row.window.conditions) for row in view.rows if not row_problem(row)}
-    planned = {condition_key(step.conditions) for step in view.plan_steps if is_measuring(step)}
+    planned = {condition_key(step.conditions) for step in measuring}
     return replace(view, incomplete=bool(planned - valid))
 
 

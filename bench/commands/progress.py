@@ -32,10 +32,13 @@ def _counts(row: RecordRow) -> bool:
 
 
 class PlainLines:
-    """A line at each soak, prompt and every 50th record, and at least each ten minutes; for logs and pipes."""
+    """A line at each soak, prompt and every 50th record, and at least each ten minutes; for logs and pipes.
 
-    def __init__(self, plan: Plan, out: Console, clock: Clock | None = None) -> None:
-        self._plan, self._out = plan, out
+    ``asks``: prompts are put to somebody; those that a simulated bench answers itself are not told.
+    """
+
+    def __init__(self, plan: Plan, out: Console, clock: Clock | None = None, *, asks: bool = True) -> None:
+        self._plan, self._out, self._asks = plan, out, asks
         self._records = 0
         self._clock = clock or WallClock()
         self._said_ns = self._clock.now_ns()
@@ -75,8 +78,9 @@ class PlainLines:
         self._say(f"{when}  {100 * document['progress']:.0f} %  {doing(document)}; {done}{f'; {end}' if end else ''}")
 
     def step(self, step: Step, at_s: float) -> None:
-        if step.kind in ("soak", "prompt"):
-            self._say(f"{hours(at_s)}  step {step.number + 1}/{len(self._plan.steps)}  {in_words(step)}")
+        if step.kind == "soak" or (step.kind == "prompt" and self._asks):
+            what = f"prompt: {step.arguments['text']}" if step.kind == "prompt" else in_words(step)
+            self._say(f"{hours(at_s)}  step {step.number + 1}/{len(self._plan.steps)}  {what}")
 
     def record(self, row: RecordRow) -> None:
         if not _counts(row):
@@ -207,6 +211,6 @@ class ProgressBar:
         self._progress.console.print(text)
 
 
-def watcher(plan: Plan, out: Console) -> PlainLines | ProgressBar:
-    """Two lines on a terminal, plain lines otherwise."""
-    return ProgressBar(plan, out) if sys.stderr.isatty() else PlainLines(plan, out)
+def watcher(plan: Plan, out: Console, *, asks: bool) -> PlainLines | ProgressBar:
+    """Two lines on a terminal, plain lines otherwise; ``asks``: prompts are put to somebody."""
+    return ProgressBar(plan, out) if sys.stderr.isatty() else PlainLines(plan, out, asks=asks)

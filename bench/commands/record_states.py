@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bench.campaigns import groups
-from bench.campaigns.groups import count_problem
+from bench.campaigns.groups import count_problem, flag_problem
 from bench.campaigns.temperatures import UnitTemperature, unit_temperatures
 from bench.plan import Step
 from bench.record import RecordRow
@@ -41,6 +41,8 @@ def record_states(steps: Sequence[Step], replayed: Replayed) -> list[RecordState
     skips = [fields for kind, _, fields in replayed.events if kind == "skip"]
     reached = max(rows, default=-1)
     problems = {row.window.step: problem for row, problem in _problems(replayed)}
+    sampled = {step.number for step in steps if of_samples(step)}
+    problems |= {number: sample_problem(row) for number, row in rows.items() if number in sampled}
     return [
         _state(step, rows.get(step.number), problems.get(step.number, ""), skips, reached)
         for step in steps
@@ -73,6 +75,16 @@ def _state(
         lost = "its record is lost" if step.number < reached else "the run stopped before"
         return RecordState(step, None, MISSING, lost)
     return RecordState(step, row.window.number, INVALID if problem else VALID, problem)
+
+
+def of_samples(step: Any) -> bool:
+    """A record whose samples are evaluated one by one, not the counts of its clocks."""
+    return bool(step.kind == "record" and step.arguments.get("samples"))
+
+
+def sample_problem(row: RecordRow) -> str:
+    """Why no analysis of samples can use a record, "" if it can; lost frames are seen from the counter."""
+    return flag_problem(row) or ("" if row.frames else "no frames")
 
 
 def row_problem(row: RecordRow) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import json
 import math
-import socket
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,9 +21,9 @@ from bench.plan import Station, load_station
 from bench.plan.check_station import check_station
 from bench.plan.findings import Findings
 from bench.plan.served import served_station
+from bench.run.served_world import told
 
 PROCESS = "sim_instruments.bench_process"  # by name: the bench never imports its simulators
-PATIENCE_S = 10.0
 FAULT = "fault"
 MOST_RATE = 1000.0
 
@@ -70,7 +69,8 @@ def serve(name: str, folder: Path, rate: float, seed: int, settings: Sequence[st
     try:
         today = datetime.fromtimestamp(WallClock().utc_ns() / NS, UTC).date()
         path = folder / process.STATION
-        write_file(path, served_station(station, bench.resources, bench.urls, today))
+        control = folder / process.CONTROL
+        write_file(path, served_station(station, bench.resources, bench.urls, control, today))
         _announce(station, bench, path)
         bench.wait()
     finally:
@@ -116,27 +116,9 @@ def fault(words: Sequence[str], folder: Path) -> int:
     if not words:
         typer.echo("\n".join([*process.fault_listing(), "clear", "state"]))
         return ExitStatus.PASS
-    reply = ask(folder / process.CONTROL, words)
-    if "error" in reply:
-        wrong = reply["error"]
-        raise InputError(wrong["code"], wrong["message"], where=wrong["where"], next_step=wrong["next_step"])
+    reply = told(folder / process.CONTROL, words)
     if "state" in reply:
         typer.echo(json.dumps(reply["state"], indent=1))
     else:
         typer.echo("\n".join(f"on: {line}" for line in reply["lines"]) or "no fault is on")
     return ExitStatus.PASS
-
-
-def ask(path: Path, words: Sequence[str]) -> dict[str, Any]:
-    """One request to the simulated bench whose control socket is at ``path``. Raises: InputError B-SIM-015."""
-    try:
-        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as control:
-            control.settimeout(PATIENCE_S)
-            control.connect(str(path))
-            control.sendall(json.dumps({"words": list(words)}).encode() + b"\n")
-            with control.makefile("rb") as stream:
-                reply: dict[str, Any] = json.loads(stream.readline())
-    except (OSError, ValueError) as error:
-        message = f"no simulated bench answers: {error}"
-        raise InputError("B-SIM-015", message, where=str(path), next_step="start one: bench sim STATION") from error
-    return reply

@@ -14,6 +14,7 @@ from bench.report.numbers import with_uncertainty
 
 _MOST_COLUMNS = 6
 _MOST_LINES = 24
+_SMALL_A = 1e-3
 _AMPERE = re.compile(r"A(?![A-Za-z])")
 _CURVATURES = ("_tc2", "_tc3")
 _SEVERITY = ("fail", "conditional_fail", "conditional_pass", "pass")
@@ -65,7 +66,8 @@ def _worst(by_quantity: Mapping[str, Mapping[Any, Estimate]], channel: Any) -> s
 
 
 def _scale(one: Estimate) -> float:
-    return 1e9 if _AMPERE.match(one["unit"]) else 1.0
+    """Currents of a converter read best in nanoampere; that of a supply does not."""
+    return 1e9 if _AMPERE.match(one["unit"]) and abs(one["value"]) < _SMALL_A else 1.0
 
 
 def _value(one: Estimate) -> str:

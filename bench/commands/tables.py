@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.campaigns.analysis import Analysis
+from bench.commands.lead_tables import lead_tables, print_lead_tables
 from bench.commands.summary_table import print_summary
 
 WIDTH = 110
@@ -22,7 +24,8 @@ Group = Mapping[str, Mapping[str, Any]]
 
 
 def print_results(out: Console, results: Mapping[str, Any], analysis: Analysis) -> None:
-    """The results as a table, and what is missing: scale-factor errors per channel and temperature, else a summary.
+    """The results as a table, and what is missing: scale-factor errors per channel and temperature, the tables that an
+    analysis wants to be read first, else a summary.
 
     "unit degC" is the measured temperature the values hold for; the verdict is the worst of what compensation leaves
     over and the change since the previous calibration.
@@ -31,8 +34,13 @@ def print_results(out: Console, results: Mapping[str, Any], analysis: Analysis) 
     uut = f"{results['uut']['model']} {results['uut']['serial']}"
     title = f"{results['campaign']} of {uut}{simulated}, method {analysis.method}"
     rows = _rows(results["estimates"])
+    lead = lead_tables(analysis.tables)
     if rows:
         _print_scale_factors(out, title, rows)
+    elif lead:
+        out.print(title, highlight=False)
+        print_lead_tables(out, lead)
+        _print_verdicts(out, results["estimates"])
     else:
         print_summary(out, title, results["estimates"], _reference_degC(results["estimates"]))
     _print_missing(out, analysis.missing)
@@ -43,6 +51,13 @@ def print_results(out: Console, results: Mapping[str, Any], analysis: Analysis) 
         f"{quality['records']} records, {quality['frames']} frames, {quality['frames_bad']} bad, "
         f"{quality['frames_lost']} lost, {quality['retaken']} retaken"
     )
+
+
+def _print_verdicts(out: Console, estimates: Sequence[Mapping[str, Any]]) -> None:
+    counts = Counter(one["verdict"] for one in estimates if one["verdict"] != "none")
+    found = ", ".join(f"{counts[name]} {name.replace('_', ' ')}" for name in _SEVERITY if counts[name])
+    judged = f"verdicts: {found}; " if found else "nothing is judged; "
+    out.print(f"{judged}{len(estimates)} values with their uncertainties in results.json", highlight=False)
 
 
 def _print_scale_factors(out: Console, title: str, rows: Sequence[tuple[str, ...]]) -> None:

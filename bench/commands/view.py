@@ -107,10 +107,16 @@ def material_of(view: SessionView) -> Material:
         trace=_trace(view),
         readings=[_reading(t_ns, fields) for t_ns, fields in view.events_of("reading")],
         series=view.series,
-        exchanges=[_exchange(fields) for _, fields in view.events_of("exchange")],
+        exchanges=_last_of_each([_exchange(fields) for _, fields in view.events_of("exchange")]),
         layouts=_layouts(view),
         utc_offset_s=None if view.utc_offset_ns is None else view.utc_offset_ns / NS,
     )
+
+
+def _last_of_each(exchanges: Sequence[Exchange]) -> list[Exchange]:
+    """A test that was done again, because the run was stopped within its item, counts as it was done last."""
+    last = {one.step: number for number, one in enumerate(exchanges)}
+    return [one for number, one in enumerate(exchanges) if not one.item or last[one.step] == number]
 
 
 def _exchange(fields: Mapping[str, Any]) -> Exchange:

@@ -72,6 +72,9 @@ def averages_of(samples: Array, interval_s: float, averages: int = AVERAGES, ave
     Source:  GNC paper section 5.1 3): n = 360 means of 10 s in 1 h, neither more nor fewer.
     """
     bounds = np.rint(np.arange(averages + 1) * average_s / interval_s).astype(np.int64)
+    short = int(bounds[-1]) - samples.size
+    if 0 < short <= (1.0 - LEAST_FILLED) * (bounds[-1] - bounds[-2]):  # frames lost at the end are missing samples
+        samples = np.concatenate((samples, np.full(short, np.nan)))
     if bounds[-1] > samples.size:
         raise FitError(
             "B-FIT-092",
@@ -126,7 +129,7 @@ def bias_stability(
         averages=means,
         samples_std=float(np.nanstd(used, ddof=1)),
         noise=noise,
-        missing=int(np.isnan(used).sum()),
+        missing=int(np.isnan(used).sum()) + max(0, round(averages * average_s / interval_s) - used.size),
     )
 
 

@@ -178,22 +178,29 @@ def static_means(
 ) -> tuple[Array, Array, float]:
     """Mean output of each record at rest and its covariance, the noise density pooled over all records.
 
+    What the halves of the records differ by beyond that noise is slower than it and averages out no further: it is
+    added to each mean.
+
     Args:    poses: arrays (m, 3) of samples.   rate_Hz: of the samples.   resolution: of one step of the output.
              blocks: means per record from which the noise is taken, so noise correlated over 1/20 of it counts.
     Returns: means (n, 3), their covariance (n, 3, 3), and its degrees of freedom.
     Raises:  FitError B-FIT-083 for a record of fewer samples than blocks.
-    Source:  batch means; quantisation as in ``quantisation_variance``.
+    Source:  batch means; Allan variance of two samples, half a record each, IEEE Std 952-1997 annex C; quantisation as
+             in ``quantisation_variance``.
     """
     short = min(len(samples) for samples in poses)
     if short < blocks:
         raise _no_rest("at rest", short / rate_Hz)
-    density, std2 = np.zeros((3, 3)), np.zeros(3)
+    density, std2, slow = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     for samples in poses:
-        length = len(samples) // blocks
+        length, half = len(samples) // blocks, len(samples) // 2
         means = samples[: blocks * length].reshape(blocks, length, 3).mean(axis=1)
         density += np.cov(means.T) * length / len(poses)
         std2 += np.var(samples, axis=0) / len(poses)
+        slow += (samples[:half].mean(axis=0) - samples[-half:].mean(axis=0)) ** 2 / 2.0 / len(poses)
+    slow -= density.diagonal() * np.mean([2.0 / len(samples) for samples in poses])
     fixed = np.diag(quantisation_variance(np.sqrt(std2), resolution))
+    fixed += np.diag(np.maximum(slow, 0.0))
     covariance = np.stack([density / len(samples) + fixed for samples in poses])
     return np.stack([samples.mean(axis=0) for samples in poses]), covariance, (blocks - 1.0) * len(poses)
 

@@ -21,13 +21,14 @@ Array = NDArray[np.float64]
 class Declared:
     """Standard uncertainties: ``turn_std_deg`` of each turn, ``tilt_std_deg`` of the axis of turn against the body axis
     (each of two directions, common to forth and back), ``resolution_deg_s`` step of the output, ``drift_deg_s`` by
-    which the bias wanders from record to record.
+    which the bias wanders from record to record, ``time_std`` of all durations together, relative.
     """
 
     turn_std_deg: float = 0.0
     tilt_std_deg: float = 0.0
     resolution_deg_s: float = 0.0
     drift_deg_s: float = 0.0
+    time_std: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,8 @@ from bench.fit.imu_triad import AXES, TriadFit, improbable, propagate_inputs
 from bench.fit.imu_turning import turn_and_rest
 
 Array = NDArray[np.float64]
+_LEAST_SPREAD = 1e-12
+_DRIFT_DOF = 15  # three sensors at rest in six records, less three biases
 _ROUNDS = 3  # both equations are tied by c (T+ - T-), some samples of some 1,000: each round gains three digits
 
 
@@ -42,7 +44,8 @@ _ROUNDS = 3  # both equations are tied by c (T+ - T-), some samples of some 1,00
 class RotationFit:
     """``triad``: w = K N - bias, deg/s.   ``noise`` (3,): angle random walk, deg/sqrt(s).
     ``used`` and ``trimmed_s``: samples used of each record and seconds cut off its end, so that both directions are of
-    equal length.   ``duplicates``: samples dropped.   ``duration_s``: T, mean of the six records.
+    equal length.   ``duplicates``: samples dropped.   ``duration_s``: T, mean of the six records.   ``drift_deg_s``: by
+    which the bias wandered from record to record, declared or seen at rest; it is in the intervals.
     """
 
     triad: TriadFit
@@ -51,6 +54,7 @@ class RotationFit:
     trimmed_s: Mapping[str, float]
     duplicates: Mapping[str, int]
     duration_s: float
+    drift_deg_s: float
 
 
 def fit_rotations(
@@ -74,10 +78,15 @@ def fit_rotations(
     parts = [turn_and_rest(record, kept) for record, kept in zip(ordered, trimmed, strict=True)]
     inputs = Inputs.of(parts, site)
     found, residual = paired(inputs)
-    common = np.diag(quantisation_variance(std, declared.resolution_deg_s))
+    quantisation = quantisation_variance(std, declared.resolution_deg_s)
+    drift_deg_s = _drift(residual, inputs, density, quantisation)
+    if drift_deg_s > declared.drift_deg_s:
+        dof = min(dof, float(_DRIFT_DOF))
+        declared = replace(declared, drift_deg_s=drift_deg_s)
+    common = np.diag(quantisation)
     covariance = inputs.covariance(declared, site, density, common)
     spread = propagate_inputs(lambda x: np.concatenate(_both(paired(inputs.at(x)))), inputs.vector, covariance)
-    triad = _triad(found, residual, spread, inputs, dof)
+    triad = _triad(found, residual, spread, inputs, dof, declared.time_std)
     names = [record.name for record in ordered]
     return RotationFit(
         triad=triad,
@@ -88,6 +97,7 @@ def fit_rotations(
         },
         duplicates={name: kept.duplicates for name, kept in zip(names, trimmed, strict=True)},
         duration_s=float(np.sum(inputs.duration_s)) / len(ordered),
+        drift_deg_s=declared.drift_deg_s,
     )
 
 
@@ -112,27 +122,41 @@ def paired(inputs: Inputs) -> tuple[Array, Array]:
     return np.concatenate([inverse.ravel(), inverse @ offset]), left - offset * length
 
 
+def _drift(residual: Array, inputs: Inputs, density: Array, quantisation: Array) -> float:
+    """How much the bias wanders from record to record beyond noise and steps inside of them, deg/s, by the rests.
+
+    Noise alone says so in one calibration of twenty. One of the six rests is spent on the bias itself.
+    """
+    length = inputs.duration_s[1::2, None]
+    rate, noise = residual[1::2] / length, density.diagonal() / length + quantisation
+    if not noise.all() or not improbable(float(np.sum(rate**2 / noise)), _DRIFT_DOF, below=0.05):
+        return 0.0
+    return math.sqrt(max(float(np.mean(np.sum(rate**2, axis=0) / 5.0 - noise.mean(axis=0))), 0.0))
+
+
 def _both(found: tuple[Array, Array]) -> tuple[Array, Array]:
     return found[0], found[1].ravel()
 
 
-def _triad(found: Array, residual: Array, spread: Array, inputs: Inputs, dof: float) -> TriadFit:
+def _triad(found: Array, residual: Array, spread: Array, inputs: Inputs, dof: float, time_std: float) -> TriadFit:
     rank = residual.size - found.size
     values, vectors = np.linalg.eigh(spread[12:, 12:])
     values, vectors = values[values.size - rank :], vectors[:, values.size - rank :]
-    chi2 = float(np.sum((vectors.T @ residual.ravel()) ** 2 / values)) if values[0] > 0.0 else 0.0
+    known_spread = values[0] > _LEAST_SPREAD * values[-1]  # rounding errors of a sensor without noise are no spread
+    chi2 = float(np.sum((vectors.T @ residual.ravel()) ** 2 / values)) if known_spread else 0.0
     inflated = improbable(chi2, rank)
     matrix = found[:9].reshape(3, 3)
     known = inputs.known + inputs.earth
     design = np.column_stack([known, inputs.duration_s])
+    time = time_std**2 * np.outer(found, found)  # S grows with the seconds that are counted, K and the bias shrink
     return TriadFit(
         matrix=matrix,
         bias=found[9:],
-        covariance=spread[:12, :12] * (chi2 / rank if inflated else 1.0),
+        covariance=spread[:12, :12] * (chi2 / rank if inflated else 1.0) + time,
         residual=(residual / inputs.duration_s[:, None]) @ matrix.T,
         chi2=chi2,
         residual_dof=rank,
-        dof=dof,
+        dof=min(dof, float(rank)) if inflated else dof,
         condition=float(np.linalg.cond(design / np.linalg.norm(design, axis=0))),
         inflated=inflated,
     )

@@ -31,8 +31,8 @@ def fit_six_position(
     The fit itself is unweighted, as the paper's. Its covariance holds the noise of the means, three small independent
     angles per pose by which the unit is not where it should be, and a relative error of gravity common to all poses.
     Without ``covariance_of_means`` the noise is taken from the residuals, which then also hold the tilt. With it, a
-    chi-square that is improbable (0.1 %) enlarges the covariance by its ratio to its degrees of freedom: something was
-    larger than declared.
+    chi-square that is improbable (0.1 %) enlarges the covariance by its ratio to its degrees of freedom, which are then
+    those of the fit: something was larger than declared.
 
     Args:    mean: (n, 3), indicated, any unit.   force: (n, 3), specific force at the pose, unit wanted (up = +g).
              covariance_of_means: (n, 3, 3), indicated unit squared, or None.   tilt_std_deg: per axis and pose.
@@ -59,8 +59,8 @@ def fit_six_position(
     else:
         systematic = _tilt(force, tilt_std_deg)
         noise = _spread(matrix @ covariance_of_means @ matrix.T)
-        chi2, behind = _chi_square(residual, operator, design, noise + systematic), math.inf
-        inflated = improbable(chi2, dof)
+        chi2 = _chi_square(residual, operator, design, noise + systematic)
+        behind = float(dof) if (inflated := improbable(chi2, dof)) else math.inf  # then the residuals say how large
     rows = (noise + systematic) * (chi2 / dof if inflated else 1.0) + common
     return TriadFit(
         matrix=matrix,

@@ -93,11 +93,14 @@ class TriadFit:
         return np.asarray(indicated @ self.matrix.T + bias_sign * self.bias)
 
 
-def improbable(chi2: float, dof: int) -> bool:
-    """Whether a chi-square is less probable than 0.1 %: then something was larger than declared. Source: JCGM 100 G."""
+def improbable(chi2: float, dof: int, below: float = _IMPROBABLE) -> bool:
+    """Whether a chi-square is less probable than 0.1 %, or ``below``: then something was larger than declared.
+
+    Source: JCGM 100:2008 annex G.
+    """
     from scipy import special
 
-    return dof > 0 and float(special.chdtrc(dof, chi2)) < _IMPROBABLE
+    return dof > 0 and float(special.chdtrc(dof, chi2)) < below
 
 
 def propagate_inputs(function: Callable[[Array], Array], at: Array, covariance: Array) -> Array:

@@ -57,7 +57,7 @@ def roll_uncertainty(parameters: PlaneParameters, noise: float) -> RollUncertain
         -ones / cosine,
         ones * parameters.gain * sine / cosine,
         -y / parameters.gain * sine / cosine,
-        np.deg2rad((x * sine - y) / cosine),
+        np.deg2rad(x * sine / cosine - y),
         0.0 * ones,
     ))  # fmt: skip
     along_y = np.column_stack((0.0 * ones, -parameters.gain * ones, y / parameters.gain, 0.0 * ones, 0.0 * ones))

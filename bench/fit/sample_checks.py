@@ -148,8 +148,8 @@ def value_likelihood(values: Column) -> float:
     if second.size < _FEWEST or not changes.any():
         return 1.0
     second = second / changes[changes > 0.0].min()
-    middle = round(float(np.median(second)))
     steps = np.rint(second)
+    middle = int(np.partition(steps, steps.size // 2)[steps.size // 2])  # one that occurs, as a mean of two may not
     inside = (second.size / 2.0 - float((steps < middle).sum())) / float((steps == middle).sum())
     grouped = middle - 0.5 + inside if middle else 0.5 * inside
     noise = grouped / _MAD / math.sqrt(6.0)

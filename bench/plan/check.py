@@ -20,6 +20,7 @@ from bench.plan.check_analysis import check_asked
 from bench.plan.check_pose import check_poses
 from bench.plan.check_records import check_record
 from bench.plan.check_register import check_used_ranges
+from bench.plan.check_sets import check_sets
 from bench.plan.check_state import BenchState
 from bench.plan.check_station import check_station
 from bench.plan.check_windows import check_windows
@@ -68,6 +69,7 @@ def check_steps(
     _bus_time(plan, findings, doubtful)
     check_windows(plan, station, findings, doubtful)
     check_poses(plan, station, findings)
+    check_sets(plan, station, findings)
     return state
 
 

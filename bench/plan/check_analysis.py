@@ -5,6 +5,8 @@ The analyses themselves live floors above; a test holds these names to theirs.
 
 from __future__ import annotations
 
+from difflib import get_close_matches
+
 from bench.model.yamlio import Document
 from bench.plan.findings import Findings, suggestion
 from bench.plan.language import Sequence
@@ -15,6 +17,7 @@ OF_LOGS = ("temperature_ramp", "imu_six_position", "imu_multi_position")  # made
 OF_TESTS = "gnc_unit_test"  # made of commands to the unit and their answers
 POSE = ("item", "mounting", "outer_deg", "middle_deg", "inner_deg")
 OF_SAMPLES = {"imu_calibration": POSE, "imu_bias": POSE, "magnetometer": (*POSE, "rate_deg_s")}
+ITEMS = ("supply", "identify", "cpu", "timer", "memory", "imu", "gps", "ad", "io", "spi", "sci", "can")
 BRANCHES = ("hold_start", "up", "hold_top", "down", "hold_end")
 _POINT = ("channel", "temperature_degC", "current_A", "polarity", "range_A")
 ASKED = {
@@ -51,10 +54,23 @@ def check_asked(plan: Plan, findings: Findings) -> None:
     if name == OF_TESTS and not any(step.kind == "unit" and "item" in step.arguments for step in plan.steps):
         message = f"the analysis {name} is made of 'test' steps, and there is none"
         findings.add("B-PLAN-078", plan.steps[0].where, message, "add 'test' steps; docs/gnc-module.md describes them")
+    for step in plan.steps if name == OF_TESTS else ():
+        _check_item(step, findings)
+    if name in ASKED and name != OF_TESTS and not records:
+        message = f"the analysis {name} is made of records, and there is none"
+        findings.add("B-PLAN-078", plan.steps[0].where, message, "add 'record' steps, or name another analysis")
     for step in records if name in OF_SAMPLES else ():
         if not step.arguments.get("samples"):
             message = f"the analysis {name} needs the samples of each record"
             findings.add("B-PLAN-078", step.where, message, "write 'samples: true'")
+
+
+def _check_item(step: Step, findings: Findings) -> None:
+    """An item of another name is reported and not judged: one that is nearly known is a slip of the pen."""
+    item = str(step.arguments.get("item", ITEMS[0]))
+    if step.kind == "unit" and item not in ITEMS and get_close_matches(item, ITEMS, n=1):
+        message = f"the analysis {OF_TESTS} does not judge the item {item!r}{suggestion(item, ITEMS)}"
+        findings.add("B-PLAN-078", step.where, message, "use that name, or one that is not nearly the same")
 
 
 def _check_conditions(name: str, step: Step, findings: Findings) -> None:

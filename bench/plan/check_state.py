@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -181,6 +182,9 @@ class BenchState:
         if Effect.ROUTE in effects:
             message = f"raw text to {step.role} may close any route, so the plan cannot be proved safe"
             self._findings.add("B-PLAN-074", step.where, message, "write a call instead")
+        if Effect.MOTION_ON in effects and not _only_asks(str(step.arguments.get("text", ""))):
+            message = f"raw text to {step.role} may move it, faster and further than its limits allow"
+            self._findings.add("B-PLAN-074", step.where, message, "write a call instead")
         if effects & {*_ENERGY, Effect.ROUTE}:
             self._energise(step, step.role)
 
@@ -200,6 +204,11 @@ class BenchState:
         if not safe:
             message = f"from here on {role} ({entry.driver}) has no way to a safe state: its driver has no make_safe"
             self._findings.add("B-PLAN-075", step.where, message)
+
+
+def _only_asks(text: str) -> bool:
+    """Every command of the text is a question; what follows the mark is its argument."""
+    return all(re.match(r"[^\s?]+\?", part.strip()) for part in text.split(";"))
 
 
 def _with(effect: Effect, effects: Mapping[str, frozenset[Effect]]) -> frozenset[str]:

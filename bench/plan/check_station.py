@@ -10,8 +10,10 @@ from pathlib import Path
 from bench.frame import load_frame
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
+from bench.model.units import read_quantity
 from bench.plan.beside import find_beside
 from bench.plan.check_register import check_register
+from bench.plan.drivers import driver_actions
 from bench.plan.findings import Findings, suggestion
 from bench.plan.graph_language import check_graphs
 from bench.plan.interlocks import station_rules
@@ -106,6 +108,7 @@ def _driver(station: Station, role: str, entry: InstrumentEntry, findings: Findi
     except InputError as error:
         findings.add(error.code, station.document.where(place), error.message)
         return
+    _limits(station, role, entry, findings)
     known = getattr(driver, "default_options", {})
     for option in entry.options:
         if option not in known:
@@ -117,6 +120,19 @@ def _driver(station: Station, role: str, entry: InstrumentEntry, findings: Findi
         findings.add("B-PLAN-016", station.document.where(place), message, "use a driver that has one")
 
 
+def _limits(station: Station, role: str, entry: InstrumentEntry, findings: Findings) -> None:
+    """A limit of what no action takes protects nothing."""
+    taken = {one.name: one for action in driver_actions(entry.driver).values() for one in action.parameters}
+    for name, (lowest, _) in entry.limits.items():
+        where, found = station.document.where(("instruments", role, "limits", name)), read_quantity(lowest)
+        if name not in taken:
+            message = f"no action of {role} ({entry.driver}) takes {name!r}{suggestion(name, taken)}"
+            findings.add("B-PLAN-095", where, message, "correct the name, or the limit holds for nothing")
+        elif found is not None and found[1] != taken[name].dimension:
+            message = f"{name} of {role} ({entry.driver}) is no quantity in {found[1]}"
+            findings.add("B-PLAN-095", where, message, f"write it in {taken[name].dimension or 'no unit at all'}")
+
+
 def _world(station: Station, findings: Findings) -> None:
     world = station.file.world
     assert world is not None
@@ -125,9 +141,17 @@ def _world(station: Station, findings: Findings) -> None:
         known = suggestion(world.name, simulation.WORLDS)
         findings.add("B-PLAN-014", station.document.where(("world", "name")), f"no world {world.name!r}{known}")
     options = simulation.options_of(world.name)
+    before = len(findings.all())
     for name, value in world.options.items():
         where = station.document.where(("world", "options", name))
         if name not in options:
             findings.add("B-PLAN-004", where, f"the world has no option {name!r}{suggestion(name, options)}")
         elif value is not None and (due := wrong_option(name, option_text(value))):
             findings.add("B-PLAN-015", where, f"world option {name} is {value!r}; {due}")
+    if world.name in simulation.WORLDS and len(findings.all()) == before:
+        given = {name: option_text(value) for name, value in world.options.items() if value is not None}
+        try:
+            simulation.check_options(world.name, given)
+        except InputError as error:
+            where = station.document.where(("world", "options"))
+            findings.add("B-PLAN-015", where, error.message, error.next_step)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
@@ -18,6 +17,7 @@ from bench.plan.bus_time import with_bus_time
 from bench.plan.channels import campaign_channels, check_declared, declared_channels
 from bench.plan.check import check_steps
 from bench.plan.check_analysis import check_named
+from bench.plan.check_sets import NO_SERIAL, SERIAL, short
 from bench.plan.check_station import check_station
 from bench.plan.expand import Expander, TooManySteps
 from bench.plan.findings import Findings, suggestion
@@ -31,8 +31,6 @@ from bench.plan.plan import Phase, Plan, Step, steps_sha256
 from bench.plan.station import Station
 from bench.plan.unit_constants import unit_constants
 from bench.plan.values import Scope, plain, traced
-
-_SERIAL = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,39}")
 
 
 def compile_sequence(
@@ -154,9 +152,8 @@ class _Compiler:
         """Serial number of the unit under test; it becomes part of the session's folder name."""
         uut = self.document.model.uut
         serial = "" if uut is None else str(plain(expander.resolve(uut.serial, scope, ("uut", "serial"))))
-        if uut is not None and not _SERIAL.fullmatch(serial):
-            message = f"{serial!r} is not a serial number: letters, digits, '.', '_' and '-', at most 40"
-            expander.fail("B-PLAN-025", ("uut", "serial"), message)
+        if uut is not None and not SERIAL.fullmatch(serial):
+            expander.fail("B-PLAN-025", ("uut", "serial"), f"{short(serial)} {NO_SERIAL}")
         return serial
 
     def _expand(self, expander: Expander, scope: Scope) -> dict[str, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, StringConstraints, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, model_validator
 
 from bench.model.units import quantity, read_quantity
 from bench.model.yamlio import StrictModel
@@ -24,8 +24,8 @@ def _sensor(text: str) -> str:
     return text
 
 
-def _limit(text: str) -> str:
-    if read_quantity(text) is None:
+def _limit(text: object) -> object:
+    if not isinstance(text, str) or read_quantity(text) is None:
         raise ValueError(f"{text!r} is not a quantity with its unit, for example '10 deg/h'")
     return text
 
@@ -72,7 +72,7 @@ class UnitUnderTest(StrictModel):
     )
     kinds: dict[Literal["gyro", "accelerometer"], Kind] = Field(default_factory=dict)
     imu: Imu | None = Field(None, description="inertial measurement unit and magnetometer of a GNC module")
-    limits: dict[Name, Annotated[str, AfterValidator(_limit)]] = Field(
+    limits: dict[Name, Annotated[str, BeforeValidator(_limit)]] = Field(
         default_factory=dict, description="limits of the data sheet by name, each with its unit"
     )
 
@@ -86,6 +86,9 @@ class Site(StrictModel):
     gravity: Annotated[float, *quantity("m/s2", 9.7, 9.9)]
     azimuth: Annotated[float, *quantity("deg", -360.0, 360.0)] = Field(
         description="of the turntable's inner axis with all axes at zero, from north, positive east"
+    )
+    tilt: Annotated[float, *quantity("deg", 0.0, 5.0)] | None = Field(
+        None, description="standard uncertainty of the unit's attitude in a pose, about each axis: table and fixture"
     )
 
 

@@ -48,6 +48,12 @@ def _prompt_shorthand(value: object) -> object:
     return {"text": value} if isinstance(value, str) else value
 
 
+def _with_unit(value: object) -> object:
+    if isinstance(value, int | float):
+        raise ValueError(f"{value} has no unit; write a quantity, for example '26 mm'")
+    return value
+
+
 def _clock_time(value: object) -> float:
     match = _CLOCK.fullmatch(value) if isinstance(value, str) else None
     if match is None:
@@ -95,8 +101,8 @@ class PromptValue(StrictModel):
     """A value the operator must give, inside limits."""
 
     unit: Literal["A", "V", "ohm", "s", "degC", "m"]
-    low: Text | None = None
-    high: Text | None = None
+    low: Annotated[Text | None, BeforeValidator(_with_unit)] = None
+    high: Annotated[Text | None, BeforeValidator(_with_unit)] = None
 
 
 class Prompt(StrictModel):

@@ -249,13 +249,19 @@ def prompt(plan: Expander, step: Prompt, path: Path, scope: Scope) -> None:
                 arguments[key] = None if text is None else parse_quantity(text, step.value.unit)
             except ValueError as error:
                 plan.fail("B-PLAN-031", (*path, "value", key), str(error))
-        if arguments.get("low") is None and arguments.get("high") is None:
+        low, high = arguments.get("low"), arguments.get("high")
+        if low is None and high is None:
             plan.fail("B-PLAN-044", (*path, "value"), "a value needs a limit: low, high or both")
+        elif low is not None and high is not None and low > high:
+            message = f"no value is inside its limits: low {step.value.low} is above high {step.value.high}"
+            plan.fail("B-PLAN-044", (*path, "value"), message, "exchange them")
     plan.add("prompt", "", "", arguments, scope, path)
 
 
 def _filled(plan: Expander, text: str, scope: Scope, path: Path) -> str:
-    """A text for a person with its variables written out."""
+    """A text for a person with its variables written out; nobody is shown a brace (B-PLAN-030)."""
+    if left := re.search(r"\{[^{}]*\}?|\}", REFERENCE.sub("", text)):
+        plan.fail("B-PLAN-030", path, f"{left[0]!r} in the text is no variable", "write {name}, in lower case")
 
     def value(match: re.Match[str]) -> str:
         found = plan.resolve(match[0], scope, path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -53,8 +54,19 @@ def _like(shipped: Any, text: str) -> Any:
             raise ValueError("true or false is due")
         return text == "true"
     if isinstance(shipped, (int, float)):
-        return type(shipped)(text)
+        return _number_like(shipped, text)
     old, new = read_quantity(str(shipped)), read_quantity(text)
     if (old and old[1]) != (new and new[1]):
         raise ValueError(f"a quantity in {old[1]} is due" if old else "a text without a unit is due")
     return text
+
+
+def _number_like(shipped: float, text: str) -> float:
+    due = "a whole number is due" if isinstance(shipped, int) else "a number is due"
+    try:
+        number = type(shipped)(text)
+    except (ValueError, OverflowError):
+        raise ValueError(due) from None
+    if not math.isfinite(number):
+        raise ValueError(due)
+    return number

@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Mapping
 from datetime import date, timedelta
+from pathlib import Path
 from typing import Any
 
 from bench.plan.station import InstrumentEntry, Standard, Station
@@ -13,17 +14,19 @@ from bench.plan.station import InstrumentEntry, Standard, Station
 CALIBRATED = timedelta(days=30)  # before the day it is served
 DUE = timedelta(days=335)  # after it
 _SECTION = re.compile(r"([a-z_]+):")
-_ANEW = ("station", "title", "simulated", "visa", "world", "bus_time_factor", "instruments", "links")
+_ANEW = ("station", "title", "simulated", "visa", "control", "world", "bus_time_factor", "instruments", "links")
 _UNITS = {"range": "A", "floor": "A", "offset": "A", "relative": "1", "gain": "1"}
 
 
-def served_station(station: Station, resources: Mapping[str, str], urls: Mapping[str, str], today: date) -> str:
+def served_station(
+    station: Station, resources: Mapping[str, str], urls: Mapping[str, str], control: Path, today: date
+) -> str:
     """YAML text of a station with the same roles, standards, limits and options, without a world.
 
     Sections that have nothing to do with where things are (interlocks, guard, notifications) are taken over as text.
 
     Args:
-        resources: VISA address of each role.   urls: of each link.
+        resources: VISA address of each role.   urls: of each link.   control: socket of the process that serves it.
         today: the standards of a simulated bench were calibrated 30 days before and are due 335 days after it.
     """
     file = station.file
@@ -32,6 +35,7 @@ def served_station(station: Station, resources: Mapping[str, str], urls: Mapping
         "title": f"{file.title}, served".removeprefix(", "),
         "simulated": True,
         "visa": "@py",
+        "control": str(control),
         "bus_time_factor": file.bus_time_factor,
     }
     lines = [f"{key}: {json.dumps(value)}" for key, value in head.items()]

@@ -87,6 +87,14 @@ class InstrumentEntry(StrictModel):
     limits: dict[Name, tuple[str, str]] = Field(default_factory=dict, description="argument: [lowest, highest]")
     standard: Standard | None = None
 
+    @field_validator("limits", mode="before")
+    @classmethod
+    def _with_units(cls, limits: object) -> object:
+        for name, pair in limits.items() if isinstance(limits, dict) else ():
+            for bare in (one for one in pair if isinstance(one, int | float)) if isinstance(pair, list) else ():
+                raise ValueError(f"{name}: {bare} has no unit; write [lowest, highest] with units: ['0 V', '20 V']")
+        return limits
+
     @field_validator("limits")
     @classmethod
     def _quantities(cls, limits: dict[str, tuple[str, str]]) -> dict[str, tuple[str, str]]:
@@ -138,6 +146,9 @@ class StationFile(StrictModel):
     simulated: bool
     visa: Literal["@bench", "@py", "@ivi", "@sim"]
     world: World | None = None
+    control: Words | None = Field(
+        None, description="socket of the process that serves a simulated bench; it is told there what a prompt sets"
+    )
     bus_time_factor: float = Field(
         1.0,
         ge=0.01,
@@ -159,6 +170,8 @@ class StationFile(StrictModel):
             raise ValueError("a real station has no 'world'")
         if self.simulated and self.world is None and self.visa == "@bench":
             raise ValueError("a simulated station has a 'world', or is served by another process and reached by '@py'")
+        if self.control is not None and (self.world is not None or not self.simulated):
+            raise ValueError("'control' is for a simulated station that is served by another process")
         missing = [name for name, link in self.links.items() if self.world is None and link.url is None]
         if missing:
             raise ValueError(f"the url of link {missing[0]!r} is missing")

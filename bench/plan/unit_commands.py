@@ -63,6 +63,8 @@ def _takes_commands(plan: Expander, link: str, path: Path) -> bool:
 
 
 def _unknown(plan: Expander, name: str, link: str, path: Path) -> None:
+    if link not in plan.layouts:
+        return  # its frame cannot be read, and says so once
     known = [*plan.document.model.unit_commands, *plan.layouts.get(link, {})]
     plan.fail(
         "B-PLAN-049", path, f"neither 'unit_commands' nor the frame of {link} has {name!r}{suggestion(name, known)}"

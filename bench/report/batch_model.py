@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -80,8 +80,12 @@ class Batch:
     hashes: dict[str, str] = field(default_factory=dict)
     values: dict[Quantity, list[Member]] = field(default_factory=dict)
 
-    def add(self, results: Mapping[str, Any], session: str) -> None:
-        """Add the results of a session (results.json); ``session`` is the name it has in the batch."""
+    def add(self, results: Mapping[str, Any], session: str, missing: Sequence[str] = ()) -> None:
+        """Add the results of a session (results.json); ``session`` is the name it has in the batch.
+
+        ``missing``: what it promised without a result, a sentence each. A unit of which something is missing does not
+        pass; a sentence that begins with "unit SERIAL:" is about that unit alone.
+        """
         whole = Unit(str(results["uut"]["model"]), str(results["uut"]["serial"]))
         counts: dict[Unit, Counter[str]] = {}
         for one in results["estimates"]:
@@ -92,7 +96,8 @@ class Batch:
         for unit, verdicts in (counts or {whole: Counter()}).items():
             judged = sum(verdicts.values()) - verdicts["none"]
             failed = sum(verdicts[name] for name in FAILED)
-            outcome = Outcome.NO_RESULT if incomplete or not counts else _outcome(judged, failed)
+            lacking = incomplete or not counts or (not failed and any(_concerns(one, unit) for one in missing))
+            outcome = Outcome.NO_RESULT if lacking else _outcome(judged, failed)
             self.parts.append(Part(unit, session, results["campaign"], judged, failed, outcome))
         self.hashes[session] = str(results["provenance"]["session_sha256"])
         if results["provenance"]["simulated"]:
@@ -147,6 +152,10 @@ class Batch:
             (quantity, one) for quantity, members in self.values.items() for one in members if one.limit is not None
         ]
         return sorted(judged, key=lambda one: one[1].nearness)[:WORST]
+
+
+def _concerns(missing: str, unit: Unit) -> bool:
+    return not missing.startswith("unit ") or missing.startswith(f"unit {unit.serial}: ")
 
 
 def _outcome(judged: int, failed: int) -> Outcome:

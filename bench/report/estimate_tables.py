@@ -15,6 +15,7 @@ from bench.report.words import column, kind_of
 _SCALE_FACTOR = ("dsf_n", "dsf_p", "dsf_asymmetry")
 _COEFFICIENTS = ("tc0", "tc1", "tc2", "tc3")
 _PIVOT = {"channel", "temperature_degC"}
+PIVOTS = ("unit", "column", "axis")
 _AMPERE = re.compile(r"A(?![A-Za-z])")
 Row = Mapping[str, Any]
 
@@ -178,10 +179,10 @@ def _once_per_channel(row: Row) -> bool:
 def other_table(model: ReportModel, words: Texts) -> Table | None:
     """Every estimate that has no table of its own, with its conditions."""
     rows = []
-    for row in _further(model):
-        if not _pivots(row) and not _once_per_channel(row):
+    for row in without_channel(model):
+        if pivot_of(row) is None:
             scale, unit = readable([row])
-            where = _conditions(words, row["conditions"])
+            where = conditions_text(words, row["conditions"])
             rows.append((row["quantity"], where, value_text(row, scale), unit_text(unit)))
     headers = (
         *(words("column.quantity"), words("column.conditions")),
@@ -190,8 +191,20 @@ def other_table(model: ReportModel, words: Texts) -> Table | None:
     return Table(words("others.table"), headers, tuple(rows), stub=2) if rows else None
 
 
-def _conditions(words: Texts, conditions: Row) -> str:
-    return ", ".join(f"{column(words, name)}: {cell(value)}" for name, value in conditions.items() if name != "kind")
+def without_channel(model: ReportModel) -> list[Row]:
+    """Estimates that no table of channels shows."""
+    return [row for row in _further(model) if not _pivots(row) and not _once_per_channel(row)]
+
+
+def pivot_of(row: Row) -> str | None:
+    """The condition that is set across: the unit, the column of a matrix, an axis; None if there is none."""
+    return next((name for name in PIVOTS if name in row["conditions"]), None)
+
+
+def conditions_text(words: Texts, conditions: Row) -> str:
+    """Conditions in words; the kind of a channel is known from the channel."""
+    shown = {name: value for name, value in conditions.items() if name != "kind" or "channel" not in conditions}
+    return ", ".join(f"{column(words, name)}: {cell(value)}" for name, value in shown.items())
 
 
 def coverage_table(model: ReportModel, words: Texts) -> Table | None:
@@ -201,6 +214,8 @@ def coverage_table(model: ReportModel, words: Texts) -> Table | None:
         by_quantity.setdefault(row["quantity"], []).append(row)
     rows = []
     for quantity, found in by_quantity.items():
+        if not any(row.get("expanded_uncertainty") for row in found):
+            continue  # a count, or what nobody stated an uncertainty of
         scale, unit = readable(found)
         parts = (("std_uncertainty", scale), ("coverage_factor", 1.0), ("expanded_uncertainty", scale))
         spans = (_span(words, [row.get(name) for row in found], factor) for name, factor in parts)

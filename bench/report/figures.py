@@ -22,13 +22,18 @@ _MOST_POINTS = 1500
 
 def timetable_picture(table: Timetable, trace: TemperatureTrace, words: Texts) -> Picture | None:
     """Temperature over time, planned and actual, with the lanes of the plan; None if there is nothing to show."""
-    if not table.bars and not trace.t_s.size:
+    if not table.bars and not _has_readings(trace):
         return None
     with drawing():
         figure = _timetable_figure(table, trace, "", words)
         svg = inline_svg(figure, "timetable")
-    seen = "measured" if trace.t_s.size else "planned"
+    seen = "measured" if _has_readings(trace) else "planned" if table.planned_t_s.size else "lanes"
     return Picture("timetable", svg, words("timetable.caption"), words(f"timetable.description.{seen}"))
+
+
+def _has_readings(trace: TemperatureTrace) -> bool:
+    """Whether anybody read a temperature; a bench without a chamber notes its environment without one."""
+    return any(np.isfinite(one).any() for one in (trace.air_degC, trace.unit_degC, trace.planned_degC))
 
 
 def plot_timetable(plan: TimedPlan, path_svg: Path) -> None:
@@ -42,7 +47,7 @@ def plot_timetable(plan: TimedPlan, path_svg: Path) -> None:
 
 def _timetable_figure(table: Timetable, trace: TemperatureTrace, title: str, words: Texts) -> Figure:
     height = max(0.6, 0.17 * len(table.lanes))
-    warm = bool(trace.t_s.size or table.planned_t_s.size)
+    warm = bool(table.planned_t_s.size or _has_readings(trace))
     figure = Figure(figsize=(7.2, height + (2.5 if warm else 0.7)), layout="constrained")
     divisor, unit = _time_unit(table, trace)
     if warm:

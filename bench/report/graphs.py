@@ -14,7 +14,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from bench.report.figures import thin
 from bench.report.multiples import legend_of, panels_of
 from bench.report.style import Picture, drawing, inline_svg, look
-from bench.report.tables import label
+from bench.report.tables import label, sentence
 
 _LINE_STYLES = ("-", (0, (4, 2)), (0, (1, 1.2)), (0, (6, 2, 1, 2)))
 _FEW_DECADES = 100.0
@@ -42,7 +42,7 @@ def _picture(name: str, group: Sequence[Document]) -> Picture:
         svg = inline_svg(figure, name)
     titles = ", ".join(str(document["title"]) for document in group)
     captions = dict.fromkeys(str(document.get("caption", "")) for document in group)
-    return Picture(name, svg, " ".join(text for text in captions if text), f"{titles}.")
+    return Picture(name, svg, " ".join(sentence(text) for text in captions if text), f"{titles}.")
 
 
 def _panels(group: Sequence[Document]) -> tuple[Figure, list[Axes]]:
@@ -50,13 +50,15 @@ def _panels(group: Sequence[Document]) -> tuple[Figure, list[Axes]]:
     if len(titles) > 1:
         names = {str(series["label"]) for document in group for series in document["series"]}
         return panels_of(titles, legend=len(names) > 1)
-    figure = Figure(figsize=(7.2, 3.3), layout="constrained")
+    figure = Figure(figsize=(7.2, 5.4 if group[0].get("equal") else 3.3), layout="constrained")
     axes = figure.subplots()
     axes.set_title(titles[0], loc="left")
     return figure, [axes]
 
 
 def _draw(axes: Axes, document: Document) -> None:
+    if document.get("equal"):  # a circle is to look like one
+        axes.set_aspect("equal", adjustable="datalim")
     for index, series in enumerate(document["series"]):
         _draw_series(axes, series, index)
     axes.set_xlabel(label(str(document["x_label"])))

@@ -46,8 +46,11 @@ def number(value: object, decimals: int | None = None) -> str:
 
 
 def with_uncertainty(value: float, expanded: float | None) -> str:
-    """``412.3 ± 9.9``: both to the last digit that means something."""
-    if expanded is None or not math.isfinite(expanded):
+    """``412.3 ± 9.9``: both to the last digit that means something; without an uncertainty the value alone.
+
+    An uncertainty of zero is that of a count, or one that nobody stated: "± 0.000" would claim a perfect measurement.
+    """
+    if expanded is None or not math.isfinite(expanded) or expanded == 0.0:
         return number(value)
     places = decimals_for(expanded)
     return f"{number(value, places)} ± {number(expanded, places)}"

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from bench.model.texts import Texts
+from bench.report.across_tables import across_tables
 from bench.report.budget_tables import components_table
 from bench.report.current_plots import current_picture, residual_picture
 from bench.report.estimate_tables import (
@@ -72,6 +73,10 @@ def _verdicts(name: str, model: ReportModel, words: Texts) -> Section:
     return _chapter(name, words, verdict_table(model, words))
 
 
+def _results(name: str, model: ReportModel, words: Texts) -> Section:
+    return _chapter(name, words, *analysis_tables([one for one in model.tables if one.get("lead")]))
+
+
 def _scale_factor(name: str, model: ReportModel, words: Texts) -> Section:
     pictures = (dsf_picture(model, words), asymmetry_picture(model, words), current_picture(model, words))
     return _chapter(name, words, *pictures, *scale_factor_tables(model, words))
@@ -90,17 +95,19 @@ def _figures(name: str, model: ReportModel, words: Texts) -> Section:
 
 
 def _others(name: str, model: ReportModel, words: Texts) -> Section:
-    tables = (*pivot_tables(model, words), channel_table(model, words), other_table(model, words))
+    across = across_tables(model, words)
+    tables = (*pivot_tables(model, words), channel_table(model, words), *across, other_table(model, words))
     return _chapter(name, words, bias_picture(model, words), *tables)
 
 
 def _uncertainty(name: str, model: ReportModel, words: Texts) -> Section:
-    budgets = analysis_tables([one for one in model.tables if on_uncertainty(one)])
+    budgets = analysis_tables([one for one in model.tables if on_uncertainty(one) and not one.get("lead")])
     return _chapter(name, words, coverage_table(model, words), components_table(model, words), *budgets)
 
 
 def _explanations(name: str, model: ReportModel, words: Texts) -> Section:
-    return _chapter(name, words, *analysis_tables([one for one in model.tables if not on_uncertainty(one)]))
+    others = [one for one in model.tables if not on_uncertainty(one) and not one.get("lead")]
+    return _chapter(name, words, *analysis_tables(others))
 
 
 def _environment(name: str, model: ReportModel, words: Texts) -> Section:
@@ -146,6 +153,7 @@ def _signatures(name: str, model: ReportModel, words: Texts) -> Section:
 
 _CHAPTERS: dict[str, Callable[[str, ReportModel, Texts], Section]] = {
     "summary": _summary,
+    "results": _results,
     "verdicts": _verdicts,
     "scale-factor": _scale_factor,
     "coefficients": _coefficients,

@@ -13,6 +13,7 @@ SIZES_pt = (7.5, 7.0, 6.5)
 ROOM_pt = 493.2  # an A4 page of 595.3 with margins of 18 mm, as in templates/report.typ
 GAP_pt = 7.0  # between the texts of two columns
 _SLACK = 1.015  # kerning and rounding
+_SHORT = 12  # characters of a cell that stays on one line, such as "not tested"
 _LONGEST = 40  # characters of a word; what is longer may be broken
 _PIECE = 8
 _BREAK, _HOLD, _JOIN = "\u200b", "\u00a0", "\u2060"
@@ -81,7 +82,7 @@ def _broken(table: Table) -> Table:
 
 
 def _cell(text: str) -> str:
-    if not any(one.isalpha() for one in text):
+    if len(text) <= _SHORT or not any(one.isalpha() for one in text):
         return text.replace(" ", _HOLD)
     return _WORD.sub(lambda found: _pieces(found[0]), text)
 

@@ -22,7 +22,7 @@ _PROSE = 40  # characters of a cell that is a sentence rather than a value
 _NUMERAL = re.compile(r"-(?=[0-9])")
 _NEGATIVE = re.compile(r"(?<![\w-])-(?=[0-9])")
 _NO_SIZE = re.compile(r"-(0(?:\.0+)?)$")
-_COMMA_UNIT = re.compile(r", (?=(?:°C|nA|ppm|ppb|min|h|s|A|%)$)")
+_COMMA_UNIT = re.compile(r", (?=(?:°C|nA|ppm|ppb|min|ms|h|s|A|%|deg|deg/s|deg/h|m/s2|g|mg|ug|gauss|mgauss)$)")
 _PER_CENT = re.compile(r"(?<=[0-9]) %")
 _BUDGET, _TOTALS = {"contribution", "sensitivity"}, {"u", "k", "U"}
 

@@ -14,6 +14,8 @@ from bench.report.numbers import number, unit_text
 from bench.report.tables import Table
 
 _HEADERS = ("quantity", "channel", "judged", "worst", "limit", "unit", "conformance", "verdicts")
+_CHANNEL = 1  # its column
+_NO_CHANNEL = "–"
 
 
 def verdict_counts(model: ReportModel) -> Counter[str]:
@@ -37,17 +39,31 @@ def verdict_table(model: ReportModel, words: Texts) -> Table | None:
     judged: dict[tuple[str, Any], list[Mapping[str, Any]]] = {}
     for row in model.results.get("estimates", ()):
         if row.get("verdict", "none") != "none":
-            judged.setdefault((row["quantity"], row["conditions"].get("channel", "–")), []).append(row)
+            judged.setdefault((row["quantity"], row["conditions"].get("channel", _NO_CHANNEL)), []).append(row)
     rows = tuple(_row(words, quantity, channel, group) for (quantity, channel), group in judged.items())
     rule = model.results.get("decision_rule")
     sentences = [words("verdicts.table")]
     sentences += [words("verdicts.rule", rule=str(rule).replace("_", " "))] if rule else []
     caption = " ".join([*sentences, words("verdicts.conformance")])
-    return Table(caption, tuple(words(f"column.{name}") for name in _HEADERS), rows, stub=2) if rows else None
+    if not rows:
+        return None
+    channels = any(channel != _NO_CHANNEL for _, channel in judged)
+    shown = [index for index in range(len(_HEADERS)) if channels or index != _CHANNEL]
+    headers = tuple(words(f"column.{_HEADERS[index]}") for index in shown)
+    cells = tuple(tuple(row[index] for index in shown) for row in rows)
+    return Table(caption, headers, cells, stub=2 if channels else 1)
+
+
+def _use(row: Mapping[str, Any]) -> float:
+    """How much of its limit a value with its interval uses; of a limit of zero, anything is too much."""
+    reach = abs(row["value"]) + row["expanded_uncertainty"]
+    if not row["limit"]:
+        return math.inf if reach > 0.0 else 0.0
+    return float(reach / row["limit"])
 
 
 def _row(words: Texts, quantity: str, channel: Any, group: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
-    worst = max(group, key=lambda row: (abs(row["value"]) + row["expanded_uncertainty"]) / (row["limit"] or math.inf))
+    worst = max(group, key=lambda row: (_use(row), abs(row["value"])))
     scale, unit = readable([worst])
     counted = Counter(str(row["verdict"]) for row in group)
     limit = worst.get("limit")

@@ -18,6 +18,7 @@ from bench.model.clock import Clock, WallClock
 from bench.model.errors import BenchError, InputError
 from bench.model.ports import Effect, Instrument, actions_of
 from bench.plan import Station, load_station
+from bench.plan.drivers import driver_actions
 from bench.run.beginning import begin_safely
 from bench.run.guard_process import GuardProcess
 from bench.run.guarding import DIARY, brief_of, station_lock
@@ -38,6 +39,15 @@ def source_of(station: Station, drivers: dict[str, type]) -> str:
         if any(one.effect is Effect.STIMULUS_ON for one in actions_of(drivers[role]).values()):
             return role
     raise InputError("B-RUN-095", "the station has no instrument that switches a stimulus on", where=station.name)
+
+
+def has_source(station: Station) -> bool:
+    """Whether there is a stimulus that a drill can switch on."""
+    return any(
+        action.effect is Effect.STIMULUS_ON
+        for entry in station.instruments.values()
+        for action in driver_actions(entry.driver).values()
+    )
 
 
 def stimulate(instruments: dict[str, Instrument], source: str) -> None:

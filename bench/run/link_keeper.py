@@ -60,7 +60,8 @@ class LinkKeeper:
     """Judges and brings back; implements bench.run.acquisition.LinkWatch. Its state is under the acquisition's lock.
 
     A silent link counts only once it has sent a frame and while a record or soak needs it: from the next one that
-    begins after a command to the unit or to its supply on. In the phase ``finally`` nothing counts.
+    begins after a command to the unit or to its supply on. A lost one counts while a command is to be sent over it,
+    too. In the phase ``finally`` nothing counts.
     """
 
     def __init__(self, context: RunContext) -> None:
@@ -69,6 +70,7 @@ class LinkKeeper:
         self._unit = Unit(context)
         self._step = 0
         self._needed = False
+        self._commanded = ""  # the link that the step under way sends a command over
         self._power_changed = False
         self._kernel_ns = context.clock.now_ns()
         for kept in self._links:
@@ -80,6 +82,7 @@ class LinkKeeper:
     def step(self, step: Step) -> None:
         """A step begins."""
         self._step = step.number
+        self._commanded = step.role if step.kind == "unit" else ""
         if step.kind in ("record", "soak"):
             self._needed, self._power_changed = True, False
         elif step.kind in ("unit", "send") or self._is_power(step):
@@ -109,7 +112,11 @@ class LinkKeeper:
 
     def _expected(self, kept: Kept) -> bool:
         """Whether the run needs the link now."""
-        if kept.reader.last_frame_ns < 0 or not self._active:
+        if not self._active:
+            return False
+        if kept.trouble == "lost" and kept.reader.name == self._commanded:
+            return True
+        if kept.reader.last_frame_ns < 0:
             return False
         return self._needed or (kept.trouble == "lost" and not self._power_changed)
 

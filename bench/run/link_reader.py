@@ -49,9 +49,11 @@ class SequenceNumbers:
         self.opened = False
         self._asked: set[int] = set()
         self._step = -1  # whose command with the number ``last`` is not answered yet
+        self._overtaken = -1  # the step whose command had no answer yet when another one was sent
 
     def new(self) -> int:
         """The next number."""
+        self._overtaken = self._step if self._step >= 0 else self._overtaken
         self.last, self._step = (self.last + 1) % _NUMBERS, -1
         self._asked.discard(self.last)
         return self.last
@@ -63,9 +65,13 @@ class SequenceNumbers:
             self._step = step
         return self.last
 
+    def overtaken(self, step: int) -> bool:
+        """Whether the command of this step was broken off and another one sent since: the unit may not know it."""
+        return step == self._overtaken
+
     def settled(self) -> None:
         """The command of the step has its answer, or none is waited for any more."""
-        self._step = -1
+        self._step = self._overtaken = -1
 
     def ask(self, number: int) -> None:
         """The command with this number asks the unit who it is."""

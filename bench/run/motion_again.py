@@ -43,15 +43,25 @@ def motion_again(steps: Sequence[Step], number: int, drivers: Drivers) -> list[S
         closed = _closed(calls, drivers[role])
         if closed is not None:
             again += [closed, *_settle_behind(steps, closed.number, number)]
-            again += _axes(steps, calls, number)
+            again += _axes(steps, calls, number, drivers[role])
     return again
+
+
+def changes_motion(step: Step, drivers: Drivers) -> bool:
+    """Whether a step moves a table, or opens or closes its interlock."""
+    effect = _effect(step, drivers.get(step.role, {})) if step.kind == "call" else Effect.NONE
+    return effect in (Effect.MOTION_ON, Effect.MOTION_OFF)
+
+
+def _effect(step: Step, actions: Mapping[str, Action]) -> Effect:
+    return actions[step.name].effect if step.name in actions else Effect.NONE
 
 
 def _closed(calls: Sequence[Step], actions: Mapping[str, Action]) -> Step | None:
     """The call that closed the interlock, if it is closed."""
     closed = None
     for step in calls:
-        effect = actions[step.name].effect if step.name in actions else Effect.NONE
+        effect = _effect(step, actions)
         if effect is Effect.MOTION_OFF:
             closed = None
         elif effect is Effect.MOTION_ON and "axis" not in step.arguments:
@@ -59,10 +69,13 @@ def _closed(calls: Sequence[Step], actions: Mapping[str, Action]) -> Step | None
     return closed
 
 
-def _axes(steps: Sequence[Step], calls: Sequence[Step], number: int) -> list[Step]:
+def _axes(steps: Sequence[Step], calls: Sequence[Step], number: int, actions: Mapping[str, Action]) -> list[Step]:
     """The last motion of each axis as a move or a spin, and the longest settle time that follows one of them."""
     last: dict[Any, Step] = {}
     for step in calls:
+        if _effect(step, actions) is Effect.MOTION_OFF:  # what was turning came to rest, and stayed so
+            last = {axis: one for axis, one in last.items() if one.name == _MOVE}
+            continue
         axis, before = step.arguments.get("axis"), last.get(step.arguments.get("axis"))
         if step.name in (_MOVE, _SPIN):
             last[axis] = step

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import pyvisa
@@ -20,6 +21,7 @@ from bench.model.errors import InputError, InstrumentError, LinkError
 from bench.model.ports import ByteLink, Instrument, RecordWindow, Transcript
 from bench.run.link_port import PortLink
 from bench.run.network import check_answers
+from bench.run.served_world import told
 
 if TYPE_CHECKING:
     from bench.plan import Station  # the guard opens instruments too, and must not need plans
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
 SIMULATION = "sim_instruments.simulation"
 SERIAL_HANDLERS = "sim_instruments"
 WRITE_LIMIT_S = 1.0
+OPERATE = "operate"  # word of the control socket of a served bench
 BY_SERIAL_NUMBER = "serial-number:"
 
 
@@ -57,6 +60,17 @@ class OpenBench:
     links: dict[str, ByteLink]
     world: World | None
     close_visa: Callable[[], None]
+
+    def operate(self, name: str, value: Any) -> None:
+        """Do to a simulated bench what a prompt had a person do; to a real one the person has done it.
+
+        Raises: InputError B-SIM-015 (the bench is served and its process is gone), and the world's own.
+        """
+        control = self.station.file.control
+        if self.world is not None:
+            self.world.operate(name, value)
+        elif control is not None:
+            told(Path(control), (OPERATE, name, str(value)))
 
     def close(self) -> None:
         """Release every session and port; one that is gone already keeps nothing else open."""

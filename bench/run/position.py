@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from bench.plan import Plan, Step
+from bench.plan.drivers import driver_actions
 from bench.record import JournalEntry
 from bench.run.motion_again import is_motion
 
 Event = tuple[str, int, Mapping[str, Any]]
+NOTED = ("exchange", "reading", "prompt")  # events of steps that, beside records, results are made of
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,8 @@ def stopped_at(plan: Plan, entries: Sequence[JournalEntry], events: Sequence[Eve
 
     Either may have lost its end in a power cut. A record counts if its event is there; the point of the first one that
     is missing is taken again, and so is a point whose record was not verified any more. Of a run that could still say
-    how it ended the journal is whole: a record behind it was not accepted.
+    how it ended the journal is whole: a record behind it was not accepted. What a step has noted in the session counts
+    like a record; a test of the unit is done again from the beginning of its item.
     """
     taken, skipped = _taken(events)
     last = next((one for one in reversed(events) if one[0] in ("end", "resume")), None)
@@ -62,10 +65,12 @@ def stopped_at(plan: Plan, entries: Sequence[JournalEntry], events: Sequence[Eve
         number = len(plan.steps)
     else:
         number = _next_step(plan, entries, taken, skipped, told=told)
+        number = _first_lost(plan, number, taken, skipped, _noted(events))
     if number < len(plan.steps):
         steps = plan.phase(plan.steps[number].phase)
         inside = number - steps[0].number
-        number = steps[0 if steps[0].phase == "finally" else point_start(steps, inside)].number
+        inside = 0 if steps[0].phase == "finally" else _item_start(steps, point_start(steps, inside))
+        number = steps[inside].number
     again = tuple(sorted(one for one, step in taken.items() if step >= number))
     return Position(number, max((one for one in taken if one not in again), default=0), again)
 
@@ -97,6 +102,41 @@ def _next_step(
     records = (step.number for step in plan.steps[last + 1 : number] if step.kind == "record")
     lost = (one for one in records if not any(one in stretch for stretch in skipped))
     return next(lost, number)
+
+
+def _noted(events: Sequence[Event]) -> set[tuple[str, int]]:
+    """Kind and step of what steps have noted in the session."""
+    return {(kind, int(fields.get("step", -1))) for kind, _, fields in events if kind in NOTED}
+
+
+def _first_lost(
+    plan: Plan, number: int, taken: Mapping[int, int], skipped: Sequence[range], noted: set[tuple[str, int]]
+) -> int:
+    """The first step before ``number`` whose note is not in the session any more, behind the last that is; or it."""
+    last = max((step for step in (*taken.values(), *(step for _, step in noted)) if step < number), default=-1)
+    between = [step for step in plan.steps[last + 1 : number] if not any(step.number in one for one in skipped)]
+    return next((step.number for step in between if _notes(plan, step)), number)
+
+
+def _notes(plan: Plan, step: Step) -> bool:
+    """Whether a step leaves something in the session that results are made of; records are looked for by number."""
+    if step.kind == "call":
+        declared = driver_actions(plan.station.instruments[step.role].driver).get(step.name)
+        return declared is not None and bool(declared.returns)
+    return step.kind == "prompt" or (step.kind == "unit" and "item" in step.arguments)
+
+
+def _item_start(steps: Sequence[Step], index: int) -> int:
+    """Index of the first of the tests of one item, right behind each other, that go on with ``steps[index]``."""
+    while index > 0 and _item(steps[index]) is not None and _item(steps[index]) == _item(steps[index - 1]):
+        index -= 1
+    return index
+
+
+def _item(step: Step) -> tuple[Any, ...] | None:
+    if step.kind != "unit" or "item" not in step.arguments:
+        return None
+    return step.role, step.arguments["item"], step.conditions.get("unit")
 
 
 def point_start(steps: Sequence[Step], index: int) -> int:

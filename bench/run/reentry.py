@@ -8,17 +8,17 @@ branch, and the position is entered when as much of the ramp has passed as the p
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
 from bench.model.clock import NS, to_ns
-from bench.model.ports import actions_of
+from bench.model.ports import Action, actions_of
 from bench.plan import Step
 from bench.run.context import CHAMBER, RunContext
-from bench.run.motion_again import motion_again
+from bench.run.motion_again import changes_motion, motion_again
 from bench.run.operator import changes_of
-from bench.run.setpoints import steps_again
+from bench.run.setpoints import steps_again, warm_up_s
 from bench.run.soak import soak
 from bench.run.steps import EXECUTORS
 from bench.run.timing import Timeline
@@ -37,8 +37,9 @@ def enter(context: RunContext, start: int) -> None:
         context.listener.message(f"taken to be as before: {name} {value}")
         context.operate(name, value)
     with _not_interrupted(context):
-        drivers = {role: actions_of(type(instrument)) for role, instrument in context.instruments.items()}
-        _do_again(context, [*steps_again(context.plan, start, drivers), *_motion(context, start)])
+        began_ns = context.clock.now_ns()
+        _do_again(context, [*steps_again(context.plan, start, _drivers(context)), *_motion(context, start)])
+        _warm_up(context, start, began_ns)
         _to_temperature(context, start, stopped=True)
 
 
@@ -57,9 +58,29 @@ def come_back(context: RunContext, number: int) -> None:
         _to_temperature(context, number, stopped=False)
 
 
+def tables_back(context: RunContext, number: int, passed: Sequence[Step]) -> None:
+    """After a jump in the plan: tables that the steps ``passed`` move are brought to where step ``number`` needs them.
+
+    They are made safe before: where the plan has an interlock open, somebody may be asked to come to the table.
+    Raises: InstrumentError of a table.
+    """
+    moved = dict.fromkeys(step.role for step in passed if changes_motion(step, _drivers(context)))
+    if not moved:
+        return
+    with _not_interrupted(context):
+        for role in moved:
+            context.listener.message(f"{role}: brought to rest, then to where step {number} of the plan needs it")
+            with context.in_use.take(role):
+                context.instruments[role].make_safe()
+        _do_again(context, _motion(context, number))
+
+
 def _motion(context: RunContext, number: int) -> list[Step]:
-    drivers = {role: actions_of(type(instrument)) for role, instrument in context.instruments.items()}
-    return motion_again(context.plan.steps, number, drivers)
+    return motion_again(context.plan.steps, number, _drivers(context))
+
+
+def _drivers(context: RunContext) -> dict[str, Mapping[str, Action]]:
+    return {role: actions_of(type(instrument)) for role, instrument in context.instruments.items()}
 
 
 def _do_again(context: RunContext, steps: Sequence[Step]) -> None:
@@ -69,6 +90,15 @@ def _do_again(context: RunContext, steps: Sequence[Step]) -> None:
         else:
             context.listener.message(f"again: {step.role}.{step.name or step.arguments.get('text', '')}")
             EXECUTORS[step.kind](context, step)
+
+
+def _warm_up(context: RunContext, start: int, began_ns: int) -> None:
+    """What is on since ``began_ns`` has been off: it gets the longest settle time of the preparation once more."""
+    steps = context.plan.steps
+    rest_ns = began_ns + to_ns(warm_up_s(context.plan, start)) - context.clock.now_ns()
+    if rest_ns > 0 and steps[start].phase != "finally":
+        context.listener.message(f"warming up again for {rest_ns / NS:.0f} s, as in the preparation")
+        context.timeline.wait_until_ns(context.clock.now_ns() + rest_ns)
 
 
 def thermal_steps(steps: Sequence[Step], number: int) -> list[Step]:

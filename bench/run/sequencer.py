@@ -17,7 +17,7 @@ from bench.run.instrument_hold import wish_to_wait
 from bench.run.patience import patient
 from bench.run.position import in_point, point_start, point_stop
 from bench.run.recording import measurement_rows
-from bench.run.reentry import come_back
+from bench.run.reentry import come_back, tables_back
 from bench.run.safety import heat_off, make_safe
 from bench.run.setpoints import setpoint_of
 from bench.run.standing import stand_still
@@ -151,6 +151,7 @@ class Sequencer:
         attempts[step.number] = tried + 1
         first = int(record.arguments["retry_step"]) - steps[0].number
         self._context.listener.message(f"{error.where}: {error.message}; the point is taken again")
+        tables_back(self._context, steps[first].number, steps[first:position])
         self._retake(error.message, steps[first:position])
         return first
 
@@ -168,11 +169,17 @@ class Sequencer:
             began_ns = context.clock.now_ns()
             self._held(wish, steps[position], steps[first].number, holds)
             context.timeline.add_slip(context.clock.now_ns() - began_ns)
+        skips = wish.kind == "skip" and in_point(steps, position)  # a soak or a setting is never left out
+        if wish.kind != "hold" and not skips:
+            tables_back(context, steps[first].number, steps[first : position + 1])
         self._retake(f"{wish.reason} ({wish.by})", steps[first:position])
-        if wish.kind != "skip" or not in_point(steps, position):  # a soak or a setting is never left out
+        if not skips:
             return first
         stop = point_stop(steps, position)
         behind = steps[0].number + stop
+        began_ns = context.clock.now_ns()
+        tables_back(context, behind, steps[position:stop])
+        context.timeline.add_slip(context.clock.now_ns() - began_ns)
         context.event("skip", by=wish.by, reason=wish.reason, first=steps[first].number, stop=behind)
         context.listener.message(f"skipping to step {behind}: {wish.reason} ({wish.by})")
         return stop

@@ -295,8 +295,7 @@ class _Run:
             timeline, self.plan.measurement_link, folder=self.writer.folder, manifest=self.manifest,
             traffic=self.transcript.heard, told=listener.heard, earlier=self.transcript.earlier,
         )  # fmt: skip
-        if self.bench.world is not None:
-            context.operate = self.bench.world.operate
+        context.operate = self.bench.operate
         if self.resumed is not None:
             context.record_count = self.resumed.records
             context.unit_answer, context.settled = self.resumed.unit_answer, self.resumed.settled

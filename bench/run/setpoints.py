@@ -20,6 +20,7 @@ AIR_WITHIN_degC = 2.0
 _ASKED = ("operating", "closed", "measure_voltage", "measure_air")
 _LEFT_OFF = (Effect.STIMULUS_SET, Effect.STIMULUS_ON, Effect.STIMULUS_OFF, Effect.ROUTE, Effect.ROUTES_OPEN)
 _NOT_AGAIN = (*_LEFT_OFF, Effect.THERMAL, Effect.MOTION_ON, Effect.MOTION_OFF)
+_NO_RAW_AGAIN = (*_LEFT_OFF, Effect.MOTION_ON)  # of an instrument with such an action nobody knows what raw text does
 _ON = ("output_on", "operate", "run")
 _OFF = ("output_off", "standby", "stop", "open_all")
 _SWITCHES = (*_ON, *_OFF, "route")  # of two of one instrument the later counts
@@ -116,10 +117,10 @@ def _word(on: bool) -> str:
 def steps_again(plan: Plan, first: int, drivers: Mapping[str, Mapping[str, Action]]) -> list[Step]:
     """Steps before ``first`` that bring supplies, generator and unit back after everything was made safe.
 
-    The last call of each action (of each rail), settings before switches, then the last raw text of each command word
-    to instruments that drive no stimulus, then the last of each unit command; each with the settle time behind it.
-    Prompts, stimulus, relays, readings, motion and the chamber are left out: the point itself sets the stimulus,
-    bench.run.reentry moves tables (bench.run.motion_again) and sets the chamber.
+    The last call of each action (of each rail; on and off are one), settings before switches, then the last raw text
+    of each command word to instruments that drive no stimulus and move nothing, then the last of each unit command;
+    each with the settle time behind it. Prompts, stimulus, relays, readings, motion and the chamber are left out: the
+    point itself sets the stimulus, bench.run.reentry moves tables (bench.run.motion_again) and sets the chamber.
 
     Args: drivers: declared actions by role.
     """
@@ -142,14 +143,22 @@ def _key(step: Step, drivers: Mapping[str, Mapping[str, Action]]) -> tuple[Any, 
     if step.kind == "unit":
         return None if "item" in step.arguments else (3, step.role, step.name)  # a test is not done twice
     declared = drivers.get(step.role, {})
-    if step.kind == "send" and not any(action.effect in _LEFT_OFF for action in declared.values()):
+    if step.kind == "send" and not any(action.effect in _NO_RAW_AGAIN for action in declared.values()):
         text = str(step.arguments["text"])
         return None if "?" in text else (2, step.role, text.split(maxsplit=1)[0])
     action = declared.get(step.name)
     if step.kind != "call" or action is None or action.effect in _NOT_AGAIN or not _sets(action):
         return None
     chosen = tuple(step.arguments.get(one.name) for one in action.parameters if one.choices)
-    return (0 if action.parameters else 1), step.role, step.name, chosen
+    name = _SWITCHES if step.name in _SWITCHES else step.name  # what was switched off is not on for a moment
+    return (0 if action.parameters else 1), step.role, name, chosen
+
+
+def warm_up_s(plan: Plan, first: int) -> float:
+    """The longest settle time of the preparation behind what switched something on, before step ``first``, seconds."""
+    before = [step for step in plan.steps[:first] if step.phase == "prepare"]
+    on = next((at for at, step in enumerate(before) if step.kind == "call" and step.name in _ON), len(before))
+    return max((step.duration_s for step in before[on:] if step.kind == "settle"), default=0.0)
 
 
 def _settles(steps: Sequence[Step], at: int) -> list[Step]:

@@ -13,6 +13,7 @@ from typing import Any
 from bench.model.clock import NS
 from bench.store.errors import StoreError
 from bench.store.shared import shared_components
+from bench.store.units import documents_of_units
 
 Row = dict[str, Any]
 
@@ -65,10 +66,10 @@ def started_utc_ns(session: str) -> int | None:
     return began_ns if began_ns < _LAST_NS else None
 
 
-def contents_of(document: Mapping[str, Any], manifest: Mapping[str, Any], started_ns: int | None) -> Contents:
-    """Rows of a session. Raises: StoreError B-STORE-008 naming what the documents do not say."""
+def contents_of(document: Mapping[str, Any], manifest: Mapping[str, Any], started_ns: int | None) -> list[Contents]:
+    """Rows of a session, for each unit it was about. Raises: StoreError B-STORE-008: what the documents do not say."""
     try:
-        return _contents(document, manifest, started_ns)
+        return [_contents(one, manifest, started_ns) for one in documents_of_units(document)]
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise StoreError(
             "B-STORE-008",

@@ -83,6 +83,7 @@ def _days_left(members: list[ParameterHistory], most_days: int) -> NDArray[np.in
     rate = np.array([line.rate if line else np.nan for line in lines]) / _DAYS_PER_YEAR
     rate_std = np.array([line.rate_std if line else np.nan for line in lines]) / _DAYS_PER_YEAR
     limit, change_limit = (np.array([getattr(one, name) for one in members]) for name in ("limit", "change_limit"))
+    limit = np.where((limit == 0.0) & (value == 0.0), np.nan, limit)  # nothing was wrong: a count does not drift
     by_value = days_to_limit(value, std, rate, rate_std, limit, most_days=most_days)
     by_change = days_to_limit(np.zeros_like(value), std, rate, rate_std, change_limit, most_days=most_days)
     return np.minimum(by_value, by_change)

@@ -14,6 +14,8 @@ from bench.store.contents import Contents, Row, contents_of
 from bench.store.database import writing
 from bench.store.errors import StoreError
 
+OUTCOMES: tuple[Literal["new", "revised", "unchanged"], ...] = ("new", "revised", "unchanged")
+
 
 @dataclass(frozen=True)
 class Recorded:
@@ -36,6 +38,8 @@ def record_calibration(
 ) -> Recorded:
     """Add a session to the history, or a revision of it if its results or its report have changed.
 
+    A session of several units is a calibration of each of them, named ``SESSION:SERIAL``; all are entered or none.
+
     Args:   url: of the history; a SQLite file is made if there is none.   document: results.json.
             manifest: of the session.   report_sha256: of report.html, None if there is none.
             reason: why there is a new revision; by default what has changed.
@@ -45,7 +49,11 @@ def record_calibration(
     """
     try:
         contents = contents_of(document, manifest, started_utc_ns)
-        return _record(url, contents, report_sha256, reason, (clock or WallClock()).utc_ns())
+        now_ns = (clock or WallClock()).utc_ns()
+        with writing(url, str(document["provenance"]["software"])) as connection:
+            done = [_record(connection, one, report_sha256, reason, now_ns) for one in contents]
+        outcome = next(one for one in OUTCOMES if any(each.outcome == one for each in done))
+        return Recorded(outcome, str(document["session"]), max(one.revision for one in done))
     except StoreError:
         raise
     except Exception as error:
@@ -57,28 +65,29 @@ def record_calibration(
         ) from error
 
 
-def _record(url: str, contents: Contents, report_sha256: str | None, reason: str, now_ns: int) -> Recorded:
+def _record(
+    connection: Connection, contents: Contents, report_sha256: str | None, reason: str, now_ns: int
+) -> Recorded:
     session = contents.calibration["session"]
-    with writing(url, contents.result_set["software"]) as connection:
-        known = _id(connection, tables.calibrations, session_sha256=contents.calibration["session_sha256"])
-        calibration = known or _new_calibration(connection, contents, now_ns)
-        results_sha256 = contents.result_set["results_sha256"]
-        stored = _id(connection, tables.result_sets, calibration_id=calibration, results_sha256=results_sha256)
-        last = _last_revision(connection, calibration)
-        same_report = last is not None and report_sha256 in (None, last["report_sha256"])
-        if last is not None and stored == last["result_set_id"] and same_report:
-            return Recorded("unchanged", session, last["number"])
-        result_set = stored or _new_results(connection, contents, calibration)
-        revision = {
-            "calibration_id": calibration,
-            "number": 1 if last is None else last["number"] + 1,
-            "result_set_id": result_set,
-            "report_sha256": report_sha256,
-            "software": contents.result_set["software"],
-            "reason": reason or _change(last, result_set, contents.result_set),
-            "created_utc_ns": now_ns,
-        }
-        connection.execute(tables.report_revisions.insert(), revision)
+    known = _id(connection, tables.calibrations, session_sha256=contents.calibration["session_sha256"])
+    calibration = known or _new_calibration(connection, contents, now_ns)
+    results_sha256 = contents.result_set["results_sha256"]
+    stored = _id(connection, tables.result_sets, calibration_id=calibration, results_sha256=results_sha256)
+    last = _last_revision(connection, calibration)
+    same_report = last is not None and report_sha256 in (None, last["report_sha256"])
+    if last is not None and stored == last["result_set_id"] and same_report:
+        return Recorded("unchanged", session, last["number"])
+    result_set = stored or _new_results(connection, contents, calibration)
+    revision = {
+        "calibration_id": calibration,
+        "number": 1 if last is None else last["number"] + 1,
+        "result_set_id": result_set,
+        "report_sha256": report_sha256,
+        "software": contents.result_set["software"],
+        "reason": reason or _change(last, result_set, contents.result_set),
+        "created_utc_ns": now_ns,
+    }
+    connection.execute(tables.report_revisions.insert(), revision)
     return Recorded("new" if known is None else "revised", session, revision["number"])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,7 @@ from sqlalchemy import ColumnElement, Connection, Select, and_, func, or_, selec
 
 from bench.store.errors import StoreError
 from bench.store.tables import calibrations, estimates, parameters, report_revisions, result_sets
+from bench.store.units import OF_UNIT
 
 _LEAST_HASH = 6
 _SHOWN = 5
@@ -103,16 +104,21 @@ def find_calibration(connection: Connection, name: str) -> dict[str, Any]:
     """
     wanted = name.rstrip("/").rsplit("/", 1)[-1]
     by_name = calibrations.c.session == wanted
-    rule: ColumnElement[bool] = by_name
+    rule: ColumnElement[bool] = or_(by_name, calibrations.c.session.startswith(f"{wanted}{OF_UNIT}", autoescape=True))
     if len(wanted) >= _LEAST_HASH:
-        rule = or_(by_name, calibrations.c.session_sha256.startswith(wanted.lower(), autoescape=True))
+        rule = or_(rule, calibrations.c.session_sha256.startswith(wanted.lower(), autoescape=True))
     found = [dict(row) for row in connection.execute(latest_revisions().where(rule)).mappings()]
     if len(found) == 1:
         return found[0]
     if found:
-        raise unknown("session", name, [row["session_sha256"][:12] for row in found], several=True)
+        raise unknown("session", name, [_told_apart(row) for row in found], several=True)
     sessions = connection.execute(select(calibrations.c.session).distinct()).scalars().all()
     raise unknown("session", name, sessions)
+
+
+def _told_apart(row: Mapping[str, Any]) -> str:
+    """Units of one session by its name and their serial numbers; sessions of one name by their SHA-256."""
+    return str(row["session"]) if OF_UNIT in row["session"] else str(row["session_sha256"])[:12]
 
 
 def unknown(kind: str, name: str | None, choices: Sequence[str] | dict[str, Any], several: bool = False) -> StoreError:

@@ -10,8 +10,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from bench.commands.sim import ask
 from bench.run.guard.diary import read_diary
+from bench.run.served_world import ask
 
 HERE = Path(__file__).resolve().parent
 START_S = 60.0

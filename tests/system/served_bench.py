@@ -12,11 +12,11 @@ from typing import Any
 import pyvisa
 import serial
 
-from bench.commands.sim import ask
 from bench.frame import LinkDecoder, load_frame
 from bench.model.clock import WallClock
 from bench.model.shipped import find_shipped
 from bench.plan import load_station
+from bench.run.served_world import ask
 
 CLOCK = WallClock()
 SEED = 3

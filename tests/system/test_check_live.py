@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 from rehearsal import bench
 
-from bench.commands.sim import ask
 from bench.model.clock import WallClock
 from bench.plan import load_station
 from bench.run.lock import BenchLock, bus_keys
+from bench.run.served_world import ask
 
 Row = dict[str, str]
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import binascii
+import json
 import struct
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 import serial
+from rehearsal import bench
 from served_bench import CLOCK, Served
 
 PATIENCE_S = 10.0
@@ -57,3 +60,49 @@ def test_what_nobody_can_do_comes_back_as_an_error(served: Served) -> None:
 
 def test_the_state_tells_that_the_module_is_powered(served: Served) -> None:
     assert served.state()["unit"]["powered"]
+
+
+PROMPTS = """\
+sequence: prompts
+station: gnc_bench_sim
+frame: {rs422: gnc_422}
+analysis: gnc_unit_test
+uut: {model: GNC, serial: BATCH-1}
+prepare:
+  - supply.configure: {voltage: 5 V, current_limit: 0.6 A, over_voltage: 5.6 V}
+steps:
+  - for: unit
+    in: [GNC-08, GNC-09]
+    do:
+      - prompt: {text: "Put unit {unit} into the socket.", sets: {unit: "{unit}"}}
+      - supply.output_on
+      - settle: 2 s
+      - test: {item: identify, command: identify}
+      - prompt: {text: "DIP switch 3 on, all others off.", sets: {dip_switch: 3}}
+      - test: {item: ad, command: ad, arguments: {dip: 3}}
+      - supply.output_off
+finally:
+  - supply.output_off
+"""
+
+
+def test_a_run_does_on_a_served_bench_what_its_prompts_set(served: Served, tmp_path: Path) -> None:
+    """Who is in the socket and which switch is on are seen from the answers, not from what the run believes."""
+    sequence = tmp_path / "prompts.yaml"
+    sequence.write_text(PROMPTS)
+    station = str(served.folder / "station.yaml")
+    done = bench(
+        "run", str(sequence), "--station", station, "--clock", "wall", "--out", str(tmp_path / "out"), "--json"
+    )
+    results = json.loads(done.stdout)
+    wrong = {
+        (one["conditions"]["unit"], one["quantity"]): one["value"]
+        for one in results["estimates"]
+        if one["quantity"] in ("identify_wrong", "ad_volts") and one["conditions"].get("source") in (None, "1.2 V")
+    }
+    assert {name: value for name, value in wrong.items() if name[1] == "identify_wrong"} == {
+        ("GNC-08", "identify_wrong"): 0.0,
+        ("GNC-09", "identify_wrong"): 0.0,
+    }
+    volts = [value for name, value in wrong.items() if name[1] == "ad_volts"]
+    assert volts == pytest.approx([1.2, 1.2], rel=0.05)

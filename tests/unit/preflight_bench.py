@@ -36,7 +36,7 @@ def served_plan() -> Plan:
     urls = {link: f"no-such-device-{link}" for link in station.links}
     with TemporaryDirectory() as folder:
         path = Path(folder) / "station.yaml"
-        path.write_text(served_station(station, resources, urls, TODAY))
+        path.write_text(served_station(station, resources, urls, Path(folder) / "control.sock", TODAY))
         return compile_sequence(find_shipped("sequences", "scale_factor_short"), load_station(path), {})
 
 

@@ -49,6 +49,15 @@ def test_a_unit_passes_if_no_session_of_it_fails() -> None:
     assert (by_campaign["imu_calibration"].passed, by_campaign["imu_calibration"].without) == (2, 1)
 
 
+def test_a_unit_of_which_something_is_missing_does_not_pass() -> None:
+    """Of one of several units: GPS was not tested. Of a whole session: no hour for the stability."""
+    found = Batch()
+    several = [coupling(GOOD, unit="A"), coupling(GOOD, unit="A1"), coupling(BAD, unit="C")]
+    found.add(results("s1", "BATCH", several), "s1", ["unit A: GPS was not tested", "unit C: GPS was not tested"])
+    found.add(results("s2", "D", [coupling(GOOD)]), "s2", ["stability: no record"])
+    assert outcomes(found) == {"A": "no_result", "A1": "pass", "C": "fail", "D": "no_result"}
+
+
 def test_a_pass_does_not_outweigh_a_session_without_a_result() -> None:
     found = batch_of(results("s1", "A", [coupling(GOOD)]))
     found.without_result({"campaign": {"uut": {"model": "GNC", "serial": "A"}, "analysis": "imu_bias"}}, "s2")

@@ -65,11 +65,11 @@ def run(
         analysed = sessions[one.name] is not None
         return SimpleNamespace(name=one.name, manifest=manifest, damaged=False, has_analysis=analysed, notes=[])
 
-    def analyse_view(view: Any) -> tuple[Any, None]:
+    def analyse_view(view: Any) -> tuple[Any, SimpleNamespace]:
         found = sessions[view.name]
         if isinstance(found, BenchError):
             raise found
-        return found, None
+        return found, SimpleNamespace(missing=[])
 
     monkeypatch.setattr(command, "read_view", read_view)
     monkeypatch.setattr(command, "analyse_view", analyse_view)

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from gnc_exchanges import PATTERN, ad, exchange, exchanges, imu, material, sound_items, supply
 
+from bench.campaigns.gnc_limits import Limits
 from bench.campaigns.gnc_unit_test import analyse
 from bench.campaigns.gnc_units import ITEMS
 from bench.campaigns.material import Exchange
@@ -203,6 +204,72 @@ def test_times_are_those_of_the_bench_clock_with_utc_beside_them() -> None:
     assert "start    100.000 s  2000-01-01T00:01:40.000Z" in analysis.attachments["GNC-01/cpu/log.txt"]
 
 
+@pytest.mark.parametrize(
+    ("site", "place_deg", "fails"),
+    [
+        ({}, (89.9, -179.9), False),
+        ({}, (90.1, 10.0), True),
+        ({}, (10.0, 180.1), True),
+        ({"longitude_deg": 179.9999}, (0.0, -179.9998), False),
+        ({"longitude_deg": 179.9999}, (0.0, -179.9990), True),
+        ({"latitude_deg": 60.0, "longitude_deg": 10.0}, (60.0, 10.0008), False),  # 44 m: a degree is shorter there
+        ({"latitude_deg": 60.0, "longitude_deg": 10.0}, (60.0, 10.0010), True),
+    ],
+)
+def test_place_of_the_receiver(site: dict[str, float], place_deg: tuple[float, float], fails: bool) -> None:
+    place = (round(1e7 * one) for one in place_deg)
+    answer = struct.pack("<BBiiiH", 3, 9, *place, 80_000, 900)
+    found = changed("gps", lambda number, one: replace(one, received=answer))
+    assert failed(found, site=site) == ({"gps"} if fails else set())
+
+
+def test_a_memory_test_of_nothing_is_no_pass() -> None:
+    """RAM with 0x55 over no bytes: nothing wrong, nothing checked."""
+    empty = {"sent": struct.pack("<BBBII", 0, 0, 0, 0, 0), "received": struct.pack("<6I", 0, 0, 0, 0, 0, 0)}
+    assert failed(changed("memory", lambda at, one: replace(one, **empty) if at == 0 else one)) == {"memory"}
+
+
+@pytest.mark.parametrize(("counts", "fails"), [(-4000, False), (-4001, True), (8500, False), (8501, True)])
+@pytest.mark.parametrize("place", [24, 26])
+def test_temperatures_that_cannot_be(place: int, counts: int, fails: bool) -> None:
+    """Of gyros and of accelerometers, 0.01 degC: -40 to 85 degC."""
+    answer = bytearray(imu())
+    struct.pack_into("<h", answer, place, counts)
+    found = changed("imu", lambda number, one: replace(one, received=bytes(answer)))
+    assert failed(found) == ({"imu"} if fails else set())
+
+
+def test_limits_without_a_sequence_are_those_of_the_paper() -> None:
+    """Table 3: 26 x 26 x 32 mm, 5 V and 0.49 A within 5 %, 10 deg/h, 2 mg, couplings of 0.001; a timer within 1 %."""
+    limits = Limits({})
+    assert [limits(name) for name in ("width", "depth", "height")] == [0.026, 0.026, 0.032]
+    assert [limits(f"supply_{name}") for name in ("voltage", "current")] == [5.0, 0.49]
+    assert limits("supply_voltage_deviation") == limits("supply_current_deviation") == 0.05
+    assert 3600.0 * limits("gyro_bias_stability") == pytest.approx(10.0)
+    assert 1e3 * limits("accel_bias_stability") == pytest.approx(2.0)
+    assert limits("gyro_cross_coupling") == limits("accel_cross_coupling") == 1e-3
+    assert [limits("timer_interval_error"), limits("timer_ticks")] == [0.01, 20.0]
+    assert [limits("horizontal_error"), limits("height_error")] == [10.0, 15.0]
+
+
+@pytest.mark.parametrize(
+    ("command", "number", "answer", "fails"),
+    [
+        ("ad", 0, ad(1, c1=5099), False),
+        ("ad", 0, ad(1, c1=5101), True),
+        ("ad", 3, ad(4, c4=51), True),
+        ("imu", 0, imu(rate=39_900), False),  # 1.995 deg/s
+        ("imu", 0, imu(rate=40_100), True),
+        ("imu", 0, imu(force_z=109_900), False),
+        ("imu", 0, imu(force_z=110_100), True),
+        ("imu", 0, imu(force_z=89_900), True),
+    ],
+)
+def test_on_both_sides_of_a_limit(command: str, number: int, answer: bytes, fails: bool) -> None:
+    found = changed(command, lambda at, one: replace(one, received=answer) if at == number else one)
+    assert failed(found) == ({command} if fails else set())
+
+
 def test_limits_of_the_sequence_win() -> None:
     found = changed("timer", answered(struct.pack("<20IB", *[1011] * 20, 20), 1))
     assert failed(found, limits={"timer_interval_error": {"value": 2.0, "unit": "%"}}) == set()
@@ -234,3 +301,21 @@ def test_nothing_tested_and_an_unknown_method() -> None:
 def test_names_of_folders_are_safe() -> None:
     analysis = analyse(material(exchanges("../x y"), supply(unit="../x y")))
     assert {path.split("/")[0] for path in analysis.attachments} == {"_x_y"}
+
+
+def test_an_item_that_nobody_judges_neither_passes_nor_fails() -> None:
+    found = [*exchanges(), replace(exchanges()[0], item="vibration")]
+    analysis = analyse(material(found))
+    assert "vibration" not in verdicts(found)
+    assert analysis.missing == []
+    assert json.loads(analysis.attachments["GNC-01/vibration/result.json"])["verdict"] == "not tested"
+    assert json.loads(analysis.attachments["GNC-01/summary.json"])["verdict"] == "pass"
+    table = analysis.tables[1]
+    assert dict(zip(table["headers"], table["rows"][0], strict=True))["vibration"] == "not tested"
+
+
+def test_another_command_under_the_name_of_an_item_is_no_test_of_it() -> None:
+    """Beside the right one it is a wrong result; in its place the item was not tested and does not pass either."""
+    stray = replace(exchanges()[0], item="gps")
+    assert failed([*exchanges(), stray]) == {"gps"}
+    assert failed([*(one for one in exchanges() if one.item != "gps"), stray]) == {"gps"}

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from imu_material import POSES, Rig, Unit, calibration, values
+from imu_material import POSES, SITE, Rig, Unit, calibration, values
 
 from bench.campaigns.imu_calibration import analyse
 from bench.campaigns.results import build_results
@@ -79,6 +79,76 @@ def test_a_vertical_turntable_gives_the_same_bias() -> None:
     vertical = analyse(calibration(Rig(SEED + 1), middle=-90.0, outer=0.0, rest_s=10.0).material("imu_calibration"))
     found = values(vertical.estimates, "gyro_bias")
     np.testing.assert_allclose(found, 3600 * Unit().gyro_bias_deg_s, atol=4.5 * 18.0 / (4 * 16.3) ** 0.5)
+
+
+def test_a_fast_crystal_of_the_unit_makes_no_scale_error() -> None:
+    """100 ppm: the unit counts too many seconds, the angle of the table does not depend on them."""
+    rig = calibration(Rig(SEED + 2), rest_s=10.0)
+    for row in rig.rows:
+        tick = row.samples.columns["tick"].astype(np.int64)
+        row.samples.columns["tick"] = np.rint(tick * (1.0 + 100e-6)).astype(np.uint32)
+    analysis = analyse(rig.material("imu_calibration"))
+    off_ppm = values(analysis.estimates, "gyro_scale_error") - 1e6 * (np.diag(Unit().gyro_S) - 1.0)
+    assert abs(np.mean(off_ppm)) < 25.0
+    assert any("clock is +100.0 ±" in note for note in analysis.notes)
+
+
+def switched_off(rig: Rig) -> None:
+    """Behind the records so far: the unit's clock begins again, its bias is another one."""
+    rig.unit = replace(
+        rig.unit, accel_bias_g=rig.unit.accel_bias_g + 3e-4, gyro_bias_deg_s=rig.unit.gyro_bias_deg_s + 0.02
+    )
+
+
+def test_a_unit_that_was_switched_off_between_the_records_is_noticed() -> None:
+    """A resumed run: behind the third position, and between the two turns about y."""
+    rig, off = Rig(SEED), []
+    for number, (up, pose) in enumerate(POSES.items()):
+        if number == 3:
+            switched_off(rig)
+            off.append(len(rig.rows))
+        rig.rest(10.0, pose, item="position", up=up)
+    for axis, sign in [(axis, sign) for axis in "xyz" for sign in (1, -1)]:
+        if (axis, sign) == ("y", -1):
+            switched_off(rig)
+            off.append(len(rig.rows))
+        rig.turn(axis, sign * 1080.0, 16.3, -37.5, -20.0)
+    for first in off:
+        for row in rig.rows[first:]:
+            tick = row.samples.columns["tick"].astype(np.int64) - 60_000_000
+            row.samples.columns["tick"] = (tick % (1 << 32)).astype(np.uint32)
+    analysis = analyse(rig.material("imu_calibration"))
+    for name in ("positions", "rotations"):
+        assert any(f"switched off between the {name}" in note for note in analysis.notes)
+    truth = {"accel_matrix": np.linalg.inv(Unit().accel_S), "gyro_matrix": np.linalg.inv(Unit().gyro_S)}
+    for one in analysis.estimates:
+        if one["quantity"] in truth:
+            row, column = ("xyz".index(one["conditions"][name]) for name in ("row", "column"))
+            assert abs(one["value"] - truth[one["quantity"]][row, column]) < 1.5 * one["expanded_uncertainty"], one
+    biases = [one for one in analysis.estimates if one["quantity"] == "gyro_bias"]
+    assert min(one["expanded_uncertainty"] for one in biases) > 0.25 * 3600 * 0.02  # it is that of neither power-on
+
+
+def test_a_unit_that_is_not_warm_is_told() -> None:
+    rig = calibration(Rig(SEED), rest_s=10.0)
+    assert not any("let it warm up" in note for note in analyse(rig.material("imu_calibration")).notes)
+    for number, row in enumerate(rig.rows[:6]):
+        row.samples.columns["temperature"][:] = 2500 + 20 * number
+    notes = analyse(rig.material("imu_calibration")).notes
+    assert any("moved from 25.00 to 26.00 degC over the positions" in note for note in notes)
+
+
+def test_a_stated_tilt_is_in_the_couplings_and_hardly_in_the_scale_factors() -> None:
+    rig = calibration(Rig(SEED), rest_s=10.0)
+    tilted = analyse(rig.material("imu_calibration", site=SITE | {"tilt_std_deg": 1.0 / 60.0}))
+    plain = analyse(rig.material("imu_calibration"))
+    assert any(note.startswith("A tilt of 1 arcmin") for note in tilted.notes)
+    for kind in ("accel", "gyro"):
+        for quantity, least, most in (("cross_coupling", 150e-6, 350e-6), ("scale_error", 0.0, 20.0)):
+            for one, other in zip(tilted.estimates, plain.estimates, strict=True):
+                if one["quantity"] == f"{kind}_{quantity}":
+                    extra = (one["std_uncertainty"] ** 2 - other["std_uncertainty"] ** 2) ** 0.5
+                    assert least <= abs(extra) <= most, one
 
 
 def test_rotations_are_filed_at_equal_length(twice) -> None:

@@ -13,6 +13,8 @@ from imu_material import turned, values
 
 from bench.campaigns import imu_multi_position, imu_six_position
 from bench.campaigns.material import Material
+from bench.fit.multi_position import fit_multi_position
+from bench.fit.static_intervals import static_intervals
 from bench.model.errors import FitError
 
 SEED = 610
@@ -118,6 +120,11 @@ def test_many_poses_are_found_again() -> None:
     np.testing.assert_allclose(values(analysis.estimates, "accel_sensitivity"), scale, rtol=5e-4)
     np.testing.assert_allclose(values(analysis.estimates, "accel_zero"), zero, atol=1.5)
     assert analysis.tables[1]["rows"][0][0] == 36
+    fit = fit_multi_position(static_intervals(accel, 100.0, initial_s=30.0).means(accel), 9.8)
+    for quantity, stds in (("accel_sensitivity", fit.counts_per_unit_std), ("accel_zero", fit.zero_std)):
+        found = [one for one in analysis.estimates if one["quantity"] == quantity]
+        assert [one["std_uncertainty"] for one in found] == pytest.approx(stds)
+        assert {one["dof"] for one in found} == {27.0}  # 36 poses less nine parameters
 
 
 @pytest.mark.parametrize("_", [pytest.param(0, marks=real)])

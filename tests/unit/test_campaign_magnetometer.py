@@ -73,6 +73,8 @@ def test_roll_is_right_after_compensation_and_only_then(found) -> None:
     assert max(abs(one["value"]) for one in compensated) < 0.05
     assert {one["verdict"] for one in compensated} == {"pass"}
     assert {one["verdict"] for one in of(found, "mag_roll_error", "extremes")} == {"none"}
+    single_deg = np.rad2deg(5e-4 / FIELD_gauss)  # noise of one reading; a step of the output makes a tenth of it
+    assert [one["std_uncertainty"] for one in compensated] == pytest.approx([single_deg] * 8, rel=0.05)
 
 
 def test_the_correction_in_force_is_undone() -> None:
@@ -125,3 +127,35 @@ def test_the_method_chosen_is_the_one_that_compensates() -> None:
     with pytest.raises(FitError) as caught:
         analysed("other")
     assert caught.value.code == "B-FIT-004"
+
+
+def test_a_field_beyond_the_word_of_the_frame_is_saturated() -> None:
+    """The range of 6 gauss is 50,000 steps, a 16-bit word ends at 32,767: 3.93 gauss."""
+    rig = Rig(SEED)
+    rig.spin(60.0, 90.0, FIELD_gauss)
+    rig.rows[0].samples.columns["mag"][2000:2003, 1] = 32_767
+    rig.spin(60.0, 90.0, FIELD_gauss)
+    analysis = analyse(rig.material("magnetometer"))
+    assert [one for one in analysis.missing if "magnetometer y: 3 samples at the end of the range" in one]
+    assert len(of(analysis, "mag_gain", "ellipse")) == 1
+
+
+def attitudes(rig: Rig, hard_gauss: tuple[float, float, float]) -> None:
+    """A minute of readings all over the sphere about a hard iron, without soft iron."""
+    field = rig.rng.normal(size=(12_000, 3))
+    field = FIELD_gauss * field / np.linalg.norm(field, axis=1)[:, None] + hard_gauss
+    seen = np.rint((field + rig.rng.normal(0.0, 5e-4, field.shape)) / 120e-6)
+    rig._add(0.0 * field, 0.0 * field, (90.0, 0.0, 0.0), "z", {"item": "attitudes"}, mag=seen)
+
+
+def test_a_saturated_record_of_the_attitudes_is_not_used() -> None:
+    rig, hard_gauss = Rig(SEED), (0.11, -0.07, 0.05)
+    rig.spin(60.0, 90.0, FIELD_gauss, table="non_magnetic")
+    attitudes(rig, hard_gauss)
+    attitudes(rig, hard_gauss)
+    rig.rows[2].samples.columns["mag"][:400, 2] = 32_767
+    analysis = analyse(rig.material("magnetometer"))
+    assert [one for one in analysis.missing if one.startswith("record 3 (attitudes): magnetometer z: 400 samples")]
+    found = [one for one in analysis.estimates if one["quantity"] == "mag_hard_iron"]
+    np.testing.assert_allclose([one["value"] for one in found], hard_gauss, atol=5e-5)
+    assert {one["n"] for one in found} == {12_000}

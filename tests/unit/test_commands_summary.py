@@ -46,3 +46,9 @@ def test_a_long_list_says_what_it_leaves_out() -> None:
     text = printed([one("up_minus_down", 1.0, 0.1, "ppm", reading=f"meter {k}") for k in range(30)])
     assert text.count("up_minus_down") == 24
     assert "... and 6 more in results.json" in text
+
+
+def test_the_current_of_a_supply_is_not_in_nanoampere_and_no_uncertainty_is_no_zero() -> None:
+    text = printed([one("supply_current", 0.493478, 0.0, unit="A"), one("bias", 3e-7, 1e-9, unit="A")])
+    assert "supply_current               0.493478 A" in text
+    assert "bias                         300.0 ± 1.0 nA" in text

@@ -178,3 +178,11 @@ def test_a_narrow_terminal_cuts_no_number_off(monkeypatch: pytest.MonkeyPatch) -
     assert console(stderr=True).width == 80
     monkeypatch.setenv("COLUMNS", "160")
     assert console().width == 160
+
+
+def test_a_prompt_is_told_with_its_text_and_only_where_somebody_is_asked(capsys: pytest.CaptureFixture[str]) -> None:
+    asked = step("prompt", arguments={"text": "DIP switch 1 on"})
+    PlainLines(PLAN, console()).step(asked, 15.0)
+    assert capsys.readouterr().out.split() == ["0:00:15", "step", "4/9", "prompt:", "DIP", "switch", "1", "on"]
+    PlainLines(PLAN, console(), asks=False).step(asked, 15.0)
+    assert capsys.readouterr().out == ""

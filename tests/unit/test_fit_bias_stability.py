@@ -128,9 +128,20 @@ def test_gaps_are_told_and_large_ones_refused() -> None:
     assert hit.value.code == "B-FIT-092"
 
 
+def test_frames_lost_at_the_end_of_the_hour_are_missing_samples() -> None:
+    """A single damaged frame at the end must not cost the hour; more than a tenth of an average does."""
+    hour = np.random.default_rng(8).normal(size=72_000)
+    whole, cut = bias_stability(hour, 0.05), bias_stability(hour[:-3], 0.05)
+    assert (cut.missing, cut.averages.size) == (3, 360)
+    np.testing.assert_allclose(cut.averages[:-1], whole.averages[:-1], atol=1e-13)
+    assert cut.averages[-1] == pytest.approx(hour[-200:-3].mean())
+    with pytest.raises(FitError, match="359 means of 10 s"):
+        bias_stability(hour[:-21], 0.05)
+
+
 def test_a_short_hour_is_refused() -> None:
     with pytest.raises(FitError, match="359 means of 10 s, 360 are due") as caught:
-        bias_stability(np.zeros(71_999), 0.05)
+        bias_stability(np.zeros(71_979), 0.05)
     assert caught.value.code == "B-FIT-092"
     assert averages_of(np.arange(72_000.0), 0.05)[-1] == pytest.approx(71_800 + 99.5)
 

@@ -183,14 +183,28 @@ def test_turns_that_are_not_exact_are_in_the_interval_if_declared() -> None:
 
 
 def test_bias_that_wanders_unsaid_is_noticed() -> None:
-    rng, found = np.random.default_rng(78), []
+    rng = np.random.default_rng(78)
     for seed in range(8):
         records = [replace(r, rate=r.rate + rng.normal(size=3) * 0.02) for r in rotations(unit_of(seed), rng)]
-        found.append(fit_rotations(records, None, STEP).triad)
+        found = fit_rotations(records, None, STEP)
+        assert 0.01 < found.drift_deg_s < 0.03
+        assert found.triad.bias_std.min() > 0.005
+        assert found.triad.dof == 15.0
         stated = fit_rotations(records, None, replace(STEP, drift_deg_s=0.02)).triad
         assert not stated.inflated
         assert stated.bias_std.min() > 0.005
+
+
+def test_outputs_that_are_off_in_the_turns_alone_are_noticed() -> None:
+    rng, found = np.random.default_rng(79), []
+    for seed in range(8):
+        records = [
+            replace(r, rate=r.rate + rng.normal(size=3) * 0.02 * (np.abs(r.rate).max(axis=1) > 10.0)[:, None])
+            for r in rotations(unit_of(seed), rng)
+        ]
+        found.append(fit_rotations(records, None, STEP).triad)
     assert sum(triad.inflated for triad in found) >= 7
+    assert {triad.dof for triad in found if triad.inflated} <= {15.0, 24.0}  # 36 integrals less 12 parameters
 
 
 def test_latitude_and_azimuth_go_into_the_bias_of_a_vertical_table() -> None:
@@ -311,3 +325,27 @@ def test_record_without_rest_is_refused() -> None:
 def test_tick_wraps() -> None:
     ticks = (np.arange(5, dtype=np.uint64) * 5000 + (1 << 32) - 12_000) % (1 << 32)
     assert tick_seconds(ticks.astype(np.uint32)) == pytest.approx(np.arange(5) * 0.005)
+
+
+def test_a_bias_that_wanders_from_record_to_record_is_in_the_interval() -> None:
+    """By 5 deg/h, about the white noise of one record: what slow noise, or a unit that was switched off, leaves."""
+    inside, wide = [], []
+    for seed in range(60):
+        rng = np.random.default_rng([43, seed])
+        steady = rotations(unit_of(seed), rng, "earth_axis")
+        records = [replace(record, rate=record.rate + rng.normal(0.0, 5.0 / 3600.0, 3)) for record in steady]
+        fit = fit_rotations(records, SITE, STEP)
+        off = errors(fit, unit_of(seed))
+        inside.append(np.abs(off) <= coverage_factor(fit.triad.dof) * np.sqrt(fit.triad.covariance.diagonal()))
+        wide.append(float(np.mean(fit.triad.bias_std)) * 3600.0)
+    assert 100.0 * np.mean(np.array(inside)[:, 9:]) > 91.0
+    assert 100.0 * np.mean(inside) == pytest.approx(95.0, abs=3.0)
+    assert np.mean(wide) == pytest.approx(np.hypot(0.3 * 60.0 / np.sqrt(4 * 16.3), 5.0 / 2.0), rel=0.25)
+
+
+def test_an_uncertain_clock_is_in_every_scale_factor_and_in_no_ratio_of_two() -> None:
+    plain, with_clock = fitted(3), fitted(3, declared=replace(STEP, time_std=40e-6))
+    extra = with_clock.triad.covariance - plain.triad.covariance
+    matrix = plain.triad.matrix
+    np.testing.assert_allclose(np.sqrt(extra[:9, :9].diagonal()).reshape(3, 3), 40e-6 * np.abs(matrix), rtol=1e-3)
+    assert extra[0, 4] == pytest.approx(1.6e-9 * matrix[0, 0] * matrix[1, 1], rel=1e-3)

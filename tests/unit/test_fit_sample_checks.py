@@ -228,3 +228,14 @@ def test_ticks_begin_again_at_two_to_the_32() -> None:
     np.testing.assert_allclose(unwrapped_ticks_s(true_us % 2**32), np.arange(10) * 0.005, atol=1e-12)
     backwards = unwrapped_ticks_s(np.array([1000, 6000, 4000]))
     np.testing.assert_allclose(backwards, [0.0, 0.005, 0.003])
+
+
+def test_noise_of_which_the_middle_step_does_not_occur() -> None:
+    """Noise far wider than a step: half of the second differences are 1,000 steps, half are 1,004, none is between."""
+    rng = np.random.default_rng(9)
+    second = np.where(np.arange(1000) % 2, 1000, 1004) * rng.choice((-1, 1), 1000)
+    values = np.cumsum(np.cumsum(np.concatenate(([0, 1], second))))
+    assert np.median(np.abs(np.diff(values, 2))) == 1002.0
+    assert 0.0 < value_likelihood(values) < 0.002
+    noisy = np.random.default_rng(10).integers(-3000, 3000, 400)
+    assert check_samples({"mag": noisy}, np.arange(400), limits={}, interval_s=0.005).clean

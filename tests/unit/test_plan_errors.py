@@ -190,10 +190,16 @@ def test_no_range_of_the_standard_holds_the_level_b_plan_031(tmp_path: Path) -> 
         ({"dwell": "1 V"}, "B-PLAN-005", "a quantity in s is due"),
         ({"dwell": "long"}, "B-PLAN-005", "a quantity in s is due"),
         ({"dwell": "1e999 s"}, "B-PLAN-005", "a quantity in s is due"),
+        ({"turns": "x"}, "B-PLAN-005", "'x' cannot replace 2: a whole number is due"),
+        ({"turns": "1.5"}, "B-PLAN-005", "a whole number is due"),
+        ({"turns": ""}, "B-PLAN-005", "a whole number is due"),
+        ({"share": "nan"}, "B-PLAN-005", "a number is due"),
     ],
 )
 def test_a_mistake_in_set(tmp_path: Path, overrides: dict[str, str], code: str, says: str) -> None:
-    found = mistakes(make_bench(tmp_path), overrides)
+    numbers = changed("  dwell: 10 s\n", "  dwell: 10 s\n  turns: 2\n  share: 0.5\n")
+    more = numbers if set(overrides) & {"turns", "share"} else SEQUENCE
+    found = mistakes(make_bench(tmp_path, more), overrides)
     assert [error.code for error in found] == [code]
     assert says in found[0].message
     assert found[0].where == f"--set {next(iter(overrides))}"
@@ -245,7 +251,8 @@ def test_no_way_to_the_safe_state_b_plan_075_and_no_raw_text_b_plan_053(
     text = changed("call: switch.open_all", "call: aux_supply.output_on", FLAT)
     text = changed("record: 10 s", 'send: {aux_supply: "ON"}', text)
     found = mistakes(make_bench(tmp_path, text, ("driver: agilent_e3631a", "driver: test_heater")))
-    assert [error.code for error in found] == ["B-PLAN-075", "B-PLAN-053", "B-PLAN-075"]
+    limits = ["B-PLAN-095", "B-PLAN-095"]  # those of the station are none of the heater's
+    assert [error.code for error in found] == [*limits, "B-PLAN-075", "B-PLAN-053", "B-PLAN-075"]
 
 
 def test_two_switches_must_not_both_be_closed_b_plan_071(tmp_path: Path) -> None:
@@ -267,3 +274,41 @@ def test_an_unknown_sequence_is_named_with_the_known_ones() -> None:
     with pytest.raises(InputError, match="scale_factor_38") as caught:
         compile_sequence("scale_factor_38")
     assert "scale_factor_38h" in caught.value.next_step
+
+
+GNC = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code", "says"),
+    [
+        ("limits: {rate: [", "limits: {rat: [", "B-PLAN-095", "no action of turntable (acutrol_3000) takes 'rat'"),
+        ("rate: [-360 deg/s, 360 deg/s]", "rate: [-360 deg, 360 deg]", "B-PLAN-095", "is no quantity in deg"),
+        ("rate: [-360 deg/s, 360 deg/s]", "rate: [-360, 360]", "B-YAML-012", "rate: -360 has no unit"),
+        ("faults: null", "faults: GNC-02=nosuch", "B-PLAN-015", "nosuch"),
+        ("faults: null", "faults: GNC-02", "B-PLAN-015", "'GNC-02'"),
+        ("tilt_arcmin: null", "tilt_arcmin: 500", "B-PLAN-015", "tilt_arcmin is '500'"),
+        ("tilt_arcmin: null", "tilt_arcmin: 5", "", ""),
+    ],
+)
+def test_a_mistake_in_the_station_of_gnc_modules(tmp_path: Path, old: str, new: str, code: str, says: str) -> None:
+    for folder in ("sequences", "stations", "frames"):
+        (tmp_path / folder).mkdir()
+    text = (GNC / "stations" / "gnc_bench_sim.yaml").read_text()
+    assert old in text
+    (tmp_path / "stations" / "gnc_bench_sim.yaml").write_text(text.replace(old, new))
+    path = tmp_path / "sequences" / "gnc_unit_test.yaml"
+    path.write_text((GNC / "sequences" / path.name).read_text())
+    found = mistakes(path)
+    assert [error.code for error in found] == ([code] if code else [])
+    assert not code or says in found[0].message
+
+
+def test_a_frame_that_cannot_be_read_is_one_mistake(tmp_path: Path) -> None:
+    for folder in ("sequences", "frames"):
+        (tmp_path / folder).mkdir()
+    text = (GNC / "frames" / "gnc_422.yaml").read_text()
+    (tmp_path / "frames" / "gnc_422.yaml").write_text(text.replace("silence: 50 ms", "silence: 50"))
+    path = tmp_path / "sequences" / "gnc_unit_test.yaml"
+    path.write_text((GNC / "sequences" / path.name).read_text())
+    assert [error.code for error in mistakes(path)] == ["B-YAML-012"]

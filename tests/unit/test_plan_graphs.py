@@ -46,7 +46,7 @@ def test_the_shipped_stations_draw_gyros_accelerometers_and_temperature(name: st
     assert (temperature.unit, temperature.window_s) == ("degC", 600.0)
     served = served_station(
         station, dict.fromkeys(station.instruments, "TCPIP0::h::hislip0::INSTR"),
-        dict.fromkeys(station.links, "/dev/null"), date(2026, 1, 1),
+        dict.fromkeys(station.links, "/dev/null"), Path("/control.sock"), date(2026, 1, 1),
     )  # fmt: skip
     assert parse_yaml(served, "served.yaml", StationFile).model.graphs == station.file.graphs
 

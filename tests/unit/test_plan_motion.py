@@ -51,7 +51,7 @@ def sequence(order: list[str]) -> str:
 def found(folder: Path, order: list[str]) -> set[tuple[int, str]]:
     """(place, code) of every mistake of motion."""
     errors = mistakes(make_bench(folder, sequence(order), ("instruments:\n", TABLE)))
-    assert {error.code for error in errors} <= {"B-PLAN-087", "B-PLAN-088", "B-PLAN-089"}, errors
+    assert {error.code for error in errors} <= {"B-PLAN-074", "B-PLAN-087", "B-PLAN-088", "B-PLAN-089"}, errors
     return {(_line(error) - HEAD.count("\n") - 1, error.code) for error in errors}
 
 
@@ -75,6 +75,8 @@ def hazards(order: list[str]) -> set[tuple[int, str]]:
             wrong.add((place, "B-PLAN-088"))
         if what == "spin" and axis in limits:
             wrong.add((place, "B-PLAN-089"))
+        if what == "raw":
+            wrong.add((place, "B-PLAN-074"))
         limits |= {axis} if what == "limits" else set()
         live = {"close": True, "raw": True, "open": False}.get(what, live)
     return wrong
@@ -96,6 +98,7 @@ def test_exactly_the_unsafe_steps_are_found(tmp_path: Path, orders: tuple[list[s
         (["move 1"], "B-PLAN-088", "moves axis 1 before set_limits"),
         ([*READY, "limits 1"], "B-PLAN-088", "with the interlock closed"),
         ([*READY, "spin 2"], "B-PLAN-089", "rate -31 is above 30"),
+        (["raw"], "B-PLAN-074", "may move it, faster and further than its limits allow"),
     ],
 )
 def test_the_message_says_what_is_wrong(tmp_path: Path, order: list[str], code: str, text: str) -> None:
@@ -118,3 +121,19 @@ def test_a_bare_number_or_a_fourth_axis_is_refused(tmp_path: Path) -> None:
     order = sequence([*READY, "move 1"]).replace("axis: 1, angle: 90 deg", "axis: 4, angle: 90 arcmin/s")
     codes = {error.code for error in mistakes(make_bench(tmp_path, order, ("instruments:\n", TABLE)))}
     assert codes == {"B-PLAN-052"}
+
+
+@pytest.mark.parametrize(
+    ("text", "moves"),
+    [
+        (":int? 1", False),
+        (":READ:POS? 3;*STB?", False),
+        (":int? 1;:int:close 1", True),
+        (":dem:rate 1,?5", True),
+        ("?", True),
+    ],
+)
+def test_only_questions_may_be_sent_as_text_to_a_table(tmp_path: Path, text: str, moves: bool) -> None:
+    order = HEAD + f"  - {{at: 0 s, send: {{turntable: '{text}'}}}}\n"
+    errors = mistakes(make_bench(tmp_path, order, ("instruments:\n", TABLE)))
+    assert [error.code for error in errors] == (["B-PLAN-074"] if moves else [])

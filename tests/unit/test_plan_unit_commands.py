@@ -7,8 +7,11 @@ from pathlib import Path
 import pytest
 
 from bench.campaigns.gnc_limits import SPECIFIED
+from bench.campaigns.gnc_units import IDENTITY, SUPPLY
+from bench.campaigns.gnc_units import ITEMS as JUDGED
 from bench.model.errors import InputErrors
 from bench.plan import Plan, check_plan, compile_sequence
+from bench.plan.check_analysis import ITEMS
 from bench.plan.limits import DIMENSIONS
 
 SEQUENCE = """\
@@ -105,6 +108,22 @@ def test_a_record_of_samples_says_so(tmp_path: Path) -> None:
         (("seconds: 1 s", "seconds: 20000 s"), "B-PLAN-092", "4000000 samples"),
         (('serial: "{serial}"}', 'serial: "{serial}", limits: {supply_volts: 5 V}}'), "B-PLAN-093", "supply_volts"),
         (('serial: "{serial}"}', 'serial: "{serial}", limits: {supply_voltage: 5 A}}'), "B-PLAN-093", "5 A"),
+        (("sets: {unit:", "sets: {unti:"), "B-PLAN-094", "'unti' cannot be set"),
+        (("dip_switch: 2", "dip_switch: 9"), "B-PLAN-094", "dip_switch cannot be 9"),
+        (('sets: {unit: "{serial}"', "sets: {unit: GNC-1234567890"), "B-PLAN-094", "unit cannot be 'GNC-1234567890'"),
+        (('sets: {unit: "{serial}"', "sets: {unit: ../../x"), "B-PLAN-025", "'../../x' is not a serial number"),
+        (('sets: {unit: "{serial}"', "sets: {unit: ''"), "B-PLAN-025", "'' is not a serial number"),
+        (('sets: {unit: "{serial}"', "sets: {unit: " + "U" * 300), "B-PLAN-025", "UUU...' is not a serial number"),
+        (("all of it", "all {Of} it"), "B-PLAN-030", "'{Of}' in the text is no variable"),
+        (("all of it", "all {of it"), "B-PLAN-030", "'{of it.' in the text is no variable"),
+        (("all of it", "all of {{serial}} it"), "B-PLAN-030", "is no variable"),
+        (("sets: {unit:", "value: {unit: m, low: 26 mm, high: 20 mm}, sets: {unit:"), "B-PLAN-044", "26 mm is above"),
+        (("sets: {unit:", "value: {unit: m, low: 26}, sets: {unit:"), "B-YAML-012", "26 has no unit"),
+        (
+            ('serial: "{serial}"}', 'serial: "{serial}", limits: {supply_voltage: 5}}'),
+            "B-YAML-012",
+            "5 is not a quantity",
+        ),
         (("latitude: 30 deg", "latitude: 130 deg"), "B-YAML-012", "130 deg"),
         (("latitude: 30 deg", "latitude: 30"), "B-YAML-012", "no unit"),
     ],
@@ -112,6 +131,29 @@ def test_a_record_of_samples_says_so(tmp_path: Path) -> None:
 def test_mistakes(tmp_path: Path, change: tuple[str, str], code: str, says: str) -> None:
     found = mistakes(tmp_path, change)
     assert any(one == code and says in message for one, message in found), found
+
+
+OF_TESTS = ("station: gnc", "analysis: gnc_unit_test\nstation: gnc")
+
+
+@pytest.mark.parametrize(
+    ("item", "says"),
+    [("timr", "does not judge the item 'timr'; did you mean 'timer'?"), ("timer", ""), ("fan_speed", "")],
+)
+def test_an_item_that_is_nearly_one_is_a_slip_of_the_pen(tmp_path: Path, item: str, says: str) -> None:
+    found = mistakes(tmp_path, OF_TESTS, ("item: timer", f"item: {item}"))
+    assert [code for code, _ in found] == (["B-PLAN-078"] if says else [])
+    assert all(says in message for _, message in found)
+
+
+def test_the_items_are_those_of_the_analysis() -> None:
+    assert set(ITEMS) == {SUPPLY, IDENTITY, *JUDGED}
+
+
+def test_an_analysis_of_records_needs_one(tmp_path: Path) -> None:
+    record = "  - record: {seconds: 1 s, samples: true, conditions: {item: bias}}\n"
+    ((code, message),) = mistakes(tmp_path, ("station: gnc", "analysis: imu_bias\nstation: gnc"), (record, ""))
+    assert (code, "imu_bias is made of records" in message) == ("B-PLAN-078", True)
 
 
 def test_the_limits_are_those_of_the_analyses() -> None:

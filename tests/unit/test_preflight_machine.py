@@ -15,10 +15,13 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from preflight_bench import NOON_NS, Machine, clock_at_noon, context, in_process_plan, served_plan
+from preflight_bench import NOON_NS, TODAY, Machine, clock_at_noon, context, in_process_plan, served_plan
 
 from bench.model.clock import NS
 from bench.model.errors import LinkError
+from bench.model.shipped import find_shipped
+from bench.plan import Station, compile_sequence, load_station
+from bench.plan.served import served_station
 from bench.plan.summary import summarise
 from bench.run.drill import RESULT
 from bench.run.opener import open_port
@@ -159,6 +162,20 @@ def test_the_last_drill(tmp_path: Path, days: float, passed: bool, status: Statu
 def test_a_bench_without_a_drill(tmp_path: Path) -> None:
     assert drill(context(tmp_path)).status is Status.WARN
     assert drill(context(tmp_path, plan=in_process_plan())).status is Status.SKIPPED
+
+
+def test_a_bench_that_no_drill_can_try_is_not_told_to_run_one(tmp_path: Path) -> None:
+    """A table and a supply: there is no stimulus that could be on and harms nothing."""
+    found = drill(context(tmp_path, plan=compile_sequence("gnc_unit_test", gnc_station(tmp_path))))
+    assert (found.status, "drill could switch on" in found.text) == (Status.SKIPPED, True)
+
+
+def gnc_station(folder: Path) -> Station:
+    source = load_station(find_shipped("stations", "gnc_bench_sim"))
+    resources = dict.fromkeys(source.instruments, "TCPIP0::h::hislip0::INSTR")
+    path = folder / "station.yaml"
+    path.write_text(served_station(source, resources, {"rs422": "/dev/null"}, folder / "control.sock", TODAY))
+    return load_station(path)
 
 
 def test_a_machine_is_asked_without_errors(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from bench.report.numbers import cell, decimals_for, header, number, unit_text, 
         (-0.0002, 0.012, "0.000 ± 0.012"),
         (412.312, None, "412.312"),
         (412.312, math.nan, "412.312"),
-        (1.5, 0.0, "1.500 ± 0.000"),
+        (1.5, 0.0, "1.5"),
     ],
 )
 def test_value_and_uncertainty_end_at_the_same_digit(value: float, expanded: float | None, text: str) -> None:

@@ -141,6 +141,32 @@ def test_the_late_answer_of_an_earlier_command_is_not_this_ones() -> None:
     assert bench.told[1]["ignored"] == 1
 
 
+def test_an_answer_to_another_command_with_this_number_is_not_this_ones() -> None:
+    bench = Bench()
+    bench.do(echo(0))
+    bench.line.say(0.02, wire(ANSWER, 2, MEMORY, b"\x00other"))  # the number of the next command, another code
+    bench.line.returns = lambda number, frame: [(0.1, frame)]
+    bench.do(echo(1, b"mine"))
+    assert (bench.told[1]["received"], bench.told[1]["ignored"]) == (b"mine".hex(), 1)
+
+
+def test_what_came_before_a_command_was_sent_is_no_answer_to_it() -> None:
+    bench = Bench()
+    bench.do(echo(0))
+    bench.line.say(0.0, wire(ANSWER, 2, SCI, b"\x00other"))  # as of 256 commands ago
+    bench.do(echo(1, b"mine"))
+    assert (bench.told[1]["received"], bench.told[1]["ignored"]) == (b"mine".hex(), 1)
+
+
+def test_a_beginning_that_nobody_answered_is_made_again() -> None:
+    bench = Bench()
+    bench.line.passes = lambda number, frame: b"" if number <= 6 else frame  # identify and command, three times each
+    bench.do(echo(0))
+    bench.do(echo(1))
+    assert [frame[7] for frame in bench.line.written] == [IDENTIFY] * 3 + [SCI] * 3 + [IDENTIFY, SCI]
+    assert [one["status"] for one in bench.told] == [None, 0]
+
+
 def test_an_answer_that_arrives_twice_counts_once() -> None:
     """The answer comes after its time-out, so the retry is answered as well, during the next command."""
     bench = Bench()
@@ -236,6 +262,32 @@ def test_a_command_that_a_lost_link_broke_off_keeps_its_number() -> None:
     bench.do(step)
     assert bench.board.done[MEMORY, b"erase"] == 1
     assert [one["sequence"] for one in bench.told] == [1, 2]
+
+
+@pytest.mark.parametrize(("item", "times"), [("memory", 1), ("", 2)])
+def test_a_test_that_another_command_has_overtaken_is_not_done_twice(item: str, times: int) -> None:
+    """The board remembers the newest number only; behind an identify it would erase again."""
+    bench = Bench()
+    bench.do(echo(0))
+    reader = bench.context.acquisition.readers["rs422"]
+    reader.kept = True
+    step = unit_step(1, "memory", MEMORY, b"erase", item)
+    bench.line.returns = lambda number, frame: _lose(bench)
+    with pytest.raises(Interruption):
+        bench.do(step)
+    bench.line.broken = None
+    reader.found()
+    bench.context.stop.holds.release("link rs422")
+    bench.line.returns = lambda number, frame: [(0.001, frame)]
+    identify = {"command": IDENTIFY, "payload": ()}
+    reader.send(reader.command(identify, reader.numbers.new()))
+    bench.do(step)
+    assert bench.board.done[MEMORY, b"erase"] == times
+    assert [one["status"] for one in bench.told] == [0, None if item else 0]
+    bench.do(echo(2))
+    assert bench.told[-1]["status"] == 0
+    bench.do(step)  # a point that is taken again, on purpose
+    assert bench.board.done[MEMORY, b"erase"] == times + 1
 
 
 def _lose(bench: Bench) -> list[tuple[float, bytes]]:

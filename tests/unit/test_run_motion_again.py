@@ -80,6 +80,9 @@ def test_interlock_then_pose_then_the_longest_settle_time() -> None:
         ([CLOSE, turn(3, 90.0)], ["close_interlock"]),
         ([CLOSE, move(3, 7.0), ("stop", {"axis": 3})], ["close_interlock", "move 3 7 90"]),
         ([move(1, 5.0)], []),
+        ([CLOSE, spin(3, 90.0), OPEN, CLOSE], ["close_interlock"]),  # what turned before somebody came is at rest
+        ([CLOSE, move(1, 5.0), spin(3, 90.0), OPEN, CLOSE, turn(3, 9.0)], ["close_interlock", "move 1 5 90"]),
+        ([CLOSE, spin(3, 90.0), OPEN, CLOSE, spin(3, 8.0)], ["close_interlock", "spin 3 8"]),
     ],
 )
 def test_what_is_not_known_or_not_moving_is_left_alone(calls: list[Any], again: list[str]) -> None:
@@ -96,6 +99,14 @@ def test_limits_are_set_again_and_motion_is_not_among_the_settings() -> None:
     steps: Any = plan(*LIMITS, CLOSE, move(1, 90.0), turn(1, 10.0), spin(3, 5.0), OPEN, CLOSE)
     found = steps_again(type("P", (), {"steps": steps})(), len(steps), DRIVERS)  # type: ignore[arg-type]
     assert said(found) == ["set_limits 1 300 300", "set_limits 2 300 300", "set_limits 3 300 300"]
+
+
+def test_raw_text_to_a_table_is_not_sent_again() -> None:
+    raw = Step(0, "campaign", "send", 0.0, 0.0, "turntable", "", {"text": ":int:close 1"}, {}, "")
+    plain = replace(raw, number=1, role="supply", arguments={"text": "DISP ON"})
+    steps: Any = [raw, plain]
+    again = steps_again(type("P", (), {"steps": steps})(), 2, DRIVERS)  # type: ignore[arg-type]
+    assert [step.role for step in again] == ["supply"]
 
 
 def test_a_table_goes_off_in_a_hold_and_a_supply_does_not() -> None:

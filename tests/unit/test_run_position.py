@@ -28,8 +28,17 @@ def plan(folder: Path, points: int = 3) -> Any:
         rig.step("verify", "calibrator", "operating")
     rig.step("call", "calibrator", "output", current=0.0, phase="finally")
     rig.step("call", "calibrator", "output", current=0.0, phase="finally")
+    return plan_of(rig)
+
+
+def plan_of(rig: Rig) -> Any:
     steps = tuple(rig.steps)
-    return SimpleNamespace(steps=steps, phase=lambda name: tuple(one for one in steps if one.phase == name))
+    drivers = {"calibrator": "fluke_5720a", "supply": "hp_6632b", "chamber": "thermotron_3800"}
+    instruments = {role: SimpleNamespace(driver=driver) for role, driver in drivers.items()}
+    station = SimpleNamespace(instruments=instruments)
+    return SimpleNamespace(
+        steps=steps, station=station, phase=lambda name: tuple(one for one in steps if one.phase == name)
+    )
 
 
 def journal(stop: int) -> list[JournalEntry]:
@@ -88,6 +97,50 @@ def test_an_end_before_a_resume_says_nothing_about_the_journal(tmp_path: Path) -
     end, begun = ("end", 0, {"error": "B-RUN-010"}), ("resume", 0, {})
     events = [*taken(FIRST), end, begun, ("record", 0, {"number": 2, "step": SECOND})]
     assert stopped_at(plan(tmp_path), journal(7), events) == Position(5, 1, (2,))
+
+
+def two_units(folder: Path) -> Any:
+    """Of each of two units a prompt (0, 7), its supply (1 to 3, 8 to 10) and three tests (4 to 6, 11 to 13)."""
+    rig = Rig(folder, "supply")
+    for unit in ("A", "B"):
+        rig.step("prompt", text=f"put in {unit}", sets={"unit": unit})
+        rig.step("call", "supply", "output_on")
+        rig.step("call", "supply", "measure_voltage")
+        rig.step("call", "supply", "measure_current")
+        for item in ("cpu", "memory", "memory"):
+            rig.step("unit", "rs422", item, conditions={"unit": unit}, command=16, payload=(), item=item)
+    return plan_of(rig)
+
+
+def noted(stop: int) -> list[tuple[str, int, Mapping[str, Any]]]:
+    """What the steps before ``stop`` have noted in the session."""
+    kinds = {0: "prompt", 2: "reading", 3: "reading", 4: "exchange", 5: "exchange", 6: "exchange"}
+    return [(kinds[number % 7], 0, {"step": number}) for number in range(stop) if number % 7 in kinds]
+
+
+@pytest.mark.parametrize(
+    ("done", "in_session", "start"),
+    [
+        (5, 5, 5),  # nothing is lost: the next item
+        (6, 6, 5),  # inside an item: from its beginning
+        (13, 13, 12),
+        (7, 7, 7),  # behind an item
+        (11, 11, 11),  # the first test of the second unit is no test of the item before
+        (5, 4, 4),  # the journal has a test that the session has lost
+        (7, 5, 5),  # and two of them
+        (6, 3, 3),  # and a reading
+        (8, 7, 7),  # and what a person has said
+        (9, 7, 7),
+        (9, 8, 9),  # the supply is switched on again anyway
+    ],
+)
+def test_what_the_session_has_lost_is_done_again(tmp_path: Path, done: int, in_session: int, start: int) -> None:
+    assert stopped_at(two_units(tmp_path), journal(done), noted(in_session)) == Position(start, 0, ())
+
+
+def test_a_test_of_a_skipped_stretch_is_not_missed(tmp_path: Path) -> None:
+    events = [*noted(4), ("skip", 0, {"first": 4, "stop": 7, "reason": "x"})]
+    assert stopped_at(two_units(tmp_path), journal(4), events) == Position(7, 0, ())
 
 
 def test_windows_without_a_gap_go_on_with_the_interrupted_one(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from run_rig import Rig, instrument_error
 
+from bench.model.clock import NS
 from bench.model.drivers import driver_class
 from bench.model.errors import LinkError, RunError
 from bench.model.ports import Action, actions_of
@@ -201,7 +202,33 @@ def test_what_was_switched_off_stays_off(tmp_path: Path) -> None:
     rig.step("call", "supply", "configure", voltage=18.0)
     rig.step("call", "supply", "output_on")
     rig.step("call", "supply", "output_off")
-    assert again(rig)[-1] == "supply.output_off"
+    assert again(rig) == ["supply.configure", "supply.output_off"], "not on for a moment: somebody may be at the board"
+
+
+def warmed(folder: Path, *, behind_s: float) -> Rig:
+    rig = Rig(folder, "supply")
+    rig.step("settle", duration_s=900.0, bus_s=0.0, phase="prepare")
+    rig.step("call", "supply", "output_on", phase="prepare")
+    rig.step("settle", duration_s=6.0, bus_s=0.0, phase="prepare")
+    rig.step("settle", duration_s=behind_s, bus_s=0.0, phase="prepare")
+    rig.step("settle", duration_s=1000.0, bus_s=0.0)
+    rig.step("settle", duration_s=1.0, bus_s=0.0)
+    rig.step("settle", duration_s=1.0, bus_s=0.0, phase="finally")
+    return rig
+
+
+@pytest.mark.parametrize(
+    ("start", "due_s"),
+    [(5, 300.0), (4, 300.0), (3, 6.0), (1, 0.0), (6, 0.0)],
+)
+def test_what_was_off_warms_up_again(tmp_path: Path, start: int, due_s: float) -> None:
+    """As long as the longest settle time of the preparation, from when it was switched on; not for the end."""
+    rig = warmed(tmp_path, behind_s=300.0)
+    context = rig.context()
+    began_ns = rig.clock.now_ns()
+    enter(context, start)
+    assert (rig.clock.now_ns() - began_ns) / NS == pytest.approx(due_s)
+    assert any("warming up again" in text for text in rig.listener.messages) == (due_s > 0.0)
 
 
 # --- set-points ----------------------------------------------------------------------------------------------------

@@ -196,8 +196,10 @@ def test_a_served_station_says_the_same_but_where_and_when(name: str, tmp_path: 
         role: f"TCPIP0::127.0.0.1::hislip{number},41000::INSTR" for number, role in enumerate(source.instruments)
     }
     path = tmp_path / "station.yaml"
-    path.write_text(served_station(source, resources, {link: f"/tmp/a place/{link}" for link in source.links}, TODAY))
+    urls = {link: f"/tmp/a place/{link}" for link in source.links}
+    path.write_text(served_station(source, resources, urls, Path("/tmp/a place/control.sock"), TODAY))
     served = load_station(path)
+    assert served.file.control == "/tmp/a place/control.sock"
     assert (served.simulated, served.in_process, served.file.visa) == (True, False, "@py")
     assert served.file.model_dump(exclude=CHANGED) == source.file.model_dump(exclude=CHANGED)
     for role, entry in served.instruments.items():
@@ -211,7 +213,7 @@ def test_a_served_station_says_the_same_but_where_and_when(name: str, tmp_path: 
     assert findings.sorted() == []
 
 
-CHANGED = {"title": True, "visa": True, "world": True, "instruments": True, "links": True}
+CHANGED = {"title": True, "visa": True, "control": True, "world": True, "instruments": True, "links": True}
 MOVED = {"resource": True, "standard": {"calibrated", "due"}}
 
 
@@ -222,7 +224,7 @@ def test_numbers_of_the_register_are_served_to_the_last_digit(tmp_path: Path) ->
     (tmp_path / "source.yaml").write_text(text)
     source = load_station(tmp_path / "source.yaml")
     places = {role: f"GPIB0::{number}::INSTR" for number, role in enumerate(source.instruments, 1)}
-    served_text = served_station(source, places, {"port_a": "/dev/a", "port_b": "/dev/b"}, TODAY)
+    served_text = served_station(source, places, {"port_a": "/dev/a", "port_b": "/dev/b"}, Path("/c"), TODAY)
     (tmp_path / "served.yaml").write_text(served_text)
     before, after = source.standards(), load_station(tmp_path / "served.yaml").standards()
     for register in (before, after):
@@ -244,6 +246,7 @@ def test_a_station_is_real_served_or_simulated_here(tmp_path: Path) -> None:
     without = text[: text.index("\nworld:")] + text[text.index("\nbus_time_factor") :]
     assert "a real station has no 'world'" in refused(tmp_path, text.replace("simulated: true", "simulated: false"))
     assert "served by another process" in refused(tmp_path, without)
+    assert "'control' is for a simulated station" in refused(tmp_path, f"{text}\ncontrol: /c\n")
     served = without.replace('"@bench"', '"@py"')
     assert "the url of link 'port_a' is missing" in refused(tmp_path, served)
     real = served.replace("simulated: true", "simulated: false").replace("baud:", "url: /dev/null, baud:")

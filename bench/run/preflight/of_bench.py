@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 
 from bench.run.drill import drill_age, latest_drill
+from bench.run.drill_controller import has_source
 from bench.run.preflight.context import PreflightContext
 from bench.run.preflight.finding import Finding, Status
 
@@ -33,6 +34,8 @@ def drill(context: PreflightContext) -> Finding:
     if context.in_process:
         return Finding(name, Status.SKIPPED, "", limit, "a bench inside this process ends with it")
     found = latest_drill(context.out, context.station)
+    if found is None and not has_source(context.station):
+        return Finding(name, Status.SKIPPED, "", limit, "the station has no instrument a drill could switch on")
     if found is None:
         unproved = "" if context.station.simulated else "nothing proves that this bench becomes safe by itself; "
         return Finding(name, Status.WARN, "none", limit, f"{unproved}{again}")

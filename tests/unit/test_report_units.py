@@ -1,0 +1,139 @@
+"""Pages of sessions without channels: several units in one session, axes, counts, verdicts first."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from report_sample import estimate, small_model
+
+from bench.report import ReportModel, TemperatureTrace, build_report
+from bench.report.across_tables import across_tables
+from bench.report.estimate_tables import coverage_table, other_table
+from bench.report.figures import timetable_picture
+from bench.report.graphs import analysis_pictures
+from bench.report.model import Bar, Timetable
+from bench.report.sections import sections_of
+from bench.report.verdict_tables import verdict_table
+from bench.report.words import words_of
+
+WORDS = words_of("en")
+
+
+def of_unit(quantity: str, unit: str, value: float, expanded: float, serial: str, **conditions: Any) -> dict[str, Any]:
+    made = estimate(quantity, unit, value, expanded, **conditions)
+    return made | {"conditions": {"unit": serial, **made["conditions"]}}
+
+
+def wrong(item: str, count: float, unit: str) -> dict[str, Any]:
+    verdict = "fail" if count else "pass"
+    judged = {"limit": 0.0, "verdict": verdict, "conformance_probability": 0.0 if count else 1.0}
+    return of_unit(f"{item}_wrong", "1", count, 0.0, unit) | judged
+
+
+def model_of(*estimates: dict[str, Any], **more: Any) -> ReportModel:
+    model = small_model()
+    return replace(model, results={**model.results, "estimates": list(estimates)}, **more)
+
+
+def test_the_unit_that_failed_stands_for_its_item_where_nothing_may_be_wrong() -> None:
+    units = [wrong("memory", count, f"U-{number}") for number, count in enumerate((0.0, 2.0, 1.0))]
+    table = verdict_table(model_of(*units), WORDS)
+    assert table is not None
+    row = dict(zip(table.headers, table.rows[0], strict=True))
+    assert row["worst: value ± U"] == "2"
+    assert row["conformance"] == "0.00 %"
+    assert row["verdicts"] == "2 fail, 1 pass"
+
+
+def test_verdicts_have_a_column_of_channels_only_where_there_are_channels() -> None:
+    table = verdict_table(model_of(wrong("cpu", 0.0, "U-1")), WORDS)
+    assert table is not None
+    assert "channel" not in table.headers
+    assert table.stub == 1
+    judged = estimate("dsf_n", "ppm", 1.0, 0.1, channel=3) | {"limit": 2.0, "verdict": "pass"}
+    table = verdict_table(model_of(judged), WORDS)
+    assert table is not None
+    assert table.headers[1] == "channel"
+    assert table.rows[0][1] == "3"
+
+
+def test_units_stand_side_by_side_four_to_a_table() -> None:
+    estimates = [
+        of_unit(quantity, "V", 5.0 + number, 0.001, f"U-{number}", role="supply")
+        for number in range(6)
+        for quantity in ("supply_voltage", "rail_voltage")
+    ]
+    model = model_of(*estimates)
+    first, second = across_tables(model, WORDS)
+    assert first.headers[2:-1] == ("U-0", "U-1", "U-2", "U-3")
+    assert second.headers[2:-1] == ("U-4", "U-5")
+    assert first.rows[0] == ("supply_voltage", "role: supply", *(f"{5 + n}.0000 ± 0.0010" for n in range(4)), "V")
+    assert other_table(model, WORDS) is None
+
+
+def test_a_matrix_is_set_as_one_and_the_kind_of_a_sensor_is_said() -> None:
+    matrix = [
+        estimate("accel_matrix", "1", 10.0 * i + j, 0.1, kind="accelerometer", row=row, column=column)
+        for i, row in enumerate("xyz")
+        for j, column in enumerate("xyz")
+    ]
+    (table,) = across_tables(model_of(*matrix), WORDS)
+    assert table.headers[2:5] == ("x", "y", "z")
+    assert [row[1] for row in table.rows] == [f"kind: accelerometer, row: {row}" for row in "xyz"]
+    assert table.rows[2][2:5] == ("20.00 ± 0.10", "21.00 ± 0.10", "22.00 ± 0.10")
+
+
+def test_what_has_no_uncertainty_has_no_row_of_zeros_under_uncertainty() -> None:
+    counted, measured = wrong("cpu", 0.0, "U-1"), of_unit("supply_voltage", "V", 5.0, 0.01, "U-1")
+    table = coverage_table(model_of(counted, measured), WORDS)
+    assert table is not None
+    assert [row[0] for row in table.rows] == ["supply_voltage"]
+
+
+def test_a_table_that_leads_stands_before_the_verdicts_and_once() -> None:
+    leading = {"title": "Units tested", "caption": "", "headers": ["unit", "verdict"], "rows": [["U-1", "PASS"]]}
+    other = leading | {"title": "Samples"}
+    model = model_of(wrong("cpu", 0.0, "U-1"), tables=(leading | {"lead": True}, other))
+    sections = {one.name: [table.caption for table in one.tables] for one in sections_of(model, WORDS)}
+    assert list(sections)[:3] == ["summary", "results", "verdicts"]
+    assert sections["results"] == ["Units tested"]
+    assert sections["explanations"] == ["Samples"]
+    assert build_report(model).count("Units tested") == 1
+
+
+def test_a_short_cell_of_words_is_not_broken() -> None:
+    words = {"title": "T", "caption": "", "headers": ["a", "b"], "rows": [["x" * 50, "not tested"]], "prose": True}
+    assert '<td class="short">not tested</td>' in build_report(model_of(tables=(words,)))
+
+
+@pytest.mark.parametrize("trace", [TemperatureTrace(), TemperatureTrace(*(np.full(9, np.nan),) * 3)])
+def test_no_axis_of_temperature_without_a_temperature(trace: TemperatureTrace) -> None:
+    picture = timetable_picture(Timetable((Bar("record", "measure", 0.0, 60.0),)), trace, WORDS)
+    assert picture is not None
+    assert "Temperature" not in picture.svg
+    assert "emperature" not in picture.description
+    assert timetable_picture(Timetable(), trace, WORDS) is None
+
+
+def test_a_circle_looks_like_one() -> None:
+    angle = np.linspace(0.0, 2 * np.pi, 13)
+    series = [{"label": "after", "x": np.cos(angle).tolist(), "y": np.sin(angle).tolist(), "style": "points"}]
+    document = {"title": "X-Y", "caption": "Order: +x, -1.", "x_label": "X, mgauss", "y_label": "Y", "series": series}
+
+    def spans(**more: Any) -> tuple[float, float]:
+        (picture,) = analysis_pictures([document | more])
+        found = re.findall(r'<use [^>]*x="([\d.]+)" y="([\d.]+)" style="fill', picture.svg)[-13:]
+        x, y = np.array(found, dtype=float).T
+        return float(np.ptp(x)), float(np.ptp(y))
+
+    wide, high = spans()
+    assert wide > 1.5 * high
+    wide, high = spans(equal=True)
+    assert wide == pytest.approx(high, rel=1e-3)
+    (picture,) = analysis_pictures([document])
+    assert "X / mgauss" in picture.svg
+    assert picture.caption == "Order: +x, −1."
