@@ -12,6 +12,7 @@ from bench.plan.plan import Step
 from bench.plan.station import Station
 
 DEFAULT_BUS_S = 0.1
+TAKES = "takes"  # argument of a unit step: time from command to answer as planned, second
 ON_THE_BUS = ("call", "verify", "send", "unit")
 
 
@@ -26,6 +27,8 @@ def declared_action(station: Station, role: str, name: str) -> Action | None:
 
 def bus_s(step: Step, station: Station) -> float:
     """Longest time that one call normally takes on the bus, second; the station may say that its bus is faster."""
+    if TAKES in step.arguments:
+        return float(step.arguments[TAKES])
     action = declared_action(station, step.role, step.name)
     if action is None and step.kind in ("call", "verify"):
         return 0.0  # a call of nothing is a mistake of its own

@@ -175,6 +175,7 @@ class Test(StrictModel):
     item: Name = Field(description="the test item it belongs to, for example memory")
     command: Name = Field(description="a command that the frame of the link declares")
     arguments: Arguments = Field(default_factory=dict)
+    takes: Duration | None = Field(None, description="time from command to answer as planned; 0.1 s if left out")
 
 
 class TestStep(StrictModel):

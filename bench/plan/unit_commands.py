@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench.frame import CommandLayout
 from bench.model.errors import InputError
+from bench.plan.bus_time import TAKES
 from bench.plan.findings import suggestion
 from bench.plan.language_steps import Test, TestStep, UnitStep
 from bench.plan.values import Quantity, Scope, named, plain
@@ -49,7 +50,10 @@ def expand_test(plan: Expander, step: TestStep, path: Path, scope: Scope) -> Non
     if layout is None:
         _unknown(plan, test.command, link, here)
         return
-    _append(plan, link, layout, test.arguments, (*path, "test"), scope, {"item": test.item})
+    more: dict[str, Any] = {"item": test.item}
+    if test.takes is not None:
+        more[TAKES] = plan.quantity(test.takes, "s", scope, (*path, "test", TAKES))
+    _append(plan, link, layout, test.arguments, (*path, "test"), scope, more)
 
 
 def _takes_commands(plan: Expander, link: str, path: Path) -> bool:

@@ -11,13 +11,13 @@ from bench.report.model import ReportModel
 from bench.report.numbers import unit_text
 from bench.report.tables import Table
 
-_MOST_ACROSS = 4  # units side by side that a page has room for
+_MOST_ACROSS = 3  # units side by side that a page has room for
 _CAPTIONS = {"unit": "others.by_unit", "column": "others.by_axis", "axis": "others.by_axis"}
 Row = Mapping[str, Any]
 
 
 def across_tables(model: ReportModel, words: Texts) -> list[Table]:
-    """Units or axes across, one table for each four of them; () if no estimate has such a condition."""
+    """Units or axes across, one table for each three of them; () if no estimate has such a condition."""
     found: dict[str, list[Row]] = {}
     for row in without_channel(model):
         if (name := pivot_of(row)) is not None:
@@ -40,9 +40,9 @@ def _table(words: Texts, caption: str, rows: Sequence[Row], names: Sequence[str]
     for (quantity, where), found in lines.items():
         scale, unit = readable(found)
         by_name = {_across(row): value_text(row, scale) for row in found}
-        body.append((quantity, where or "–", *(by_name.get(name, "–") for name in names), unit_text(unit)))
-    headers = (words("column.quantity"), words("column.conditions"), *names, words("column.unit"))
-    return Table(caption, headers, tuple(body), stub=2)
+        body.append((quantity, where or "–", unit_text(unit), *(by_name.get(name, "–") for name in names)))
+    headers = (words("column.quantity"), words("column.conditions"), words("column.unit"), *names)
+    return Table(caption, headers, tuple(body), stub=3)
 
 
 def _across(row: Row) -> str:

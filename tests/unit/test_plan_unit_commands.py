@@ -203,3 +203,11 @@ def shipped_mistakes(folder: Path, shipped: str, change: tuple[str, str]) -> lis
     path = folder / f"{shipped}.yaml"
     path.write_text(text.replace(*change))
     return [(one.code, one.message) for one in check_plan(compile_sequence(path))]
+
+
+def test_what_a_test_takes_must_fit_in_its_settle_time(tmp_path: Path) -> None:
+    longer = ("ticks: 20}}", "ticks: 20}, takes: 0.6 s}")
+    assert mistakes(tmp_path, longer) == []
+    (found,) = mistakes(tmp_path, longer, ("  - settle: 2 s\n  - record", "  - settle: 1 s\n  - record"))
+    assert found[0] == "B-PLAN-060"
+    assert "1.2 s" in found[1]

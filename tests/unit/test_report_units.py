@@ -61,7 +61,7 @@ def test_verdicts_have_a_column_of_channels_only_where_there_are_channels() -> N
     assert table.rows[0][1] == "3"
 
 
-def test_units_stand_side_by_side_four_to_a_table() -> None:
+def test_units_stand_side_by_side_three_to_a_table_with_their_measure() -> None:
     estimates = [
         of_unit(quantity, "V", 5.0 + number, 0.001, f"U-{number}", role="supply")
         for number in range(6)
@@ -69,9 +69,9 @@ def test_units_stand_side_by_side_four_to_a_table() -> None:
     ]
     model = model_of(*estimates)
     first, second = across_tables(model, WORDS)
-    assert first.headers[2:-1] == ("U-0", "U-1", "U-2", "U-3")
-    assert second.headers[2:-1] == ("U-4", "U-5")
-    assert first.rows[0] == ("supply_voltage", "role: supply", *(f"{5 + n}.0000 ± 0.0010" for n in range(4)), "V")
+    assert first.headers[2:] == ("unit", "U-0", "U-1", "U-2")
+    assert second.headers[3:] == ("U-3", "U-4", "U-5")
+    assert first.rows[0] == ("supply_voltage", "role: supply", "V", *(f"{5 + n}.0000 ± 0.0010" for n in range(3)))
     assert other_table(model, WORDS) is None
 
 
@@ -82,9 +82,9 @@ def test_a_matrix_is_set_as_one_and_the_kind_of_a_sensor_is_said() -> None:
         for j, column in enumerate("xyz")
     ]
     (table,) = across_tables(model_of(*matrix), WORDS)
-    assert table.headers[2:5] == ("x", "y", "z")
+    assert table.headers[3:] == ("x", "y", "z")
     assert [row[1] for row in table.rows] == [f"kind: accelerometer, row: {row}" for row in "xyz"]
-    assert table.rows[2][2:5] == ("20.00 ± 0.10", "21.00 ± 0.10", "22.00 ± 0.10")
+    assert table.rows[2][3:] == ("20.00 ± 0.10", "21.00 ± 0.10", "22.00 ± 0.10")
 
 
 def test_what_has_no_uncertainty_has_no_row_of_zeros_under_uncertainty() -> None:
