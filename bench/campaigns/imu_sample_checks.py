@@ -43,8 +43,8 @@ class CheckedRow:
 
 def checked(rows: Sequence[SampledRow], kinds: Sequence[str], campaign: Mapping[str, Any]) -> list[CheckedRow]:
     """Look at the samples of these sensors in every record."""
-    limits = _limits(kinds, campaign.get("imu") or {})
-    return [CheckedRow(row, _check(row, kinds, limits)) for row in rows]
+    limits, due_Hz = _limits(kinds, campaign.get("imu") or {}), campaign.get("rate_Hz")
+    return [CheckedRow(row, _check(row, kinds, limits, due_Hz)) for row in rows]
 
 
 def usable(found: Sequence[CheckedRow]) -> tuple[list[SampledRow], list[str]]:
@@ -53,16 +53,16 @@ def usable(found: Sequence[CheckedRow]) -> tuple[list[SampledRow], list[str]]:
     return [one.row for one in found if not one.reason], refused
 
 
-def _check(row: SampledRow, kinds: Sequence[str], limits: Mapping[str, float]) -> SampleChecks:
+def _check(row: SampledRow, kinds: Sequence[str], limits: Mapping[str, float], due_Hz: float | None) -> SampleChecks:
     samples = row.samples
     raw = {kind: samples.columns[SENSORS[kind]] for kind in kinds}
     words = {kind: float(np.iinfo(str(values.dtype)).max) for kind, values in raw.items()}
     return check_samples(
         {kind: values.astype("int64") for kind, values in raw.items()},
         samples.counter,
-        # 6 gauss are 50,000 steps of 120 ugauss: the word of the frame ends before the range does
+        # the word of a frame may end before the range does
         limits={kind: min(limits.get(kind, math.inf), word) for kind, word in words.items()},
-        interval_s=1.0 / max(1, round(row.rate_Hz)),
+        interval_s=1.0 / (due_Hz or max(1, round(row.rate_Hz))),
         tick_s=unwrapped_ticks_s(samples.columns["tick"].astype("int64")),
         received_s=samples.t_ns.astype(np.float64) * 1e-9,
     )
