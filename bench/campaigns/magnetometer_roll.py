@@ -44,7 +44,7 @@ class RollAnswer:
 def roll_estimates(
     material: Material, methods: Mapping[str, PlaneParameters], chosen: str, limit_deg: float, noise_deg: float
 ) -> list[dict[str, Any]]:
-    """mag_roll as returned, and mag_roll_error against the table by method; that of ``chosen`` is judged.
+    """mag_roll as returned, and mag_roll_error against the table by method; a limit judges that of ``chosen``.
 
     The direction of the field is not known, so one angle common to all answers is taken off. Each answer is a single
     reading: ``noise_deg``, the standard deviation of its angle by the noise of the sensor, is the larger part of the
@@ -69,7 +69,7 @@ def roll_estimates(
         error = np.degrees(np.angle(apart / np.mean(apart)))
         for one, value in zip(placed, error, strict=True):
             place = {"kind": "magnetometer", "method": name, "roll_deg": one.table_deg}
-            limit = limit_deg if name == chosen else None
+            limit = limit_deg if name == chosen and math.isfinite(limit_deg) else None
             found.append(estimate("mag_roll_error", "deg", float(value), std_deg, place, n=1, limit=limit))
     return found
 

@@ -37,7 +37,8 @@ def analysed(method: str = "ellipse", **more):
     rig = Rig(SEED)
     rig.spin(60.0, 90.0, FIELD_gauss, **more)
     layouts = load_frame(FRAME).commands
-    return analyse(rig.material("magnetometer", exchanges=rolls(), layouts=layouts), method)
+    limits = {"roll_error": {"value": 2.0, "unit": "deg"}}
+    return analyse(rig.material("magnetometer", exchanges=rolls(), layouts=layouts, limits=limits), method)
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +76,13 @@ def test_roll_is_right_after_compensation_and_only_then(found) -> None:
     assert {one["verdict"] for one in of(found, "mag_roll_error", "extremes")} == {"none"}
     single_deg = np.rad2deg(5e-4 / FIELD_gauss)  # noise of one reading; a step of the output makes a tenth of it
     assert [one["std_uncertainty"] for one in compensated] == pytest.approx([single_deg] * 8, rel=0.05)
+
+
+def test_no_specification_states_a_limit_of_the_roll_angle() -> None:
+    rig = Rig(SEED)
+    rig.spin(60.0, 90.0, FIELD_gauss, table="non_magnetic")
+    material = rig.material("magnetometer", exchanges=rolls(), layouts=load_frame(FRAME).commands)
+    assert {one["verdict"] for one in analyse(material, "ellipse").estimates} == {"none"}
 
 
 def test_the_correction_in_force_is_undone() -> None:
