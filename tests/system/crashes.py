@@ -54,7 +54,11 @@ def kinds(plan: Plan) -> dict[str, int]:
 def crashed_everywhere(folder: Path) -> Crashes:
     """One run, copied at every place of ``kinds`` and then undisturbed to its end."""
     plan = tiny_plan(folder)
-    places = set(kinds(plan).values())
+    return crashed_at(plan, folder, set(kinds(plan).values()))
+
+
+def crashed_at(plan: Plan, folder: Path, places: set[int]) -> Crashes:
+    """One run of a plan, copied where the steps of these numbers are about to begin, undisturbed to its end."""
     watched = Watched(lambda world, step: copy(step))
 
     def copy(step: Step) -> None:

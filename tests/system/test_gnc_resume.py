@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from crashes import Crashes, go_on, nobody, watch_worlds
-from rehearsal import SEED, Rehearsal, Watched
+from crashes import Crashes, crashed_at, go_on, nobody, watch_worlds
+from rehearsal import SEED, Watched
 
 from bench.commands.session import read_view
 from bench.commands.view import analyse_view
@@ -38,21 +38,7 @@ def killed(tmp_path_factory: pytest.TempPathFactory) -> Crashes:
     """One run of two units, copied at every place, undisturbed to its end."""
     folder = tmp_path_factory.mktemp("units")
     plan = compile_sequence("gnc_unit_test", None, {"units": ",".join(UNITS)})
-    places = {step_of(plan.steps, *place) for place in PLACES.values()}
-    watched = Watched(lambda world, step: copy(step))
-
-    def copy(step: Step) -> None:
-        if step.number in places:
-            (session,) = (folder / "out").iterdir()
-            shutil.copytree(session, folder / f"step{step.number}" / session.name)
-
-    with pytest.MonkeyPatch.context() as patch:
-        watch_worlds(patch, watched)
-        run = conduct(
-            plan, clock=VirtualClock(), seed=SEED, out=folder / "out", operator=SimulatedOperator(), listener=watched
-        )
-    assert run.outcome.error is None
-    return Crashes(plan, folder, Rehearsal(run, watched))
+    return crashed_at(plan, folder, {step_of(plan.steps, *place) for place in PLACES.values()})
 
 
 def step_of(steps: Any, kind: str, name: str, count: int) -> int:
