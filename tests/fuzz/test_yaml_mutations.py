@@ -18,6 +18,7 @@ from bench.plan import check_plan, compile_sequence, load_station
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("sequences", "stations", "frames")
 FILES = sorted(path.relative_to(ROOT) for folder in FOLDERS for path in (ROOT / folder).glob("*.yaml"))
+SEQUENCES = {"gnc_bench_sim": "gnc_magnetometer"}  # what a station is checked with, if not with the shortest one
 SEED = 20_000_101
 LARGE_BYTES, LARGE_COUNT = 20_000, 50
 LIMIT_S = 2.0
@@ -37,7 +38,8 @@ def load(path: Path) -> None:
         load_frame(path)
     elif path.parent.name == "stations":
         station = load_station(path)
-        errors = check_plan(compile_sequence(path.parents[1] / "sequences" / "timeline_example.yaml", station))
+        sequence = SEQUENCES.get(path.stem, "timeline_example")
+        errors = check_plan(compile_sequence(path.parents[1] / "sequences" / f"{sequence}.yaml", station))
         if errors:
             raise InputErrors(errors)
     else:

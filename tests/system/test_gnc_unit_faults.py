@@ -24,7 +24,7 @@ def failed_items(folder: Path, unit: str) -> set[str]:
     return {item for item, verdict in items.items() if verdict != "pass"}
 
 
-def test_time_s(folder: Path, unit: str) -> float:
+def elapsed_s(folder: Path, unit: str) -> float:
     """From the first command to the last answer: the paper's "functional test time" of 8 to 10 s."""
     elapsed_s = json.loads((folder / "units" / unit / "summary.json").read_text())["elapsed_s"]
     assert isinstance(elapsed_s, float)
@@ -41,7 +41,7 @@ def run_with(names: Sequence[str], out: Path) -> None:
     (folder,) = (path for path in out.iterdir() if path.is_dir())
     assert (folder / "results.json").is_file(), done.stderr[-2000:]
     assert failed_items(folder, SOUND) == set()
-    assert 8.0 <= test_time_s(folder, SOUND) <= 10.0
+    assert 8.0 <= elapsed_s(folder, SOUND) <= 10.0
     found = {name: failed_items(folder, unit) for unit, name in units.items()}
     assert found == {name: set(FAULTS[name].fails) for name in names}
 
@@ -63,7 +63,7 @@ def test_two_hundred_sound_units_pass(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr[-2000:]
     (folder,) = (path for path in tmp_path.iterdir() if path.is_dir())
     assert [unit for unit in units if failed_items(folder, unit)] == []
-    times_s = [test_time_s(folder, unit) for unit in units]
+    times_s = [elapsed_s(folder, unit) for unit in units]
     print(f"200 units of 200 pass, {min(times_s):.3f} to {max(times_s):.3f} s each")
     assert min(times_s) >= 8.0
     assert max(times_s) <= 10.0
