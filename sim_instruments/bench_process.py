@@ -60,6 +60,8 @@ class ServedBench:
     def _open_links(self, entries: Mapping[str, Any], rate: float, opened: contextlib.ExitStack) -> dict[str, PtyLink]:
         links = {}
         for name, entry in entries.items():
+            if entry.get("instrument") is not None:  # read over the bus, not over a terminal
+                continue
             link = links[name] = PtyLink(self._world, name, self.folder / name, int(entry["baud"]))
             opened.callback(link.close)
             opened.callback(self.clock.every(PUMP_S * rate, link.pump).cancel)

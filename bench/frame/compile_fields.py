@@ -77,7 +77,7 @@ def _check_options(spec: FieldSpec, kind: str, where: Path_, fail: Fail) -> None
         if spec.count is None:
             refuse("type", "bytes need a 'count' (a number of bytes or 'rest')")
         for key in ("scale", "offset", "unit", "per", "endian"):
-            if getattr(spec, key) is not None:
+            if getattr(spec, key) not in (None, "sample"):
                 refuse(key, f"{key!r} makes no sense for bytes")
     elif spec.count == "rest":
         refuse("count", "only bytes can have the count 'rest'")

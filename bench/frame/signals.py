@@ -180,7 +180,7 @@ def _numbers(definition: FrameDefinition) -> Iterator[tuple[Message, Field]]:
     framing = {item.name for item in (definition.layout.length_field, definition.layout.type_field) if item is not None}
     framing |= {"command"} if definition.commands else set()
     for message in definition.layout.messages:
-        if message.name in _ASKED or message.rest is not None:
+        if message.name in _ASKED or (message.rest is not None and message.rest.per != "sample"):
             continue
         for item in message.fields:
             plain = item.kind != "b" and item.constant is None and not item.counter and not item.bits

@@ -38,6 +38,7 @@ _UNITS |= {
     "mgauss": ("gauss", Decimal("1e-3")),
     "ugauss": ("gauss", Decimal("1e-6")),
     "m": ("m", Decimal(1)),
+    "cm": ("m", Decimal("1e-2")),
     "mm": ("m", Decimal("1e-3")),
     "ppm/degC": ("1/degC", Decimal("1e-6")),
 }

@@ -44,7 +44,8 @@ def served_station(
         lines.append(f"  {role}: {json.dumps(_instrument(entry, resources[role], today))}")
     lines.append("links:" if station.links else "links: {}")
     for name, link in station.links.items():
-        lines.append(f"  {name}: {json.dumps({'frame': link.frame, 'baud': link.baud, 'url': urls[name]})}")
+        port = {"baud": link.baud, "url": urls[name]} if link.instrument is None else {"instrument": link.instrument}
+        lines.append(f"  {name}: {json.dumps({'frame': link.frame, **port})}")
     return "\n".join([*lines, *_others(station.document.text)]) + "\n"
 
 

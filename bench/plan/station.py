@@ -20,10 +20,13 @@ from bench.plan.interlock_language import Interlock
 from bench.plan.notify_language import Notify
 from bench.plan.templated import Name, Scalar
 
+OptionName = Annotated[str, StringConstraints(pattern=r"^[a-z][A-Za-z0-9_]{0,39}$")]  # its unit may be a capital
 Words = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 Current = Annotated[float, *quantity("A", -10.0, 10.0)]
-NUMBERS = ("_ppm", "_A", "_V", "_s", "_Hz", "_degC", "_arcmin", "time_constants")  # how options that are numbers end
-TEXTS = ("faults",)  # options that are neither numbers nor on or off; the world judges them
+NUMBERS = (
+    "_ppm", "_A", "_V", "_s", "_Hz", "_degC", "_arcmin", "_deg", "_deg_h", "time_constants",
+)  # how options that are numbers end  # fmt: skip
+TEXTS = ("faults", "parameters")  # options that are neither numbers nor on or off; the world judges them
 Fraction = Annotated[float, *quantity("1", -1.0, 1.0)]
 CHAMBER_MARGIN_DEGC, UNIT_MARGIN_DEGC = 5.0, 10.0  # hard limits above the highest set-point; the unit warms itself
 Share = Annotated[float, *quantity("1", 0.0, 1.0)]  # of an uncertainty: never negative
@@ -106,18 +109,30 @@ class InstrumentEntry(StrictModel):
 
 
 class LinkEntry(StrictModel):
-    """A serial link to the unit under test; a simulated bench gives the URL itself."""
+    """A serial link to the unit under test; a simulated bench gives the URL itself.
+
+    With ``instrument`` the bytes are those that an instrument of the bench has buffered, and there is no port.
+    """
 
     frame: Name
-    baud: int = Field(ge=300, le=10_000_000)
+    baud: int | None = Field(None, ge=300, le=10_000_000)
     url: Words | None = None
+    instrument: Name | None = Field(None, description="role of the instrument that sends what is recorded")
+
+    @model_validator(mode="after")
+    def _one_source(self) -> LinkEntry:
+        if self.instrument is None and self.baud is None:
+            raise ValueError("a link has a 'baud', or the 'instrument' whose buffer is read")
+        if self.instrument is not None and (self.baud is not None or self.url is not None):
+            raise ValueError("a link that is read from an instrument has no 'baud' and no 'url'")
+        return self
 
 
 class World(StrictModel):
     """The simulated wiring and physics. An option set to null is known and left to the world."""
 
     name: Name
-    options: dict[Name, Scalar | None] = Field(default_factory=dict)
+    options: dict[OptionName, Scalar | None] = Field(default_factory=dict)
 
 
 class GuardLimits(StrictModel):
@@ -172,9 +187,16 @@ class StationFile(StrictModel):
             raise ValueError("a simulated station has a 'world', or is served by another process and reached by '@py'")
         if self.control is not None and (self.world is not None or not self.simulated):
             raise ValueError("'control' is for a simulated station that is served by another process")
-        missing = [name for name, link in self.links.items() if self.world is None and link.url is None]
+        missing = [
+            name
+            for name, link in self.links.items()
+            if self.world is None and link.url is None and link.instrument is None
+        ]
         if missing:
             raise ValueError(f"the url of link {missing[0]!r} is missing")
+        strange = [link.instrument for link in self.links.values() if link.instrument not in (None, *self.instruments)]
+        if strange:
+            raise ValueError(f"a link is read from {strange[0]!r}, which is no instrument of the station")
         hard, highest_degC = self.guard.limits.chamber_air, _highest_degC(self.instruments)
         if hard is not None and highest_degC is not None and hard <= highest_degC:
             raise ValueError(

@@ -13,6 +13,7 @@ Item = TypeVar("Item")
 
 BLOCK = 64
 _LEVEL = 6
+_LARGE_BYTES, _QUICK = 1_000_000, 1  # samples hardly get smaller, however long one tries
 
 
 class PackedRows(MutableMapping[int, RecordRow]):
@@ -25,7 +26,8 @@ class PackedRows(MutableMapping[int, RecordRow]):
     def __setitem__(self, number: int, row: RecordRow) -> None:
         plain = pickle.dumps(row, pickle.HIGHEST_PROTOCOL)
         self._dictionary = self._dictionary or plain
-        packer = zlib.compressobj(_LEVEL, zdict=self._dictionary)
+        level = _LEVEL if len(plain) < _LARGE_BYTES else _QUICK
+        packer = zlib.compressobj(level, zdict=self._dictionary)
         self._packed[number] = packer.compress(plain) + packer.flush()
 
     def __getitem__(self, number: int) -> RecordRow:

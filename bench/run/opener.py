@@ -19,6 +19,7 @@ from bench.model.clock import Clock
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError, InstrumentError, LinkError
 from bench.model.ports import ByteLink, Instrument, RecordWindow, Transcript
+from bench.run.instrument_link import InstrumentLink
 from bench.run.link_port import PortLink
 from bench.run.network import check_answers
 from bench.run.served_world import told
@@ -108,7 +109,7 @@ def open_bench(
             if not roles or role in roles:
                 bench.instruments[role] = open_instrument(visa, role, entry, clock, transcript)
         if links:
-            bench.links.update(_open_links(station, world))
+            bench.links.update(_open_links(station, world, bench.instruments))
     except Exception:
         bench.close()
         raise
@@ -194,14 +195,20 @@ def _open_resource(visa: pyvisa.ResourceManager, role: str, resource: str) -> Me
         ) from error
 
 
-def _open_links(station: Station, world: World | None) -> Mapping[str, ByteLink]:
+def _open_links(
+    station: Station, world: World | None, instruments: Mapping[str, Instrument]
+) -> Mapping[str, ByteLink]:
     if world is not None and SERIAL_HANDLERS not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(SERIAL_HANDLERS)
     opened: dict[str, ByteLink] = {}
     try:
         for name, entry in station.links.items():
+            if entry.instrument is not None:
+                opened[name] = InstrumentLink(name, instruments[entry.instrument])
+                continue
             url = world.link_url(name) if world is not None else str(entry.url)
-            opened[name] = PortLink(partial(open_port, name, url, entry.baud, exclusive=world is None))
+            baud = entry.baud or 0
+            opened[name] = PortLink(partial(open_port, name, url, baud, exclusive=world is None))
     except Exception:
         for link in opened.values():
             with suppress(OSError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -62,9 +63,28 @@ def gnc(kind: int, command: int, sequence: int, payload: bytes, to_unit: bool = 
     return b"\xeb\x90" + body + struct.pack("<H", Crc16Ibm3740.calc(body))
 
 
+def fog_1k() -> bytes:
+    body = struct.pack("<IiIhH", 70000, -707107, 0xC00001, 2512, 3)
+    return b"\xf0\x6e" + body + struct.pack("<H", Crc16Ibm3740.calc(body))
+
+
+def rlg_housekeeping() -> bytes:
+    body = struct.pack("<IhHHH", 4711, 2475, 12345, 10012, 0)
+    return b"\x52\x4c" + body + struct.pack("<H", Crc16Ibm3740.calc(body))
+
+
+def time_tags() -> bytes:
+    body = struct.pack("<HIQIIH", 44, 4, 4000123, 100000000, 7, 3) + EVENTS
+    return b"\xa5\x5a\xc3\x3c" + body + struct.pack("<I", zlib.crc32(body))
+
+
+EVENTS = struct.pack("<3I", 1234 << 3 | 0b011, 5678 << 3, 999999 << 3 | 0b101)
 SAMPLE = struct.pack("<2IB9ih", 70000, 4294967290, 1, 43200, -3, 7, -12, 1003, 5, 1200, -3584, 2500, 2512)
 HOUSEKEEPING = struct.pack(">H4hHH3HH", 513, -1023, -998, 2004, 5001, 28012, 1850, 5003, 15010, 14990, 3)
 INDEPENDENT = {
+    "fog_1k": fog_1k(),
+    "rlg_housekeeping": rlg_housekeeping(),
+    "time_tags": time_tags(),
     "gnc_422.command": gnc(0x01, 0x11, 7, struct.pack("<IB", 5000, 20), to_unit=True),
     "gnc_422.answer": gnc(0x81, 0x21, 8, struct.pack("<BI", 0, 48000)),
     "gnc_422.stream": gnc(0x02, 0x22, 9, SAMPLE),
@@ -131,6 +151,23 @@ def test_ngu_b_messages() -> None:
     assert housekeeping.raw("unit_temperature").tolist() == [[-1023, -998, 2004, 5001]]
     assert (answer.raw("command")[0], answer.raw("payload")[0]) == (1, b"NGU SIM-1 1.0")
     assert (command.raw("command")[0], command.raw("payload")[0]) == (2, b"\x64")
+
+
+def test_time_tags_keep_their_events_as_bytes() -> None:
+    batch = decode("time_tags", INDEPENDENT["time_tags"])
+    assert batch.raw("events").tolist() == [EVENTS]
+    assert [int(batch.raw(name)[0]) for name in ("counter", "tick", "clock", "dropped", "edges")] == [
+        4, 4000123, 100000000, 7, 3,
+    ]  # fmt: skip
+
+
+def test_fog_and_ring_laser_fields() -> None:
+    fog = decode("fog_1k", INDEPENDENT["fog_1k"])
+    np.testing.assert_allclose(fog.scaled("output"), [-0.707107], rtol=1e-15)
+    np.testing.assert_allclose(fog.scaled("encoder"), [270.0 + 360.0 / 2**24], rtol=1e-12)
+    laser = decode("rlg_housekeeping", INDEPENDENT["rlg_housekeeping"])
+    found = [laser.scaled(name)[0] for name in ("temperature", "intensity", "dither_amplitude")]
+    np.testing.assert_allclose(found, [24.75, 1.2345, 100.12], rtol=1e-15)
 
 
 def test_gnc_messages() -> None:

@@ -86,6 +86,8 @@ def _opened(station: Station, clock: Clock) -> Iterator[Opened]:
     closers: list[Callable[[], Any]] = []
     try:
         for name, link in station.links.items():
+            if link.baud is None:  # read from an instrument: it has no port
+                continue
             with _noted(absent, name):
                 open_link = partial(open_port, name, str(link.url), link.baud, exclusive=True)
                 links[name] = within(OPEN_LIMIT_S, open_link)

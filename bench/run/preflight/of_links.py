@@ -17,7 +17,7 @@ _SPEEDS = {getattr(termios, name): int(name[1:]) for name in dir(termios) if nam
 
 def line_settings(context: PreflightContext) -> list[Finding]:
     """Every port of the station opens and has the declared speed, 8 bits, no parity, no flow control of any kind."""
-    return [_line(context, link) for link in context.station.links]
+    return [_line(context, name) for name, link in context.station.links.items() if link.instrument is None]
 
 
 def _line(context: PreflightContext, link: str) -> Finding:
@@ -33,7 +33,7 @@ def _line(context: PreflightContext, link: str) -> Finding:
         modes = termios.tcgetattr(descriptor)
     except termios.error as error:
         return Finding(name, Status.WARN, "unknown", limit, f"its settings cannot be read: {error}")
-    wrong = _wrong_modes(modes, context.station.links[link].baud)
+    wrong = _wrong_modes(modes, context.station.links[link].baud or 0)
     if wrong:
         return Finding(name, Status.FAIL, ", ".join(wrong), limit, "another program has changed it", of_bench=True)
     return Finding(name, Status.OK, "as declared", limit)
