@@ -6,7 +6,8 @@ No call blocks longer than 1.5 s. What takes longer is triggered, then polled fo
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Protocol, TypeVar
 
 from pyvisa.constants import StatusCode
@@ -16,6 +17,7 @@ from pyvisa.resources import MessageBasedResource
 from bench.model.clock import Clock, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Transcript
+from instruments.block import CutOffError, block_content
 from instruments.values import OverloadReadingError
 from instruments.wire import BUS_ERRORS, MESSAGE_AVAILABLE, Wire, is_unsupported
 
@@ -70,11 +72,12 @@ class BusSession(Wire):
         self.where = f"{role} ({resource.resource_name})"
         self.lock = bus_lock(resource.resource_name)
         self.climb: Climb | None = None
+        self._talking = 0  # conversations of this session under way, one inside the other
 
     def write(self, command: str, timeout_s: float) -> None:
         """Send one command, once. Raises: InstrumentError B-INST-001 (time-out), B-INST-003 (bus)."""
         self._keep_apart()
-        with self.lock:
+        with self._conversation():
             self.note("tx", command)
             limit_s = self.limit(timeout_s)
             try:
@@ -89,7 +92,7 @@ class BusSession(Wire):
 
         Raises: InstrumentError B-INST-001, B-INST-003, B-INST-004 (not understood), B-INST-007 (overload).
         """
-        with self.lock:
+        with self._conversation():
             return self._understood(parse, command, self._receive(command, timeout_s))
 
     def query(
@@ -113,7 +116,7 @@ class BusSession(Wire):
             return self.read(parse, command, timeout_s)
 
         self._keep_apart()  # before the lock: the other instruments of the bus need not wait
-        with self.lock:
+        with self._conversation():
             try:
                 return ask()
             except InstrumentError as error:
@@ -121,9 +124,32 @@ class BusSession(Wire):
                     raise
                 return self.climb(error, ask)
 
+    def fetch(self, question: str, timeout_s: float) -> bytes | None:
+        """Ask for a definite-length block and return its content; nobody is waited for and nothing is repeated.
+
+        None at once if the bus is in use: by another thread, or by this one, further up (under the virtual clock a
+        callback runs inside the calls of others). A block that is cut off is handed on as far as it came; after that,
+        as after an error, the next call clears the instrument, and nothing else. Returns after twice ``timeout_s``.
+        Raises: InstrumentError B-INST-001, B-INST-003, B-INST-004, unless part of a block has come.
+        """
+        if not self.lock.acquire(blocking=False):
+            return None
+        try:
+            if self._talking:
+                return None
+            with self._conversation(), self.hurry(timeout_s):
+                if not self.in_step:
+                    self.in_step = self._device_cleared()
+                    self._require_step(question)
+                    return None
+                self.write(question, timeout_s)
+                return self._block(question, timeout_s)
+        finally:
+            self.lock.release()
+
     def status_byte(self, timeout_s: float) -> int:
         """Serial poll. Raises: InstrumentError B-INST-001, B-INST-003."""
-        with self.lock:
+        with self._conversation():
             limit_s = self.limit(timeout_s)
             try:
                 return self.poll_status()
@@ -134,6 +160,15 @@ class BusSession(Wire):
         """Release the session."""
         self._resource.close()
 
+    @contextmanager
+    def _conversation(self) -> Iterator[None]:
+        with self.lock:
+            self._talking += 1
+            try:
+                yield
+            finally:
+                self._talking -= 1
+
     def _keep_apart(self) -> None:
         if self._spacing_ns:
             self._clock.sleep_until_ns(self._spoke_ns + self._spacing_ns // (2 if self.hurried else 1))
@@ -141,10 +176,13 @@ class BusSession(Wire):
     def _put(self, question: str, timeout_s: float) -> None:
         if not self.in_step:
             self.clear()
+        self._require_step(question)
+        self.write(question, timeout_s)
+
+    def _require_step(self, question: str) -> None:
         if not self.in_step:
             message = f"{question!r} was not asked: a reply to an earlier question may still come"
             raise InstrumentError(TIMED_OUT, message, where=self.where, next_step=_LOOK_AT_DEVICE)
-        self.write(question, timeout_s)
 
     def _await_reply(self, command: str, timeout_s: float, patience_s: float) -> str:
         """The reply, once a serial poll says that it is there; without serial poll it is listened for, bit by bit."""
@@ -175,6 +213,28 @@ class BusSession(Wire):
         self._spoke_ns = self._clock.now_ns()
         self.note("rx", reply)
         return reply
+
+    def _block(self, question: str, timeout_s: float) -> bytes:
+        limit_s = self.limit(timeout_s)
+        came = bytearray()
+        failure: Exception | None = None
+        try:
+            self.collect(came)
+        except BUS_ERRORS as error:
+            failure = error
+        self._spoke_ns = self._clock.now_ns()
+        try:
+            content = block_content(came)
+        except CutOffError as short:
+            self.in_step = False
+            if failure is not None and not short.content:
+                raise self._failure(failure, question, limit_s) from failure
+            self.note("rx", f"<{short}>")
+            return short.content
+        except ValueError as error:
+            raise self._not_understood(question, repr(bytes(came[:80])), str(error)) from error
+        self.note("rx", f"<{len(content)} bytes>")
+        return content
 
     def _understood(self, parse: Callable[[str], T], command: str, reply: str) -> T:
         try:

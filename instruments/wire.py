@@ -28,6 +28,7 @@ _QUIET_S = 0.25
 _MOST_LATE_S = 10.0  # a reply that is not there by then never comes
 _MOST_STALE = 16
 _CLEARS = 2
+_CHUNK_BYTES = 1 << 18  # of a block; each chunk is a call of its own
 # PyVISA's remark on a reply without a line feed: what a reply is worth, the parser of the driver says
 warnings.filterwarnings("ignore", "read string doesn't end with termination characters", UserWarning, r"instruments\.")
 _UNSUPPORTED = (StatusCode.error_nonsupported_operation, StatusCode.error_nonimplemented_operation)
@@ -38,6 +39,7 @@ class Wire:
 
     ``echo`` is the identity question with its known reply, once there is one. ``in_step`` is False while a reply to an
     earlier question may still come. ``alive`` is what the last serial poll said, None when there is none on this bus.
+    ``ends``: the end of a reply is a signal of the bus, so that a reply may have any bytes in it.
     """
 
     def __init__(self, resource: MessageBasedResource, role: str, clock: Clock, transcript: Transcript) -> None:
@@ -57,7 +59,8 @@ class Wire:
         name = resource.resource_name.upper()
         self._resource = resource
         self._timeout_s = 0.0
-        self._clears = not (name.endswith("::SOCKET") or name.startswith("ASRL"))
+        self.ends = not (name.endswith("::SOCKET") or name.startswith("ASRL"))
+        self._clears = self.ends
         self.alive: bool | None = True
         self.in_step = name.endswith("::SOCKET")
         self.limit(_ECHO_S)  # a clear or a poll may be the first call, and the resource's own limit is 2 s
@@ -131,6 +134,21 @@ class Wire:
             return repr(error.object)
         except BUS_ERRORS:
             return None
+
+    def collect(self, came: bytearray) -> None:
+        """Append one reply to ``came``, whatever its bytes are, up to its END; what came before an error stays there.
+
+        Raises: what the bus raises.
+        """
+        resource, status = self._resource, StatusCode.success_max_count_read
+        resource.read_termination = None  # a line feed is a byte like any other
+        try:
+            with resource.ignore_warning(resource.session, StatusCode.success_max_count_read):
+                while status == StatusCode.success_max_count_read:
+                    chunk, status = resource.visalib.read(resource.session, _CHUNK_BYTES)
+                    came += chunk
+        finally:
+            resource.read_termination = "\n"
 
     def limit(self, timeout_s: float) -> float:
         """Set the time limit of the next call, second; returns the one that holds."""

@@ -7,6 +7,8 @@ from typing import Any
 from scripted import POLL, READ
 
 NO_ERROR = (b"SYST:ERR?\n", b'+0,"No error"\n')
+NO_EVENT = [(b"*ESR?\n", b"0\n"), (b"ERRS?\n", b"0\n")]
+CONTROLS = "\x16\x02\x03\r\n"  # what frames a telegram
 
 IDENTIFY = {
     "fluke_5720a": [(b"*IDN?\n", b"FLUKE,5720A,7005201,1.4+1.1+1.0\n"), (b"FAULT?\n", b"0\n")],
@@ -31,7 +33,15 @@ IDENTIFY = {
         NO_ERROR,
     ],
     "agilent_34401a": [(b"*IDN?\n", b"HEWLETT-PACKARD,34401A,0,10-5-2\n"), NO_ERROR],
+    "pendulum_cnt_91": [(b"*IDN?\n", b"PENDULUM, CNT-91, 1234567, V1.01 28 Jun 2004\n"), NO_ERROR],
     "acutrol_3000": [(b"*IDN?\n", b"ACUTRONIC,ACUTROL3000,1201,3.2\n"), (b"*STB?\n", b"0\n")],
+    "srs_sr830": [
+        (b"OUTX 1\n", None),
+        (b"*IDN?\n", b"Stanford_Research_Systems,SR830,s/n48123,ver1.07\n"),
+        *NO_EVENT,
+    ],
+    "krohn_hite_3988": [(b"V\n", b"KROHN-HITE V3.5\n")],
+    "leica_nivel_220": [(b"\x16\x02N1C1 RB I\x03\r\n", b"\x16\x02C1N1 I:NIVEL220 632001\x03\r\n")],
 }
 
 _RATE_0 = ((b"dem:rate", b",0"), (b"mode:rate", b""))
@@ -48,6 +58,7 @@ MAKE_SAFE = {
     "agilent_e3631a": _OUTPUT_OFF,
     "agilent_34970a": [(b"ABOR\n", None), NO_ERROR],
     "agilent_34401a": [NO_ERROR],
+    "pendulum_cnt_91": [(b"ABOR\n", None), NO_ERROR, (b"STAT:OPER:COND?\n", b"0\n")],
     "acutrol_3000": [
         *[(b":%s %d%s\n" % (what, axis, value), None) for axis in (3, 2, 1) for what, value in _RATE_0],
         *[(b":read:rate? %d\n" % axis, b"-0.0012\n") for axis in (3, 2, 1)],
@@ -55,7 +66,15 @@ MAKE_SAFE = {
         (b"*STB?\n", b"0\n"),
         *[(b":int? %d\n" % axis, b"Open\n") for axis in (1, 2, 3)],
     ],
+    "srs_sr830": NO_EVENT,
+    "krohn_hite_3988": IDENTIFY["krohn_hite_3988"],
+    "leica_nivel_220": IDENTIFY["leica_nivel_220"],
 }
+
+
+def said(message: bytes) -> str:
+    """A message as text, without its terminator and frame."""
+    return message.decode().strip(CONTROLS)
 
 
 def after(command: bytes, ok: tuple[bytes, bytes] = NO_ERROR) -> list[tuple[bytes, bytes | None]]:

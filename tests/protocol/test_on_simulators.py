@@ -10,7 +10,7 @@ from unittest.mock import MagicMock
 import numpy as np
 import pytest
 import pyvisa
-from known_drivers import IDENTIFY
+from known_drivers import CONTROLS, IDENTIFY
 from pyvisa.resources import MessageBasedResource
 from scripted import Log
 
@@ -20,7 +20,7 @@ from sim_instruments.simulation import open_world
 
 SEED = 20
 ADDRESS = {name: f"GPIB0::{number}::INSTR" for number, name in enumerate(sorted(IDENTIFY), 1)}
-IDENTITY_QUESTIONS = {"*IDN?", "IDEN?", "END ALWAYS", "ID?", "<device clear>"}
+IDENTITY_QUESTIONS = {"*IDN?", "IDEN?", "END ALWAYS", "ID?", "OUTX 1", "V", "N1C1 RB I", "<device clear>"}
 
 
 class Bench:
@@ -70,7 +70,8 @@ def test_wrong_instrument_gets_no_stimulus(bench: Bench, name: str) -> None:
     with pytest.raises(InstrumentError) as caught:
         driver.make_safe()
     assert caught.value.code == "B-INST-002"
-    assert {text for _, direction, text, _ in bench.log.lines if direction == "tx"} <= IDENTITY_QUESTIONS
+    sent = {text.strip(CONTROLS) for _, direction, text, _ in bench.log.lines if direction == "tx"}
+    assert sent <= IDENTITY_QUESTIONS
 
 
 @pytest.mark.parametrize("name", sorted(IDENTIFY))

@@ -1,0 +1,143 @@
+"""Simulated Krohn-Hite 3988 filter: channel 1 and 2 in series between the gyroscope and the lock-in amplifiers.
+
+Each channel is a Butterworth filter of 8 poles, or a by-pass. Whatever is read after a command is the display.
+
+Source: 3988 operating manual, section 3 (delimiters, form of the display and of ``V``). Placeholders, not confirmed on
+hardware: the letters of the commands but ``V``, the display in by-pass, no limits of voltage, no noise, ac coupling
+lets everything through.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfilt
+
+from sim_instruments.live import LiveDevice
+
+SAMPLES_HZ = 1000.0
+POLES = 8
+LOWEST_HZ, HIGHEST_HZ = 0.03, 1e6
+_SAMPLE_NS = 1_000_000
+_COMMAND = re.compile(r"([A-Z]+)\s*([+-]?[\d.]+(?:E[+-]?\d+)?)?")
+_KILO, _MEGA = 1e3, 1e6
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Settings of one channel; ``kind`` is HP, LP or BY."""
+
+    kind: str = "BY"
+    cutoff_Hz: float = 1000.0
+    input_gain_dB: int = 0
+    output_gain_dB: int = 0
+    coupling: str = "AC"
+
+    @property
+    def gain(self) -> float:
+        """Gain of both amplifiers, as a factor."""
+        return float(10.0 ** ((self.input_gain_dB + self.output_gain_dB) / 20.0))
+
+    def sections(self) -> NDArray[np.float64] | None:
+        """Second-order sections at 1000 samples a second; None for a way straight through."""
+        if self.kind == "BY" or not self.cutoff_Hz < SAMPLES_HZ / 2:
+            return None
+        kind = "highpass" if self.kind == "HP" else "lowpass"
+        found: NDArray[np.float64] = butter(POLES, self.cutoff_Hz, kind, fs=SAMPLES_HZ, output="sos")
+        return found
+
+
+class BandPass:
+    """The way of one signal through both channels, sample after sample, with what was set in the meantime.
+
+    Args: history: of the filter, (sample from which on, the two channels), the first one from sample 0 on.
+    """
+
+    def __init__(self, history: list[tuple[int, tuple[Channel, Channel]]]) -> None:
+        self._history = history
+        self._at = -1  # place in the history
+        self._stages: list[tuple[NDArray[np.float64], NDArray[np.float64]]] = []
+        self._gain = 1.0
+
+    def filtered(self, first: int, volts: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The samples from ``first`` on behind the filter, volt (n,); to be called for one piece after the other."""
+        found = np.array(volts)
+        done = 0
+        while done < len(found):
+            while self._at + 1 < len(self._history) and self._history[self._at + 1][0] <= first + done:
+                self._at += 1
+                self._begin(self._history[self._at][1])
+            change = self._history[self._at + 1][0] - first if self._at + 1 < len(self._history) else len(found)
+            end = min(change, len(found))
+            found[done:end] *= self._gain
+            for place, (sections, state) in enumerate(self._stages):
+                found[done:end], state = sosfilt(sections, found[done:end], zi=state)
+                self._stages[place] = (sections, state)
+            done = end
+        return found
+
+    def _begin(self, channels: tuple[Channel, Channel]) -> None:
+        sections = [channel.sections() for channel in channels]
+        self._stages = [(one, np.zeros((len(one), 2))) for one in sections if one is not None]
+        self._gain = channels[0].gain * channels[1].gain
+
+
+class KrohnHite3988(LiveDevice):
+    """The filter; ``history`` is what ``BandPass`` wants. A change of the settings begins from rest."""
+
+    identity = "KROHN-HITE V3.5"
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.channels = [Channel(), Channel()]
+        self.history: list[tuple[int, tuple[Channel, Channel]]] = [(0, (Channel(), Channel()))]
+        self._shown = 1
+
+    def outputs(self) -> dict[str, Any]:
+        return {"channels": [f"{one.kind} {one.cutoff_Hz:g} Hz" for one in self.channels]}
+
+    def execute(self, message: str) -> None:
+        if message.strip().upper() == "V":
+            self.reply(self.faults.identity or self.identity)
+            return
+        for unit in re.split(r"[;:/\\]", message.upper()):
+            if match := _COMMAND.fullmatch(unit.strip()):
+                self._carry_out(match[1], match[2])
+        settings = (self.channels[0], self.channels[1])
+        if settings != self.history[-1][1]:
+            self.history.append((self.now_ns // _SAMPLE_NS, settings))
+        self.reply(self._display())
+
+    def _carry_out(self, word: str, text: str | None) -> None:
+        value = float(text) if text else None
+        change: dict[str, Any] = {}
+        if word == "CH" and value in (1.0, 2.0):
+            self._shown = int(value)
+        elif word in ("HP", "LP", "BY"):
+            change["kind"] = word
+        elif word in ("AC", "DC"):
+            change["coupling"] = word
+        elif word == "F" and value is not None and LOWEST_HZ <= value <= HIGHEST_HZ:
+            change["cutoff_Hz"] = float(f"{value:.4g}")
+        elif word in ("IG", "OG") and value is not None:
+            change["input_gain_dB" if word == "IG" else "output_gain_dB"] = int(value)
+        self.channels[self._shown - 1] = replace(self.channels[self._shown - 1], **change)
+
+    def _display(self) -> str:
+        one = self.channels[self._shown - 1]
+        shown = "byP     " if one.kind == "BY" else _four_digits(one.cutoff_Hz)
+        return f"{one.input_gain_dB:02d} {shown} {self._shown:02d}.1 {one.output_gain_dB:02d} {one.coupling} "
+
+
+def _four_digits(frequency_Hz: float) -> str:
+    """Four digits with a point and a power of a thousand."""
+    unit, power = next((pair for pair in ((_MEGA, 6), (_KILO, 3)) if frequency_Hz >= pair[0]), (1.0, 0))
+    digits = f"{frequency_Hz / unit:.4g}".removeprefix("0")
+    return f"{digits if '.' in digits else digits + '.'}".ljust(5, "0")[:5] + f"E+{power}"
+
+
+SIMULATOR = KrohnHite3988

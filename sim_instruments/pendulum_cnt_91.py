@@ -1,0 +1,189 @@
+"""Simulated time tagger of the CNT-91 class, its inputs on the comparators of a ring laser where the bench has one.
+
+Source: CNT-90/91 Programmer's Handbook (INPut, INITiate, ABORt, STATus:OPERation:CONDition?). The STReam commands are
+not of the handbook; instruments/pendulum_cnt_91.py says what they mean. Placeholders: memory for 3 s of full blocks,
+no limit of edges per second but 6,000 in 10 ms, settings that can be changed only while nothing is measured.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.model.clock import NS
+from sim_instruments.scpi import OUT_OF_RANGE, SETTINGS_CONFLICT, ScpiDevice, ScpiError, command
+from sim_instruments.time_tag_blocks import TagBlocks
+
+CLOCKS_HZ = (10_000_000, 20_000_000, 50_000_000, 100_000_000)
+MEASUREMENT_STARTED = 16  # operation status
+INIT_IGNORED = (-213, "Init ignored")
+_PS = 10**12
+_LEVEL_STEP_V = 0.0025
+_SLICE_NS = NS  # events are asked for in such pieces, so that a long silence needs no more memory than a short one
+_MOST_BYTES = 10_000_000
+
+Events = tuple[NDArray[np.int64], NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8]]
+
+
+@runtime_checkable
+class EdgeSource(Protocol):
+    """A world whose comparators the tagger's inputs are wired to."""
+
+    @property
+    def edges_epoch_ns(self) -> int:
+        """Bench time at which the picoseconds are 0."""
+
+    def edges_until(self, t_ns: int) -> Events:
+        """Events before ``t_ns`` not handed out yet, in order: picoseconds, channel, level, level of the cosine."""
+
+    def skip_edges(self, t_ns: int) -> None:
+        """Nobody looked at the events before ``t_ns``."""
+
+
+class PendulumCnt91(ScpiDevice):
+    """Tagger; option ``clock_error_ppm``: how much faster than nominal its clock runs."""
+
+    identity = "PENDULUM, CNT-91, 919191, V1.28 02 Mar 2017"
+
+    def __init__(self, *arguments: Any) -> None:
+        self.blocks = TagBlocks()
+        self._seen_ns = 0  # until when the inputs were looked at
+        super().__init__(*arguments)
+        self._clock_error = float(self.options.get("clock_error_ppm", 0.0)) * 1e-6
+
+    def reset(self) -> None:
+        self.level_V, self.coupling = {1: 0.0, 2: 0.0}, {1: "AC", 2: "AC"}
+        self.clock_Hz, self.continuous, self.running = CLOCKS_HZ[0], False, False
+        self.blocks.clear()
+
+    # --- the stream --------------------------------------------------------------------------------------------
+
+    def _begin(self) -> None:
+        source, self._seen_ns = self._source, self.now_ns
+        if source is not None:
+            source.skip_edges(self._seen_ns)
+        self.blocks.start(self.clock_Hz, self._tick_now(self._seen_ns))
+        self.running = True
+
+    def _catch_up(self) -> None:
+        """Stamp what has happened until now."""
+        now_ns, source = self.now_ns, self._source
+        while self.running and self._seen_ns < now_ns:
+            self._seen_ns = min(now_ns, self._seen_ns + _SLICE_NS)
+            if source is not None:
+                t_ps, channel, level, cosine = source.edges_until(self._seen_ns)
+                flags = level.astype(np.uint32) | cosine.astype(np.uint32) << 1 | channel.astype(np.uint32) << 2
+                self.blocks.add(self._ticks(t_ps), flags)
+            self.blocks.close_until(self._tick_now(self._seen_ns))
+
+    @property
+    def _source(self) -> EdgeSource | None:
+        return self.world if isinstance(self.world, EdgeSource) else None
+
+    def _ticks(self, t_ps: NDArray[np.int64]) -> NDArray[np.int64]:
+        own_ps = t_ps + np.floor(t_ps * self._clock_error).astype(np.int64) if self._clock_error else t_ps
+        return own_ps // (_PS // self.clock_Hz)
+
+    def _tick_now(self, t_ns: int) -> int:
+        epoch_ns = 0 if self._source is None else self._source.edges_epoch_ns
+        return int(self._ticks(np.array([(t_ns - epoch_ns) * (_PS // NS)]))[0])
+
+    def _only_at_rest(self) -> None:
+        if self.running:
+            raise ScpiError(*SETTINGS_CONFLICT)
+
+    @command(":INITiate[:IMMediate]")
+    def _initiate(self, _: str) -> None:
+        if self.running:
+            raise ScpiError(*INIT_IGNORED)
+        self._begin()
+
+    @command(":ABORt")
+    def _abort(self, _: str) -> None:
+        self._catch_up()
+        self.running = False
+
+    @command(":INITiate:CONTinuous")
+    def _set_continuous(self, text: str) -> None:
+        self._only_at_rest()
+        self.continuous = self.boolean(text)
+
+    @command(":INITiate:CONTinuous?")
+    def _get_continuous(self, _: str) -> str:
+        return str(int(self.continuous))
+
+    @command(":STATus:OPERation:CONDition?")
+    def _condition(self, _: str) -> str:
+        return str(MEASUREMENT_STARTED if self.running else 0)
+
+    @command(":STReam:CLOCk")
+    def _set_clock(self, text: str) -> None:
+        self._only_at_rest()
+        found = self.number(text, CLOCKS_HZ[0], CLOCKS_HZ[-1])
+        if found not in CLOCKS_HZ:
+            raise ScpiError(*OUT_OF_RANGE)
+        self.clock_Hz = int(found)
+
+    @command(":STReam:CLOCk?")
+    def _get_clock(self, _: str) -> str:
+        return str(self.clock_Hz)
+
+    @command(":STReam:CLEar")
+    def _clear_memory(self, _: str) -> None:
+        self._catch_up()
+        self.blocks.clear()
+
+    @command(":STReam:DATA?")
+    def _fetch(self, text: str) -> str:
+        self._catch_up()
+        content = self.blocks.take(int(self.number(text, 1, _MOST_BYTES)))
+        length = str(len(content))
+        return f"#{len(length)}{length}" + content.decode("latin-1")  # a reply is text of one byte a character
+
+    @command(":STReam:LOST?")
+    def _lost(self, _: str) -> str:
+        self._catch_up()
+        return str(self.blocks.dropped)
+
+    # --- inputs ------------------------------------------------------------------------------------------------
+
+    @command(":INPut1:LEVel")
+    def _set_level_a(self, text: str) -> None:
+        self._set_level(1, text)
+
+    @command(":INPut2:LEVel")
+    def _set_level_b(self, text: str) -> None:
+        self._set_level(2, text)
+
+    @command(":INPut1:LEVel?")
+    def _get_level_a(self, _: str) -> str:
+        return f"{self.level_V[1]:+.8E}"
+
+    @command(":INPut2:LEVel?")
+    def _get_level_b(self, _: str) -> str:
+        return f"{self.level_V[2]:+.8E}"
+
+    @command(":INPut1:COUPling")
+    def _set_coupling_a(self, text: str) -> None:
+        self.coupling[1] = self.word(text, "AC", "DC")
+
+    @command(":INPut2:COUPling")
+    def _set_coupling_b(self, text: str) -> None:
+        self.coupling[2] = self.word(text, "AC", "DC")
+
+    @command(":INPut1:COUPling?")
+    def _get_coupling_a(self, _: str) -> str:
+        return self.coupling[1]
+
+    @command(":INPut2:COUPling?")
+    def _get_coupling_b(self, _: str) -> str:
+        return self.coupling[2]
+
+    def _set_level(self, number: int, text: str) -> None:
+        level_V = self.number(text, -5.0, 5.0)
+        self.level_V[number] = round(level_V / _LEVEL_STEP_V) * _LEVEL_STEP_V
+
+
+SIMULATOR = PendulumCnt91
