@@ -5,7 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 
-NAMES = ("decoder", "step_cost", "replay", "campaign", "memory", "history", "batch", "latency", "page")
+NAMES = ("decoder", "step_cost", "replay", "campaign", "memory", "history", "batch", "latency", "page", "tagger")
 
 
 def main() -> int:

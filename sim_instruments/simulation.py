@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import math
 import re
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -12,11 +11,14 @@ from pyvisa import rname
 
 from bench.model.clock import Clock
 from bench.model.errors import InputError
+from sim_instruments.gyroscope_worlds import checked_options, gyroscope_options, gyroscope_world, world_class
 from sim_instruments.live import LiveDevice
 from sim_instruments.thermal import Thermal
 from sim_instruments.world import Unit, World
+from sim_instruments.world_options import number_of, switch_of, unknown_option
 
-WORLDS = ("af_converter", "gnc_module")
+WORLDS = ("af_converter", "gnc_module", "fog_north", "ring_laser")
+GYROSCOPES = {"fog_north": "fog", "ring_laser": "rlg"}  # how the modules of a world begin
 WORLD_OPTIONS = {
     "calibrator_gain": "common gain error of the calibrator, N(0, 10 ppm)",
     "calibrator_floor": "range offsets and level errors of the calibrator, N(0, floor/2) of Table 2",
@@ -70,6 +72,8 @@ def open_world(
         )
     if name == "gnc_module":
         world = _gnc_world(clock, seed, options or {})
+    elif name in GYROSCOPES:
+        world = gyroscope_world(GYROSCOPES[name], clock, seed, options or {})
     else:
         world = _af_world(clock, seed, options or {}, unit_factory or _simulated_ngu)
     try:
@@ -85,12 +89,18 @@ def options_of(name: str) -> tuple[str, ...]:
     """Names of all options of a kind of world."""
     if name == "gnc_module":
         return (*GNC_OPTIONS, *GNC_NUMBERS, *GNC_TEXTS)
+    if name in GYROSCOPES:
+        return gyroscope_options(GYROSCOPES[name])
     return (*WORLD_OPTIONS, *WORLD_NUMBERS, *UNIT_OPTIONS)
 
 
 def check_operation(name: str, what: str, value: Any) -> None:
     """Raises: InputError B-SIM-018, B-SIM-019 if no person can set this at a bench of the kind ``name``."""
-    found = importlib.import_module("sim_instruments.gnc_world").GncWorld if name == "gnc_module" else World
+    found: type[World] = World
+    if name == "gnc_module":
+        found = importlib.import_module("sim_instruments.gnc_world").GncWorld
+    elif name in GYROSCOPES:
+        found = world_class(GYROSCOPES[name])
     found.check_operation(what, value)
 
 
@@ -98,6 +108,8 @@ def check_options(name: str, options: Mapping[str, str]) -> None:
     """Raises: InputError B-SIM-002 if a world of the kind ``name`` cannot be opened with these options."""
     if name == "gnc_module":
         _gnc_options(options)
+    elif name in GYROSCOPES:
+        checked_options(GYROSCOPES[name], options)
     else:
         _split_options(options)
 
@@ -119,13 +131,13 @@ def _gnc_options(options: Mapping[str, str]) -> dict[str, bool | float | str]:
     found: dict[str, bool | float | str] = dict.fromkeys(GNC_OPTIONS, True)
     for key, value in options.items():
         if key in GNC_OPTIONS:
-            found[key] = _switch(key, value)
+            found[key] = switch_of(key, value)
         elif key in GNC_NUMBERS:
-            found[key] = _number(key, value, 0.0, MOST_TILT_ARCMIN)
+            found[key] = number_of(key, value, 0.0, MOST_TILT_ARCMIN)
         elif key in GNC_TEXTS:
             found[key] = value
         else:
-            raise _unknown(key, options_of("gnc_module"))
+            raise unknown_option(key, options_of("gnc_module"))
     importlib.import_module("sim_instruments.gnc_faults").parse_faults(str(found.get("faults", "")))
     return found
 
@@ -142,34 +154,12 @@ def _split_options(options: Mapping[str, str]) -> tuple[dict[str, bool | float],
         if key in UNIT_OPTIONS:
             rest[key] = value
         elif key in WORLD_NUMBERS:
-            own[key] = _number(key, value, LEAST.get(key, -MOST), MOST)
+            own[key] = number_of(key, value, LEAST.get(key, -MOST), MOST)
         elif key not in WORLD_OPTIONS:
-            raise _unknown(key, options_of("af_converter"))
+            raise unknown_option(key, options_of("af_converter"))
         else:
-            own[key] = _switch(key, value)
+            own[key] = switch_of(key, value)
     return own, rest
-
-
-def _unknown(key: str, known: tuple[str, ...]) -> InputError:
-    return InputError("B-SIM-002", f"no world option is called {key!r}", next_step=f"use one of: {', '.join(known)}")
-
-
-def _switch(key: str, value: str) -> bool:
-    if value not in ("on", "off"):
-        raise InputError("B-SIM-002", f"world option {key} is {value!r}", next_step=f"write {key}=on or {key}=off")
-    return value == "on"
-
-
-def _number(key: str, value: str, least: float, most: float) -> float:
-    try:
-        number = float(value)
-    except ValueError:
-        number = math.nan
-    if not least <= number <= most:
-        raise InputError(
-            "B-SIM-002", f"world option {key} is {value!r}", next_step=f"write a number from {least:g} to {most:g}"
-        )
-    return number
 
 
 def _connect(world: World, role: str, entry: Mapping[str, Any]) -> None:

@@ -15,6 +15,7 @@ from functools import partial
 from typing import Protocol
 
 from bench.model.clock import NS, Clock, Periodic, to_ns
+from bench.run.instrument_link import InstrumentLink
 from bench.run.link_port import descriptor_of
 from bench.run.link_reader import BatchListener, LinkReader
 from bench.run.link_status import LinkStatus, status_of
@@ -31,6 +32,7 @@ TICK_S = 1.0
 STALL_S = 0.1
 NO_DESCRIPTOR_POLL_S = 0.05
 QUEUE_BYTES = 64 * 1024  # per link, recorded and not yet decoded, under the wall clock
+STREAM_QUEUE_BYTES = 1024 * 1024  # of one read in large pieces from an instrument, 2.4 MB a second at most
 ALIVE_NS = NS // 5
 STATUS_WAIT_S = 0.1
 
@@ -160,7 +162,8 @@ class Acquisition:
 
     def _record(self, reader: LinkReader) -> None:
         """Record what was read; where too much waits to be decoded, decode first. Nothing is left out."""
-        while reader.record(sys.maxsize if self._clock.virtual else QUEUE_BYTES):
+        queue = STREAM_QUEUE_BYTES if isinstance(reader.link, InstrumentLink) else QUEUE_BYTES
+        while reader.record(sys.maxsize if self._clock.virtual else queue):
             reader.behind += 1
             self.decode()
 

@@ -18,7 +18,7 @@ from bench.model.errors import LinkError
 from bench.model.ports import ByteLink, SessionSink
 from bench.record import RecordError
 
-READ_BYTES = 1_000_000  # ports are opened without a time-out: a read returns what is there
+READ_BYTES = 4_000_000  # without a time-out a read returns what is there: 1 s of 600,000 edges and more
 HELD_BYTES = 8_000_000  # per link, read and not yet recorded: 11 minutes at 115,200 Bd
 ANSWER, REFUSAL = "answer", "refusal"  # messages of a frame definition
 SEQUENCE = "sequence"  # the field of a command that its answer repeats

@@ -21,7 +21,7 @@ _ASKED = ("operating", "closed", "measure_voltage", "measure_air")
 _LEFT_OFF = (Effect.STIMULUS_SET, Effect.STIMULUS_ON, Effect.STIMULUS_OFF, Effect.ROUTE, Effect.ROUTES_OPEN)
 _NOT_AGAIN = (*_LEFT_OFF, Effect.THERMAL, Effect.MOTION_ON, Effect.MOTION_OFF)
 _NO_RAW_AGAIN = (*_LEFT_OFF, Effect.MOTION_ON)  # of an instrument with such an action nobody knows what raw text does
-_ON = ("output_on", "operate", "run")
+_ON = ("output_on", "operate", "run", "start")
 _OFF = ("output_off", "standby", "stop", "open_all")
 _SWITCHES = (*_ON, *_OFF, "route")  # of two of one instrument the later counts
 

@@ -1,0 +1,42 @@
+"""Options of simulated worlds: texts from the station file or the command line, checked."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from bench.model.errors import InputError
+
+
+def unknown_option(key: str, known: Sequence[str]) -> InputError:
+    """The error of an option that a world does not have, B-SIM-002."""
+    return InputError("B-SIM-002", f"no world option is called {key!r}", next_step=f"use one of: {', '.join(known)}")
+
+
+def switch_of(key: str, value: str) -> bool:
+    """Whether an option is on. Raises: InputError B-SIM-002 if it is neither on nor off."""
+    if value not in ("on", "off"):
+        raise InputError("B-SIM-002", f"world option {key} is {value!r}", next_step=f"write {key}=on or {key}=off")
+    return value == "on"
+
+
+def number_of(key: str, value: str, least: float, most: float) -> float:
+    """The number of an option. Raises: InputError B-SIM-002 if it is none, or not within ``least`` to ``most``."""
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if not least <= number <= most:
+        raise InputError(
+            "B-SIM-002", f"world option {key} is {value!r}", next_step=f"write a number from {least:g} to {most:g}"
+        )
+    return number
+
+
+def word_of(key: str, value: str, choices: Sequence[str]) -> str:
+    """The word of an option. Raises: InputError B-SIM-002 if it is none of ``choices``."""
+    if value not in choices:
+        raise InputError(
+            "B-SIM-002", f"world option {key} is {value!r}", next_step=f"write one of: {', '.join(choices)}"
+        )
+    return value
