@@ -16,8 +16,9 @@ demo: $(VENV)/.run
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
 	@echo "Report: $$(ls -t $(OUT)/*/report.html | head -n 1)"
 
+# Three workers on two cores: many tests wait for real time, of terminals, browsers and killed processes.
 test: $(VENV)/.dev
-	$(PY) -m pytest -n 2 -m "not sweep"
+	$(PY) -m pytest -n 3 -m "not sweep"
 
 sweep: $(VENV)/.dev
 	$(PY) -m pytest -n 2 -m sweep

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_instruments.rlg_core import AT_ONCE, BEAT, PICK_OFF, RingLaser, levels, ordered
+from sim_instruments.rlg_core import AT_ONCE, BEAT, PICK_OFF, RingLaser, levels
 from sim_instruments.rlg_crossings import crossings
 from sim_instruments.rlg_half_cycles import integrate
 
@@ -25,6 +25,7 @@ Columns = tuple[Int64, UInt8, UInt8, UInt8]
 Draw = Callable[..., np.random.Generator]
 
 PS = 10**12
+PICK_OFF_NOISE_PS = 15_000  # of the comparator at the slow zero of the dither's pick-off
 NOTHING: Columns = (np.empty(0, np.int64), np.empty(0, np.uint8), np.empty(0, np.uint8), np.empty(0, np.uint8))
 
 
@@ -113,8 +114,10 @@ class EdgeStream:
         motion = integrate(drive, self._psi_rad)
         found = crossings(drive, motion, beat_noise)
         start_rad = motion.psi_rad[:, 0].copy()
-        _, order = ordered(halves - self._next, found)
-        t_ps = np.concatenate([times_ps, times_ps[found.half] + np.rint(found.since_s * PS).astype(np.int64)])
+        late_ps = np.abs(PICK_OFF_NOISE_PS * self._draw("pick-off", block).standard_normal(AT_ONCE)[skip:])
+        beat_ps = times_ps[found.half] + np.rint(found.since_s * PS).astype(np.int64)
+        t_ps = np.concatenate([times_ps + np.rint(late_ps).astype(np.int64), beat_ps])
+        order = np.argsort(t_ps, kind="stable")
         channel = np.repeat(np.array([PICK_OFF, BEAT], np.uint8), [len(halves), len(found.half)])
         level, cosine = levels(halves % 2 == 0, start_rad, found)
         columns = (t_ps[order], channel[order], level[order], cosine[order])

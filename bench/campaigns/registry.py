@@ -9,12 +9,14 @@ from typing import Protocol
 from bench.campaigns import (
     bias_ramp,
     dmm_method,
+    fog_north,
     gnc_unit_test,
     imu_bias,
     imu_calibration,
     imu_multi_position,
     imu_six_position,
     magnetometer,
+    rlg_lock_in,
     scale_factor,
     temperature_ramp,
 )
@@ -41,6 +43,8 @@ ANALYSES: Mapping[str, AnalysisModule] = {
     "imu_calibration": imu_calibration,
     "imu_bias": imu_bias,
     "magnetometer": magnetometer,
+    "fog_north": fog_north,
+    "rlg_lock_in": rlg_lock_in,
     "imu_six_position": imu_six_position,
     "imu_multi_position": imu_multi_position,
 }

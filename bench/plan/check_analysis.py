@@ -16,7 +16,11 @@ NONE = "none"
 OF_LOGS = ("temperature_ramp", "imu_six_position", "imu_multi_position")  # made of imported logs, not of records
 OF_TESTS = "gnc_unit_test"  # made of commands to the unit and their answers
 POSE = ("item", "mounting", "outer_deg", "middle_deg", "inner_deg")
-OF_SAMPLES = {"imu_calibration": POSE, "imu_bias": POSE, "magnetometer": (*POSE, "rate_deg_s")}
+OF_SAMPLES = {
+    "imu_calibration": POSE, "imu_bias": POSE, "magnetometer": (*POSE, "rate_deg_s"),
+    "fog_north": ("item", "head_deg", "index", "repeat", "rate_deg_s"),
+    "rlg_lock_in": ("path_length_m", "clock_Hz"),
+}  # fmt: skip
 ITEMS = ("supply", "identify", "cpu", "timer", "memory", "imu", "gps", "ad", "io", "spi", "sci", "can")
 BRANCHES = ("hold_start", "up", "hold_top", "down", "hold_end")
 _POINT = ("channel", "temperature_degC", "current_A", "polarity", "range_A")

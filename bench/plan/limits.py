@@ -1,4 +1,4 @@
-"""Limits of a data sheet that the analyses of a GNC module know: a wrong name must not cost a whole campaign.
+"""Limits of a data sheet that the analyses know: a wrong name must not cost a whole campaign.
 
 The analyses live floors above; a test holds these names to theirs.
 """
@@ -40,17 +40,25 @@ DIMENSIONS: Mapping[str, str] = {
     "roll_error": "deg",
 }
 
+OF_ANALYSES: Mapping[str, Mapping[str, str]] = {
+    "fog_north": {"azimuth_error": "deg"},
+    "rlg_lock_in": {"alignment_error": "deg", "alignment_time": "s"},
+}  # those whose limits are not those of a GNC module
+
 
 def check_limits(document: Document[Sequence], findings: Findings) -> None:
     """Note limits that no analysis knows, or with the unit of something else (B-PLAN-093)."""
     uut = document.model.uut
+    known = OF_ANALYSES.get(document.model.analysis, DIMENSIONS)
     for name, text in ({} if uut is None else uut.limits).items():
         where = document.where(("uut", "limits", name))
-        if name not in DIMENSIONS:
-            message = f"no analysis knows the limit {name!r}{suggestion(name, DIMENSIONS)}"
-            findings.add("B-PLAN-093", where, message)
+        if name not in known:
+            message = f"no analysis knows the limit {name!r}{suggestion(name, known)}"
+            if document.model.analysis in OF_ANALYSES:
+                message = f"the analysis {document.model.analysis} knows no limit {name!r}{suggestion(name, known)}"
+            findings.add("B-PLAN-093", where, message, f"use one of: {', '.join(known)}")
             continue
         try:
-            parse_quantity(text, DIMENSIONS[name])
+            parse_quantity(text, known[name])
         except ValueError as error:
             findings.add("B-PLAN-093", where, f"limit {name}: {error}")

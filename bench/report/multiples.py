@@ -51,7 +51,9 @@ def legend_of(figure: Figure, panels: Iterable[Axes], columns: int = 5, least: i
             found.setdefault(name, handle)
     if len(found) >= least:
         names = list(found)
-        figure.legend(list(found.values()), names, loc="upper center", ncols=min(columns, len(names)))
+        laid_out = figure.get_layout_engine() is not None  # then it makes room; else the room is there
+        place = "outside upper center" if laid_out else "upper center"
+        figure.legend(list(found.values()), names, loc=place, ncols=min(columns, len(names)))
 
 
 def channels_of(rows: Iterable[Mapping[str, Any]]) -> list[tuple[Any, str]]:

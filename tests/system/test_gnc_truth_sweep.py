@@ -49,7 +49,7 @@ def bias_over_theory(found: list[Session], length_s: float) -> np.ndarray:
 @pytest.mark.parametrize(
     ("units", "length_s"),
     [
-        pytest.param(3, 15.3, marks=pytest.mark.slow),
+        pytest.param(2, 15.3, marks=pytest.mark.slow),
         pytest.param(50, 15.3, marks=pytest.mark.sweep),
         pytest.param(50, 25.0, marks=pytest.mark.sweep),
     ],

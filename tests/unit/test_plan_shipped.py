@@ -22,11 +22,14 @@ PLANS = {
     "bias_ramp_25h_integrated": (900 * 100.0, 900),
     "bias_ramp_short": (540 * 20.0, 540),
     "dmm_method": (SOAK_s + 100.0 + 10 * 17 * 135.0, 10 * 17),  # 15 points of the table and one level again
+    "fog_north": (40.0 + 4 * 4 * 80.0 + 12 * (55.0 + 2 * 4 * 80.0) + 55.0 + 3 * 4 * 80.0, 4 * (4 + 12 * 2 + 3)),
     "gnc_bias": (3 * 25.0 + 3 * 180.0 + 3600.0 + 6 * (600.0 + 600.0), 3 + 1 + 6),
     "gnc_imu_calibration": (6 * 325.0 + 6 * 85.0 + 3 * 2 * (25.0 + 2 * 21.3) + 2 * 30.0, 2 * 6 + 3 * 2 * 2 * 2),
     "gnc_imu_calibration_vertical": (6 * 325.0 + 6 * 85.0 + 3 * 2 * (25.0 + 2 * 21.3), 2 * 6 + 3 * 2 * 2 * 2),
     "gnc_magnetometer": (25.0 + 15.0 + 180.0 + 10.0 + 7 * (25.0 + 5.0 + 30.0 + 5.0) + 8 * 26.0, 1 + 7),
     "gnc_unit_test": (5 * (2.0 + 3.0 + 12.0 + 1.0), 0),
+    "rlg_backscatter": (6 * 13.0, 6),
+    "rlg_lock_in": (3 * (60.0 + 2 * 23.0), 3 * 2),
     "scale_factor_38h": (5 * SOAK_s + 765 * POINT_s, 5 * 10 * 15 + 15),
     "scale_factor_short": (10_350.0, 2 * 3 * 15 + 15),
     "scale_factor_wall": (460.65, 2 * 3 * 15 + 7),  # 2 x (60 + 3) s and 97 times 3.45 s

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 
+from bench.campaigns import fog_limits, rlg_limits
 from bench.campaigns.gnc_limits import SPECIFIED
 from bench.campaigns.gnc_units import IDENTITY, SUPPLY
 from bench.campaigns.gnc_units import ITEMS as JUDGED
 from bench.model.errors import InputErrors
 from bench.plan import Plan, check_plan, compile_sequence
 from bench.plan.check_analysis import ITEMS
-from bench.plan.limits import DIMENSIONS
+from bench.plan.limits import DIMENSIONS, OF_ANALYSES
 
 SEQUENCE = """\
 sequence: sample
@@ -158,6 +159,8 @@ def test_an_analysis_of_records_needs_one(tmp_path: Path) -> None:
 
 def test_the_limits_are_those_of_the_analyses() -> None:
     assert {name: dimension for name, (dimension, _) in SPECIFIED.items()} == dict(DIMENSIONS)
+    of_fog = {name: dimension for name, (dimension, _) in fog_limits.SPECIFIED.items()}
+    assert dict(OF_ANALYSES) == {"fog_north": of_fog, "rlg_lock_in": rlg_limits.DIMENSIONS}
 
 
 def test_samples_of_frames_that_count_b_plan_092(tmp_path: Path) -> None:

@@ -34,6 +34,9 @@ def opened(seed=1, on=True, **options):
         world.close()
 
 
+LATE_PS = 90_000  # six times the noise of the pick-off's comparator
+
+
 def asked(world, times_s, acts=None):
     """Edges asked for at times since the world's birth; ``acts``: what somebody does at which of those times."""
     parts = []
@@ -71,7 +74,7 @@ def test_the_same_edges_come_however_they_are_asked_for():
         assert same(world.edges_until(world.clock.now_ns() + NS), whole)  # nobody looked before the end
     t_ps = whole[0]
     assert t_ps.dtype == np.int64
-    assert t_ps[0] == 3 * 10**12
+    assert 0 <= t_ps[0] - 3 * 10**12 < LATE_PS
     assert (np.diff(t_ps) >= 0).all()
     assert t_ps[-1] < 3.33e12
     assert len(t_ps) == pytest.approx(0.33 * 246_500, rel=0.01)
@@ -96,7 +99,7 @@ def test_edges_of_different_seeds_paths_and_switchings_on_differ():
             power_off(world)
             world.unit.set_power(True, world.clock.now_ns(), 15.0)
             again = asked(world, [6.04])
-            assert again[0][0] == 6.02e12
+            assert 0 <= again[0][0] - 6_020_000_000_000 < LATE_PS
             found.append([again[0] - 3_020_000_000_000, *again[1:]])
     for number, one in enumerate(found):
         assert len(one[0]) > 4000
@@ -113,9 +116,11 @@ def test_time_that_nobody_looked_at_is_not_computed():
         assert t_ps[0] >= (now_ns - world.edges_epoch_ns) * 1000
         assert len(t_ps) == pytest.approx(24_650, rel=0.02)
         assert (channel == 1).sum() == 80
-        half_ps = np.diff(t_ps[channel == 1])
-        assert np.ptp(half_ps) == 0  # the pick-off's grid goes on
-        assert (t_ps[channel == 1][0] - 3 * 10**12) % half_ps[0] == 0
+        zero_ps = t_ps[channel == 1]
+        half_ps = (zero_ps[-1] - zero_ps[0]) / 79
+        late_ps = zero_ps - zero_ps[0] - half_ps * np.arange(80)
+        assert np.ptp(late_ps) < LATE_PS  # the pick-off's grid goes on
+        assert 8e3 < late_ps.std() < 13e3  # of the half of a normal distribution of 15 ns: 9 ns
 
 
 def test_a_block_that_is_mounted_starts_at_once_and_is_the_same_when_it_comes_back():

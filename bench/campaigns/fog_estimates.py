@@ -1,0 +1,85 @@
+"""Estimates of a north finder for results.json: azimuths, their errors, what the calibration gave, noise and bound."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from bench.campaigns.estimates import estimate
+from bench.campaigns.fog_accuracy import Accuracy
+from bench.campaigns.fog_sets import COSINE, SINE, TEST
+from bench.campaigns.fog_solution import METHODS, Mean, Solution
+from bench.fit.north_calibration import IndexCalibration
+
+Documents = list[dict[str, Any]]
+SENSES = {1: "counter-clockwise", -1: "clockwise"}
+
+
+def north_estimates(found: Solution, method: str, accuracy: list[Accuracy], limit_deg: float) -> Documents:
+    """Tests by ``method``, which is judged; searches by every method; what else was found."""
+    estimates: Documents = []
+    for name in METHODS:
+        for mean in found.means(name):
+            if name == method or mean.item != TEST:
+                estimates += _azimuth(mean, name, limit_deg)
+    estimates += [one for each in accuracy if each.used > 1 for one in _accuracy(each)]
+    for sense, index in found.calibrations.items():
+        estimates += _calibration(index, sense)
+    return estimates + _waveform(found)
+
+
+def _azimuth(mean: Mean, method: str, limit_deg: float) -> Documents:
+    place: dict[str, Any] = {"item": mean.item, "head_deg": mean.head_deg, "method": method}
+    if mean.place:
+        place["place"] = mean.place
+    counted: dict[str, Any] = {"n": mean.n, "dropped": mean.dropped, "dof": mean.dof}
+    found = [estimate("azimuth", "deg", mean.azimuth_deg % 360.0, mean.std_deg, place, **counted)]
+    if mean.item == TEST:
+        found.append(
+            estimate("azimuth_error", "deg", mean.error_deg, mean.error_std_deg, place, limit=limit_deg, **counted)
+        )
+    return found
+
+
+def _accuracy(one: Accuracy) -> Documents:
+    place, n = {"method": one.method}, one.used
+    found = [estimate("azimuth_rms_error", "deg", one.rms_deg, one.rms_deg / math.sqrt(2.0 * n), place, n=n)]
+    if math.isfinite(one.time_s):
+        found.append(estimate("time_to_accuracy", "s", one.time_s, one.time_s * math.sqrt(2.0 / n), place, n=n))
+    return found
+
+
+def _calibration(index: IndexCalibration, sense: int) -> Documents:
+    """Index B (lock-in 1) and A (lock-in 2): placement by table angle; gain as amplitude of the signal, volt."""
+    std = np.sqrt(np.diag(index.covariance))
+    found: Documents = []
+    for number, (role, letter, gain, at_deg) in enumerate(
+        ((SINE, "b", index.f1, index.f2_deg), (COSINE, "a", index.f4, index.f5_deg))
+    ):
+        about: dict[str, Any] = {"index": letter, "rotation": SENSES[sense]}
+        gain_std, deg_std = float(std[2 * number]), float(std[2 * number + 1])
+        found.append(estimate("index_placement", "deg", sense * at_deg, deg_std, about, n=index.sets, dof=index.dof))
+        about = {"source": role, "rotation": SENSES[sense]}
+        both = math.sqrt(2.0) * gain, math.sqrt(2.0) * gain_std
+        found.append(estimate("scale", "V", *both, about, n=index.sets, dof=index.dof))
+    return found
+
+
+def _waveform(found: Solution) -> Documents:
+    """Amplitude, noise per sample and bound by the raw samples, over all sets."""
+    raw = [one for one in found.raw if one is not None]
+    if not raw:
+        return []
+    amplitude = np.array([float(one.amplitude) for one in raw])
+    noise = np.array([float(one.noise_V) for one in raw])
+    samples = int(sum(int(one.samples) for one in raw))
+    bound_deg = float(np.sqrt(np.nanmean(found.bound_deg**2)))
+    noise_V, about = float(np.sqrt(np.mean(noise**2))), {"source": "waveform"}
+    scale_std_V = noise_V * math.sqrt(2.0 / samples)
+    return [
+        estimate("scale", "V", float(np.mean(amplitude)), scale_std_V, about, n=samples),
+        estimate("noise", "V", noise_V, noise_V / math.sqrt(2.0 * samples), about, n=samples),
+        estimate("azimuth_bound", "deg", bound_deg, bound_deg / math.sqrt(2.0 * samples), about, n=samples),
+    ]

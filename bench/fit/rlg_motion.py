@@ -1,0 +1,95 @@
+"""Small linear fits by the thousand, one per dither turnaround, and the motion that a dither gives the phase.
+
+Written out for speed: one numpy call solves all of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+
+def solve_rows(design: Array, values: Array, weight: Array | None = None) -> tuple[Array, Array]:
+    """Least squares of each row, by normal equations of columns of length one.
+
+    Args:    design: (u, k, p).   values: (u, k).   weight: (u, k), of a residual (not of its square); None: all alike.
+    Returns: parameters (u, p), residuals (u, k) without the weight.
+    Source:  normal equations.
+    """
+    scaled = design if weight is None else design * weight[:, :, None]
+    length = np.sqrt(np.einsum("ukp,ukp->up", scaled, scaled))
+    unit = scaled / length[:, None, :]
+    across = unit.transpose(0, 2, 1)
+    right = values if weight is None else values * weight
+    found = np.linalg.solve(across @ unit, across @ right[:, :, None])[:, :, 0] / length
+    return np.asarray(found), np.asarray(values - (design @ found[:, :, None])[:, :, 0])
+
+
+def rms(residual: Array) -> Array:
+    """Root mean square of each row, (u,).
+
+    Source: definition.
+    """
+    return np.asarray(np.sqrt(np.mean(np.square(residual), axis=1)))
+
+
+@dataclass(frozen=True)
+class DitherMotion:
+    """Phase about a turnaround, constant + even (1 - cos w t) / w^2 + odd sin(w t) / w + rate t, u turnarounds.
+
+    ``coefficients`` (u, 3): constant, even, odd in rad, rad/s^2, rad/s.   ``sign`` (u,): of the curvature.
+    ``omega_rad_s``: w.   ``rate_rad_s``: of the phase beside the dither, from the input rate.
+    """
+
+    coefficients: Array
+    sign: Int64
+    omega_rad_s: float
+    rate_rad_s: float
+
+    def phase(self, time_s: Array) -> Array:
+        """Phase at times (u, k), rad."""
+        moving = np.einsum("ukp,up->uk", dither_columns(time_s, self.omega_rad_s), self.coefficients[:, 1:])
+        return np.asarray(self.coefficients[:, :1] + moving + self.rate_rad_s * time_s)
+
+    @cached_property
+    def zero_rate_s(self) -> Array:
+        """Where the phase turns round, (u,): the dither's own instant, and what the input rate shifts it by."""
+        omega = self.omega_rad_s
+        cosine, sine = self.sign * self.coefficients[:, 1], -self.sign * self.coefficients[:, 2] * omega
+        shift = -self.sign * self.rate_rad_s * omega / np.hypot(sine, cosine)
+        return np.asarray((np.arctan2(sine, cosine) + np.arcsin(np.clip(shift, -1.0, 1.0))) / omega)
+
+    @cached_property
+    def curvature_rad_s2(self) -> Array:
+        """Size of the second derivative of the phase where it turns round, (u,)."""
+        turn = self.omega_rad_s * self.zero_rate_s
+        odd = self.coefficients[:, 2] * self.omega_rad_s
+        return np.asarray(self.sign * (self.coefficients[:, 1] * np.cos(turn) - odd * np.sin(turn)))
+
+    @cached_property
+    def psi0_rad(self) -> Array:
+        """Phase where it turns round, (u,)."""
+        return self.phase(self.zero_rate_s[:, None])[:, 0]
+
+    def parabolic(self, time_s: Array) -> Array:
+        """Time x, (u, k), of which the phase is an exact parabola, psi0 + s a x^2 / 2."""
+        risen = self.sign[:, None] * (self.phase(time_s) - self.psi0_rad[:, None])
+        x = np.sqrt(2.0 * np.maximum(risen, 0.0) / self.curvature_rad_s2[:, None])
+        return np.asarray(np.copysign(x, time_s - self.zero_rate_s[:, None]))
+
+
+def dither_columns(time_s: Array, omega_rad_s: float) -> Array:
+    """Columns (1 - cos w t) / w^2 and sin(w t) / w: with a constant they are any dither about any instant.
+
+    Args:    time_s: (u, k).   omega_rad_s: of the dither.
+    Returns: (u, k, 2).
+    Source:  s A (1 - cos w(t - t0)) is linear in s A cos(w t0) and s A sin(w t0).
+    """
+    turn = omega_rad_s * time_s
+    return np.stack((2.0 * np.sin(turn / 2.0) ** 2 / omega_rad_s**2, np.sin(turn) / omega_rad_s), axis=-1)
