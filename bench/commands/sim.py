@@ -102,8 +102,8 @@ def _announce(station: Station, bench: Any, path: Path) -> None:
     for role, entry in station.instruments.items():
         typer.echo(f"{role}: {entry.driver} at {resources[role]}, raw socket {sockets[role]}")
     for name, link in station.links.items():
-        place = f"{link.baud} baud, at {bench.urls[name]}" if link.instrument is None else f"read from {link.instrument}"
-        typer.echo(f"{name}: {link.frame}, {place}")
+        port = f"{link.baud} baud, at {bench.urls[name]}" if link.instrument is None else f"read from {link.instrument}"
+        typer.echo(f"{name}: {link.frame}, {port}")
     typer.echo(f"station: {path}")
     typer.echo("ready")
 

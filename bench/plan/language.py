@@ -87,6 +87,9 @@ class Site(StrictModel):
     azimuth: Annotated[float, *quantity("deg", -360.0, 360.0)] = Field(
         description="of the turntable's inner axis with all axes at zero, from north, positive east"
     )
+    azimuth_uncertainty: Annotated[float, *quantity("deg", 0.0, 90.0)] | None = Field(
+        None, description="standard uncertainty of the azimuth, as surveyed"
+    )
     tilt: Annotated[float, *quantity("deg", 0.0, 5.0)] | None = Field(
         None, description="standard uncertainty of the unit's attitude in a pose, about each axis: table and fixture"
     )

@@ -56,6 +56,7 @@ def _site(site: Site) -> dict[str, float]:
         "height_m": site.height,
         "gravity_m_s2": site.gravity,
         "azimuth_deg": site.azimuth,
+        "azimuth_std_deg": site.azimuth_uncertainty,
         "tilt_std_deg": site.tilt,
     }
     return _stated(constants)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -52,7 +52,7 @@ def legend_of(figure: Figure, panels: Iterable[Axes], columns: int = 5, least: i
     if len(found) >= least:
         names = list(found)
         laid_out = figure.get_layout_engine() is not None  # then it makes room; else the room is there
-        place = "outside upper center" if laid_out else "upper center"
+        place: Literal["outside upper center", "upper center"] = "outside upper center" if laid_out else "upper center"
         figure.legend(list(found.values()), names, loc=place, ncols=min(columns, len(names)))
 
 

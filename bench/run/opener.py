@@ -195,9 +195,7 @@ def _open_resource(visa: pyvisa.ResourceManager, role: str, resource: str) -> Me
         ) from error
 
 
-def _open_links(
-    station: Station, world: World | None, instruments: Mapping[str, Instrument]
-) -> Mapping[str, ByteLink]:
+def _open_links(station: Station, world: World | None, instruments: Mapping[str, Instrument]) -> Mapping[str, ByteLink]:
     if world is not None and SERIAL_HANDLERS not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(SERIAL_HANDLERS)
     opened: dict[str, ByteLink] = {}

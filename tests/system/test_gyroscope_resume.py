@@ -1,4 +1,4 @@
-"""Campaigns of single gyroscopes that are killed and gone on with: every record is there once, a replay says the same."""
+"""Campaigns of single gyroscopes, killed and gone on with: every record is there once, a replay says the same."""
 
 from __future__ import annotations
 
