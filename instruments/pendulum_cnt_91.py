@@ -57,7 +57,11 @@ class PendulumCnt91(ScpiInstrument):
     _started = 0  # how often
     _drained = 0  # of which start everything was read; the reader's own, so that no start is overlooked
 
-    @action(Parameter("clock", "Hz", 10e6, 100e6), Parameter("threshold", "V", -5.0, 5.0, required=False), bus_s=0.6)
+    @action(
+        Parameter("clock", "Hz", 10e6, 100e6, values=CLOCKS_HZ),
+        Parameter("threshold", "V", -5.0, 5.0, required=False),
+        bus_s=0.6,
+    )
     def configure(self, clock: float, threshold: float = 0.0) -> None:
         """Set the clock (10, 20, 50 or 100 MHz) and the trigger level of both inputs (V), dc; a stream ends first.
 

@@ -81,7 +81,7 @@ class SrsSr830(BaseInstrument):
         self.phase_deg: float | None = None
 
     @action(
-        Parameter("time_constant", "s", 1e-5, 3e4),
+        Parameter("time_constant", "s", 1e-5, 3e4, values=TIME_CONSTANTS_S),
         Parameter("slope", choices=SLOPES_DB),
         Parameter("sensitivity", "V", 2e-9, 1e3),
         Parameter("synchronous", choices=("on", "off")),

@@ -58,6 +58,9 @@ class PendulumCnt91(ScpiDevice):
         self.clock_Hz, self.continuous, self.running = CLOCKS_HZ[0], False, False
         self.blocks.clear()
 
+    def outputs(self) -> dict[str, Any]:
+        return {"measuring": self.running}
+
     # --- the stream --------------------------------------------------------------------------------------------
 
     def _begin(self) -> None:

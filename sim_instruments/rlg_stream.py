@@ -25,7 +25,8 @@ Columns = tuple[Int64, UInt8, UInt8, UInt8]
 Draw = Callable[..., np.random.Generator]
 
 PS = 10**12
-PICK_OFF_NOISE_PS = 15_000  # of the comparator at the slow zero of the dither's pick-off
+PICK_OFF_NOISE_PS = 15_000  # of the comparator at the slow zero of the dither's pick-off, normal
+PICK_OFF_DELAY_PS = 60_000  # of the same: four times its noise, so that no edge comes before its half cycle
 NOTHING: Columns = (np.empty(0, np.int64), np.empty(0, np.uint8), np.empty(0, np.uint8), np.empty(0, np.uint8))
 
 
@@ -114,7 +115,8 @@ class EdgeStream:
         motion = integrate(drive, self._psi_rad)
         found = crossings(drive, motion, beat_noise)
         start_rad = motion.psi_rad[:, 0].copy()
-        late_ps = np.abs(PICK_OFF_NOISE_PS * self._draw("pick-off", block).standard_normal(AT_ONCE)[skip:])
+        noise_ps = PICK_OFF_NOISE_PS * self._draw("pick-off", block).standard_normal(AT_ONCE)[skip:]
+        late_ps = np.maximum(0.0, PICK_OFF_DELAY_PS + noise_ps)
         beat_ps = times_ps[found.half] + np.rint(found.since_s * PS).astype(np.int64)
         t_ps = np.concatenate([times_ps + np.rint(late_ps).astype(np.int64), beat_ps])
         order = np.argsort(t_ps, kind="stable")

@@ -27,14 +27,16 @@ _LEAST_TURNS = 0.95
 class Accuracy:
     """One method at the known azimuths, single sets: all in degrees, NaN without any.
 
-    ``rms_deg``, ``worst_deg``, ``mean_deg``: of the errors; ``scatter_deg``: about their mean.   ``ratio``: scatter
-    over the bound.   ``gross``: errors of more than a quarter turn.   ``time_s``: measuring time until 95 % of the
-    errors are within the limit, infinite if the calibration does not allow it.
+    ``rms_deg``, ``worst_deg``, ``mean_deg``: of the errors; ``rms_std_deg``: how well their RMS is known;
+    ``scatter_deg``: about their mean.   ``ratio``: scatter over the bound.   ``gross``: errors of more than a quarter
+    turn.   ``time_s``: measuring time until 95 % of the errors are within the limit, infinite if the calibration does
+    not allow it.
     """
 
     method: str
     used: int
     rms_deg: float
+    rms_std_deg: float
     worst_deg: float
     mean_deg: float
     scatter_deg: float
@@ -53,7 +55,7 @@ def _accuracy(found: Solution, method: str, limit_deg: float) -> Accuracy:
     seen = np.isfinite(error_deg)
     errors_deg, bound_deg = error_deg[seen], found.bound_deg[seen]
     if not errors_deg.size:
-        return Accuracy(method, 0, *(math.nan,) * 5, 0, math.nan)
+        return Accuracy(method, 0, *(math.nan,) * 6, 0, math.nan)
     mean_deg = float(np.mean(errors_deg))
     dof = max(1, errors_deg.size - 1)
     scatter_deg = float(np.sqrt(np.sum((errors_deg - mean_deg) ** 2) / dof)) if errors_deg.size > 1 else math.nan
@@ -61,10 +63,22 @@ def _accuracy(found: Solution, method: str, limit_deg: float) -> Accuracy:
     ratio = scatter_deg / float(np.sqrt(np.mean(known**2))) if known.size else math.nan
     gross = int(np.sum(np.abs(errors_deg) > _HALF_TURN_deg))
     time_s = math.inf if gross else _time_s(found, method, limit_deg)  # no time turns a wrong branch
+    rms_deg, calibrated = found.rms_deg(method), bool(found.calibrations) and method != LIKELIHOOD
+    shared_deg = found.by_method[method].common_deg if calibrated else found.site.azimuth_std_deg
     return Accuracy(
-        method, errors_deg.size, found.rms_deg(method), float(np.max(np.abs(errors_deg))), mean_deg, scatter_deg,
-        ratio, gross, time_s,
+        method, errors_deg.size, rms_deg, rms_std_deg(rms_deg, scatter_deg, shared_deg, errors_deg.size),
+        float(np.max(np.abs(errors_deg))), mean_deg, scatter_deg, ratio, gross, time_s,
     )  # fmt: skip
+
+
+def rms_std_deg(rms_deg: float, scatter_deg: float, shared_deg: float, n: int) -> float:
+    """Standard uncertainty of the RMS of ``n`` errors with a part that they share (calibration or mark), degrees.
+
+    Source: variance of the mean square of normal errors with a common part, JCGM 100:2008 section 5.1.2.
+    """
+    shared = min(shared_deg, rms_deg)  # it is in there: no larger than what was seen
+    variance = 2.0 * scatter_deg**4 / n + 2.0 * shared**4 + 4.0 * (scatter_deg * shared) ** 2 / n
+    return math.sqrt(variance) / (2.0 * rms_deg) if rms_deg > 0.0 else 0.0
 
 
 def _time_s(found: Solution, method: str, limit_deg: float) -> float:

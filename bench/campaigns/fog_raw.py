@@ -41,6 +41,15 @@ class Waveform:
             squares.append(np.mean((theta_deg - theta_deg.mean() - slope * at) ** 2))
         return float(np.sqrt(np.mean(squares)))
 
+    def standing(self) -> list[int]:
+        """Records in which the table turned at less than half of the highest rate of the set, or backwards."""
+        per_sample_deg = {}
+        for record in np.unique(self.record).tolist():
+            theta_deg = np.unwrap(self.theta_deg[self.record == record], period=360.0)
+            per_sample_deg[record] = float(theta_deg[-1] - theta_deg[0]) / len(theta_deg)
+        fastest_deg = max(per_sample_deg.values(), key=abs)
+        return [record for record, each in per_sample_deg.items() if not each / fastest_deg > 0.5]
+
     def turns(self, record: int) -> tuple[Floats, Floats, float]:
         """Output (n,) V, unwrapped table angle (n,) deg and samples per turn of one record."""
         own = self.record == record

@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.campaigns.groups import flag_problem
 from bench.campaigns.material import Material, Reading
 from bench.model.errors import FitError
+from bench.model.quality import Quality
 
 if TYPE_CHECKING:
     from bench.record import RecordRow
@@ -26,6 +28,8 @@ SINE, COSINE, LEVEL, MEASURE = "lock_in_1", "lock_in_2", "level", "measure"
 POSITIONS = 4
 MOST_OFF = 2e-3  # of the turning frequency: a lock-in that reads another one follows something else
 _PLACE = ("item", "place", "head_deg", "repeat", "index")
+_OF_THE_SIGNAL = Quality.OVER_RANGE | Quality.TRIPPED | Quality.NOT_SETTLED  # in the lock-ins as in the samples
+MOST_LOST_s = 0.5  # more than that is no disturbance of the line: the gyroscope itself may have been off
 _NEAR_s = 30.0  # a reading belongs to the record that ended at most so long before it
 
 
@@ -141,10 +145,23 @@ def _fill(one: NorthSet, samples: Mapping[tuple[int, str], Reading]) -> None:
             into[k - 1] = float(value["x_V"])
             one.faults += [f"{role} at index position {k}: {fault}" for fault in _wrong(value, one.rate_deg_s)]
         row = one.rows.get(k)
+        if row is not None and (flags := flag_problem(row)):
+            into_both = row.quality & _OF_THE_SIGNAL
+            for told in (one.faults, one.raw_faults) if into_both else (one.raw_faults,):
+                told.append(f"record at index position {k} flagged {flags}")
         if row is None or row.samples is None or len(row.samples) < 2:
             one.raw_faults.append(f"no samples at index position {k}")
         elif row.lost:
             one.raw_faults.append(f"{row.lost} samples lost at index position {k}")
+            if (lost_s := _lost_s(row)) > MOST_LOST_s:
+                lost = f"{lost_s:.2f} s of samples lost at index position {k}"
+                one.faults.append(f"{lost} (the gyroscope may have been off)")
+
+
+def _lost_s(row: RecordRow) -> float:
+    """Time for which there are no samples in a record, second."""
+    length_s = 1e-9 * (row.window.t_end_ns - row.window.t_start_ns)
+    return length_s * row.lost / (row.frames + row.lost)
 
 
 def _wrong(value: Mapping[str, Any], rate_deg_s: float) -> list[str]:

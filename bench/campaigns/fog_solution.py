@@ -114,6 +114,16 @@ class Solution:
         """(n,) Cramer-Rao bound of each set by the samples of its records, degrees, NaN without them."""
         return np.array([math.nan if one is None else float(one.bound_deg) for one in self.raw])
 
+    @property
+    def placed_deg(self) -> float:
+        """Standard uncertainty of the index placement beside noise: azimuth of the mark, tilt, swing, degrees."""
+        return math.hypot(self.site.azimuth_std_deg, self.tilted_deg, self.swing_deg)
+
+    @property
+    def tilted_deg(self) -> float:
+        """Standard uncertainty of an azimuth by that of the tilt, degrees."""
+        return self.site.tilt_std_deg * abs(math.tan(math.radians(self.site.latitude_deg)))
+
     def error_deg(self, method: str) -> Floats:
         """(n,) azimuth minus stated azimuth of the tests, folded into (-180, 180], NaN elsewhere."""
         error_deg = np.asarray(wrapped_deg(self.by_method[method].azimuth_deg - self.known_deg))
@@ -131,9 +141,10 @@ class Solution:
         if not azimuth_deg.size:
             return None
         mean_deg = float(np.rad2deg(np.angle(np.mean(np.exp(1j * np.deg2rad(azimuth_deg))))))
-        tilt_deg = self.site.tilt_std_deg * abs(math.tan(math.radians(self.site.latitude_deg)))
         swing_deg = 0.0 if method == LIKELIHOOD else self.swing_deg * math.sqrt(2.0 if self.calibrations else 1.0)
-        own_deg = math.hypot(found.noise_deg / math.sqrt(azimuth_deg.size), found.common_deg, tilt_deg, swing_deg)
+        own_deg = math.hypot(
+            found.noise_deg / math.sqrt(azimuth_deg.size), found.common_deg, self.tilted_deg, swing_deg
+        )
         known_deg = float(self.known_deg[own][0])
         # what the mark calibrates carries its uncertainty; an error against the mark does so where it does not
         by_mark, beside_mark = (self.site.azimuth_std_deg, 0.0) if method != LIKELIHOOD and self.calibrations else (

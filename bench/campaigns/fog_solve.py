@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from bench.campaigns.fog_raw import waveform_of
-from bench.campaigns.fog_sets import CALIBRATION, SEARCH, TEST, NorthSet
+from bench.campaigns.fog_sets import CALIBRATION, SEARCH, NorthSet
 from bench.campaigns.fog_solution import (
     LEAST_SQUARES,
     LIKELIHOOD,
@@ -97,10 +97,12 @@ def _raw(one: NorthSet) -> LikelihoodNorth | None:
     if waveform is None:
         return None
     try:
-        return likelihood_north(waveform.u_V, waveform.theta_deg, harmonics=HARMONICS)
+        found = likelihood_north(waveform.u_V, waveform.theta_deg, harmonics=HARMONICS)
     except FitError as error:
         one.raw_faults.append(f"{error.message} ({error.code})")
         return None
+    one.raw_faults += [f"the table stopped at index position {k}" for k in waveform.standing()]
+    return None if one.raw_faults else found
 
 
 def _swing_deg(sets: Sequence[NorthSet]) -> float:
@@ -125,10 +127,22 @@ def _calibrate(found: Solution) -> None:
     calibrations: dict[int, IndexCalibration] = {}
     for sense in (1, -1):
         use = found.good & found.of(CALIBRATION) & (found.sense == sense)
-        if use.any():
-            apparent_deg = found.known_deg[use] - found.tilt_deg[use]
+        if not use.any():
+            continue
+        apparent_deg = found.known_deg[use] - found.tilt_deg[use]
+        try:
             calibrations[sense] = calibrate_index(found.u1_V[use], found.u2_V[use], phase_deg(apparent_deg, sense))
+        except FitError as error:
+            _refuse_samples(found, sense, f"calibration: {error.message} ({error.code})")
     found.calibrations = calibrations
+
+
+def _refuse_samples(found: Solution, sense: int, why: str) -> None:
+    """No eight samples of this sense of rotation can be used; their waveforms need no calibration."""
+    for k in np.flatnonzero(found.good & (found.sense == sense)).tolist():
+        found.good[k], found.u1_V[k], found.u2_V[k] = False, math.nan, math.nan
+        if found.sets[k].item == CALIBRATION:
+            found.sets[k].faults.append(why)
 
 
 def _by_waveform(found: Solution) -> Found:
@@ -152,12 +166,15 @@ def _by_eight_samples(found: Solution) -> dict[str, Found]:
         u1_V, u2_V, index = found.u1_V[use], found.u2_V[use], found.calibrations.get(sense)
         f2_deg, f5_deg, gains = (0.0, 0.0, None) if index is None else (index.f2_deg, index.f5_deg, index.gains)
         literal = literal_north(u1_V, u2_V, f5_deg=f5_deg)
+        eight = eight_sample_north(u1_V, u2_V, gains=gains, f2_deg=f2_deg, f5_deg=f5_deg)
         for method, one in (
-            (LEAST_SQUARES, eight_sample_north(u1_V, u2_V, gains=gains, f2_deg=f2_deg, f5_deg=f5_deg)),
+            (LEAST_SQUARES, eight),
             (QUADRANT, quadrant_north(u1_V, u2_V, f5_deg=f5_deg)),
             (LITERAL, literal.north),
         ):
-            at_deg[method][use], std_deg[method][use] = heading_deg(one.phi_deg, sense), one.std_deg
+            with np.errstate(divide="ignore", invalid="ignore"):
+                share = np.where(one.noise > 0.0, eight.noise / one.noise, 1.0)  # theirs takes misplaced pulses for it
+            at_deg[method][use], std_deg[method][use] = heading_deg(one.phi_deg, sense), one.std_deg * share
             dof = float(one.dof)
         for name, flags in asdict(literal.failures).items():
             failures.setdefault(name, np.zeros(n))[use] = flags
@@ -189,8 +206,8 @@ def _missing(found: Solution) -> list[str]:
     missing = [f"{one.name}: {'; '.join(one.faults)}" for one in found.sets if one.faults]
     missing += [f"{one.name}, raw waveform: {'; '.join(one.raw_faults)}" for one in found.sets if one.raw_faults]
     counts = Counter(one.item for one, good in zip(found.sets, found.good, strict=True) if good)
-    if not counts[CALIBRATION]:
+    if not counts[CALIBRATION] and found.good.any():
         missing.append("calibration at a known azimuth: none; the index pulses are taken to stand where they should")
-    if not counts[TEST]:
+    if not any(np.isfinite(found.error_deg(method)).any() for method in METHODS):
         missing.append("test at known azimuths: none, so that no error can be judged")
     return missing

@@ -127,7 +127,7 @@ def calibration_table(found: Solution) -> Documents:
         std = np.sqrt(np.diag(index.covariance))
         factor = coverage_factor(index.dof)
         for letter, gain, gain_std, at_deg, deg_std, offset in (
-            ("B, lock-in 1", index.f1, std[0], index.f2_deg, std[1], index.f3),
+            ("B, lock-in 1", index.f1, std[0], index.f2_deg, std[1], sense * index.f3),  # oriented: its sign turned
             ("A, lock-in 2", index.f4, std[2], index.f5_deg, std[3], index.f6),
         ):
             placement = with_uncertainty(sense * float(at_deg), factor * float(deg_std))

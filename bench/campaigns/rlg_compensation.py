@@ -61,6 +61,7 @@ class Compensated:
     turnaround that a compensator could not estimate stays as it is.
     ``constants``: of the global fit, one per stretch.   ``refused``: method to reason.   ``counts``: why turnarounds
     were not used.   ``swing_rad``: mean peak-to-peak phase of a dither period, from the counted levels.
+    ``dither_scatter``: of its amplitude from turnaround to turnaround, relative, from the curvatures.
     """
 
     interval_s: float
@@ -79,6 +80,7 @@ class Compensated:
     breaks: int = 0
     seconds: float = 0.0
     swing_rad: float = 0.0
+    dither_scatter: float | None = None
 
 
 @dataclass(frozen=True)
@@ -153,6 +155,7 @@ def _joined(parts: Sequence[_Part], clock_Hz: float) -> Compensated:
         swing_rad=float(np.mean([part.swing_rad for part in parts])),
         stretches=len(parts),
         shown=_shown(first),
+        dither_scatter=_scatter(parts),
     )
     for part in parts:
         found.turnarounds += int(part.turns.usable.size)
@@ -167,6 +170,12 @@ def _joined(parts: Sequence[_Part], clock_Hz: float) -> Compensated:
         found.breaks += int(part.edges.breaks.size)
         found.seconds += float(part.edges.tick[-1] - part.edges.tick[0]) / clock_Hz
     return found
+
+
+def _scatter(parts: Sequence[_Part]) -> float | None:
+    """Relative scatter of the dither's amplitude; that of the curvatures of the phase is the same."""
+    found = [part.jumps[GLOBAL].curvature_rad_s2 for part in parts if GLOBAL in part.jumps]
+    return float(np.nanstd(np.concatenate(found)) / np.nanmean(np.concatenate(found))) if found else None
 
 
 def _with_holes(parts: Sequence[_Part], name: str) -> Floats:
@@ -202,5 +211,6 @@ def _nothing(events: Events, number: int, refused: Sequence[str]) -> FitError:
         f"{edges} edges of the beat and {pickoffs} of the dither pick-off in {len(events.stretches)} unbroken "
         f"stretches ({lost}) determine no random walk{why}",
         where=f"record {number}",
-        next_step="see that laser and dither run, that the pick-off is on channel 1 and that the tagger drops no edge",
+        next_step="see that laser and dither run, that the pick-off is on channel 1, that no comparator is "
+        "inverted and that the tagger drops no edge",
     )

@@ -11,7 +11,7 @@ import numpy as np
 from bench.campaigns.estimates import estimate
 from bench.campaigns.rlg_compensation import COMPENSATORS, RAW
 from bench.campaigns.rlg_limits import Requirement
-from bench.campaigns.rlg_result import LaserResult, walk_std_deg_rth
+from bench.campaigns.rlg_result import LaserResult, Measured, squared, walk_std_deg_rth
 from bench.fit.rlg_random_walk import RandomWalk, alignment_time_s, path_exponent
 from bench.model.errors import FitError
 
@@ -37,27 +37,25 @@ def _of_method(
     place = one.record.place(one.clock_Hz) | {"method": method}
     used = one.found.turnarounds if method == RAW else one.found.used[method]
     counted = {"n": used, "dropped": one.found.turnarounds - used}
-    time_s, time_std_s = alignment_s(walk, requirement)
+    time = alignment_s(walk, requirement)
     found = [
         estimate("angle_random_walk", ARW_UNIT, walk.n_deg_rth, walk_std_deg_rth(walk), place, **counted),
         estimate("quantisation_noise", "arcsec", ARCSEC * walk.q_deg, ARCSEC * walk.q_std_deg, place, **counted),
-        estimate("alignment_time", "s", time_s, time_std_s, place, limit=limit_s, **counted),
+        estimate("alignment_time", "s", time.value, time.std, place, limit=limit_s, **counted),
     ]
     ratio = None if method == RAW else one.ratio(method)
     if ratio is not None:
-        spread = 2.0 * ratio.value * ratio.std
+        time_ratio = squared(ratio)
         found.append(estimate("random_walk_ratio", "1", ratio.value, ratio.std, place, **counted))
-        found.append(estimate("alignment_time_ratio", "1", ratio.value**2, spread, place, **counted))
+        found.append(estimate("alignment_time_ratio", "1", time_ratio.value, time_ratio.std, place, **counted))
     return [entry for entry in found if math.isfinite(entry["value"]) and math.isfinite(entry["std_uncertainty"])]
 
 
-def alignment_s(walk: RandomWalk, requirement: Requirement) -> tuple[float, float]:
-    """Time until the random walk lets the azimuth be known to the required error, and its standard uncertainty."""
-    std_deg_rth = walk_std_deg_rth(walk)
-    time_s = alignment_time_s(walk.n_deg_rth, requirement.latitude_deg, requirement.error_deg)
-    if not walk.n_deg_rth > 0.0:
-        return time_s, alignment_time_s(std_deg_rth, requirement.latitude_deg, requirement.error_deg)
-    return time_s, 2.0 * time_s * std_deg_rth / walk.n_deg_rth
+def alignment_s(walk: RandomWalk, requirement: Requirement) -> Measured:
+    """Time until the random walk lets the azimuth be known to the required error: it goes with the walk's square."""
+    square = squared(Measured(walk.n_deg_rth, walk_std_deg_rth(walk)))
+    of_one_s = alignment_time_s(1.0, requirement.latitude_deg, requirement.error_deg)
+    return Measured(of_one_s * square.value, of_one_s * square.std)
 
 
 def _constants(one: LaserResult, place: dict[str, Any]) -> Documents:
@@ -84,7 +82,7 @@ def exponent_estimates(results: Sequence[LaserResult], judged: str) -> Documents
                 exponent, std = path_exponent(
                     np.array([one.record.path_length_m for one in seen]),
                     np.array([walk.n_deg_rth for walk in walks]),
-                    np.array([walk.n_std_deg_rth for walk in walks]),
+                    np.array([walk_std_deg_rth(walk) for walk in walks]),
                 )
             except FitError:  # the walks of each path are there all the same
                 continue

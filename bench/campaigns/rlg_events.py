@@ -47,7 +47,8 @@ class Events:
     """Stretches of one record and what was lost between them.
 
     ``clock_Hz``: of the tagger, nominal.   ``lost_blocks``: that never arrived or arrived damaged.   ``lost_edges``:
-    that the tagger itself dropped.   ``torn``: blocks left out because edges are missing in them.
+    that the tagger itself dropped.   ``torn``: blocks left out because edges are missing in them.   ``dark``: blocks
+    without any edge: there was no beat.
     """
 
     clock_Hz: float
@@ -55,13 +56,14 @@ class Events:
     lost_blocks: int
     lost_edges: int
     torn: int
+    dark: int = 0
 
 
 def record_events(row: RecordRow) -> Events:
     """Decode every event of one record.
 
-    A missing block, or one in which the tagger dropped edges, ends a stretch: nothing is bridged, because the number of
-    edges in between is not known.
+    A missing block, one in which the tagger dropped edges, and one without any edge (a dithered laser that beats has
+    hundreds in each) ends a stretch: nothing is bridged, because the number of edges in between is not known.
 
     Raises: FitError B-RLG-001 (no samples), B-RLG-002 (another frame), B-RLG-003 (the clock changes inside the record).
     """
@@ -101,6 +103,8 @@ def _events(samples: Samples, clock_Hz: float, lost_blocks: int) -> Events:
     sizes = np.array([len(one) for one in blobs], np.int64)
     whole = (more == 0) & (sizes == _BYTES * edges)
     whole[0] &= bool(dropped[0] == 0)  # nobody knows in which block the earlier ones were lost
+    dark = whole & (edges == 0)
+    torn, whole = ~whole, whole & ~dark
     joint = (np.diff(samples.counter) == 1) & (np.diff(tick) > 0) & whole[1:] & whole[:-1]
     starts = np.flatnonzero(np.concatenate(([True], ~joint)))
     ends = np.concatenate((starts[1:], [tick.size]))
@@ -109,7 +113,7 @@ def _events(samples: Samples, clock_Hz: float, lost_blocks: int) -> Events:
         for a, b in zip(starts.tolist(), ends.tolist(), strict=True)
         if whole[a]
     )
-    return Events(clock_Hz, found, lost_blocks, int(more[more > 0].sum()), int((~whole).sum()))
+    return Events(clock_Hz, found, lost_blocks, int(more[more > 0].sum()), int(torn.sum()), int(dark.sum()))
 
 
 def _stretch(tick: Int64, edges: Int64, joined: bytes) -> Stretch:

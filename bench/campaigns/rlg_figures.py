@@ -65,7 +65,7 @@ def _alignment(results: Sequence[LaserResult], requirement: Requirement, method:
             if measured is not None and measured.n_deg_rth > 0.0:
                 points = slice(0, None, 6)
                 label = f"{100 * one.record.path_length_m:g} cm, {LABELS[name]}"
-                error = error_mil(alignment_s(measured, one_mil)[0])
+                error = error_mil(alignment_s(measured, one_mil).value)
                 series.append(curve(label, _TIMES_s[points], error[points], "points"))
     return {
         "title": "Figure 1: alignment error against alignment time",

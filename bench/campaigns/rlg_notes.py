@@ -16,6 +16,8 @@ from bench.fit.verdict import coverage_factor
 _NEAR_90_DEG = 10.0
 _SENSOR_OFF = 0.03  # of the dither amplitude; its sensor is good to 1 %
 _MODEL_OFF = 0.03  # of the RMS jump; simulated lasers with one backscatter leave below 0.007
+_LEAST_SCATTER = 0.02  # of the dither's amplitude; with less the jumps are no random walk (docs/ring-laser.md)
+_MOST_UNUSED = 0.05  # of the turnarounds
 _PROBABILITY = 1e-4  # of a false note per record and constant
 
 
@@ -26,6 +28,7 @@ def notes(results: Sequence[LaserResult], requirement: Requirement, judged: str)
         *_better(results, judged),
         *_condition(results),
         *_model(results),
+        *_repeating(results),
         *_off(results),
         *_standing(requirement),
         *_losses(results),
@@ -97,6 +100,20 @@ def _model(results: Sequence[LaserResult]) -> list[str]:
     return found
 
 
+def _repeating(results: Sequence[LaserResult]) -> list[str]:
+    """Dithers whose jumps follow one another too regularly for a random walk."""
+    found = []
+    for one in results:
+        scatter = one.found.dither_scatter
+        if scatter is not None and scatter < _LEAST_SCATTER:
+            found.append(
+                f"{one.name}: the dither's amplitude scatters by {100 * scatter:.2f} %. Below {100 * _LEAST_SCATTER:g} "
+                "% the errors of turnarounds follow one another (dynamic lock-in): what is not compensated is no "
+                "random walk, equation (6) does not hold, and part of the input rate may be lost."
+            )
+    return found
+
+
 def _off(results: Sequence[LaserResult]) -> list[str]:
     """Outputs that random walk and quantisation do not describe, in one sentence."""
     off = []
@@ -148,6 +165,17 @@ def _losses(results: Sequence[LaserResult]) -> list[str]:
                 f"{one.name}: {events.lost_blocks} blocks lost, {events.lost_edges} edges dropped by the tagger; the "
                 f"record was analysed in {'1 stretch' if stretches == 1 else f'{stretches} stretches'} of "
                 f"{one.found.seconds:.2f} s in all, nothing was bridged."
+            )
+        if events.dark:
+            found.append(
+                f"{one.name}: {events.dark} blocks of 10 ms without any edge: the laser was dark, or its beat did not "
+                "reach the tagger. What comes behind is a stretch of its own; a laser that was started anew is cold."
+            )
+        used = max(one.found.used.values(), default=0)
+        if used < (1.0 - _MOST_UNUSED) * one.found.turnarounds:
+            found.append(
+                f"{one.name}: only {used} of {one.found.turnarounds} turnarounds could be compensated; the others stay "
+                "as they are, so the ratios say little about the compensators."
             )
         sensed = one.record.dither_deg_s
         if sensed is None:

@@ -20,6 +20,9 @@ from bench.model.errors import FitError
 Floats = NDArray[np.float64]
 _ONE_SIDED = 1.645  # 95 % of a normal distribution lie below
 _PROBABILITY = 1e-4  # that a record without any other noise is called off
+# The fit's shapes are of first order in the jumps. Measured for jumps of 0.07 to 0.14 rad, backscatter phases of 0, 40
+# and 90 deg: its lock-in rate is off by up to 0.1 of the jump squared, its backscatter phase by 0.05 rad of it.
+_RATE_OFF, _PHASE_OFF_rad = 0.1, 0.05
 _PARTS = 24  # of a turn of the phase, in which what is left is averaged
 
 
@@ -29,6 +32,14 @@ class Measured:
 
     value: float
     std: float
+
+
+def squared(one: Measured) -> Measured:
+    """Square of a value and its standard uncertainty, by which a value of 0 is not known to be 0.
+
+    Source: variance of the square of a normal variable.
+    """
+    return Measured(one.value**2, math.sqrt(4.0 * one.value**2 * one.std**2 + 2.0 * one.std**4))
 
 
 def misfit(walk: RandomWalk) -> float:
@@ -93,8 +104,15 @@ class LaserResult:
     def lock_in_deg_s(self) -> Measured | None:
         """Lock-in rate by the global fit."""
         both = _weighted([(one.kappa_rad_s, one.kappa_std_rad_s) for one in self.found.constants])
-        factor = math.degrees(1.0 / self.gain)
-        return None if both is None else Measured(factor * both.value, factor * both.std)
+        if both is None:
+            return None
+        factor, left_out = math.degrees(1.0 / self.gain), _RATE_OFF * self._jump_squared / math.sqrt(3.0)
+        return Measured(factor * both.value, factor * math.hypot(both.std, left_out * both.value))
+
+    @property
+    def _jump_squared(self) -> float:
+        """Square of the largest jump of a turnaround, rad^2: twice the mean square."""
+        return 2.0 * float(np.nanmean(np.square(self.found.constants[0].jumps.dpsi_rad)))
 
     @property
     def backscatter_deg(self) -> Measured | None:
@@ -107,7 +125,8 @@ class LaserResult:
         both = _weighted(turned)
         if both is None:
             return None
-        return Measured(math.degrees(math.remainder(about + both.value, math.tau)), math.degrees(both.std))
+        std_rad = math.hypot(both.std, _PHASE_OFF_rad * self._jump_squared / math.sqrt(3.0))
+        return Measured(math.degrees(math.remainder(about + both.value, math.tau)), math.degrees(std_rad))
 
     @property
     def expected_deg_rth(self) -> float | None:
@@ -158,7 +177,7 @@ def laser_result(record: LaserRecord) -> LaserResult:
 
 def _without_edges(events: Events) -> Events:
     """The counts alone: the edges of a record take more room than everything that comes of them."""
-    return Events(events.clock_Hz, (), events.lost_blocks, events.lost_edges, events.torn)
+    return Events(events.clock_Hz, (), events.lost_blocks, events.lost_edges, events.torn, events.dark)
 
 
 def _weighted(values: list[tuple[float, float]]) -> Measured | None:

@@ -8,7 +8,7 @@ from typing import Any
 from bench.campaigns.rlg_compensation import COMPENSATORS, RAW
 from bench.campaigns.rlg_estimates import ARCSEC, alignment_s
 from bench.campaigns.rlg_limits import NATO_MIL_DEG, Requirement
-from bench.campaigns.rlg_result import LaserResult, Measured, walk_std_deg_rth
+from bench.campaigns.rlg_result import LaserResult, Measured, squared, walk_std_deg_rth
 from bench.fit.verdict import coverage_factor
 from bench.report.numbers import with_uncertainty
 
@@ -56,8 +56,9 @@ def _comparison(results: Sequence[LaserResult], method: str) -> Table:
         seen = "–" if phase is None else f"{phase.value:.1f}"
         rows.append([[seen, *(_ratio(one, name) for name in COMPENSATORS)]])
     caption = (
-        "Ratio and expanded uncertainty; below 1 the compensator helps, WORSE marks where it adds random walk beyond "
-        f"its uncertainty. The verdict is on: {LABELS[method]}."
+        "Ratio and expanded uncertainty, or what it does not exceed where it cannot be told from 0; below 1 the "
+        "compensator helps, WORSE marks where it adds random walk beyond its uncertainty. The verdict is on: "
+        f"{LABELS[method]}."
     )
     headers = ["backscatter phase found, deg", *(LABELS[name] for name in COMPENSATORS)]
     title = "Random walk after compensation over that before"
@@ -68,7 +69,7 @@ def _ratio(one: LaserResult, method: str) -> str:
     ratio = one.ratio(method)
     if ratio is None:
         return "no result"
-    return _text(ratio) + (" WORSE" if one.is_worse(method) else "")
+    return _bounded(ratio) + (" WORSE" if one.is_worse(method) else "")
 
 
 def _text(one: Measured | None, factor: float = 1.0) -> str:
@@ -77,15 +78,20 @@ def _text(one: Measured | None, factor: float = 1.0) -> str:
     return with_uncertainty(factor * one.value, factor * coverage_factor() * one.std)
 
 
+def _bounded(one: Measured | None, factor: float = 1.0) -> str:
+    """As ``_text``; of a value that cannot be told from 0, what it does not exceed."""
+    if one is None or one.value > coverage_factor() * one.std:
+        return _text(one, factor)
+    return f"< {float(f'{factor * (one.value + coverage_factor() * one.std):.2g}'):g}"
+
+
 def _alignment(results: Sequence[LaserResult], requirement: Requirement, method: str) -> Table:
     rows = []
     for one in results:
         raw, after, ratio = one.walks.get(RAW), one.walks.get(method), one.ratio(method)
-        times = [
-            "no result" if walk is None else _text(Measured(*alignment_s(walk, requirement))) for walk in (raw, after)
-        ]
-        factor = None if ratio is None else Measured(ratio.value**2, 2.0 * ratio.value * ratio.std)
-        rows.append([[*times, _text(factor)]])
+        times = [None if walk is None else alignment_s(walk, requirement) for walk in (raw, after)]
+        factor = None if ratio is None else squared(ratio)
+        rows.append([[_bounded(one) for one in (*times, factor)]])
     mil = requirement.error_deg / NATO_MIL_DEG
     caption = (
         f"Until the random walk alone lets the azimuth be known to {requirement.error_deg:.5g} deg ({mil:.3g} NATO "
@@ -123,7 +129,8 @@ def _walks(results: Sequence[LaserResult]) -> Table:
     caption = (
         "Fitted together to the overlapping Allan deviation of the latched counts. Theory: the recovered lock-in rate "
         "over the root of gain and counted dither rate, equation (6). Where chi-squared says that the two terms do not "
-        "describe the deviation, the interval of the random walk is as much wider."
+        "describe the deviation, the interval of the random walk is as much wider. A dash: random walk hides the "
+        "quantisation."
     )
     headers = ["output", "random walk, 1e-3 deg/h^0.5", "quantisation, 1e-3 arcsec", "theory, 1e-3 deg/h^0.5",
                "chi-squared / degrees of freedom"]  # fmt: skip
@@ -132,8 +139,8 @@ def _walks(results: Sequence[LaserResult]) -> Table:
 
 def _walk_row(one: LaserResult, method: str) -> list[str]:
     walk = one.walks[method]
-    cells = [_text(Measured(walk.n_deg_rth, walk_std_deg_rth(walk)), 1e3)]
-    cells.append(_text(Measured(walk.q_deg, walk.q_std_deg), 1e3 * ARCSEC))
+    cells = [_bounded(Measured(walk.n_deg_rth, walk_std_deg_rth(walk)), 1e3)]
+    cells.append(_text(Measured(walk.q_deg, walk.q_std_deg), 1e3 * ARCSEC) if walk.q_deg > 0.0 else "–")
     expected = one.expected_deg_rth if method == RAW else None
     theory = "" if expected is None else f"{1e3 * expected:.3g}"
     return [LABELS[method], *cells, theory, f"{walk.chi2:.4g} / {walk.dof}"]

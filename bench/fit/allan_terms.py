@@ -128,24 +128,21 @@ def fit_noise_terms(curve: AllanDeviation, terms: Sequence[str] = TERMS) -> Nois
 
     Args:    curve: an overlapping Allan deviation.   terms: which of TERMS to fit.
     Returns: NoiseTerms; the uncertainty of a term that is present counts the other terms that are.
-    Raises:  FitError B-FIT-030 for a modified deviation or fewer averaging times than terms.
+    Raises:  FitError B-FIT-030 for a modified deviation, fewer averaging times than terms, or a record without noise.
     Source:  IEEE Std 952-1997 annex C; Lawson and Hanson, Solving Least Squares Problems, chapter 23.
     """
-    if curve.modified or curve.tau_s.size < len(terms):
-        raise FitError(
-            "B-FIT-030",
-            f"{len(terms)} noise terms cannot be fitted to {curve.tau_s.size} averaging times"
-            f"{' of a modified Allan deviation' if curve.modified else ''}",
-            next_step="take an overlapping Allan deviation of a longer record, or fit fewer terms",
-        )
+    _require(curve, terms)
     reliable = (curve.dof >= _FEWEST_DOF) | (np.arange(curve.dof.size) < len(terms))
     used = np.flatnonzero(reliable)
     problem = _Problem.of(curve, terms, used)
     covariance = np.diag(2.0 * np.square(problem.variance) / curve.dof[used])
     squares, chi2 = problem.nonnegative(covariance)
     for _ in range(_REWEIGHTINGS):
-        covariance = problem.covariance(squares)
-        squares, chi2 = problem.nonnegative(covariance)
+        settled = problem.covariance(squares)
+        again, distance = problem.nonnegative(settled)
+        if not again.any():  # these weights leave no term at all: the terms do not describe the record, chi2 says so
+            break
+        covariance, squares, chi2 = settled, again, distance
     found = [_term(problem, k, squares, covariance, chi2) for k in range(len(terms))]
     return NoiseTerms(
         terms=tuple(found),
@@ -153,6 +150,23 @@ def fit_noise_terms(curve: AllanDeviation, terms: Sequence[str] = TERMS) -> Nois
         chi2=chi2,
         dof=used.size - int(np.count_nonzero(squares)),
     )
+
+
+def _require(curve: AllanDeviation, terms: Sequence[str]) -> None:
+    if curve.modified or curve.tau_s.size < len(terms):
+        raise FitError(
+            "B-FIT-030",
+            f"{len(terms)} noise terms cannot be fitted to {curve.tau_s.size} averaging times"
+            f"{' of a modified Allan deviation' if curve.modified else ''}",
+            next_step="take an overlapping Allan deviation of a longer record, or fit fewer terms",
+        )
+    if not (curve.deviation > 0.0).all():
+        raise FitError(
+            "B-FIT-030",
+            f"the Allan deviation is 0 at {int((curve.deviation <= 0.0).sum())} of {curve.tau_s.size} averaging times: "
+            "a record without noise has no noise terms",
+            next_step="look whether the record changes at all",
+        )
 
 
 def _term(problem: _Problem, place: int, squares: Array, covariance: Array, chi2: float) -> NoiseTerm:

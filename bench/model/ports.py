@@ -31,7 +31,8 @@ class Effect(Enum):
 class Parameter:
     """One argument of an action: a quantity with a dimension and limits, or a choice of words or numbers.
 
-    ``dimension`` is a base unit of bench.model.units ("A", "degC" ...), or "" for a choice/plain value.
+    ``dimension`` is a base unit of bench.model.units ("A", "degC" ...), or "" for a choice/plain value; ``values``
+    are the only ones of a quantity that the instrument can be set to, in order, if there are no others between.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Parameter:
     high: float | None = None
     choices: tuple[str | int, ...] = ()
     required: bool = True
+    values: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

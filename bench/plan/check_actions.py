@@ -17,6 +17,7 @@ from bench.plan.plan import Plan, Step
 from bench.plan.station import InstrumentEntry, Station
 
 SOAK_ACTIONS = ("set_temperature", "run")
+_ALIKE = 1e-9  # of two numbers that went through different roundings
 
 
 @dataclass(frozen=True)
@@ -134,8 +135,15 @@ class ActionCheck:
             message = (
                 f"{step.role}: {parameter.name} {value:g} {unit} is outside {low:g} to {high:g} {unit} of {source}"
             )
-            origin = self._plan.origins[step.number].get(parameter.name, "")
-            self._findings.add("B-PLAN-055", step.where, message, origin=origin)
+            self._outside(step, parameter, message)
+        elif parameter.values and not any(math.isclose(value, one, rel_tol=_ALIKE) for one in parameter.values):
+            nearest = min(parameter.values, key=lambda one: abs(math.log(one / value)))
+            message = f"{step.role}: {parameter.name} {value:g} {parameter.dimension} is none of its settings"
+            self._outside(step, parameter, f"{message}; the nearest is {nearest:g} {parameter.dimension}")
+
+    def _outside(self, step: Step, parameter: Parameter, message: str) -> None:
+        origin = self._plan.origins[step.number].get(parameter.name, "")
+        self._findings.add("B-PLAN-055", step.where, message, origin=origin)
 
     def _add(self, code: str, step: Step, message: str, next_step: str = "") -> None:
         self._findings.add(code, step.where, message, next_step)

@@ -18,6 +18,7 @@ from bench.plan import Step
 from bench.record import RecordRow
 from bench.run.context import Listener, RunContext
 from bench.run.health import LINKS
+from bench.run.instrument_link import InstrumentLink
 from bench.run.link_port import Reopenable, kernel_counts
 from bench.run.link_reader import LinkReader
 from bench.run.link_status import age_s, is_silent, is_stale, silence_s
@@ -205,7 +206,8 @@ class LinkKeeper:
         reader = kept.reader
         sizes = [item.counter.size for item in reader.definition.layout.messages if item.counter is not None]
         wrap = 1 << (8 * sizes[0]) if sizes else 1 << 62
-        if went_on(kept.mark, CounterMark.of(reader), reader.definition.rate_Hz, wrap):
+        buffered = isinstance(reader.link, InstrumentLink)
+        if went_on(kept.mark, CounterMark.of(reader), reader.definition.rate_Hz, wrap, buffered=buffered):
             kept.how.append("counter went on")
             return
         kept.how.append("counter began anew: the unit was restarted")

@@ -37,16 +37,20 @@ class CounterMark:
 NOWHERE = CounterMark(-1, -1)
 
 
-def went_on(before: CounterMark, after: CounterMark, rate_Hz: float | None, wrap: int) -> bool:
+def went_on(
+    before: CounterMark, after: CounterMark, rate_Hz: float | None, wrap: int, *, buffered: bool = False
+) -> bool:
     """Whether a counter stands where the time since ``before`` predicts; True where no rate predicts anything.
 
-    A unit that was restarted, and another unit, begin anew somewhere else.
+    A unit that was restarted, and another unit, begin anew somewhere else. What comes from a buffer (``buffered``) may
+    be as old as the last frame before.
     """
     if not rate_Hz or before.raw < 0:
         return True
     due = (after.t_ns - before.t_ns) / NS * rate_Hz
     miss = (after.raw - before.raw - due + wrap / 2) % wrap - wrap / 2
-    return abs(miss) <= min(wrap / 4, max(2.0, _SLACK_S * rate_Hz + _SLACK_RELATIVE * due))
+    slack = min(wrap / 4, max(2.0, _SLACK_S * rate_Hz + _SLACK_RELATIVE * due))
+    return -(due if buffered else slack) <= miss <= slack
 
 
 class Unit:

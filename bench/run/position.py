@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from bench.model.ports import Action
 from bench.plan import Plan, Step
 from bench.plan.drivers import driver_actions
 from bench.record import JournalEntry
@@ -69,7 +70,8 @@ def stopped_at(plan: Plan, entries: Sequence[JournalEntry], events: Sequence[Eve
     if number < len(plan.steps):
         steps = plan.phase(plan.steps[number].phase)
         inside = number - steps[0].number
-        inside = 0 if steps[0].phase == "finally" else _item_start(steps, point_start(steps, inside))
+        first = point_start(steps, inside, readings_of(steps, _drivers(plan, steps)))
+        inside = 0 if steps[0].phase == "finally" else _item_start(steps, first)
         number = steps[inside].number
     again = tuple(sorted(one for one, step in taken.items() if step >= number))
     return Position(number, max((one for one in taken if one not in again), default=0), again)
@@ -121,9 +123,18 @@ def _first_lost(
 def _notes(plan: Plan, step: Step) -> bool:
     """Whether a step leaves something in the session that results are made of; records are looked for by number."""
     if step.kind == "call":
-        declared = driver_actions(plan.station.instruments[step.role].driver).get(step.name)
-        return declared is not None and bool(declared.returns)
+        return _reads(step, _drivers(plan, [step]))
     return step.kind == "prompt" or (step.kind == "unit" and "item" in step.arguments)
+
+
+def _reads(step: Step, drivers: Mapping[str, Mapping[str, Action]]) -> bool:
+    declared = drivers.get(step.role, {}).get(step.name)
+    return declared is not None and bool(declared.returns)
+
+
+def _drivers(plan: Plan, steps: Sequence[Step]) -> dict[str, Mapping[str, Action]]:
+    roles = {step.role for step in steps if step.kind == "call"}
+    return {role: driver_actions(plan.station.instruments[role].driver) for role in roles}
 
 
 def _item_start(steps: Sequence[Step], index: int) -> int:
@@ -139,19 +150,25 @@ def _item(step: Step) -> tuple[Any, ...] | None:
     return step.role, step.arguments["item"], step.conditions.get("unit")
 
 
-def point_start(steps: Sequence[Step], index: int) -> int:
+def readings_of(steps: Sequence[Step], drivers: Mapping[str, Mapping[str, Action]]) -> frozenset[int]:
+    """Numbers of the steps that only read an instrument; ``drivers``: declared actions by role."""
+    return frozenset(step.number for step in steps if step.kind == "call" and _reads(step, drivers))
+
+
+def point_start(steps: Sequence[Step], index: int, readings: Container[int] = ()) -> int:
     """Index of the first step of the point that holds ``steps[index]``: where its relays and level are set.
 
     The step itself if it belongs to no point, or to records that follow each other without a gap; but records with a
-    motion between them are one recording of it, which begins with the first of them.
+    motion between them are one recording of it, which begins with the first of them. Readings of instruments (their
+    step numbers) right behind a record belong to it: they say how things were at its end.
     """
-    record = _record_of(steps, index)
+    record = _record_of(steps, index, readings)
     if record is not None and steps[record].arguments.get("follows"):
         begun = _recording_start(steps, record)
         record = begun if any(is_motion(step) for step in steps[begun:record]) else None
     if record is None:
         return index
-    first = max(0, int(steps[record].arguments["retry_step"]) - steps[0].number)
+    first = _start_of(steps, record)
     if first > index or any(step.kind == "soak" for step in steps[first : index + 1]):
         return index
     return first
@@ -164,31 +181,49 @@ def _recording_start(steps: Sequence[Step], record: int) -> int:
     return record
 
 
-def in_point(steps: Sequence[Step], index: int) -> bool:
+def in_point(steps: Sequence[Step], index: int, readings: Container[int] = ()) -> bool:
     """Whether ``steps[index]`` belongs to a point, so that there is one to skip."""
-    record = _record_of(steps, index)
-    if record is None:
-        return False
-    return int(steps[record].arguments.get("retry_step", steps[record].number)) - steps[0].number <= index
+    record = _record_of(steps, index, readings)
+    return record is not None and _start_of(steps, record) <= index
 
 
-def point_stop(steps: Sequence[Step], index: int) -> int:
-    """Index behind the last step of the point that holds ``steps[index]``: its record and what verifies it."""
-    record = _record_of(steps, index)
+def point_stop(steps: Sequence[Step], index: int, readings: Container[int] = ()) -> int:
+    """Index behind the last step of the point that holds ``steps[index]``: its record, what verifies it, readings."""
+    record = _record_of(steps, index, readings)
     stop = index if record is None else max(record, index)
-    while stop + 1 < len(steps) and steps[stop + 1].kind == "verify":
+    while stop + 1 < len(steps) and _closes(steps, stop + 1, record, readings):
         stop += 1
     return stop + 1
 
 
-def _record_of(steps: Sequence[Step], index: int) -> int | None:
-    """Index of the record of a point: the one that a verify step follows, else the next one before any soak."""
+def _closes(steps: Sequence[Step], index: int, record: int | None, readings: Container[int]) -> bool:
+    if steps[index].kind == "verify":
+        return True
+    return steps[index].number in readings and record is not None and _record_of(steps, index, readings) == record
+
+
+def _record_of(steps: Sequence[Step], index: int, readings: Container[int]) -> int | None:
+    """Index of the record of a point: the one that a verify step or a reading follows, else the next one."""
+    ahead = _next_record(steps, index)
+    if steps[index].number in readings and ahead is not None and _start_of(steps, ahead) <= index:
+        return ahead  # a reading on the way to it
     at = index
-    while at > 0 and steps[at].kind == "verify":
+    while at > 0 and (steps[at].kind == "verify" or steps[at].number in readings):
         at -= 1
-    for later in range(at, len(steps)):
+    behind = steps[at].kind == "record" or steps[index].kind == "verify"
+    return _next_record(steps, at) if behind else ahead
+
+
+def _next_record(steps: Sequence[Step], index: int) -> int | None:
+    """Index of the next record before any soak."""
+    for later in range(index, len(steps)):
         if steps[later].kind == "record":
             return later
         if steps[later].kind in ("soak", "prompt"):
             return None
     return None
+
+
+def _start_of(steps: Sequence[Step], record: int) -> int:
+    """Index of the step from which the point of a record is taken again."""
+    return max(0, int(steps[record].arguments.get("retry_step", steps[record].number)) - steps[0].number)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from bench.model.clock import NS, to_ns
 from bench.model.errors import BenchError, InstrumentError, OperatorStop, RunError
+from bench.model.ports import actions_of
 from bench.plan import Step
 from bench.plan.plan import Phase
 from bench.record import Journal, RecordError, RecordRow
@@ -15,7 +16,7 @@ from bench.run.context import CHAMBER, RunContext
 from bench.run.holds import Interruption, Wish
 from bench.run.instrument_hold import wish_to_wait
 from bench.run.patience import patient
-from bench.run.position import in_point, point_start, point_stop
+from bench.run.position import in_point, point_start, point_stop, readings_of
 from bench.run.recording import measurement_rows
 from bench.run.reentry import come_back, tables_back
 from bench.run.safety import heat_off, make_safe
@@ -53,6 +54,8 @@ class Sequencer:
         self._context = context
         self._journal_step = patient(journal.step, context.listener)
         self._safe_order = safe_order
+        drivers = {role: actions_of(type(instrument)) for role, instrument in context.instruments.items()}
+        self._readings = readings_of(context.plan.steps, drivers)
         self._done = 0
         self._start_ns = context.clock.now_ns()
         self._slip_ns = 0
@@ -164,18 +167,19 @@ class Sequencer:
     def _interrupted(self, wish: Wish, steps: Sequence[Step], position: int, holds: dict[int, int]) -> int:
         """Where to go on after a wish: hold and retake go back to the beginning of the point, skip behind its end."""
         context = self._context
-        first = point_start(steps, position)
+        first = point_start(steps, position, self._readings)
         if wish.kind == "hold":
             began_ns = context.clock.now_ns()
             self._held(wish, steps[position], steps[first].number, holds)
             context.timeline.add_slip(context.clock.now_ns() - began_ns)
-        skips = wish.kind == "skip" and in_point(steps, position)  # a soak or a setting is never left out
+        # a soak or a setting is never left out
+        skips = wish.kind == "skip" and in_point(steps, position, self._readings)
         if wish.kind != "hold" and not skips:
             tables_back(context, steps[first].number, steps[first : position + 1])
         self._retake(f"{wish.reason} ({wish.by})", steps[first:position])
         if not skips:
             return first
-        stop = point_stop(steps, position)
+        stop = point_stop(steps, position, self._readings)
         behind = steps[0].number + stop
         began_ns = context.clock.now_ns()
         tables_back(context, behind, steps[position:stop])

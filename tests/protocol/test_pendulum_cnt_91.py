@@ -161,6 +161,22 @@ def test_a_full_memory_is_read_in_batches() -> None:
     assert driver.read_stream(400_000) == full + BLOCK
 
 
+def test_a_reading_begins_no_other_batch_after_a_tenth_of_a_second() -> None:
+    """A tagger that is never empty must not keep its reader: each call of the bus takes 60 ms here."""
+    full = 5461 * BLOCK
+    driver = started([(ASK, block(full)), (ASK, block(full)), (ASK, b"#10\n")])
+    resource = driver.test_resource
+    send = resource.write
+
+    def slow(text: str) -> int:
+        driver.test_clock.sleep(0.06)
+        return int(send(text))
+
+    resource.write = slow
+    assert driver.read_stream(1_000_000) == 2 * full
+    assert driver.read_stream(1_000_000) == b""
+
+
 def test_a_batch_of_any_size_in_parts() -> None:
     whole = block(BLOCK)
     driver = started([(ASK, [whole[:1], whole[1:30], whole[30:]])])
@@ -268,6 +284,16 @@ def test_after_a_reopening_a_stream_that_stands_still_is_told() -> None:
     with pytest.raises(InstrumentError, match="does not measure") as caught:
         driver.events_lost()
     assert caught.value.code == "B-INST-011"
+
+
+def test_another_tagger_after_a_reopening_is_not_read() -> None:
+    new = ScriptedResource([(CLEAR, None), (b"*IDN?\n", b"PENDULUM, CNT-91, 7654321, V1.01 28 Jun 2004\n")])
+    driver = started([(b"STR:LOST?\n", BUS_ERROR)], rungs={"reopen": lambda: new})
+    with pytest.raises(InstrumentError) as caught:
+        driver.events_lost()
+    assert caught.value.code == "B-INST-016"
+    assert driver.read_stream(1_000_000) == b""
+    assert driver.configured is None
 
 
 def test_a_mute_tagger_is_told_to_stop_all_the_same() -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from known_drivers import IDENTIFY, NO_EVENT
-from scripted import CLEAR, POLL, SILENT, TIMEOUT, scripted
+from scripted import BUS_ERROR, CLEAR, POLL, SILENT, TIMEOUT, Scripts, make, scripted
 
 from bench.model.clock import NS
 from bench.model.errors import InputError, InstrumentError
@@ -180,3 +180,50 @@ def test_wrong_options(option: str, value: object) -> None:
     with pytest.raises(InputError, match=option) as caught, scripted("srs_sr830", [], **{option: value}):
         pass
     assert caught.value.code == "B-INST-020"
+
+
+def reopened(answers: list[tuple[Any, Any]]) -> Any:
+    """An amplifier, set up and at -90 degrees, whose bus fails once; ``answers`` follow the reopening."""
+    script = [*START, *configured(*CHOSEN), *phased("-90", b"-90.00\n"), (b"SNAP? 1,2,9\n", BUS_ERROR)]
+    lock_in = make("srs_sr830", script, rungs={"reopen": Scripts([[START[0], (CLEAR, None), *answers]])})
+    lock_in.configure(1.0, 24, 1.0, "on")
+    lock_in.set_phase(-90.0)
+    return lock_in
+
+
+def test_after_a_reopening_settings_and_phase_must_still_stand() -> None:
+    """It was off for a moment: set as after power-on, its readings would be of another phase."""
+    settings = told((*FIXED, *CHOSEN))
+    other = [(b"SENS?\n", b"20\n") if question == b"SENS?\n" else (question, answer) for question, answer in settings]
+    for answers, named in (
+        ([*START[1:], *other[: len(FIXED) + 1]], r"SENS\?"),
+        ([*START[1:], *settings, (b"PHAS?\n", b"0.00\n")], r"PHAS\?"),
+    ):
+        lock_in = reopened(answers)
+        with pytest.raises(InstrumentError, match=named) as caught:
+            lock_in.measure()
+        assert caught.value.code == "B-INST-011"
+
+
+def test_another_amplifier_after_a_reopening_has_nothing_set() -> None:
+    lock_in = reopened([(b"*IDN?\n", b"Stanford_Research_Systems,SR830,s/n50001,ver1.07\n")])
+    with pytest.raises(InstrumentError) as caught:
+        lock_in.measure()
+    assert caught.value.code == "B-INST-016"
+    assert (lock_in.settings, lock_in.phase_deg) == ({}, None)
+
+
+def test_a_phase_that_did_not_arrive_is_sent_again() -> None:
+    lost = [(b"PHAS 180\n", None), (b"*ESR?\n", TIMEOUT), (POLL, 0), (CLEAR, None)]
+    again = [*order("PHAS 180"), *[(b"PHAS?\n", b"180.00\n")] * 2, QUIET]
+    script = [*START, *phased("90", b"90.00\n"), *lost, (b"PHAS?\n", b"90.00\n"), *again]
+    with scripted("srs_sr830", script) as lock_in:
+        lock_in.set_phase(90.0)
+        lock_in.set_phase(180.0)
+
+
+def test_a_phase_beyond_its_range_is_refused_before_anything_is_sent() -> None:
+    for phase_deg in (730.0, -360.01):
+        with scripted("srs_sr830", []) as lock_in, pytest.raises(InstrumentError) as caught:
+            lock_in.set_phase(phase_deg)
+        assert caught.value.code == "B-INST-008"

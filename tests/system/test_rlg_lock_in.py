@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import resource
 from pathlib import Path
 from typing import Any
 
@@ -71,21 +72,34 @@ def test_a_short_campaign_and_the_same_without_its_truth(tmp_path: Path) -> None
 @pytest.mark.sweep
 def test_the_whole_campaign(tmp_path: Path) -> None:
     """Three paths, two clocks, 20 s: theory, exponent and ratios of the paper at a backscatter phase of 90 deg."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     _, results, truth = run(tmp_path, "rlg_lock_in")
-    true = by_place(json.loads(truth.read_text("utf-8")))
-    for place, one in by_place(results).items():
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    print(f"{cpu_s:.0f} s of CPU, {after.ru_maxrss / 1e6:.2f} GB")
+    assert cpu_s < 6 * 30.0
+    assert after.ru_maxrss < 1e6 or after.ru_maxrss == before.ru_maxrss  # the most of any child so far
+    true, found = by_place(json.loads(truth.read_text("utf-8"))), by_place(results)
+    for place, one in found.items():
         if place[0] == "angle_random_walk" and dict(place[1:])["method"] == "raw":
             print(place, one["value"] / true[place]["value"])
-            assert one["value"] == pytest.approx(true[place]["value"], rel=0.10)  # 2.5 to 4 % are its own scatter
+            assert one["value"] == pytest.approx(true[place]["value"], rel=0.08)
         if place[0] == "path_length_exponent" and dict(place[1:])["method"] == "raw":
             print(place, one["value"])
             assert one["value"] == pytest.approx(-2.5, abs=0.15)
     for path_m in (0.15, 0.28, 0.34):
-        for clock_Hz, low, high in ((100e6, 0.22, 0.43), (20e6, 0.25, 0.55)):
+        for clock_Hz, low, high in ((100e6, 0.25, 0.40), (20e6, 0.28, 0.52)):
             joint = ratio(results, "dither_shape", path_length_m=path_m, clock_Hz=clock_Hz)
             print(path_m, clock_Hz, joint)
             assert low < joint < high
-        assert ratio(results, "fresnel", path_length_m=path_m, clock_Hz=100e6) < 0.1
+            quantum = true["quantum_random_walk", ("clock_Hz", clock_Hz), ("path_length_m", path_m)]["value"]
+            lock_in = true["angle_random_walk", ("clock_Hz", clock_Hz), ("method", "raw"), ("path_length_m", path_m)]
+            place = ("clock_Hz", clock_Hz), ("method", "global_constants"), ("path_length_m", path_m)
+            left, expected = found["random_walk_ratio", *place], math.hypot(quantum / lock_in["value"], 0.005)
+            print(left["value"] / expected, left["std_uncertainty"] / expected)
+            # 0.06 to 0.12 of it is what 20 s leave unknown; at 34 cm and 20 MHz that alone is more than 20 % in 1 of 12
+            assert abs(left["value"] - expected) < max(0.2 * expected, 3.0 * left["std_uncertainty"])
+        assert ratio(results, "fresnel", path_length_m=path_m, clock_Hz=100e6) < 0.1  # 0.07 and the quantum noise
     assert not [one for one in results["notes"] if one.startswith("No result")]
     errors = against_truth(results, json.loads(truth.read_text("utf-8")))
     for quantity in ("lock_in_rate", "backscatter_phase"):

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from fog_material import AZIMUTH_DEG, LATITUDE_DEG, Gyro, NorthRig, campaign
 
+from bench.campaigns.fog_accuracy import accuracies, rms_std_deg
 from bench.campaigns.fog_north import METHODS, analyse
 from bench.campaigns.fog_sets import north_sets
 from bench.campaigns.fog_solve import site_of, solve
 from bench.campaigns.results import build_results
+from bench.model.errors import FitError
 
 SEED = 702
 CARDINAL = tuple((azimuth - AZIMUTH_DEG) % 360.0 for azimuth in (0.0, 90.0, 180.0, 270.0))
@@ -180,12 +182,31 @@ def test_lost_samples_cost_the_waveform_and_not_the_eight_samples() -> None:
     assert len(of(analyse(rig.material(), "likelihood"), "azimuth_error")) == 1
 
 
+def test_a_gyroscope_that_was_off_costs_the_eight_samples_too() -> None:
+    """A lock-in averages over the dark time without a word; only the samples that are missing tell it."""
+    rig = campaign(NorthRig(SEED), (0.0, 90.0), 1)
+    row = rig.rows[5]
+    seconds = 1e-9 * (row.window.t_end_ns - row.window.t_start_ns)
+    rig.rows[5] = replace(row, lost=row.frames)  # every other one: half of the time
+    analysis = analyse(rig.material())
+    (told,) = [one for one in analysis.missing if "waveform" not in one]
+    assert f"{seconds / 2:.2f} s of samples lost at index position 2" in told
+    assert len(of(analysis, "azimuth_error")) == 1
+
+
 def test_a_waveform_of_a_table_that_stands_is_no_waveform() -> None:
     rig = campaign(NorthRig(SEED), (0.0, 90.0), 1)
     for row in rig.rows[4:8]:
         row.samples.columns["encoder"][:] = 77
     (sentence,) = analyse(rig.material()).missing
     assert "B-FIT-112" in sentence
+
+
+def test_a_table_that_stops_in_one_record_costs_the_waveform() -> None:
+    rig = campaign(NorthRig(SEED), (0.0, 90.0), 1)
+    rig.rows[6].samples.columns["encoder"][:] = 77
+    analysis = analyse(rig.material())
+    assert analysis.missing == ["test at head 0 deg, repeat 1, raw waveform: the table stopped at index position 3"]
 
 
 def test_a_reading_that_was_taken_again_counts_as_it_was_taken_last() -> None:
@@ -238,6 +259,95 @@ def test_what_the_site_states_is_in_the_uncertainty() -> None:
     both = np.hypot(0.3, 0.04)
     assert stds["least_squares"] == (pytest.approx(both, rel=1e-3), pytest.approx(0.04, rel=1e-2))
     assert stds["likelihood"] == (pytest.approx(0.04, rel=1e-2), pytest.approx(both, rel=1e-3))
+
+
+def test_pulses_apart_are_no_noise_of_the_paper_s_formulas() -> None:
+    """Index B 2 degrees off: what the calibration knows of is not found again in the uncertainty of another method."""
+    found = solved(campaign(NorthRig(SEED, Gyro(placement_deg=(0.0, 2.0), noise_V=0.01)), (0.0, 90.0), 1))
+    stds_deg = [found.by_method[method].noise_deg for method in ("least_squares", "quadrant")]
+    assert 1.0 < stds_deg[1] / stds_deg[0] < 3.0
+
+
+def test_placement_knows_the_swing_and_the_mark_and_the_bound_its_amplitude() -> None:
+    site = {"latitude_deg": 45.0, "azimuth_deg": AZIMUTH_DEG, "azimuth_std_deg": 0.3, "tilt_std_deg": 0.04}
+    analysis = analyse(campaign(NorthRig(SEED, Gyro(swing_deg=0.05, noise_V=0.01)), (0.0,), 1).material(site=site))
+    due_deg = np.sqrt(0.3**2 + 0.04**2 + 0.05**2 / 2.0)
+    placements = of(analysis, "index_placement")
+    assert [one["std_uncertainty"] for one in placements] == pytest.approx([due_deg] * 2, rel=0.01)
+    (bound,) = of(analyse(campaign(NorthRig(SEED, NOISY), (0.0,), 1).material()), "azimuth_bound")
+    # Monte Carlo: relative scatter of noise / amplitude, each of 20,000 samples at noise = amplitude / sqrt 2
+    rng = np.random.default_rng(SEED)
+    sizes = rng.normal(1.0, np.sqrt(1.0 / 20_000), 4000)
+    noises = np.sqrt(rng.chisquare(20_000, 4000) / 20_000)
+    due = float(np.std(noises / sizes)) / np.sqrt(bound["n"] / 20_000)
+    assert bound["std_uncertainty"] / bound["value"] == pytest.approx(due, rel=0.05)
+
+
+def test_the_rms_error_shares_the_error_of_the_calibration() -> None:
+    """40 tests behind one calibration of half their noise: how far their RMS scatters, drawn."""
+    rng = np.random.default_rng(SEED)
+    errors_deg = rng.normal(0.0, 0.5, (5000, 1)) + rng.normal(0.0, 1.0, (5000, 40))
+    rms_deg = np.sqrt(np.mean(errors_deg**2, axis=1))
+    assert rms_std_deg(np.sqrt(1.25), 1.0, 0.5, 40) == pytest.approx(np.std(rms_deg), rel=0.1)
+    assert rms_std_deg(1e-6, 1e-7, 0.02, 5) < 1e-6  # a mark that is better than it says
+    accuracy = accuracies(solved(campaign(NorthRig(SEED, NOISY), (0.0, 90.0), 1)), 0.5)
+    assert accuracy[0].rms_std_deg > 1.2 * accuracy[0].rms_deg / np.sqrt(2.0 * accuracy[0].used)
+
+
+@pytest.mark.parametrize(
+    ("doubt", "said"),
+    [
+        ("weak", "hardly stronger than its noise"),
+        ("level", "3 of 4 sets have no reading of the level"),
+        ("rate", "The table turned at 180, 360 deg/s"),
+        ("head", "least_squares finds azimuths -90 deg beside those of likelihood"),
+    ],
+)
+def test_what_no_uncertainty_can_know_is_said(doubt: str, said: str) -> None:
+    rig = NorthRig(SEED, Gyro(noise_V=15.0 if doubt == "weak" else 0.01))
+    if doubt == "level":
+        rig.level(item="calibration", head_deg=0.0)
+    rig.set("calibration", AZIMUTH_DEG + (90.0 if doubt == "head" else 0.0))
+    for head_deg in (0.0, 90.0):
+        rig.set("test", AZIMUTH_DEG + head_deg, head_deg=head_deg, rate_deg_s=180.0 if doubt == "rate" else 360.0)
+    rig.set("search", 213.4, place="field")
+    assert any(said in note for note in analyse(rig.material()).notes)
+    quiet = analyse(campaign(NorthRig(SEED, NOISY), (0.0, 90.0), 1).material())
+    assert not any(said[-20:] in note for note in quiet.notes)
+
+
+def test_pulses_exchanged_cost_the_eight_samples_and_not_the_waveform() -> None:
+    rig = campaign(NorthRig(SEED, Gyro(placement_deg=(0.0, 180.0), noise_V=0.01)), (0.0,), 1)
+    analysis = analyse(rig.material(), "likelihood")
+    assert of(analysis, "azimuth_error")[0]["value"] == pytest.approx(0.0, abs=0.05)
+    assert "B-FIT-111" in analysis.missing[0]
+    assert of(analysis, "azimuth", method="least_squares") == []
+    with pytest.raises(FitError, match="B-FIT-111") as caught:
+        analyse(rig.material())
+    assert caught.value.code == "B-FOG-005"
+
+
+def drifting(rig: NorthRig) -> NorthRig:
+    """Amplitudes of a campaign, one record after the other, from -20 to +20 %."""
+    shares = dict(enumerate(np.linspace(0.8, 1.2, len(rig.rows))))
+    for k, row in enumerate(rig.rows):
+        row.samples.columns["output"] = np.rint(row.samples.columns["output"] * shares[k]).astype(np.int32)
+    lock_ins = [k for k, one in enumerate(rig.readings) if one.role != "level"]
+    for place, k in enumerate(lock_ins):
+        one = rig.readings[k]
+        rig.readings[k] = replace(one, value=one.value | {"x_V": one.value["x_V"] * shares[place // 2]})
+    return rig
+
+
+def test_an_amplitude_that_drifts_moves_north_little_and_is_told() -> None:
+    analysis = analyse(drifting(campaign(NorthRig(SEED, Gyro(noise_V=0.02)), (0.0, 90.0, 200.0), 1)).material())
+    assert max(abs(one["value"]) for one in of(analysis, "azimuth_error")) < 0.2
+    assert any("The amplitude changes between index positions" in note for note in analysis.notes)
+    (scale,) = of(analysis, "scale", source="waveform")
+    assert abs(scale["value"] - 1.0) < scale["expanded_uncertainty"]
+    assert scale["std_uncertainty"] > 0.03
+    steady = analyse(campaign(NorthRig(SEED, Gyro(noise_V=0.02)), (0.0, 90.0, 200.0), 1).material())
+    assert not any("The amplitude changes" in note for note in steady.notes)
 
 
 def test_harmonics_are_named_with_what_a_square_reference_makes_of_them() -> None:

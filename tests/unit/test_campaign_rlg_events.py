@@ -76,9 +76,34 @@ def test_a_first_block_behind_losses_is_not_trusted() -> None:
     assert found.lost_edges == 0
 
 
+def test_a_laser_that_went_dark_is_not_bridged() -> None:
+    """Blocks come all the same, with consecutive numbers: only that there is no edge in them tells it."""
+    plain = row(6)
+    events = plain.samples.columns["events"].copy()
+    for k in (0, 2, 3):
+        events[k] = b""
+    found = record_events(row(6, events=events, edges=np.array([0, 4, 0, 0, 4, 4], np.uint16)))
+    assert [one.begin_tick // PER_BLOCK for one in found.stretches] == [6, 9]
+    assert [one.ticks.size for one in found.stretches] == [3, 6]
+    assert (found.dark, found.torn, found.lost_blocks) == (3, 0, 0)
+
+
+def test_a_record_in_the_dark_has_no_stretch() -> None:
+    events = np.empty(2, object)
+    events[:] = [b"", b""]
+    found = record_events(row(2, events=events, edges=np.zeros(2, np.uint16)))
+    assert (found.stretches, found.dark) == ((), 2)
+
+
 def test_a_tagger_that_was_started_again_begins_a_stretch() -> None:
     found = record_events(row(4, tick=np.array([5, 6, 0, 1], np.uint64) * np.uint64(PER_BLOCK)))
     assert [one.begin_tick // PER_BLOCK for one in found.stretches] == [5, 0]
+
+
+def test_losses_before_a_restart_are_not_taken_off_again() -> None:
+    """The tagger's own count begins at 0 again."""
+    found = record_events(row(5, dropped=[0, 40, 0, 0, 3]))
+    assert found.lost_edges == 43
 
 
 def test_a_block_with_too_few_bytes_is_left_out() -> None:

@@ -16,6 +16,8 @@ from bench.campaigns.rlg_compensation import COMPENSATORS
 from bench.campaigns.rlg_limits import requirement_of
 from bench.campaigns.rlg_lock_in import METHODS, analyse
 from bench.campaigns.rlg_records import laser_records
+from bench.campaigns.rlg_result import Measured, laser_result, squared
+from bench.campaigns.rlg_tables import tables
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 
@@ -68,6 +70,15 @@ def test_constants_of_the_lock_in_are_those_of_the_laser(whole: Any) -> None:
         phase = of(whole, "backscatter_phase", path_length_m=path_m, clock_Hz=FAST_HZ)
         assert phase["value"] == pytest.approx(90.0, abs=5.0 * phase["std_uncertainty"])
         assert phase["std_uncertainty"] < 0.2
+
+
+def test_uncertainty_of_large_lock_in_counts_what_the_fit_neglects() -> None:
+    """Jumps of 0.14 rad: the lock-in rate is off by 0.2 %, ten times what the scatter of the turnarounds says."""
+    strong = laser(0.15, lock_in_deg_s=0.35)
+    analysis = analyse(material(row_of(strong.simulate(1.6, np.random.default_rng(7)), FAST_HZ, path_length_m=0.15)))
+    rate = of(analysis, "lock_in_rate")
+    assert abs(rate["value"] - 0.35) < 2.5 * rate["std_uncertainty"]
+    assert rate["std_uncertainty"] < 0.005 * 0.35
 
 
 def test_compensation_near_90_deg_does_what_the_paper_says(whole: Any) -> None:
@@ -165,6 +176,39 @@ def test_a_second_backscatter_is_seen_in_what_the_fit_leaves() -> None:
     analysis = analyse(material(row_of(edges, FAST_HZ, path_length_m=0.28)))
     assert float(analysis.tables[2]["rows"][0][-1]) > 5.0
     assert any("not of one constant size and phase" in one for one in analysis.notes)
+
+
+def test_a_dither_that_hardly_scatters_is_told(whole: Any) -> None:
+    edges = laser(0.28, dither_noise=0.0).simulate(1.2, np.random.default_rng(SEED + 3))
+    analysis = analyse(material(row_of(edges, SLOW_HZ, path_length_m=0.28)))
+    assert any("dynamic lock-in" in one for one in analysis.notes)
+    assert not any("dynamic lock-in" in one for one in whole.notes)
+
+
+def test_turnarounds_that_cannot_be_compensated_are_told(whole: Any) -> None:
+    """A dither of 10 deg/s has 16 crossings a side in one turnaround of thirteen."""
+    edges = laser(0.28, dither_deg_s=10.0).simulate(2.4, np.random.default_rng(SEED + 4))
+    analysis = analyse(material(row_of(edges, FAST_HZ, path_length_m=0.28)))
+    assert any("turnarounds could be compensated" in one for one in analysis.notes)
+    assert not any("turnarounds could be compensated" in one for one in whole.notes)
+
+
+def test_what_cannot_be_told_from_zero_is_a_limit(rows: list[Any]) -> None:
+    """A walk of 0 with an upper limit is no alignment in no time: 95 of 100 such normal walks are in the limit."""
+    (record,) = laser_records(material(rows[1]))
+    one = laser_result(record)
+    hidden = replace(one.walks["global_constants"], n_deg_rth=0.0, n_std_deg_rth=math.nan, n_upper_deg_rth=1.645e-3)
+    one = replace(one, walks=dict(one.walks) | {"global_constants": hidden})
+    requirement = requirement_of({"site": SITE})
+    comparison, alignment, _, walks, _ = tables([one], requirement, "global_constants")
+    assert comparison["rows"][0][3].startswith("< 0.1")
+    assert walks["rows"][1][3] == "< 2"
+    assert [cell.startswith("<") for cell in alignment["rows"][0][2:]] == [False, True, True]
+    level_deg = 15.041067 * math.cos(math.radians(37.0)) * math.radians(0.05625)
+    assert float(alignment["rows"][0][3][2:]) > 3600.0 * (1.645e-3 / level_deg) ** 2
+    found = squared(Measured(0.3, 0.2))
+    draws = np.square(np.random.default_rng(1).normal(0.3, 0.2, 100_000))
+    assert found.std == pytest.approx(draws.std(), rel=0.02)
 
 
 def test_several_phase_settings_are_drawn_against_the_phase_found(edges: dict[float, Any]) -> None:

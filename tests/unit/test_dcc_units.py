@@ -31,6 +31,9 @@ WRITTEN_OUT = {
     "mV": (r"\milli\volt", 0),
     "degC": (r"\kelvin", 0),
     "deg/s": (r"\degree\second\tothe{-1}", 0),
+    "arcsec": (r"\arcsecond", 0),
+    "arcmin": (r"\arcminute", 0),
+    "deg/h^0.5": (r"\degree\hour\tothe{-0.5}", 0),
     "V/Hz": (r"\volt\hertz\tothe{-1}", 0),
 }
 

@@ -122,10 +122,31 @@ def test_fewer_terms_can_be_asked_for() -> None:
     assert set(UNITS) == set(TERMS)
 
 
+def test_a_beat_that_no_term_describes_is_told_by_chi_squared() -> None:
+    """Stamps of a clock of 50 ns on an event that slides against it, by turns added and taken off: no noise at all.
+
+    The weights of the terms that come nearest leave none of them; weights of nothing there are not.
+    """
+    half_ps, tick_ps = 1_251_035_236, 50_000
+    time_ps = half_ps * np.arange(3200, dtype=np.int64) + 344_690_183
+    error = np.where(np.arange(3200) % 2, -1.0, 1.0) * (time_ps // tick_ps * tick_ps - time_ps)
+    step = np.diff(error)
+    rate = (step[:-2:2] + step[2::2]) / 2.0 + step[1:-1:2]
+    fit = fit_noise_terms(allan_deviation(rate, 1.0, factors=(5, 7, 10, 14, 20, 28, 40, 57, 80)), TERMS[:2])
+    assert any(term.coefficient > 0.0 for term in fit.terms)
+    assert fit.chi2 > 20.0 * fit.dof
+
+
 @pytest.mark.parametrize(("n", "modified", "text"), [(12, False, "5 noise terms .* 3 averaging times"),
                                                      (400, True, "modified Allan deviation")])  # fmt: skip
 def test_what_cannot_be_fitted_is_refused(n: int, modified: bool, text: str) -> None:
     curve = allan_deviation(np.random.default_rng(57).normal(size=n), 1.0, modified=modified)
     with pytest.raises(FitError, match=text) as caught:
         fit_noise_terms(curve)
+    assert caught.value.code == "B-FIT-030"
+
+
+def test_a_record_without_noise_is_refused() -> None:
+    with pytest.raises(FitError, match="without noise") as caught:
+        fit_noise_terms(allan_deviation(np.tile([1.0, -1.0], 200), 1.0, factors=(2, 4, 8, 16, 32)))
     assert caught.value.code == "B-FIT-030"

@@ -58,6 +58,7 @@ def test_missing_samples_are_left_out_and_counted() -> None:
     kept = np.isfinite(u[1])
     alone = likelihood_north(u[1, kept], THETA[kept])
     assert found.phi_deg[1] == alone.phi_deg
+    assert found.bound_deg[1] == alone.bound_deg
     assert np.all(np.abs(wrapped_deg(found.phi_deg - 77.0)) < found.half_width_deg(0.999))
     assert found.std_deg[1] > found.std_deg[0]
 
@@ -85,6 +86,33 @@ def test_noise_that_is_not_white_widens_the_interval() -> None:
     even = likelihood_north(np.sin(np.deg2rad(THETA)) + white[:, : T.size], THETA)
     assert even.widened.mean() < 0.03  # 1 % by chance
     assert even.whiteness.mean() == pytest.approx(1.0, abs=0.06)
+
+
+def test_uncertainty_on_a_part_of_a_turn_is_that_of_the_direction_that_turns_north() -> None:
+    """A third of a turn: amplitude and direction are far from equally well known."""
+    theta = np.mod(THETA, 120.0)
+    u = np.sin(np.deg2rad(theta + 10.0)) + 0.05 * np.random.default_rng(36).normal(size=T.size)
+
+    def model(angle: np.ndarray, size: float, phi: float, offset: float) -> np.ndarray:
+        return size * np.sin(angle + phi) + offset
+
+    values, covariance = optimize.curve_fit(model, np.deg2rad(theta), u, p0=(1.0, 0.2, 0.0))
+    found = likelihood_north(u, theta)
+    assert found.std_deg == pytest.approx(np.rad2deg(np.sqrt(covariance[1, 1])), rel=1e-3)
+    assert covariance[0, 0] / values[0] ** 2 > 4.0 * covariance[1, 1]
+
+
+def test_the_scatter_of_turns_is_seen_behind_an_encoder_that_begins_again_each_turn() -> None:
+    """Six turns and a tenth: five degrees of freedom, and the piece of a turn at the end is none of them."""
+    theta, rng = THETA[:610], np.random.default_rng(37)
+    u = np.sin(np.deg2rad(theta)) + 0.3 * rng.normal(size=(400, theta.size))
+    found = likelihood_north(u, np.mod(theta, 360.0))
+    np.testing.assert_allclose(found.whiteness, likelihood_north(u, theta).whiteness)
+    assert found.whiteness.mean() == pytest.approx(1.0, abs=0.1)  # standard deviation of the mean 0.03
+    swayed = np.repeat([0.1, -0.1, 0.1, -0.1, 0.1, -0.1], 100)
+    turned = likelihood_north(np.sin(np.deg2rad(THETA[:600]) + swayed) + 1e-3 * rng.normal(size=600), THETA[:600])
+    assert (turned.widened, turned.dof) == (True, 5.0)
+    assert turned.std_deg == pytest.approx(np.rad2deg(0.1 / np.sqrt(5.0)), rel=0.02)  # of six values of 0.1 each
 
 
 def test_few_turns_have_no_scatter_to_look_at() -> None:

@@ -75,6 +75,25 @@ def test_lock_in_constants(at_40: tuple[Gyro, Beat], clock_Hz: float) -> None:
     assert spread < 0.25 * 20e6 / clock_Hz * beat.jump_rad.std()
 
 
+def test_stated_uncertainties_of_the_constants_are_their_scatter(
+    at_90: tuple[Gyro, Beat], at_40: tuple[Gyro, Beat]
+) -> None:
+    """Errors of the blocks of 50 turnarounds in their standard uncertainties, 46 blocks of both lasers."""
+    scores = []
+    for gyro, beat in (at_90, at_40):
+        found = global_constants(seen(gyro, beat, 20e6).turns, block_s=0.065)
+        of_kappa = (found.block_kappa_rad_s - gyro.kappa) / found.block_kappa_std_rad_s
+        scores.append((of_kappa, (found.block_beta_rad - gyro.beta) / found.block_beta_std_rad))
+        blocks = found.block_time_s.size
+        assert blocks == 23
+        for whole, each in (
+            (found.kappa_std_rad_s, found.block_kappa_std_rad_s), (found.beta_std_rad, found.block_beta_std_rad),
+        ):  # fmt: skip
+            assert whole == pytest.approx(each.mean() / np.sqrt(blocks), rel=0.06)
+    for each in np.concatenate(scores, axis=1):
+        assert 0.8 < np.sqrt(np.mean(each**2)) < 1.4
+
+
 def test_phase_at_the_turnaround(at_40: tuple[Gyro, Beat]) -> None:
     gyro, beat = at_40
     found = seen(gyro, beat, 100e6).constants().jumps

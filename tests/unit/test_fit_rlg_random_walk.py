@@ -46,6 +46,28 @@ def test_walk_and_quantisation_are_told_apart(walk_rad: float, quantum_rad: floa
         assert quanta.mean() == pytest.approx(quantum_rad / np.sqrt(2.0), rel=0.03)  # a mean of two readings
 
 
+def test_stated_uncertainties_and_limits_are_those_of_many_records() -> None:
+    """60 records with a walk of half the quantisation: scores of one, 95 of 100 below the upper limit."""
+    runs = [random_walk(increments(0.01, 0.02, 2_000, seed), PERIOD_s, 0.28) for seed in range(60)]
+    walk_deg_rth = np.rad2deg(0.01 * np.sqrt(2.0 / PERIOD_s) / gyro_gain(0.28)) * 60.0
+    quantum_deg = np.rad2deg(0.02 / np.sqrt(2.0) / gyro_gain(0.28))
+    walks = np.array([(run.n_deg_rth - walk_deg_rth) / run.n_std_deg_rth for run in runs])
+    quanta = np.array([(run.q_deg - quantum_deg) / run.q_std_deg for run in runs])
+    assert 0.85 < walks.std() < 1.25
+    assert 0.7 < np.nanstd(quanta) < 1.15
+    assert abs(walks.mean()) < 0.35
+    assert 0.9 <= np.mean([walk_deg_rth < run.n_upper_deg_rth for run in runs]) < 1.0
+
+
+def test_the_deviation_is_that_of_the_walk_and_not_of_its_smoothed_phases() -> None:
+    """The mean of both senses would take 7.5 % off the variance at five periods."""
+    runs = [random_walk(increments(0.02, 0.0, 4_000, seed), PERIOD_s, 0.28) for seed in range(24)]
+    assert runs[0].tau_s[0] == pytest.approx(5.0 * PERIOD_s)
+    walk_deg_h = np.rad2deg(0.02 * np.sqrt(2.0 / PERIOD_s) / gyro_gain(0.28)) * 3600.0
+    found = np.mean([run.deviation_deg_h[0] ** 2 for run in runs])
+    assert found == pytest.approx(walk_deg_h**2 / (5.0 * PERIOD_s), rel=0.04)
+
+
 def test_the_curve_is_that_of_another_package() -> None:
     steps = increments(1e-3, 0.02, 8_000, 3)
     found = random_walk(steps, PERIOD_s, 0.28)
@@ -73,6 +95,8 @@ def test_published_figures() -> None:
     """Paper: 0.005 deg/rt-h, 1 mil, 10 min; half the path, 5.7 times the walk."""
     error_deg = np.rad2deg(1.04e-3 * 0.982)  # 1.04 NATO mil at latitude 37 deg
     assert alignment_time_s(0.005, 37.0, error_deg) == pytest.approx(600.0, rel=0.01)
+    per_s = 0.003 / 60.0 / (7.2921151e-5 * np.cos(np.deg2rad(37.0)) * MIL_deg)  # earth rate in rad/s
+    assert alignment_time_s(0.003, 37.0, MIL_deg) == pytest.approx(per_s**2, rel=1e-6)
     short, long = expected_random_walk(0.2, 100.0, 0.14), expected_random_walk(0.05, 100.0, 0.28)
     assert short / long == pytest.approx(5.66, abs=0.01)
     assert long == pytest.approx(2.724e-3, rel=1e-3)
@@ -90,6 +114,17 @@ def test_path_exponent() -> None:
     assert exponent == pytest.approx(-2.5)
     x = np.log(path_m)
     assert std == pytest.approx(0.02 / np.sqrt(((x - x.mean()) ** 2).sum()))
+
+
+def test_path_exponent_of_walks_known_unlike_well() -> None:
+    """Against numpy's weighted line; the middle one is off the power law and hardly counts."""
+    path_m, off = np.array([0.15, 0.28, 0.34]), np.array([1.0, 1.3, 1.0])
+    walk = 3e-4 * path_m**-2.5 * off
+    std = np.array([0.01, 0.5, 0.02]) * walk
+    line, covariance = np.polyfit(np.log(path_m), np.log(walk), 1, w=walk / std, cov="unscaled")
+    exponent, uncertainty = path_exponent(path_m, walk, std)
+    assert exponent == pytest.approx(line[0], rel=1e-9)
+    assert uncertainty == pytest.approx(np.sqrt(covariance[0, 0]), rel=1e-9)
 
 
 @pytest.mark.parametrize(

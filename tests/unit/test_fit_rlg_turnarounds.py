@@ -96,16 +96,25 @@ def test_a_grazing_pair_is_left_out() -> None:
     assert np.abs(dither_shape(turns).dpsi_rad).max() < 1e-6
 
 
+def test_a_pair_that_is_passed_clearly_stays() -> None:
+    turns = turning(*ideal(offset_rad=48 * np.pi - AMPLITUDE_rad + 0.02))
+    assert not turns.grazing.any()
+    assert turns.usable.all()
+
+
 def test_a_lost_pick_off_spoils_its_interval_only() -> None:
     edges, zero, rising = ideal()
     turns = turning(edges, np.delete(zero, 50), np.delete(rising, 50))
     assert turns.counts == {"pickoff": 1, "few_crossings": 0, "break": 0, "suspect": 0}
+    assert turns.omega_rad_s == pytest.approx(OMEGA, rel=1e-9)
     assert np.flatnonzero(~turns.usable).tolist() == [49]
     jumps = dither_shape(turns)
     assert np.flatnonzero(np.isnan(jumps.dpsi_rad)).tolist() == [49]
     psi = net_angle(edges, np.delete(zero, 50))
     gaps = np.isnan(cycle_increments(psi, np.delete(rising, 50), turns, jumps).increment_rad)
     assert 1 <= gaps.sum() <= 3
+    raw = cycle_increments(psi, np.delete(rising, 50), turns).increment_rad
+    np.testing.assert_array_equal(np.isnan(raw), gaps)  # a period and a half is no period, compensated or not
 
 
 def test_a_lost_edge_at_a_turnaround_is_a_gap() -> None:

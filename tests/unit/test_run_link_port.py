@@ -172,6 +172,14 @@ def test_whether_a_counter_went_on(raw: int, seconds: float, expected: bool) -> 
     assert went_on(before, after, 100.0, 65536) is expected
 
 
+@pytest.mark.parametrize(
+    ("raw", "expected"), [(1001, True), (1250, True), (1400, True), (1700, False), (900, False), (0, False)]
+)
+def test_a_buffer_may_hand_over_what_is_old_but_nothing_from_before(raw: int, expected: bool) -> None:
+    """A tagger that was silent for 4 s begins with its oldest blocks: it was not restarted."""
+    assert went_on(CounterMark(1000, 0), CounterMark(raw, 4 * NS), 100.0, 1 << 32, buffered=True) is expected
+
+
 def test_without_a_rate_a_counter_proves_nothing() -> None:
     assert went_on(CounterMark(1, 0), CounterMark(30_000, NS), None, 65536)
     assert went_on(CounterMark(-1, -1), CounterMark(30_000, NS), 100.0, 65536)

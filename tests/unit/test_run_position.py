@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -10,8 +11,9 @@ from typing import Any
 import pytest
 from run_rig import Rig
 
+from bench.plan.drivers import driver_actions
 from bench.record import JournalEntry
-from bench.run.position import Position, stopped_at
+from bench.run.position import Position, in_point, point_start, point_stop, readings_of, stopped_at
 
 POINT = 4  # steps of a point: set, settle, record, verify
 
@@ -150,3 +152,49 @@ def test_windows_without_a_gap_go_on_with_the_interrupted_one(tmp_path: Path) ->
     steps = tuple(rig.steps)
     made: Any = SimpleNamespace(steps=steps, phase=lambda name: steps)
     assert stopped_at(made, journal(2), taken(0, 1)) == Position(2, 2, ())
+
+
+def north(folder: Path) -> Any:
+    """Points as those of the north finder: set, settle, record, two readings; then a reading before the next point."""
+    rig = Rig(folder)
+    for _ in range(2):
+        rig.step("call", "level", "measure")
+        first = len(rig.steps)
+        rig.step("call", "lock_in_1", "set_phase", phase=0.0)
+        rig.step("settle", duration_s=5.0)
+        rig.step("record", "fog", seconds=1.0, retry=0, max_lost=0.0, retry_step=first)
+        rig.step("call", "lock_in_1", "measure")
+        rig.step("verify", "lock_in_1", "locked")
+        rig.step("call", "lock_in_2", "measure")
+    steps = tuple(rig.steps)
+    drivers = {"level": "leica_nivel_220", "lock_in_1": "srs_sr830", "lock_in_2": "srs_sr830"}
+    station = SimpleNamespace(instruments={role: SimpleNamespace(driver=driver) for role, driver in drivers.items()})
+    return SimpleNamespace(steps=steps, station=station, phase=lambda _: steps)
+
+
+def test_readings_right_behind_a_record_belong_to_its_point(tmp_path: Path) -> None:
+    """After a hold between them the lock-in amplifiers would be read when their table has only just come to speed."""
+    steps = north(tmp_path).steps
+    readings = readings_of(steps, {role: driver_actions("srs_sr830") for role in ("lock_in_1", "lock_in_2")})
+    assert readings == {4, 6, 11, 13}
+    assert [point_start(steps, index, readings) for index in range(8)] == [0, 1, 1, 1, 1, 1, 1, 7]
+    assert [in_point(steps, index, readings) for index in range(8)] == [False, *[True] * 6, False]
+    assert [point_stop(steps, index, readings) for index in range(1, 7)] == [7] * 6
+    assert point_start(steps, 7, readings | {0, 7}) == 1  # the level is read with it, as far as anybody can tell
+
+
+def test_a_reading_that_begins_the_next_point_does_not_belong_to_the_record_before_it(tmp_path: Path) -> None:
+    steps = [
+        one if one.kind != "record" else replace(one, arguments={**one.arguments, "retry_step": one.number - 3})
+        for one in north(tmp_path).steps
+    ]
+    readings = frozenset({0, 4, 6, 7, 11, 13})
+    assert [point_start(steps, index, readings) for index in (4, 6, 7, 8)] == [0, 0, 7, 7]
+    assert point_stop(steps, 2, readings) == 7
+
+
+@pytest.mark.parametrize("done", [4, 5, 6])
+def test_a_run_that_stopped_before_the_readings_of_its_record_takes_the_record_again(tmp_path: Path, done: int) -> None:
+    events = [*taken(3), *(("reading", 0, {"step": step}) for step in (0, 4) if step < done)]
+    stopped = [*events, ("end", 0, {"error": "B-RUN-001"})]
+    assert stopped_at(north(tmp_path), journal(done), stopped) == Position(1, 0, (1,))

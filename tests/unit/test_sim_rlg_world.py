@@ -34,7 +34,7 @@ def opened(seed=1, on=True, **options):
         world.close()
 
 
-LATE_PS = 90_000  # six times the noise of the pick-off's comparator
+LATE_PS = 120_000  # delay of the pick-off's comparator and four times its noise
 
 
 def asked(world, times_s, acts=None):
@@ -117,10 +117,10 @@ def test_time_that_nobody_looked_at_is_not_computed():
         assert len(t_ps) == pytest.approx(24_650, rel=0.02)
         assert (channel == 1).sum() == 80
         zero_ps = t_ps[channel == 1]
-        half_ps = (zero_ps[-1] - zero_ps[0]) / 79
-        late_ps = zero_ps - zero_ps[0] - half_ps * np.arange(80)
+        half = np.arange(80)
+        late_ps = zero_ps - zero_ps[0] - np.polyval(np.polyfit(half, zero_ps - zero_ps[0], 1), half)
         assert np.ptp(late_ps) < LATE_PS  # the pick-off's grid goes on
-        assert 8e3 < late_ps.std() < 13e3  # of the half of a normal distribution of 15 ns: 9 ns
+        assert 11e3 < late_ps.std() < 19e3  # normal, 15 ns: less leaves its stamps in step with a clock of 20 MHz
 
 
 def test_a_block_that_is_mounted_starts_at_once_and_is_the_same_when_it_comes_back():
