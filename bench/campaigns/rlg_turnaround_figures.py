@@ -121,7 +121,7 @@ def _estimated(one: LaserResult) -> Figure:
             "which the others are compared with."
         ),
         "x_label": "turnaround",
-        "y_label": "jump of the Sagnac phase, mrad",
+        "y_label": "phase jump, mrad",
         "group": "Estimated error at the turnarounds",
         "series": series,
     }

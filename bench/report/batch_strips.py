@@ -52,7 +52,7 @@ def _by_name(batch: Batch, campaign: str) -> list[list[Spread]]:
 
 def _drawn(groups: Sequence[Sequence[Spread]], name: str, words: Texts) -> str:
     with drawing():
-        figure, panels = panels_of([one[0].quantity.name.replace("_", " ") for one in groups], legend=False)
+        figure, panels = panels_of([one[0].quantity.name.replace("_", " ") for one in groups], legend_rows=0)
         for axes, group in zip(panels, groups, strict=True):
             _draw(axes, group, words)
         return inline_svg(figure, name)

@@ -17,6 +17,7 @@ from bench.report.style import Picture, drawing, inline_svg, look
 from bench.report.tables import label, sentence
 
 _LINE_STYLES = ("-", (0, (4, 2)), (0, (1, 1.2)), (0, (6, 2, 1, 2)))
+_LEGEND_COLUMNS = 4
 _FEW_DECADES = 100.0
 _FEW = 60  # points that are drawn with markers one can tell apart
 Document = Mapping[str, Any]
@@ -38,7 +39,7 @@ def _picture(name: str, group: Sequence[Document]) -> Picture:
         figure, panels = _panels(group)
         for axes, document in zip(panels, group, strict=True):
             _draw(axes, document)
-        legend_of(figure, panels, columns=4, least=2)
+        legend_of(figure, panels, columns=_LEGEND_COLUMNS, least=2)
         svg = inline_svg(figure, name)
     titles = ", ".join(str(document["title"]) for document in group)
     captions = dict.fromkeys(str(document.get("caption", "")) for document in group)
@@ -49,7 +50,7 @@ def _panels(group: Sequence[Document]) -> tuple[Figure, list[Axes]]:
     titles = [str(document["title"]) for document in group]
     if len(titles) > 1:
         names = {str(series["label"]) for document in group for series in document["series"]}
-        return panels_of(titles, legend=len(names) > 1)
+        return panels_of(titles, legend_rows=-(-len(names) // _LEGEND_COLUMNS) if len(names) > 1 else 0)
     figure = Figure(figsize=(7.2, 5.4 if group[0].get("equal") else 3.3), layout="constrained")
     axes = figure.subplots()
     axes.set_title(titles[0], loc="left")

@@ -14,19 +14,19 @@ _WIDTH_in, _ROW_in = 7.2, 1.85
 _LEFT_in, _RIGHT_in = 0.8, 0.07  # beside a panel: its label and numbers; a number that sticks out
 _ABOVE_in = 0.28  # the title of a panel
 _BELOW_in = 0.45  # its numbers and label
-_LEGEND_in = 0.3
+_LEGEND_in, _LEGEND_ROW_in = 0.3, 0.18  # a legend of one row, and each row more
 _LABEL_in = 0.62  # from the panel to its label; numbers of eight characters fit between
 
 
-def panels_of(titles: Sequence[str], below_in: float = _BELOW_in, legend: bool = True) -> tuple[Figure, list[Axes]]:
-    """A figure with a titled panel for each title, all of one size, and room for a legend above them.
+def panels_of(titles: Sequence[str], below_in: float = _BELOW_in, legend_rows: int = 1) -> tuple[Figure, list[Axes]]:
+    """A figure with a titled panel for each title, all of one size, and room for the rows of a legend above them.
 
     ``below_in``: room for numbers and label below a panel, inch.
 
     Places are given, not found by trial: to lay out ten panels takes longer than to draw them.
     """
     rows = math.ceil(len(titles) / _COLUMNS)
-    height_in = rows * _ROW_in + (_LEGEND_in if legend else 0.0)
+    height_in = rows * _ROW_in + (_LEGEND_in + _LEGEND_ROW_in * (legend_rows - 1) if legend_rows else 0.0)
     figure = Figure(figsize=(_WIDTH_in, height_in))
     wide_in = _WIDTH_in / _COLUMNS - _LEFT_in - _RIGHT_in
     high_in = _ROW_in - _ABOVE_in - below_in

@@ -63,7 +63,7 @@ def _picture(model: ReportModel, words: Texts, name: str, series: Sequence[_Seri
     scale, unit = readable(everything)
     with drawing():
         titles = [channel_title(words, *channel) for channel in channels]
-        figure, panels = panels_of(titles, legend=len(series) > 1)
+        figure, panels = panels_of(titles, legend_rows=int(len(series) > 1))
         for (number, _), axes in zip(channels, panels, strict=True):
             for one in series:
                 chosen = [row for row in rows[one.quantity] if row["conditions"]["channel"] == number]

@@ -28,7 +28,7 @@ PLANS = {
     "gnc_imu_calibration_vertical": (6 * 325.0 + 6 * 85.0 + 3 * 2 * (25.0 + 2 * 21.3), 2 * 6 + 3 * 2 * 2 * 2),
     "gnc_magnetometer": (25.0 + 15.0 + 180.0 + 10.0 + 7 * (25.0 + 5.0 + 30.0 + 5.0) + 8 * 26.0, 1 + 7),
     "gnc_unit_test": (5 * (2.0 + 3.0 + 12.0 + 1.0), 0),
-    "rlg_backscatter": (6 * 13.0, 6),
+    "rlg_backscatter": (6 * 14.0, 6),
     "rlg_lock_in": (3 * (60.0 + 2 * 23.0), 3 * 2),
     "scale_factor_38h": (5 * SOAK_s + 765 * POINT_s, 5 * 10 * 15 + 15),
     "scale_factor_short": (10_350.0, 2 * 3 * 15 + 15),
