@@ -66,7 +66,7 @@ def _beat(chosen: Sequence[LaserResult]) -> Documents:
             "Figure 7: measured crossings of the beat round one turnaround, the wave through them as a parabola of the "
             "phase gives it, and one crossing among the ticks of each clock."
         ),
-        "x_label": "time, us",
+        "x_label": "time, µs",
         "y_label": "beat",
         "group": "Beat and crossings",
         "series": [

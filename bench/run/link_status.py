@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 from bench.model.clock import NS, to_ns
+from bench.run.instrument_link import InstrumentLink
 from bench.run.link_reader import LinkReader
 
 SILENCE_S = 2.0  # without a good frame: the unit is silent
 STALE_PERIODS = 2  # frame periods without a good frame: what is known of it is old
+BUFFERED_S = 0.5  # as old may a frame be that an instrument had buffered, without being old
 
 State = Literal["waiting", "streaming", "stale", "silent", "lost"]
 
@@ -52,8 +54,10 @@ def is_silent(reader: LinkReader, now_ns: int) -> bool:
 
 
 def is_stale(reader: LinkReader, now_ns: int) -> bool:
-    """No good frame for two frame periods; what was received must be decoded."""
+    """No good frame for two frame periods, or longer than a buffer is left alone; what came must be decoded."""
     limit_s = STALE_PERIODS * reader.period_s if reader.period_s else SILENCE_S
+    if isinstance(reader.link, InstrumentLink):
+        limit_s = max(BUFFERED_S, limit_s)
     return reader.last_frame_ns >= 0 and now_ns - reader.last_frame_ns > to_ns(limit_s)
 
 

@@ -8,10 +8,16 @@ from typing import Any
 
 import pytest
 
+from bench.frame import load_frame
+from bench.model.clock import VirtualClock, to_ns
 from bench.model.errors import InputError, InputErrors, InstrumentError
 from bench.model.shipped import find_shipped
 from bench.plan import load_station
 from bench.run.instrument_link import InstrumentLink
+from bench.run.link_reader import LinkReader
+from bench.run.link_status import is_stale
+
+FRAME = load_frame(find_shipped("frames", "time_tags"))
 
 
 class Buffer(SimpleNamespace):
@@ -46,6 +52,14 @@ def test_an_instrument_that_does_not_answer_is_a_port_that_is_gone_and_comes_bac
     buffer.silent = False
     link.reopen()
     assert link.read(4) == b"abcd"
+
+
+def test_frames_that_waited_in_a_buffer_are_not_old() -> None:
+    clock = VirtualClock()
+    reader = LinkReader("edges", link_of(Buffer()), FRAME, clock, sink=SimpleNamespace())  # type: ignore[arg-type]
+    reader.last_frame_ns = 0
+    assert not is_stale(reader, to_ns(0.49))
+    assert is_stale(reader, to_ns(0.51))
 
 
 def test_nothing_is_written_to_a_buffer() -> None:
