@@ -6,17 +6,14 @@ are those of the analogue output. The port listens to nothing.
 
 from __future__ import annotations
 
-import threading
-
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame import load_frame
 from bench.model.clock import NS, Clock, to_ns
 from bench.model.shipped import find_shipped
-from sim_instruments.faults import LinkFaults
 from sim_instruments.fog_sensor import SAMPLE_NS, TURN_DEG, FogSensor
-from sim_instruments.ngu_port import Port
+from sim_instruments.one_port import OnePortUnit
 from sim_instruments.thermal import LAB_DEGC
 
 Float = NDArray[np.float64]
@@ -33,18 +30,19 @@ AT_ONCE = 20_000  # frames made together at most
 _NEVER = 2**62
 
 
-class FogUnit:
+class FogUnit(OnePortUnit):
     """Unit under test of the world ``fog_north``.
 
     Args: clock: of the bench.   sensor: the gyroscope on its table.
     Attributes: lock: held while the past is read, and by whoever moves the table (the world's own).
     """
 
+    port_name = PORT
+
     def __init__(self, clock: Clock, sensor: FogSensor) -> None:
+        super().__init__()
         self.definition = load_frame(find_shipped("frames", FRAME))
         self.sensor = sensor
-        self.port = Port()
-        self.lock = threading.RLock()
         self._clock = clock
         self._periods: list[list[int]] = []  # first sample with supply, first one without, power-on in ns
         self._sent = 0  # frames of the newest period
@@ -78,47 +76,6 @@ class FogUnit:
                 if number[alive].size:
                     found[alive] = self.sensor.output_V(number[alive])
         return found
-
-    # --- the port ----------------------------------------------------------------------------------------------
-
-    def has_port(self, name: str) -> bool:
-        """Whether the unit has a port of this name."""
-        return name == PORT
-
-    def connect(self, name: str, baud: int, faults: LinkFaults | None = None) -> None:
-        """Listen to the port from now on; ``faults`` damages what is sent from now on."""
-        del name
-        with self.lock:
-            self._upto_now()
-            self.port.connect(baud, faults)
-
-    def disconnect(self, name: str) -> None:
-        """Stop listening."""
-        del name
-        with self.lock:
-            self._upto_now()
-            self.port.disconnect()
-
-    def waiting(self, name: str) -> int:
-        """Bytes that have arrived by now and are not read."""
-        del name
-        with self.lock:
-            return self.port.waiting(self._upto_now())
-
-    def read(self, name: str, size: int) -> bytes:
-        """Up to ``size`` bytes of those that have arrived by now."""
-        del name
-        with self.lock:
-            return self.port.read(size, self._upto_now())
-
-    def discard(self, name: str) -> None:
-        """Lose what has arrived by now."""
-        del name
-        with self.lock:
-            self.port.discard(self._upto_now())
-
-    def write(self, name: str, sent: bytes) -> None:
-        """Nobody is there who would hear it."""
 
     # --- frames ------------------------------------------------------------------------------------------------
 

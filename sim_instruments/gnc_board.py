@@ -8,7 +8,6 @@ happen what was due until then.
 from __future__ import annotations
 
 import heapq
-import threading
 from collections import OrderedDict
 from collections.abc import Callable
 
@@ -23,7 +22,8 @@ from sim_instruments.gnc_module import GncModule
 from sim_instruments.gnc_receiver import BOARD, SILENCE_NS, BoardReceiver, Request
 from sim_instruments.gnc_roll import Correction
 from sim_instruments.gnc_stream import US, Stream
-from sim_instruments.ngu_port import BITS_PER_BYTE, Port
+from sim_instruments.ngu_port import BITS_PER_BYTE
+from sim_instruments.one_port import OnePortUnit
 
 PORT = "rs422"
 BOOT_S = 1.2  # from power to the first command
@@ -32,7 +32,7 @@ START_V = 4.4  # the processor does not run below
 KEPT_ANSWERS = 8
 
 
-class GncBoard:
+class GncBoard(OnePortUnit):
     """The unit under test of the world ``gnc_module``.
 
     Args:
@@ -40,13 +40,15 @@ class GncBoard:
         dip_switch: gives the DIP switch that is on, 0 for none.
     """
 
+    port_name = PORT
+
     def __init__(self, clock: Clock, module: GncModule, dip_switch: Callable[[], int]) -> None:
+        super().__init__()
         self.definition = load_frame(find_shipped("frames", "gnc_422"))
         self.module, self.dip_switch = module, dip_switch
         self.correction = Correction()
-        self.port = Port()
         self.stream: Stream | None = None
-        self._clock, self._lock = clock, threading.RLock()
+        self._clock = clock
         self._baud, self._link = 921_600, LinkFaults()
         self._heard = LinkFaults()
         self._frames_heard = 0
@@ -76,14 +78,14 @@ class GncBoard:
 
     def set_power(self, on: bool, t_ns: int, voltage_V: float) -> None:
         """Supply on or off; switched on, the module boots before it listens."""
-        with self._lock:
+        with self.lock:
             self._upto(max(t_ns, self._clock.now_ns()))
             self._supply_V = voltage_V if on else 0.0
             self._power_changed(t_ns)
 
     def insert(self, module: GncModule) -> None:
         """Another module comes into the socket; with the supply on it starts at once."""
-        with self._lock:
+        with self.lock:
             now_ns = self._upto(self._clock.now_ns())
             supply_V, self._supply_V = self._supply_V, 0.0
             self._power_changed(now_ns)
@@ -92,7 +94,7 @@ class GncBoard:
 
     def settle(self) -> None:
         """Let everything happen that is due by now; to be called before anything the module sees is changed."""
-        with self._lock:
+        with self.lock:
             self._upto(self._clock.now_ns())
 
     def _power_changed(self, t_ns: int) -> None:
@@ -105,47 +107,19 @@ class GncBoard:
 
     # --- the port ----------------------------------------------------------------------------------------------
 
-    def has_port(self, name: str) -> bool:
-        """Whether the unit has a port of this name."""
-        return name == PORT
-
     def connect(self, name: str, baud: int, faults: LinkFaults | None = None) -> None:
         """Listen to the port from now on; ``faults`` damages both directions from now on."""
         del name
-        with self._lock:
+        with self.lock:
             self._upto(self._clock.now_ns())
             self._baud, self._link = baud, faults or LinkFaults()
             self._heard = LinkFaults(self._link.seed, f"{self._link.name} to the unit")
             self.port.connect(baud, faults)
 
-    def disconnect(self, name: str) -> None:
-        """Stop listening."""
-        del name
-        with self._lock:
-            self.port.disconnect()
-
-    def waiting(self, name: str) -> int:
-        """Bytes that have arrived by now and are not read."""
-        del name
-        with self._lock:
-            return self.port.waiting(self._upto_now())
-
-    def read(self, name: str, size: int) -> bytes:
-        """Up to ``size`` bytes of those that have arrived by now."""
-        del name
-        with self._lock:
-            return self.port.read(size, self._upto_now())
-
-    def discard(self, name: str) -> None:
-        """Lose what has arrived by now."""
-        del name
-        with self._lock:
-            self.port.discard(self._upto_now())
-
     def write(self, name: str, sent: bytes) -> None:
         """Send bytes to the board; they arrive as fast as the line carries them."""
         del name
-        with self._lock:
+        with self.lock:
             now_ns = self._upto_now()
             begin_ns = max(now_ns, self._line_free_ns)
             self._line_free_ns = end_ns = begin_ns + BITS_PER_BYTE * NS * len(sent) // self._baud

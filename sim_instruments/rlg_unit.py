@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -10,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.clock import NS, Clock, to_ns
-from sim_instruments.faults import LinkFaults
-from sim_instruments.ngu_port import Port
+from sim_instruments.one_port import OnePortUnit
 from sim_instruments.rlg_block import LaserBlock
 from sim_instruments.rlg_housekeeping import Housekeeping
 from sim_instruments.rlg_stream import PS, Columns, EdgeStream, joined
@@ -46,19 +44,21 @@ class Life:
         return np.asarray(self.block.beta_deg(np.array(values)[which], (t_ns - self.on_ns) / NS))
 
 
-class RlgUnit:
+class RlgUnit(OnePortUnit):
     """The unit under test of the world ``ring_laser``.
 
     Args: clock: of the bench.   seed: of all draws.   block: mounted at the beginning.   phase_deg: transducers then.
     Attributes: epoch_ns: bench time from which the times of edges count.   lives: every switching-on so far.
     """
 
+    port_name = PORT
+
     def __init__(self, clock: Clock, seed: int, block: LaserBlock, phase_deg: float) -> None:
+        super().__init__()
         self.block, self.phase_deg = block, phase_deg
         self.epoch_ns = clock.now_ns()
         self.lives: list[Life] = []
-        self.port = Port()
-        self._clock, self._seed, self._lock = clock, seed, threading.RLock()
+        self._clock, self._seed = clock, seed
         self._supplied = False
         self._housekeeping: Housekeeping | None = None
         self._running: deque[Life] = deque()  # whose edges are not all handed out; the last one may still be on
@@ -67,7 +67,7 @@ class RlgUnit:
 
     def set_power(self, on: bool, t_ns: int, voltage_V: float) -> None:
         """Supply on or off; switched on, the laser beats after ``BEAT_S``."""
-        with self._lock:
+        with self.lock:
             self._upto(max(t_ns, self._clock.now_ns()))
             supplied = on and voltage_V >= START_V
             if supplied == self._supplied:
@@ -80,7 +80,7 @@ class RlgUnit:
 
     def mount(self, block: LaserBlock) -> None:
         """Another block; with the supply on it starts at once. The one that is there already stays as it is."""
-        with self._lock:
+        with self.lock:
             if block.number == self.block.number:
                 return
             now_ns = self._upto(self._clock.now_ns())
@@ -91,7 +91,7 @@ class RlgUnit:
 
     def set_phase(self, phase_deg: float) -> None:
         """Mirror transducers to another phase of the backscatter; a running laser follows within a half cycle."""
-        with self._lock:
+        with self.lock:
             now_ns = self._upto(self._clock.now_ns())
             self.phase_deg = phase_deg
             life = self.lives[-1] if self.lives else None
@@ -103,7 +103,7 @@ class RlgUnit:
 
     def edges_until(self, t_ns: int) -> Columns:
         """Edges before a bench time that were not yet handed out, see world."""
-        with self._lock:
+        with self.lock:
             parts: list[Columns] = []
             for life in self._with_edges(t_ns):
                 assert life.stream is not None
@@ -112,7 +112,7 @@ class RlgUnit:
 
     def skip_edges(self, t_ns: int) -> None:
         """Nobody looked at anything before a bench time."""
-        with self._lock:
+        with self.lock:
             for life in self._with_edges(t_ns):
                 if life.off_ns is None and life.stream is not None:
                     life.stream.skip(self._end_ps(life, t_ns))
@@ -127,48 +127,6 @@ class RlgUnit:
     def _end_ps(self, life: Life, t_ns: int) -> int:
         end_ns = t_ns if life.off_ns is None else min(t_ns, life.off_ns)
         return (end_ns - self.epoch_ns) * PS_PER_NS
-
-    # --- the port ----------------------------------------------------------------------------------------------
-
-    def has_port(self, name: str) -> bool:
-        """Whether the unit has a port of this name."""
-        return name == PORT
-
-    def connect(self, name: str, baud: int, faults: LinkFaults | None = None) -> None:
-        """Listen to the port from now on; ``faults`` damages what is sent from now on."""
-        del name
-        with self._lock:
-            self._upto_now()
-            self.port.connect(baud, faults)
-
-    def disconnect(self, name: str) -> None:
-        """Stop listening."""
-        del name
-        with self._lock:
-            self._upto_now()
-            self.port.disconnect()
-
-    def waiting(self, name: str) -> int:
-        """Bytes that have arrived by now and are not read."""
-        del name
-        with self._lock:
-            return self.port.waiting(self._upto_now())
-
-    def read(self, name: str, size: int) -> bytes:
-        """Up to ``size`` bytes of those that have arrived by now."""
-        del name
-        with self._lock:
-            return self.port.read(size, self._upto_now())
-
-    def discard(self, name: str) -> None:
-        """Lose what has arrived by now."""
-        del name
-        with self._lock:
-            self.port.discard(self._upto_now())
-
-    def write(self, name: str, sent: bytes) -> None:
-        """The unit does not listen."""
-        del name, sent
 
     # --- time --------------------------------------------------------------------------------------------------
 

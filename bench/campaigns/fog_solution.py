@@ -16,6 +16,7 @@ from bench.campaigns.fog_sets import SEARCH, TEST, NorthSet
 from bench.fit.north_calibration import IndexCalibration
 from bench.fit.north_likelihood import LikelihoodNorth
 from bench.fit.north_phasors import wrapped_deg
+from bench.fit.north_tilt import tilt_std_deg
 
 LEAST_SQUARES, LIKELIHOOD, QUADRANT, LITERAL = "least_squares", "likelihood", "quadrant", "literal"
 METHODS: tuple[str, ...] = (LEAST_SQUARES, LIKELIHOOD, QUADRANT, LITERAL)
@@ -122,7 +123,7 @@ class Solution:
     @property
     def tilted_deg(self) -> float:
         """Standard uncertainty of an azimuth by that of the tilt, degrees."""
-        return self.site.tilt_std_deg * abs(math.tan(math.radians(self.site.latitude_deg)))
+        return tilt_std_deg(1e3 * math.radians(self.site.tilt_std_deg), self.site.latitude_deg)
 
     def error_deg(self, method: str) -> Floats:
         """(n,) azimuth minus stated azimuth of the tests, folded into (-180, 180], NaN elsewhere."""

@@ -196,10 +196,10 @@ def test_a_served_station_says_the_same_but_where_and_when(name: str, tmp_path: 
         role: f"TCPIP0::127.0.0.1::hislip{number},41000::INSTR" for number, role in enumerate(source.instruments)
     }
     path = tmp_path / "station.yaml"
-    urls = {link: f"/tmp/a place/{link}" for link in source.links}
-    path.write_text(served_station(source, resources, urls, Path("/tmp/a place/control.sock"), TODAY))
+    urls = {link: f"{tmp_path}/a place/{link}" for link in source.links}
+    path.write_text(served_station(source, resources, urls, tmp_path / "a place" / "control.sock", TODAY))
     served = load_station(path)
-    assert served.file.control == "/tmp/a place/control.sock"
+    assert served.file.control == str(tmp_path / "a place" / "control.sock")
     assert (served.simulated, served.in_process, served.file.visa) == (True, False, "@py")
     assert served.file.model_dump(exclude=CHANGED) == source.file.model_dump(exclude=CHANGED)
     for role, entry in served.instruments.items():
