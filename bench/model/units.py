@@ -29,10 +29,12 @@ _UNITS |= {
     "arcmin": ("deg", Decimal(1) / 60),
     "deg/s": ("deg/s", Decimal(1)),
     "deg/h": ("deg/s", Decimal(1) / 3600),
+    "rad/s": ("deg/s", Decimal("57.29577951308232087679815481")),
     "deg/s2": ("deg/s2", Decimal(1)),
     "g": ("g", Decimal(1)),
     "mg": ("g", Decimal("1e-3")),
     "ug": ("g", Decimal("1e-6")),
+    "m/s": ("m/s", Decimal(1)),
     "m/s2": ("m/s2", Decimal(1)),
     "gauss": ("gauss", Decimal(1)),
     "mgauss": ("gauss", Decimal("1e-3")),
@@ -52,7 +54,7 @@ def parse_quantity(text: object, dimension: str) -> float:
     Args:
         text: the quantity as text; anything else is refused.
         dimension: base unit that is due: ``A V Hz s C ohm W F degC degC/min 1 deg deg/s
-            deg/s2 g m/s2 gauss m 1/degC``.
+            deg/s2 g m/s m/s2 gauss m 1/degC``.
     Returns:
         The nearest float to the decimal value in the base unit (28 digits are kept on the way).
     Raises:

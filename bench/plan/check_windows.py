@@ -24,7 +24,7 @@ def check_windows(plan: Plan, station: Station, findings: Findings, doubtful: Co
             gap, before = f"the record before it belongs to '{before.phase}'", None
         if step.kind in ON_THE_BUS:
             calls.append(step)
-        elif step.kind != "record":
+        elif step.kind != "record" and not _act(step):
             before, gap = None, f"a {step.kind} step stands between it and the record before"
         if step.kind != "record":
             continue
@@ -32,6 +32,11 @@ def check_windows(plan: Plan, station: Station, findings: Findings, doubtful: Co
             _follows(step, before, gap, findings)
             _calls(step, calls if before is not None else [], station, findings, step.number in doubtful)
         before, calls = step, []
+
+
+def _act(step: Step) -> bool:
+    """A prompt whose act is part of what is measured: the records go on while the person does it."""
+    return step.kind == "prompt" and bool(step.arguments.get("sets"))
 
 
 def _follows(step: Step, before: Step | None, gap: str, findings: Findings) -> None:
@@ -63,4 +68,4 @@ def _harmless(call: Step, station: Station) -> bool:
     if call.kind not in ("call", "verify") or declared is None:
         return call.kind in ("call", "verify")  # a call of nothing is a mistake of its own
     reading = declared.effect is Effect.NONE and (bool(declared.returns) or call.kind == "verify")
-    return reading or declared.effect in (Effect.THERMAL, Effect.MOTION_ON)
+    return reading or declared.effect in (Effect.THERMAL, Effect.MOTION_ON, Effect.MOTION_OFF)

@@ -118,6 +118,9 @@ class LinkEntry(StrictModel):
     baud: int | None = Field(None, ge=300, le=10_000_000)
     url: Words | None = None
     instrument: Name | None = Field(None, description="role of the instrument that sends what is recorded")
+    poll: Annotated[float, *quantity("s", 1e-4, 1.0)] = Field(
+        1.0, description="virtual clock: how often the link is read, so how well receive stamps are known"
+    )
 
     @model_validator(mode="after")
     def _one_source(self) -> LinkEntry:

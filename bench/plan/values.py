@@ -13,7 +13,7 @@ from bench.plan.templated import Reference, as_reference
 
 SUFFIX = {"A": "A", "V": "V", "Hz": "Hz", "s": "s", "C": "C", "ohm": "ohm", "W": "W", "F": "F", "degC": "degC"}
 SUFFIX |= {"degC/min": "degC_min", "deg/s": "deg_s", "g": "g", "1": "", "1/degC": "per_degC"}
-SUFFIX |= {"deg": "deg", "deg/s2": "deg_s2", "m/s2": "m_s2", "gauss": "gauss", "m": "m"}
+SUFFIX |= {"deg": "deg", "deg/s2": "deg_s2", "m/s": "m_s", "m/s2": "m_s2", "gauss": "gauss", "m": "m"}
 _SIGNS = {"+": 1, "-": -1}
 
 

@@ -12,8 +12,8 @@ from bench.frame import FrameDefinition, LinkBatch, MessageBatch
 from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
-from bench.record.samples import SampleKeeper, counting_message, sample_scales
-from bench.record.window import OpenWindow, RecordRow, Rows
+from bench.record.samples import PER_SAMPLE, SampleKeeper, counting_message, sample_scales
+from bench.record.window import OpenWindow, RecordRow, Rows, beside_keeper
 
 OVER_RANGE_BITS = "over_range"
 
@@ -48,15 +48,18 @@ class RecordCutter:
         self._previous = (-1, 0)  # counter and stream offset of the newest good frame
 
     def open(
-        self, window: RecordWindow, *, until_ns: int | None = None, timed: bool = False, sampled: bool = False
-    ) -> None:
+        self, window: RecordWindow, *, until_ns: int | None = None, timed: bool = False, sampled: bool = False,
+        chained: bool = False,
+    ) -> None:  # fmt: skip
         """Cut this record too. Its frames must not have been fed before.
 
         ``until_ns``: frames received later do not count (in a replay: when the run gave the record up).
-        ``timed``: keep when in the record the pulses came (``RecordRow.timing``).   ``sampled``: keep the samples.
+        ``timed``: keep when in the record the pulses came (``RecordRow.timing``).   ``sampled``: keep the samples,
+        and those of other links.   ``chained``: it follows another record without a gap.
         """
         keeper = SampleKeeper(self._scales) if sampled and self._scales else None
-        item = OpenWindow(window, until_ns, self._shapes, timed, self._period_ns, keeper)
+        beside = beside_keeper(window, chained) if keeper is not None else None
+        item = OpenWindow(window, until_ns, self._shapes, timed, self._period_ns, keeper, beside)
         insort(self._open, item, key=lambda item: item.first)
 
     def feed(self, batch: LinkBatch) -> None:
@@ -68,15 +71,22 @@ class RecordCutter:
             steady = not batch.lost and not batch.duplicate and not frames.suspect.any()
             self._take(frames, steady)
 
-    def feed_context(self, batch: LinkBatch) -> None:
-        """Take the next housekeeping of another link; every field with a unit is averaged over each record."""
+    def feed_context(self, batch: LinkBatch, link: str = "") -> None:
+        """Take the next frames of another link, called ``link``.
+
+        Samples are kept for records that keep theirs; every other field with a unit is averaged over each record.
+        """
         for frames in batch.messages.values():
             t_ns = frames.t_ns
             if not len(frames) or t_ns is None:
                 continue
+            for item in self._open:
+                if item.beside is not None:
+                    item.beside.add(link, frames)
             first, last = int(t_ns[0]), int(t_ns[-1])
             waiting = [item for item in self._open if item.window.t_start_ns <= last and item.window.t_end_ns >= first]
-            units = {field.name: field.unit for field in frames.message.fields if field.unit}
+            averaged = [field for field in frames.message.fields if field.unit and field.per != PER_SAMPLE]
+            units = {field.name: field.unit for field in averaged}
             if waiting and units:
                 values = {f"{name} {unit}": frames.scaled(name) for name, unit in units.items()}
                 for item in waiting:

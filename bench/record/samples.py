@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame import FrameDefinition
+from bench.frame import FrameDefinition, MessageBatch
 from bench.frame.layout import Message
 
 PER_SAMPLE = "sample"
@@ -40,6 +40,12 @@ class Samples:
     def unit(self, name: str) -> str:
         """Unit of one field, "" if it has none."""
         return self.scales[name][2]
+
+    def until(self, last_ns: int) -> Samples:
+        """Those received up to ``last_ns``."""
+        stop = int(np.searchsorted(self.t_ns, last_ns, side="right"))
+        columns = {name: column[:stop] for name, column in self.columns.items()}
+        return Samples(columns, self.counter[:stop], self.t_ns[:stop], self.scales)
 
 
 def sample_scales(message: Message) -> dict[str, Scale]:
@@ -76,6 +82,33 @@ class SampleKeeper:
             _joined([piece[1] for piece in self._pieces]).astype(np.int64),
             dict(self._scales),
         )
+
+
+class BesideKeeper:
+    """Collects the samples that other links sent while a record ran, (begin_ns, end_ns] as they were received."""
+
+    def __init__(self, begin_ns: int, end_ns: int) -> None:
+        self._begin_ns, self._end_ns = begin_ns, end_ns
+        self._keepers: dict[str, SampleKeeper] = {}
+        self._highest: dict[str, int] = {}
+
+    def add(self, link: str, frames: MessageBatch) -> None:
+        """Take the next frames of a link; those that carry no samples, or cannot be true, or came twice, are left."""
+        scales = sample_scales(frames.message)
+        if not scales or frames.counter is None or frames.t_ns is None:
+            return
+        before = np.maximum.accumulate(np.concatenate(([self._highest.get(link, -1)], frames.counter)))
+        inside = (frames.t_ns > self._begin_ns) & (frames.t_ns <= self._end_ns)
+        rows = np.flatnonzero(inside & ~frames.suspect & (frames.counter > before[:-1]))
+        if rows.size:
+            keeper = self._keepers.setdefault(link, SampleKeeper(scales))
+            keeper.add(frames.counter[rows], frames.t_ns[rows], {name: frames.raw(name)[rows] for name in scales})
+            self._highest[link] = int(frames.counter[rows[-1]])
+
+    def samples(self, last_ns: int) -> dict[str, Samples]:
+        """Everything received up to ``last_ns``, by link; a link that sent nothing is left out."""
+        kept = {link: keeper.samples().until(last_ns) for link, keeper in self._keepers.items()}
+        return {link: samples for link, samples in kept.items() if len(samples)}
 
 
 def _joined(parts: Sequence[NDArray[np.generic]]) -> NDArray[np.generic]:

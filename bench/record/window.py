@@ -9,16 +9,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.model.clock import NS
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record.gate import implausible
-from bench.record.samples import SampleKeeper, Samples
+from bench.record.samples import BesideKeeper, SampleKeeper, Samples
 from bench.record.timing import pulse_timing
 
 Rows = slice | NDArray[np.int64]
 UNIT_TEMPERATURE = "unit_temperature_degC"
 _TARGET, _BAND = "temperature_degC", "settle_band_degC"
 _FOLD = 100
+OVERLAP_NS = NS // 5
+_LATE_NS = 10 * NS  # how much later than due the last frame of a record may come
+
+
+def beside_keeper(window: RecordWindow, chained: bool) -> BesideKeeper:
+    """What keeps the samples of other links for a record; ``chained``: it follows another one without a gap."""
+    begin_ns = window.t_start_ns - (OVERLAP_NS if chained else 0)
+    return BesideKeeper(begin_ns - 1, window.t_end_ns + _LATE_NS)
 
 
 def is_off_target(conditions: Mapping[str, Any], unit_degC: float) -> bool:
@@ -64,6 +73,8 @@ class RecordRow:
         timing: when in the record the pulses came (bench.record.timing); empty if it was not asked for or a frame is
             missing or suspect.
         samples: every sample of the record, if that was asked for and the frames carry samples.
+        beside: samples that other links sent until the last good frame of the record was received, by link; where the
+            record follows another one they begin ``OVERLAP_NS`` early, so that none is missing at the joint.
     """
 
     window: RecordWindow
@@ -77,6 +88,7 @@ class RecordRow:
     suspect: int = 0
     timing: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
     samples: Samples | None = None
+    beside: Mapping[str, Samples] = field(default_factory=dict)
 
 
 @dataclass
@@ -84,7 +96,7 @@ class OpenWindow:
     """A record being cut. ``until_ns``: frames received later do not belong to it, whatever their counter.
 
     ``timed``: keep when the pulses came. ``period_ns``: how long the counts of one frame take, 1 if nobody knows.
-    ``keeper``: takes the samples, if they are kept.
+    ``keeper``: takes the samples, if they are kept; ``beside``: those of other links.
     """
 
     window: RecordWindow
@@ -93,6 +105,7 @@ class OpenWindow:
     timed: bool = False
     period_ns: int = 1
     keeper: SampleKeeper | None = None
+    beside: BesideKeeper | None = None
     complete: bool = False
     duplicate: int = 0
     over_range: bool = False
@@ -168,6 +181,7 @@ class OpenWindow:
         return RecordRow(
             self.window, self._sums, self._frames, lost, bad, quality, means, self.duplicate, self._suspect,
             self._timing, None if self.keeper is None else self.keeper.samples(),
+            {} if self.beside is None else self.beside.samples(self.last_stamp_ns),
         )  # fmt: skip
 
     def _thermal_quality(self, unit_degC: float | None) -> Quality:

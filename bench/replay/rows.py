@@ -149,7 +149,10 @@ class _Replay:
                 link = item.window.link
                 if link not in self._cutters:
                     self._cutters[link] = RecordCutter(self.definitions[link])
-                self._cutters[link].open(item.window, until_ns=item.until_ns, timed=item.timed, sampled=item.sampled)
+                self._cutters[link].open(
+                    item.window, until_ns=item.until_ns, timed=item.timed, sampled=item.sampled,
+                    chained=item.chained,
+                )  # fmt: skip
 
     def take(self, message: Message) -> None:
         """Take the next message of the session."""
@@ -190,7 +193,7 @@ class _Replay:
                     cutter.feed(batch)
                     self._keep(cutter.finished())
                 else:
-                    cutter.feed_context(batch)
+                    cutter.feed_context(batch, link)
 
     def _keep(self, rows: list[RecordRow]) -> None:
         self.rows.update({row.window.number: (len(self.parts) - 1, row) for row in rows})

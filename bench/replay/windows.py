@@ -18,7 +18,7 @@ class RecordedWindow:
     """A record window and the time after which the run no longer waited for frames.
 
     ``part`` counts the "resume" events before it: counters start anew with each. ``timed``: its pulses were timed;
-    ``sampled``: its samples were kept.
+    ``sampled``: its samples were kept; ``chained``: it follows the record before it without a gap.
     """
 
     window: RecordWindow
@@ -26,6 +26,7 @@ class RecordedWindow:
     part: int
     timed: bool = False
     sampled: bool = False
+    chained: bool = False
 
 
 def recorded_windows(events: Iterable[Message]) -> list[RecordedWindow]:
@@ -46,8 +47,16 @@ def recorded_windows(events: Iterable[Message]) -> list[RecordedWindow]:
             window = _window(fields, message)
             found.pop(window.number, None)
             timed, sampled = fields.get("pulse_timing") is True, fields.get("samples") is True
-            found[window.number] = RecordedWindow(window, message.t_ns, part, timed, sampled)
+            chained = _follows(window, part, found.get(window.number - 1))
+            found[window.number] = RecordedWindow(window, message.t_ns, part, timed, sampled, chained)
     return list(found.values())
+
+
+def _follows(window: RecordWindow, part: int, before: RecordedWindow | None) -> bool:
+    """Whether a record begins with the frame behind the one before it."""
+    if before is None or (before.part, before.window.link) != (part, window.link):
+        return False
+    return before.window.first_counter + before.window.frames == window.first_counter
 
 
 def _window(fields: dict[str, Any], message: Message) -> RecordWindow:

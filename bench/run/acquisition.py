@@ -1,8 +1,9 @@
 """Serial acquisition: all links of the bench, read without a pause, recorded at once, decoded in blocks.
 
-Virtual clock: one task reads each second, in one thread. Wall clock: a thread waits for each port and records what it
-reads; decoding, the recorder's ticks and the return of lost ports have threads of their own, and one more reads while a
-disk holds the others up (docs/decisions/0010-serial-acquisition.md).
+Virtual clock: one task reads each second, in one thread; a link of which the station asks it is read more often. Wall
+clock: a thread waits for each port and records what it reads; decoding, the recorder's ticks and the return of lost
+ports have threads of their own, and one more reads while a disk holds the others up
+(docs/decisions/0010-serial-acquisition.md).
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import math
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Protocol
 
@@ -81,7 +82,22 @@ class Acquisition:
     # --- virtual clock ---------------------------------------------------------------------------------------------
 
     def _begin_virtual(self) -> list[Periodic]:
-        return [self._clock.every(VIRTUAL_POLL_S, guarded(self._poll_all, self._stop))]
+        often: dict[float, list[LinkReader]] = {}
+        for reader in self.readers.values():
+            if reader.poll_s < VIRTUAL_POLL_S:
+                often.setdefault(reader.poll_s, []).append(reader)
+        tasks: dict[float, Callable[[], None]] = {
+            period_s: partial(self._poll_some, readers) for period_s, readers in often.items()
+        }
+        tasks[VIRTUAL_POLL_S] = self._poll_all
+        return [self._clock.every(period_s, guarded(task, self._stop)) for period_s, task in tasks.items()]
+
+    def _poll_some(self, readers: Sequence[LinkReader]) -> None:
+        """Links whose receive stamps matter are read more often; the others wait for the second."""
+        with self.lock:
+            for reader in readers:
+                if reader.link.in_waiting:
+                    self._poll(reader)
 
     def _poll_all(self) -> None:
         pending, now = 0, self._clock.now_ns()

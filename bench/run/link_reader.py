@@ -90,7 +90,7 @@ class LinkReader:
     ``last_counter`` is the unwrapped counter of the newest good frame (-1 before the first), ``last_frame_ns`` its
     receive stamp, ``last_frame_end`` the stream offset behind it, ``last_raw`` its counter as it was sent.
     ``lost`` says why the port is gone, "" while it is there; ``kept`` promises that somebody brings it back, so that
-    a lost port is no error yet. ``behind`` counts how often decoding had fallen behind.
+    a lost port is no error yet. ``behind`` counts how often decoding had fallen behind; ``poll_s``: how often it is read under the virtual clock.
     """
 
     name: str
@@ -110,6 +110,7 @@ class LinkReader:
     lost: str = ""
     kept: bool = False
     behind: int = 0
+    poll_s: float = 1.0
     on_broken: Callable[[], None] = lambda: None
 
     def __post_init__(self) -> None:

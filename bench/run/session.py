@@ -341,6 +341,9 @@ class _Run:
         readers = {}
         measured = self.plan.measurement_link
         for link in sorted(self.plan.frames, key=lambda name: name == measured):
-            feed = self.cutter.feed if link == measured else self.cutter.feed_context
-            readers[link] = LinkReader(link, self.bench.links[link], self.frames[link], self.clock, self.sink, [feed])
+            feed = self.cutter.feed if link == measured else partial(self.cutter.feed_context, link=link)
+            readers[link] = LinkReader(
+                link, self.bench.links[link], self.frames[link], self.clock, self.sink, [feed],
+                poll_s=self.plan.station.links[link].poll,
+            )  # fmt: skip
         return readers

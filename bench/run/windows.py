@@ -18,7 +18,7 @@ BEHIND_FRAMES = 2  # the newest frame is older than this many periods: the link 
 OPEN_GATE = 1  # the gate that is open at the start began before it
 SILENCE_S = 2.0
 AHEAD_S = 100.0  # how late a step between two records may be (a bus that asks again) before a frame is missed
-BETWEEN = ("call", "verify")  # kinds of step that may stand between records without a gap
+BETWEEN = ("call", "verify", "prompt")  # kinds of step that may stand between records without a gap
 
 
 def begin_window(context: RunContext, step: Step, number: int) -> RecordWindow:
@@ -107,7 +107,7 @@ def _open_followers(context: RunContext, step: Step, window: RecordWindow) -> No
             end_ns = _due_ns(context, stop + _frames(context, later))
             known = _window(context, later, window.number + 1, stop, window.t_end_ns, end_ns)
             context.ahead[later.number] = known
-            _open(context, later, known)
+            _open(context, later, known, chained=True)
         window = known
         if window.t_end_ns >= enough_ns:
             return
@@ -123,8 +123,8 @@ def _followers(steps: Sequence[Step], step: Step) -> Iterator[Step]:
             return
 
 
-def _open(context: RunContext, step: Step, window: RecordWindow) -> None:
-    context.cutter.open(window, timed=is_timed(step), sampled=is_sampled(step))
+def _open(context: RunContext, step: Step, window: RecordWindow, chained: bool = False) -> None:
+    context.cutter.open(window, timed=is_timed(step), sampled=is_sampled(step), chained=chained)
 
 
 def _frames(context: RunContext, step: Step) -> int:

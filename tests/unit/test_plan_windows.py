@@ -79,6 +79,12 @@ CASES = [
 ]  # fmt: skip
 
 
+def test_the_act_of_a_person_may_stand_between_records(tmp_path: Path) -> None:
+    """Not on this bench, where nobody can do it; that is then the only mistake."""
+    source = make_bench(tmp_path, RAMP.replace(CALL, CALL + "  - prompt: {text: Go., sets: {speed: 1 m/s}}\n"))
+    assert [error.code for error in mistakes(source)] == ["B-PLAN-094"]
+
+
 def imu(folder: Path) -> None:
     """A frame with a counter and a count, but without N and P pulses."""
     text = (folder / "frames" / "ngu_a.yaml").read_text().replace("frame: ngu_a", "frame: imu")

@@ -82,6 +82,33 @@ def test_nothing_is_kept_that_was_not_asked_for() -> None:
     assert row.frames == 10
 
 
+def test_samples_of_other_links_are_kept_beside_a_record_and_none_is_missing_at_a_joint() -> None:
+    def fed(batches: list[tuple[str, int, list[bytes]]]) -> list[RecordRow]:
+        decoders = {link: LinkDecoder(DEFINITION) for link in ("rs422", "other")}
+        cutter = RecordCutter(DEFINITION)
+        cutter.open(window(1, 110, 50), sampled=True)
+        cutter.open(window(2, 160, 100), sampled=True, chained=True)
+        cutter.open(window(3, 400, 20))
+        for link, number, frames in batches:
+            for index, frame in enumerate(frames):
+                decoders[link].push((number + index) * PERIOD_NS, frame)
+        for link in ("other", "rs422"):
+            batch = decoders[link].flush()
+            cutter.feed(batch) if link == "rs422" else cutter.feed_context(batch, link)
+        return sorted(cutter.finished() + cutter.close_all(), key=lambda row: row.window.number)
+
+    other = stream(7, 300)
+    other.insert(41, other[40])
+    first, second, third = fed([("rs422", 100, stream(100, 330)), ("other", 100, other)])
+    # a frame is received at the number it was given above; the double of counter 47 shifts those behind it by one
+    assert first.beside["other"].counter.tolist() == list(range(17, 66))
+    assert first.beside["other"].t_ns[[0, -1]].tolist() == [110 * PERIOD_NS, 159 * PERIOD_NS]
+    assert second.beside["other"].counter.tolist() == list(range(27, 166)), "0.2 s before its begin, that is 40 frames"
+    np.testing.assert_allclose(second.beside["other"].scaled("gyro")[:, 1], -0.005 * np.arange(27, 166))
+    assert third.beside == {}, "it keeps no samples of its own"
+    assert first.context == {}, "samples are no housekeeping"
+
+
 def test_a_record_that_continues_is_part_of_the_one_before() -> None:
     first, second, other = cut(
         stream(100, 300),
