@@ -11,14 +11,14 @@ from pyvisa import rname
 
 from bench.model.clock import Clock
 from bench.model.errors import InputError
-from sim_instruments.gyroscope_worlds import checked_options, gyroscope_options, gyroscope_world, world_class
 from sim_instruments.live import LiveDevice
 from sim_instruments.thermal import Thermal
 from sim_instruments.world import Unit, World
+from sim_instruments.world_kinds import checked_options, kind_options, kind_world, world_class
 from sim_instruments.world_options import number_of, switch_of, unknown_option
 
-WORLDS = ("af_converter", "gnc_module", "fog_north", "ring_laser")
-GYROSCOPES = {"fog_north": "fog", "ring_laser": "rlg"}  # how the modules of a world begin
+WORLDS = ("af_converter", "gnc_module", "fog_north", "ring_laser", "time_sync")
+KINDS = {"fog_north": "fog", "ring_laser": "rlg", "time_sync": "sync"}  # how the modules of a world begin
 WORLD_OPTIONS = {
     "calibrator_gain": "common gain error of the calibrator, N(0, 10 ppm)",
     "calibrator_floor": "range offsets and level errors of the calibrator, N(0, floor/2) of Table 2",
@@ -72,8 +72,8 @@ def open_world(
         )
     if name == "gnc_module":
         world = _gnc_world(clock, seed, options or {})
-    elif name in GYROSCOPES:
-        world = gyroscope_world(GYROSCOPES[name], clock, seed, options or {})
+    elif name in KINDS:
+        world = kind_world(KINDS[name], clock, seed, options or {})
     else:
         world = _af_world(clock, seed, options or {}, unit_factory or _simulated_ngu)
     try:
@@ -89,8 +89,8 @@ def options_of(name: str) -> tuple[str, ...]:
     """Names of all options of a kind of world."""
     if name == "gnc_module":
         return (*GNC_OPTIONS, *GNC_NUMBERS, *GNC_TEXTS)
-    if name in GYROSCOPES:
-        return gyroscope_options(GYROSCOPES[name])
+    if name in KINDS:
+        return kind_options(KINDS[name])
     return (*WORLD_OPTIONS, *WORLD_NUMBERS, *UNIT_OPTIONS)
 
 
@@ -99,8 +99,8 @@ def check_operation(name: str, what: str, value: Any) -> None:
     found: type[World] = World
     if name == "gnc_module":
         found = importlib.import_module("sim_instruments.gnc_world").GncWorld
-    elif name in GYROSCOPES:
-        found = world_class(GYROSCOPES[name])
+    elif name in KINDS:
+        found = world_class(KINDS[name])
     found.check_operation(what, value)
 
 
@@ -108,8 +108,8 @@ def check_options(name: str, options: Mapping[str, str]) -> None:
     """Raises: InputError B-SIM-002 if a world of the kind ``name`` cannot be opened with these options."""
     if name == "gnc_module":
         _gnc_options(options)
-    elif name in GYROSCOPES:
-        checked_options(GYROSCOPES[name], options)
+    elif name in KINDS:
+        checked_options(KINDS[name], options)
     else:
         _split_options(options)
 

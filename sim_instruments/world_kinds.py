@@ -1,4 +1,4 @@
-"""The worlds of single gyroscopes: what each offers in ``<kind>_options``, and how ``<kind>_world`` is opened."""
+"""Worlds that are found by their kind: what each offers in ``<kind>_options``, and how ``<kind>_world`` is opened."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ class _Offered(NamedTuple):
     words: Mapping[str, tuple[str, tuple[str, ...]]]  # text, choices
 
 
-def gyroscope_options(kind: str) -> tuple[str, ...]:
-    """Names of all options of the worlds of one kind, "fog" or "rlg"."""
+def kind_options(kind: str) -> tuple[str, ...]:
+    """Names of all options of the worlds of one kind, such as "fog"."""
     offered = _offered(kind)
     return (*offered.switches, *offered.numbers, *offered.words)
 
@@ -35,7 +35,7 @@ def checked_options(kind: str, options: Mapping[str, str]) -> dict[str, Any]:
         elif key in offered.words:
             found[key] = word_of(key, value, offered.words[key][1])
         else:
-            raise unknown_option(key, gyroscope_options(kind))
+            raise unknown_option(key, kind_options(kind))
     return found
 
 
@@ -46,7 +46,7 @@ def world_class(kind: str) -> type[World]:
     return found
 
 
-def gyroscope_world(kind: str, clock: Clock, seed: int, options: Mapping[str, str]) -> World:
+def kind_world(kind: str, clock: Clock, seed: int, options: Mapping[str, str]) -> World:
     """Open a world of one kind. Raises: InputError B-SIM-002."""
     make: Any = world_class(kind)
     world: World = make(clock=clock, seed=seed, options=checked_options(kind, options))

@@ -60,6 +60,7 @@ def _field(spec: FieldSpec, where: Path_, offset: int, endian: str, fail: Fail) 
         unit=spec.unit or "",
         counter=spec.role == "counter",
         per=spec.per or "",
+        wrap=spec.wrap,
     )
     bits = _bits(spec, field, where, fail)
     constant = _written("constant", spec.constant, field, where, fail)
@@ -91,6 +92,11 @@ def _check_options(spec: FieldSpec, kind: str, where: Path_, fail: Fail) -> None
     if spec.role == "counter" and odd:
         text = f"{spec.name}: a counter is one unsigned integer of up to 48 bits that varies"
         fail("B-FRAME-003", (*where, "role"), text, "")
+    if spec.wrap is not None:
+        values = 1 << int(spec.type[1:]) if kind == "u" else 0
+        if spec.role != "counter" or odd or spec.wrap & (spec.wrap - 1) or spec.wrap >= values:
+            text = f"{spec.name}: 'wrap: {spec.wrap}' is no power of two below the values of a counter of its type"
+            fail("B-FRAME-003", (*where, "wrap"), text, "leave it out where the counter uses all values of its type")
 
 
 def _bits(spec: FieldSpec, field: Field, where: Path_, fail: Fail) -> dict[str, tuple[int, int]]:

@@ -18,6 +18,7 @@ class Field:
 
     ``kind`` is "u", "i", "f" or "b" (bytes); ``count`` is None for a single value and 0 for "rest".
     ``bits`` maps a name to (lowest bit, number of bits). Physical value = raw * scale + shift in ``unit``.
+    ``wrap``: how many values a counter has, None = as many as its type.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Field:
     bits: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     constant: bytes | None = None
     default: bytes | None = None
+    wrap: int | None = None
 
     @property
     def length(self) -> int:
@@ -153,7 +155,8 @@ def field_content(item: Field) -> list[Any]:
     """JSON-able content of a field; what was added to the language later stands there only where it is used."""
     bits = {name: list(span) for name, span in item.bits.items()}
     constant = None if item.constant is None else item.constant.hex()
+    later = [*([] if item.default is None else [item.default.hex()]), *([] if item.wrap is None else [item.wrap])]
     return [
         item.name, item.kind, item.size, item.count, item.offset, item.big, item.scale, item.shift, item.unit,
-        item.counter, item.per, bits, constant, *([] if item.default is None else [item.default.hex()]),
+        item.counter, item.per, bits, constant, *later,
     ]  # fmt: skip

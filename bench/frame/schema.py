@@ -28,7 +28,8 @@ class FieldSpec(StrictModel):
     ``count`` makes an array; for ``bytes`` it is the length, or "rest" for everything up to the check.
     Physical value = raw * scale + offset, in ``unit``. ``constant`` fixes the value: right behind the sync bytes it
     extends the sync pattern, elsewhere a frame that differs is marked suspect. ``default`` is the raw value that the
-    encoder writes where the caller gives none; the decoder ignores it.
+    encoder writes where the caller gives none; the decoder ignores it. ``wrap``: how many values a counter has, a power
+    of two, if its type has more.
     """
 
     name: Name
@@ -39,6 +40,7 @@ class FieldSpec(StrictModel):
     offset: Number | None = None
     unit: Annotated[str, StringConstraints(min_length=1, max_length=20)] | None = None
     role: Literal["counter"] | None = None
+    wrap: Annotated[int, Limits(strict=True, ge=4)] | None = None
     per: Literal["frame", "cumulative", "sample"] | None = None
     bits: dict[str, Annotated[int, Limits(strict=True)] | str] | None = None
     constant: Annotated[int, Limits(strict=True)] | str | None = None

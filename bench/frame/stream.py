@@ -182,7 +182,7 @@ class LinkDecoder:
         assert field is not None
         key = "" if self.definition.layout.shared_counter else group[0].message.name
         if key not in self._counters:
-            self._counters[key] = CounterUnwrapper(1 << (8 * field.size), self.definition.rate_Hz)
+            self._counters[key] = CounterUnwrapper(field.wrap or 1 << (8 * field.size), self.definition.rate_Hz)
         if len(group) == 1:
             batch = group[0]
             result = self._counters[key].feed(batch.raw(field.name).astype(np.int64), batch.t_ns)

@@ -13,14 +13,21 @@ from bench.plan.language import Sequence
 from bench.plan.plan import Plan, Step
 
 NONE = "none"
-OF_LOGS = ("temperature_ramp", "imu_six_position", "imu_multi_position")  # made of imported logs, not of records
+OF_LOGS = (
+    "temperature_ramp",
+    "imu_six_position",
+    "imu_multi_position",
+    "imu_strapdown",
+)  # made of imported logs, not of records
 OF_TESTS = "gnc_unit_test"  # made of commands to the unit and their answers
 POSE = ("item", "mounting", "outer_deg", "middle_deg", "inner_deg")
 OF_SAMPLES = {
     "imu_calibration": POSE, "imu_bias": POSE, "magnetometer": (*POSE, "rate_deg_s"),
     "fog_north": ("item", "head_deg", "index", "repeat", "rate_deg_s"),
     "rlg_lock_in": ("path_length_m", "clock_Hz"),
+    "time_sync": ("item", "manoeuvre"),
 }  # fmt: skip
+BESIDE = {"time_sync": "egi"}  # link whose samples the analysis needs beside those that are recorded
 ITEMS = ("supply", "identify", "cpu", "timer", "memory", "imu", "gps", "ad", "io", "spi", "sci", "can")
 BRANCHES = ("hold_start", "up", "hold_top", "down", "hold_end")
 _POINT = ("channel", "temperature_degC", "current_A", "polarity", "range_A")
@@ -67,6 +74,9 @@ def check_asked(plan: Plan, findings: Findings) -> None:
         if not step.arguments.get("samples"):
             message = f"the analysis {name} needs the samples of each record"
             findings.add("B-PLAN-078", step.where, message, "write 'samples: true'")
+    if name in BESIDE and records and BESIDE[name] not in {*plan.frames} - {plan.measurement_link}:
+        message = f"the analysis {name} needs the link {BESIDE[name]!r} beside the one that is recorded, the first one"
+        findings.add("B-PLAN-078", records[0].where, message, "name both links in 'frame', the recorded one first")
 
 
 def _check_item(step: Step, findings: Findings) -> None:

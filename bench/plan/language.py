@@ -41,6 +41,33 @@ class Imu(StrictModel):
     magnetometer_resolution: Annotated[float, *quantity("gauss", 0.0, 10.0)]
 
 
+class Inertial(StrictModel):
+    """Noise and biases of an inertial measurement unit, one sigma, as its data sheet declares them."""
+
+    accelerometer_bias: Annotated[float, *quantity("g", 1e-9, 1.0)]
+    velocity_walk_per_rtHz: Annotated[float, *quantity("g", 1e-9, 1.0)] = Field(description="density of the noise")
+    gyro_bias: Annotated[float, *quantity("deg/s", 1e-9, 10.0)]
+    angle_walk_per_rth: Annotated[float, *quantity("deg", 1e-6, 10.0)] = Field(description="after one hour")
+
+
+class Egi(StrictModel):
+    """Errors of the solution of an EGI, one sigma per axis; that of its position is in its frames."""
+
+    velocity: Annotated[float, *quantity("m/s", 1e-6, 100.0)]
+    level: Annotated[float, *quantity("deg", 1e-6, 10.0)] = Field(description="of roll and pitch")
+    heading: Annotated[float, *quantity("deg", 1e-6, 90.0)]
+    wander: Annotated[float, *quantity("s", 0.1, 1e5)] = Field(description="how long a velocity is off by the same")
+    heading_wander: Annotated[float, *quantity("s", 0.1, 1e5)] = Field(description="how long a heading is")
+
+
+class Latency(StrictModel):
+    """From the validity of a sample to the first byte of its frame, as the makers of both units state it."""
+
+    egi: Annotated[float, *quantity("s", 0.0, 1.0)]
+    imu: Annotated[float, *quantity("s", 0.0, 1.0)]
+    uncertainty: Annotated[float, *quantity("s", 1e-9, 1.0)] = Field(description="standard uncertainty of either")
+
+
 class Kind(StrictModel):
     """Declared constants of one kind of converter channel (AF-converter design table)."""
 
@@ -72,6 +99,9 @@ class UnitUnderTest(StrictModel):
     )
     kinds: dict[Literal["gyro", "accelerometer"], Kind] = Field(default_factory=dict)
     imu: Imu | None = Field(None, description="inertial measurement unit and magnetometer of a GNC module")
+    inertial: Inertial | None = Field(None, description="what a navigation filter is told of the inertial sensors")
+    egi: Egi | None = Field(None, description="what is known of the errors of an EGI that serves as reference")
+    latency: Latency | None = Field(None, description="of two units that stream side by side")
     limits: dict[Name, Annotated[str, BeforeValidator(_limit)]] = Field(
         default_factory=dict, description="limits of the data sheet by name, each with its unit"
     )

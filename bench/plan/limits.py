@@ -43,11 +43,12 @@ DIMENSIONS: Mapping[str, str] = {
 OF_ANALYSES: Mapping[str, Mapping[str, str]] = {
     "fog_north": {"azimuth_error": "deg"},
     "rlg_lock_in": {"alignment_error": "deg", "alignment_time": "s"},
+    "time_sync": {"time_offset_uncertainty": "s", "stamps_difference": "s"},
 }  # those whose limits are not those of a GNC module
 
 
 def check_limits(document: Document[Sequence], findings: Findings) -> None:
-    """Note limits that no analysis knows, or with the unit of something else (B-PLAN-093)."""
+    """Note limits that no analysis knows, with the unit of something else, or of errors not above 0 (B-PLAN-093)."""
     uut = document.model.uut
     known = OF_ANALYSES.get(document.model.analysis, DIMENSIONS)
     for name, text in ({} if uut is None else uut.limits).items():
@@ -59,6 +60,9 @@ def check_limits(document: Document[Sequence], findings: Findings) -> None:
             findings.add("B-PLAN-093", where, message, f"use one of: {', '.join(known)}")
             continue
         try:
-            parse_quantity(text, known[name])
+            value = parse_quantity(text, known[name])
         except ValueError as error:
             findings.add("B-PLAN-093", where, f"limit {name}: {error}")
+            continue
+        if document.model.analysis in OF_ANALYSES and not value > 0.0:
+            findings.add("B-PLAN-093", where, f"limit {name}: {text} is not above zero")

@@ -27,7 +27,7 @@ from bench.plan.templated import Name
 UnitName = Annotated[str, StringConstraints(min_length=1, max_length=80)]
 Header = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 Role = Literal["temperature", "set_point", "reading", "reference"]
-ELAPSED, UNIX, ISO, SAMPLES = "elapsed", "unix", "iso", "samples"
+ELAPSED, UNIX, ISO, SAMPLES, ROWS = "elapsed", "unix", "iso", "samples", "rows"
 TEMPERATURES = ("temperature", "set_point")
 _PROBE = datetime(2001, 12, 23, 21, 43, 56)
 _ZONE = r"^(UTC|[+-](0[0-9]|1[0-4]):[0-5][0-9])$"
@@ -48,10 +48,12 @@ def _second(text: str) -> str:
 
 def _time_format(text: str) -> str:
     """A word of the language, or a pattern that tells one second of one day from any other."""
-    if text in (ELAPSED, UNIX, ISO, SAMPLES):
+    if text in (ELAPSED, UNIX, ISO, SAMPLES, ROWS):
         return text
     if "%" not in text:
-        raise ValueError(f"{text!r} is neither iso, unix, elapsed, samples nor a pattern such as '%d/%m/%Y %H:%M:%S'")
+        raise ValueError(
+            f"{text!r} is neither iso, unix, elapsed, samples, rows nor a pattern such as '%d/%m/%Y %H:%M:%S'"
+        )
     try:
         read = datetime.strptime(_PROBE.replace(tzinfo=UTC).strftime(text), text).replace(tzinfo=None)
     except ValueError as error:
@@ -77,6 +79,7 @@ class TimeColumn(StrictModel):
     role: Literal["time"]
     format: Annotated[str, AfterValidator(_time_format)] = Field(
         description="iso, unix (since 1970), elapsed (since 'start'), samples (numbered, at a 'rate', since 'start'), "
+        "rows (one sample a row at a 'rate', since 'start', whatever the column holds), "
         "or a strptime pattern such as '%d/%m/%Y %H:%M:%S'"
     )
     unit: Annotated[str, AfterValidator(_second)] | None = Field(None, description="of unix and elapsed times")
@@ -87,15 +90,15 @@ class TimeColumn(StrictModel):
         None, description="UTC of the elapsed time 0 or of sample 0, such as 2024-10-20T01:18:45Z"
     )
     rate: Annotated[float, *quantity("Hz", 1e-6, 1e6)] | None = Field(
-        None, description="of numbered samples, as the recorder states it, such as 102.4 Hz"
+        None, description="of samples and rows, as the recorder states it, such as 102.4 Hz"
     )
 
     @model_validator(mode="after")
     def _complete(self) -> TimeColumn:
-        numeric, numbered = self.format in (ELAPSED, UNIX), self.format == SAMPLES
+        numeric, numbered = self.format in (ELAPSED, UNIX), self.format in (SAMPLES, ROWS)
         due = {
             "unit": numeric,
-            "start": self.format in (ELAPSED, SAMPLES),
+            "start": self.format == ELAPSED or numbered,
             "zone": not numeric and not numbered and "%z" not in self.format,
             "rate": numbered,
         }
@@ -213,6 +216,8 @@ class LogMapping(StrictModel):
         times = [header for header, column in self.columns.items() if column.role == "time"]
         if len(times) != 1:
             raise ValueError(f"{len(times)} columns have the role time, one is due")
+        if self.time[1].format == ROWS and self.bad_rows:
+            raise ValueError("the time format 'rows' counts rows, so no row may be left out; remove 'bad_rows'")
         if self.file.names is not None and (absent := [one for one in self.columns if one not in self.file.names]):
             raise ValueError(f"the column {absent[0]!r} is not among the 'names' of the file")
         names = Counter(column.quantity for column in self.values.values())

@@ -12,8 +12,8 @@ from bench.model.yamlio import StrictModel
 
 AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 UPS: tuple[str, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
-SIX_POSITION, MULTI_POSITION = "imu_six_position", "imu_multi_position"
-ANALYSES = (SIX_POSITION, MULTI_POSITION)
+SIX_POSITION, MULTI_POSITION, STRAPDOWN = "imu_six_position", "imu_multi_position", "imu_strapdown"
+ANALYSES = (SIX_POSITION, MULTI_POSITION, STRAPDOWN)
 _WORDS = {"gyro": "gyro", "accelerometer": "accel"}
 _UNITS = {"gyro": ("deg/s", "1"), "accelerometer": ("m/s2", "g", "1")}
 _IN_NAMES = {"deg/s": "deg_s", "m/s2": "m_s2", "g": "g", "1": "counts"}
@@ -111,9 +111,11 @@ def check_analysis(
     name: str, sensors: Collection[SensorColumn], segments: Mapping[str, Segment], site: LogSite | None
 ) -> None:
     """Whether an analysis of an IMU has what it needs. Raises ValueError."""
-    there = {one.axis for one in sensors if one.role == "accelerometer"}
-    if missing := [axis for axis in AXES if axis not in there]:
-        raise ValueError(f"the analysis {name!r} needs an accelerometer column of the axis {missing[0]}")
+    for role in _WORDS if name == STRAPDOWN else ("accelerometer",):
+        there = {one.axis for one in sensors if one.role == role}
+        if missing := [axis for axis in AXES if axis not in there]:
+            what = f"{'a gyro' if role == 'gyro' else 'an accelerometer'} column of the axis {missing[0]}"
+            raise ValueError(f"the analysis {name!r} needs {what}")
     if site is None:
         raise ValueError(f"the analysis {name!r} needs 'site' with the local gravity")
     if name == SIX_POSITION:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bench.model.units import read_quantity
-from bench.plan.language import Imu, Sequence, Site, UnitUnderTest
+from bench.plan.language import Egi, Imu, Inertial, Sequence, Site, UnitUnderTest
 
 
 def unit_constants(model: Sequence, serial: str) -> dict[str, Any]:
@@ -16,6 +16,13 @@ def unit_constants(model: Sequence, serial: str) -> dict[str, Any]:
         found |= {"uut": {"model": model.uut.model, "serial": serial}, **_converter(model.uut)}
         if model.uut.imu is not None:
             found["imu"] = _sensors(model.uut.imu)
+        if model.uut.inertial is not None:
+            found["inertial"] = _inertial(model.uut.inertial)
+        if model.uut.egi is not None:
+            found["egi"] = _reference(model.uut.egi)
+        if model.uut.latency is not None:
+            latency = model.uut.latency
+            found["latency"] = {"egi_s": latency.egi, "imu_s": latency.imu, "std_s": latency.uncertainty}
         if model.uut.limits:
             found["limits"] = {name: _limit(text) for name, text in model.uut.limits.items()}
     if model.site is not None:
@@ -41,6 +48,25 @@ def _sensors(imu: Imu) -> dict[str, float]:
         "accel_resolution_g": imu.accelerometer_resolution,
         "mag_range_gauss": imu.magnetometer_range,
         "mag_resolution_gauss": imu.magnetometer_resolution,
+    }
+
+
+def _inertial(inertial: Inertial) -> dict[str, float]:
+    return {
+        "accel_bias_g": inertial.accelerometer_bias,
+        "velocity_walk_g_rtHz": inertial.velocity_walk_per_rtHz,
+        "gyro_bias_deg_s": inertial.gyro_bias,
+        "angle_walk_deg_rth": inertial.angle_walk_per_rth,
+    }
+
+
+def _reference(egi: Egi) -> dict[str, float]:
+    return {
+        "velocity_m_s": egi.velocity,
+        "level_deg": egi.level,
+        "heading_deg": egi.heading,
+        "wander_s": egi.wander,
+        "heading_wander_s": egi.heading_wander,
     }
 
 

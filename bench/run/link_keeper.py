@@ -30,12 +30,14 @@ ASK_NS = 2 * NS  # an identity that is not answered is asked again
 NUDGE_NS, NUDGE_AGAIN_NS = 2 * NS, 10 * NS  # without frames: when the last command is sent again
 LIMIT_S = 600.0  # of standing still for a link
 KERNEL_NS = 5 * NS
+ACT_NS = NS // 2  # how long what a person has switched off may still send
 
 
 @dataclass
 class Kept:
     """One link. ``trouble`` began at ``since_ns`` behind ``mark`` and ``frames`` good frames; ``held_ns``: since when
-    the run stands still for it, 0 if it does not."""
+    the run stands still for it, 0 if it does not. ``switched``: it sent nothing before an act of a person, so another
+    act may end it."""
 
     reader: LinkReader
     trouble: Literal["", "lost", "silent"] = ""
@@ -50,6 +52,7 @@ class Kept:
     how: list[str] = field(default_factory=list)
     counted: dict[str, int] | None = None
     behind: int = 0
+    switched: bool = False
 
     @property
     def by(self) -> str:
@@ -61,7 +64,8 @@ class LinkKeeper:
     """Judges and brings back; implements bench.run.acquisition.LinkWatch. Its state is under the acquisition's lock.
 
     A silent link counts only once it has sent a frame and while a record or soak needs it: from the next one that
-    begins after a command to the unit or to its supply on. A lost one counts while a command is to be sent over it,
+    begins after a command to the unit or to its supply on; a link that a person switches on, such as a radar, once it
+    has sent a frame since the last act of a person. A lost one counts while a command is to be sent over it,
     too. In the phase ``finally`` nothing counts.
     """
 
@@ -73,6 +77,8 @@ class LinkKeeper:
         self._needed = False
         self._commanded = ""  # the link that the step under way sends a command over
         self._power_changed = False
+        self._asked = False  # the step under way is an act of a person
+        self._acted_ns = 0  # when the last act ended
         self._kernel_ns = context.clock.now_ns()
         for kept in self._links:
             kept.reader.kept = True
@@ -84,11 +90,20 @@ class LinkKeeper:
         """A step begins."""
         self._step = step.number
         self._commanded = step.role if step.kind == "unit" else ""
+        self._person(bool(step.arguments.get("sets")))
         if step.kind in ("record", "soak"):
             self._needed, self._power_changed = True, False
         elif step.kind in ("unit", "send") or self._is_power(step):
             self._needed = False
             self._power_changed = self._power_changed or step.kind != "unit"
+
+    def _person(self, asked: bool) -> None:
+        """A step begins that is an act of a person on the bench, or another one."""
+        if self._asked:
+            self._acted_ns = self._context.clock.now_ns()
+        for kept in self._links if asked else ():
+            kept.switched = kept.switched or kept.reader.last_frame_ns < 0
+        self._asked = asked
 
     def _is_power(self, step: Step) -> bool:
         if step.kind != "call" or step.role not in self._context.instruments:
@@ -118,6 +133,8 @@ class LinkKeeper:
         if kept.trouble == "lost" and kept.reader.name == self._commanded:
             return True
         if kept.reader.last_frame_ns < 0:
+            return False
+        if kept.switched and kept.trouble != "lost" and kept.reader.last_frame_ns < self._acted_ns + ACT_NS:
             return False
         return self._needed or (kept.trouble == "lost" and not self._power_changed)
 

@@ -90,7 +90,8 @@ class LinkReader:
     ``last_counter`` is the unwrapped counter of the newest good frame (-1 before the first), ``last_frame_ns`` its
     receive stamp, ``last_frame_end`` the stream offset behind it, ``last_raw`` its counter as it was sent.
     ``lost`` says why the port is gone, "" while it is there; ``kept`` promises that somebody brings it back, so that
-    a lost port is no error yet. ``behind`` counts how often decoding had fallen behind; ``poll_s``: how often it is read under the virtual clock.
+    a lost port is no error yet. ``behind`` counts how often decoding had fallen behind. ``poll_s``: how often it
+    is read under the virtual clock, second.
     """
 
     name: str

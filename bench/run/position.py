@@ -159,13 +159,13 @@ def point_start(steps: Sequence[Step], index: int, readings: Container[int] = ()
     """Index of the first step of the point that holds ``steps[index]``: where its relays and level are set.
 
     The step itself if it belongs to no point, or to records that follow each other without a gap; but records with a
-    motion between them are one recording of it, which begins with the first of them. Readings of instruments (their
-    step numbers) right behind a record belong to it: they say how things were at its end.
+    motion or an act of a person between them are one recording of it, which begins with the first of them. Readings of
+    instruments (their step numbers) right behind a record belong to it: they say how things were at its end.
     """
     record = _record_of(steps, index, readings)
     if record is not None and steps[record].arguments.get("follows"):
         begun = _recording_start(steps, record)
-        record = begun if any(is_motion(step) for step in steps[begun:record]) else None
+        record = begun if any(is_motion(step) or step.kind == "prompt" for step in steps[begun:record]) else None
     if record is None:
         return index
     first = _start_of(steps, record)
@@ -215,11 +215,12 @@ def _record_of(steps: Sequence[Step], index: int, readings: Container[int]) -> i
 
 
 def _next_record(steps: Sequence[Step], index: int) -> int | None:
-    """Index of the next record before any soak."""
+    """Index of the next record before any soak, and before any prompt that does not stand inside a recording."""
     for later in range(index, len(steps)):
         if steps[later].kind == "record":
-            return later
-        if steps[later].kind in ("soak", "prompt"):
+            asked = any(step.kind == "prompt" for step in steps[index:later])
+            return None if asked and not steps[later].arguments.get("follows") else later
+        if steps[later].kind == "soak":
             return None
     return None
 

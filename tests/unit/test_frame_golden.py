@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from crccheck.crc import Crc16Ibm3740, Crc16Xmodem
+from crccheck.crc import Crc16Ibm3740, Crc16Xmodem, Crc32Jamcrc, Crc32Mpeg2
 
 from bench.frame import FrameDefinition, MessageBatch, load_frame
 
@@ -78,6 +78,42 @@ def time_tags() -> bytes:
     return b"\xa5\x5a\xc3\x3c" + body + struct.pack("<I", zlib.crc32(body))
 
 
+def imu_200() -> bytes:
+    body = struct.pack("<IQ6ihH", 70000, 3500012345, -1234567, 1500000000, 7, -48983123, 250, 980000000, 2512, 3)
+    return b"IM" + body + struct.pack("<I", zlib.crc32(body))
+
+
+def egi_50() -> bytes:
+    body = struct.pack("<IQ9dfHH", 17500, 3500098765, *PLACE, *VELOCITY, *ATTITUDE, 1.5, 3, 0)
+    return b"EG" + body + struct.pack("<I", zlib.crc32(body))
+
+
+def sar_pulse() -> bytes:
+    body = struct.pack("<IQdfd128hH", 9999, 4999990000, 44919.25, 2.5, 0.03122838104166667, *ECHO, 1)
+    return b"SR" + body + struct.pack("<I", zlib.crc32(body))
+
+
+def kvh_1750() -> bytes:
+    """The example message with which open drivers of the unit test their check (4BFA34D8)."""
+    angles = (2.019593e-05, 5.159911e-05, -1.3111248e-05)
+    forces = (-1.0019064, -0.00349504687, 0.0021090312)
+    body = struct.pack(">6fBBh", *angles, *forces, 0x77, 61, 40)
+    return b"\xfe\x81\xff\x55" + body + struct.pack(">I", Crc32Mpeg2.calc(b"\xfe\x81\xff\x55" + body))
+
+
+def novatel_inspvas() -> bytes:
+    """A log of a receiver on the road, as an open driver keeps it for its tests; no initial value, no final one."""
+    body = struct.pack("<BHHI", 88, 508, 2088, 197594600) + struct.pack("<I10dI", 2088, 197594.6, *SOLUTION, 3)
+    crc = Crc32Jamcrc.calc(b"\xaa\x44\x13" + body, initvalue=0)
+    return b"\xaa\x44\x13" + body + struct.pack("<I", crc)
+
+
+SOLUTION = (
+    40.04083701098634, 116.50455756706515, 27.40395322162658, 0.06938133693149312, 9.64716338567833,
+    -0.0059339761715861625, 0.5971796342813211, 0.053063083220141735, 90.93423222654538,
+)  # fmt: skip
+PLACE, VELOCITY, ATTITUDE = (37.5000012345, 126.9512345678, 3001.25), (99.875, -0.015625, 0.25), (0.5, -1.25, 359.96875)
+ECHO = [(37 * gate - 1184) * (-1) ** gate for gate in range(128)]
 EVENTS = struct.pack("<3I", 1234 << 3 | 0b011, 5678 << 3, 999999 << 3 | 0b101)
 SAMPLE = struct.pack("<2IB9ih", 70000, 4294967290, 1, 43200, -3, 7, -12, 1003, 5, 1200, -3584, 2500, 2512)
 HOUSEKEEPING = struct.pack(">H4hHH3HH", 513, -1023, -998, 2004, 5001, 28012, 1850, 5003, 15010, 14990, 3)
@@ -95,6 +131,11 @@ INDEPENDENT = {
     "ngu_b.answer": ngu_b(2, b"\x01\x00NGU SIM-1 1.0"),
     "ngu_b.command": ngu_b(3, b"\x02\x64"),
     "vn100_binary": vn100(),
+    "imu_200": imu_200(),
+    "egi_50": egi_50(),
+    "sar_pulse": sar_pulse(),
+    "kvh_1750": kvh_1750(),
+    "novatel_inspvas": novatel_inspvas(),
 }
 
 
@@ -168,6 +209,21 @@ def test_fog_and_ring_laser_fields() -> None:
     laser = decode("rlg_housekeeping", INDEPENDENT["rlg_housekeeping"])
     found = [laser.scaled(name)[0] for name in ("temperature", "intensity", "dither_amplitude")]
     np.testing.assert_allclose(found, [24.75, 1.2345, 100.12], rtol=1e-15)
+
+
+def test_time_sync_fields() -> None:
+    imu, egi, radar = (decode(name, INDEPENDENT[name]) for name in ("imu_200", "egi_50", "sar_pulse"))
+    np.testing.assert_allclose(imu.scaled("tick"), [350.0012345], rtol=1e-15)
+    np.testing.assert_allclose(imu.scaled("delta_angle")[0], [-0.001234567, 1.5, 7e-9], rtol=1e-14)
+    np.testing.assert_allclose(imu.scaled("delta_velocity")[0], [-0.48983123, 2.5e-6, 9.8], rtol=1e-14)
+    assert tuple(egi.scaled(name)[0] for name in ("latitude", "longitude", "height")) == PLACE
+    assert (tuple(egi.scaled("velocity")[0]), tuple(egi.scaled("attitude")[0])) == (VELOCITY, ATTITUDE)
+    assert (egi.raw("tick")[0], egi.raw("mode")[0], egi.scaled("position_sigma")[0]) == (3500098765, 3, 1.5)
+    assert radar.raw("echo")[0].tolist() == ECHO
+    assert radar.raw("tick")[0] == 4999990000
+    assert [float(radar.raw(name)[0]) for name in ("near_range", "spacing", "wavelength")] == [
+        44919.25, 2.5, 0.03122838104166667,
+    ]  # fmt: skip
 
 
 def test_gnc_messages() -> None:

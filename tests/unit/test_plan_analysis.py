@@ -51,6 +51,8 @@ def test_an_analysis_that_a_sequence_cannot_have_b_plan_077(tmp_path: Path, name
         ("dmm_method", "analysis: dmm_method", "analysis: bias_ramp", "condition branch"),
         ("scale_factor_short", '            current: "{current}"\n', "", "condition current_A"),
         ("dmm_method", "- dmm.measure_current", "- verify: calibrator.operating", "readings of the meter"),
+        ("time_sync_linear", "frame: {imu: imu_200, egi: egi_50}", "frame: {imu: imu_200}", "link 'egi' beside"),
+        ("time_sync_linear", "imu: imu_200, egi: egi_50", "egi: egi_50, imu: imu_200", "link 'egi' beside"),
     ],
 )
 def test_records_that_the_analysis_would_leave_out_b_plan_078(
@@ -58,6 +60,11 @@ def test_records_that_the_analysis_would_leave_out_b_plan_078(
 ) -> None:
     found = mistakes(tmp_path, shipped, (old, new))
     assert any(code == "B-PLAN-078" and says in message for code, message in found), found
+
+
+def test_a_limit_that_nothing_can_keep_b_plan_093(tmp_path: Path) -> None:
+    ((code, message),) = mistakes(tmp_path, "time_sync_linear", ("stamps_difference: 5 ms", "stamps_difference: -5 ms"))
+    assert (code, "-5 ms is not above zero" in message) == ("B-PLAN-093", True)
 
 
 def test_a_range_of_the_meter_needs_an_uncertainty_b_plan_066(tmp_path: Path) -> None:

@@ -35,6 +35,11 @@ PLANS = {
     "scale_factor_wall": (460.65, 2 * 3 * 15 + 7),  # 2 x (60 + 3) s and 97 times 3.45 s
     "scale_factor_wall_30s": (12.0 + 10 * 1.95, 2 * 5),
     "scale_factor_zero_per_range": (5 * SOAK_s + 985 * POINT_s, 765 + 5 * (6 * 6 + 4 * 2)),
+    "time_sync_acceleration": (61.0, 3),
+    "time_sync_linear": (61.0, 1),
+    "time_sync_sar": (501.0, 6),
+    "time_sync_stationary": (61.0, 1),
+    "time_sync_turn": (70.0, 3),
     "timeline_example": (142.0, 1),
 }
 

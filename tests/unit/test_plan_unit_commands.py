@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.campaigns import fog_limits, rlg_limits
+from bench.campaigns import fog_limits, rlg_limits, time_sync_limits
 from bench.campaigns.gnc_limits import SPECIFIED
 from bench.campaigns.gnc_units import IDENTITY, SUPPLY
 from bench.campaigns.gnc_units import ITEMS as JUDGED
@@ -160,7 +160,8 @@ def test_an_analysis_of_records_needs_one(tmp_path: Path) -> None:
 def test_the_limits_are_those_of_the_analyses() -> None:
     assert {name: dimension for name, (dimension, _) in SPECIFIED.items()} == dict(DIMENSIONS)
     of_fog = {name: dimension for name, (dimension, _) in fog_limits.SPECIFIED.items()}
-    assert dict(OF_ANALYSES) == {"fog_north": of_fog, "rlg_lock_in": rlg_limits.DIMENSIONS}
+    of_sync = {name: dimension for name, (dimension, _) in time_sync_limits.SPECIFIED.items()}
+    assert dict(OF_ANALYSES) == {"fog_north": of_fog, "rlg_lock_in": rlg_limits.DIMENSIONS, "time_sync": of_sync}
 
 
 def test_samples_of_frames_that_count_b_plan_092(tmp_path: Path) -> None:

@@ -154,6 +154,18 @@ def test_windows_without_a_gap_go_on_with_the_interrupted_one(tmp_path: Path) ->
     assert stopped_at(made, journal(2), taken(0, 1)) == Position(2, 2, ())
 
 
+def test_a_recording_with_acts_of_a_person_begins_anew_with_what_was_asked_before_it(tmp_path: Path) -> None:
+    """Half a flight is none: whoever stopped in it, or between its records, is asked for the whole of it again."""
+    rig = Rig(tmp_path)
+    for text, follows in (("fly", False), ("accelerate", True), ("no more", True)):
+        rig.step("prompt", text=text, sets={"x": text})
+        rig.step("record", "imu", seconds=1.0, retry_step=0, **({"follows": True} if follows else {}))
+    rig.step("prompt", text="radar off", sets={"radar": "off"})
+    rig.step("prompt", text="another vehicle", sets={"x": 0})
+    rig.step("record", "imu", seconds=1.0, retry_step=7)
+    assert [point_start(rig.steps, index) for index in range(9)] == [0, 0, 0, 0, 0, 0, 6, 7, 7]
+
+
 def north(folder: Path) -> Any:
     """Points as those of the north finder: set, settle, record, two readings; then a reading before the next point."""
     rig = Rig(folder)
