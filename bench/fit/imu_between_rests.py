@@ -76,7 +76,7 @@ def fit_between_rests(
         (gyro[span] - 0.5 * (rest[k] + rest[k + 1])) * step_s[span, None] / counts_per_deg_s
         for k, span in enumerate(spans)
     ]
-    matrix, residual, jacobian = _search(_padded(increments), unit)
+    matrix, residual, jacobian = _search(side_by_side(increments), unit)
     dof = 2 * len(spans) - 9  # a unit vector has two free components
     variance = float(np.sum(residual**2)) / dof
     return BetweenRestsFit(
@@ -95,7 +95,7 @@ def _search(padded: Array, unit: Array) -> tuple[Array, Array, Array]:
     from scipy import optimize
 
     def residual(x: Array) -> Array:
-        return np.asarray((_carried(padded @ x.reshape(3, 3).T, unit[:-1]) - unit[1:]).ravel())
+        return np.asarray((carried(padded @ x.reshape(3, 3).T, unit[:-1]) - unit[1:]).ravel())
 
     found = optimize.least_squares(residual, np.eye(3).ravel(), method="lm", xtol=1e-10, ftol=1e-10, max_nfev=_TRIALS)
     rms_deg = float(np.degrees(np.sqrt(found.fun @ found.fun / len(padded))))
@@ -118,8 +118,13 @@ def _search(padded: Array, unit: Array) -> tuple[Array, Array, Array]:
 _TURNS = "turn the unit between rests about each axis in both directions, by 90 degrees or so"
 
 
-def _padded(increments: list[Array]) -> Array:
-    """(k - 1, m, 3) increments in degrees, zeros behind the end of each, m a power of two."""
+def side_by_side(increments: list[Array]) -> Array:
+    """Stretches of different length as one array.
+
+    Args:    increments: (m_i, 3) each, degrees.
+    Returns: (k, m, 3), zeros behind the end of each, m a power of two.
+    Source:  none; a turn of zero turns nothing.
+    """
     longest = max(len(one) for one in increments)
     padded = np.zeros((len(increments), 1 << (longest - 1).bit_length(), 3))
     for place, one in enumerate(increments):
@@ -127,8 +132,13 @@ def _padded(increments: list[Array]) -> Array:
     return padded
 
 
-def _carried(increment: Array, vector: Array) -> Array:
-    """A vector that stands still, in the body after all increments: product of exp(-[increment x]), last one first."""
+def carried(increment: Array, vector: Array) -> Array:
+    """A vector that stands still, in the body after all increments: product of exp(-[increment x]), last one first.
+
+    Args:    increment: (k, m, 3) degrees, m a power of two.   vector: (k, 3) in the body before.
+    Returns: (k, 3) in the body behind.
+    Source:  Tedaldi et al. 2014, equation (11), by products of quaternions in pairs.
+    """
     turns = _quaternions(-np.radians(increment))
     while turns.shape[1] > 1:
         turns = _product(turns[:, 1::2], turns[:, 0::2])

@@ -57,7 +57,7 @@ def static_intervals(
     initial = float(np.linalg.norm(np.var(samples[:first], axis=0)))
     if initial == 0.0:
         raise _no_rest(f"the outputs do not change at all in the first {initial_s:g} s")
-    size = np.linalg.norm(_moving_variance(samples, half), axis=1)
+    size = np.linalg.norm(moving_variance(samples, half), axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], (size < multiple * initial).astype(np.int8), [0]])))
     begin, end = edges[0::2], edges[1::2]
     long = end - begin >= least_s * rate_Hz
@@ -68,8 +68,13 @@ def static_intervals(
     return StaticIntervals(begin[long], end[long], multiple * initial, initial)
 
 
-def _moving_variance(samples: Array, half: int) -> Array:
-    """(n, 3) variance in windows of 2 half + 1 samples; infinite within half a window of an end."""
+def moving_variance(samples: Array, half: int) -> Array:
+    """Variance around each sample.
+
+    Args:    samples: (n, 3), any unit.   half: samples on each side.
+    Returns: (n, 3), in windows of 2 half + 1 samples; infinite within half a window of an end.
+    Source:  definition of the variance, from running sums.
+    """
     centred = samples - samples.mean(axis=0)  # sums of squares would lose digits
     width = 2 * half + 1
     sums = np.cumsum(np.vstack([np.zeros(3), centred]), axis=0)

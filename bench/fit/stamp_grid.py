@@ -1,0 +1,128 @@
+"""Line of the least delay where receive stamps come in steps, because the bench looks at its ports at intervals.
+
+A frame stamped r arrived between r - step and r. With the least delay on a line, an exponential excess delay and normal
+noise of the tags, every frame has a probability, and the line is the most likely one.
+
+Source: distribution of a normal plus an exponential variable, Grushka, Analytical Chemistry 44 (1972); covariance by
+White, Econometrica 50 (1982), over blocks of time; JCGM 100:2008 section 4.3.7 for rectangular bounds.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, special
+
+Array = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+_COMMON = 5  # times that a difference between stamps comes
+_FINE_s = 1e-5  # steps below are none
+_LEAST_NOISE = 0.003  # of a step: below, the likelihood has corners
+_LEAST_EXCESS = 0.1  # of a step: below, most frames of a stretch say the same
+_BLOCKS = 40
+_STARTS = (0.02, 0.35, 0.7)  # of a step below the lowest delays
+_TINY = 1e-300
+
+
+@dataclass(frozen=True)
+class Grid:
+    """``place``: -1 to 1 over the recording, (n,).   ``delay_s``: (n,).   ``step_s``: of the stamps.
+    ``noise_s``: of the tags.
+    """
+
+    place: Array
+    delay_s: Array
+    step_s: float
+    noise_s: float
+
+
+def grid_s(received_ns: Int64) -> float:
+    """Step of receive stamps, 0 if there is none above 10 us.
+
+    Args:    received_ns: (n,), of all ports that the bench looks at together.
+    Returns: second: the greatest common divisor of the differences that come more than once in a while.
+    Raises:  nothing.
+    Source:  a clock that is read at any time repeats no difference.
+    """
+    differences, counts = np.unique(np.diff(np.sort(received_ns)), return_counts=True)
+    often = differences[(counts >= _COMMON) & (differences > 0)]
+    step_s = float(np.gcd.reduce(often)) * 1e-9 if often.size else 0.0
+    return step_s if step_s >= _FINE_s else 0.0
+
+
+def grid_line(grid: Grid, level_s: float, slope_s: float) -> tuple[float, float, float, Array]:
+    """Most likely line of the least delay.
+
+    Args:    grid: the delays.   level_s, slope_s: line below all of them, per unit of place.
+    Returns: level, slope, mean excess delay, covariance (2, 2) of level and slope; seconds.
+    Raises:  nothing.
+    Source:  see the head of this file.
+    """
+    delay = (grid.delay_s - level_s - slope_s * grid.place) / grid.step_s
+    noise = max(grid.noise_s / grid.step_s, _LEAST_NOISE)
+    excess = math.log(max(float(delay.mean()) - 0.5, 0.05))
+
+    def cost(at: Array) -> tuple[float, Array]:
+        value, scores = _log_likelihood(delay, grid.place, noise, at)
+        return -float(value.mean()), -scores.mean(axis=0)
+
+    found = [
+        optimize.minimize(cost, np.array([-start, 0.0, excess]), jac=True, method="BFGS", options={"gtol": 1e-7})
+        for start in _STARTS
+    ]
+    best = min(found, key=lambda one: float(one.fun))
+    at = np.asarray(best.x, np.float64)
+    covariance = _covariance(delay, grid.place, noise, at)
+    bound = np.diag([1.0 / 12.0, 1.0 / 6.0])
+    steady = math.exp(float(at[2])) < _LEAST_EXCESS  # nothing shows the place within a step
+    if steady or covariance is None or np.any(np.diag(covariance) > np.diag(bound)):
+        at, covariance = np.array([-0.5, 0.0, at[2]]), bound
+    jitter_s = math.exp(float(at[2])) * grid.step_s
+    level, slope = level_s + float(at[0]) * grid.step_s, slope_s + float(at[1]) * grid.step_s
+    return level, slope, jitter_s, covariance * grid.step_s**2
+
+
+def _log_likelihood(delay: Array, place: Array, noise: float, at: Array) -> tuple[Array, Array]:
+    """Of each frame, (n,), and its derivatives by level, slope and logarithm of the excess, (n, 3); units of a step."""
+    excess = math.exp(float(at[2]))
+    late = delay - at[0] - at[1] * place
+    survived, density, by_excess = _later(late - 1.0, noise, excess)
+    more, more_density, more_by_excess = _later(late, noise, excess)
+    probability = np.maximum(survived - more, _TINY)
+    by_late = (more_density - density) / probability
+    by_log = (by_excess - more_by_excess) * excess / probability
+    return np.log(probability), np.stack([-by_late, -by_late * place, by_log], axis=1)
+
+
+def _later(late: Array, noise: float, excess: float) -> tuple[Array, Array, Array]:
+    """Probability of a longer delay, its density, and the derivative of the probability by the mean excess."""
+    ratio = noise / excess
+    u = late / noise
+    exponent = np.minimum(0.5 * ratio**2 - late / excess, 700.0)
+    tail = np.exp(exponent + special.log_ndtr(u - ratio))
+    peak = np.exp(np.maximum(exponent - 0.5 * (u - ratio) ** 2, -700.0)) / math.sqrt(2.0 * math.pi)
+    by_excess = tail * (late / excess**2 - noise**2 / excess**3) + peak * noise / excess**2
+    return special.ndtr(-u) + tail, tail / excess, by_excess
+
+
+def _covariance(delay: Array, place: Array, noise: float, at: Array) -> Array | None:
+    """Of level and slope, (2, 2): the larger of the two of a likelihood; None if it has no peak."""
+    steps = np.diag([2e-3, 2e-3, 2e-3])
+
+    def gradient(x: Array) -> Array:
+        return np.asarray(_log_likelihood(delay, place, noise, x)[1].sum(axis=0))
+
+    information = -np.array([(gradient(at + step) - gradient(at - step)) / (2.0 * 2e-3) for step in steps])
+    information = 0.5 * (information + information.T)
+    if not np.all(np.isfinite(information)) or np.linalg.eigvalsh(information)[0] <= 0.0:
+        return None
+    inverse = np.linalg.inv(information)
+    scores = _log_likelihood(delay, place, noise, at)[1]
+    part = np.minimum(((place + 1.0) * 0.5 * _BLOCKS).astype(np.int64), _BLOCKS - 1)
+    blocks = np.stack([np.bincount(part, scores[:, k], _BLOCKS) for k in range(3)], axis=1)
+    robust = inverse @ (blocks.T @ blocks) @ inverse
+    both = inverse[:2, :2], robust[:2, :2]
+    return np.asarray(max(both, key=lambda one: float(np.trace(one))))
