@@ -14,6 +14,7 @@ from typer.exceptions import Abort, TyperException
 from bench import __version__
 from bench.commands.batch_app import batch
 from bench.commands.history_app import app as history_app
+from bench.commands.study_app import study
 from bench.model.errors import BenchError, ExitStatus
 
 app = typer.Typer(
@@ -187,6 +188,7 @@ def coefficients(
 
 
 app.command(epilog="Example: bench batch sessions --out batch")(batch)
+app.command(epilog="Example: bench study time_sync --dask local:2 --out study")(study)
 
 
 @app.command("import", epilog="Example: bench import docs/mappings/tckit_1v_ramp.yaml log.dsv --out sessions")

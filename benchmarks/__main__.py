@@ -5,7 +5,10 @@ from __future__ import annotations
 import subprocess
 import sys
 
-NAMES = ("decoder", "step_cost", "replay", "campaign", "memory", "history", "batch", "latency", "page", "tagger")
+NAMES = (
+    *("decoder", "step_cost", "replay", "campaign", "memory", "history", "batch", "latency", "page", "tagger"),
+    "time_sync",
+)
 
 
 def main() -> int:

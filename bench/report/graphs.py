@@ -1,4 +1,4 @@
-"""Figures that an analysis describes as plain documents: curves, points and bands, alone or as panels of a group."""
+"""Figures that an analysis describes as plain documents: curves, points, bands, images; alone or as panels."""
 
 from __future__ import annotations
 
@@ -89,6 +89,11 @@ def _draw_series(axes: Axes, series: Document, index: int) -> None:
         axes.fill_between(x, series["low"], series["high"], color=colour, alpha=0.18, linewidth=0.0, label=name)
         return
     y = np.asarray(series["y"], np.float64)
+    if style == "image":  # x, y: its spans; z (y, x): the lowest is white
+        span = (x[0], x[-1], y[0], y[-1])
+        axes.imshow(series["z"], extent=span, origin="lower", aspect="auto", cmap="Greys", interpolation="nearest")
+        axes.grid(visible=False)
+        return
     if style == "points":
         few = len(x) <= _FEW
         if "low" in series:

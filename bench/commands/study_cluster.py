@@ -1,0 +1,168 @@
+"""The tasks of a study on a Dask cluster: one that runs already, or processes of this machine.
+
+A task computes the same on any worker with the same software, and its results are put together in the order of the
+tasks: which worker took which task, or died over it, changes no byte.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import platform
+import re
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib.metadata import version
+from typing import Any, Protocol
+
+from bench import __version__
+from bench.campaigns.sync_study import Task
+from bench.campaigns.sync_study_tasks import run_task
+from bench.model.errors import BenchError, InputError, RunError
+
+EXTRA = "cluster"
+CONNECT_s, WORKERS_s = 15, 60
+MOST_WORKERS = 256
+COMPARED = ("numpy", "scipy", "distributed")
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+_LOCAL, _ADDRESS = re.compile(r"local:(\d{1,4})"), re.compile(r"(tcp|tls)://[^\s/:]+(:\d{1,5})?|tcp://\[[^\s\]]+\]:\d+")
+_HELP = "use tcp://host:port of a scheduler that runs, or local:N for N processes on this machine"
+
+
+class Listener(Protocol):
+    """Who is told what is done."""
+
+    def done(self, task: Task, result: Any) -> Any: ...
+    def said(self, text: str) -> None: ...
+
+
+def run_on_cluster(where: str, tasks: Sequence[Task], listener: Listener) -> list[Any]:
+    """Results of the tasks, in their order.
+
+    Args:    where: ``tcp://host:port`` or ``local:N``.
+    Raises:  InputError B-STUDY-003 for any other place, B-STUDY-004 without Dask, B-STUDY-005 if the scheduler or a
+             worker does not answer, B-STUDY-006 if a worker has other software or more threads; RunError B-STUDY-007
+             if a task fails there, or is lost with its workers more often than Dask allows.
+    """
+    if not _LOCAL.fullmatch(where) and not _ADDRESS.fullmatch(where):
+        raise InputError("B-STUDY-003", f"{where!r} is no place to compute at", where="--dask", next_step=_HELP)
+    try:
+        import distributed
+    except ModuleNotFoundError as error:
+        text = f"--dask needs the package {error.name}, which is not installed"
+        step = f"install inertial-bench[{EXTRA}], or leave --dask out"
+        raise InputError("B-STUDY-004", text, where="--dask", next_step=step) from error
+    with _connected(distributed, where) as client:
+        _check(where, client)
+        return _shared_out(distributed, client, tasks, listener)
+
+
+@contextmanager
+def _connected(distributed: Any, where: str) -> Iterator[Any]:
+    """A client of the cluster; a local one lives as long as this does."""
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # a worker that dies is told of by what it did
+    local = _LOCAL.fullmatch(where)
+    cluster = None
+    try:
+        if local:
+            count = int(local[1])
+            if not 1 <= count <= MOST_WORKERS:
+                text = f"{count} workers are not possible, 1 to {MOST_WORKERS} are"
+                raise InputError("B-STUDY-003", text, where="--dask", next_step=_HELP)
+            cluster = _local_cluster(distributed, count)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # versions are compared below, and a mismatch is an error there
+            client = _client(distributed, where, cluster)
+        try:
+            yield client
+        finally:
+            client.close()
+    finally:
+        if cluster is not None:
+            cluster.close()
+
+
+def _local_cluster(distributed: Any, count: int) -> Any:
+    for variable in THREADS:
+        os.environ.setdefault(variable, "1")
+    return distributed.LocalCluster(
+        n_workers=count,
+        threads_per_worker=1,
+        processes=True,
+        host="127.0.0.1",
+        dashboard_address=None,
+        memory_limit=0,
+        silence_logs=logging.CRITICAL,
+    )
+
+
+def _client(distributed: Any, where: str, cluster: Any) -> Any:
+    try:
+        client = distributed.Client(cluster or where, timeout=CONNECT_s)
+    except (OSError, TimeoutError, ValueError) as error:
+        text = f"no scheduler answers within {CONNECT_s} s"
+        step = "start one with 'dask scheduler' and look at the address it prints, or use --dask local:N"
+        raise InputError("B-STUDY-005", text, where=where, next_step=step) from error
+    try:
+        client.wait_for_workers(1, timeout=WORKERS_s)
+    except TimeoutError as error:
+        client.close()
+        text = f"the scheduler has no worker after {WORKERS_s} s"
+        step = f"start some: 'dask worker {where} --nthreads 1 --nworkers N'"
+        raise InputError("B-STUDY-005", text, where=where, next_step=step) from error
+    return client
+
+
+def software_here() -> dict[str, str]:
+    """Versions that the numbers may depend on, and the threads of the linear algebra; of the process that is asked."""
+    versions = {name: version(name) for name in COMPARED}
+    threads = {name: os.environ.get(name, "not set") for name in THREADS}
+    return {"inertial-bench": __version__, "python": platform.python_version(), **versions, **threads}
+
+
+def _check(where: str, client: Any) -> None:
+    try:
+        found: Mapping[str, Mapping[str, str]] = client.run(software_here)
+    except Exception as error:  # whatever it is that an unknown worker lacks
+        text = f"the workers cannot run the bench: {type(error).__name__}: {' '.join(str(error).split())[:200]}"
+        raise _other_software(where, text) from error
+    here = {**software_here(), **dict.fromkeys(THREADS, "1")}
+    for worker, versions in found.items():
+        for name, due in here.items():
+            if versions.get(name) != due:
+                text = f"worker {worker} has {name} {versions.get(name, 'not at all')}; {due} is due, as here"
+                raise _other_software(where, text)
+
+
+def _other_software(where: str, text: str) -> InputError:
+    step = f"give every worker the locked packages and this release, with {'=1 '.join(THREADS)}=1"
+    return InputError("B-STUDY-006", text, where=where, next_step=step)
+
+
+def run_there(task: Task) -> tuple[Any, str]:
+    """Result of a task, or what went wrong in words: an error of the bench need not travel as an object."""
+    try:
+        return run_task(task), ""
+    except BenchError as error:
+        return None, str(error)
+
+
+def _shared_out(distributed: Any, client: Any, tasks: Sequence[Task], listener: Listener) -> list[Any]:
+    futures = [client.submit(run_there, task, pure=False) for task in tasks]
+    by_key = {future.key: task for future, task in zip(futures, tasks, strict=True)}
+    for future in distributed.as_completed(futures):
+        listener.done(by_key[future.key], None)
+    return [_result(future, task) for future, task in zip(futures, tasks, strict=True)]
+
+
+def _result(future: Any, task: Task) -> Any:
+    try:
+        result, wrong = future.result()
+    except (Exception, asyncio.CancelledError) as error:
+        wrong = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
+    if wrong:
+        step = "look at the workers' own logs (memory?), then start again; on one machine leave --dask out"
+        raise RunError("B-STUDY-007", f"{task.name} failed on the cluster: {wrong}", next_step=step)
+    return result
