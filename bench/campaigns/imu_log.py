@@ -50,6 +50,8 @@ def imu_log(material: Material) -> ImuLog:
     whole = np.isfinite(accel).all() and (gyro is None or np.isfinite(gyro).all())
     if len(t_s) < 2 or not whole:
         raise _unusable("a value is missing in the columns of the sensors")
+    if not t_s[-1] > t_s[0]:
+        raise _unusable("all rows of the log have the same time")
     site = material.campaign.get("site") or {}
     if not site.get("gravity_m_s2"):
         raise _unusable("the mapping does not state the gravity of the site")

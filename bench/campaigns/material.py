@@ -75,6 +75,7 @@ class Material:
     ``exchanges``: commands to the unit and their answers.   ``layouts``: of the payloads, by name of the command.
     ``utc_offset_s``: UTC (seconds since 1970) minus the bench clock, None if unknown.
     ``series``: columns of an imported log, (n,) each, "t_s" among them; empty for a session of this bench.
+    ``line_s``: seconds that a frame takes on its line, by link; those of one length on a serial port only.
     """
 
     rows: Sequence[RecordRow]
@@ -86,3 +87,4 @@ class Material:
     layouts: Mapping[str, CommandLayout] = field(default_factory=dict)
     utc_offset_s: float | None = None
     series: Mapping[str, Floats] = field(default_factory=dict)
+    line_s: Mapping[str, float] = field(default_factory=dict)

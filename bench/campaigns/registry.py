@@ -15,10 +15,12 @@ from bench.campaigns import (
     imu_calibration,
     imu_multi_position,
     imu_six_position,
+    imu_strapdown,
     magnetometer,
     rlg_lock_in,
     scale_factor,
     temperature_ramp,
+    time_sync,
 )
 from bench.campaigns.analysis import Analysis
 from bench.campaigns.material import Material
@@ -47,6 +49,8 @@ ANALYSES: Mapping[str, AnalysisModule] = {
     "rlg_lock_in": rlg_lock_in,
     "imu_six_position": imu_six_position,
     "imu_multi_position": imu_multi_position,
+    "imu_strapdown": imu_strapdown,
+    "time_sync": time_sync,
 }
 
 

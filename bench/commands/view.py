@@ -19,6 +19,7 @@ from bench.campaigns.material import Exchange, Material, Reading, Trace
 from bench.campaigns.registry import analyse
 from bench.campaigns.results import INCOMPLETE, build_results
 from bench.commands.happenings import happening_tables, punctuality
+from bench.commands.line_times import line_times_s
 from bench.commands.operation import alarms_raised, commands_given, hashes_of, length_s, surroundings
 from bench.commands.splices import splice_documents, splice_tables
 from bench.frame import CommandLayout, parse_frame
@@ -110,6 +111,7 @@ def material_of(view: SessionView) -> Material:
         exchanges=_last_of_each([_exchange(fields) for _, fields in view.events_of("exchange")]),
         layouts=_layouts(view),
         utc_offset_s=None if view.utc_offset_ns is None else view.utc_offset_ns / NS,
+        line_s=line_times_s(view.manifest, view.texts),
     )
 
 

@@ -1,4 +1,4 @@
-"""Times of a log's rows: patterns, ISO 8601, seconds since 1970 or a start, sample numbers; as UTC in nanoseconds."""
+"""Times of a log's rows: patterns, ISO 8601, seconds since 1970 or a start, samples numbered or counted; UTC in ns."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from decimal import Decimal, InvalidOperation
 
 from bench.model.clock import NS
 from bench.model.units import read_quantity
-from bench.plan.mapping import ELAPSED, ISO, SAMPLES, UNIX, TimeColumn
+from bench.plan.mapping import ELAPSED, ISO, ROWS, SAMPLES, UNIX, TimeColumn
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)
@@ -20,6 +20,7 @@ class TimeReader:
     def __init__(self, column: TimeColumn, decimal: str) -> None:
         self._format = column.format
         self._numeric = column.format in (ELAPSED, UNIX, SAMPLES)
+        self._row = -1
         self._zone = timezone(timedelta(seconds=column.offset_s))
         self._comma = decimal == ","
         self._start_ns = 0 if column.start is None else _utc_ns(datetime.fromisoformat(column.start))
@@ -29,7 +30,10 @@ class TimeReader:
             self._unit_ns = NS / Decimal(str(column.rate))
 
     def utc_ns(self, text: str) -> int:
-        """UTC in ns since 1970. Raises ValueError if the text is no such time."""
+        """UTC in ns since 1970, to be asked once for each row. Raises ValueError if the text is no such time."""
+        if self._format == ROWS:
+            self._row += 1
+            return self._start_ns + math.floor(self._row * self._unit_ns)
         if self._numeric:
             return self._start_ns + self._number_ns(text)
         try:

@@ -33,9 +33,10 @@ def crashes(tmp_path_factory: pytest.TempPathFactory) -> Crashes:
 def rehearse(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Rehearsal]:
     """Run a plan; ``arrange`` changes the world before anything is opened, ``act`` at each step."""
 
+    plain = simulation.open_world  # not what an earlier run of the same test has put there
+
     def start(plan: Plan, arrange: Callable[[World], None] | None = None, act: Act | None = None) -> Rehearsal:
         watched = Watched(act or (lambda world, step: None))
-        plain = simulation.open_world
 
         def open_world(*words: Any, **options: Any) -> World:
             world = plain(*words, **options)

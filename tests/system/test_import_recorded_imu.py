@@ -29,7 +29,7 @@ def imported(out: Path, mapping: str, file: Path) -> tuple[Path, ImportedSeries]
     path = ROOT / "docs" / "mappings" / f"{mapping}.yaml"
     done = bench("import", str(path), str(file), "--out", str(out))
     assert done.returncode == 0, done.stderr
-    session = next(folder for folder in out.iterdir() if folder.name.endswith(f"{mapping}_unknown"))
+    session = next(folder for folder in out.iterdir() if folder.name.endswith(f"_{mapping}_unknown"))
     return session, replay_series(session)
 
 
@@ -74,3 +74,22 @@ def test_many_poses_in_raw_counts(tmp_path: Path) -> None:
     assert series.counts.rows == 51175
     np.testing.assert_allclose(estimates(session, "accel_sensitivity"), [414.42, 412.03, 414.62], atol=0.05)
     assert SessionReader(session).manifest["campaign"]["site"]["gravity_m_s2"] == 9.81744
+
+
+def test_drift_of_a_decoded_capture_and_of_two_files_side_by_side(tmp_path: Path) -> None:
+    """As docs/importing.md says: a capture through its frame, counts of two triads pasted, no setting for either."""
+    table = tmp_path / "vn100.csv"
+    done = bench("decode", "vn100_binary", str(FOLDER / "vn100" / "F00379"), "--csv", str(table))
+    assert done.returncode == 0, done.stderr
+    session, series = imported(tmp_path / "vn100", "vn100_strapdown", table)
+    assert (series.counts.rows, series.columns["t_s"][-1]) == (8895, 889.4)
+    (walk,) = estimates(session, "angle_random_walk")
+    assert abs(walk - 0.21) < 0.03  # the maker: 0.0035 deg/s/sqrt(Hz)
+    assert estimates(session, "gyro_drift", sensor_class="tactical")
+    both = tmp_path / "xsens.txt"
+    files = [POSES.with_name(name).read_text(encoding="ascii").splitlines() for name in (POSES.name, "xsens_gyro.mat")]
+    both.write_text("".join(f"{one} {other}\n" for one, other in zip(*files, strict=True)), encoding="ascii")
+    session, _ = imported(tmp_path / "xsens", "imu_tk_strapdown", both)
+    (level,) = estimates(session, "level_error")
+    assert level < 1.0
+    assert estimates(session, "angle_random_walk", sensor_class="consumer")

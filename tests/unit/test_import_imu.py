@@ -128,6 +128,40 @@ def refused(text: str) -> str:
     return str(caught.value)
 
 
+ROWS = """\
+mapping: counted
+uut: {model: M, serial: S-3}
+analysis: none
+columns:
+  offset: {role: time, format: rows, rate: 10 Hz, start: 2024-01-01T00:00:00Z}
+  "gyro_x [rad/s]": {role: gyro, axis: x, unit: rad/s}
+"""
+
+
+def test_rows_are_counted_whatever_their_column_holds(tmp_path: Path) -> None:
+    log = "offset,gyro_x [rad/s]\n271,0.1\n410,-0.5\n\nno number,3.141592653589793\n"
+    _, series = imported(tmp_path, ROWS, log)
+    assert series.columns["t_s"].tolist() == [0.0, 0.1, 0.2]
+    np.testing.assert_allclose(series.columns["gyro_x_deg_s"], np.degrees([0.1, -0.5, np.pi]), rtol=1e-15)
+
+
+def test_what_counted_rows_need() -> None:
+    assert "takes no 'unit'" in refused(ROWS.replace("rate:", "unit: s, rate:"))
+    assert "needs 'rate'" in refused(ROWS.replace("rate: 10 Hz, ", ""))
+    assert "needs 'start'" in refused(ROWS.replace(", start: 2024-01-01T00:00:00Z", ""))
+    assert "no row may be left out" in refused(ROWS + "bad_rows: 1 %\n")
+
+
+def test_a_strapdown_needs_both_triads() -> None:
+    columns = [f"  {role[0]}{axis}: {{role: {role}, axis: {axis}, unit: \"1\"}}\n" for role in ("gyro", "accelerometer")
+               for axis in "xyz"]  # fmt: skip
+    head = ROWS.partition('  "gyro')[0].replace("none", "imu_strapdown")
+    text = head + "".join(columns) + "site: {gravity: 9.81 m/s2}\n"
+    assert parse_yaml(text, "m.yaml", LogMapping).model.analysis == "imu_strapdown"
+    assert "needs a gyro column of the axis y" in refused(text.replace(columns[1], ""))
+    assert "needs an accelerometer column of the axis z" in refused(text.replace(columns[5], ""))
+
+
 def test_what_an_analysis_of_positions_needs() -> None:
     assert parse_yaml(POSITIONS, "m.yaml", LogMapping).model.analysis == "imu_six_position"
     assert "'up: -y'" in refused(POSITIONS.replace("up: -y", "up: +y"))
