@@ -22,8 +22,8 @@ SHOWN_ms = 20.0  # offset of the paper's figures 15 and 16
 SHORT_s, LONG_s, QUICK_LONG_s = 60.0, 500.0, 200.0
 APERTURE_s = 10.0
 SETTLED_s = 5.0  # statistics begin when the first corrections are over
-BASE, STIFF, LOOSE = "base", "stiff", "loose"
-SIGMA_R = {BASE: (1.0, 0.2, 0.01), STIFF: (1.0, 0.05, 0.01), LOOSE: (10.0, 2.0, 0.05)}  # m, m/s, deg
+BASE, TIGHT, LOOSE = "base", "tight", "loose"
+SIGMA_R = {BASE: (1.0, 0.2, 0.01), TIGHT: (1.0, 0.05, 0.01), LOOSE: (10.0, 2.0, 0.05)}  # m, m/s, deg
 AUGMENTED, UNAUGMENTED, ERRORLESS = "augmented", "unaugmented", "none"
 NARROW_P0_m, WIDE_P0_m = 1.0, 10.0
 
@@ -123,9 +123,9 @@ def tasks_of(options: StudyOptions) -> list[Task]:
 
 
 def image_tasks(options: StudyOptions) -> list[Task]:
-    """The long flight, two offsets at a time: stiff filters with and without the offset's state, and a loose one."""
+    """The long flight, two offsets at a time: tight filters with and without the offset's state, and a loose one."""
     offsets_s = [one * 1e-3 for one in options.offsets_ms]
-    kinds = ((False, STIFF), (True, STIFF), (True, LOOSE))
+    kinds = ((False, TIGHT), (True, TIGHT), (True, LOOSE))
     blocks = [offsets_s[at : at + 2] for at in range(0, len(offsets_s), 2)]
     return [
         Task("image", "sar", options.long_s, _groups(block, kinds), options.runs, options.seed, WIDE_P0_m)
@@ -134,7 +134,7 @@ def image_tasks(options: StudyOptions) -> list[Task]:
 
 
 def _unaugmented(options: StudyOptions, offsets_s: Sequence[float]) -> list[Task]:
-    groups = _groups(offsets_s, ((False, BASE), (False, STIFF)))
+    groups = _groups(offsets_s, ((False, BASE), (False, TIGHT)))
     flown = ("turn", "acceleration", "linear", "stationary")
     return [Task("flight", one, SHORT_s, groups, options.runs, options.seed) for one in flown]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.sync_study import BASE, STIFF, UNAUGMENTED, Group, SETTLED_s
+from bench.campaigns.sync_study import BASE, TIGHT, UNAUGMENTED, Group, SETTLED_s
 from bench.campaigns.sync_study_paper import (
     ACCELERATION_m_s2,
     MANOEUVRE_s,
@@ -148,18 +148,18 @@ def _stationary(found: Results, offset_ms: float) -> Documents:
 
 
 def _biases(found: Results, offset_ms: float) -> Documents:
-    """Figures 5 to 7: biases during the manoeuvre with stiff noise, and those that the offset does not reach."""
+    """Figures 5 to 7: biases during the manoeuvre with tight noise, and those that the offset does not reach."""
     documents: Documents = []
     for manoeuvre, untouched in UNTOUCHED.items():
-        flight, group = found.flight(manoeuvre, augmented=False), unaugmented(offset_ms, STIFF)
+        flight, group = found.flight(manoeuvre, augmented=False), unaugmented(offset_ms, TIGHT)
         for name, unit in (("accel_bias_ug", "ug"), ("gyro_bias_deg_h", "deg/h")):
             for axis, place in enumerate(BODY):
                 rms = over_time(flight, name, group, axis, MANOEUVRE_s)
-                conditions = case(manoeuvre, offset_ms, axis=place, noise=STIFF)
+                conditions = case(manoeuvre, offset_ms, axis=place, noise=TIGHT)
                 quantity = f"{name.rpartition('_bias')[0]}_bias_rms"
                 documents.append(measured(quantity, unit, rms, rms_std(rms, flight.runs), conditions, n=flight.runs))
                 if offset_ms and (name, axis) in untouched:
-                    ratio = _ratio(flight, name, offset_ms, STIFF, axis, MANOEUVRE_s)
+                    ratio = _ratio(flight, name, offset_ms, TIGHT, axis, MANOEUVRE_s)
                     ends = {"at_least": 1 - _UNAFFECTED, "at_most": 1 + _UNAFFECTED}
                     documents.append(measured(f"{quantity}_ratio", "1", ratio, 0.0, conditions, n=flight.runs, **ends))
     return documents

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.sync_study import BASE, LOOSE, STIFF, RECOVERED_ms, SHOWN_ms
+from bench.campaigns.sync_study import BASE, LOOSE, TIGHT, RECOVERED_ms, SHOWN_ms
 from bench.campaigns.sync_study_documents import Document, Documents, curve, drawn, milliseconds
 from bench.campaigns.sync_study_errors import unaugmented
 from bench.campaigns.sync_study_recovery import augmented
@@ -28,11 +28,11 @@ def error_figures(found: Results, offsets_ms: Sequence[float]) -> Documents:
         ("3", "stationary, north", still, position, "position / m"),
         ("4", "linear, north", linear, position, "position / m"),
         ("5", "(a) acceleration, north velocity", faster, velocity, "velocity / m/s"),
-        ("5", "(b) accelerometer bias, forward", faster, ("accel_bias_ug", 0, STIFF), "bias / ug"),
+        ("5", "(b) accelerometer bias, forward", faster, ("accel_bias_ug", 0, TIGHT), "bias / ug"),
         ("6", "(a) turn, yaw", turn, yaw, "attitude / deg"),
-        ("6", "(b) gyro bias, down", turn, ("gyro_bias_deg_h", 2, STIFF), "bias / deg/h"),
+        ("6", "(b) gyro bias, down", turn, ("gyro_bias_deg_h", 2, TIGHT), "bias / deg/h"),
         *(
-            ("7", f"turn, accelerometer bias, {name}", turn, ("accel_bias_ug", axis, STIFF), "bias / ug")
+            ("7", f"turn, accelerometer bias, {name}", turn, ("accel_bias_ug", axis, TIGHT), "bias / ug")
             for axis, name in enumerate(("forward", "right", "down"))
         ),
     )
@@ -42,9 +42,9 @@ def error_figures(found: Results, offsets_ms: Sequence[float]) -> Documents:
 _CAPTIONS = {
     "3": "A vehicle that stands still does not notice: the curves lie on each other.",
     "4": "The position lags by v T_d.",
-    "5": "Measurement noise: (a) base, (b) stiff.",
-    "6": "Measurement noise: (a) base, (b) stiff.",
-    "7": "Stiff measurement noise. The bias along the axis of rotation is not reached.",
+    "5": "Measurement noise: (a) base, (b) tight.",
+    "6": "Measurement noise: (a) base, (b) tight.",
+    "7": "Tight measurement noise. The bias along the axis of rotation is not reached.",
 }
 
 
@@ -63,7 +63,7 @@ def _over_time(
 def offset_figure(found: Results, offsets_ms: Sequence[float]) -> Documents:
     """Figure 11: the offset's error over the long flight, by measurement noise."""
     drawings = []
-    for noise, sentence in ((LOOSE, "loose"), (STIFF, "stiff")):
+    for noise, sentence in ((LOOSE, "loose"), (TIGHT, "tight")):
         parts: Documents = []
         for offset_ms in offsets_ms:
             flight, at = found.long_flight(augmented(offset_ms, noise))
@@ -72,7 +72,7 @@ def offset_figure(found: Results, offsets_ms: Sequence[float]) -> Documents:
         parts.append(curve("filter's own sigma", flight.t_s[seen], 1e3 * flight.offset_sigma_s[seen, at]))
         caption = (
             f"Figure 11. The first {_FIRST_s:g} s of the flight with images: acceleration from 20 to 30 s, turn from "
-            "50 to 60 s. With stiff noise the acceleration solves it already, and the filter believes too much; with "
+            "50 to 60 s. With tight noise the acceleration solves it already, and the filter believes too much; with "
             f"loose noise the turn does, as in the paper. {_RMS}"
         )
         drawings.append(

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.sync_study import STIFF, APERTURE_s, Group, Task
+from bench.campaigns.sync_study import TIGHT, APERTURE_s, Group, Task
 from bench.campaigns.sync_study_flight import Flown, flight_result, simulated
 from bench.campaigns.sync_study_results import Chip, Cut, Floats, ImageResult
 from bench.fit.sar_image import image_chip
@@ -21,7 +21,8 @@ from bench.fit.sar_pulses import Pulses
 from bench.fit.sar_response import Response, SEARCH_m, impulse_response
 from bench.fit.sync_setup import FineTrack
 
-IMAGED = STIFF  # noise of the filters whose solutions are focused
+_CHIP_m = 16.0  # half length: 30 ms at 250 m/s move the target by 8 m
+IMAGED = TIGHT  # noise of the filters whose solutions are focused
 SHOWN_RUN = 0
 _LAG, _BEYOND_LAG_m = 1.2, 8.0  # an image lags by some 9 % more than the offset does, and scatters by 0.8 m
 
@@ -138,5 +139,5 @@ def _cuts(group: Group, response: Response) -> list[Cut]:
 
 
 def _chip(scene: Scene, track_m: Floats, group: Group) -> Chip:
-    chip = image_chip(scene.one, track_m, scene.target_m)
+    chip = image_chip(scene.one, track_m, scene.target_m, half_azimuth_m=_CHIP_m)
     return Chip(group.offset_ms, group.solution, chip.azimuth_m, chip.range_m, np.abs(chip.value))

@@ -24,7 +24,7 @@ ASSUMED = (
     ("Units of Tables 1 and 2", "velocity random walk in ug per root hertz, angle random walk in deg per root hour"),
     (
         "Measurement noise R",
-        "base 1 m, 0.2 m/s, 0.01 deg (Tables 5 to 7, figures 3, 4, 5a, 6a, 15, 16); stiff 1 m, 0.05 m/s, 0.01 deg "
+        "base 1 m, 0.2 m/s, 0.01 deg (Tables 5 to 7, figures 3, 4, 5a, 6a, 15, 16); tight 1 m, 0.05 m/s, 0.01 deg "
         "(biases, images); loose 10 m, 2 m/s, 0.05 deg (figure 11)",
     ),
     (

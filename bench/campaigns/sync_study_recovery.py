@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.sync_study import AUGMENTED, BASE, LOOSE, STIFF, Group, RECOVERED_ms, SHORT_s, SHOWN_ms
+from bench.campaigns.sync_study import AUGMENTED, BASE, LOOSE, TIGHT, Group, RECOVERED_ms, SHORT_s, SHOWN_ms
 from bench.campaigns.sync_study_paper import MANOEUVRE_s
 from bench.campaigns.sync_study_results import FlightResult, Results
 from bench.campaigns.sync_study_tolerance import measured, rms_std
@@ -107,7 +107,7 @@ def _long(found: Results, offsets_ms: tuple[float, ...]) -> Documents:
     documents: Documents = []
     low, high = _NEES
     for offset_ms in offsets_ms:
-        for noise in (LOOSE, STIFF):
+        for noise in (LOOSE, TIGHT):
             group = augmented(offset_ms, noise)
             flight, column = found.long_flight(group)
             conditions = _conditions("sar", offset_ms, _NEES_AT_s, noise)

@@ -70,9 +70,11 @@ def _offset(result: SyncResult, name: str) -> Documents:
     one, ready = result.found.offsets[name], result.ready
     place: dict[str, Any] = {"method": name, "at_s": _epoch_s(result.found.at_s), "observable": one.seen}
     counted = {"n": result.found.samples, "dropped": ready.lost_egi + ready.unsound_egi}
-    judged = result.demands.uncertainty_s if name == result.method else None
     dof = dof_of(one)
     interval_s = coverage_factor(dof) * one.std_s
+    limit_s = result.demands.uncertainty_s if name == result.method else None
+    # an offset that the motion did not show can miss a limit, it cannot keep one: its interval is what was assumed
+    judged = limit_s if limit_s is not None and (one.seen or interval_s > limit_s) else None
     last = result.seen.associated[-1, GROUPS.index(name)]
     about = {"method": name}
     return [

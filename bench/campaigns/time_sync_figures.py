@@ -53,8 +53,9 @@ def _seen(result: SyncResult) -> Documents:
         t_s, variance, value = _thin(
             result.found.run.t_s, result.seen.offset_variance[:, group], result.seen.associated[:, group]
         )
-        parts.append(series(f"variance, {LABELS[name]}", t_s, np.maximum(variance, _LEAST), "line"))
-        parts.append(series(f"eigenvalue, {LABELS[name]}", t_s, np.maximum(value, _LEAST), "line"))
+        short = LABELS[name].removeprefix("augmented, ")
+        parts.append(series(f"variance, {short}", t_s, np.maximum(variance, _LEAST), "line"))
+        parts.append(series(f"eigenvalue, {short}", t_s, np.maximum(value, _LEAST), "line"))
     caption = (
         "Observability: variance of the offset over that at first, and the eigenvalue of the normalised covariance "
         "that belongs to it. At 1 nothing is learnt."

@@ -90,7 +90,7 @@ class LinkKeeper:
         """A step begins."""
         self._step = step.number
         self._commanded = step.role if step.kind == "unit" else ""
-        self._person(bool(step.arguments.get("sets")))
+        self._person(step.kind == "prompt" and bool(step.arguments.get("sets")))
         if step.kind in ("record", "soak"):
             self._needed, self._power_changed = True, False
         elif step.kind in ("unit", "send") or self._is_power(step):

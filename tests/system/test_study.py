@@ -12,14 +12,14 @@ from typing import Any
 import distributed
 import pytest
 
-from bench.campaigns.sync_study import BASE, NAME, STIFF, Group, StudyOptions, Task
+from bench.campaigns.sync_study import BASE, NAME, TIGHT, Group, StudyOptions, Task
 from bench.campaigns.sync_study_tasks import run_task
 from bench.commands import study as study_command
 from bench.commands.study import Request, study
 from bench.commands.study_cluster import run_on_cluster
 from bench.model.errors import InputError
 
-GROUPS = (Group(0.01, augmented=True, noise=BASE), Group(0.0, augmented=False, noise=STIFF))
+GROUPS = (Group(0.01, augmented=True, noise=BASE), Group(0.0, augmented=False, noise=TIGHT))
 TASKS = [Task("flight", one, 2.0, GROUPS, 2, 4) for one in ("turn", "linear", "acceleration", "stationary")]
 
 

@@ -60,7 +60,7 @@ def _flight(task: Task) -> FlightResult:
 
 
 def _image(task: Task) -> ImageResult:
-    groups = tuple(group for group in task.groups if group.noise == "stiff")
+    groups = tuple(group for group in task.groups if group.noise == "tight")
     run_m = np.linspace(-0.8, 0.8, task.runs)
     moved = np.array([0.0 if group.augmented else group.offset_s / 0.030 for group in groups])[:, None]
     shift_m = run_m - 8.1 * moved

@@ -122,6 +122,13 @@ def test_straight_flight_and_rest_are_no_result() -> None:
         assert any("does not show the time offset" in note for note in found.notes)
 
 
+def test_an_offset_that_the_motion_does_not_show_keeps_no_limit() -> None:
+    wide = {"limits": {"time_offset_uncertainty": {"value": 1.0, "unit": "s"}}}
+    path = FlightPath(((0.0, 0.0, 0.0),), speed_m_s=100.0)
+    found = analyse(Pair("linear", path=path, duration_s=15.5).material(**wide))
+    assert value(found, "time_offset_uncertainty", method=METHODS[0])["verdict"] == "none"
+
+
 def test_turn_on_a_table_in_a_laboratory() -> None:
     """Without speed: the attitude alone shows the offset."""
     path = FlightPath(((0.0, 0.0, 0.0), (5.0, 0.0, 15.0), (11.0, 0.0, 0.0)), speed_m_s=0.0)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.campaigns.sync_study import (
     BASE,
-    STIFF,
+    TIGHT,
     Group,
     StudyOptions,
     Task,
@@ -119,7 +119,7 @@ def test_predicted_shift_has_both_terms_with_their_signs() -> None:
 
 def test_a_short_flight_end_to_end() -> None:
     """Two runs of three seconds, seed 2: the position lags, runs differ, the same task gives the same bytes."""
-    late = (Group(0.02, augmented=False, noise=STIFF), Group(0.02, augmented=True, noise=STIFF))
+    late = (Group(0.02, augmented=False, noise=TIGHT), Group(0.02, augmented=True, noise=TIGHT))
     groups = (Group(0.0, augmented=False, noise=BASE), *late)
     task = Task("flight", "linear", 3.0, groups, runs=2, seed=2)
     found = run_task(task)
@@ -140,7 +140,7 @@ def test_a_short_flight_end_to_end() -> None:
 
 def test_the_image_shows_what_navigation_is_off_by() -> None:
     """One run of 11 seconds: a solution 1.5 m ahead on average that drifts by 5 mm/s towards the target, by hand."""
-    imaged = Group(0.02, augmented=False, noise=STIFF)
+    imaged = Group(0.02, augmented=False, noise=TIGHT)
     task = Task("image", "linear", 11.0, (Group(0.02, augmented=False, noise=BASE), imaged), runs=1, seed=2)
     flown = fly(task)
     fine = flown.run.fine

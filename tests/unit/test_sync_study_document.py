@@ -16,7 +16,7 @@ from bench.campaigns.sync_study import (
     BASE,
     ERRORLESS,
     LOOSE,
-    STIFF,
+    TIGHT,
     UNAUGMENTED,
     RECOVERED_ms,
     StudyOptions,
@@ -74,7 +74,7 @@ def test_every_estimate_says_of_what_it_is() -> None:
         assert type(where.get("offset_ms", 0.0)) is float
         assert where.get("offset_ms", 0.0) in offsets_ms
         assert where.get("filter", AUGMENTED) in {AUGMENTED, UNAUGMENTED, ERRORLESS}
-        assert where.get("noise", BASE) in {BASE, STIFF, LOOSE}
+        assert where.get("noise", BASE) in {BASE, TIGHT, LOOSE}
     paired = [one["conditions"] for one in document["estimates"] if one["quantity"] == "shift_unexplained_rms"]
     assert {(one["filter"], one["offset_ms"]) for one in paired} == {
         (name, offset_ms) for name in (AUGMENTED, UNAUGMENTED) for offset_ms in OPTIONS.offsets_ms
