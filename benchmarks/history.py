@@ -17,7 +17,7 @@ from time import process_time
 
 from bench.store import Filters, compare_unit, dues_of, list_calibrations, record_calibration
 
-SAMPLE = Path(__file__).resolve().parents[1] / "tests" / "unit"
+SAMPLE = Path(__file__).resolve().parents[1] / "tests" / "support" / "report"
 CALIBRATIONS = 1000
 SEED = 1
 ROUNDS = 5

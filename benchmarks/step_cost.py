@@ -22,8 +22,8 @@ from bench.plan import Plan, compile_sequence
 from bench.record import Journal
 from bench.run.context import RunContext
 from bench.run.sequencer import Sequencer
+from bench.run.steps.timing import Timeline
 from bench.run.stop import StopSwitch
-from bench.run.timing import Timeline
 
 KINDS = ("call", "verify", "settle")
 PEER_STEPS = 500

@@ -20,10 +20,10 @@ import pyvisa
 from bench.frame import LinkDecoder, load_frame
 from bench.model.clock import NS, Clock, VirtualClock, WallClock
 from instruments.pendulum_cnt_91 import PendulumCnt91
-from sim_instruments.instrument_servers import InstrumentServers
-from sim_instruments.simulation import open_world
-from sim_instruments.time_tag_blocks import TagBlocks
-from sim_instruments.world import World
+from sim_instruments.bus.time_tag_blocks import TagBlocks
+from sim_instruments.served.instrument_servers import InstrumentServers
+from sim_instruments.worlds.common.world import World
+from sim_instruments.worlds.simulation import open_world
 
 FRAME = Path(__file__).resolve().parents[1] / "frames" / "time_tags.yaml"
 EDGES_HZ, PERIOD_PS = 600_000, 1_666_667

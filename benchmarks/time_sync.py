@@ -17,12 +17,12 @@ import sys
 from time import perf_counter, process_time
 from typing import Any
 
-from bench.campaigns.sync_study import BASE, Group, LONG_s, SHORT_s, StudyOptions, Task, image_tasks
-from bench.campaigns.sync_study_flight import simulated
-from bench.campaigns.sync_study_image import scene_of
-from bench.campaigns.sync_study_tasks import run_task
 from bench.commands.study_cluster import THREADS, run_on_cluster
-from bench.fit.sar_response import impulse_response
+from bench.systems.time_sync.estimators.sar.response import impulse_response
+from bench.systems.time_sync.study.flight import simulated
+from bench.systems.time_sync.study.image import scene_of
+from bench.systems.time_sync.study.study import BASE, Group, LONG_s, SHORT_s, StudyOptions, Task, image_tasks
+from bench.systems.time_sync.study.tasks import run_task
 
 HERE = "--here"
 RUNS = 50

@@ -2,7 +2,7 @@
 
 Headers may be cut to any beginning of their words (``:D:R 1,5`` is ``:DEMAND:RATE 1,5``). A demand is obeyed in its
 mode only; a mode that is activated obeys the demand that is loaded. A drive without a closed interlock, or in mode Off,
-is braked to rest. Two commands within 40 ms are not understood. Motion is exact (sim_instruments.motion); only the
+is braked to rest. Two commands within 40 ms are not understood. Motion is exact (worlds.common.motion); only the
 read-out has noise and steps.
 
 Source: public programs for this controller and its read-me (commands, reply words, "65" of ``*STB?`` at an interlock
@@ -20,8 +20,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from bench.model.clock import to_ns
-from sim_instruments.live import LiveDevice
-from sim_instruments.motion import AxisMotion
+from sim_instruments.bus.live import LiveDevice
+from sim_instruments.worlds.common.motion import AxisMotion
 
 INTERLOCK_EVENT, ERROR_EVENT, SERVICE = 1, 128, 64
 LEAST_NS = to_ns(0.04)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from sim_instruments.scpi import OUT_OF_RANGE, SETTINGS_CONFLICT, ScpiDevice, ScpiError, command, words
+from sim_instruments.bus.scpi import OUT_OF_RANGE, SETTINGS_CONFLICT, ScpiDevice, ScpiError, command, words
 
 FREQUENCY_ERROR_PPM = 3.0
 UNIT_THRESHOLD_VPP = 0.5  # smaller signals are not counted by the unit

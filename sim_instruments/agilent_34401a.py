@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from sim_instruments.agilent_e3631a import AgilentE3631A
-from sim_instruments.scpi import ScpiDevice, ScpiError, command, words
+from sim_instruments.bus.scpi import ScpiDevice, ScpiError, command, words
 
 RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)
 OVERLOAD = 9.9e37

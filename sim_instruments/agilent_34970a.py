@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from sim_instruments.scpi import MISSING_PARAMETER, OUT_OF_RANGE, ScpiDevice, ScpiError, command, words
+from sim_instruments.bus.scpi import MISSING_PARAMETER, OUT_OF_RANGE, ScpiDevice, ScpiError, command, words
 
 OFFSET_SIGMA_DEGC, NOISE_SIGMA_DEGC = 0.2, 0.02
 CHANNEL_S = 0.25

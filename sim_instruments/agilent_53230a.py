@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from sim_instruments.agilent_33250a import Agilent33250A
-from sim_instruments.scpi import ScpiDevice, command, words
+from sim_instruments.bus.scpi import ScpiDevice, command, words
 
 NOT_A_NUMBER = 9.91e37
 REFERENCE_BIT = 1 << 10

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from sim_instruments.scpi import MISSING_PARAMETER, ScpiDevice, ScpiError, command, words
+from sim_instruments.bus.scpi import MISSING_PARAMETER, ScpiDevice, ScpiError, command, words
 
 _READ_S = 0.1
 GAIN_SIGMA = 1e-4

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from bench.model.clock import NS, to_ns
-from sim_instruments.live import LiveDevice
-from sim_instruments.ranges import CURRENT_RANGES, lowest_range
-from sim_instruments.wiring import TRIP_CURRENT_A
+from sim_instruments.bus.live import LiveDevice
+from sim_instruments.bus.ranges import CURRENT_RANGES, lowest_range
+from sim_instruments.worlds.common.wiring import TRIP_CURRENT_A
 
 OPERATING_BIT, SETTLED_BIT = 1 << 0, 1 << 12
 FAULT_AVAILABLE = 8  # status byte

@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from sim_instruments.live import LiveDevice
+from sim_instruments.bus.live import LiveDevice
 
 SYNTAX, UNDEFINED, RANGE = 103, 105, 106
 ERROR_TEXT = {SYNTAX: "SYNTAX ERROR", UNDEFINED: "UNDEFINED PARAMETER RECEIVED", RANGE: "PARAMETER OUT OF RANGE"}

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from sim_instruments.scpi import ScpiDevice, command
+from sim_instruments.bus.scpi import ScpiDevice, command
 
 HIGHEST_V, HIGHEST_A, HIGHEST_TRIP_V = 20.475, 5.1188, 22.0
 UNIT_START_V = 12.0

@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from sim_instruments.scpi import MISSING_PARAMETER, ScpiDevice, ScpiError, command
+from sim_instruments.bus.scpi import MISSING_PARAMETER, ScpiDevice, ScpiError, command
 
 ROWS, COLUMNS = 4, 10
 RELAY_S = 0.015

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
 
-from sim_instruments.live import LiveDevice
+from sim_instruments.bus.live import LiveDevice
 
 SAMPLES_HZ = 1000.0
 POLES = 8

@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from sim_instruments.live import LiveDevice
+from sim_instruments.bus.live import LiveDevice
 
 _TELEGRAM = re.compile("\x16\x02N1C1 ([^\x03]*)\x03")
 _MEASUREMENT_S = 0.3

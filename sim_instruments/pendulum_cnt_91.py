@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.clock import NS
-from sim_instruments.scpi import OUT_OF_RANGE, SETTINGS_CONFLICT, ScpiDevice, ScpiError, command
-from sim_instruments.time_tag_blocks import TagBlocks
+from sim_instruments.bus.scpi import OUT_OF_RANGE, SETTINGS_CONFLICT, ScpiDevice, ScpiError, command
+from sim_instruments.bus.time_tag_blocks import TagBlocks
 
 CLOCKS_HZ = (10_000_000, 20_000_000, 50_000_000, 100_000_000)
 MEASUREMENT_STARTED = 16  # operation status

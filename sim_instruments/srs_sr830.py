@@ -2,7 +2,7 @@
 
 Options: ``reference`` index_a or index_b, ``input`` fog or filter, ``divider`` ratio of the divider before input A,
 ``demodulation`` sine as the SR830, or square as a switching lock-in amplifier. On a bench without a signal there is no
-reference either. Its processing is in sim_instruments.fog_lock_in.
+reference either. Its processing is in sim_instruments.synchronous_detection.
 
 Source: SR830 manual, remote programming, as quoted in public programs; the settings of ``*RST`` (time constant 100 ms,
 12 dB/oct, 1 V, internal reference). Placeholders, not confirmed on hardware: the input takes 1.41 V peak at high
@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_instruments.fog_lock_in import SAMPLE_NS, LockIn
+from sim_instruments.bus.live import LiveDevice
 from sim_instruments.krohn_hite_3988 import BandPass, KrohnHite3988
-from sim_instruments.live import LiveDevice
+from sim_instruments.synchronous_detection import SAMPLE_NS, LockIn
 
 _HIGHEST_INPUT_V = 1.0
 _RESERVES = {0: np.inf, 1: 30.0, 2: 1.0}

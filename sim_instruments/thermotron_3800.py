@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import Any
 
 from bench.model.clock import NS
-from sim_instruments.live import LiveDevice
+from sim_instruments.bus.live import LiveDevice
 
 PAUSE_NS = NS
 LOW_DEGC, HIGH_DEGC = -70.0, 180.0

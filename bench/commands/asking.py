@@ -11,11 +11,11 @@ from contextlib import AbstractContextManager, suppress
 
 from bench.commands.console import console
 from bench.model.errors import OperatorStop
-from bench.run.operator import Answer, Operator, Question, limits_of
+from bench.run.control.operator import Answer, Operator, Question, limits_of
 
 
 class Aside:
-    """An operator who is asked while nothing else is drawn on the terminal (bench.run.operator.Operator)."""
+    """An operator who is asked while nothing else is drawn on the terminal (bench.run.control.operator.Operator)."""
 
     def __init__(self, operator: Operator, aside: Callable[[], AbstractContextManager[None]]) -> None:
         self._operator, self._aside = operator, aside
@@ -27,7 +27,7 @@ class Aside:
 
 
 class StdinTerminal:
-    """Standard input and error of the process (bench.run.asking.Terminal)."""
+    """Standard input and error of the process (bench.run.control.asking.Terminal)."""
 
     def ask(self, question: Question) -> None:
         """Show a question and how to answer it. What was typed before is no answer to it, and is dropped."""

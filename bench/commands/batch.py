@@ -10,14 +10,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from bench.commands.console import console
-from bench.commands.output import write_file
-from bench.commands.session import read_view
-from bench.commands.view import SOFTWARE, analyse_view
 from bench.model.errors import BenchError, ExitStatus, FitError, InputError
 from bench.report.batch import batch_html
 from bench.report.batch_document import batch_json
 from bench.report.batch_model import Batch, LeftOut, Outcome
 from bench.report.batch_tables import unit_name
+from bench.session.output import write_file
+from bench.session.service import read_view
+from bench.session.view import SOFTWARE, analyse_view
 
 SEGMENTS = "session.*.mcap"
 JSON_NAME, PAGE_NAME = "batch.json", "batch.html"

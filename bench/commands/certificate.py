@@ -11,11 +11,8 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.campaigns.results import results_json, validate_results
+from bench.analysis.results import results_json, validate_results
 from bench.commands.console import console
-from bench.commands.output import write_file
-from bench.commands.session import read_view
-from bench.commands.view import SessionView, analyse_view
 from bench.model.clock import NS, WallClock
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
 from bench.record import SessionReader, layout
@@ -32,6 +29,9 @@ from bench.report.dcc import (
     not_valid,
     overdue,
 )
+from bench.session.output import write_file
+from bench.session.service import read_view
+from bench.session.view import SessionView, analyse_view
 
 NAME, SPECIMEN_NAME = "certificate.xml", "certificate.specimen.xml"
 SOFTWARE_PATH = "provenance.software"  # another version may give the same numbers

@@ -13,11 +13,11 @@ from rich.console import Console
 
 from bench.commands.console import console, hours
 from bench.commands.loading import checked_plan
-from bench.commands.output import writing
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import ExitStatus
 from bench.plan import Plan
 from bench.plan.summary import Summary, summarise
+from bench.session.output import writing
 
 if TYPE_CHECKING:
     from bench.run.preflight import Report

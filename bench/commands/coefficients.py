@@ -6,17 +6,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.campaigns.analysis import Analysis
-from bench.campaigns.coefficients import coefficients_of, merged
-from bench.campaigns.coefficients_header import header_text
-from bench.campaigns.coefficients_imu import imu_coefficients_of, is_imu, merged_imu
-from bench.campaigns.coefficients_imu_header import imu_header_text
-from bench.campaigns.results import results_json
+from bench.analysis.analysis import Analysis
+from bench.analysis.results import results_json
 from bench.commands.console import console
-from bench.commands.output import write_file
-from bench.commands.session import read_view
-from bench.commands.view import SessionView, analyse_view
 from bench.model.errors import ExitStatus, InputError
+from bench.session.output import write_file
+from bench.session.service import read_view
+from bench.session.view import SessionView, analyse_view
+from bench.systems.af_converter.coefficients import coefficients_of, merged
+from bench.systems.af_converter.coefficients_header import header_text
+from bench.systems.gnc.coefficients import imu_coefficients_of, is_imu, merged_imu
+from bench.systems.gnc.coefficients_header import imu_header_text
 
 JSON_NAME, HEADER_NAME = "coefficients.json", "coefficients.h"
 IMU_JSON_NAME, IMU_HEADER_NAME = "imu_coefficients.json", "imu_coefficients.h"

@@ -10,18 +10,18 @@ from rich.console import Console
 from bench.commands.asking import Aside, terminal_here
 from bench.commands.progress import watcher
 from bench.commands.terminal import TerminalOperator
-from bench.commands.view import KEPT_EVENTS
 from bench.model.clock import Clock
 from bench.plan import Plan
-from bench.run.asking import WaitingOperator
 from bench.run.besides import besides
-from bench.run.clock_watch import clock_watch
-from bench.run.guarding import guard_beside
-from bench.run.operator import Operator, SimulatedOperator
-from bench.run.position import Resumption
+from bench.run.control.asking import WaitingOperator
+from bench.run.control.operator import Operator, SimulatedOperator
+from bench.run.guard.guarding import guard_beside
 from bench.run.preflight import Preflight
 from bench.run.preflight.inhibit import stay_awake
 from bench.run.session import Beside, Conducted, conduct
+from bench.run.steps.position import Resumption
+from bench.run.watch.clock import clock_watch
+from bench.session.view import KEPT_EVENTS
 
 
 def conduct_watched(

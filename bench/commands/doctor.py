@@ -9,7 +9,6 @@ import zipfile
 from pathlib import Path
 
 from bench.commands.console import console
-from bench.commands.output import writing
 from bench.commands.preflight_table import print_preflight
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus
@@ -19,6 +18,7 @@ from bench.plan.check_station import check_station
 from bench.plan.findings import Findings
 from bench.run.preflight import Finding, Report, Status, Surroundings, examine_machine
 from bench.run.provenance import software
+from bench.session.output import writing
 
 
 def doctor(station: str | None, out: Path, bundle: Path | None, as_json: bool) -> int:

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from bench.commands.console import console
-from bench.commands.output import make_folder
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus
 from bench.model.shipped import find_shipped
 from bench.plan import load_station
-from bench.run.drill import drill as run_drill
+from bench.run.bench.drill import drill as run_drill
+from bench.session.output import make_folder
 
 
 def drill(station_name: str, out: Path, as_json: bool) -> int:

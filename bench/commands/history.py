@@ -13,9 +13,9 @@ from typing import Any
 
 from bench.commands import history_tables as tables
 from bench.commands.console import console
-from bench.commands.output import writing
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError
+from bench.session.output import writing
 from bench.store import (
     Filters,
     approve,

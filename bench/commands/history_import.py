@@ -8,13 +8,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from bench.campaigns.results import validate_results
+from bench.analysis.results import validate_results
 from bench.commands.console import console
 from bench.commands.history import Place
-from bench.commands.session import read_view
-from bench.commands.view import analyse_view
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.record import SessionReader
+from bench.session.service import read_view
+from bench.session.view import analyse_view
 from bench.store import Recorded, StoreError, record_calibration
 from bench.store.contents import digest_of_file, started_utc_ns
 

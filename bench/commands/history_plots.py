@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.commands.output import writing
-from bench.fit import coverage_factor
+from bench.maths.verdict import coverage_factor
 from bench.model.errors import InputError
 from bench.report.history_plot import FORMATS, MOST_PANELS, Panel, line_years, plot_history
+from bench.session.output import writing
 from bench.store import Comparison, ParameterHistory
 
 _EPOCH_YEAR = 1970.0

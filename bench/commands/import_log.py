@@ -9,10 +9,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.campaigns.registry import analysis_module
+from bench.analysis.registry import analysis_module
 from bench.commands.console import console
-from bench.commands.finish import finish
-from bench.commands.session import read_view
 from bench.commands.tables import print_results
 from bench.model.clock import NS
 from bench.model.errors import ExitStatus, FitError, InputError
@@ -23,8 +21,10 @@ from bench.record import SessionWriter
 from bench.replay.delimited import LogParser
 from bench.replay.series import IMPORT, LINK, MAPPING
 from bench.replay.survey import Survey, file_lines, survey
+from bench.run.bench.transcript import new_folder
 from bench.run.provenance import software
-from bench.run.transcript import new_folder
+from bench.session.finish import finish
+from bench.session.service import read_view
 from bench.store import chosen_url
 
 NO_ANALYSIS = "none"

@@ -7,21 +7,21 @@ from pathlib import Path
 from typing import Any
 
 from bench.commands.console import console, hours
-from bench.commands.makeup import make_up_sequence
-from bench.commands.output import write_file
-from bench.commands.record_states import RecordState, record_states, summary_lines
 from bench.model.errors import BenchError, ExitStatus, InputError, InputErrors
 from bench.plan import Plan, check_plan, compile_sequence
 from bench.record import SessionReader
 from bench.record.recover import Survey, recover_session
 from bench.replay import replay_rows
 from bench.run.frozen import frozen_plan
+from bench.session.makeup import make_up_sequence
+from bench.session.output import write_file
+from bench.session.record_states import RecordState, record_states, summary_lines
 
 
 def recover(session: Path, make_up: Path | None, as_json: bool) -> int:
     """List damage, what is whole, and the state of every record; exit status 5 when anything is damaged.
 
-    Raises: InputError B-REC-010; with ``make_up`` what bench.commands.makeup raises, B-RES-003, B-RES-004, B-RES-009.
+    Raises: InputError B-REC-010; with ``make_up`` what bench.session.makeup raises, B-RES-003, B-RES-004, B-RES-009.
     """
     found = recover_session(session)
     try:

@@ -9,14 +9,11 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bench.campaigns.results import results_json
+from bench.analysis.results import results_json
 from bench.commands.conducting import conduct_watched
 from bench.commands.console import console
 from bench.commands.control import release
-from bench.commands.finish import finish, without_results
-from bench.commands.happenings import happenings
 from bench.commands.run import verdict_status
-from bench.commands.session import read_view
 from bench.commands.tables import print_results
 from bench.model.clock import Clock, VirtualClock, WallClock
 from bench.model.errors import BenchError, ExitStatus, FitError, InputError
@@ -25,6 +22,9 @@ from bench.plan import Plan, compile_sequence
 from bench.run.frozen import changed_files
 from bench.run.resume import Stopped, read_stopped, resumption, same_plan
 from bench.run.session import Conducted
+from bench.session.finish import finish, without_results
+from bench.session.happenings import happenings
+from bench.session.service import read_view
 from bench.store import check_history_url, chosen_url
 
 ENDED = "B-RES-001"

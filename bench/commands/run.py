@@ -12,19 +12,19 @@ from typing import Any
 
 from rich.console import Console
 
-from bench.campaigns.results import results_json
+from bench.analysis.results import results_json
 from bench.commands.conducting import conduct_watched
 from bench.commands.console import console
-from bench.commands.finish import finish, without_results
-from bench.commands.happenings import happenings
 from bench.commands.loading import checked_plan
-from bench.commands.output import make_folder, write_file
 from bench.commands.tables import print_results
-from bench.commands.view import SessionView
 from bench.model.clock import Clock, VirtualClock, WallClock
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.plan import Plan
 from bench.run.session import Conducted
+from bench.session.finish import finish, without_results
+from bench.session.happenings import happenings
+from bench.session.output import make_folder, write_file
+from bench.session.view import SessionView
 from bench.store import check_history_url, chosen_url
 
 

@@ -6,14 +6,14 @@ import json
 from pathlib import Path
 from typing import Any
 
-from bench.campaigns.coefficients import coefficients_schema
-from bench.campaigns.coefficients_imu import imu_coefficients_schema
-from bench.campaigns.results import results_schema
+from bench.analysis.results import results_schema
 from bench.commands.console import console
-from bench.commands.output import write_file
 from bench.model.errors import ExitStatus, InputError
 from bench.plan.mapping import mapping_schema
 from bench.plan.schemas import json_schemas, vscode_settings
+from bench.session.output import write_file
+from bench.systems.af_converter.coefficients import coefficients_schema
+from bench.systems.gnc.coefficients import imu_coefficients_schema
 
 
 def schema(folder: Path, vscode: bool) -> int:

@@ -13,7 +13,6 @@ from typing import Any
 import typer
 
 from bench.commands.loading import settings_of
-from bench.commands.output import write_file
 from bench.model.clock import NS, WallClock
 from bench.model.errors import ExitStatus, InputError, InputErrors
 from bench.model.shipped import find_shipped
@@ -21,9 +20,10 @@ from bench.plan import Station, load_station
 from bench.plan.check_station import check_station
 from bench.plan.findings import Findings
 from bench.plan.served import served_station
-from bench.run.served_world import told
+from bench.run.bench.served_world import told
+from bench.session.output import write_file
 
-PROCESS = "sim_instruments.bench_process"  # by name: the bench never imports its simulators
+PROCESS = "sim_instruments.served.process"  # by name: the bench never imports its simulators
 FAULT = "fault"
 MOST_RATE = 1000.0
 

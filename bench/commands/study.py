@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.campaigns.sync_study import NAME, StudyOptions, Task, checked_options, tasks_of
-from bench.campaigns.sync_study_document import results_of, study_document, study_json
-from bench.campaigns.sync_study_page import study_chapters
-from bench.campaigns.sync_study_tasks import run_task
 from bench.commands.console import console
-from bench.commands.output import make_folder, write_file
-from bench.commands.view import SOFTWARE
 from bench.model.errors import ExitStatus, InputError
 from bench.report.study import study_html
+from bench.session.output import make_folder, write_file
+from bench.session.view import SOFTWARE
+from bench.systems.time_sync.study.document import results_of, study_document, study_json
+from bench.systems.time_sync.study.page import study_chapters
+from bench.systems.time_sync.study.study import NAME, StudyOptions, Task, checked_options, tasks_of
+from bench.systems.time_sync.study.tasks import run_task
 
 JSON_NAME, PAGE_NAME = "study.json", "report.html"
 STUDIES = (NAME,)

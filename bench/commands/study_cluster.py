@@ -18,9 +18,9 @@ from importlib.metadata import version
 from typing import Any, Protocol
 
 from bench import __version__
-from bench.campaigns.sync_study import Task
-from bench.campaigns.sync_study_tasks import run_task
 from bench.model.errors import BenchError, InputError, RunError
+from bench.systems.time_sync.study.study import Task
+from bench.systems.time_sync.study.tasks import run_task
 
 EXTRA = "cluster"
 CONNECT_s, WORKERS_s = 15, 60

@@ -11,8 +11,8 @@ from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.model.shipped import find_shipped
 from bench.plan import load_station
-from bench.run.guarding import station_lock
-from bench.run.talk import TalkSession
+from bench.run.bench.talk import TalkSession
+from bench.run.guard.guarding import station_lock
 
 
 def talk(role: str, command: str | None, station_name: str, out: Path) -> int:

@@ -7,7 +7,7 @@ import sys
 from bench.commands.console import console
 from bench.model.errors import OperatorStop, RunError
 from bench.model.units import parse_quantity
-from bench.run.operator import Answer, Question
+from bench.run.control.operator import Answer, Question
 
 
 class TerminalOperator:

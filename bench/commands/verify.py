@@ -8,19 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from bench.commands.console import console
-from bench.commands.session import DAMAGED, read_view
-from bench.commands.verification import (
-    RESULTS,
-    Pages,
-    Verification,
-    check_coefficients,
-    check_reports,
-    check_results,
-)
 from bench.commands.verify_certificate import check_certificates
 from bench.commands.verify_trend import check_trend
-from bench.commands.view import SessionView, analyse_view
 from bench.model.errors import BenchError, ExitStatus, InputError, SessionDamaged
+from bench.session.service import DAMAGED, read_view
+from bench.session.verification import RESULTS, Pages, Verification, check_coefficients, check_reports, check_results
+from bench.session.view import SessionView, analyse_view
 
 
 def verify(folder: Path, as_json: bool) -> int:

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from bench.campaigns.results import results_json
-from bench.commands.verification import REPORT, RESULTS, Verification
+from bench.analysis.results import results_json
 from bench.model.errors import InputError
 from bench.report.dcc import Calibration, certificate_text, nobody, session_of
 from bench.report.dcc.elements import DCC
+from bench.session.verification import REPORT, RESULTS, Verification
 
 NAMES = ("certificate.xml", "certificate.specimen.xml")
 FILES = {"results": RESULTS, "report": REPORT}

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from bench.commands.verification import Verification
 from bench.frame.signals import BENCH
 from bench.record.trend_format import FOLDER, HEAD, LEVELS_S, read_head
 from bench.record.writer import OPEN_MARKER
 from bench.replay.build_trend import build_trend
+from bench.session.verification import Verification
 
 ADVICE = "it is no part of the recording: remove the folder 'trend', and the page makes it again"
 

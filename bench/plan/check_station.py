@@ -19,7 +19,7 @@ from bench.plan.graph_language import check_graphs
 from bench.plan.interlocks import station_rules
 from bench.plan.station import InstrumentEntry, Station, option_text, wrong_option
 
-SIMULATION = "sim_instruments.simulation"  # by name: the bench never imports its simulators
+SIMULATION = "sim_instruments.worlds.simulation"  # by name: the bench never imports its simulators
 _ADDRESS = re.compile(r"(ASRL|GPIB|PRLGX-ASRL|PRLGX-TCPIP|PXI|TCPIP|USB|VICP|VXI)([^:]*)(?:::(.+))?", re.IGNORECASE)
 _KINDS = ("INSTR", "SOCKET", "RAW", "BACKPLANE", "MEMACC", "SERVANT", "INTFC")
 

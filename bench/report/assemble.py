@@ -49,7 +49,7 @@ def report_model(
         prepare_s: length of the preparation; by default up to the end of its last step.
         residuals: per row of the fit {"channel", "kind", "temperature_degC", "current_A" (signed), "residual_ppm"
             or "residual_A", optionally "std_ppm"}.   components: rows of the table of uncertainty components.
-        prompts: operator prompts and answers.   figures, tables: documents of the analysis (bench.campaigns.analysis).
+        prompts: operator prompts and answers.   figures, tables: documents of the analysis (bench.analysis.analysis).
         notes: sentences of the analysis.   run: what happened during the run.
     """
     ready_s = _prepare_s(plan_steps) if prepare_s is None else prepare_s

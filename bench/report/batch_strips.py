@@ -10,12 +10,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from bench.analysis.numbers import number, unit_text
 from bench.model.texts import Texts
 from bench.report.batch_model import Batch
 from bench.report.batch_spread import Spread
 from bench.report.estimate_tables import readable
 from bench.report.multiples import panels_of
-from bench.report.numbers import number, unit_text
 from bench.report.style import BLUE, GREY, INK, VERMILION, Picture, drawing, inline_svg
 from bench.report.tables import label
 

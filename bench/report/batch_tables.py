@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from bench.analysis.numbers import cell, decimals_for, number, unit_text, with_uncertainty
 from bench.model.texts import Texts
 from bench.report.batch_model import Batch, Outcome, Yield
 from bench.report.batch_spread import Member, Quantity, Spread, Unit
 from bench.report.estimate_tables import readable
-from bench.report.numbers import cell, decimals_for, number, unit_text, with_uncertainty
 from bench.report.tables import Table
 from bench.report.verdict_tables import percent
 from bench.report.words import column

@@ -26,7 +26,7 @@ Document = Mapping[str, Any]
 def analysis_pictures(documents: Sequence[Document]) -> list[Picture]:
     """One picture per group of figures, in the order of first use; a figure without a group stands alone.
 
-    Args: documents: ``figures`` of an Analysis (bench.campaigns.analysis), without any drawing done to them.
+    Args: documents: ``figures`` of an Analysis (bench.analysis.analysis), without any drawing done to them.
     """
     groups: dict[str, list[Document]] = {}
     for index, document in enumerate(documents):

@@ -8,8 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bench.analysis.numbers import cell, number, unit_text
 from bench.model.texts import Texts
-from bench.report.numbers import cell, number, unit_text
 from bench.report.words import column
 
 _COLUMNS = (

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bench.analysis.numbers import header
 from bench.model.texts import Texts
-from bench.report.numbers import header
 
 FOLDER = Path(__file__).parent
 

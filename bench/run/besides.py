@@ -6,18 +6,18 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 
 from bench.plan import Plan
-from bench.run.asking import WaitingOperator
 from bench.run.context import RunContext
-from bench.run.control import control
-from bench.run.early import early_verdicts
+from bench.run.control.asking import WaitingOperator
+from bench.run.control.channel import control
+from bench.run.control.early import early_verdicts
+from bench.run.control.following import Following
+from bench.run.control.notify import notifications
+from bench.run.control.notify_file import user_notify
+from bench.run.control.systemd import service_notice
 from bench.run.feed.live import live_feed
-from bench.run.following import Following
-from bench.run.interlocks import interlocks
-from bench.run.notify import notifications
-from bench.run.notify_file import user_notify
 from bench.run.session import Beside
-from bench.run.systemd import service_notice
-from bench.run.trend_recorder import trend_recorder
+from bench.run.watch.interlocks import interlocks
+from bench.run.watch.trend import trend_recorder
 
 
 def besides(

@@ -14,11 +14,11 @@ from bench.model.clock import Clock
 from bench.model.ports import Instrument, RecordWindow, SessionSink
 from bench.plan import Plan, Step
 from bench.record import PackedRows, RecordCutter, RecordRow
-from bench.run.acquisition import Acquisition
-from bench.run.health import SEQUENCER, Health
-from bench.run.operator import Operator
+from bench.run.control.operator import Operator
+from bench.run.guard.health import SEQUENCER, Health
+from bench.run.links.acquisition import Acquisition
+from bench.run.steps.timing import Timeline
 from bench.run.stop import StopSwitch
-from bench.run.timing import Timeline
 
 CHAMBER = "chamber"
 Traffic = Callable[[str, str, str, int], None]

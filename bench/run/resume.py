@@ -13,9 +13,9 @@ from bench.record import JournalEntry, SessionReader, layout, read_journal
 from bench.record.journal import is_being_written
 from bench.record.writer import OPEN_MARKER
 from bench.run.frozen import frozen_plan
-from bench.run.link_unit import DONE, IDENTIFY
-from bench.run.position import Event, Resumption, stopped_at
-from bench.run.setpoints import expected_of
+from bench.run.links.unit import DONE, IDENTIFY
+from bench.run.steps.position import Event, Resumption, stopped_at
+from bench.run.steps.setpoints import expected_of
 
 CRASH = "crash or power cut"
 

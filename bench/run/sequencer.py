@@ -12,19 +12,19 @@ from bench.model.ports import actions_of
 from bench.plan import Step
 from bench.plan.plan import Phase
 from bench.record import Journal, RecordError, RecordRow
+from bench.run.bench.safety import heat_off, make_safe
 from bench.run.context import CHAMBER, RunContext
-from bench.run.holds import Interruption, Wish
-from bench.run.instrument_hold import wish_to_wait
-from bench.run.patience import patient
-from bench.run.position import in_point, point_start, point_stop, readings_of
-from bench.run.recording import measurement_rows
-from bench.run.reentry import come_back, tables_back
-from bench.run.safety import heat_off, make_safe
-from bench.run.setpoints import setpoint_of
-from bench.run.standing import stand_still
-from bench.run.steps import EXECUTORS
+from bench.run.hold.holds import Interruption, Wish
+from bench.run.hold.instrument import wish_to_wait
+from bench.run.hold.patience import patient
+from bench.run.hold.standing import stand_still
+from bench.run.steps.dispatch import EXECUTORS
+from bench.run.steps.position import in_point, point_start, point_stop, readings_of
+from bench.run.steps.recording import measurement_rows
+from bench.run.steps.reentry import come_back, tables_back
+from bench.run.steps.setpoints import setpoint_of
+from bench.run.steps.timing import Timeline
 from bench.run.stop import unforeseen
-from bench.run.timing import Timeline
 
 CHAMBER_ASTRAY = ("B-RUN-031", "B-RUN-071")  # a temperature not reached, an interlock that ends the run
 PHASES: tuple[Phase, ...] = ("prepare", "campaign", "finally")

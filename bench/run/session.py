@@ -18,27 +18,27 @@ from bench.model.errors import BenchError, InputError, RunError
 from bench.plan import Plan
 from bench.record import Journal, PackedList, RecordCutter, RecordError, SessionWriter
 from bench.record.resume import resume_session
-from bench.run.acquisition import Acquisition, LinkReader
-from bench.run.beginning import begin_safely, check_space, identities_of
+from bench.run.bench.beginning import begin_safely, check_space, identities_of
+from bench.run.bench.opener import OpenBench, open_bench
+from bench.run.bench.transcript import HeldTranscript, new_folder
 from bench.run.context import Listener, RunContext
-from bench.run.environment import EnvironmentLog
+from bench.run.control.operator import Operator
 from bench.run.frozen import changed_files
-from bench.run.guarding import station_lock
-from bench.run.health import WRITER
-from bench.run.link_keeper import keep_links
-from bench.run.listening import SafeListener
-from bench.run.opener import OpenBench, open_bench
-from bench.run.operator import Operator
-from bench.run.patience import patient
-from bench.run.position import Resumption
+from bench.run.guard.guarding import station_lock
+from bench.run.guard.health import WRITER
+from bench.run.hold.patience import patient
+from bench.run.links.acquisition import Acquisition, LinkReader
+from bench.run.links.keeper import keep_links
 from bench.run.provenance import software
-from bench.run.reentry import enter
 from bench.run.resume import same_instruments
 from bench.run.sequencer import Outcome, Sequencer
-from bench.run.setpoints import differences, read_back
+from bench.run.steps.position import Resumption
+from bench.run.steps.reentry import enter
+from bench.run.steps.setpoints import differences, read_back
+from bench.run.steps.timing import Timeline
 from bench.run.stop import StopSwitch, guarded
-from bench.run.timing import Timeline
-from bench.run.transcript import HeldTranscript, new_folder
+from bench.run.watch.environment import EnvironmentLog
+from bench.run.watch.listening import SafeListener
 
 CLOCK_PAIR_S = 600.0
 SYNC_S = 1.0

@@ -14,7 +14,7 @@ from types import FrameType
 from typing import Any
 
 from bench.model.errors import BenchError, OperatorStop
-from bench.run.holds import Holds, Interruption
+from bench.run.hold.holds import Holds, Interruption
 
 _STOPS = (signal.SIGINT, signal.SIGTERM)
 _HANGUPS = tuple(filter(None, [getattr(signal, "SIGHUP", None)]))  # not every system has it

@@ -8,14 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.fit.drift import (
-    NO_STANDARD,
-    DriftLine,
-    IndividualsChart,
-    en_scores,
-    fit_drift_line,
-    individuals_chart,
-)
+from bench.maths.drift import NO_STANDARD, DriftLine, IndividualsChart, en_scores, fit_drift_line, individuals_chart
 from bench.store.selection import Filters
 from bench.store.series import Array, Parameter, Series, read_series
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.fit.drift import days_to_limit
+from bench.maths.drift import days_to_limit
 from bench.model.clock import NS
 from bench.store.comparison import Comparison, ParameterHistory
 from bench.store.reading import utc_text

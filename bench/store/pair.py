@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.fit.drift import NO_STANDARD, en_scores
+from bench.maths.drift import NO_STANDARD, en_scores
 from bench.store.errors import StoreError
 from bench.store.series import read_pair
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import Connection, Select, select
 
-from bench.fit.drift import NO_STANDARD
+from bench.maths.drift import NO_STANDARD
 from bench.model.clock import NS
 from bench.store.database import reading
 from bench.store.errors import StoreError

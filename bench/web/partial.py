@@ -29,7 +29,7 @@ class PartialFits:
     """Estimates of living runs by the name of the run; at most one fit at a time, whatever the number of runs."""
 
     def __init__(
-        self, clock: Clock, command: tuple[str, ...] = (sys.executable, "-P", "-m", "bench.commands.partial")
+        self, clock: Clock, command: tuple[str, ...] = (sys.executable, "-P", "-m", "bench.session.partial")
     ) -> None:
         self._clock = clock
         self._command = command

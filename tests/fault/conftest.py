@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import pytest
 from served import Served
 
 TESTS = Path(__file__).resolve().parents[1]
-sys.path += [str(TESTS / "unit"), str(TESTS / "soak")]  # their rigs
 
 
 @pytest.fixture(scope="session")

@@ -10,13 +10,13 @@ import pytest
 from soak_campaign import Quiet, soak_plan
 
 from bench.commands.resume import resume
-from bench.commands.session import read_view, replay
-from bench.commands.view import analyse_view
 from bench.model.clock import VirtualClock
 from bench.model.errors import ExitStatus, InputError
 from bench.record import SessionReader, SessionWriter
-from bench.run.operator import SimulatedOperator
+from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct
+from bench.session.service import read_view, replay
+from bench.session.view import analyse_view
 
 
 @dataclass

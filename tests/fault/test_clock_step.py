@@ -17,15 +17,15 @@ from kill_drill import SEQUENCE
 from served import Served
 from soak_campaign import Quiet, soak_plan, watchers
 
-from bench.commands.happenings import happenings
 from bench.commands.run import view_of
-from bench.commands.view import KEPT_EVENTS
 from bench.model.clock import NS, VirtualClock, WallClock
 from bench.record import SessionReader
-from bench.run.clock_watch import LOOK_S, STEP_S, clock_watch
-from bench.run.operator import SimulatedOperator
+from bench.run.control.operator import SimulatedOperator
 from bench.run.session import Conducted, conduct
 from bench.run.stop import StopSwitch
+from bench.run.watch.clock import LOOK_S, STEP_S, clock_watch
+from bench.session.happenings import happenings
+from bench.session.view import KEPT_EVENTS
 
 STEP_AT_S = 90.3
 HOUR_S = 3600.0

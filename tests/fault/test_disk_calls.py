@@ -1,7 +1,7 @@
 """Rows 1, 3, 4, 28 at the system calls themselves: killed at each write and fsync, a disk that refuses or hangs.
 
 ``strace`` injects the fault into a recorder of its own process; without strace these tests are skipped. The same faults
-through the seam of the file layer are in tests/unit/test_record_faults.py.
+through the seam of the file layer are in tests/unit/record/test_record_faults.py.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from recorder import main as record
 
 from bench.record import SessionReader, read_journal
 
-HERE = Path(__file__).resolve().parent
+SUPPORT = Path(__file__).resolve().parents[1] / "support"
 STRACE = shutil.which("strace")
 pytestmark = [pytest.mark.sweep, pytest.mark.skipif(STRACE is None, reason="strace is not installed")]
 SECONDS = 90
@@ -54,7 +54,7 @@ def recorded(folder: Path, *inject: str) -> Recorded:
     words = [word for path in paths for word in ("-P", str(path))]
     words += [word for one in inject for word in ("-e", f"inject={one}")]
     command = [str(STRACE), "-f", "-qq", "-o", "/dev/null", *words, "-e", "trace=write,fsync"]
-    command += [sys.executable, str(HERE / "recorder.py"), str(session), str(SECONDS), "new"]
+    command += [sys.executable, str(SUPPORT / "recorder.py"), str(session), str(SECONDS), "new"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     return Recorded(session, done.returncode, done.stdout)
 

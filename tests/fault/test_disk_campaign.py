@@ -15,15 +15,15 @@ from served import Served
 from soak_campaign import Quiet, soak_plan, watchers
 
 from bench.commands.resume import resume
-from bench.commands.session import read_view
 from bench.model.clock import NS, VirtualClock
 from bench.record import SessionReader
 from bench.record import writer as writer_module
-from bench.run.operator import SimulatedOperator
+from bench.run.control.operator import SimulatedOperator
 from bench.run.session import Conducted, conduct
-from sim_instruments import simulation
-from sim_instruments.bench_state import OutputWatch, bench_state
-from sim_instruments.world import World
+from bench.session.service import read_view
+from sim_instruments.served.state import OutputWatch, bench_state
+from sim_instruments.worlds import simulation
+from sim_instruments.worlds.common.world import World
 
 STRACE = shutil.which("strace")
 RECORDS = 25

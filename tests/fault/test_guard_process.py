@@ -20,7 +20,7 @@ from served import SAFE_S, Controller, Served
 from bench.model.clock import WallClock
 from bench.model.errors import RunError
 from bench.plan import load_station
-from bench.run.drill import drill, latest_drill
+from bench.run.bench.drill import drill, latest_drill
 
 SEQUENCE = """\
 sequence: stimulus

@@ -19,7 +19,7 @@ from bench.model.errors import BenchError
 from bench.model.shipped import find_shipped
 from bench.plan import compile_sequence, load_station
 from bench.record import SessionWriter
-from bench.run.operator import SimulatedOperator
+from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct
 
 LEADING_OUT = (

@@ -17,11 +17,11 @@ from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import BenchError
 from bench.plan import Plan, load_station
 from bench.record import Journal, SessionWriter
-from bench.run.lock import bench_lock
-from bench.run.opener import open_bench
-from bench.run.operator import SimulatedOperator
+from bench.run.bench.opener import open_bench
+from bench.run.control.operator import SimulatedOperator
+from bench.run.guard.lock import bench_lock
 from bench.run.session import conduct
-from sim_instruments import simulation
+from sim_instruments.worlds import simulation
 
 CYCLES = 1000
 SHORT = 60

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from run_rig import ROOT, Rig
 
 from bench.model.clock import NS, to_ns
-from bench.run.soak import Stability
+from bench.run.steps.soak import Stability
 
 FOLDER = Path(os.environ.get("BENCH_REAL_DATA", ROOT.parent / "shared" / "data")) / "tckit"
 FILES = sorted(FOLDER.glob("*tcsweep_1vdc*.dsv"))

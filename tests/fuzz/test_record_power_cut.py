@@ -7,14 +7,10 @@ follows, and the file may end in zeros.
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "unit"))
-
 from record_sample import MANIFEST, NS, TEXTS
 
 from bench.record import Journal, Message, SessionReader, SessionWriter, read_journal, resume_session

@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 import struct
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "system"))
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "unit"))
-
 from record_sample import write_sample
 from rehearsal import ROOT, Watched
 
 from bench.commands.recover import recover
-from bench.commands.session import fit
 from bench.model.clock import VirtualClock
 from bench.model.errors import ExitStatus
 from bench.plan import compile_sequence
 from bench.record import Message, SessionReader
 from bench.record.recover import recover_session
 from bench.record.walk import Walk
-from bench.run.operator import SimulatedOperator
+from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct
+from bench.session.service import fit
 
 SEED = 5
 NAME = "session.0001.mcap"

@@ -16,7 +16,7 @@ from scripted import Log
 
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import InstrumentError
-from sim_instruments.simulation import open_world
+from sim_instruments.worlds.simulation import open_world
 
 SEED = 20
 ADDRESS = {name: f"GPIB0::{number}::INSTR" for number, name in enumerate(sorted(IDENTIFY), 1)}

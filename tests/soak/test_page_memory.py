@@ -5,12 +5,9 @@ The run is fed at a hundred times its speed (23 minutes): 1000 points a second, 
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "browser"))
 from browser_rig import PageServer, Visitor, chromium, metrics, visiting
 from fast_run import HOURS, FastRun
 from playwright.sync_api import CDPSession
@@ -51,7 +48,9 @@ def use(visitor: Visitor) -> None:
 
 @pytest.mark.sweep
 def test_38_hours(tmp_path: Path) -> None:
-    server = PageServer(tmp_path, (str(Path(__file__).with_name("page_with_fits.py")),))
+    server = PageServer(
+        tmp_path, (str(Path(__file__).resolve().parents[1] / "support" / "page" / "page_with_fits.py"),)
+    )
     run = FastRun(server.out, "20260101T000000Z_fast_1")
     seen = []
     try:

@@ -24,7 +24,7 @@ def _no_trials() -> Iterator[None]:
     """The Monte Carlo table of the report takes as long as the whole campaign; nothing is judged by it."""
     empty = {"title": "Monte Carlo check", "caption": "", "headers": [], "rows": []}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bench.campaigns.budgets.check_table", lambda *_: empty)
+        patch.setattr("bench.systems.af_converter.scale_factor.budgets.check_table", lambda *_: empty)
         yield
 
 

@@ -24,7 +24,7 @@ ALLOCATOR = {"MALLOC_MMAP_THRESHOLD_": "65536"}  # what is freed goes back to th
 
 def soaked(sequence: str, seed: int, folder: Path, *words: str) -> dict[str, Any]:
     """One campaign in a fresh process: what earlier tests left in memory would hide or feign a growth."""
-    command = [sys.executable, str(HERE / "soak_38h.py"), sequence, str(seed), str(folder), *words]
+    command = [sys.executable, str(HERE.parent / "support" / "soak_38h.py"), sequence, str(seed), str(folder), *words]
     environment = {**os.environ, **ALLOCATOR}
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=HERE.parents[1], env=environment)
     assert done.returncode == 0, done.stderr

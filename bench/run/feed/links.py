@@ -7,8 +7,8 @@ from typing import Any
 
 from bench.model.clock import NS, to_ns
 from bench.run.context import RunContext
-from bench.run.link_reader import LinkReader
-from bench.run.link_status import silence_s
+from bench.run.links.reader import LinkReader
+from bench.run.links.status import silence_s
 
 DECODED_S = 62.0  # a rehearsal decodes that seldom: what it received since then may be frames
 

@@ -19,15 +19,15 @@ from bench.plan import Step
 from bench.plan.graph_language import graphs_of, names_in
 from bench.record import RecordRow
 from bench.record.trend_bench import setpoint_degC
-from bench.run.asking import WaitingOperator
 from bench.run.context import RunContext
-from bench.run.control_place import LIVE, forget_socket, socket_path
+from bench.run.control.asking import WaitingOperator
+from bench.run.control.following import Following
+from bench.run.control.place import LIVE, forget_socket, socket_path
 from bench.run.feed.links import links_of
 from bench.run.feed.points import PATIENCE_NS, PATIENCE_VIRTUAL_NS, Points
 from bench.run.feed.server import FeedServer
 from bench.run.feed.state import PROTO, RunState
-from bench.run.following import Following
-from bench.run.health import UNIT
+from bench.run.guard.health import UNIT
 
 _READINGS = {"air_degC": "air", "unit_degC": "unit"}
 _REFUSED = ("error B-REC-001", "error B-REC-005")  # what a disk that takes nothing makes the recorder say

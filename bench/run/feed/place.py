@@ -7,7 +7,7 @@ from typing import Any
 
 from bench.plan import Step
 from bench.run.feed.planned import PlannedRun
-from bench.run.position import point_start
+from bench.run.steps.position import point_start
 
 _SEEN = {"record": "record", "verify": "reading", "prompt": "prompt", "unit": "answer"}
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from bench.plan import Step
 from bench.run.context import CHAMBER
-from bench.run.recording import MEASUREMENT
+from bench.run.steps.recording import MEASUREMENT
 
 ORDER = ("prepare", "campaign", "finally")
 TELLING = ("prompt", "record", "unit", "verify")  # kinds of step that always leave an event in the session

@@ -20,8 +20,8 @@ from typing import Any
 
 from bench.model.clock import NS, WallClock, to_ns
 from bench.record import canonical_json
+from bench.run.control.local_socket import listen, peer_of
 from bench.run.feed.points import PointBatch
-from bench.run.local_socket import listen, peer_of
 
 LONGEST_LINE = 4096
 MOST_CLIENTS = 16

@@ -18,7 +18,7 @@ from bench.run.guard.brief import Address, Brief
 from bench.run.guard.controller import Controller
 from bench.run.guard.decision import Action
 from bench.run.guard.diary import Diary
-from bench.run.lock import GUARD, BenchLock, bus_keys
+from bench.run.guard.lock import GUARD, BenchLock, bus_keys
 
 LEAVE_S = 1.0  # a killed process has left by then, unless the kernel itself hangs
 QUICK_S = 0.5  # longest wait of one call in the first pass

@@ -18,13 +18,13 @@ from pathlib import Path
 from bench.model.clock import WallClock
 from bench.model.drivers import driver_class
 from bench.model.ports import Instrument
+from bench.run.bench.opener import open_instrument, open_visa
 from bench.run.guard.act import Opener, act
 from bench.run.guard.brief import Address, Brief
 from bench.run.guard.controller import Controller
 from bench.run.guard.decision import Action, Watched, decide
 from bench.run.guard.diary import Diary
 from bench.run.guard.reading import AIR, OwnReading
-from bench.run.opener import open_instrument, open_visa
 
 PRIORITY = -10
 _MCL_CURRENT_ON_FAULT = 1 | 4

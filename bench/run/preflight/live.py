@@ -13,8 +13,8 @@ from bench.model.clock import Clock
 from bench.model.errors import BenchError, InstrumentError
 from bench.model.ports import ByteLink, Instrument
 from bench.plan import Plan, Station
-from bench.run.lock import BenchLock, bus_keys
-from bench.run.opener import open_bench, open_instrument, open_port, open_visa
+from bench.run.bench.opener import open_bench, open_instrument, open_port, open_visa
+from bench.run.guard.lock import BenchLock, bus_keys
 from bench.run.preflight.context import PreflightContext, Surroundings
 from bench.run.preflight.finding import Finding, Report, Status
 from bench.run.preflight.host import Host

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import sys
 
-from bench.run.drill import drill_age, latest_drill
-from bench.run.drill_controller import has_source
+from bench.run.bench.drill import drill_age, latest_drill
+from bench.run.bench.drill_controller import has_source
 from bench.run.preflight.context import PreflightContext
 from bench.run.preflight.finding import Finding, Status
 
 GUARD_LIMIT_S = 15.0
 DRILL_DAYS = 30
 _START = (
-    "import sys; import bench.run.guard.process; from bench.run.opener import open_visa; "
+    "import sys; import bench.run.guard.process; from bench.run.bench.opener import open_visa; "
     "open_visa(sys.argv[1]); print('ready')"
 )
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from bench.model.clock import NS, Clock
 from bench.model.errors import InputError
 from bench.plan.summary import summarise
-from bench.run.beginning import SPACE_FACTOR, check_space
+from bench.run.bench.beginning import SPACE_FACTOR, check_space
 from bench.run.preflight.context import PreflightContext
 from bench.run.preflight.finding import Finding, Status
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import termios
 from pathlib import PurePosixPath
 
-from bench.run.link_port import descriptor_of
+from bench.run.links.port import descriptor_of
 from bench.run.preflight.context import PreflightContext
 from bench.run.preflight.finding import Finding, Status
 

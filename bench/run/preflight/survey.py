@@ -10,7 +10,7 @@ from typing import Any
 from bench.model.clock import Clock
 from bench.model.errors import BenchError
 from bench.plan import Plan
-from bench.run.opener import OpenBench
+from bench.run.bench.opener import OpenBench
 from bench.run.preflight import of_bench, of_disk, of_instruments, of_links, of_machine, of_plan
 from bench.run.preflight.context import PreflightContext
 from bench.run.preflight.finding import Finding, Report, Status, told

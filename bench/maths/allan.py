@@ -1,0 +1,146 @@
+"""Overlapping and modified Allan deviation of rate samples, with gaps and confidence intervals.
+
+A gap is a sample that is NaN. Every difference of averages that touches one is left out; nothing is filled in, so a
+gap costs differences and widens the interval but shifts nothing. The equivalent degrees of freedom are those of an
+unbroken record with as many differences.
+
+Source: Riley, Handbook of Frequency Stability Analysis, NIST SP 1065 (2008), sections 5.2.4, 5.2.5 and 5.3; IEEE Std
+952-1997 annex C for gyroscopes, where rate takes the place of frequency and angle that of phase.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from bench.maths.allan_confidence import degrees_of_freedom, noise_exponents
+from bench.model.errors import FitError
+
+Array = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class AllanDeviation:
+    """Deviation over averaging time.
+
+    Attributes:
+        interval_s: time between samples.   samples: of the record, gaps included.   modified: which deviation.
+        factors: samples in an average, (k,).   tau_s: averaging times, (k,).
+        deviation: (k,), unit of the rate.   low, high: confidence limits, (k,).
+        differences: that the deviation is made of, (k,).   dof: equivalent degrees of freedom, (k,).
+        exponents: power of frequency in the rate's spectrum that was found at each averaging time, (k,): 2 white
+            noise of the angle, 1 its flicker noise, 0 white noise of the rate, -1 flicker noise, -2 random walk.
+    """
+
+    interval_s: float
+    samples: int
+    modified: bool
+    factors: Int64
+    tau_s: Array
+    deviation: Array
+    low: Array
+    high: Array
+    differences: Int64
+    dof: Array
+    exponents: Int64
+
+
+def rates_of_angle(angle: Array, interval_s: float) -> Array:
+    """Mean rates between successive readings of an angle or of a count of pulses.
+
+    Args:    angle: (n + 1,), any unit; NaN where a reading is missing.   interval_s: time between readings.
+    Returns: (n,), that unit per second; NaN on both sides of a missing reading.
+    Source:  NIST SP 1065 section 5.2.1.
+    """
+    return np.asarray(np.diff(np.asarray(angle, np.float64)) / interval_s)
+
+
+def allan_deviation(
+    rate: Array,
+    interval_s: float,
+    *,
+    modified: bool = False,
+    factors: Sequence[int] | None = None,
+    probability: float = 0.95,
+) -> AllanDeviation:
+    """Overlapping (or modified) Allan deviation with chi-squared confidence limits.
+
+    Args:    rate: mean rates over successive intervals, (n,), any unit; NaN marks a gap.   interval_s: of one sample.
+             modified: the modified deviation, which tells white from flicker noise of the angle.
+             factors: samples per average; by default powers of two as far as two averages fit (modified: three).
+             probability: of the two-sided interval.
+    Returns: AllanDeviation; averaging times that gaps leave without a difference are dropped.
+    Raises:  FitError B-FIT-031 if no averaging time is left.
+    Source:  NIST SP 1065 equations (10), (14) and (45); Greenhall and Riley (2003) for the degrees of freedom.
+    """
+    rate = np.asarray(rate, np.float64)
+    found = _variances(rate, factors, modified)
+    if not found:
+        raise FitError(
+            "B-FIT-031",
+            f"{int(np.isfinite(rate).sum())} good samples of {rate.size} leave no averaging time of an Allan deviation",
+            next_step="take at least three samples without a gap between them, or shorter averaging times",
+        )
+    used, variance, differences = (np.array(column) for column in zip(*found, strict=True))
+    exponents = noise_exponents(rate, used)
+    dof = np.array([
+        degrees_of_freedom(int(m), int(count), int(alpha), modified=modified)
+        for m, count, alpha in zip(used, differences, exponents, strict=True)
+    ])  # fmt: skip
+    deviation = np.sqrt(variance)
+    low, high = confidence_limits(deviation, dof, probability)
+    return AllanDeviation(
+        interval_s=interval_s,
+        samples=rate.size,
+        modified=modified,
+        factors=used,
+        tau_s=used * interval_s,
+        deviation=deviation,
+        low=low,
+        high=high,
+        differences=differences,
+        dof=dof,
+        exponents=exponents,
+    )
+
+
+def confidence_limits(deviation: Array, dof: Array, probability: float) -> tuple[Array, Array]:
+    """Two-sided limits of a deviation whose square has a chi-squared distribution.
+
+    Args:    deviation: (k,).   dof: equivalent degrees of freedom, (k,).   probability: of the interval.
+    Returns: lower and upper limits, (k,) each.
+    Source:  NIST SP 1065 equation (45).
+    """
+    tail = (1.0 - probability) / 2.0
+    return deviation * np.sqrt(dof / special.chdtri(dof, tail)), deviation * np.sqrt(
+        dof / special.chdtri(dof, 1.0 - tail)
+    )
+
+
+def _variances(rate: Array, factors: Sequence[int] | None, modified: bool) -> list[tuple[int, float, int]]:
+    """Factor, variance and differences of every factor that leaves a difference."""
+    wanted = [2**k for k in range(rate.size.bit_length())] if factors is None else sorted(set(factors))
+    fitting = [factor for factor in wanted if factor >= 1 and (3 if modified else 2) * factor <= rate.size]
+    found = [(factor, *_variance(rate, factor, modified)) for factor in fitting]
+    return [one for one in found if one[2] > 0]
+
+
+def _variance(rate: Array, factor: int, modified: bool) -> tuple[float, int]:
+    """Allan variance and the number of differences in it; intervals cancel, so they are counted as one."""
+    good = np.isfinite(rate)
+    mean = rate[good].mean() if good.any() else 0.0
+    angle = np.concatenate(([0.0], np.cumsum(np.where(good, rate - mean, 0.0))))
+    gaps = np.concatenate(([0], np.cumsum(~good)))
+    difference = angle[2 * factor :] - 2.0 * angle[factor:-factor] + angle[: -2 * factor]
+    span, scale = 2 * factor, 2.0 * float(factor) ** 2
+    if modified:
+        summed = np.concatenate(([0.0], np.cumsum(difference)))
+        difference = summed[factor:] - summed[:-factor]
+        span, scale = 3 * factor - 1, scale * float(factor) ** 2
+    whole = gaps[span:] == gaps[: gaps.size - span]
+    return (float(np.square(difference[whole]).mean()) / scale if whole.any() else 0.0), int(whole.sum())

@@ -1,0 +1,197 @@
+"""The five noise terms of an Allan deviation, with uncertainties and which of them the record shows at all.
+
+Source: IEEE Std 952-1997 annex C (definitions of the coefficients); Lawson and Hanson, Solving Least Squares Problems,
+chapter 23 (non-negative least squares).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from bench.maths.allan import AllanDeviation
+from bench.maths.allan_covariance import VarianceCovariance, variance_covariance
+from bench.maths.least_squares import solve
+from bench.model.errors import FitError
+
+Array = NDArray[np.float64]
+
+TERMS = ("quantisation_noise", "white_noise", "bias_instability", "random_walk", "rate_ramp")
+UNITS = {
+    "quantisation_noise": "*s",
+    "white_noise": "*s^0.5",
+    "bias_instability": "",
+    "random_walk": "/s^0.5",
+    "rate_ramp": "/s",
+}  # to be set behind the unit of the rate
+_REWEIGHTINGS = 4
+_LIMIT_STEPS = 2
+_FEWEST_DOF = 4.0
+_ONE_SIDED = 1.645  # 95 % of a normal distribution lie below
+_SIGNIFICANT = 2.706  # chi squared that a term at its boundary 0 gains by chance in 5 % of all records
+
+
+@dataclass(frozen=True)
+class NoiseTerm:
+    """One coefficient, in the unit of the rate and a power of the second (``UNITS``).
+
+    ``std_uncertainty`` is NaN where the coefficient is 0; ``upper_limit`` is not exceeded with 95 % confidence,
+    whatever the other terms are; ``significant``: without the term the fit is worse than chance explains.
+    """
+
+    name: str
+    coefficient: float
+    std_uncertainty: float
+    upper_limit: float
+    significant: bool
+
+
+@dataclass(frozen=True)
+class NoiseTerms:
+    """Fit of the terms to a deviation: ``fitted`` (k,) is the deviation they give at the averaging times."""
+
+    terms: tuple[NoiseTerm, ...]
+    fitted: Array
+    chi2: float
+    dof: int
+
+    def __getitem__(self, name: str) -> NoiseTerm:
+        return next(term for term in self.terms if term.name == name)
+
+
+def allan_variance_of(name: str, tau_s: Array) -> Array:
+    """Allan variance that the unit coefficient of a term gives.
+
+    quantisation Q: 3 Q^2 / tau^2; white noise N (angle random walk, two-sided density): N^2 / tau; bias instability B:
+    (2 ln 2 / pi) B^2; random walk K: K^2 tau / 3; rate ramp R: R^2 tau^2 / 2.
+
+    Args:    name: one of TERMS.   tau_s: averaging times, (k,), second.
+    Returns: (k,), squared unit of the rate per squared unit of the coefficient.
+    Source:  IEEE Std 952-1997 annex C, equations C.7 to C.17.
+    """
+    tau_s = np.asarray(tau_s, np.float64)
+    if name == "quantisation_noise":
+        return np.asarray(3.0 / tau_s**2)
+    if name == "white_noise":
+        return np.asarray(1.0 / tau_s)
+    if name == "bias_instability":
+        return np.full(tau_s.shape, 2.0 * np.log(2.0) / np.pi)
+    if name == "random_walk":
+        return np.asarray(tau_s / 3.0)
+    return np.asarray(tau_s**2 / 2.0)
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """Allan variances of the averaging times that are used, what each term gives there, and their covariance."""
+
+    terms: tuple[str, ...]
+    variance: Array
+    design: Array
+    scatter: VarianceCovariance
+
+    @classmethod
+    def of(cls, curve: AllanDeviation, terms: Sequence[str], used: NDArray[np.int64]) -> _Problem:
+        design = np.column_stack([allan_variance_of(name, curve.tau_s[used]) for name in terms])
+        scatter = variance_covariance(curve.factors[used], curve.differences[used], curve.interval_s)
+        return cls(tuple(terms), np.asarray(np.square(curve.deviation[used])), design, scatter)
+
+    def covariance(self, squares: Array) -> Array:
+        """Of the variances, if these are the squared coefficients."""
+        return self.scatter.matrix(dict(zip(self.terms, squares.tolist(), strict=True)))
+
+    def nonnegative(self, covariance: Array, without: int | None = None) -> tuple[Array, float]:
+        """Squared coefficients and chi squared, of all terms or of all but one."""
+        factor = np.linalg.cholesky(covariance)
+        white = np.linalg.solve(factor, self.design)
+        kept = [k for k in range(len(self.terms)) if k != without]
+        scale = np.linalg.norm(white[:, kept], axis=0)
+        readings = np.linalg.solve(factor, self.variance)
+        squares = np.zeros(len(self.terms))
+        if not kept:
+            return squares, float(readings @ readings)
+        found, distance = optimize.nnls(white[:, kept] / scale, readings)
+        squares[kept] = found / scale
+        return squares, float(distance**2)
+
+
+def fit_noise_terms(curve: AllanDeviation, terms: Sequence[str] = TERMS) -> NoiseTerms:
+    """Fit the squared coefficients to the Allan variances by non-negative generalised least squares.
+
+    The weights follow from the fitted terms themselves and count the samples that averaging times share; they are
+    found again until they settle, because weights from scattered variances would favour the low ones. Averaging times
+    with fewer than 4 degrees of freedom say too little and are left out as long as there are more than terms.
+
+    Args:    curve: an overlapping Allan deviation.   terms: which of TERMS to fit.
+    Returns: NoiseTerms; the uncertainty of a term that is present counts the other terms that are.
+    Raises:  FitError B-FIT-030 for a modified deviation, fewer averaging times than terms, or a record without noise.
+    Source:  IEEE Std 952-1997 annex C; Lawson and Hanson, Solving Least Squares Problems, chapter 23.
+    """
+    _require(curve, terms)
+    reliable = (curve.dof >= _FEWEST_DOF) | (np.arange(curve.dof.size) < len(terms))
+    used = np.flatnonzero(reliable)
+    problem = _Problem.of(curve, terms, used)
+    covariance = np.diag(2.0 * np.square(problem.variance) / curve.dof[used])
+    squares, chi2 = problem.nonnegative(covariance)
+    for _ in range(_REWEIGHTINGS):
+        settled = problem.covariance(squares)
+        again, distance = problem.nonnegative(settled)
+        if not again.any():  # these weights leave no term at all: the terms do not describe the record, chi2 says so
+            break
+        covariance, squares, chi2 = settled, again, distance
+    found = [_term(problem, k, squares, covariance, chi2) for k in range(len(terms))]
+    return NoiseTerms(
+        terms=tuple(found),
+        fitted=np.sqrt(np.column_stack([allan_variance_of(name, curve.tau_s) for name in terms]) @ squares),
+        chi2=chi2,
+        dof=used.size - int(np.count_nonzero(squares)),
+    )
+
+
+def _require(curve: AllanDeviation, terms: Sequence[str]) -> None:
+    if curve.modified or curve.tau_s.size < len(terms):
+        raise FitError(
+            "B-FIT-030",
+            f"{len(terms)} noise terms cannot be fitted to {curve.tau_s.size} averaging times"
+            f"{' of a modified Allan deviation' if curve.modified else ''}",
+            next_step="take an overlapping Allan deviation of a longer record, or fit fewer terms",
+        )
+    if not (curve.deviation > 0.0).all():
+        raise FitError(
+            "B-FIT-030",
+            f"the Allan deviation is 0 at {int((curve.deviation <= 0.0).sum())} of {curve.tau_s.size} averaging times: "
+            "a record without noise has no noise terms",
+            next_step="look whether the record changes at all",
+        )
+
+
+def _term(problem: _Problem, place: int, squares: Array, covariance: Array, chi2: float) -> NoiseTerm:
+    square = float(squares[place])
+    coefficient, spread = float(np.sqrt(square)), float("nan")
+    if square > 0.0:
+        present = np.flatnonzero(squares > 0.0)
+        names = [problem.terms[k] for k in present]
+        fit = solve(problem.design[:, present], problem.variance, covariance, names)
+        spread = float(np.sqrt(fit.covariance.diagonal()[present == place][0])) / (2.0 * coefficient)
+    without = problem.nonnegative(covariance, without=place)[1]
+    return NoiseTerm(
+        name=problem.terms[place],
+        coefficient=coefficient,
+        std_uncertainty=spread,
+        upper_limit=float(np.sqrt(_highest(problem, place, squares))),
+        significant=without - chi2 > _SIGNIFICANT,
+    )
+
+
+def _highest(problem: _Problem, place: int, squares: Array) -> float:
+    """Upper limit of a squared coefficient with all other terms free; the more there is of it, the more it scatters."""
+    supposed = squares.copy()
+    for _ in range(_LIMIT_STEPS):
+        fit = solve(problem.design, problem.variance, problem.covariance(supposed), problem.terms)
+        reach = _ONE_SIDED * float(np.sqrt(fit.covariance[place, place]))
+        supposed[place] = max(0.0, float(fit.parameters[place])) + reach
+    return float(supposed[place])

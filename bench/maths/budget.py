@@ -1,0 +1,166 @@
+"""Uncertainty budgets: named components with degrees of freedom, and what several results have in common.
+
+Every component is one uncertain number of GTC. Components that carry the same label in several budgets are one and the
+same error, so the results are correlated through it, as all channels are through the one calibrator.
+Source: JCGM 100:2008 sections 5.1, 5.2 and annex G.4 (Welch-Satterthwaite); JCGM 102:2011 section 6 (several results).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import GTC
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.maths.verdict import coverage_factor
+from bench.model.errors import FitError
+
+Array = NDArray[np.float64]
+TYPE_A, TYPE_B = "A", "B"
+
+
+@dataclass(frozen=True)
+class Component:
+    """One source of uncertainty of one result; the contribution is ``sensitivity * std_uncertainty``, signed.
+
+    ``std_uncertainty`` in ``unit``; ``sensitivity`` in unit of the result over ``unit``. ``dof``: infinite for a type-B
+    evaluation taken as exact. ``common``: label of the error itself; equal labels in several budgets are one error, ""
+    is an error of this result alone.
+    """
+
+    name: str
+    std_uncertainty: float
+    unit: str = ""
+    sensitivity: float = 1.0
+    dof: float = math.inf
+    evaluation: str = TYPE_B
+    distribution: str = "normal"
+    source: str = ""
+    common: str = ""
+
+    @property
+    def contribution(self) -> float:
+        """Signed contribution to the result, in the unit of the result."""
+        return self.sensitivity * self.std_uncertainty
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Combined uncertainty of one result, in its unit; ``dof`` are the effective degrees of freedom."""
+
+    components: tuple[Component, ...]
+    std_uncertainty: float
+    dof: float
+
+    @cached_property
+    def coverage_factor(self) -> float:
+        """Two-sided 95 % factor of Student's t with the effective degrees of freedom."""
+        return coverage_factor(self.dof)
+
+    @property
+    def expanded_uncertainty(self) -> float:
+        """95 % expanded uncertainty, in the unit of the result."""
+        return self.coverage_factor * self.std_uncertainty
+
+    def share(self, component: Component) -> float:
+        """Part of the variance that a component brings, 0 to 1; 0 in a budget without any uncertainty."""
+        return (component.contribution / self.std_uncertainty) ** 2 if self.std_uncertainty else 0.0
+
+
+@dataclass(frozen=True)
+class Budgets:
+    """Budgets by name of the result, and the correlation (n, n) between the results in that order."""
+
+    budgets: Mapping[str, Budget]
+    correlation: Array
+
+
+def combine(components: Sequence[Component]) -> Budget:
+    """Budget of one result from its components, which are independent of each other.
+
+    Args:    components: in the order in which a table shows them; contributions in the unit of the result.
+    Returns: Budget with combined standard uncertainty and effective degrees of freedom.
+    Raises:  FitError B-FIT-040 for a component that is negative, not finite or has no degrees of freedom.
+    Source:  JCGM 100:2008 equations (10), (G.2b).
+    """
+    return combine_all({"": components}).budgets[""]
+
+
+def combine_all(results: Mapping[str, Sequence[Component]]) -> Budgets:
+    """Budgets of several results, with the correlation that their common components cause.
+
+    Args:    results: components by name of the result; see ``Component.common``.
+    Returns: Budgets; the correlation is 0 where a result has no uncertainty, its diagonal is 1.
+    Raises:  FitError B-FIT-040 for a component that is negative, not finite or has no degrees of freedom, or for one
+             error that has different degrees of freedom in two results.
+    Source:  JCGM 100:2008 section 5.1, annex F.1.2.3, equation (G.2b); JCGM 102:2011 section 6.
+    """
+    errors: dict[str, GTC.lib.UncertainReal] = {}
+    totals = {name: _total(name, components, errors) for name, components in results.items()}
+    budgets = {
+        name: Budget(tuple(components), float(totals[name].u), _effective_dof(totals[name]))
+        for name, components in results.items()
+    }
+    return Budgets(budgets, _correlation(list(totals.values())))
+
+
+def _total(
+    result: str, components: Sequence[Component], errors: dict[str, GTC.lib.UncertainReal]
+) -> GTC.lib.UncertainReal:
+    """Sum of the contributions; every error has unit variance, so one error may weigh differently in each result."""
+    total = GTC.constant(0.0)
+    seen: set[str] = set()
+    for component in components:
+        _check(result, component)
+        if not component.contribution:
+            continue
+        error = errors.get(component.common) if component.common else None
+        if error is None:
+            error = GTC.ureal(0.0, 1.0, df=component.dof, label=component.common or component.name)
+        if not _same_dof(error.df, component.dof) or component.common in seen:
+            raise _refused(result, component, "the same error stands there with other degrees of freedom, or twice")
+        if component.common:
+            errors[component.common] = error
+            seen.add(component.common)
+        total = total + component.contribution * error
+    return total
+
+
+def _check(result: str, component: Component) -> None:
+    numbers = (component.std_uncertainty, component.sensitivity)
+    if not all(math.isfinite(number) for number in numbers) or component.std_uncertainty < 0:
+        raise _refused(result, component, f"u = {component.std_uncertainty:g}, sensitivity = {component.sensitivity:g}")
+    if not component.dof >= 1:
+        raise _refused(result, component, f"{component.dof:g} degrees of freedom, at least 1 is due")
+
+
+def _refused(result: str, component: Component, reason: str) -> FitError:
+    return FitError(
+        "B-FIT-040",
+        f"component {component.name!r} of the uncertainty cannot be used: {reason}",
+        where=result,
+        next_step="correct the uncertainty in the standards register or in the campaign section",
+    )
+
+
+def _same_dof(first: float, second: float) -> bool:
+    return first == second or math.isclose(first, second, rel_tol=1e-12)
+
+
+def _effective_dof(total: GTC.lib.UncertainReal) -> float:
+    """Welch-Satterthwaite; infinite for a result without uncertainty, where GTC has no answer."""
+    return float(total.df) if total.u else math.inf
+
+
+def _correlation(totals: list[GTC.lib.UncertainReal]) -> Array:
+    matrix = np.eye(len(totals))
+    for row, first in enumerate(totals):
+        for column in range(row):
+            second = totals[column]
+            known = GTC.get_correlation(first, second) if first.u and second.u else 0.0
+            matrix[row, column] = matrix[column, row] = known
+    return matrix

@@ -1,0 +1,192 @@
+"""What the calibrations of one unit say together: drift line, agreement, control limits, time left to a limit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.maths.least_squares import solve
+from bench.maths.verdict import coverage_factor
+from bench.model.errors import FitError
+
+Array = NDArray[np.float64]
+Labels = NDArray[np.int64]
+NO_STANDARD = -1
+_LEAST_OWN = 1e-4  # part of a variance that is always taken as the calibration's own, however much a standard claims
+_MEAN_RANGE = 1.128  # mean range of two readings of a normal distribution, in standard deviations (d2)
+_RANGE_LIMIT = 3.267  # upper limit of the moving range over its mean (D4)
+
+
+@dataclass(frozen=True)
+class DriftLine:
+    """Straight line through the calibrations of one parameter, ``value = mean + rate (t - t_mean)``.
+
+    ``covariance`` of (mean, rate) holds as stated by the calibrations; ``birge_ratio`` = sqrt(chi2 / dof), NaN without
+    a degree of freedom, says whether they scatter more than they state.
+    """
+
+    t_mean: float  # years
+    mean: float
+    rate: float  # per year
+    covariance: Array  # (2, 2)
+    residual: Array  # (m,) value - line, in the order of the readings
+    chi2: float
+    dof: int
+
+    @property
+    def birge_ratio(self) -> float:
+        """How much more the calibrations scatter than they state; 1 if the stated uncertainties are true."""
+        return float(np.sqrt(self.chi2 / self.dof)) if self.dof else float("nan")
+
+    @property
+    def rate_std(self) -> float:
+        """Standard uncertainty of the rate, per year, enlarged by the Birge ratio where that is above 1."""
+        enlarged = max(1.0, self.birge_ratio) if self.dof else 1.0
+        return float(np.sqrt(self.covariance[1, 1])) * enlarged
+
+    @property
+    def rate_expanded(self) -> float:
+        """Half-width of the 95 % interval of the rate, per year."""
+        return coverage_factor() * self.rate_std
+
+    def at(self, t: Array) -> Array:
+        """The line at times, (k,), years."""
+        return np.asarray(self.mean + self.rate * (t - self.t_mean))
+
+    def std_at(self, t: Array) -> Array:
+        """Standard uncertainty of the line at times, (k,), years; enlarged like the rate."""
+        later = t - self.t_mean
+        variance = self.covariance[0, 0] + 2.0 * later * self.covariance[0, 1] + later**2 * self.covariance[1, 1]
+        return np.asarray(np.sqrt(variance) * (max(1.0, self.birge_ratio) if self.dof else 1.0))
+
+
+def fit_drift_line(t: Array, value: Array, std: Array, shared: Array, standard: Labels) -> DriftLine:
+    """Fit a drift line by generalised least squares, the error of a shared standard being common to its calibrations.
+
+    Two calibrations with the same certificate have the covariance ``shared_i shared_j``; all else is independent.
+
+    Args:    t: (m,), years.   value, std: (m,) and standard uncertainties, > 0.
+             shared: (m,) standard uncertainty that comes from the standard, part of ``std``.
+             standard: (m,) label of the standard's certificate, NO_STANDARD where nothing is shared.
+    Returns: DriftLine in the unit of ``value`` and years.
+    Raises:  FitError B-FIT-001 if all calibrations were made at one time; B-FIT-002 if an uncertainty is not positive.
+    Source:  Golub and Van Loan, Matrix Computations, section 6.1; Birge, Phys. Rev. 40 (1932) 207, for the ratio.
+    """
+    if not (std > 0.0).all():
+        raise FitError(
+            "B-FIT-002",
+            "a calibration states an uncertainty that is not positive, so it has no weight",
+            next_step="check the uncertainties of these estimates with 'bench history show'",
+        )
+    own = np.sqrt(np.maximum(std**2 - shared**2, _LEAST_OWN * std**2))
+    t_mean = float(np.average(t, weights=std**-2.0))
+    readings = np.column_stack([np.ones_like(t), t - t_mean, value]) / own[:, None]
+    white = _whitened(readings, shared / own, standard)
+    turned, triangle = np.linalg.qr(white[:, :2])
+    fitted = solve(triangle, turned.T @ white[:, 2], np.eye(2), ["value", "rate"])
+    left = white[:, 2] - white[:, :2] @ fitted.parameters
+    return DriftLine(
+        t_mean=t_mean,
+        mean=float(fitted.parameters[0]),
+        rate=float(fitted.parameters[1]),
+        covariance=fitted.covariance,
+        residual=value - fitted.parameters[0] - fitted.parameters[1] * (t - t_mean),
+        chi2=float(left @ left),
+        dof=t.size - 2,
+    )
+
+
+def _whitened(rows: Array, shared: Array, standard: Labels) -> Array:
+    """Rows (m, k) that are white but for what the members of a certificate share, made white.
+
+    The covariance of a certificate is ``1 + a a'``; its inverse square root is ``1 - c a a'`` with
+    ``c = (1 - 1 / sqrt(1 + a'a)) / a'a``, so nothing of size (m, m) is ever made.
+    """
+    white = rows.copy()
+    for label in np.unique(standard[standard != NO_STANDARD]):
+        members = standard == label
+        common = shared[members]
+        power = float(common @ common)
+        if power > 0.0:
+            factor = (1.0 - 1.0 / np.sqrt(1.0 + power)) / power
+            white[members] -= factor * np.outer(common, common @ rows[members])
+    return white
+
+
+def en_scores(change: Array, expanded: tuple[Array, Array], shared_expanded: tuple[Array, Array]) -> Array:
+    """E_n of two calibrations, what both took from the same standard being left out.
+
+    ``E_n = change / sqrt(U1^2 + U2^2 - 2 S1 S2)``; |E_n| <= 1 means that they agree within their uncertainties.
+
+    Args:    change: second minus first, any shape.   expanded: U1, U2.
+             shared_expanded: S1, S2, the expanded parts from a standard common to both; 0 where there is none.
+    Returns: E_n, the shape of ``change``; NaN where a reading is missing or nothing is left of the uncertainty.
+    Source:  ISO/IEC 17043, annex B (E_n); JCGM 100 equation (13) for the correlated part.
+    """
+    (first, second), (shared_first, shared_second) = expanded, shared_expanded
+    variance = first**2 + second**2 - 2.0 * shared_first * shared_second
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(np.where(variance > 0.0, change / np.sqrt(variance), np.nan))
+
+
+@dataclass(frozen=True)
+class IndividualsChart:
+    """Control limits of single readings from their moving range; ``sigma`` is the short-term standard deviation."""
+
+    centre: float
+    sigma: float
+    mean_range: float
+
+    @property
+    def warning(self) -> tuple[float, float]:
+        """Lower and upper limit at 2 sigma."""
+        return self.centre - 2.0 * self.sigma, self.centre + 2.0 * self.sigma
+
+    @property
+    def action(self) -> tuple[float, float]:
+        """Lower and upper limit at 3 sigma."""
+        return self.centre - 3.0 * self.sigma, self.centre + 3.0 * self.sigma
+
+    @property
+    def range_limit(self) -> float:
+        """Upper limit of the moving range."""
+        return _RANGE_LIMIT * self.mean_range
+
+
+def individuals_chart(readings: Array) -> IndividualsChart:
+    """Shewhart chart of individual readings with moving ranges of two (I-MR).
+
+    Args:    readings: (m,), m >= 2, in order of time; of a drifting parameter: its residuals about the drift line.
+    Returns: IndividualsChart in the unit of the readings.
+    Raises:  FitError B-FIT-001 with fewer than two readings.
+    Source:  Shewhart 1931; Montgomery, Introduction to Statistical Quality Control, section 6.4; ISO 7870-2.
+    """
+    if readings.size < 2:
+        raise FitError(
+            "B-FIT-001",
+            f"{readings.size} readings have no moving range",
+            next_step="add calibrations of this unit to the history",
+        )
+    mean_range = float(np.abs(np.diff(readings)).mean())
+    return IndividualsChart(float(readings.mean()), mean_range / _MEAN_RANGE, mean_range)
+
+
+def days_to_limit(
+    value: Array, std: Array, rate: Array, rate_std: Array, limit: Array, *, most_days: int
+) -> NDArray[np.int64]:
+    """Whole days until ``|value + rate t| + k u(t)`` reaches the limit, ``u(t)^2 = std^2 + (rate_std t)^2``.
+
+    Args:    value, std: (p,) what is known at t = 0.   rate, rate_std: (p,) per day; NaN means that no drift is known.
+             limit: (p,), > 0; NaN where there is none.   most_days: no more is promised than this.
+    Returns: (p,) days, 0 ... most_days; most_days where there is no limit, 0 where the value or its uncertainty is not
+             known.
+    Source:  ILAC-G24 / OIML D 10, control-chart method; coverage factor k of JCGM 100 section 6.3.
+    """
+    day = np.arange(most_days + 1, dtype=np.float64)[:, None]
+    speed, speed_std = np.nan_to_num(rate), np.nan_to_num(rate_std)
+    reach = np.abs(value + speed * day) + coverage_factor() * np.hypot(std, speed_std * day)
+    over = ~(reach < np.where(np.isnan(limit), np.inf, limit))
+    first = np.where(over.any(axis=0), over.argmax(axis=0), most_days + 1)
+    return np.asarray(np.clip(first - 1, 0, most_days), dtype=np.int64)

@@ -1,0 +1,230 @@
+"""Strapdown integration of the increments of an inertial unit, for many lanes at once.
+
+Attitude by the rotation vector with coning from the increment before, velocity with the rotation within the interval
+and sculling, position by the trapezoid rule; the navigation frame is a local tangent plane that turns with the Earth.
+
+Arrays have the axes of space first and the lanes last: a step then is a few dozen long vector operations. Every
+operation acts on each lane by itself, by products and sums alone, so that a lane gives the same bits in any company.
+
+Source: Savage, Strapdown inertial navigation integration algorithm design, JGCD 21(1) 1998 part 1 (rotation vector =
+increment + coning, coning = 1/12 of the product of the increments before and now) and JGCD 21(2) 1998 part 2 (velocity
+= increment + rotation compensation in its exact form + sculling, 1/12 of the mixed products).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.maths.strapdown_earth import earth_rate, gradient, normal_gravity
+
+Array = NDArray[np.float64]
+
+
+def vectors(lanes: tuple[int, ...]) -> Array:
+    """Room for vectors as ``cross`` wants them: (5, *lanes), rows 3 and 4 repeat rows 0 and 1."""
+    return np.zeros((5, *lanes))
+
+
+def repeat_rows(vector: Array) -> Array:
+    """Fill rows 3 and 4 of a (5, ...) vector from rows 0 and 1."""
+    vector[3:] = vector[:2]
+    return vector
+
+
+def cross(a: Array, b: Array, out: Array, spare: Array) -> Array:
+    """a x b of (5, ...) vectors into ``out`` (3, ...)."""
+    np.multiply(a[1:4], b[2:5], out)
+    np.multiply(a[2:5], b[1:4], spare)
+    return np.subtract(out, spare, out)
+
+
+def small_rotation(vector: Array) -> Array:
+    """exp([vector x]) for angles below 0.1 rad, by its series.
+
+    Args:    vector: (3, ...) rad.
+    Returns: (3, 3, ...).
+    """
+    square = vector[0] ** 2 + vector[1] ** 2 + vector[2] ** 2
+    sine, versine = _series(square)
+    out = vector[:, None] * vector[None, :] * versine
+    for i in range(3):
+        out[i, i] += 1.0 - versine * square
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[k, j] += sine * vector[i]
+        out[j, k] -= sine * vector[i]
+    return out
+
+
+def _series(square: Array) -> tuple[Array, Array]:
+    """sin(x)/x and (1 - cos(x))/x^2 from x^2."""
+    sine = 1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0 - square / 5040.0))
+    versine = 0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0 - square / 40320.0))
+    return sine, versine
+
+
+class Strapdown:
+    """Position, velocity and attitude of lanes of any shape, stepped by increments.
+
+    Attributes: p (3, *lanes) m, v (3, *lanes) m/s in t, C (3, 3, *lanes) body to t, all three views of state
+                (15, *lanes); bias_v m/s^2 and bias_theta rad/s (3, *lanes) are taken from the increments; specific
+                (3, *lanes) m/s: sum of the increments of velocity in t since it was last set to zero.
+    """
+
+    def __init__(self, lanes: tuple[int, ...], latitude_deg: float, interval_s: float) -> None:
+        self.state = np.zeros((15, *lanes))
+        self.p, self.v, self.C = self.state[:3], self.state[3:6], self.state[6:].reshape(3, 3, *lanes)
+        self.specific, self.bias_v, self.bias_theta = (np.zeros((3, *lanes)) for _ in range(3))
+        ones = (1,) * len(lanes)
+        self._rate = earth_rate(latitude_deg)
+        self._gradient = gradient(latitude_deg).reshape(3, *ones)
+        self._gravity = np.array([0.0, 0.0, normal_gravity(latitude_deg)]).reshape(3, *ones)
+        self._earth = small_rotation(-self._rate * interval_s).reshape(3, 3, 1, *ones)
+        self._coriolis = np.cross(self._rate, np.eye(3)).reshape(3, 3, *ones)  # rows: minus [rate x]
+        self._theta, self._dv, self._theta_before, self._dv_before = (vectors(lanes) for _ in range(4))
+        self._phi, self._bent = vectors(lanes), vectors(lanes)
+        self._a, self._b, self._c, self._spare = (np.zeros((3, *lanes)) for _ in range(4))
+        self._first = True
+        self._matrix, self._cube = np.zeros((3, 3, *lanes)), np.zeros((3, 3, 3, *lanes))
+        self._rows, self._rows_spare = np.zeros((3, 5, *lanes)), np.zeros((3, 3, *lanes))
+
+    def step(self, dv: Array, dtheta: Array, dt: float) -> None:
+        """Go on by one interval.
+
+        Args: dv m/s, dtheta rad: (3, *lanes) or what broadcasts to it, body.   dt: s.
+        """
+        self._compensate(dv, dtheta, dt)
+        self._rotation_vector()
+        self._move(self._velocity_increment(), dt)
+        self._turn()
+        self._theta, self._theta_before = self._theta_before, self._theta
+        self._dv, self._dv_before = self._dv_before, self._dv
+
+    def _compensate(self, dv: Array, dtheta: Array, dt: float) -> None:
+        for raw, bias, out in ((dtheta, self.bias_theta, self._theta), (dv, self.bias_v, self._dv)):
+            np.multiply(bias, dt, self._spare)
+            np.subtract(raw, self._spare, out[:3])
+            repeat_rows(out)
+        if self._first:  # no increment before: as if it had been the same, no coning
+            self._theta_before[:], self._dv_before[:] = self._theta, self._dv
+            self._first = False
+
+    def _rotation_vector(self) -> None:
+        cross(self._theta_before, self._theta, self._a, self._spare)
+        self._a *= 1.0 / 12.0
+        np.add(self._theta[:3], self._a, self._phi[:3])
+        repeat_rows(self._phi)
+
+    def _velocity_increment(self) -> Array:
+        """Sculling and rotation: the increment of velocity in the body as it was at the begin of the interval."""
+        cross(self._theta_before, self._dv, self._a, self._spare)
+        cross(self._dv_before, self._theta, self._b, self._spare)
+        self._a += self._b
+        self._a *= 1.0 / 12.0
+        self._a += self._dv[:3]
+        cross(self._phi, self._dv, self._bent[:3], self._spare)
+        cross(self._phi, repeat_rows(self._bent), self._b, self._spare)
+        np.multiply(self._bent[:3], 0.5, self._c)
+        self._a += self._c
+        self._b *= 1.0 / 6.0
+        self._a += self._b
+        return self._a
+
+    def _move(self, dv: Array, dt: float) -> None:
+        np.multiply(self.C, dv, self._matrix)
+        increment = np.add.reduce(self._matrix, axis=1, out=self._b)
+        self.specific += increment
+        np.multiply(self.v, 0.5 * dt, self._c)
+        self._c += self.p
+        self._c *= self._gradient  # gravity in the middle of the interval
+        self._c += self._gravity
+        self._c *= dt
+        # Coriolis of the velocity in the middle, 2 rate x (v + (increment + gravity)/2), and half of the turn of t
+        # within the interval on the increment: rate x (2 v + 1.5 increment + gravity)
+        np.multiply(self.v, 2.0, self._spare)
+        self._spare += self._c
+        self._c += increment
+        increment *= 1.5
+        self._spare += increment
+        np.multiply(self._coriolis, self._spare, self._matrix)
+        np.add.reduce(self._matrix, axis=1, out=self._b)
+        self._b *= dt
+        self._c += self._b
+        np.multiply(self._c, 0.5, self._b)
+        self._b += self.v
+        self._b *= dt
+        self.p += self._b
+        self.v += self._c
+
+    def _turn(self) -> None:
+        """C exp([phi x]) by the products of the rows with phi, then the turn of the Earth."""
+        phi, rows = self._phi, self._rows
+        square = phi[0] * phi[0]
+        square += phi[1] * phi[1]
+        square += phi[2] * phi[2]
+        sine, versine = _series(square)
+        first = self._across(self.C, self._matrix)
+        np.multiply(first, sine, rows[:, :3])
+        self.C += rows[:, :3]
+        second = self._across(first, self._matrix)
+        second *= versine
+        self.C += second
+        np.multiply(self._earth, self.C, self._cube)
+        np.add.reduce(self._cube, axis=1, out=self.C)
+
+    def _across(self, matrix: Array, out: Array) -> Array:
+        """Rows of ``matrix`` times the rotation vector."""
+        rows, phi = self._rows, self._phi
+        rows[:, :3] = matrix
+        rows[:, 3:] = matrix[:, :2]
+        np.multiply(rows[:, 1:4], phi[2:5], out)
+        np.multiply(rows[:, 2:5], phi[1:4], self._rows_spare)
+        return np.subtract(out, self._rows_spare, out)
+
+
+@dataclass(frozen=True)
+class Track:
+    """Solution at the end of every interval: ``t_s`` (n,), ``p`` m and ``v`` m/s in t, (n, 3) or (n, R, 3), ``C`` body
+    to t, (n, 3, 3) or (n, R, 3, 3).
+    """
+
+    t_s: Array
+    p: Array
+    v: Array
+    C: Array
+
+
+def navigate(
+    t_s: Array,
+    dv: Array,
+    dtheta: Array,
+    p0: Array,
+    v0: Array,
+    C0: Array,
+    latitude_deg: float,
+    begin_s: float | None = None,
+) -> Track:
+    """Integrate increments without any aiding.
+
+    Args:    t_s: (n,) ends of the intervals.   dv m/s, dtheta rad: (n, 3) or (n, R, 3), body.   p0 m, v0 m/s: (3,) or
+             (R, 3) at the begin, C0 (3, 3) or (R, 3, 3) body to t.   begin_s: begin of the first interval; None takes
+             it one median interval before the first end.
+    Returns: Track.
+    Source:  see the head of this file.
+    """
+    lanes = dv.shape[1:-1]
+    steps = np.diff(t_s, prepend=np.nan)
+    nominal = float(np.nanmedian(steps))
+    steps[0] = nominal if begin_s is None else t_s[0] - begin_s
+    ins = Strapdown(lanes, latitude_deg, nominal)
+    ins.p[...] = np.moveaxis(np.broadcast_to(p0, (*lanes, 3)), -1, 0)
+    ins.v[...] = np.moveaxis(np.broadcast_to(v0, (*lanes, 3)), -1, 0)
+    ins.C[...] = np.moveaxis(np.broadcast_to(C0, (*lanes, 3, 3)), (-2, -1), (0, 1))
+    p, v, C = np.empty(dv.shape), np.empty(dv.shape), np.empty((*dv.shape, 3))
+    for k, dt in enumerate(steps):
+        ins.step(np.moveaxis(dv[k], -1, 0), np.moveaxis(dtheta[k], -1, 0), float(dt))
+        p[k], v[k] = np.moveaxis(ins.p, 0, -1), np.moveaxis(ins.v, 0, -1)
+        C[k] = np.moveaxis(ins.C, (0, 1), (-2, -1))
+    return Track(t_s, p, v, C)

@@ -1,0 +1,1 @@
+"""What opens the bench, makes it safe and drills that."""

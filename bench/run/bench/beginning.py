@@ -1,0 +1,75 @@
+"""What must be true before a session exists: known instruments, a bench in its safe state, room on the disk."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+from bench.model.clock import Clock
+from bench.model.errors import BenchError, InputError, InstrumentError
+from bench.model.ports import Identity
+from bench.plan import Plan, Station
+from bench.plan.summary import summarise
+from bench.run.bench.opener import OpenBench
+from bench.run.bench.safety import make_safe
+from bench.run.stop import unforeseen
+
+SPACE_FACTOR = 2
+
+
+def begin_safely(bench: OpenBench, clock: Clock) -> dict[str, Identity]:
+    """Identify every instrument and bring the whole bench to its safe state: a run starts from a known one.
+
+    Whatever goes wrong, everything that can be made safe is made safe first; the error carries a note (PEP 678) for
+    each instrument that is not confirmed safe.
+    Raises: InstrumentError of the first instrument that does not answer, is of another model (B-INST-002) or of another
+            serial number than the register's (B-RUN-006); RunError B-RUN-060 if one cannot be made safe.
+    """
+    identities: dict[str, Identity] = {}
+    problem: BenchError | None = None
+    for role, instrument in bench.instruments.items():
+        try:
+            identities[role] = instrument.identify()
+            _check_serial(bench.station, role, identities[role])
+        except Exception as error:
+            problem = problem or unforeseen(error)
+    unsafe = make_safe(bench.instruments, bench.station.safe_order, clock)
+    problem = problem or next(iter(unsafe), None)
+    if problem is not None:
+        for failure in unsafe:
+            if failure is not problem:
+                problem.add_note(str(failure))
+        raise problem
+    return identities
+
+
+def _check_serial(station: Station, role: str, found: Identity) -> None:
+    standard = station.instruments[role].standard
+    if standard is None or found.serial in ("", "0") or found.serial == standard.serial:
+        return
+    raise InstrumentError(
+        "B-RUN-006",
+        f"serial number {found.serial!r} answers, the register holds the certificate of {standard.serial!r}",
+        where=role,
+        next_step="correct the register in the station file, or connect the instrument it names",
+    )
+
+
+def check_space(plan: Plan, out: Path) -> None:
+    """Raise InputError B-RUN-005 unless the disk has twice the room the plan needs."""
+    place = next(folder for folder in (out.absolute(), *out.absolute().parents) if folder.is_dir())
+    needed = SPACE_FACTOR * summarise(plan).disk_bytes
+    free = shutil.disk_usage(place).free
+    if free < needed:
+        raise InputError(
+            "B-RUN-005",
+            f"{free / 1e6:.0f} MB are free, {needed / 1e6:.0f} MB are due ({SPACE_FACTOR} times the plan's need)",
+            where=str(out),
+            next_step="free space, or choose another folder with --out",
+        )
+
+
+def identities_of(found: Mapping[str, Identity]) -> dict[str, dict[str, str]]:
+    """Identities as the manifest holds them."""
+    return {role: dict(vars(identity)) for role, identity in found.items()}

@@ -1,0 +1,225 @@
+"""Kill drill: a controller that drives a harmless stimulus is killed, and the bench must be safe within 5 s.
+
+What counts is read back by the drill itself, after the guard has said that it is done; the guard's word is not enough.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+from bench.model.clock import NS, Clock, VirtualClock, to_ns
+from bench.model.drivers import driver_class
+from bench.model.errors import BenchError, RunError
+from bench.model.ports import Instrument
+from bench.plan import Station
+from bench.run.bench.beginning import begin_safely, identities_of
+from bench.run.bench.drill_controller import source_of, stimulate, stimulated
+from bench.run.bench.opener import open_bench
+from bench.run.bench.transcript import HeldTranscript, new_folder
+from bench.run.context import InUse
+from bench.run.guard.diary import read_diary
+from bench.run.guard.guarding import DIARY, station_lock
+from bench.run.guard.health import CHAMBER_AIR, Health
+from bench.run.guard.task import GuardTask
+from bench.run.hold.standing import drives
+from bench.run.provenance import software
+from bench.run.stop import StopSwitch
+
+SAFE_S = 5.0  # how soon after the kill every output must be off
+READ_BACK_S = 4.0  # the drill reads back by then, whatever the guard says
+SIGNALS = (signal.SIGKILL, signal.SIGSTOP)
+RESULT = "drill.json"
+_BEATING_S = 1.2  # a few heartbeats
+_START_S = 120.0
+_END_S = 90.0
+_LOOK_S = 0.02
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One kill: when the guard was done by its own word and when the drill read back, seconds after the kill.
+
+    ``still_on`` names the outputs that are on by the drill's own read-back.
+    """
+
+    kill: str
+    guard_s: float | None  # None: it did not say within the drill's time that all is safe
+    confirmed_s: float
+    still_on: Mapping[str, object]
+
+    @property
+    def passed(self) -> bool:
+        """Every output off by read-back in time, and the guard done."""
+        return self.guard_s is not None and not self.still_on and self.confirmed_s <= SAFE_S
+
+
+def drill(station: Station, station_path: Path, out: Path, clock: Clock) -> dict[str, Any]:
+    """Run every trial and write ``drill.json`` into a folder of its own; returns what it holds.
+
+    Raises: InputError B-RUN-092 (the bench is in use), RunError B-RUN-096 (it cannot be brought into the stimulus).
+    """
+    with station_lock(station, "drill", clock):
+        pass  # whoever uses the bench is named before anything is begun
+    start = datetime.fromtimestamp(clock.utc_ns() // NS, UTC)
+    folder = new_folder(out, f"{start.strftime('%Y%m%dT%H%M%SZ')}_drill_{station.name}")
+    folder.mkdir(parents=True)
+    if station.in_process:
+        identities, trials = _virtual_drill(station)
+    else:
+        identities, trials = {}, []
+        for number in SIGNALS:
+            identities, trial = _trial(station, station_path, folder, number, clock)
+            trials.append(trial)
+    found = {
+        "schema": 1,
+        "station": station.name,
+        "simulated": station.simulated,
+        "utc": start.isoformat(),
+        "passed": all(trial.passed for trial in trials),
+        "limit_s": SAFE_S,
+        "trials": [{**asdict(trial), "passed": trial.passed} for trial in trials],
+        "identities": identities,
+        "software": software(),
+    }
+    (folder / RESULT).write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    return {**found, "folder": str(folder)}
+
+
+def latest_drill(out: Path, station: Station) -> dict[str, Any] | None:
+    """The newest drill of a station in the folder of sessions, passed or not; None if there is none.
+
+    ``utc`` is when it began, in ISO form.
+    """
+    found = []
+    for path in out.glob(f"*_drill_{station.name}*/{RESULT}"):
+        with suppress(OSError, ValueError):
+            document = json.loads(path.read_text(encoding="utf-8"))
+            if document["station"] == station.name:
+                found.append(document)
+    return max(found, key=lambda document: str(document["utc"]), default=None)
+
+
+def drill_age(found: Mapping[str, Any], clock: Clock) -> timedelta:
+    """How long ago a drill was."""
+    return datetime.fromtimestamp(clock.utc_ns() // NS, UTC) - datetime.fromisoformat(str(found["utc"]))
+
+
+def _trial(
+    station: Station, station_path: Path, folder: Path, number: signal.Signals, clock: Clock
+) -> tuple[dict[str, Any], Trial]:
+    own = folder / number.name
+    own.mkdir()
+    with _controller(station_path, own) as (process, said):
+        clock.sleep(_BEATING_S)
+        killed_ns, killed_utc_ns = clock.now_ns(), clock.utc_ns()
+        os.kill(process.pid, number)
+        _wait_for(lambda: _guard_s(own, killed_utc_ns)[1], clock, killed_ns + to_ns(READ_BACK_S))
+        still_on, confirmed_s = _read_back(station, clock, killed_ns)
+        _wait_for(lambda: _guard_s(own, killed_utc_ns)[1], clock, killed_ns + to_ns(_END_S))
+    guard_s, _ = _guard_s(own, killed_utc_ns)
+    return said["identities"], Trial(number.name, guard_s, confirmed_s, still_on)
+
+
+@contextmanager
+def _controller(station_path: Path, folder: Path) -> Iterator[tuple[subprocess.Popen[str], dict[str, Any]]]:
+    """A controller in the stimulus, and what it said. Raises: RunError B-RUN-096."""
+    places = [str(station_path.absolute()), str(folder.absolute())]
+    command = [sys.executable, "-P", "-m", "bench.run.bench.drill_controller", *places]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True) as process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            said = json.loads(line) if line else {"error": "it ended without a word"}
+            if "error" in said or not said["on"]:
+                problem = said.get("error", "no output reads back as on")
+                raise RunError(
+                    "B-RUN-096",
+                    f"the drill could not bring the bench into its stimulus: {problem}",
+                    where="drill",
+                    next_step="correct this first; nothing was proved",
+                )
+            yield process, said
+        finally:
+            with suppress(OSError):
+                process.send_signal(signal.SIGCONT)
+            if process.stdin is not None:
+                with suppress(OSError):
+                    process.stdin.close()  # one that was not killed makes the bench safe and ends
+            try:
+                process.wait(_END_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+def _wait_for(done: Callable[[], bool], clock: Clock, until_ns: int) -> None:
+    while not done() and clock.now_ns() < until_ns:
+        clock.sleep(_LOOK_S)
+
+
+def _guard_s(folder: Path, killed_utc_ns: int) -> tuple[float | None, bool]:
+    """When the guard had confirmed every instrument, seconds after the kill, and whether it is done."""
+    for entry in read_diary(folder / DIARY):
+        if entry["what"] in ("safe", "unsafe"):
+            after_s = datetime.fromisoformat(entry["utc"]).timestamp() - killed_utc_ns / NS
+            return (round(after_s, 3) if entry["what"] == "safe" else None), True
+    return None, False
+
+
+def _read_back(station: Station, clock: Clock, killed_ns: int) -> tuple[dict[str, object], float]:
+    """What is still on, by sessions of the drill's own, and when that was known."""
+    roles = [role for role in station.safe_order if drives(driver_class(station.instruments[role].driver))]
+    bench = open_bench(station, clock, HeldTranscript(), seed=0, links=False, roles=roles)
+    try:
+        still_on = stimulated(bench.instruments)
+    except BenchError as error:
+        still_on = {"read-back": str(error)}
+    finally:
+        bench.close()
+    return still_on, round((clock.now_ns() - killed_ns) / NS, 3)
+
+
+@dataclass
+class _Bare:
+    """As much of a run as the guard's task needs."""
+
+    instruments: dict[str, Instrument]
+    clock: Clock
+    stop: StopSwitch
+    health: Health
+    in_use: InUse
+    unit_temperature_degC: float = math.nan
+
+    def event(self, kind: str, **fields: Any) -> None:
+        """Nobody records a drill's events."""
+
+
+def _virtual_drill(station: Station) -> tuple[dict[str, Any], list[Trial]]:
+    """A bench inside this process has the guard's task only: a hard limit is reached while the stimulus is on."""
+    clock, stop = VirtualClock(), StopSwitch()
+    bench = open_bench(station, clock, HeldTranscript(), seed=1, links=False)
+    try:
+        identities = identities_of(begin_safely(bench, clock))
+        stimulate(bench.instruments, source_of(station, {r: type(i) for r, i in bench.instruments.items()}))
+        limits_degC = station.guard_limits_degC
+        run = _Bare(bench.instruments, clock, stop, Health(clock), InUse())
+        with GuardTask(run, limits_degC) as guard:
+            reached_ns = clock.now_ns()
+            run.health.note(CHAMBER_AIR, limits_degC[CHAMBER_AIR])
+            guard.look()
+            guard_s = None if stop.fault is None else (clock.now_ns() - reached_ns) / NS
+        still_on = stimulated(bench.instruments)
+        return identities, [Trial("LIMIT", guard_s, (clock.now_ns() - reached_ns) / NS, still_on)]
+    finally:
+        bench.close()

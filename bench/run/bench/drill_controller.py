@@ -1,0 +1,111 @@
+"""A controller that only brings the bench into a harmless stimulus, and waits to be killed (``bench drill``).
+
+The stimulus is the calibrator in operate at 0 A into a closed route: every output that a guard has to take back is on,
+and no current flows. Nothing is switched that is not made safe first.
+"""
+
+from __future__ import annotations
+
+import json
+import select
+import sys
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from bench.model.clock import Clock, WallClock
+from bench.model.errors import BenchError, InputError
+from bench.model.ports import Effect, Instrument, actions_of
+from bench.plan import Station, load_station
+from bench.plan.drivers import driver_actions
+from bench.run.bench.beginning import begin_safely
+from bench.run.bench.opener import open_bench
+from bench.run.bench.safety import make_safe
+from bench.run.bench.transcript import HeldTranscript
+from bench.run.guard.guarding import DIARY, brief_of, station_lock
+from bench.run.guard.health import SEQUENCER, Health
+from bench.run.guard.start import GuardProcess
+from bench.run.stop import StopSwitch
+
+LEVEL_A = 0.0
+CHANNEL, POLARITY = 1, 1
+_LOOK_S = 0.1
+
+
+def source_of(station: Station, drivers: dict[str, type]) -> str:
+    """The role that switches a stimulus on. Raises: InputError B-RUN-095 if the station has none."""
+    for role in station.safe_order:
+        if any(one.effect is Effect.STIMULUS_ON for one in actions_of(drivers[role]).values()):
+            return role
+    raise InputError("B-RUN-095", "the station has no instrument that switches a stimulus on", where=station.name)
+
+
+def has_source(station: Station) -> bool:
+    """Whether there is a stimulus that a drill can switch on."""
+    return any(
+        action.effect is Effect.STIMULUS_ON
+        for entry in station.instruments.values()
+        for action in driver_actions(entry.driver).values()
+    )
+
+
+def stimulate(instruments: dict[str, Instrument], source: str) -> None:
+    """Close a route if the bench has one, then switch the source on at 0 A."""
+    for instrument in instruments.values():
+        if any(one.effect is Effect.ROUTE for one in actions_of(type(instrument)).values()):
+            instrument.route(channel=CHANNEL, polarity=POLARITY)  # type: ignore[attr-defined]
+    output: Any = instruments[source]
+    output.output(current=LEVEL_A)
+    output.operate()
+
+
+def stimulated(instruments: dict[str, Instrument]) -> dict[str, object]:
+    """What is on by read-back: roles in operate, closed routes; empty when nothing is."""
+    found: dict[str, object] = {}
+    for role, instrument in instruments.items():
+        effects = {one.effect for one in actions_of(type(instrument)).values()}
+        if Effect.STIMULUS_ON in effects and instrument.operating():  # type: ignore[attr-defined]
+            found[role] = "operating"
+        if Effect.ROUTE in effects and (closed := instrument.closed()):  # type: ignore[attr-defined]
+            found[role] = f"closed: {', '.join(closed)}"
+    return found
+
+
+def main(station_file: str, folder: str) -> int:
+    """Say "on" when the stimulus is on, then beat until the standard input is closed."""
+    station, clock, stop = load_station(Path(station_file)), WallClock(), StopSwitch()
+    transcript, health = HeldTranscript(), Health(clock)
+    stop.on_check = lambda: health.alive(SEQUENCER)
+    transcript.on_traffic = stop.on_traffic
+    with ExitStack() as stack:
+        stack.enter_context(station_lock(station, "drill", clock))
+        bench = open_bench(station, clock, transcript, seed=0, links=False)
+        stack.callback(bench.close)
+        identities = begin_safely(bench, clock)
+        brief = brief_of(station, Path(folder) / DIARY)
+        stack.enter_context(GuardProcess(brief, health, stop, clock, lambda **fields: None))
+        stack.callback(make_safe, bench.instruments, station.safe_order, clock)
+        stimulate(bench.instruments, source_of(station, {r: type(i) for r, i in bench.instruments.items()}))
+        _say(on=stimulated(bench.instruments), identities={role: asdict(who) for role, who in identities.items()})
+        _wait(clock, stop)
+    return 0
+
+
+def _wait(clock: Clock, stop: StopSwitch) -> None:
+    while not select.select([sys.stdin], [], [], 0)[0]:
+        stop.check()
+        clock.sleep(_LOOK_S)
+
+
+def _say(**fields: Any) -> None:
+    sys.stdout.write(json.dumps(fields) + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main(*sys.argv[1:]))
+    except BenchError as problem:
+        _say(error=str(problem))
+        sys.exit(problem.exit_status)

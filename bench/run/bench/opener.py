@@ -1,0 +1,251 @@
+"""The one place of the bench that opens VISA resources and serial ports."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import pyvisa
+import serial
+from pyvisa.resources import MessageBasedResource
+from serial.tools import list_ports
+
+from bench.model.clock import Clock
+from bench.model.drivers import driver_class
+from bench.model.errors import InputError, InstrumentError, LinkError
+from bench.model.ports import ByteLink, Instrument, RecordWindow, Transcript
+from bench.run.bench.network import check_answers
+from bench.run.bench.served_world import told
+from bench.run.links.instrument import InstrumentLink
+from bench.run.links.port import PortLink
+
+if TYPE_CHECKING:
+    from bench.plan import Station  # the guard opens instruments too, and must not need plans
+
+SIMULATION = "sim_instruments.worlds.simulation"
+SERIAL_HANDLERS = "sim_instruments.bus"
+WRITE_LIMIT_S = 1.0
+OPERATE = "operate"  # word of the control socket of a served bench
+BY_SERIAL_NUMBER = "serial-number:"
+
+
+class World(Protocol):
+    """A simulated bench."""
+
+    visa_library: str
+
+    def link_url(self, name: str) -> str:
+        """pySerial URL of a link."""
+
+    def truth(self, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
+        """What an analysis of these records should have found."""
+
+    def operate(self, name: str, value: Any) -> None:
+        """What a person does at the bench: put a unit on it, set a switch. Raises: InputError for an unknown name."""
+
+    def close(self) -> None:
+        """Forget the world."""
+
+
+@dataclass
+class OpenBench:
+    """An opened station; ``world`` is None on a real one."""
+
+    station: Station
+    instruments: dict[str, Instrument]
+    links: dict[str, ByteLink]
+    world: World | None
+    close_visa: Callable[[], None]
+
+    def operate(self, name: str, value: Any) -> None:
+        """Do to a simulated bench what a prompt had a person do; to a real one the person has done it.
+
+        Raises: InputError B-SIM-015 (the bench is served and its process is gone), and the world's own.
+        """
+        control = self.station.file.control
+        if self.world is not None:
+            self.world.operate(name, value)
+        elif control is not None:
+            told(Path(control), (OPERATE, name, str(value)))
+
+    def close(self) -> None:
+        """Release every session and port; one that is gone already keeps nothing else open."""
+        closers = [instrument.close for instrument in self.instruments.values()]
+        closers += [link.close for link in self.links.values()]
+        for close in (*closers, self.close_visa):
+            with suppress(pyvisa.Error, OSError):
+                close()
+        if self.world is not None:
+            self.world.close()
+
+
+def open_bench(
+    station: Station, clock: Clock, transcript: Transcript, *, seed: int, links: bool = True, roles: Sequence[str] = ()
+) -> OpenBench:
+    """Open the instruments and links of a station; nothing is sent yet.
+
+    Args:   seed: of the simulated world.   links: open the serial links too.   roles: only these (default: all).
+    Raises: InputError B-RUN-001 (virtual clock with a real station), InstrumentError B-RUN-002 (resource does not
+            open), LinkError B-RUN-003 (port does not open).
+    """
+    if clock.virtual and station.file.world is None:
+        raise InputError(
+            "B-RUN-001",
+            f"station {station.name!r} is not simulated in this process, so the virtual clock is refused",
+            where="--clock",
+            next_step="use --clock wall, or a station with a simulated world",
+        )
+    world = _open_world(station, clock, seed) if station.file.world is not None else None
+    library = world.visa_library if world is not None else station.file.visa
+    visa = open_visa(library)
+    bench = OpenBench(station, {}, {}, world, visa.close)
+    try:
+        for role, entry in station.instruments.items():
+            if not roles or role in roles:
+                bench.instruments[role] = open_instrument(visa, role, entry, clock, transcript)
+        if links:
+            bench.links.update(_open_links(station, world, bench.instruments))
+    except Exception:
+        bench.close()
+        raise
+    return bench
+
+
+def open_visa(library: str) -> pyvisa.ResourceManager:
+    """The VISA library of a station. Raises: InstrumentError B-RUN-002."""
+    try:
+        return pyvisa.ResourceManager(library)
+    except (pyvisa.Error, OSError, ValueError) as error:
+        raise InstrumentError(
+            "B-RUN-002",
+            f"no VISA library is found: {' '.join(str(error).split())}",
+            where=library,
+            next_step="install it, or change 'visa' in the station file",
+        ) from error
+
+
+def _open_world(station: Station, clock: Clock, seed: int) -> World:
+    simulation = importlib.import_module(SIMULATION)
+    assert station.file.world is not None
+    name, options = station.file.world.name, station.world_options
+    world: World = simulation.open_world(name, clock=clock, seed=seed, station=station.wiring(), options=options)
+    return world
+
+
+class InstrumentAddress(Protocol):
+    """What a station says about one instrument, as far as opening it needs it."""
+
+    @property
+    def driver(self) -> str:
+        """Plain name of the driver."""
+
+    @property
+    def resource(self) -> str:
+        """VISA address."""
+
+    @property
+    def options(self) -> Mapping[str, Any]:
+        """Options of the driver."""
+
+
+def open_instrument(
+    visa: pyvisa.ResourceManager, role: str, entry: InstrumentAddress, clock: Clock, transcript: Transcript
+) -> Instrument:
+    """Open one instrument; nothing is sent. Raises: InstrumentError B-RUN-002."""
+
+    def reopen() -> MessageBasedResource:
+        return _open_resource(visa, role, entry.resource)
+
+    driver = driver_class(entry.driver)
+    instrument: Instrument = driver(
+        reopen(), role=role, clock=clock, transcript=transcript, options=dict(entry.options), reopen=reopen,
+        interface_clear=_interface_clear(visa, entry.resource),
+    )  # fmt: skip
+    return instrument
+
+
+def _interface_clear(visa: pyvisa.ResourceManager, resource: str) -> Callable[[], None] | None:
+    """How the interface of a GPIB board is cleared: whoever talks or listens starts anew. None on other buses."""
+    board = resource.split("::", maxsplit=1)[0].upper()
+    if not board.startswith("GPIB"):
+        return None
+
+    def clear() -> None:
+        with visa.open_resource(f"{board}::INTFC") as interface:
+            interface.send_ifc()  # type: ignore[attr-defined]
+
+    return clear
+
+
+def _open_resource(visa: pyvisa.ResourceManager, role: str, resource: str) -> MessageBasedResource:
+    try:
+        check_answers(resource)
+        return visa.open_resource(resource, resource_pyclass=MessageBasedResource)  # type: ignore[return-value]
+    except (pyvisa.Error, OSError, ValueError) as error:
+        raise InstrumentError(
+            "B-RUN-002",
+            f"{resource} does not open: {error}",
+            where=role,
+            next_step="check the address in the station file and the interface",
+        ) from error
+
+
+def _open_links(station: Station, world: World | None, instruments: Mapping[str, Instrument]) -> Mapping[str, ByteLink]:
+    if world is not None and SERIAL_HANDLERS not in serial.protocol_handler_packages:
+        serial.protocol_handler_packages.append(SERIAL_HANDLERS)
+    opened: dict[str, ByteLink] = {}
+    try:
+        for name, entry in station.links.items():
+            if entry.instrument is not None:
+                opened[name] = InstrumentLink(name, instruments[entry.instrument])
+                continue
+            url = world.link_url(name) if world is not None else str(entry.url)
+            baud = entry.baud or 0
+            opened[name] = PortLink(partial(open_port, name, url, baud, exclusive=world is None))
+    except Exception:
+        for link in opened.values():
+            with suppress(OSError):
+                link.close()
+        raise
+    return opened
+
+
+def open_port(name: str, url: str, baud: int, *, exclusive: bool) -> ByteLink:
+    """Open one serial port; reads never wait, and nobody else can open it meanwhile.
+
+    No flow control of any kind: a byte 0x11 or 0x13 of a frame is no command to the driver. ``serial-number:XYZ`` is
+    the port of the adapter with this serial number, wherever it is plugged in. Raises: LinkError B-RUN-003.
+    """
+    try:
+        port: ByteLink = serial.serial_for_url(
+            _located(url), baudrate=baud, timeout=0, write_timeout=WRITE_LIMIT_S, exclusive=exclusive,
+            xonxoff=False, rtscts=False, dsrdtr=False,
+        )  # fmt: skip
+    except (serial.SerialException, OSError, ValueError) as error:
+        raise LinkError(
+            "B-RUN-003",
+            f"{url} does not open: {error}",
+            where=name,
+            next_step="check the port in the station file and its permissions",
+        ) from error
+    with suppress(OSError, ValueError, AttributeError, NotImplementedError):  # where the driver has it
+        port.set_low_latency_mode(True)  # type: ignore[attr-defined]
+    return port
+
+
+def _located(url: str) -> str:
+    """The device of a URL that names an adapter by its serial number; any other URL as it is. Raises: ValueError."""
+    wanted = url.removeprefix(BY_SERIAL_NUMBER)
+    if wanted == url:
+        return url
+    ports = list_ports.comports()
+    devices = sorted(port.device for port in ports if port.serial_number == wanted)
+    if len(devices) != 1:
+        known = ", ".join(sorted(port.serial_number for port in ports if port.serial_number)) or "none"
+        raise ValueError(f"{len(devices)} ports have the serial number {wanted!r}; there are: {known}")
+    return str(devices[0])

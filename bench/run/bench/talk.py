@@ -1,0 +1,65 @@
+"""Manual access to one instrument: same driver, same transcript, a small session of its own."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from types import TracebackType
+
+from bench.model.clock import NS, Clock
+from bench.plan import Station
+from bench.record import SessionWriter
+from bench.run.bench.opener import open_bench
+from bench.run.bench.transcript import HeldTranscript, new_folder
+from bench.run.provenance import software
+
+
+class TalkSession:
+    """Opens one instrument, identifies it and records every command and reply; context manager.
+
+    The other instruments are not opened. On leaving, the instrument is left as it is: the person is at the bench.
+    """
+
+    def __init__(self, station: Station, role: str, clock: Clock, out: Path, seed: int = 0) -> None:
+        transcript = HeldTranscript()
+        self._clock = clock
+        self._bench = open_bench(station, clock, transcript, seed=seed, links=False, roles=[role])
+        self._instrument = self._bench.instruments[role]
+        try:
+            identity = self._instrument.identify()
+        except Exception:
+            self._bench.close()
+            raise
+        start = datetime.fromtimestamp(clock.utc_ns() // NS, UTC).strftime("%Y%m%dT%H%M%SZ")
+        self.folder = new_folder(out, f"{start}_talk_{role}")
+        manifest = {
+            "schema": 1,
+            "session": f"{start}_talk_{role}",
+            "simulated": station.simulated,
+            "station": station.name,
+            "identities": {role: asdict(identity)},
+            "standards": station.standards(),
+            "software": software(),
+        }
+        texts = {f"stations/{station.name}.yaml": station.document.text}
+        self._writer = SessionWriter.create(self.folder, manifest, texts, t_mono_ns=clock.now_ns())
+        self._writer.clock_pair(clock.now_ns(), clock.utc_ns())
+        transcript.attach(self._writer)
+
+    def send(self, command: str) -> str | None:
+        """Send one command; returns the reply of a query."""
+        reply: str | None = self._instrument.raw(command)  # type: ignore[attr-defined]
+        self._writer.flush()
+        return reply
+
+    def __enter__(self) -> TalkSession:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        try:
+            self._writer.close("talk ended")
+        finally:
+            self._bench.close()

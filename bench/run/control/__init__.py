@@ -1,0 +1,1 @@
+"""How people reach a run: commands, questions, notices."""

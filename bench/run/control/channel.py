@@ -1,0 +1,211 @@
+"""Pause, resume, abort, acknowledge, answer and status of a living run, from another terminal or the live page.
+
+One line of JSON asks, one answers: ``{"command": "pause", "reason": "..."}``. Every command becomes an event "control",
+done or refused, with its result; ``by`` says for whom the one who asks speaks. A pause holds the run for a day at most;
+``resume`` takes back every hold that a person may take back.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
+from typing import Any
+
+from bench.model.clock import NS
+from bench.record import RecordError
+from bench.run.context import RunContext
+from bench.run.control.asking import Refused, WaitingOperator
+from bench.run.control.following import Following
+from bench.run.control.place import forget_socket, socket_path
+from bench.run.control.server import ControlServer
+from bench.run.feed.state import RunState
+
+OPERATOR, EARLY = "operator", "early verdict"
+RELEASABLE = (OPERATOR, EARLY)  # an interlock releases by itself, when its value is back
+PAUSE_LIMIT_S = 24 * 3600.0
+LONGEST_REASON = 500
+LONGEST_NAME = 100
+MOST_REFUSED = 1000  # events of refused commands in one run: no client may fill a disk
+ABOUT = {"acknowledge": ("alarm",), "answer": ("prompt", "value")}  # what else the event says
+COMMANDS = ("status", "pause", "resume", "abort", "acknowledge", "answer")
+
+
+class Refusal(Exception):
+    """A command that is understood and cannot be done now; its text says why."""
+
+
+class Control:
+    """Answers the commands for one run.
+
+    ``alarms`` gives what is beyond its limit now, by name; ``state`` has the alarms of the feed, ``asking`` the prompt.
+    """
+
+    def __init__(
+        self,
+        context: RunContext,
+        following: Following,
+        alarms: Callable[[], Mapping[str, str]],
+        state: RunState | None = None,
+        asking: WaitingOperator | None = None,
+    ) -> None:
+        self._context, self._following = context, following
+        self._alarms, self._state, self._asking = alarms, state, asking
+        self._refused = 0
+
+    def answer(self, request: dict[str, Any], peer: str) -> dict[str, Any]:
+        """The reply to one request; it never waits and never raises for what a client sends."""
+        request = {key: _written(value) for key, value in request.items()}
+        command, reason, name = request.get("command"), request.get("reason", ""), request.get("by", "")
+        if command not in COMMANDS:
+            return _no(f"{str(command)[:40]!r} is no command; known: {', '.join(COMMANDS)}")
+        if command == "status":
+            return {"ok": True, **self.status()}
+        if not isinstance(reason, str) or len(reason) > LONGEST_REASON or not reason.isprintable():
+            return _no(f"a reason is one line of at most {LONGEST_REASON} printable characters")
+        if not isinstance(name, str) or len(name) > LONGEST_NAME or not name.isprintable():
+            return _no(f"'by' is a name of at most {LONGEST_NAME} printable characters")
+        by = f"{name} via {peer}" if name else peer
+        do: dict[str, Callable[[Mapping[str, Any], str, str], str]] = {
+            "pause": self._pause, "resume": self._resume, "abort": self._abort, "acknowledge": self._acknowledge,
+            "answer": self._answer,
+        }  # fmt: skip
+        about = {key: request[key] for key in ABOUT.get(command, ()) if isinstance(request.get(key), str | int | float)}
+        told = {"what": command, "by": by, "reason": reason.strip(), **about}
+        try:
+            if self._context.stop.over:
+                raise Refusal("the run is ending already, its bench is being made safe")
+            text = do[command](request, reason.strip(), by)
+        except Refusal as why:
+            self._refused += 1
+            if self._refused <= MOST_REFUSED:
+                self._journal(told, ok=False, text=str(why))
+            return _no(str(why))
+        self._journal(told, ok=True, text=text)
+        if command in ("pause", "abort"):  # the event comes before what it does
+            self._carry_out(command, reason.strip(), by)
+        return {"ok": True, "text": text, "holding": bool(self._context.stop.holds.reasons)}
+
+    def _journal(self, told: dict[str, Any], *, ok: bool, text: str) -> None:
+        """A disk that takes nothing keeps no command back."""
+        with suppress(RecordError):
+            self._context.event("control", **told, ok=ok, text=text)
+
+    def _carry_out(self, command: str, reason: str, by: str) -> None:
+        if command == "pause":
+            self._context.stop.holds.hold(OPERATOR, f"{reason} ({by})", PAUSE_LIMIT_S)
+        else:
+            self._context.stop.request(f"abort by {by}{f': {reason}' if reason else ''}")
+
+    def _pause(self, _: Mapping[str, Any], reason: str, __: str) -> str:
+        if not reason:
+            raise Refusal("a pause needs a reason; whoever finds the run standing still must know why")
+        if not self._context.stop.interruptible:
+            raise Refusal("the bench is being put away at the end of the run, which is not interrupted")
+        return "the run holds at its next check; its stimulus goes off"
+
+    def _resume(self, _: Mapping[str, Any], __: str, ___: str) -> str:
+        released = [one for one in RELEASABLE if self._context.stop.holds.release(one)]
+        still = self._context.stop.holds.reasons
+        if not released and not still:
+            raise Refusal("the run is not holding")
+        return f"still holding: {'; '.join(still.values())}" if still else "the run goes on"
+
+    def _abort(self, _: Mapping[str, Any], __: str, ___: str) -> str:
+        return "the run ends at its next check and makes the bench safe"
+
+    def _acknowledge(self, request: Mapping[str, Any], _: str, __: str) -> str:
+        alarm = request.get("alarm")
+        if self._state is None or not isinstance(alarm, str) or not self._state.waits(alarm):
+            raise Refusal("there is no such alarm that waits to be acknowledged")
+        return f"alarm {alarm} is acknowledged"
+
+    def _answer(self, request: Mapping[str, Any], _: str, by: str) -> str:
+        prompt = request.get("prompt")
+        if self._asking is None:
+            raise Refusal("nobody is asked anything in this run")
+        if not isinstance(prompt, str | None):
+            raise Refusal("a prompt is named by its id, a text")
+        try:
+            return self._asking.propose(prompt, request.get("value"), by)
+        except Refused as why:
+            raise Refusal(str(why)) from why
+
+    def status(self) -> dict[str, Any]:
+        """What the run does now, as JSON values."""
+        context, step = self._context, self._following.step_under_way
+        holding = context.stop.holds.reasons
+        ending = context.stop.over or bool(context.stop.requested) or context.stop.fault is not None
+        return {
+            "session": context.folder.name,
+            "state": "ending" if ending else "holding" if holding else "running",
+            "step": None if step is None else step.number,
+            "steps": len(context.plan.steps),
+            "phase": None if step is None else step.phase,
+            "what": "" if step is None else f"{step.kind} {step.role} {step.name}".strip(),
+            "conditions": {} if step is None else dict(step.conditions),
+            "reasons": holding,
+            "planned_end_utc": self._planned_end(),
+            "records": len(self._following.records),
+            "records_planned": context.plan.record_count,
+            "links": self._links(),
+            "alarms": dict(self._alarms()),
+            "prompt": None if self._asking is None else self._asking.document(lambda t_ns: t_ns / NS),
+        }
+
+    def _planned_end(self) -> str | None:
+        """When the last step ends by plan and by the slip so far; a hold shifts it further."""
+        context, step = self._context, self._following.step_under_way
+        if step is None:
+            return None
+        lengths_s = {"campaign": context.plan.duration_s, "finally": context.plan.finally_s}
+        lengths_s["prepare"] = context.plan.prepare_s
+        order = ("prepare", "campaign", "finally")
+        later_s = sum(lengths_s[phase] for phase in order[order.index(step.phase) + 1 :])
+        left_ns = context.timeline.target_ns(lengths_s[step.phase] + later_s) - context.clock.now_ns()
+        end = datetime.fromtimestamp((context.clock.utc_ns() + max(0, left_ns)) // NS, UTC)
+        return f"{end:%Y-%m-%dT%H:%M:%SZ}"
+
+    def _links(self) -> dict[str, dict[str, Any]]:
+        found = {}
+        for name, link in self._context.acquisition.status().items():
+            age_s = None if math.isnan(link.age_s) else round(link.age_s, 3)
+            counts = {"frames": link.frames, "lost": link.lost, "bad": link.bad}
+            found[name] = {"state": link.state, **counts, "age_s": age_s}
+        return found
+
+
+@contextmanager
+def control(
+    context: RunContext,
+    following: Following,
+    alarms: Callable[[], Mapping[str, str]],
+    state: RunState | None = None,
+    asking: WaitingOperator | None = None,
+) -> Iterator[Control]:
+    """Answer other terminals, on the wall clock; a socket that cannot be made keeps no run back."""
+    answering = Control(context, following, alarms, state, asking)
+    try:
+        path = socket_path(context.folder)
+        server = ControlServer(path, answering.answer, context.clock)
+    except OSError as error:
+        context.listener.message(f"no control from another terminal: {error}")
+        yield answering
+        return
+    if asking is not None:
+        asking.reachable = True
+    try:
+        yield answering
+    finally:
+        server.close()
+        forget_socket(context.folder, path)
+
+
+def _written(value: Any) -> Any:
+    """A text as it can be journaled: half a character, of a terminal in another encoding, keeps no abort back."""
+    return value.encode(errors="replace").decode() if isinstance(value, str) else value
+
+
+def _no(why: str) -> dict[str, Any]:
+    return {"ok": False, "error": why}

@@ -1,0 +1,146 @@
+"""Tells people what happens in a run, without ever keeping the run waiting.
+
+Messages go into a bounded queue; one thread sends them, each way a few times. What does not get through becomes an
+event "notify" of the session. A heartbeat goes out by command and webhook, so that silence itself is an alarm.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
+from functools import partial
+from typing import Any
+
+from bench.model.clock import NS
+from bench.model.errors import BenchError
+from bench.plan.notify_language import Notify
+from bench.run.context import RunContext
+from bench.run.control.following import Following
+from bench.run.control.notify_ways import NotSent, by_command, by_mail, by_webhook
+from bench.run.stop import guarded
+
+LONGEST_QUEUE = 100
+ATTEMPTS = 3
+PAUSE_S = 5.0
+LAST_WORDS_S = 20.0  # what is still in the queue at the end of a run has this long
+HEARTBEAT = "heartbeat"
+Message = dict[str, Any]
+
+
+def occasion(kind: str, fields: Mapping[str, Any]) -> str:
+    """Which occasion an event is: hold, alarm, end, error, or "" for one that nobody is told of."""
+    if kind in ("hold", "release"):
+        return "hold"
+    if kind == "alarm" or (kind == "interlock" and fields.get("state") in ("tripped", "stale")):
+        return "alarm"
+    if kind == "verdict" and fields.get("ok") is False:
+        return "alarm"
+    return kind if kind in ("end", "error") else ""
+
+
+class Notifier:
+    """Sends the messages of one run; ``take`` never waits."""
+
+    def __init__(self, notify: Notify, context: RunContext, pause_s: float = PAUSE_S) -> None:
+        self._notify = notify
+        self._context = context
+        self._pause_s = pause_s
+        self._queue: deque[Message] = deque()
+        self._dropped = 0
+        self._wake = threading.Condition()
+        self._ending = threading.Event()  # no more pauses between attempts
+        self._ended = False
+        self._thread = threading.Thread(target=self._send_all, name="notify", daemon=True)
+        self._thread.start()
+
+    def take(self, kind: str, fields: Mapping[str, Any]) -> None:
+        """Queue what an event says, if somebody wants to know."""
+        if (which := occasion(kind, fields)) in self._notify.on:
+            self._put({"kind": which, "event": kind, **{name: str(value) for name, value in fields.items()}})
+
+    def beat(self) -> None:
+        """Queue a sign of life; one that would have to wait behind others is left out."""
+        with self._wake:
+            waiting = bool(self._queue)
+        if not waiting:
+            self._put({"kind": HEARTBEAT})
+
+    def close(self) -> None:
+        """Send what is left, within ``LAST_WORDS_S``."""
+        self._ending.set()
+        with self._wake:
+            self._ended = True
+            self._wake.notify()
+        self._thread.join(LAST_WORDS_S)
+
+    def _put(self, message: Message) -> None:
+        utc = datetime.fromtimestamp(self._context.clock.utc_ns() // NS, UTC)
+        message |= {"session": self._context.folder.name, "utc": f"{utc:%Y-%m-%dT%H:%M:%SZ}"}
+        with self._wake:
+            if len(self._queue) >= LONGEST_QUEUE:
+                self._queue.popleft()
+                self._dropped += 1
+            self._queue.append(message)
+            self._wake.notify()
+
+    def _send_all(self) -> None:
+        while True:
+            with self._wake:
+                while not self._queue and not self._ended:
+                    self._wake.wait()
+                if not self._queue:
+                    return
+                message = self._queue.popleft()
+                message |= {"left_out": self._dropped} if self._dropped else {}
+                self._dropped = 0
+            for name, send in self._ways(message["kind"]):
+                self._send(name, send, message)
+
+    def _send(self, name: str, send: Callable[[Message], None], message: Message) -> None:
+        """Try a few times; a failure is an event, never an error of the run."""
+        why = ""
+        for attempt in range(1 if message["kind"] == HEARTBEAT else ATTEMPTS):
+            if attempt:
+                self._ending.wait(self._pause_s)
+            try:
+                send(message)
+            except NotSent as error:
+                why = str(error)
+            except Exception as error:  # a bad address, a header that cannot be: the run goes on
+                why = type(error).__name__
+            else:
+                return
+        with suppress(BenchError):  # the session may be closed by now
+            self._context.event("notify", way=name, message=message["kind"], sent=False, why=why)
+        self._context.listener.message(f"a notification did not get through ({why})")
+
+    def _ways(self, kind: str) -> list[tuple[str, Callable[[Message], None]]]:
+        notify = self._notify
+        ways: list[tuple[str, Callable[[Message], None]]] = []
+        if notify.command is not None:
+            ways.append(("command", partial(by_command, notify.command)))
+        if notify.webhook is not None:
+            ways.append(("webhook", partial(by_webhook, notify.webhook)))
+        if notify.email is not None and kind != HEARTBEAT:
+            ways.append(("email", partial(by_mail, notify.email)))
+        return ways
+
+
+@contextmanager
+def notifications(context: RunContext, notify: Notify, following: Following) -> Iterator[Notifier]:
+    """Tell people while the run goes on, on the wall clock."""
+    notifier = Notifier(notify, context)
+    following.heard.append(notifier.take)
+    beats = notify.heartbeat
+    periodic = None if beats is None else context.clock.every(beats, guarded(notifier.beat, context.stop))
+    if beats is not None:
+        notifier.beat()
+    try:
+        yield notifier
+    finally:
+        if periodic is not None:
+            periodic.cancel()
+        notifier.close()

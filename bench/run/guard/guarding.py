@@ -1,0 +1,89 @@
+"""How a run is guarded: a process where others can reach the bench, a task where they cannot; and the bench lock."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Collection, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from bench.model.clock import Clock
+from bench.plan import Station
+from bench.run.context import RunContext
+from bench.run.control.operator import Answer, Operator, Question
+from bench.run.guard.brief import Address, Brief
+from bench.run.guard.health import Health
+from bench.run.guard.lock import BenchLock, bench_lock
+from bench.run.guard.notice import notice_command
+from bench.run.guard.start import GuardProcess
+from bench.run.guard.task import GuardTask
+from bench.run.watch.temperatures import TemperatureWatch
+
+DIARY = "guard.jsonl"
+
+
+def guard_beside(station: Station) -> Callable[[RunContext], AbstractContextManager[object]]:
+    """What guards a run on this station, as something that goes on beside the sequencer.
+
+    A bench that other processes can reach gets a guard process, started before the first step. Raises: RunError
+    B-RUN-090 if it does not start. A bench simulated in this process gets a task with the same decision.
+    """
+
+    def begin(context: RunContext) -> AbstractContextManager[object]:
+        if station.in_process:
+            return GuardTask(context, station.guard_limits_degC)
+        return _guarded_run(context, station)
+
+    return begin
+
+
+def station_lock(station: Station, what: str, clock: Clock, roles: Collection[str] = ()) -> BenchLock:
+    """The lock of a controller on a station, or on some roles of it; a bench inside this process needs none.
+
+    ``what``: "run", "talk" ... A guard that is making the bench safe is waited for.
+    """
+    reached = {} if station.in_process else station.instruments
+    return bench_lock((entry.resource for role, entry in reached.items() if not roles or role in roles), what, clock)
+
+
+def brief_of(station: Station, diary: Path) -> Brief:
+    """What the guard of this process is told about a station."""
+    entries = {role: station.instruments[role] for role in station.safe_order}
+    addresses = (Address(role, entry.driver, entry.resource, dict(entry.options)) for role, entry in entries.items())
+    return Brief(
+        pid=os.getpid(),
+        visa=station.file.visa,
+        instruments=tuple(addresses),
+        limits=station.guard_limits_degC,
+        silence_s=station.file.guard.silence,
+        diary=str(diary.absolute()),
+        notify=notice_command(station.file.notify),
+    )
+
+
+@contextmanager
+def _guarded_run(context: RunContext, station: Station) -> Iterator[None]:
+    brief = brief_of(station, context.folder / DIARY)
+
+    def tell(**fields: Any) -> None:
+        context.event("guard", **fields)
+
+    with ExitStack() as stack:
+        guard = stack.enter_context(GuardProcess(brief, context.health, context.stop, context.clock, tell))
+        context.operator = _Attended(context.operator, context.health)
+        stack.enter_context(TemperatureWatch(context, brief.limits, guard.beat))
+        yield
+
+
+class _Attended:
+    """An operator whose answer may take hours: the sequencer lives while it waits for a person."""
+
+    def __init__(self, operator: Operator, health: Health) -> None:
+        self._operator = operator
+        self._health = health
+
+    def ask(self, question: Question) -> Answer:
+        """Block until answered."""
+        with self._health.asking():
+            return self._operator.ask(question)

@@ -1,0 +1,1 @@
+"""What lets a run stand still and go on."""

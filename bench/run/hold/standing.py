@@ -1,0 +1,91 @@
+"""Standing still: the stimulus is off, everything else stays as it is, until nobody wants it any more.
+
+Off means: every instrument that drives a stimulus or leads it to the unit is made safe in the station's order (the
+calibrator goes to standby before a relay opens), and so is a table, because somebody may come to it. Supply, clock and
+chamber go on, so that the unit stays warm and its stream is watched; the frames that come meanwhile are recorded like
+any others.
+"""
+
+from __future__ import annotations
+
+from bench.model.clock import NS
+from bench.model.errors import InstrumentError, RunError
+from bench.model.ports import Effect, actions_of
+from bench.run.context import RunContext
+from bench.run.hold.holds import Wish
+from bench.run.hold.instrument import ASK_S, ask_again
+from bench.run.steps.motion_again import can_move
+
+POLL_S = 0.25
+AGAIN_S = 2.0  # between two attempts to switch a stimulus off
+UNSAFE_LIMIT_S = 1800.0
+ALARM_S = 600.0  # a person should look after this long
+_STIMULUS = (Effect.STIMULUS_ON, Effect.ROUTE)
+
+
+def stand_still(context: RunContext, wish: Wish, step: int) -> int:
+    """Switch the stimulus off and wait until the last reason to hold is gone; returns how long, ns.
+
+    An instrument of the stimulus that cannot be told to be safe is told again and again; nothing goes on before.
+    Raises: RunError B-RUN-070 when it lasts longer than the limit of a reason; OperatorStop; the fault of another
+    thread.
+    """
+    began_ns = context.clock.now_ns()
+    context.event("hold", step=step, by=wish.by, reason=wish.reason)
+    context.listener.message(f"holding at step {step}: {wish.reason} ({wish.by}); the stimulus goes off")
+    driven = [role for role in context.plan.station.safe_order if _goes_off(type(context.instruments.get(role)))]
+    driven, tried_s, alarmed = _still_driven(context, driven, step), 0.0, False
+    asked_ns = began_ns
+    while (reasons := context.stop.holds.reasons) or driven:
+        context.stop.check_stop()
+        held_s = (context.clock.now_ns() - began_ns) / NS
+        if driven and held_s >= tried_s + AGAIN_S:
+            driven, tried_s = _still_driven(context, driven, step), held_s
+        if driven and held_s > UNSAFE_LIMIT_S:
+            raise _too_long(driven[0], "not confirmed safe", UNSAFE_LIMIT_S)
+        if (overdue := context.stop.holds.overdue(held_s)) is not None:
+            raise _too_long(*overdue)
+        if held_s >= ALARM_S and not alarmed:
+            alarmed = True
+            context.event("alarm", what="hold", step=step, seconds=held_s, reasons=reasons)
+            context.listener.message(f"still holding after {held_s:.0f} s: {'; '.join(reasons.values())}")
+        if context.clock.now_ns() - asked_ns >= ASK_S * NS:
+            ask_again(context)
+            asked_ns = context.clock.now_ns()
+        context.clock.sleep(POLL_S)
+    held_ns = context.clock.now_ns() - began_ns
+    context.event("release", step=step, seconds=held_ns / NS)
+    context.listener.message(f"going on after {held_ns / NS:.0f} s")
+    return held_ns
+
+
+def _still_driven(context: RunContext, roles: list[str], step: int) -> list[str]:
+    """Make these instruments safe in their order; those that could not be, each told as an alarm."""
+    left = []
+    for role in roles:
+        try:
+            with context.in_use.take(role):
+                context.instruments[role].make_safe()
+        except InstrumentError as error:
+            left.append(role)
+            context.event("alarm", what="stimulus", step=step, role=role, code=error.code, text=error.message)
+            context.listener.message(f"{role} is not confirmed safe, trying on: {error.message}")
+    return left
+
+
+def _too_long(by: str, reason: str, limit_s: float) -> RunError:
+    return RunError(
+        "B-RUN-070",
+        f"held for more than {limit_s:g} s: {reason}",
+        where=by,
+        next_step="remove the cause, then 'bench resume SESSION'",
+    )
+
+
+def _goes_off(driver: type) -> bool:
+    return drives(driver) or can_move(actions_of(driver))
+
+
+def drives(driver: type) -> bool:
+    """True for an instrument that drives a stimulus or leads it to the unit."""
+    return any(action.effect in _STIMULUS for action in actions_of(driver).values())

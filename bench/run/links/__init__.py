@@ -1,0 +1,1 @@
+"""The serial links of the unit: acquisition, supervision, opening again."""

@@ -1,0 +1,336 @@
+"""A link that is lost or silent does not end a run: the run stands still until the link and the unit are back.
+
+Lost: the port is gone. It is opened again under the same identity. Silent: the port is there, and no good frame comes
+(a stuck stream is silent too). Frames must come again, and the unit must be the one of before, before the run goes on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Literal
+
+from bench.model.clock import NS, to_ns
+from bench.model.errors import LinkError, RunError
+from bench.model.ports import Effect, actions_of
+from bench.plan import Step
+from bench.record import RecordRow
+from bench.run.context import Listener, RunContext
+from bench.run.guard.health import LINKS
+from bench.run.links.instrument import InstrumentLink
+from bench.run.links.port import Reopenable, kernel_counts
+from bench.run.links.reader import LinkReader
+from bench.run.links.status import age_s, is_silent, is_stale, silence_s
+from bench.run.links.unit import NOWHERE, CounterMark, Unit, went_on
+
+REOPEN_NS = NS // 2
+GOOD_FRAMES = 3  # in a row of time; a port that was opened in the middle of a frame costs one
+ASK_NS = 2 * NS  # an identity that is not answered is asked again
+NUDGE_NS, NUDGE_AGAIN_NS = 2 * NS, 10 * NS  # without frames: when the last command is sent again
+LIMIT_S = 600.0  # of standing still for a link
+KERNEL_NS = 5 * NS
+ACT_NS = NS // 2  # how long what a person has switched off may still send
+
+
+@dataclass
+class Kept:
+    """One link. ``trouble`` began at ``since_ns`` behind ``mark`` and ``frames`` good frames; ``held_ns``: since when
+    the run stands still for it, 0 if it does not. ``switched``: it sent nothing before an act of a person, so another
+    act may end it."""
+
+    reader: LinkReader
+    trouble: Literal["", "lost", "silent"] = ""
+    reason: str = ""
+    since_ns: int = 0
+    held_ns: int = 0
+    tried_ns: int = 0
+    nudged_ns: int = 0
+    asked_ns: int = 0
+    frames: int = 0
+    mark: CounterMark = NOWHERE
+    how: list[str] = field(default_factory=list)
+    counted: dict[str, int] | None = None
+    behind: int = 0
+    switched: bool = False
+
+    @property
+    def by(self) -> str:
+        """Who asks the run to stand still."""
+        return f"link {self.reader.name}"
+
+
+class LinkKeeper:
+    """Judges and brings back; implements acquisition.LinkWatch. Its state is under the acquisition's lock.
+
+    A silent link counts only once it has sent a frame and while a record or soak needs it: from the next one that
+    begins after a command to the unit or to its supply on; a link that a person switches on, such as a radar, once it
+    has sent a frame since the last act of a person. A lost one counts while a command is to be sent over it,
+    too. In the phase ``finally`` nothing counts.
+    """
+
+    def __init__(self, context: RunContext) -> None:
+        self._context = context
+        self._links = [Kept(reader) for reader in context.acquisition.readers.values()]
+        self._unit = Unit(context)
+        self._step = 0
+        self._needed = False
+        self._commanded = ""  # the link that the step under way sends a command over
+        self._power_changed = False
+        self._asked = False  # the step under way is an act of a person
+        self._acted_ns = 0  # when the last act ended
+        self._kernel_ns = context.clock.now_ns()
+        for kept in self._links:
+            kept.reader.kept = True
+            kept.counted = kernel_counts(kept.reader.link)
+            if not context.clock.virtual:
+                self._event(kept, "open", kernel_counts=kept.counted is not None)
+
+    def step(self, step: Step) -> None:
+        """A step begins."""
+        self._step = step.number
+        self._commanded = step.role if step.kind == "unit" else ""
+        self._person(step.kind == "prompt" and bool(step.arguments.get("sets")))
+        if step.kind in ("record", "soak"):
+            self._needed, self._power_changed = True, False
+        elif step.kind in ("unit", "send") or self._is_power(step):
+            self._needed = False
+            self._power_changed = self._power_changed or step.kind != "unit"
+
+    def _person(self, asked: bool) -> None:
+        """A step begins that is an act of a person on the bench, or another one."""
+        if self._asked:
+            self._acted_ns = self._context.clock.now_ns()
+        for kept in self._links if asked else ():
+            kept.switched = kept.switched or kept.reader.last_frame_ns < 0
+        self._asked = asked
+
+    def _is_power(self, step: Step) -> bool:
+        if step.kind != "call" or step.role not in self._context.instruments:
+            return False
+        declared = actions_of(type(self._context.instruments[step.role])).get(step.name)
+        return declared is not None and declared.effect is Effect.POWER
+
+    # --- judging ---------------------------------------------------------------------------------------------------
+
+    def judge(self) -> None:
+        """Ask the run to stand still for a link that is lost or silent; to be called with the lock held."""
+        now_ns = self._context.clock.now_ns()
+        for kept in self._links:
+            if kept.reader.lost and kept.trouble != "lost":
+                self._begin(kept, "lost", kept.reader.lost, now_ns)
+            elif not kept.trouble and self._expected(kept) and self._is_silent(kept.reader, now_ns):
+                reason = f"no good frame for {age_s(kept.reader, now_ns):.1f} s"
+                self._begin(kept, "silent", reason, now_ns)
+            if kept.trouble and not kept.held_ns and self._expected(kept):
+                kept.held_ns = now_ns
+                self._context.stop.holds.hold(kept.by, kept.reason)
+
+    def _expected(self, kept: Kept) -> bool:
+        """Whether the run needs the link now."""
+        if not self._active:
+            return False
+        if kept.trouble == "lost" and kept.reader.name == self._commanded:
+            return True
+        if kept.reader.last_frame_ns < 0:
+            return False
+        if kept.switched and kept.trouble != "lost" and kept.reader.last_frame_ns < self._acted_ns + ACT_NS:
+            return False
+        return self._needed or (kept.trouble == "lost" and not self._power_changed)
+
+    @property
+    def _active(self) -> bool:
+        """False from the moment on when the bench is put away."""
+        return self._context.stop.interruptible and not self._context.stop.over
+
+    @staticmethod
+    def _is_silent(reader: LinkReader, now_ns: int) -> bool:
+        return is_silent(reader, now_ns) and not _undecided(reader, now_ns)
+
+    def _begin(self, kept: Kept, trouble: Literal["lost", "silent"], reason: str, now_ns: int) -> None:
+        if not kept.trouble:
+            kept.since_ns = now_ns
+        kept.trouble, kept.reason = trouble, reason
+        self._remember(kept, now_ns)
+        self._event(kept, trouble, reason=reason)
+        self._context.listener.message(f"{kept.by} is {trouble}: {reason}")
+
+    # --- bringing back ---------------------------------------------------------------------------------------------
+
+    def service(self) -> None:
+        """A few times a second, on a thread that may wait for a port."""
+        acquisition, now_ns = self._context.acquisition, self._context.clock.now_ns()
+        with acquisition.lock:
+            if any(_left_over(kept.reader, now_ns) for kept in self._links):
+                acquisition.decode()
+            self.judge()
+        for kept in self._links if self._active else ():
+            if kept.reader.lost:
+                self._reopen(kept, now_ns)
+            elif kept.trouble:
+                with acquisition.lock:
+                    acquisition.decode()
+                    self._welcome(kept, now_ns)
+            if kept.trouble:
+                self._give_up(kept, now_ns)
+        self._note(now_ns)
+
+    def _reopen(self, kept: Kept, now_ns: int) -> None:
+        link = kept.reader.link
+        if now_ns - kept.tried_ns < REOPEN_NS or not isinstance(link, Reopenable):
+            return
+        kept.tried_ns = now_ns
+        self._context.acquisition.unlisten(kept.reader)
+        try:
+            link.reopen()
+        except LinkError:
+            return
+        with self._context.acquisition.lock:
+            self._context.acquisition.catch_up()  # frames that came before count for nothing now
+            self._remember(kept, now_ns, "port opened again")
+        kept.counted = kernel_counts(link)
+        kept.reader.found()
+        self._context.acquisition.listen(kept.reader)
+
+    @staticmethod
+    def _remember(kept: Kept, now_ns: int, *how: str) -> None:
+        """What follows is compared with how the link is now."""
+        kept.frames, kept.mark = kept.reader.decoder.counts.frames, CounterMark.of(kept.reader)
+        kept.nudged_ns, kept.asked_ns, kept.how = now_ns, 0, list(how)
+
+    def _welcome(self, kept: Kept, now_ns: int) -> None:
+        """Frames must come, then the unit must be the one of before."""
+        if kept.reader.last_frame_ns < 0:
+            self._end(kept, now_ns)  # it never sent anything: there is nothing to compare
+            return
+        if kept.reader.decoder.counts.frames - kept.frames < GOOD_FRAMES or is_silent(kept.reader, now_ns):
+            self._nudge(kept, now_ns)
+            return
+        if not any(word.startswith("counter") for word in kept.how):
+            self._compare(kept)
+        verdict = self._unit.verdict() if kept.asked_ns else "pending"
+        if verdict == "pending" and (not kept.asked_ns or now_ns - kept.asked_ns > ASK_NS):
+            self._unit.ask()
+            kept.asked_ns = now_ns
+            verdict = self._unit.verdict()
+        if verdict == "other":
+            self._context.stop.fail(self._unit.other("after the link came back", kept.reader.name))
+        elif verdict != "pending":
+            kept.how.append(f"unit answers {self._unit.answer!r}" if verdict == "same" else "identity not asked")
+            self._end(kept, now_ns)
+
+    def _compare(self, kept: Kept) -> None:
+        reader = kept.reader
+        sizes = [item.counter.size for item in reader.definition.layout.messages if item.counter is not None]
+        wrap = 1 << (8 * sizes[0]) if sizes else 1 << 62
+        buffered = isinstance(reader.link, InstrumentLink)
+        if went_on(kept.mark, CounterMark.of(reader), reader.definition.rate_Hz, wrap, buffered=buffered):
+            kept.how.append("counter went on")
+            return
+        kept.how.append("counter began anew: the unit was restarted")
+        self._command_again(kept)
+
+    def _nudge(self, kept: Kept, now_ns: int) -> None:
+        """No frames: the unit may have been restarted and wait for its command."""
+        first = not any(word.endswith("sent again") for word in kept.how)
+        if now_ns - kept.nudged_ns > (NUDGE_NS if first else NUDGE_AGAIN_NS):
+            kept.nudged_ns = now_ns
+            self._command_again(kept)
+
+    def _command_again(self, kept: Kept) -> None:
+        name = self._unit.again(self._step)
+        words = f"{name!r} sent again"
+        if name and words not in kept.how:
+            kept.how.append(words)
+
+    def _end(self, kept: Kept, now_ns: int) -> None:
+        seconds = (now_ns - kept.since_ns) / NS
+        how = "; ".join(kept.how or ["frames come again"])
+        self._event(kept, "back", seconds=seconds, how=how)
+        self._context.listener.message(f"{kept.by} is back after {seconds:.1f} s: {how}")
+        kept.trouble, kept.held_ns, kept.asked_ns = "", 0, 0
+        self._context.stop.holds.release(kept.by)
+
+    def _give_up(self, kept: Kept, now_ns: int) -> None:
+        if not kept.held_ns or now_ns - kept.held_ns < LIMIT_S * NS:
+            return
+        code = "B-RUN-024" if kept.reader.lost else "B-RUN-021"
+        self._context.stop.fail(
+            RunError(
+                code,
+                f"not back after {LIMIT_S:g} s: {kept.reason}",
+                where=kept.reader.name,
+                next_step="check cable, supply and stream mode of the unit, then 'bench resume SESSION'",
+            )
+        )
+
+    # --- what others see -------------------------------------------------------------------------------------------
+
+    def _note(self, now_ns: int) -> None:
+        for kept in self._links:
+            stale = bool(kept.reader.lost) or (is_stale(kept.reader, now_ns) and not _undecided(kept.reader, now_ns))
+            self._context.health.note(f"{kept.reader.name}_stale", float(stale))
+        if now_ns - self._kernel_ns < KERNEL_NS:
+            return
+        self._kernel_ns = now_ns
+        for kept in self._links:
+            self._note_counts(kept)
+
+    def _note_counts(self, kept: Kept) -> None:
+        """Bytes the kernel lost, and decoding that fell behind, are events; nothing else of them is."""
+        counts = None if kept.reader.lost else kernel_counts(kept.reader.link)
+        if counts is not None and kept.counted is not None and counts != kept.counted:
+            more = {name: value - kept.counted[name] for name, value in counts.items()}
+            self._event(kept, "kernel errors", **more)
+            self._context.listener.message(f"{kept.by}: the kernel counted errors: {more}")
+        kept.counted = counts
+        if kept.reader.behind != kept.behind:
+            self._event(kept, "behind", times=kept.reader.behind - kept.behind)
+            kept.behind = kept.reader.behind
+
+    def _event(self, kept: Kept, state: str, **fields: object) -> None:
+        self._context.event("link", link=kept.reader.name, state=state, **fields)
+
+
+def _left_over(reader: LinkReader, now_ns: int) -> bool:
+    """Bytes wait to be decoded, and none has followed for long: what they say is the newest there is."""
+    return reader.decoder.pending_bytes > 0 and not _undecided(reader, now_ns)
+
+
+def _undecided(reader: LinkReader, now_ns: int) -> bool:
+    """Bytes that came not long ago and are not decoded may be frames."""
+    return reader.decoder.pending_bytes > 0 and now_ns - reader.last_byte_ns < to_ns(silence_s(reader))
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """Passes everything on to the listener, and tells the keeper of the steps."""
+
+    listener: Listener
+    keeper: LinkKeeper
+
+    def step(self, step: Step, at_s: float) -> None:
+        self.keeper.step(step)
+        self.listener.step(step, at_s)
+
+    def record(self, row: RecordRow) -> None:
+        self.listener.record(row)
+
+    def message(self, text: str) -> None:
+        self.listener.message(text)
+
+
+@contextmanager
+def keep_links(context: RunContext) -> Iterator[LinkKeeper]:
+    """Look after the links while a run goes on (a Beside of bench.run.session)."""
+    keeper, acquisition, listener = LinkKeeper(context), context.acquisition, context.listener
+    context.listener = _Steps(listener, keeper)
+    acquisition.on_serviced = lambda: context.health.alive(LINKS)
+    acquisition.watch = keeper
+    try:
+        yield keeper
+    finally:
+        acquisition.watch = None
+        context.listener = listener
+        for reader in acquisition.readers.values():
+            reader.kept = False

@@ -1,0 +1,88 @@
+"""How a link is: what others show of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from bench.model.clock import NS, to_ns
+from bench.run.links.instrument import InstrumentLink
+from bench.run.links.reader import LinkReader
+
+SILENCE_S = 2.0  # without a good frame: the unit is silent
+STALE_PERIODS = 2  # frame periods without a good frame: what is known of it is old
+BUFFERED_S = 0.5  # as old may a frame be that an instrument had buffered, without being old
+
+State = Literal["waiting", "streaming", "stale", "silent", "lost"]
+
+
+@dataclass(frozen=True)
+class LinkStatus:
+    """One link. ``state``: waiting (no good frame yet), streaming, stale (none for 2 frame periods), silent (none for
+    2 s), lost (the port is gone, ``reason`` says why).
+
+    frames, bad, lost, duplicate: totals of the run; rate_Hz: of the last seconds, NaN before one second of frames;
+    age_s: of the newest good frame, NaN before the first; behind: how often decoding had fallen behind.
+    """
+
+    link: str
+    state: State
+    reason: str
+    frames: int
+    bad: int
+    lost: int
+    duplicate: int
+    rate_Hz: float
+    age_s: float
+    behind: int
+
+
+def silence_s(reader: LinkReader) -> float:
+    """Time without a good frame that makes a link silent, second."""
+    return max(SILENCE_S, STALE_PERIODS * reader.period_s)
+
+
+def age_s(reader: LinkReader, now_ns: int) -> float:
+    """Age of the newest good frame that is decoded, second; NaN before the first."""
+    return math.nan if reader.last_frame_ns < 0 else (now_ns - reader.last_frame_ns) / NS
+
+
+def is_silent(reader: LinkReader, now_ns: int) -> bool:
+    """Frames came, and none does any more; what was received must be decoded."""
+    return reader.last_frame_ns >= 0 and now_ns - reader.last_frame_ns > to_ns(silence_s(reader))
+
+
+def is_stale(reader: LinkReader, now_ns: int) -> bool:
+    """No good frame for two frame periods, or longer than a buffer is left alone; what came must be decoded."""
+    limit_s = STALE_PERIODS * reader.period_s if reader.period_s else SILENCE_S
+    if isinstance(reader.link, InstrumentLink):
+        limit_s = max(BUFFERED_S, limit_s)
+    return reader.last_frame_ns >= 0 and now_ns - reader.last_frame_ns > to_ns(limit_s)
+
+
+def status_of(reader: LinkReader, now_ns: int) -> LinkStatus:
+    """State and totals of a link whose bytes are decoded up to now."""
+    counts = reader.decoder.counts
+    return LinkStatus(
+        link=reader.name,
+        state=_state(reader, now_ns),
+        reason=reader.lost,
+        frames=counts.frames,
+        bad=counts.bad,
+        lost=counts.lost,
+        duplicate=counts.duplicate,
+        rate_Hz=reader.rate_Hz,
+        age_s=age_s(reader, now_ns),
+        behind=reader.behind,
+    )
+
+
+def _state(reader: LinkReader, now_ns: int) -> State:
+    if reader.lost:
+        return "lost"
+    if reader.last_frame_ns < 0:
+        return "waiting"
+    if is_silent(reader, now_ns):
+        return "silent"
+    return "stale" if is_stale(reader, now_ns) else "streaming"

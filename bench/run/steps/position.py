@@ -1,0 +1,230 @@
+"""Where a run goes on after it was interrupted: a position is a number in the plan's list of steps."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from bench.model.ports import Action
+from bench.plan import Plan, Step
+from bench.plan.drivers import driver_actions
+from bench.record import JournalEntry
+from bench.run.steps.motion_again import is_motion
+
+Event = tuple[str, int, Mapping[str, Any]]
+NOTED = ("exchange", "reading", "prompt")  # events of steps that, beside records, results are made of
+
+
+@dataclass(frozen=True)
+class Resumption:
+    """A session that is gone on with: from step ``start``, behind the ``records`` it holds already.
+
+    ``manifest`` is the session's; ``withdrawn`` are numbers of records that are taken again; ``expected`` what the
+    bench was set to when it stopped (setpoints); ``unit_answer`` is what the unit said when it was asked who
+    it is; ``settled`` is False if the soak before the position was left unstable; ``fields`` go into the "resume"
+    event.
+    """
+
+    folder: Path
+    manifest: Mapping[str, Any]
+    start: int
+    records: int = 0
+    withdrawn: tuple[int, ...] = ()
+    expected: Mapping[str, dict[str, Any]] = field(default_factory=dict)
+    unit_answer: bytes | None = None
+    settled: bool = True
+    fields: Mapping[str, Any] = field(default_factory=dict)
+
+    def with_fields(self, **more: Any) -> Resumption:
+        """The same with more in the "resume" event."""
+        return replace(self, fields={**self.fields, **more})
+
+
+@dataclass(frozen=True)
+class Position:
+    """Where a stopped run goes on: its next step, the records that stay (the highest number) and those taken again."""
+
+    start: int
+    records: int
+    withdrawn: tuple[int, ...]
+
+
+def stopped_at(plan: Plan, entries: Sequence[JournalEntry], events: Sequence[Event]) -> Position:
+    """Position of a stopped run, from its journal and the events of its session.
+
+    Either may have lost its end in a power cut. A record counts if its event is there; the point of the first one that
+    is missing is taken again, and so is a point whose record was not verified any more. Of a run that could still say
+    how it ended the journal is whole: a record behind it was not accepted. What a step has noted in the session counts
+    like a record; a test of the unit is done again from the beginning of its item.
+    """
+    taken, skipped = _taken(events)
+    last = next((one for one in reversed(events) if one[0] in ("end", "resume")), None)
+    told = last is not None and last[0] == "end"
+    if last is not None and told and last[2].get("error", "") is None:  # killed behind its last step, unclosed
+        number = len(plan.steps)
+    else:
+        number = _next_step(plan, entries, taken, skipped, told=told)
+        number = _first_lost(plan, number, taken, skipped, _noted(events))
+    if number < len(plan.steps):
+        steps = plan.phase(plan.steps[number].phase)
+        inside = number - steps[0].number
+        first = point_start(steps, inside, readings_of(steps, _drivers(plan, steps)))
+        inside = 0 if steps[0].phase == "finally" else _item_start(steps, first)
+        number = steps[inside].number
+    again = tuple(sorted(one for one, step in taken.items() if step >= number))
+    return Position(number, max((one for one in taken if one not in again), default=0), again)
+
+
+def _taken(events: Sequence[Event]) -> tuple[dict[int, int], list[range]]:
+    """Steps of the records that count, by number, and the ranges of steps that were skipped."""
+    taken: dict[int, int] = {}
+    skipped = []
+    for kind, _, fields in events:
+        if kind == "record":
+            taken[int(fields["number"])] = int(fields.get("step", -1))
+        elif kind == "retake":
+            taken.pop(int(fields.get("record", -1)), None)
+        elif kind == "skip":
+            skipped.append(range(int(fields["first"]), int(fields["stop"])))
+    return taken, skipped
+
+
+def _next_step(
+    plan: Plan, entries: Sequence[JournalEntry], taken: Mapping[int, int], skipped: Sequence[range], *, told: bool
+) -> int:
+    """Number of the step behind the last one that is proved to be done, ``len(plan.steps)`` if all are."""
+    number = entries[-1].number + 1 if entries else 0
+    for stretch in skipped:
+        number = stretch.stop if number in stretch else number
+    last = max(taken.values(), default=-1)
+    if last >= number:
+        return number if told and entries else last + 1
+    records = (step.number for step in plan.steps[last + 1 : number] if step.kind == "record")
+    lost = (one for one in records if not any(one in stretch for stretch in skipped))
+    return next(lost, number)
+
+
+def _noted(events: Sequence[Event]) -> set[tuple[str, int]]:
+    """Kind and step of what steps have noted in the session."""
+    return {(kind, int(fields.get("step", -1))) for kind, _, fields in events if kind in NOTED}
+
+
+def _first_lost(
+    plan: Plan, number: int, taken: Mapping[int, int], skipped: Sequence[range], noted: set[tuple[str, int]]
+) -> int:
+    """The first step before ``number`` whose note is not in the session any more, behind the last that is; or it."""
+    last = max((step for step in (*taken.values(), *(step for _, step in noted)) if step < number), default=-1)
+    between = [step for step in plan.steps[last + 1 : number] if not any(step.number in one for one in skipped)]
+    return next((step.number for step in between if _notes(plan, step)), number)
+
+
+def _notes(plan: Plan, step: Step) -> bool:
+    """Whether a step leaves something in the session that results are made of; records are looked for by number."""
+    if step.kind == "call":
+        return _reads(step, _drivers(plan, [step]))
+    return step.kind == "prompt" or (step.kind == "unit" and "item" in step.arguments)
+
+
+def _reads(step: Step, drivers: Mapping[str, Mapping[str, Action]]) -> bool:
+    declared = drivers.get(step.role, {}).get(step.name)
+    return declared is not None and bool(declared.returns)
+
+
+def _drivers(plan: Plan, steps: Sequence[Step]) -> dict[str, Mapping[str, Action]]:
+    roles = {step.role for step in steps if step.kind == "call"}
+    return {role: driver_actions(plan.station.instruments[role].driver) for role in roles}
+
+
+def _item_start(steps: Sequence[Step], index: int) -> int:
+    """Index of the first of the tests of one item, right behind each other, that go on with ``steps[index]``."""
+    while index > 0 and _item(steps[index]) is not None and _item(steps[index]) == _item(steps[index - 1]):
+        index -= 1
+    return index
+
+
+def _item(step: Step) -> tuple[Any, ...] | None:
+    if step.kind != "unit" or "item" not in step.arguments:
+        return None
+    return step.role, step.arguments["item"], step.conditions.get("unit")
+
+
+def readings_of(steps: Sequence[Step], drivers: Mapping[str, Mapping[str, Action]]) -> frozenset[int]:
+    """Numbers of the steps that only read an instrument; ``drivers``: declared actions by role."""
+    return frozenset(step.number for step in steps if step.kind == "call" and _reads(step, drivers))
+
+
+def point_start(steps: Sequence[Step], index: int, readings: Container[int] = ()) -> int:
+    """Index of the first step of the point that holds ``steps[index]``: where its relays and level are set.
+
+    The step itself if it belongs to no point, or to records that follow each other without a gap; but records with a
+    motion or an act of a person between them are one recording of it, which begins with the first of them. Readings of
+    instruments (their step numbers) right behind a record belong to it: they say how things were at its end.
+    """
+    record = _record_of(steps, index, readings)
+    if record is not None and steps[record].arguments.get("follows"):
+        begun = _recording_start(steps, record)
+        record = begun if any(is_motion(step) or step.kind == "prompt" for step in steps[begun:record]) else None
+    if record is None:
+        return index
+    first = _start_of(steps, record)
+    if first > index or any(step.kind == "soak" for step in steps[first : index + 1]):
+        return index
+    return first
+
+
+def _recording_start(steps: Sequence[Step], record: int) -> int:
+    """Index of the first of the records that follow each other without a gap up to this one."""
+    while record > 0 and (steps[record].kind != "record" or steps[record].arguments.get("follows")):
+        record -= 1
+    return record
+
+
+def in_point(steps: Sequence[Step], index: int, readings: Container[int] = ()) -> bool:
+    """Whether ``steps[index]`` belongs to a point, so that there is one to skip."""
+    record = _record_of(steps, index, readings)
+    return record is not None and _start_of(steps, record) <= index
+
+
+def point_stop(steps: Sequence[Step], index: int, readings: Container[int] = ()) -> int:
+    """Index behind the last step of the point that holds ``steps[index]``: its record, what verifies it, readings."""
+    record = _record_of(steps, index, readings)
+    stop = index if record is None else max(record, index)
+    while stop + 1 < len(steps) and _closes(steps, stop + 1, record, readings):
+        stop += 1
+    return stop + 1
+
+
+def _closes(steps: Sequence[Step], index: int, record: int | None, readings: Container[int]) -> bool:
+    if steps[index].kind == "verify":
+        return True
+    return steps[index].number in readings and record is not None and _record_of(steps, index, readings) == record
+
+
+def _record_of(steps: Sequence[Step], index: int, readings: Container[int]) -> int | None:
+    """Index of the record of a point: the one that a verify step or a reading follows, else the next one."""
+    ahead = _next_record(steps, index)
+    if steps[index].number in readings and ahead is not None and _start_of(steps, ahead) <= index:
+        return ahead  # a reading on the way to it
+    at = index
+    while at > 0 and (steps[at].kind == "verify" or steps[at].number in readings):
+        at -= 1
+    behind = steps[at].kind == "record" or steps[index].kind == "verify"
+    return _next_record(steps, at) if behind else ahead
+
+
+def _next_record(steps: Sequence[Step], index: int) -> int | None:
+    """Index of the next record before any soak, and before any prompt that does not stand inside a recording."""
+    for later in range(index, len(steps)):
+        if steps[later].kind == "record":
+            asked = any(step.kind == "prompt" for step in steps[index:later])
+            return None if asked and not steps[later].arguments.get("follows") else later
+        if steps[later].kind == "soak":
+            return None
+    return None
+
+
+def _start_of(steps: Sequence[Step], record: int) -> int:
+    """Index of the step from which the point of a record is taken again."""
+    return max(0, int(steps[record].arguments.get("retry_step", steps[record].number)) - steps[0].number)

@@ -1,0 +1,80 @@
+"""The record step: a window of frames cut by the unwrapped counter, taken again when too much was lost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from bench.model.clock import to_ns
+from bench.model.ports import RecordWindow
+from bench.plan import Step
+from bench.record import RecordRow
+from bench.run.bench.wiring import check_wiring
+from bench.run.context import RunContext
+from bench.run.steps.windows import begin_window, is_chained, is_sampled, is_timed, patience_s, silent
+
+MEASUREMENT = "measurement"
+
+
+def take_record(context: RunContext, step: Step) -> None:
+    """Take one record; retake it while its losses exceed the limit and attempts are left.
+
+    Raises: RunError B-RUN-021 if the unit is silent before the record or through all of it.
+    """
+    context.record_count += 1
+    number = context.record_count
+    attempts = 1 + int(step.arguments.get("retry", 0))
+    max_lost = float(step.arguments.get("max_lost", 0.0))
+    for attempt in range(attempts):
+        row = _take(context, step, number)
+        lost = row.lost / row.window.frames
+        if lost <= max_lost or attempt == attempts - 1:
+            break
+        context.event("retake", record=number, reason=f"{row.lost} of {row.window.frames} frames lost")
+        context.retaken += 1
+        context.timeline.add_slip(to_ns(float(step.arguments["seconds"])))
+    if row.frames == 0 and not (is_chained(context, step) and _goes_on(context, row)):
+        raise silent(context, f"no good frame during record {number}")
+    context.rows[number] = row
+    context.listener.record(row)
+    if step.arguments.get("purpose", MEASUREMENT) == "wiring":
+        check_wiring(row, context.plan.campaign, step.where)
+
+
+def _goes_on(context: RunContext, row: RecordRow) -> bool:
+    """Frames came behind the record: the unit is not silent, and a window that is lost costs no other one."""
+    reader = context.acquisition.readers[context.measurement_link]
+    return reader.last_counter >= row.window.first_counter + row.window.frames
+
+
+def _take(context: RunContext, step: Step, number: int) -> RecordRow:
+    reader = context.acquisition.readers[context.measurement_link]
+    window = begin_window(context, step, number)
+    context.timeline.wait_until_ns(window.t_end_ns)
+    last = window.first_counter + window.frames - 1
+    deadline = window.t_end_ns + to_ns(patience_s(context, step))
+    context.acquisition.wait_until(lambda: reader.last_counter >= last, deadline)
+    with context.acquisition.lock:  # a replay takes the frames received up to the time of the event, no others
+        context.acquisition.catch_up()
+        timed = {"pulse_timing": True} if is_timed(step) else {}
+        sampled = {"samples": True} if is_sampled(step) else {}
+        context.event("record", **window_fields(window), **timed, **sampled)
+        return context.cutter.close(number)
+
+
+def window_fields(window: RecordWindow) -> dict[str, object]:
+    """A record window as an event of the session."""
+    return {
+        "number": window.number,
+        "link": window.link,
+        "first_counter": window.first_counter,
+        "frames": window.frames,
+        "t_start_ns": window.t_start_ns,
+        "t_end_ns": window.t_end_ns,
+        "conditions": dict(window.conditions),
+        "step": window.step,
+    }
+
+
+def measurement_rows(rows: Mapping[int, RecordRow]) -> list[RecordRow]:
+    """The records that count, in order; wiring records are left out."""
+    return [row for _, row in sorted(rows.items()) if row.window.conditions.get("purpose", MEASUREMENT) == MEASUREMENT]

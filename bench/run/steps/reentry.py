@@ -1,0 +1,190 @@
+"""The way back into a plan after a hold or a stop: supplies, generator and unit as they were, then the temperature.
+
+The unit is soaked again only if its temperature has left the band of the soak before the position. On a ramp the ramp
+is done again from its start, so that the unit comes through the same temperatures, with the same lag and on the same
+branch, and the position is entered when as much of the ramp has passed as the plan says.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+
+from bench.model.clock import NS, to_ns
+from bench.model.ports import Action, actions_of
+from bench.plan import Step
+from bench.run.context import CHAMBER, RunContext
+from bench.run.control.operator import changes_of
+from bench.run.steps.dispatch import EXECUTORS
+from bench.run.steps.motion_again import changes_motion, motion_again
+from bench.run.steps.setpoints import steps_again, warm_up_s
+from bench.run.steps.soak import soak
+from bench.run.steps.timing import Timeline
+
+UNIT_SPEAKS_S = 10.0  # housekeeping comes ten times a second once the unit streams
+
+
+def enter(context: RunContext, start: int) -> None:
+    """Bring a bench that was made safe to the state in which step ``start`` of the plan may begin.
+
+    Raises: what the steps raise that are done again; RunError B-RUN-031 if a temperature is not reached.
+    """
+    if start == len(context.plan.steps):  # every step was done: nothing is switched on for the rest
+        return
+    for name, value in changes_of(context.plan.steps[:start]).items():
+        context.listener.message(f"taken to be as before: {name} {value}")
+        context.operate(name, value)
+    with _not_interrupted(context):
+        began_ns = context.clock.now_ns()
+        _do_again(context, [*steps_again(context.plan, start, _drivers(context)), *_motion(context, start)])
+        _warm_up(context, start, began_ns)
+        _to_temperature(context, start, stopped=True)
+
+
+def come_back(context: RunContext, number: int) -> None:
+    """After a hold: tables, which it brought to rest, and the temperature as step ``number`` needs them.
+
+    The chamber ran on. A soak that was interrupted needs no other: it goes on to its own, not back to the one before.
+
+    Raises: B-RUN-031; InstrumentError of a table.
+    """
+    with _not_interrupted(context):
+        _do_again(context, _motion(context, number))
+    if context.plan.steps[number].kind == "soak":
+        return
+    with _not_interrupted(context):
+        _to_temperature(context, number, stopped=False)
+
+
+def tables_back(context: RunContext, number: int, passed: Sequence[Step]) -> None:
+    """After a jump in the plan: tables that the steps ``passed`` move are brought to where step ``number`` needs them.
+
+    They are made safe before: where the plan has an interlock open, somebody may be asked to come to the table.
+    Raises: InstrumentError of a table.
+    """
+    moved = dict.fromkeys(step.role for step in passed if changes_motion(step, _drivers(context)))
+    if not moved:
+        return
+    with _not_interrupted(context):
+        for role in moved:
+            context.listener.message(f"{role}: brought to rest, then to where step {number} of the plan needs it")
+            with context.in_use.take(role):
+                context.instruments[role].make_safe()
+        _do_again(context, _motion(context, number))
+
+
+def _motion(context: RunContext, number: int) -> list[Step]:
+    return motion_again(context.plan.steps, number, _drivers(context))
+
+
+def _drivers(context: RunContext) -> dict[str, Mapping[str, Action]]:
+    return {role: actions_of(type(instrument)) for role, instrument in context.instruments.items()}
+
+
+def _do_again(context: RunContext, steps: Sequence[Step]) -> None:
+    for step in steps:
+        if step.kind == "settle":
+            context.timeline.wait_until_ns(context.clock.now_ns() + to_ns(step.duration_s))
+        else:
+            context.listener.message(f"again: {step.role}.{step.name or step.arguments.get('text', '')}")
+            EXECUTORS[step.kind](context, step)
+
+
+def _warm_up(context: RunContext, start: int, began_ns: int) -> None:
+    """What is on since ``began_ns`` has been off: it gets the longest settle time of the preparation once more."""
+    steps = context.plan.steps
+    rest_ns = began_ns + to_ns(warm_up_s(context.plan, start)) - context.clock.now_ns()
+    if rest_ns > 0 and steps[start].phase != "finally":
+        context.listener.message(f"warming up again for {rest_ns / NS:.0f} s, as in the preparation")
+        context.timeline.wait_until_ns(context.clock.now_ns() + rest_ns)
+
+
+def thermal_steps(steps: Sequence[Step], number: int) -> list[Step]:
+    """Soaks and set-points of the chamber before a step, oldest first; those of ``finally`` count only inside it."""
+    found = [
+        step
+        for step in steps[:number]
+        if step.kind == "soak" or (step.kind == "call" and step.role == CHAMBER and step.name == "set_temperature")
+    ]
+    return found if number < len(steps) and steps[number].phase != "finally" else []
+
+
+def _to_temperature(context: RunContext, number: int, *, stopped: bool) -> None:
+    thermal = thermal_steps(context.plan.steps, number)
+    if not thermal:
+        return
+    began_ns, newest = context.clock.now_ns(), thermal[-1]
+    unit_degC = _unit_degC(context, newest)
+    if newest.kind == "soak":
+        soaked = not abs(unit_degC - newest.arguments["temperature"]) <= newest.arguments["within"]
+        _back_to_soak(context, newest, soaked=soaked, stopped=stopped)
+    else:
+        soaked = True
+        _along_the_ramp(context, thermal, context.plan.steps[number])
+    context.event(
+        "reentry", step=number, target_degC=newest.arguments["temperature"], soaked=soaked,
+        unit_degC=None if math.isnan(unit_degC) else unit_degC, seconds=(context.clock.now_ns() - began_ns) / NS,
+    )  # fmt: skip
+
+
+def _back_to_soak(context: RunContext, step: Step, *, soaked: bool, stopped: bool) -> None:
+    if soaked:
+        target, within = step.arguments["temperature"], step.arguments["within"]
+        context.listener.message(f"the unit has left {target:g} degC +- {within:g} degC: soaking again")
+        _soak_again(context, step)
+    elif stopped:
+        _drive(context, step)
+
+
+def _along_the_ramp(context: RunContext, thermal: Sequence[Step], step: Step) -> None:
+    """Soak where the ramp begins, start it, and wait until the planned time since its start has passed."""
+    newest, before = thermal[-1], thermal[-2] if len(thermal) > 1 else None
+    pattern = next((one for one in reversed(thermal) if one.kind == "soak"), None)
+    if before is not None and pattern is not None:
+        start_degC, stop_degC = before.arguments["temperature"], newest.arguments["temperature"]
+        context.listener.message(f"the ramp from {start_degC:g} degC to {stop_degC:g} degC is done again")
+        there = {**pattern.arguments, "temperature": start_degC, "late": "hold"}
+        _soak_again(context, replace(pattern, arguments=there))
+    _drive(context, newest)
+    passed_s = step.at_s - newest.at_s if step.phase == newest.phase else 0.0
+    context.timeline.wait_until_ns(context.clock.now_ns() + to_ns(passed_s))
+
+
+def _drive(context: RunContext, step: Step) -> None:
+    """Give the chamber the set-point of a step and let it run."""
+    chamber = context.instruments[step.role]
+    with context.in_use.take(step.role):
+        chamber.set_temperature(step.arguments["temperature"], step.arguments["ramp"])  # type: ignore[attr-defined]
+        chamber.run()  # type: ignore[attr-defined]
+
+
+def _soak_again(context: RunContext, step: Step) -> None:
+    """The whole slot of a soak, from now on; the timeline of the phase stands still meanwhile."""
+    outer = context.timeline
+    context.timeline = Timeline(context.clock, context.stop, context.clock.now_ns() - to_ns(step.at_s))
+    try:
+        soak(context, step)
+    finally:
+        context.timeline = outer
+
+
+def _unit_degC(context: RunContext, step: Step) -> float:
+    """The temperature a soak is judged by, degC; NaN if the unit says nothing for ``UNIT_SPEAKS_S``."""
+    if step.arguments.get("sensor") == "air":
+        with context.in_use.take(step.role):
+            return float(context.instruments[step.role].measure_air())  # type: ignore[attr-defined]
+    deadline_ns = context.clock.now_ns() + to_ns(UNIT_SPEAKS_S)
+    context.acquisition.wait_until(lambda: not math.isnan(context.unit_temperature_degC), deadline_ns, 0.2)
+    return context.unit_temperature_degC
+
+
+@contextmanager
+def _not_interrupted(context: RunContext) -> Iterator[None]:
+    """A stop or fault still ends the run; a hold, retake or skip waits until the plan goes on."""
+    context.stop.deferred = True
+    try:
+        yield
+    finally:
+        context.stop.deferred = False

@@ -1,0 +1,166 @@
+"""What the bench was set to, what it is found at, and which steps bring it back: supplies, generator, unit.
+
+A driver reads back what it sets before it returns, so a finished step is a verified set-point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from bench.model.clock import NS, Clock
+from bench.model.errors import InstrumentError
+from bench.model.ports import Action, Effect, Instrument, actions_of
+from bench.plan import Plan, Step
+from bench.record import JournalEntry
+
+READ_BACK_S = 3.0  # looking at the bench must not keep it from being made safe
+VOLTAGE_WITHIN = 0.05  # of the set-point
+AIR_WITHIN_degC = 2.0
+_ASKED = ("operating", "closed", "measure_voltage", "measure_air")
+_LEFT_OFF = (Effect.STIMULUS_SET, Effect.STIMULUS_ON, Effect.STIMULUS_OFF, Effect.ROUTE, Effect.ROUTES_OPEN)
+_NOT_AGAIN = (*_LEFT_OFF, Effect.THERMAL, Effect.MOTION_ON, Effect.MOTION_OFF)
+_NO_RAW_AGAIN = (*_LEFT_OFF, Effect.MOTION_ON)  # of an instrument with such an action nobody knows what raw text does
+_ON = ("output_on", "operate", "run", "start")
+_OFF = ("output_off", "standby", "stop", "open_all")
+_SWITCHES = (*_ON, *_OFF, "route")  # of two of one instrument the later counts
+
+Readings = dict[str, dict[str, Any]]
+
+
+def setpoint_of(step: Step, instruments: Mapping[str, Instrument]) -> dict[str, Any]:
+    """What a finished step has set and its instrument has confirmed: {"role.action": arguments}, else empty."""
+    if step.kind == "soak":
+        target = {"temperature": step.arguments["temperature"], "ramp": step.arguments["ramp"]}
+        return {f"{step.role}.set_temperature": target}
+    if step.kind != "call" or step.role not in instruments:
+        return {}
+    declared = actions_of(type(instruments[step.role])).get(step.name)
+    if declared is None or not _sets(declared):
+        return {}
+    return {f"{step.role}.{step.name}": dict(step.arguments)}
+
+
+def _sets(action: Action) -> bool:
+    """An action that changes its instrument, as far as its declaration can tell."""
+    plain = not action.returns and (bool(action.parameters) or action.name in _SWITCHES)
+    return action.effect is not Effect.NONE or plain
+
+
+def expected_of(entries: Iterable[JournalEntry]) -> Readings:
+    """Newest arguments of every action by role, oldest first; of what switches on or off only the last one is there."""
+    found: Readings = {}
+    for entry in entries:
+        for name, arguments in entry.setpoint.items():
+            role, action = name.split(".", 1)
+            state = found.setdefault(role, {})
+            for other in _SWITCHES if action in _SWITCHES else ():
+                state.pop(other, None)
+            state.pop(action, None)
+            state[action] = arguments
+    return found
+
+
+def read_back(instruments: Mapping[str, Instrument], clock: Clock) -> Readings:
+    """Ask every instrument that drives something what it does now; nothing is set. What does not answer is left out.
+
+    Takes ``READ_BACK_S`` and one question more at most.
+    """
+    found: Readings = {}
+    limit_ns = clock.now_ns() + round(READ_BACK_S * NS)
+    for role, instrument in instruments.items():
+        declared = actions_of(type(instrument))
+        if not any(action.effect is not Effect.NONE for action in declared.values()):
+            continue
+        for name in _ASKED:
+            if name in declared and not declared[name].parameters and clock.now_ns() < limit_ns:
+                try:
+                    found.setdefault(role, {})[name] = getattr(instrument, name)()
+                except InstrumentError:
+                    break
+    return found
+
+
+def differences(expected: Mapping[str, Mapping[str, Any]], found: Readings) -> list[str]:
+    """Sentences about what is not as the last finished step had left it."""
+    said = []
+    for role, readings in found.items():
+        state = expected.get(role, {})
+        for name, value in readings.items():
+            if state and (text := _difference(name, value, state)):
+                said.append(f"{role}: {text}")
+    return said
+
+
+def _difference(name: str, value: Any, state: Mapping[str, Any]) -> str:
+    on = any(word in state for word in _ON)
+    if name == "operating" and bool(value) != on:
+        return f"output was {_word(on)}, is {_word(bool(value))}"
+    if name == "closed" and bool(value) != ("route" in state):
+        return f"a route was {'closed' if 'route' in state else 'open'}, closed are now {', '.join(value) or 'none'}"
+    if name == "measure_voltage" and "voltage" in state.get("configure", {}):
+        set_V = float(state["configure"]["voltage"])
+        due_V = set_V if on else 0.0
+        far = abs(float(value) - due_V) > VOLTAGE_WITHIN * abs(set_V)
+        return f"was at {due_V:g} V, is at {value:.3g} V" if far else ""
+    if name == "measure_air" and "temperature" in state.get("set_temperature", {}):
+        due_degC = float(state["set_temperature"]["temperature"])
+        far = abs(float(value) - due_degC) > AIR_WITHIN_degC
+        return f"set-point {due_degC:g} degC, air is at {value:.1f} degC" if far else ""
+    return ""
+
+
+def _word(on: bool) -> str:
+    return "on" if on else "off"
+
+
+def steps_again(plan: Plan, first: int, drivers: Mapping[str, Mapping[str, Action]]) -> list[Step]:
+    """Steps before ``first`` that bring supplies, generator and unit back after everything was made safe.
+
+    The last call of each action (of each rail; on and off are one), settings before switches, then the last raw text
+    of each command word to instruments that drive no stimulus and move nothing, then the last of each unit command;
+    each with the settle time behind it. Prompts, stimulus, relays, readings, motion and the chamber are left out: the
+    point itself sets the stimulus, reentry moves tables (motion_again) and sets the chamber.
+
+    Args: drivers: declared actions by role.
+    """
+    last: dict[tuple[Any, ...], int] = {}
+    for step in plan.steps[:first]:
+        key = _key(step, drivers)
+        if key is not None:
+            last.pop(key, None)
+            last[key] = step.number
+    ordered = sorted(last, key=lambda key: (key[0], last[key]))
+    again: list[Step] = []
+    for key in ordered:
+        again.append(plan.steps[last[key]])
+        again += _settles(plan.steps, last[key] + 1)
+    return again
+
+
+def _key(step: Step, drivers: Mapping[str, Mapping[str, Action]]) -> tuple[Any, ...] | None:
+    """Sort and identity of a step that is done again; None for any other."""
+    if step.kind == "unit":
+        return None if "item" in step.arguments else (3, step.role, step.name)  # a test is not done twice
+    declared = drivers.get(step.role, {})
+    if step.kind == "send" and not any(action.effect in _NO_RAW_AGAIN for action in declared.values()):
+        text = str(step.arguments["text"])
+        return None if "?" in text else (2, step.role, text.split(maxsplit=1)[0])
+    action = declared.get(step.name)
+    if step.kind != "call" or action is None or action.effect in _NOT_AGAIN or not _sets(action):
+        return None
+    chosen = tuple(step.arguments.get(one.name) for one in action.parameters if one.choices)
+    name = _SWITCHES if step.name in _SWITCHES else step.name  # what was switched off is not on for a moment
+    return (0 if action.parameters else 1), step.role, name, chosen
+
+
+def warm_up_s(plan: Plan, first: int) -> float:
+    """The longest settle time of the preparation behind what switched something on, before step ``first``, seconds."""
+    before = [step for step in plan.steps[:first] if step.phase == "prepare"]
+    on = next((at for at, step in enumerate(before) if step.kind == "call" and step.name in _ON), len(before))
+    return max((step.duration_s for step in before[on:] if step.kind == "settle"), default=0.0)
+
+
+def _settles(steps: Sequence[Step], at: int) -> list[Step]:
+    """The settle step right behind a step, if there is one."""
+    return [steps[at]] if at < len(steps) and steps[at].kind == "settle" else []

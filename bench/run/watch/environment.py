@@ -1,0 +1,39 @@
+"""Temperatures through the whole run, once a minute: what the chamber's air and the unit really did."""
+
+from __future__ import annotations
+
+import math
+
+from bench.model.errors import InstrumentError
+from bench.run.bench.safety import QUICK_S, hurried
+from bench.run.context import CHAMBER, RunContext
+from bench.run.stop import guarded
+
+PERIOD_S = 60.0
+
+
+class EnvironmentLog:
+    """Writes an "environment" event each minute; a reading that fails is recorded as missing, never raised.
+
+    The chamber is not asked while a step talks to it: some chambers miss what comes between their commands.
+    """
+
+    def __init__(self, context: RunContext) -> None:
+        self._context = context  # its sink, not one of its own: who listens to the run's events hears these too
+        self._periodic = context.clock.every(PERIOD_S, guarded(self._take, context.stop))
+
+    def stop(self) -> None:
+        """No more readings."""
+        self._periodic.cancel()
+
+    def _take(self) -> None:
+        context, air = self._context, None
+        chamber = context.instruments.get(CHAMBER)
+        if chamber is not None and CHAMBER not in context.in_use:
+            try:
+                with hurried(chamber, QUICK_S):  # a mute chamber must not keep the bus from the steps
+                    air = float(chamber.measure_air())  # type: ignore[attr-defined]
+            except InstrumentError as error:
+                context.event("error", code=error.code, text=str(error))
+        unit = context.unit_temperature_degC
+        context.event("environment", air_degC=air, unit_degC=None if math.isnan(unit) else unit)

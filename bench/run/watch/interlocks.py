@@ -1,0 +1,141 @@
+"""Watches the interlocks of a plan beside the sequencer and does what they say."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from bench.model.clock import NS
+from bench.model.errors import RunError
+from bench.plan.interlock_language import Action, InterlockRule
+from bench.record import RecordRow
+from bench.run.context import RunContext
+from bench.run.control.following import Following
+from bench.run.hold.holds import Wish
+from bench.run.stop import guarded
+from bench.run.watch.interlock_state import Change, InterlockState
+from bench.run.watch.rate import RateStep
+from bench.run.watch.signals import WatchedSignals
+
+LOOK_WALL_S, LOOK_VIRTUAL_S = 1.0, 30.0
+ASK_WALL_S, ASK_VIRTUAL_S = 60.0, 300.0  # a rehearsal of 38 hours must not spend its time on these
+QUIET_S = 5.0
+
+
+class InterlockWatch:
+    """The interlocks of one run; ``take`` judges the newest readings.
+
+    Actions: ``hold`` stands still until the value is back; ``retake`` and ``skip`` act at once on the point under way
+    and hold if the value is still beyond a dwell later, so that no point is measured beyond a limit; ``abort`` ends
+    the run safely (B-RUN-071); ``warn`` says so.
+    """
+
+    def __init__(self, rules: Sequence[InterlockRule], context: RunContext, following: Following) -> None:
+        now_ns = context.clock.now_ns()
+        self._following = following
+        self._period_ns = round((ASK_VIRTUAL_S if context.clock.virtual else ASK_WALL_S) * NS)
+        self._ask_ns = now_ns + min(self._period_ns, round(ASK_WALL_S * NS))
+        self.signals = WatchedSignals(context, rules)
+        self._context = context
+        self._states = [InterlockState(rule, now_ns) for rule in rules]
+
+    @property
+    def tripped(self) -> dict[str, str]:
+        """What is beyond its limit now, by name of the interlock."""
+        return {state.rule.name: _sentence(state) for state in self._states if state.tripped}
+
+    def take(self) -> None:
+        """Look at the streams and judge every interlock; nothing is judged any more once the bench is made safe."""
+        if self._context.stop.over:
+            return
+        self.signals.look()
+        now_ns = self._context.clock.now_ns()
+        for state in self._states:
+            change = state.take(now_ns, self.signals.value(state.rule))
+            if change is not None:
+                self._changed(state, change)
+
+    def ask(self) -> None:
+        """Read the instruments that interlocks need, when it is time and the steps leave the bus alone for a while."""
+        now_ns = self._context.clock.now_ns()
+        overdue = now_ns - self._ask_ns
+        if overdue >= 0 and not self._context.stop.over and (self._quiet(now_ns) or overdue > self._period_ns):
+            self._ask_ns = now_ns + self._period_ns
+            self.signals.ask()
+
+    def _quiet(self, now_ns: int) -> bool:
+        """True while the step under way waits for long enough yet: a scan keeps the bus for seconds."""
+        step = self._following.step_under_way
+        if step is None or self._context.stop.holds.reasons:
+            return True
+        return self._context.timeline.target_ns(step.at_s + step.duration_s) - now_ns >= QUIET_S * NS
+
+    def _changed(self, state: InterlockState, change: Change) -> None:
+        action = state.rule.action
+        if change == "lasting":
+            if action not in ("retake", "skip"):
+                return
+            action = "hold"
+        self._tell(state, change, action)
+        by, reason, stop = f"interlock {state.rule.name}", _sentence(state), self._context.stop
+        if change == "released":
+            stop.holds.release(by)
+        elif action == "hold":
+            stop.holds.hold(by, reason)
+        elif action == "retake":
+            stop.holds.wish(Wish("retake", by, reason))
+        elif action == "skip":
+            stop.holds.wish(Wish("skip", by, reason))
+        elif action == "abort":
+            advice = "look for the cause, then 'bench resume SESSION'"
+            stop.fail(RunError("B-RUN-071", reason, where=by, next_step=advice))
+
+    def _tell(self, state: InterlockState, change: Change, action: Action) -> None:
+        rule, value = state.rule, state.value if math.isfinite(state.value) else None
+        below = rule.low is not None and value is not None and value < rule.low
+        limit = rule.low if below or rule.high is None else rule.high
+        self._context.event(
+            "interlock", name=rule.name, signal=rule.signal, of=rule.of, value=value, limit=limit, unit=rule.unit,
+            action=action, state=change,
+        )  # fmt: skip
+        done = "is back inside its limits" if change == "released" else f"{_sentence(state)}: {action}"
+        self._context.listener.message(f"interlock {rule.name}: {done}")
+
+
+def _sentence(state: InterlockState) -> str:
+    rule = state.rule
+    name = f"{rule.signal} of {rule.of}" if rule.of else rule.signal
+    if not math.isfinite(state.value):
+        return f"no reading of {name} for more than {rule.stale_s:g} s"
+    limits = " ... ".join("" if limit is None else f"{limit:g}" for limit in (rule.low, rule.high))
+    return f"{name} is {state.value:.6g} {rule.unit}, limits {limits.strip()} {rule.unit}"
+
+
+@contextmanager
+def interlocks(context: RunContext, rules: Sequence[InterlockRule], following: Following) -> Iterator[InterlockWatch]:
+    """Watch the interlocks while the run goes on, under either clock."""
+    watch = InterlockWatch(rules, context, following)
+    if any(rule.signal == "rate_step" for rule in rules):
+        _watch_records(watch, context, following)
+    look_s = LOOK_VIRTUAL_S if context.clock.virtual else LOOK_WALL_S
+    running = [
+        context.clock.every(look_s, guarded(watch.take, context.stop)),
+        context.clock.every(look_s, guarded(watch.ask, context.stop)),
+    ]
+    try:
+        yield watch
+    finally:
+        for periodic in running:
+            periodic.cancel()
+
+
+def _watch_records(watch: InterlockWatch, context: RunContext, following: Following) -> None:
+    reader = context.acquisition.readers[context.measurement_link]
+    steps = RateStep(reader.definition.rate_Hz or math.nan)
+    reader.listeners.insert(0, steps.feed)  # before the cutter, which may end the record with this batch
+
+    def taken(row: RecordRow) -> None:
+        watch.signals.put("rate_step", steps.of(row))
+
+    following.taken.append(taken)

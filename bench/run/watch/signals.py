@@ -1,0 +1,209 @@
+"""Newest values of what interlocks are set on, gathered without disturbing the steps.
+
+Most come from the streams of the unit, which are there anyway. An instrument is asked once a minute (the logger each
+five; under the virtual clock less often), never while a step talks to it, and with its bus held, so that no step can
+begin to in between.
+"""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections import deque
+from collections.abc import Callable, Collection
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field
+
+from bench.model.clock import NS
+from bench.model.errors import InstrumentError
+from bench.model.ports import Instrument
+from bench.plan.interlock_language import InterlockRule
+from bench.run.bench.safety import hurried
+from bench.run.context import CHAMBER, RunContext
+from bench.run.guard.health import CHAMBER_AIR
+from bench.run.links.acquisition import STALE_S, TEMPERATURE, LinkReader
+
+CALL_S = 1.0
+FRESH_S = 30.0  # what the guard of the hard limits has just read is not asked for again
+LOGGER_EACH = 5  # times the chamber: laboratory air is slow, and a scan keeps the bus for seconds
+SLOPE_S = 600.0
+SLOPE_LEAST_S = 60.0
+SHARE_S = 30.0
+OVERHEAD = 1.2  # of a session over the bytes of its links, events and chunk headers included
+FRESH_VIRTUAL_S = 150.0  # a rehearsal decodes once a minute, or when a megabyte waits
+HOUSEKEEPING = {
+    TEMPERATURE: ("unit_temperature", "unit_slope"),
+    "supply_current": ("supply_current",),
+    "supply_voltage": ("supply_voltage",),
+}
+
+
+@dataclass
+class _Slope:
+    readings: deque[tuple[int, float]] = field(default_factory=deque)
+
+    def add(self, t_ns: int, value: float) -> None:
+        self.readings.append((t_ns, value))
+        while t_ns - self.readings[0][0] > SLOPE_S * NS:
+            self.readings.popleft()
+
+    def per_min(self) -> float:
+        (first_ns, first), (last_ns, last) = self.readings[0], self.readings[-1]
+        if last_ns - first_ns < SLOPE_LEAST_S * NS:
+            return math.nan
+        return (last - first) / ((last_ns - first_ns) / NS / 60.0)
+
+
+@dataclass
+class _Share:
+    """Shares of lost and bad frames of one link over the last ``SHARE_S`` in which frames were counted."""
+
+    seen: deque[tuple[int, int, int, int]] = field(default_factory=deque)
+    lost: float = math.nan
+    bad: float = math.nan
+
+    def add(self, t_ns: int, frames: int, lost: int, bad: int) -> None:
+        if self.seen and (frames, lost, bad) == self.seen[-1][1:]:
+            return
+        if self.seen and frames < self.seen[-1][1]:
+            self.seen.clear()  # counted anew: the link was opened again
+        self.seen.append((t_ns, frames, lost, bad))
+        while len(self.seen) > 2 and t_ns - self.seen[1][0] >= SHARE_S * NS:
+            self.seen.popleft()
+        (_, frames_0, lost_0, bad_0) = self.seen[0]
+        due = frames - frames_0 + lost - lost_0
+        if due > 0:
+            self.lost = (lost - lost_0) / due
+            self.bad = (bad - bad_0) / (due + bad - bad_0)
+
+
+class WatchedSignals:
+    """Readings for the interlocks of one run. ``look`` takes the streams, ``ask`` the instruments."""
+
+    def __init__(self, context: RunContext, rules: Collection[InterlockRule]) -> None:
+        self._context = context
+        self._wanted = {rule.signal for rule in rules}
+        self._channels = {(rule.of, rule.channel) for rule in rules if rule.signal == "lab_air"}
+        self._links = {rule.of for rule in rules if rule.signal.startswith("link_")}
+        self._values: dict[tuple[str, str, int | None], tuple[int, float]] = {}
+        self._fetched: dict[str, int] = {}  # by rule: number of the reading it was given last
+        self._readings = 0
+        self._slopes = {"chamber_slope": _Slope(), "unit_slope": _Slope()}
+        self._shares = {link: _Share() for link in self._links}
+        self._received: dict[str, tuple[int, int]] = {}
+        self._asked = 0
+
+    def value(self, rule: InterlockRule) -> float | None:
+        """The newest reading for a rule, None if there is none that it was not given yet."""
+        number, value = self._values.get((rule.signal, rule.of, rule.channel), (0, math.nan))
+        if number == self._fetched.get(rule.name, 0):
+            return None
+        self._fetched[rule.name] = number
+        return value
+
+    def put(self, signal: str, value: float, of: str = "", channel: int | None = None) -> None:
+        """A reading is there."""
+        self._readings += 1
+        self._values[signal, of, channel] = (self._readings, value)
+
+    def look(self) -> None:
+        """Take what the streams say, and the room on the disk."""
+        for link in self._links:
+            self._look_at(link, self._context.acquisition.readers[link])
+        self._housekeeping()
+        if "disk_time" in self._wanted and not self._context.clock.virtual:
+            free = shutil.disk_usage(self._context.folder).free
+            self.put("disk_time", free / (OVERHEAD * self._context.plan.link_bytes_s))
+
+    def ask(self) -> None:
+        """Read the instruments that are idle."""
+        chamber = self._context.instruments.get(CHAMBER)
+        if chamber is not None and self._wanted & {"chamber_air", "chamber_slope"}:
+            self._air(chamber)
+        if self._asked % LOGGER_EACH == 0:
+            for role in sorted({role for role, _ in self._channels}):
+                self._scan(role, self._context.instruments[role])
+        self._asked += 1
+
+    def _air(self, chamber: Instrument) -> None:
+        health = self._context.health
+        age_s = health.age_s(CHAMBER_AIR)
+        if age_s is None or age_s > FRESH_S:
+            self._idle(CHAMBER, lambda: health.note(CHAMBER_AIR, float(chamber.measure_air())))  # type: ignore[attr-defined]
+            age_s = health.age_s(CHAMBER_AIR)
+        if age_s is not None and age_s <= FRESH_S:
+            self._temperature("chamber_air", "chamber_slope", health.values()[CHAMBER_AIR])
+
+    def _scan(self, role: str, logger: Instrument) -> None:
+        def scan() -> None:
+            found = dict(zip(logger.options["channels"], logger.scan(), strict=True))  # type: ignore[attr-defined]
+            for of, channel in self._channels:
+                if of == role and channel in found:
+                    self.put("lab_air", float(found[channel]), role, channel)
+            self._context.event("surroundings", role=role, degC={str(one): found[one] for one in found})
+
+        self._idle(role, scan)
+
+    def _idle(self, role: str, read: Callable[[], None]) -> None:
+        """Read an instrument that no step is talking to; one that does not answer gave no reading."""
+        with _bus_of(self._context.instruments[role]):  # a step that begins now waits for its first command
+            if role in self._context.in_use:
+                return
+            try:
+                with hurried(self._context.instruments[role], CALL_S):  # one that is mute must not keep the bus
+                    read()
+            except InstrumentError as error:
+                self._context.event("error", code=error.code, text=str(error))
+
+    def _temperature(self, name: str, slope: str, value_degC: float) -> None:
+        if not math.isfinite(value_degC):
+            return
+        self.put(name, value_degC)
+        self._slopes[slope].add(self._context.clock.now_ns(), value_degC)
+        self.put(slope, self._slopes[slope].per_min())
+
+    def _housekeeping(self) -> None:
+        """What the unit says of itself, as far as it is decoded: decoding it for this would cost most of all."""
+        for name, signals in HOUSEKEEPING.items():
+            if self._wanted.intersection(signals) and not math.isnan(value := self._newest(name)):
+                if name == TEMPERATURE:
+                    self._temperature("unit_temperature", "unit_slope", value)
+                else:
+                    self.put(name, value)
+
+    def _newest(self, name: str) -> float:
+        """Newest value of a housekeeping field, the mean of an array; NaN if it is old or nobody sends it."""
+        acquisition, now_ns = self._context.acquisition, self._context.clock.now_ns()
+        fresh_ns = round((FRESH_VIRTUAL_S if self._context.clock.virtual else STALE_S) * NS)
+        with acquisition.lock:
+            for reader in acquisition.readers.values():
+                for frames in reader.newest.values():
+                    if name in frames.message.by_name and frames.t_ns is not None:
+                        fresh = now_ns - int(frames.t_ns[-1]) <= fresh_ns
+                        return float(frames.scaled(name)[-1].mean()) if fresh else math.nan
+        return math.nan
+
+    def _look_at(self, link: str, reader: LinkReader) -> None:
+        now_ns, counts = self._context.clock.now_ns(), reader.decoder.counts
+        share = self._shares[link]
+        share.add(now_ns, counts.frames, counts.lost, counts.bad)
+        self.put("link_loss", share.lost, link)
+        self.put("link_bad", share.bad, link)
+        if reader.last_frame_ns >= 0:
+            self.put("link_age", (now_ns - self._newest_ns(link, reader, counts.bytes, now_ns)) / NS, link)
+
+    def _newest_ns(self, link: str, reader: LinkReader, decoded: int, now_ns: int) -> int:
+        """Receive time of the newest frame; bytes that wait to be decoded count when they came."""
+        pending = reader.decoder.pending_bytes
+        if not pending:
+            return reader.last_frame_ns
+        total = decoded + pending
+        if self._received.get(link, (-1, 0))[0] != total:
+            self._received[link] = (total, now_ns)
+        return max(reader.last_frame_ns, self._received[link][1])
+
+
+def _bus_of(instrument: Instrument) -> AbstractContextManager[object]:
+    """The lock of the bus an instrument is on, so that one reading of several commands is not cut into."""
+    lock: AbstractContextManager[object] | None = getattr(getattr(instrument, "bus", None), "lock", None)
+    return nullcontext() if lock is None else lock

@@ -1,0 +1,1 @@
+"""From a recording to its files: the service that commands, page and early verdicts call."""

@@ -1,0 +1,72 @@
+"""The end of a session that has an analysis: results, report, coefficients, and a line in the calibration history.
+
+Everything is written before anything is told: a terminal that is gone must not cost the results. The history comes
+last and costs nothing: a session that could not be entered is entered later from its folder.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from bench.analysis.analysis import Analysis
+from bench.analysis.results import results_json
+from bench.commands.coefficients import write_coefficients
+from bench.model.errors import ExitStatus, FitError
+from bench.session.output import write_attachments, write_file
+from bench.session.view import SessionView, analyse_view, report_html
+from bench.store import StoreError, record_calibration
+
+
+@dataclass
+class Finished:
+    """What was written; ``trouble`` are sentences about what could not be, none of which cost a number."""
+
+    results: Mapping[str, Any]
+    analysis: Analysis
+    written: list[tuple[str, str]] = field(default_factory=list)
+    trouble: list[str] = field(default_factory=list)
+
+    def tell(self, out: Console, errors: Console) -> None:
+        """Name the files, then the trouble."""
+        for kind, where in self.written:
+            out.print(f"{kind:<8} {where}")
+        for text in self.trouble:
+            errors.print(text)
+
+
+def without_results(error: FitError, folder: Path, out: Console, errors: Console) -> int:
+    """Tell where a whole session is that determines no result at all, and what is left to do; the exit status."""
+    errors.print(str(error))
+    out.print(
+        f"Every step was done, the bench is safe; no result can be computed from {folder}: "
+        f"'bench recover {folder}' says which records are not valid and can write a sequence for them"
+    )
+    return ExitStatus.VERDICT_FAIL
+
+
+def finish(folder: Path, view: SessionView, history: str) -> Finished:
+    """Write results.json, report.html and the coefficients into the session's folder, and enter the history.
+
+    Raises: BenchError of the analysis or of the disk; trouble with the history is only told.
+    """
+    results, analysis = analyse_view(view)
+    done = Finished(results, analysis, [("session", str(folder))])
+    page = report_html(view, results, analysis)
+    for kind, name, text in (("results", "results.json", results_json(results)), ("report", "report.html", page)):
+        write_file(folder / name, text)
+        done.written.append((kind, str(folder / name)))
+    for path in write_coefficients(folder, analysis, results, view.manifest["campaign"]):
+        done.written.append(("coeffs", str(path)))
+    if analysis.attachments:
+        done.written.append(("units", str(write_attachments(folder, analysis.attachments))))
+    try:
+        record_calibration(history, results, view.manifest, hashlib.sha256(page.encode()).hexdigest())
+    except StoreError as error:
+        done.trouble.append(f"{error}; nothing is lost: 'bench history import {folder}' enters it later")
+    return done

@@ -1,0 +1,269 @@
+"""The shortest sequence that makes up for records which are missing or invalid, with points that overlap.
+
+Everything comes from the session: its plan says what each point does, its sequence what the unit and the analysis are.
+The overlap is one good point of each channel at each temperature, taken again: what changed between the sessions
+shows there.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from decimal import Decimal
+from typing import Any
+
+from bench.model.errors import InputError
+from bench.model.ports import Action, Parameter
+from bench.plan import Plan, Step
+from bench.plan.bus_time import declared_action
+from bench.session.record_states import VALID, RecordState, of_samples
+
+_DROPPED = ("sequence", "title", "duration", "records", "prepare", "steps", "timeline", "finally", "procedures")
+_SECTION = re.compile(r"^([a-z_]+):", re.MULTILINE)
+_SUFFIXES = {"_A": "A", "_V": "V", "_Hz": "Hz", "_s": "s", "_C": "C", "_ohm": "ohm", "_W": "W", "_F": "F"}
+_SUFFIXES |= {"_degC": "degC", "_degC_min": "degC/min", "_deg_s": "deg/s"}
+_BETWEEN = ("record", "verify", "soak", "prompt")  # kinds of step that end the point before
+_AUTOMATIC = ("purpose", "label", "settle_band_degC")
+
+
+def make_up_sequence(plan: Plan, states: Sequence[RecordState]) -> tuple[str, int, int]:
+    """YAML text of the make-up sequence, the number of points it makes up, and of those that overlap.
+
+    Raises: InputError B-RES-007 if nothing is missing, B-RES-008 for records that follow each other without a gap.
+    """
+    again = [one for one in states if one.state != VALID]
+    if not again:
+        raise InputError("B-RES-007", "every record is valid, there is nothing to make up", next_step="'bench fit'")
+    for one in again:
+        if of_samples(one.step):
+            raise InputError(
+                "B-RES-008",
+                "records of samples on a table cannot be taken again one by one: each depends on how it was mounted",
+                where=one.step.where,
+                next_step="'bench resume' goes on with the run; else run the campaign again",
+            )
+        if one.step.arguments.get("follows") or "window_index" in one.step.conditions:
+            raise InputError(
+                "B-RES-008",
+                "records without a gap over a changing temperature cannot be taken again one by one",
+                where=one.step.where,
+                next_step="'bench resume' goes on with the ramp; else run the campaign again",
+            )
+    overlap = _overlap(plan, states, again)
+    chosen = sorted([*again, *overlap], key=lambda one: (one.state != VALID, one.step.number))
+    name = f"{plan.name}_make_up"
+    lines = [
+        f"# Make-up of {plan.name}: {len(again)} points that are missing or invalid, {len(overlap)} that overlap.",
+        f"sequence: {name}",
+        f"title: {json.dumps(f'{plan.title}: make-up'[:200], ensure_ascii=False)}",
+        *_head(plan),
+        "",
+        "prepare:",
+        *(f"  - {_written(plan, step)}" for step in plan.phase("prepare")),
+        "",
+        "steps:",
+        *_steps(plan, chosen),
+        "",
+    ]
+    if ending := plan.phase("finally"):
+        lines += ["finally:", *(f"  - {_written(plan, step)}" for step in ending), ""]
+    lines += ["procedures:", *_procedures(plan, chosen)]
+    return "\n".join(lines) + "\n", len(again), len(overlap)
+
+
+def _overlap(plan: Plan, states: Sequence[RecordState], again: Sequence[RecordState]) -> list[RecordState]:
+    """The good point with the largest current of each channel and temperature that is visited again."""
+    visited = {_visit(plan, one.step) for one in again}
+    best: dict[Any, RecordState] = {}
+    for one in states:
+        visit = _visit(plan, one.step)
+        if one.state == VALID and visit in visited:
+            known = best.get(visit)
+            if known is None or _current_A(one) > _current_A(known):
+                best[visit] = one
+    return list(best.values())
+
+
+def _visit(plan: Plan, step: Step) -> tuple[Any, ...]:
+    return _soak_key(_soak_before(plan, step)), step.conditions.get("channel")
+
+
+def _current_A(one: RecordState) -> float:
+    return abs(float(one.step.conditions.get("current_A", 0.0)))
+
+
+def _soak_before(plan: Plan, step: Step) -> Step | None:
+    return next((one for one in reversed(plan.steps[: step.number]) if one.kind == "soak"), None)
+
+
+def _soak_key(soak: Step | None) -> str:
+    return "" if soak is None else json.dumps([soak.role, dict(soak.arguments)], sort_keys=True)
+
+
+def _steps(plan: Plan, chosen: Sequence[RecordState]) -> Iterator[str]:
+    """Each temperature once, in the order of the plan; the overlap first, then what is made up."""
+    visits: dict[str, tuple[Step | None, list[RecordState]]] = {}
+    for one in sorted(chosen, key=lambda one: one.step.number):
+        soak = _soak_before(plan, one.step)
+        visits.setdefault(_soak_key(soak), (soak, []))[1].append(one)
+    for soak, points in visits.values():
+        if soak is not None:
+            yield f"  - {_written(plan, soak)}"
+        for one in sorted(points, key=lambda one: (one.state != VALID, one.step.number)):
+            why = f"overlap, was record {one.number}" if one.state == VALID else one.why
+            yield f"  - {_name(one)}  # {_one_line(why)}"
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _name(one: RecordState) -> str:
+    return f"{'overlap' if one.state == VALID else 'point'}_{one.step.number}"
+
+
+def _procedures(plan: Plan, chosen: Sequence[RecordState]) -> Iterator[str]:
+    for one in chosen:
+        yield f"  {_name(one)}:"
+        yield "    do:"
+        for step in _point(plan, one.step):
+            yield f"      - {_written(plan, step)}"
+
+
+def _point(plan: Plan, record: Step) -> Sequence[Step]:
+    """Steps of a point, from where it would be taken again to its last verification.
+
+    In the flat form a record stands alone: everything since the record before it belongs to the point.
+    """
+    first = int(record.arguments.get("retry_step", record.number))
+    if first == record.number:
+        while first > 0 and plan.steps[first - 1].phase == record.phase and plan.steps[first - 1].kind not in _BETWEEN:
+            first -= 1
+    stop = record.number + 1
+    while stop < len(plan.steps) and plan.steps[stop].kind == "verify":
+        stop += 1
+    return plan.steps[first:stop]
+
+
+def _head(plan: Plan) -> list[str]:
+    """The sections of the session's sequence that say what the unit, the bench and the analysis are."""
+    text = plan.texts[f"sequences/{plan.name}.yaml"]
+    starts = [*_SECTION.finditer(text)]
+    stops = [match.start() for match in starts[1:]] + [len(text)]
+    kept = []
+    for match, stop in zip(starts, stops, strict=True):
+        if match[1] not in _DROPPED:
+            section = _without_tail(text[match.start() : stop])
+            kept.append(_with_settings(section, plan.settings) if match[1] == "parameters" else section)
+    return "\n".join(kept).splitlines()
+
+
+def _without_tail(section: str) -> str:
+    """A section without the comments and blank lines in front of the next one."""
+    lines = section.splitlines()
+    while lines and (not lines[-1].strip() or lines[-1].startswith("#")):
+        lines.pop()
+    return "\n".join(lines)
+
+
+def _with_settings(section: str, settings: Mapping[str, str]) -> str:
+    """The parameters with the values the run was given with ``--set``."""
+    lines = section.splitlines()
+    for at, line in enumerate(lines):
+        key = line.strip().partition(":")[0]
+        if key in settings:
+            value = settings[key]
+            many = line.partition(":")[2].strip().startswith("[")
+            lines[at] = f"  {key}: {f'[{value}]' if many else _scalar(value)}"
+    return "\n".join(lines)
+
+
+def _scalar(text: str) -> str:
+    """A value as it was given: a number or word of YAML stays one, anything else is a text."""
+    return text if re.fullmatch(r"-?\d+(\.\d+)?|true|false", text) else json.dumps(text)
+
+
+def _written(plan: Plan, step: Step) -> str:
+    """One step of the plan as a step of the structured form."""
+    if step.kind == "call":
+        return _call(declared_action(plan.station, step.role, step.name), step)
+    if step.kind == "record":
+        return _flow({"record": _record(step)})
+    return _flow(_PLAIN[step.kind](step))
+
+
+def _call(declared: Action | None, step: Step) -> str:
+    called = f"{step.role}.{step.name}"
+    if not step.arguments:
+        return called
+    parameters = {one.name: one for one in declared.parameters} if declared is not None else {}
+    return _flow({called: {name: _argument(value, parameters.get(name)) for name, value in step.arguments.items()}})
+
+
+def _argument(value: Any, parameter: Parameter | None) -> Any:
+    if parameter is None or not parameter.dimension or not isinstance(value, int | float):
+        return value
+    return _quantity(value, parameter.dimension)
+
+
+def _quantity(value: float, unit: str) -> str:
+    return f"{Decimal(repr(float(value))) * 100:f} %" if unit == "1" else f"{value!r} {unit}"
+
+
+def _record(step: Step) -> dict[str, Any]:
+    arguments = step.arguments
+    record: dict[str, Any] = {"seconds": _quantity(arguments["seconds"], "s")}
+    if arguments.get("retry"):
+        record["retry"] = arguments["retry"]
+    if arguments.get("max_lost"):
+        record["max_lost"] = _quantity(arguments["max_lost"], "1")
+    if arguments.get("pulse_timing"):
+        record["pulse_timing"] = True
+    if arguments.get("purpose", "measurement") != "measurement":
+        record["purpose"] = arguments["purpose"]
+    if "label" in step.conditions:
+        record["label"] = step.conditions["label"]
+    record["conditions"] = dict(_condition(*one) for one in step.conditions.items() if one[0] not in _AUTOMATIC)
+    return record
+
+
+def _condition(name: str, value: Any) -> tuple[str, Any]:
+    """A condition as it was written: ``("current_A", 0.01)`` was ``current: 0.01 A``."""
+    for suffix in sorted(_SUFFIXES, key=len, reverse=True):
+        if name.endswith(suffix) and isinstance(value, float):
+            return name.removesuffix(suffix), _quantity(value, _SUFFIXES[suffix])
+    return name, value
+
+
+def _soak(step: Step) -> dict[str, Any]:
+    told = step.arguments
+    stable = {"within": _quantity(told["within"], "degC"), "for": _quantity(told["for"], "s"), "sensor": told["sensor"]}
+    soak = {"chamber": step.role, "temperature": _quantity(told["temperature"], "degC")}
+    soak |= {"ramp": _quantity(told["ramp"], "degC/min"), "slot": _quantity(told["slot"], "s")}
+    return {"soak": {**soak, "stable": stable, "late": told["late"], "hold_limit": _quantity(told["hold_limit"], "s")}}
+
+
+def _prompt(step: Step) -> dict[str, Any]:
+    told = step.arguments
+    prompt: dict[str, Any] = {"text": told["text"], "confirm": told["confirm"]}
+    if told.get("unit"):
+        limits = {key: _quantity(told[key], told["unit"]) for key in ("low", "high") if told.get(key) is not None}
+        prompt["value"] = {"unit": told["unit"], **limits}
+    return {"prompt": prompt}
+
+
+_PLAIN: dict[str, Callable[[Step], Mapping[str, Any]]] = {
+    "settle": lambda step: {"settle": _quantity(step.duration_s, "s")},
+    "verify": lambda step: {"verify": f"{step.role}.{step.name}"},
+    "unit": lambda step: {"unit": {step.role: step.name}},
+    "send": lambda step: {"send": {step.role: step.arguments["text"]}},
+    "soak": _soak,
+    "prompt": _prompt,
+}
+
+
+def _flow(step: Mapping[str, Any]) -> str:
+    """A step in one line; JSON is YAML."""
+    ((key, value),) = step.items()
+    return f"{key}: {json.dumps(value, ensure_ascii=False)}"

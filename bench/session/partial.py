@@ -1,0 +1,70 @@
+"""Main estimates of a session that is still being recorded; a process of its own, niced, like early verdicts.
+
+``python -m bench.session.partial SESSION``: reads the committed part of the session, prints one JSON document
+``{"records": n, "rows": [...]}`` and exits with 0. While nothing is determined, ``why`` says so.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from bench.analysis.registry import analyse
+from bench.analysis.results import results_json
+from bench.model.errors import BenchError
+from bench.session.service import read_view
+from bench.session.view import material_of
+
+NICE = 19
+MAIN = ("dsf_n", "dsf_p", "bias", "hysteresis_width")
+MEASURED = "unit_temperature_degC"
+KEYS = ("quantity", "unit", "conditions", "value", "std_uncertainty")
+
+
+def partial(folder: Path) -> dict[str, Any]:
+    """Estimates that are determined so far, those of ``MAIN`` first; all others only where there is none of these.
+
+    Raises: InputError B-REC-010 (no session); SessionDamaged B-REC-012 (no manifest).
+    """
+    view = read_view(folder)
+    found: dict[str, Any] = {"records": len(view.rows), "rows": []}
+    if not view.has_analysis:
+        return {**found, "why": "this sequence asks for no analysis"}
+    try:
+        estimates = analyse(material_of(view)).estimates
+    except BenchError as error:  # most often: too few records yet
+        return {**found, "why": error.message}
+    determined = [_row(one) for one in estimates if _is_number(one.get("value"))]
+    rows = [one for one in determined if one["quantity"] in MAIN] or determined
+    return {**found, "rows": rows} if rows else {**found, "why": "no estimate is determined yet"}
+
+
+def _row(estimate: Mapping[str, Any]) -> dict[str, Any]:
+    """What is measured of the conditions changes with each record; what is left names the estimate."""
+    row = {key: estimate.get(key) for key in KEYS}
+    conditions = {key: value for key, value in dict(row["conditions"] or {}).items() if key != MEASURED}
+    return {**row, "conditions": conditions}
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and math.isfinite(value)
+
+
+def main(words: list[str]) -> int:
+    """Entry point of the process: 0 for every session that can be read."""
+    os.nice(NICE)
+    try:
+        found = partial(Path(words[0]))
+    except BenchError as error:
+        sys.stderr.write(f"{error}\n")
+        return int(error.exit_status)
+    sys.stdout.write(results_json(found))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

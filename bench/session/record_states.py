@@ -1,0 +1,116 @@
+"""Which records of a campaign are valid, missing or invalid, and why: what a make-up session has to take again."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from bench.plan import Step
+from bench.record import RecordRow
+from bench.replay.rows import Replayed
+from bench.systems.af_converter import groups
+from bench.systems.af_converter.groups import count_problem, flag_problem
+from bench.systems.af_converter.temperatures import UnitTemperature, unit_temperatures
+
+VALID, MISSING, INVALID = "valid", "missing", "invalid"
+MEASUREMENT = "measurement"
+AT_ONE_TEMPERATURE = ("scale_factor", "dmm_method")  # analyses that leave out a record whose temperature is not known
+
+
+@dataclass(frozen=True)
+class RecordState:
+    """One planned record: its step, its number if it was taken, and what became of it."""
+
+    step: Step
+    number: int | None
+    state: str
+    why: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """The state as JSON values."""
+        found = {"step": self.step.number, "number": self.number, "state": self.state, "why": self.why}
+        return {**found, "conditions": dict(self.step.conditions)}
+
+
+def record_states(steps: Sequence[Step], replayed: Replayed) -> list[RecordState]:
+    """State of every measuring record of the campaign phase, in the order of the plan."""
+    rows = {row.window.step: row for row in replayed.rows}
+    skips = [fields for kind, _, fields in replayed.events if kind == "skip"]
+    reached = max(rows, default=-1)
+    problems = {row.window.step: problem for row, problem in _problems(replayed)}
+    sampled = {step.number for step in steps if of_samples(step)}
+    problems |= {number: sample_problem(row) for number, row in rows.items() if number in sampled}
+    return [
+        _state(step, rows.get(step.number), problems.get(step.number, ""), skips, reached)
+        for step in steps
+        if is_measuring(step)
+    ]
+
+
+def _problems(replayed: Replayed) -> Iterator[tuple[RecordRow, str]]:
+    """Why the analysis of the session leaves each record out, "" if it does not."""
+    if replayed.manifest.get("campaign", {}).get("analysis") not in AT_ONE_TEMPERATURE:
+        yield from ((row, row_problem(row)) for row in replayed.rows)
+        return
+    known: Mapping[int, UnitTemperature] = unit_temperatures(replayed.measurement_rows)
+    yield from ((row, groups.row_problem(row, known.get(row.window.number))) for row in replayed.rows)
+
+
+def is_measuring(step: Any) -> bool:
+    """A record of the campaign that an analysis sees; ``step`` of a plan, compiled or as a session holds it."""
+    purpose = step.arguments.get("purpose", MEASUREMENT)
+    return bool(step.kind == "record" and step.phase == "campaign" and purpose == MEASUREMENT)
+
+
+def _state(
+    step: Step, row: RecordRow | None, problem: str, skips: Iterable[Mapping[str, Any]], reached: int
+) -> RecordState:
+    if row is None:
+        skip = next((one for one in skips if one["first"] <= step.number < one["stop"]), None)
+        if skip is not None:
+            return RecordState(step, None, MISSING, f"skipped: {skip['reason']}")
+        lost = "its record is lost" if step.number < reached else "the run stopped before"
+        return RecordState(step, None, MISSING, lost)
+    return RecordState(step, row.window.number, INVALID if problem else VALID, problem)
+
+
+def of_samples(step: Any) -> bool:
+    """A record whose samples are evaluated one by one, not the counts of its clocks."""
+    return bool(step.kind == "record" and step.arguments.get("samples"))
+
+
+def sample_problem(row: RecordRow) -> str:
+    """Why no analysis of samples can use a record, "" if it can; lost frames are seen from the counter."""
+    return flag_problem(row) or ("" if row.frames else "no frames")
+
+
+def row_problem(row: RecordRow) -> str:
+    """Why every analysis leaves a record out, "" if its counts are good."""
+    return count_problem(row)
+
+
+def summary_lines(states: Sequence[RecordState]) -> list[str]:
+    """The states for a person: counts, and each record that is not valid."""
+    counts = Counter(one.state for one in states)
+    said = [", ".join(f"{counts[state]} {state}" for state in (VALID, MISSING, INVALID)) + f" of {len(states)} records"]
+    said += [
+        f"  record {one.number} (step {one.step.number}): invalid, {one.why}: {_where(one.step)}"
+        for one in states
+        if one.state == INVALID
+    ]
+    missing = Counter(one.why for one in states if one.state == MISSING)
+    said += [f"  {count} missing: {why}" for why, count in missing.items()]
+    return said
+
+
+def condition_key(conditions: Mapping[str, Any]) -> str:
+    """The same for two records of one point, whichever session they are of."""
+    return json.dumps({name: value for name, value in conditions.items() if name != "settled"}, sort_keys=True)
+
+
+def _where(step: Step) -> str:
+    names = ("channel", "temperature_degC", "current_A", "polarity", "route")
+    return ", ".join(f"{name} {step.conditions[name]}" for name in names if name in step.conditions)

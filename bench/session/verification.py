@@ -1,0 +1,175 @@
+"""Whether the files computed from a session are what its raw bytes give today: one comparison for each of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from bench.analysis.analysis import Analysis
+from bench.analysis.results import results_json
+from bench.commands.coefficients import NAMES, coefficient_texts, document_of, merged_documents
+from bench.model.errors import InputError
+from bench.replay import compare
+from bench.replay.compare import Difference
+from bench.report import Report
+from bench.session.service import SOFTWARE_PATH, software_of
+from bench.session.view import SessionView, report_of
+
+RESULTS, REPORT, PAPER = "results.json", "report.html", "report.pdf"
+PROVENANCE = "provenance"
+SMALLEST = 1e-300  # of two zeros that differ in their sign
+NAMED = 20  # differences of one file that are named; all are counted
+
+
+@dataclass(frozen=True)
+class Change:
+    """One thing that is not what the session gives: in which file, and what."""
+
+    file: str
+    what: str
+
+    def __str__(self) -> str:
+        return f"{self.file}: {self.what}"
+
+
+@dataclass
+class Verification:
+    """``compared`` and ``absent`` are names of files; ``notes`` are sentences that make nothing wrong."""
+
+    changes: list[Change] = field(default_factory=list)
+    compared: list[str] = field(default_factory=list)
+    absent: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def add(self, file: str, *what: str) -> None:
+        """Name what is wrong with a file."""
+        self.changes += [Change(file, one) for one in what]
+
+    def content(self, path: Path) -> bytes | None:
+        """Bytes of a file, which counts as compared then; None if it is not there or cannot be read, which is noted."""
+        try:
+            found = path.read_bytes()
+        except FileNotFoundError:
+            self.absent.append(path.name)
+            return None
+        except OSError as error:
+            self.add(path.name, f"cannot be read: {error.strerror}")
+            return None
+        self.compared.append(path.name)
+        return found
+
+
+def check_results(found: Verification, folder: Path, results: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """Compare results.json value by value, then byte by byte; returns what is stored, None if there is nothing."""
+    content = found.content(folder / RESULTS)
+    if content is None:
+        return None
+    now = results_json(results)
+    try:
+        stored = json.loads(content)
+    except ValueError as error:
+        found.add(RESULTS, f"cannot be read as JSON: {error}")
+        return None
+    if not isinstance(stored, dict):
+        found.add(RESULTS, "is not a document of results")
+        return None
+    differences = compare(stored, json.loads(now))
+    other_software = [one for one in differences if one.path == SOFTWARE_PATH]
+    found.notes += [f"{RESULTS} was written by {one.first}, this is {one.second}" for one in other_software]
+    values = [one for one in differences if one.path != SOFTWARE_PATH]
+    values.sort(key=lambda one: not one.path.startswith(PROVENANCE))  # another recording explains all that follows
+    found.add(RESULTS, *(_said(one) for one in values[:NAMED]))
+    if len(values) > NAMED:
+        found.add(RESULTS, f"{len(values) - NAMED} more values differ")
+    if not differences and content != now.encode():
+        found.add(RESULTS, "has the same values, but is not the text that the bench writes")
+    found.notes += _rounding(values)
+    return stored
+
+
+def _said(one: Difference) -> str:
+    return f"{one.path} {_value(one.first)} -> {_value(one.second)}"
+
+
+def _value(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _rounding(differences: Sequence[Difference]) -> list[str]:
+    """A sentence if nothing but the last digits of numbers differ, as they may on another machine."""
+    pairs = [(one.first, one.second) for one in differences]
+    if not pairs or not all(isinstance(value, float) for pair in pairs for value in pair):
+        return []
+    worst = max(abs(first - second) / max(abs(first), abs(second), SMALLEST) for first, second in pairs)
+    if worst > 1e-9:
+        return []
+    return [f"the largest relative difference is {worst:.1g}: results.json may be of another machine"]
+
+
+class Pages:
+    """The reports of a session, drawn with the name of today's software and with that of the results' own."""
+
+    def __init__(
+        self, view: SessionView, results: Mapping[str, Any], analysis: Analysis, stored: Mapping[str, Any]
+    ) -> None:
+        self._view, self._results, self._analysis = view, results, analysis
+        self.written, self.now = software_of(stored), software_of(results)
+
+    @cached_property
+    def _today(self) -> Report:
+        return report_of(self._view, self._results, self._analysis)
+
+    @cached_property
+    def _then(self) -> Report:
+        provenance = {**self._results[PROVENANCE], "software": self.written}
+        return report_of(self._view, {**self._results, PROVENANCE: provenance}, self._analysis)
+
+    def check(self, found: Verification, path: Path, form: Callable[[Report], bytes]) -> None:
+        """Compare a report with the one drawn now, byte by byte."""
+        content = found.content(path)
+        if content is None or content == form(self._today):
+            return
+        if self.written == self.now:
+            found.add(path.name, "is not what the session gives")
+        elif content == form(self._then):
+            found.notes.append(f"{path.name} differs in the software it names only: {self.written}, now {self.now}")
+        else:
+            text = (
+                f"is not what the session gives with {self.now}; it was written by {self.written}: verify it with that"
+            )
+            found.add(path.name, text)
+
+
+def check_reports(found: Verification, folder: Path, pages: Pages) -> None:
+    """Compare report.html, and report.pdf if there is one."""
+    pages.check(found, folder / REPORT, lambda report: report.html().encode())
+    if not (folder / PAPER).exists():
+        return
+    try:
+        pages.check(found, folder / PAPER, lambda report: report.pdf())
+    except InputError as error:
+        found.compared.remove(PAPER)
+        found.notes.append(f"{PAPER} is not compared: {error}")
+
+
+def check_coefficients(
+    found: Verification, folder: Path, view: SessionView, results: Mapping[str, Any], analysis: Analysis
+) -> None:
+    """Compare the coefficients, JSON and header, byte by byte; an analysis may give none."""
+    texts: dict[str, str | None] = dict.fromkeys(NAMES)
+    if analysis.compensation:
+        texts |= coefficient_texts(merged_documents([document_of(analysis, results, view.manifest["campaign"])]))
+    for name, text in texts.items():
+        if text is None and not (folder / name).exists():
+            continue
+        content = found.content(folder / name)
+        if content is None:
+            continue
+        if text is None:
+            found.add(name, "this session gives no coefficients")
+        elif content != text.encode():
+            found.add(name, "is not what the session gives")

@@ -1,0 +1,1 @@
+"""The published systems, one package each; they do not know each other."""

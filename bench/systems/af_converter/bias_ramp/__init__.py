@@ -1,0 +1,1 @@
+"""Bias over a temperature ramp, its hysteresis and its noise."""

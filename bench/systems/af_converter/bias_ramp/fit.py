@@ -1,0 +1,171 @@
+"""Joint fit of every channel of a bias campaign, and the separate polynomials it is shown beside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.analysis.material import Trace
+from bench.model.errors import FitError
+from bench.systems.af_converter.bias_ramp.records import ChannelReadings, RampRecords
+from bench.systems.af_converter.constants import Campaign
+from bench.systems.af_converter.estimators.branches import branch_difference
+from bench.systems.af_converter.estimators.drive_gaps import require_known
+from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG, HysteresisFit, fit_hysteresis
+from bench.systems.af_converter.estimators.hysteresis.loop import crossed_over
+from bench.systems.af_converter.estimators.hysteresis.model import ModelShape
+from bench.systems.af_converter.estimators.hysteresis.search import Bounds
+from bench.systems.af_converter.estimators.level import mean_of_walk
+from bench.systems.af_converter.estimators.thermal_lag import Drive, usable_drive
+
+Floats = NDArray[np.float64]
+JOINT, JOINT_UNIT_SENSOR = "joint", "joint_unit_sensor"
+METHODS = (JOINT, JOINT_UNIT_SENSOR)
+RISING, FALLING = "up", "down"
+_WIDEST_SHARE = 0.15  # of the temperature span: a loop must be much wider than the play, or there is no branch left
+_WIDEST_degC = 9.0
+_LAG_s = {JOINT: (120.0, 5400.0), JOINT_UNIT_SENSOR: (1.0, 1800.0)}  # the sensor may be as slow as the converters
+_FEWEST = 30  # readings of a channel
+_NARROWEST_degC = 0.05  # half-width; a loop that opens within so little is a step
+_FOLLOWS_degC = 2.0  # root mean square; a sensor 10 min ahead of the converters differs by 1 degC at 0.1 degC/min
+
+
+@dataclass(frozen=True)
+class ChannelFit:
+    """Fit of one channel; per window (k,): the unit's sensor and the chamber's air (NaN = unknown), and the branch.
+
+    ``sensor_problem``: why the sensor is not used (it is NaN then), "" if it is.
+    """
+
+    readings: ChannelReadings
+    fit: HysteresisFit
+    sensor_degC: Floats
+    air_degC: Floats
+    branch: NDArray[np.str_]
+    sensor_problem: str = ""
+
+    @property
+    def offset_degC(self) -> float:
+        """Mean of sensor minus lagged temperature; what turns a temperature of the sensor into one of the fit."""
+        known = np.isfinite(self.sensor_degC)
+        return float(np.mean((self.sensor_degC - self.fit.unit_degC)[known])) if known.any() else 0.0
+
+    def naive(self, temperature_degC: Floats, at_degC: Floats, *, masked: bool = True) -> Floats:
+        """Falling minus rising cubic against a temperature (k,), at temperatures; NaN where a branch does not reach.
+
+        NaN everywhere if the temperatures do not determine a cubic; the joint fit stands without this comparison.
+        ``masked``: windows in which the play still crosses after a reversal are left out.
+        """
+        kept = np.isfinite(temperature_degC) & (crossed_over(self.fit) if masked else True)
+        rising, falling = (kept & (self.branch == name) for name in (RISING, FALLING))
+        try:
+            return branch_difference(temperature_degC, self.readings.bias_A, rising, falling, at_degC)
+        except FitError:
+            return np.full(at_degC.shape, np.nan)
+
+    @property
+    def there_and_back(self) -> bool:
+        """Whether the ramp was taken in both directions; from one alone, lag and half-width are told apart too well.
+
+        Of 40 ramps that ended after the way up, intervals of width, half-width and lag held 34, 33 and 32.
+        """
+        return bool(np.isin((RISING, FALLING), self.branch).all())
+
+    @property
+    def masked(self) -> int:
+        """Windows of the ramps in which the play still crosses."""
+        return int(np.count_nonzero(~crossed_over(self.fit) & np.isin(self.branch, (RISING, FALLING))))
+
+
+def drive_of(trace: Trace, records: RampRecords, method: str) -> Drive:
+    """The temperature that drives the unit by the method's name, the preparation included.
+
+    The unit's sensor is taken from the records where the environment log has none.
+
+    Raises: FitError B-FIT-004 for an unknown method, B-FIT-020 if there is no temperature to drive with,
+            B-FIT-024 if it turned unseen.
+    """
+    if method not in METHODS:
+        raise FitError(
+            "B-FIT-004",
+            f"unknown method {method!r} of the bias ramp",
+            next_step=f"use one of: {', '.join(METHODS)}",
+        )
+    return require_known(_readings_of_drive(trace, records, method), float(records.start_s[0]))
+
+
+def _readings_of_drive(trace: Trace, records: RampRecords, method: str) -> Drive:
+    if method == JOINT:
+        known = trace.unit_degC[np.isfinite(trace.unit_degC)]
+        return usable_drive(trace.t_s, trace.air_degC, float(known[0]) if known.size else None)
+    if np.isfinite(trace.unit_degC).any():
+        return usable_drive(trace.t_s, trace.unit_degC)
+    pulses = records.pulses
+    middle_s = records.start_s + (pulses.frames + pulses.lost) * pulses.frame_s / 2.0
+    return usable_drive(middle_s, records.unit_degC)
+
+
+def fit_channel(
+    readings: ChannelReadings, records: RampRecords, trace: Trace, drive: Drive, campaign: Campaign, method: str
+) -> ChannelFit:
+    """Joint fit of one channel.
+
+    Raises: FitError B-FIT-023 for too few readings, B-FIT-001 if they do not determine the model, or if lag or
+            half-width comes out at a limit of its search: width and slope of the bias take over what that may not.
+    """
+    if readings.bias_A.size < _FEWEST:
+        raise FitError(
+            "B-FIT-023",
+            f"{readings.bias_A.size} usable readings; a ramp needs at least {_FEWEST}",
+            next_step="take the ramp again, or look in the report why its records were left out",
+        )
+    gates = readings.gates
+    bounds = Bounds(lag_s=_LAG_s[method], half_width_degC=(_NARROWEST_degC, _widest(drive)))
+    fit = fit_hysteresis(
+        readings.bias_A,
+        gates,
+        drive,
+        readings.noise.whiten,
+        shape=ModelShape(reference_degC=campaign.reference_temperature_degC),
+        bounds=bounds,
+        level=mean_of_walk(gates.start_s, gates.end_s, readings.channel.noise.walk_A_rth),
+    )
+    _require_inside(fit, bounds)
+    known = np.isfinite(trace.air_degC)
+    air = np.interp(gates.middle_s, trace.t_s[known], trace.air_degC[known]) if known.any() else gates.middle_s * np.nan
+    sensor, problem = _usable_sensor(records.unit_degC[readings.used], fit)
+    return ChannelFit(readings, fit, sensor, air, records.branch[readings.used], problem)
+
+
+def _require_inside(fit: HysteresisFit, bounds: Bounds) -> None:
+    """Refuse a lag that is longer, or a half-width of a loop that is narrower or wider, than what was looked for."""
+    if not fit.beyond:
+        return
+    low, high = bounds.half_width_degC
+    sought = f"play half-width of {fit.value(HALF_WIDTH):.2f} degC, looked for from {low:g} to {high:g} degC"
+    if fit.beyond == LAG:
+        sought = f"thermal lag of {fit.value(LAG) / 60:.0f} min, looked for up to {bounds.lag_s[1] / 60:g} min"
+    raise FitError(
+        "B-FIT-001",
+        f"the readings do not determine bias and hysteresis: they ask for a {sought}",
+        next_step="look at the temperatures in the report; the other drive (method joint or joint_unit_sensor) may "
+        "be nearer to the unit, and a wider ramp shows a wider loop",
+    )
+
+
+def _usable_sensor(sensor_degC: Floats, fit: HysteresisFit) -> tuple[Floats, str]:
+    """The unit's sensor in each window, all NaN and the reason if it does not show the temperature of the unit."""
+    known = np.isfinite(sensor_degC)
+    if not known.any():
+        return sensor_degC, "gave no reading"
+    apart_degC = float(np.std((sensor_degC - fit.unit_degC)[known]))
+    if apart_degC <= _FOLLOWS_degC:
+        return sensor_degC, ""
+    nothing = np.full(sensor_degC.shape, np.nan)
+    return nothing, f"does not follow the unit (root mean square {apart_degC:.1f} degC from the lagged temperature)"
+
+
+def _widest(drive: Drive) -> float:
+    return max(0.6, min(_WIDEST_degC, _WIDEST_SHARE * float(np.ptp(drive.degC))))

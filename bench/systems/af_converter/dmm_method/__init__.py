@@ -1,0 +1,1 @@
+"""Scale factors by the multimeter instead of the calibrator."""

@@ -1,0 +1,167 @@
+"""Estimates of the DMM method: scale-factor errors, bias, and the two tests of its assumption 2."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bench.analysis.estimates import estimate
+from bench.systems.af_converter.constants import Campaign
+from bench.systems.af_converter.dmm_method.readings import MeterLog
+from bench.systems.af_converter.estimators.bias import open_input_bias
+from bench.systems.af_converter.estimators.dmm_method import DmmScaleFactor, Meter
+from bench.systems.af_converter.estimators.noise import (
+    Converter,
+    RangeSpecification,
+    Readings,
+    quantisation_A2,
+    specification,
+    white_A2,
+)
+from bench.systems.af_converter.estimators.scale_factor import pulse_currents_A
+from bench.systems.af_converter.groups import Group
+
+_PPM = 1e6
+
+
+@dataclass(frozen=True)
+class DmmFit:
+    """A group with the readings beside its closed records and its fitted scale-factor errors."""
+
+    group: Group
+    meter: Meter
+    fit: DmmScaleFactor
+
+
+def conditions_of(one: DmmFit, campaign: Campaign) -> dict[str, Any]:
+    """Conditions of an estimate: nominal and measured temperature of a channel."""
+    return {
+        "channel": one.group.channel,
+        "kind": campaign.channel(one.group.channel).kind,
+        "temperature_degC": one.group.temperature_degC,
+        "unit_temperature_degC": one.fit.unit_temperature_degC,
+    }
+
+
+def scale_factor_estimates(one: DmmFit, campaign: Campaign) -> list[dict[str, Any]]:
+    """dsf_n, dsf_p, dsf_asymmetry and dsf_mean; the last alone by the method as printed."""
+    conditions, fit = conditions_of(one, campaign), one.fit
+    counted = {"n": fit.n, "dropped": one.group.dropped + fit.dropped}
+    return [estimate(name, "ppm", fit.value_ppm[name], fit.std_ppm[name], conditions, **counted)
+            for name in fit.value_ppm]  # fmt: skip
+
+
+def bias_estimates(one: DmmFit, campaign: Campaign) -> list[dict[str, Any]]:
+    """Bias of the open record, diagnostic only."""
+    if not one.group.opened.gate_s.size:
+        return []
+    bias = open_input_bias(one.group.opened, campaign.converter(one.group.channel))
+    rows = one.group.opened.gate_s.size
+    conditions = conditions_of(one, campaign) | {"unit_temperature_degC": bias.unit_temperature_degC}
+    dropped = one.group.open_planned - rows
+    return [estimate("bias", "A", bias.value_A, bias.std_uncertainty_A, conditions, n=rows, dropped=dropped)]
+
+
+def leakage_estimates(one: DmmFit, campaign: Campaign) -> list[dict[str, Any]]:
+    """switch_leakage of each polarity: what the unit counts at zero and neither the meter nor the open input explains.
+
+    The open record was taken with the route open; what is left comes from the closed crosspoint.
+    """
+    if not one.group.opened.gate_s.size:
+        return []
+    converter, rows = campaign.converter(one.group.channel), one.group.closed
+    opened_A, opened_A2 = counted_A(one.group.opened, converter)
+    zero_A, zero_A2 = counted_A(rows, converter)
+    found = []
+    for index in np.flatnonzero(np.isfinite(one.meter.current_A) & (rows.level_A == 0)):
+        hours = abs(float(rows.time_s[index] - one.group.opened.time_s[0])) / 3600.0
+        value_A = zero_A[index] - rows.polarity[index] * one.meter.current_A[index] - opened_A[0]
+        variance = zero_A2[index] + opened_A2[0] + one.meter.std_A[index] ** 2 + converter.walk_A_rth**2 * hours
+        if np.isfinite(one.meter.zero_std_A[index]):
+            variance += one.meter.zero_std_A[index] ** 2
+        conditions = conditions_of(one, campaign) | {"polarity": int(rows.polarity[index])}
+        found.append(estimate("switch_leakage", "A", float(value_A), float(variance) ** 0.5, conditions, n=1))
+    return found
+
+
+def counted_A(rows: Readings, converter: Converter) -> tuple[Any, Any]:
+    """Current by the nominal charge of a pulse and its variance by the counts and the white noise, (m,) each."""
+    n_A, p_A = pulse_currents_A(rows, converter)
+    return n_A - p_A, quantisation_A2(rows, converter) + white_A2(rows, converter)
+
+
+def shift_estimates(
+    fits: Iterable[DmmFit], repeats: Sequence[Group], log: MeterLog, campaign: Campaign,
+    register: Mapping[float, RangeSpecification],
+) -> list[dict[str, Any]]:  # fmt: skip
+    """repeat_shift: the unit minus the meter when a point is taken again, minus the same at the first time.
+
+    Negligible (assumption 2) is a shift below what the meter itself does not know of that current (95 %), its limit.
+    """
+    found = []
+    first = {one.group.place[:2]: one for one in fits}
+    for again in repeats:
+        start = first.get(again.place[:2])
+        if start is None:
+            continue
+        meter = log.meter(again.numbers)
+        for index in np.flatnonzero(np.isfinite(meter.current_A) & (again.closed.level_A > 0)):
+            same = np.flatnonzero(
+                (start.group.closed.level_A == again.closed.level_A[index])
+                & (start.group.closed.polarity == again.closed.polarity[index])
+                & np.isfinite(start.meter.current_A)
+            )
+            if same.size:
+                found.append(_shift(start, int(same[0]), again, meter, int(index), campaign, register))
+    return found
+
+
+def _shift(
+    start: DmmFit, first: int, again: Group, meter: Meter, index: int, campaign: Campaign,
+    register: Mapping[float, RangeSpecification],
+) -> dict[str, Any]:  # fmt: skip
+    converter = campaign.converter(again.channel)
+    then_A, then_A2 = counted_A(start.group.closed, converter)
+    now_A, now_A2 = counted_A(again.closed, converter)
+    polarity, level_A = float(again.closed.polarity[index]), float(again.closed.level_A[index])
+    value_A = polarity * (now_A[index] - then_A[first]) - (meter.current_A[index] - start.meter.current_A[first])
+    hours = abs(float(again.closed.time_s[index] - start.group.closed.time_s[first])) / 3600.0
+    noise_A2 = meter.std_A[index] ** 2 + start.meter.std_A[first] ** 2 + converter.walk_A_rth**2 * hours
+    known = specification(register, float(meter.range_A[index]))
+    conditions = conditions_of(start, campaign) | {
+        "current_A": level_A,
+        "polarity": int(polarity),
+        "repeat": again.repeat,
+    }
+    return estimate(
+        "repeat_shift", "ppm", _PPM * float(value_A) / level_A,
+        _PPM * float(now_A2[index] + then_A2[first] + noise_A2) ** 0.5 / level_A, conditions, n=2,
+        limit=_PPM * (known.relative + known.floor_A / level_A),
+    )  # fmt: skip
+
+
+def budget(fits: Iterable[DmmFit], campaign: Campaign) -> list[dict[str, Any]]:
+    """Budget per kind of channel: largest standard uncertainty over channels and temperatures."""
+    largest: dict[tuple[str, str, str], float] = {}
+    for one in fits:
+        kind = campaign.channel(one.group.channel).kind
+        quantity = "dsf_n" if "dsf_n" in one.fit.value_ppm else "dsf_mean"
+        parts = {name: values[quantity] for name, values in one.fit.parts_ppm.items()}
+        for name, value in (parts | {"combined": one.fit.std_ppm[quantity]}).items():
+            place = kind, "dsf_n, dsf_p" if quantity == "dsf_n" else quantity, name
+            largest[place] = max(largest.get(place, 0.0), value)
+    return [
+        {
+            "kind": kind,
+            "quantity": quantity,
+            "component": name,
+            "evaluation": {"combined": "", "noise of the meter": "A", "zero of the meter": "A"}.get(name, "B"),
+            "distribution": "triangular" if name.startswith("quantisation") else "normal",
+            "std_uncertainty_ppm": value,
+        }
+        for (kind, quantity, name), value in largest.items()
+        if value > 0
+    ]

@@ -1,0 +1,142 @@
+"""Early verdicts: does what a run has recorded so far look like the beginning of a good campaign?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from bench.analysis.analysis import Analysis
+from bench.model.clock import NS
+from bench.record import RecordRow
+from bench.systems.af_converter.constants import Campaign
+
+POINT = ("channel", "temperature_degC", "current_A", "polarity", "route", "range_A")
+_ENOUGH = 8  # neighbours from which a scatter is judged
+_MAD = 0.6745  # median of the absolute value of a standard normal variable
+
+
+@dataclass(frozen=True)
+class Check:
+    """One verdict: ``ok`` None if there is too little to judge yet."""
+
+    name: str
+    ok: bool | None
+    value: float | None
+    limit: float
+    text: str
+
+
+def link_checks(counts: Mapping[str, int], max_lost: float, max_bad: float) -> list[Check]:
+    """Share of the frames of all links that are missing, and that are damaged."""
+    due = counts["frames"] + counts["frames_lost"]
+    shares = (("frames lost", "frames_lost", max_lost, due), ("frames damaged", "frames_bad", max_bad, due))
+    found = []
+    for name, key, limit, of in shares:
+        share = counts[key] / of if of else None
+        ok = None if share is None else share <= limit
+        found.append(Check(name, ok, share, limit, f"{counts[key]} of {of} frames"))
+    return found
+
+
+def repeat_check(rows: Sequence[RecordRow], campaign: Campaign, limit: float) -> Check:
+    """The largest change of a point that was measured again, in its standard deviation.
+
+    White noise, whole pulses, the walk of the bias over the time between, and the stability limit of the channel
+    (taken as 95 %) explain a change; what is beyond them several times is drift.
+    Source: JCGM 100:2008 section 5.1 (independent parts add in squares).
+    """
+    worst, where = 0.0, ""
+    groups: dict[tuple[Any, ...], list[RecordRow]] = {}
+    for row in rows:
+        if "channel" in row.window.conditions and row.frames:
+            groups.setdefault(tuple(row.window.conditions.get(name) for name in POINT), []).append(row)
+    pairs = [pair for group in groups.values() for pair in pairwise(group)]
+    for one, two in pairs:
+        channel = campaign.channel(int(one.window.conditions["channel"]))
+        change = _change(one, two, channel.number, campaign)
+        if change > worst:
+            worst, where = change, f"records {one.window.number} and {two.window.number}, channel {channel.number}"
+    if not pairs:
+        return Check("repeated points", None, None, limit, "no point was measured twice yet")
+    return Check("repeated points", worst <= limit, worst, limit, f"{len(pairs)} pairs; largest: {where or 'none'}")
+
+
+def scatter_check(rows: Sequence[RecordRow], campaign: Campaign, limit: float) -> Check:
+    """Scatter of neighbouring open records of the same channel against the declared noise.
+
+    The median keeps a slow change and a few bad records out of it.
+    """
+    worst, where = 0.0, ""
+    for number, pairs in _neighbours(rows, campaign):
+        changes = [_change(one, two, number, campaign) for one, two in pairs]
+        if len(changes) >= _ENOUGH and (scatter := float(np.median(changes)) / _MAD) > worst:
+            worst, where = scatter, f"channel {number}, {len(changes)} neighbours"
+    if not where:
+        return Check("scatter of neighbours", None, None, limit, f"fewer than {_ENOUGH} neighbours so far")
+    return Check("scatter of neighbours", worst <= limit, worst, limit, where)
+
+
+def residual_check(analysis: Analysis, limit: float) -> Check:
+    """The largest residual of a partial fit, in the standard deviation that the declared noise gives it."""
+    judged = [
+        (abs(one["residual_ppm"]) / one["std_ppm"], one)
+        for one in analysis.residuals
+        if math.isfinite(one["residual_ppm"]) and one["std_ppm"] > 0
+    ]
+    if not judged:
+        return Check("residuals", None, None, limit, "nothing is fitted yet")
+    worst, one = max(judged, key=lambda pair: pair[0])
+    text = f"record {one['number']}, channel {one['channel']} at {one['temperature_degC']:g} degC"
+    return Check("residuals", worst <= limit, worst, limit, text)
+
+
+def drift_check(analysis: Analysis, limit: float) -> Check:
+    """The largest drift between a first visit and its repeat, in its own standard uncertainty."""
+    drifts = [
+        (abs(one["value"]) / one["std_uncertainty"], one)
+        for one in analysis.estimates
+        if str(one["quantity"]).endswith("_drift") and one["std_uncertainty"]
+    ]
+    if not drifts:
+        return Check("drift", None, None, limit, "no channel was visited again yet")
+    worst, one = max(drifts, key=lambda pair: pair[0])
+    return Check("drift", worst <= limit, worst, limit, f"{one['quantity']} is {one['value']:.3g} {one['unit']}")
+
+
+def _neighbours(
+    rows: Iterable[RecordRow], campaign: Campaign
+) -> Iterator[tuple[int, list[tuple[RecordRow, RecordRow]]]]:
+    """Pairs of open records that follow each other without a gap, for every channel: a ramp's windows."""
+    opened = [row for row in rows if row.window.conditions.get("route") == "open" and row.frames]
+    pairs = [
+        (one, two)
+        for one, two in pairwise(opened)
+        if two.window.first_counter == one.window.first_counter + one.window.frames
+    ]
+    for channel in campaign.channels:
+        yield channel.number, pairs
+
+
+def _change(one: RecordRow, two: RecordRow, number: int, campaign: Campaign) -> float:
+    """|difference of two mean currents| in its standard deviation."""
+    channel = campaign.channel(number)
+    first_A, second_A = (_current_A(row, number, channel.k0_C) for row in (one, two))
+    lengths_s = [(row.window.t_end_ns - row.window.t_start_ns) / NS for row in (one, two)]
+    apart_h = abs(two.window.t_start_ns - one.window.t_start_ns) / NS / 3600.0
+    variance = (
+        channel.noise.walk_A_rth**2 * apart_h + ((channel.stability_limit_ppm or 0.0) * 1e-6 * first_A / 1.96) ** 2
+    )
+    for length_s in lengths_s:
+        variance += channel.noise.white_A_rtHz**2 / length_s + (channel.k0_C / length_s) ** 2 / 6.0
+    return abs(second_A - first_A) / math.sqrt(variance)
+
+
+def _current_A(row: RecordRow, number: int, k0_C: float) -> float:
+    """Mean current of a record by the good frames it holds, ampere; nominal charge per pulse."""
+    length_s = (row.window.t_end_ns - row.window.t_start_ns) / NS * row.frames / row.window.frames
+    return float(row.sums["npp"][number - 1] - row.sums["ppp"][number - 1]) * k0_C / length_s

@@ -1,0 +1,1 @@
+"""Estimators of the AF converter: arrays in, result out."""

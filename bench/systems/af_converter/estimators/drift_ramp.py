@@ -1,0 +1,142 @@
+"""A slow temperature ramp up and down with a drift: what is left between the branches when the drift is taken away.
+
+Source: ordinary least squares with a cubic in temperature, a quadratic in time and a term that is +1/2 on a ramp up and
+-1/2 on a ramp down; intervals from the residuals' own correlation (estimators.correlated_noise).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.maths.least_squares import solve
+from bench.systems.af_converter.estimators.correlated_noise import CorrelatedNoise, fit_noise
+
+Array = NDArray[np.float64]
+Counts = NDArray[np.int64]
+BRANCH, DRIFT_NAMES = "up minus down", ("drift rate", "drift curvature")
+TEMPERATURE_NAMES = ("b0", "b1", "b2", "b3")
+_NAMES = (*TEMPERATURE_NAMES, BRANCH, *DRIFT_NAMES)
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Rows of a record gathered in stretches of one length; empty stretches are left out.
+
+    ``member`` (k,): number of the block of each row.   ``start_s``, ``end_s``, ``middle_s`` (m,): ends, mean time.
+    """
+
+    member: Counts
+    count: Array
+    start_s: Array
+    end_s: Array
+    middle_s: Array
+
+    def mean(self, values: Array) -> Array:
+        """Means (m,) of the values (k,) of the rows."""
+        return np.asarray(np.bincount(self.member, values) / self.count)
+
+    def hours(self) -> Array:
+        """Time from the middle of the record, (m,), hours."""
+        return np.asarray((self.middle_s - (self.start_s[0] + self.end_s[-1]) / 2.0) / 3600.0)
+
+
+@dataclass(frozen=True)
+class DriftFit:
+    """``parameters`` (7,) called ``names``: b0 to b3 (Y/degC^k about the reference), "up minus down" (Y), "drift rate"
+    (Y/h, at the middle of the record), "drift curvature" (Y/h2).   ``operator`` (7, m) maps readings to them.
+    """
+
+    names: tuple[str, ...]
+    parameters: Array
+    operator: Array
+    residual: Array
+    noise: CorrelatedNoise
+    middle_s: Array
+
+    def estimate(self, name: str) -> tuple[float, float, float]:
+        """Value, standard uncertainty and degrees of freedom of a parameter."""
+        index = self.names.index(name)
+        variance, dof = self.noise.variance_of(self.operator[index], self.middle_s)
+        return float(self.parameters[index]), float(np.sqrt(variance)), dof
+
+
+@dataclass(frozen=True)
+class BranchDifference:
+    """Ramp up minus ramp down where a sensor reads the same temperature, with nothing else taken into account."""
+
+    temperature_degC: float
+    value: float
+    std: float
+    dof: float
+    n: int
+
+
+def block_means(t_s: Array, count: int) -> Blocks:
+    """Divide a record into blocks of one length.
+
+    Args:    t_s: (k,), in order.   count: blocks from the first time to the last.
+    Returns: Blocks.
+    Source:  see the module.
+    """
+    length_s = (float(t_s[-1] - t_s[0]) or 1.0) * (1.0 + 1e-9) / count
+    found, member = np.unique(((t_s - t_s[0]) // length_s).astype(np.int64), return_inverse=True)
+    size = np.bincount(member).astype(np.float64)
+    start_s = t_s[0] + found * length_s
+    return Blocks(member, size, start_s, start_s + length_s, np.bincount(member, t_s) / size)
+
+
+def drift_columns(blocks: Blocks) -> Array:
+    """Time and its square about the middle of the record, (m, 2), hours and hours squared.
+
+    Args:    blocks: of the readings.
+    Source:  see the module.
+    """
+    hours = blocks.hours()
+    return np.column_stack((hours, hours**2))
+
+
+def fit_drift(
+    blocks: Blocks, temperature_degC: Array, readings: Array, branch: Array, reference_degC: float,
+    noise: CorrelatedNoise | None = None,
+) -> DriftFit:  # fmt: skip
+    """Fit cubic in temperature, quadratic in time and the up/down term.
+
+    Args:    temperature_degC, readings: block means, (m,).   branch: +1/2 up, -1/2 down, 0 hold, (m,).
+             reference_degC: of the polynomial.   noise: of the readings; None: from the residuals.
+    Returns: DriftFit.
+    Raises:  FitError B-FIT-001 if the record does not determine a term, naming it.
+    Source:  see the module; JCGM 100:2008, 5.2: the estimates are ``operator @ readings``, whatever the noise is.
+    """
+    x = temperature_degC - reference_degC
+    design = np.column_stack((np.vander(x, 4, increasing=True), branch, drift_columns(blocks)))
+    basis, triangle = np.linalg.qr(design)
+    fit = solve(triangle, basis.T @ readings, np.eye(triangle.shape[0]), _NAMES)
+    residual = readings - design @ fit.parameters
+    found = fit_noise(blocks.middle_s, readings, design) if noise is None else noise
+    return DriftFit(_NAMES, fit.parameters, fit.operator @ basis.T, residual, found, blocks.middle_s)
+
+
+def branch_differences(
+    drift: DriftFit, temperature_degC: Array, readings: Array, ramps: tuple[Counts, Counts], at_degC: Sequence[float]
+) -> list[BranchDifference]:
+    """Up minus down at equal temperature, the way one would read it off a plot of the two branches.
+
+    Args:    drift: gives the noise.   temperature_degC, readings: block means, (m,).   ramps: indices of the blocks of
+             the ramp up and of the ramp down.   at_degC: temperatures; one without blocks on both is left out.
+    Source:  difference of the means within half a degree.
+    """
+    found = []
+    for at in at_degC:
+        near = [ramp[np.abs(temperature_degC[ramp] - at) <= 0.5] for ramp in ramps]
+        if not all(one.size for one in near):
+            continue
+        weights = np.zeros_like(readings)
+        weights[near[0]], weights[near[1]] = 1.0 / near[0].size, -1.0 / near[1].size
+        variance, dof = drift.noise.variance_of(weights, drift.middle_s)
+        n = int(near[0].size + near[1].size)
+        found.append(BranchDifference(at, float(np.sum(weights * readings)), float(np.sqrt(variance)), dof, n))
+    return found

@@ -1,0 +1,1 @@
+"""Hysteresis with a thermal lag: play operators, search, solution."""

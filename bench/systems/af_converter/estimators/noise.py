@@ -1,0 +1,157 @@
+"""Covariance of the readings of one channel at one temperature, and the effects that rows share.
+
+Independent part: quantisation of the gated counts, white noise and random walk of the converter. Shared part: one
+unknown offset per calibrator range and one linearity error per level; both change sign with the polarity switch and
+are the same for every channel and temperature, so their sensitivities are kept by label.
+Source: docs/decisions/0004-scale-factor-equations.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.model.errors import FitError
+from bench.systems.af_converter.estimators.clocks import count_noise
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Converter:
+    """Declared constants of one converter channel."""
+
+    k0_C: float  # nominal charge per pulse, coulomb, same for N and P
+    af_clock_Hz: float
+    white_A_rtHz: float  # one-sided amplitude density: 100 s average to white / sqrt(200 s)
+    walk_A_rth: float  # random walk of the bias: standard deviation after one hour
+
+
+@dataclass(frozen=True)
+class RangeSpecification:
+    """One range of the calibrator: 95 % (k = 2) uncertainty, and the correction from its certificate.
+
+    The current delivered for a set-point I is I * (1 + gain) + offset_A.
+    """
+
+    relative: float
+    floor_A: float
+    gain: float = 0.0
+    offset_A: float = 0.0
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Rows of one channel at one temperature, in order of time; all arrays (m,)."""
+
+    polarity: Array  # +1 or -1: how the switch connects the calibrator
+    level_A: Array  # nominal magnitude of the calibrator current, 0 for a zero row
+    range_A: Array  # full scale of the calibrator range in use
+    n_count: Array
+    p_count: Array
+    af_count: Array
+    gate_s: Array  # nominal gate from the master count
+    gaps: Array  # lost frames inside the gate: each cuts the counts once more
+    time_s: Array  # middle of the gate, any origin
+    unit_temperature_degC: Array
+    temperature_std_degC: Array  # standard uncertainty of an interpolated temperature, 0 where measured
+    temperature_gap: Array  # rows with the same number share one error of interpolation
+
+    def take(self, rows: NDArray[np.bool_]) -> Readings:
+        """The rows where the mask is true."""
+        return Readings(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
+
+
+@dataclass(frozen=True)
+class Effects:
+    """Common unknowns with a prior: readings shift by ``matrix @ z`` with z independent, zero mean, unit variance."""
+
+    labels: tuple[str, ...]
+    matrix: Array  # (m, k), ampere
+
+
+def quantisation_A2(rows: Readings, converter: Converter) -> Array:
+    """Variance of gated counts, (m,): the difference of two uniform residues of one pulse, (q / t)^2 / 6 per stretch.
+
+    Source: docs/decisions/0004; rectangular distribution of JCGM 100:2008 4.3.7.
+    """
+    return np.asarray((converter.k0_C / rows.gate_s) ** 2 / 6.0 * (1.0 + rows.gaps))
+
+
+def clock_A2(rows: Readings, converter: Converter) -> Array:
+    """Variance of the measured current by the quantised AF-clock count, (m,)."""
+    current = converter.k0_C * (rows.n_count - rows.p_count) / rows.gate_s
+    return np.asarray((current * count_noise(rows.af_count)) ** 2 * (1.0 + rows.gaps))
+
+
+def white_A2(rows: Readings, converter: Converter) -> Array:
+    """Variance of an average over the gate of white noise with a one-sided density, (m,)."""
+    return np.asarray(converter.white_A_rtHz**2 / (2.0 * rows.gate_s))
+
+
+def walk_A2(rows: Readings, converter: Converter) -> Array:
+    """Covariance (m, m) of gate averages of a random walk that starts with the first row.
+
+    For gates that do not overlap it is sigma^2 times the earlier middle; on the diagonal a sixth of a gate less.
+    """
+    start_s = np.min(rows.time_s - rows.gate_s / 2)
+    middle_s = rows.time_s - start_s
+    shared_s = np.minimum.outer(middle_s, middle_s)
+    shared_s[np.diag_indices_from(shared_s)] -= rows.gate_s / 6.0
+    return np.asarray(converter.walk_A_rth**2 / 3600.0 * shared_s)
+
+
+def noise_parts(rows: Readings, converter: Converter) -> dict[str, Array]:
+    """Independent part of the covariance by name, each (m, m), ampere squared."""
+    return {
+        "quantisation of the counts": np.diag(quantisation_A2(rows, converter)),
+        "quantisation of the AF clock count": np.diag(clock_A2(rows, converter)),
+        "white noise of the converter": np.diag(white_A2(rows, converter)),
+        "random walk of the bias": walk_A2(rows, converter),
+    }
+
+
+def interpolation_A2(rows: Readings, response_A_degC: Array) -> Array:
+    """Covariance (m, m) of rows whose unit temperature is interpolated; rows of one gap share the error.
+
+    Args:    response_A_degC: change of each row's reading per degC of unit temperature, (m,), signed.
+    Source:  JCGM 100:2008 5.2 (correlated input quantities).
+    """
+    effect_A = response_A_degC * rows.temperature_std_degC
+    return np.asarray(np.outer(effect_A, effect_A) * np.equal.outer(rows.temperature_gap, rows.temperature_gap))
+
+
+def specification(standard: Mapping[float, RangeSpecification], range_A: float) -> RangeSpecification:
+    """Entry of the standards register for a calibrator range.
+
+    Raises: FitError B-FIT-003 if the register has no such range.
+    """
+    for full_scale_A, entry in standard.items():
+        if abs(full_scale_A - range_A) <= 1e-6 * range_A:
+            return entry
+    known = ", ".join(f"{full_scale_A:g}" for full_scale_A in standard) or "none"
+    raise FitError(
+        "B-FIT-003",
+        f"the standards register gives no uncertainty for the calibrator range {range_A:g} A (known: {known} A)",
+        next_step="add the range to the calibrator's entry in the station file",
+    )
+
+
+def calibrator_effects(rows: Readings, standard: Mapping[float, RangeSpecification]) -> Effects:
+    """Offsets of the calibrator ranges and linearity errors of its levels, prior floor / 2 each.
+
+    Raises: FitError B-FIT-003 for a range the register does not hold.
+    """
+    columns: dict[str, Array] = {}
+    for range_A in np.unique(rows.range_A):
+        sigma_A = specification(standard, float(range_A)).floor_A / 2.0
+        inside = rows.range_A == range_A
+        columns[f"offset of the range {range_A:g} A"] = sigma_A * rows.polarity * inside
+        for level_A in np.unique(rows.level_A[inside & (rows.level_A > 0)]):
+            at_level = inside & (rows.level_A == level_A)
+            label = f"linearity of the range {range_A:g} A at {level_A:g} A"
+            columns[label] = sigma_A * rows.polarity * at_level
+    return Effects(tuple(columns), np.column_stack(list(columns.values())))

@@ -1,0 +1,1 @@
+"""The pulse rate of one record by four ways of counting."""

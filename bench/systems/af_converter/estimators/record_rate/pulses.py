@@ -1,0 +1,128 @@
+"""Pulses of records as arrays: counts of each polarity and, where the frames were timed, when they came.
+
+Source: AF-converter paper section 2 (pulses of separate polarities, counted in frames).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bench.systems.af_converter.estimators.clocks import clock_ratio, count_noise
+
+Array = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+TIMING = ("moment1", "moment2", "first", "last", "at_first", "at_last")
+
+
+@dataclass(frozen=True)
+class Pulses:
+    """Pulses of one polarity; all (m, c) for m records and c channels, x_j the count of frame j = 1 ... n.
+
+    ``moment1`` = sum of j x_j, ``moment2`` = sum of j^2 x_j; ``first``, ``last``: unwrapped counters of the first and
+    last frame with a pulse (-1: none), ``at_first``, ``at_last``: pulses in them. Meaningless where not timed.
+    """
+
+    count: Int64
+    moment1: Int64
+    moment2: Int64
+    first: Int64
+    last: Int64
+    at_first: Int64
+    at_last: Int64
+
+
+@dataclass(frozen=True)
+class PulseRecords:
+    """m records in order of time, (m,) unless said otherwise.
+
+    ``frames``: good frames; ``lost``: missing or unusable ones; ``gate_s``: nominal gate of the good frames;
+    ``timed`` (bool): the record has timing, so no frame is missing; ``n``, ``p``: pulses of each polarity.
+    """
+
+    first_counter: Int64
+    frames: Int64
+    lost: Int64
+    gate_s: Array
+    af_count: Array
+    timed: Mask
+    n: Pulses
+    p: Pulses
+
+    @property
+    def frame_s(self) -> Array:
+        """Nominal length of a frame, (m,), second; NaN without a gate."""
+        return np.asarray(np.where(self.gate_s > 0, self.gate_s, np.nan) / np.maximum(self.frames, 1))
+
+    @property
+    def follows(self) -> Mask:
+        """True where a record begins with the frame right after the record before it, both without a gap; (m,).
+
+        A record that lost frames does not reach the next one: its good frames are fewer than its counters.
+        """
+        joined = np.zeros(self.frames.size, dtype=np.bool_)
+        stop = self.first_counter + self.frames
+        joined[1:] = (self.first_counter[1:] == stop[:-1]) & (self.lost[1:] == 0)
+        return joined
+
+
+@dataclass(frozen=True)
+class PulseConverters:
+    """Declared constants of c channels: charge of a pulse of each polarity and white noise, (c,) or one for all.
+
+    ``white_A_rtHz``: one-sided density. With a scale-factor error d known, k = k0 (1 + d).
+    """
+
+    k_n_C: ArrayLike
+    k_p_C: ArrayLike
+    white_A_rtHz: ArrayLike
+    af_clock_Hz: float
+
+    def ratio(self, records: PulseRecords) -> Array:
+        """Clock ratio r of each record, (m, 1), which turns counted rates into current; NaN without AF clock."""
+        return clock_ratio(records.af_count, records.gate_s, self.af_clock_Hz)[:, None]
+
+    def ratio_std(self, records: PulseRecords) -> Array:
+        """Relative standard uncertainty of the clock ratio of each record, (m, 1)."""
+        return count_noise(records.af_count)[:, None]
+
+
+def stack_records(
+    windows: Sequence[tuple[int, int, int]],
+    sums: Sequence[Mapping[str, Any]],
+    timing: Sequence[Mapping[str, Any]],
+    master_Hz: float,
+) -> PulseRecords:
+    """Arrays from the records of a session, in order of time.
+
+    Args:    windows: per record the unwrapped counter of its first frame, its good frames, its lost frames.
+             sums: per record "npp", "ppp" (c,), "af_clock", "master_count" () over the good frames.
+             timing: per record "npp.moment1" ... "ppp.at_last" (c,), empty where there is none.
+             master_Hz: nominal master clock, which makes the gate of the master count.
+    Returns: PulseRecords of m records and c channels.
+    Raises:  nothing.
+    Source:  AF-converter paper equation (1): the gate is counted in pulses of the master clock.
+    """
+    first, frames, lost = np.array(windows, dtype=np.int64).reshape(-1, 3).T
+    return PulseRecords(
+        first_counter=first,
+        frames=frames,
+        lost=lost,
+        gate_s=np.array([int(one["master_count"]) for one in sums]) / master_Hz,
+        af_count=np.array([int(one["af_clock"]) for one in sums], dtype=np.float64),
+        timed=np.array([bool(one) for one in timing]) & (lost == 0),
+        n=_pulses("npp", sums, timing),
+        p=_pulses("ppp", sums, timing),
+    )
+
+
+def _pulses(name: str, sums: Sequence[Mapping[str, Any]], timing: Sequence[Mapping[str, Any]]) -> Pulses:
+    count = np.array([one[name] for one in sums], dtype=np.int64)
+    empty = np.full(count.shape[1:], -1, dtype=np.int64)
+    columns = {key: np.array([one.get(f"{name}.{key}", empty) for one in timing], dtype=np.int64) for key in TIMING}
+    return Pulses(count, **columns)

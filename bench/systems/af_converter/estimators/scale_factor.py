@@ -1,0 +1,277 @@
+"""Scale-factor errors of one converter channel at one temperature by the calibrator method.
+
+Model of a row with polarity s and level l on the calibrator range R:
+``K0 (1 + DSF_N) C_N - K0 (1 + DSF_P) C_P = s l + s (b_R + e_l) + o_s``, where C = r N / t and o_s holds the leakage
+of the switch and the bias of the converter for that polarity.
+Source: AF-converter paper equations (4) to (11), corrected as in docs/decisions/0004-scale-factor-equations.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.maths.least_squares import LinearFit, solve
+from bench.model.errors import FitError
+from bench.systems.af_converter.estimators.clocks import clock_ratio
+from bench.systems.af_converter.estimators.noise import (
+    Converter,
+    Effects,
+    RangeSpecification,
+    Readings,
+    calibrator_effects,
+    interpolation_A2,
+    noise_parts,
+    specification,
+)
+
+Array = NDArray[np.float64]
+METHODS: tuple[str, ...] = ("gls", "paper", "ols")
+_PPM = 1e6
+
+
+@dataclass(frozen=True)
+class Referral:
+    """Refer the rows to one unit temperature by known temperature coefficients of DSF_N and DSF_P."""
+
+    to_degC: float
+    slope_ppm_degC: tuple[float, float] = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class ScaleFactor:
+    """Scale-factor errors (N, P) in ppm; positive = more current per pulse.
+
+    ``covariance_ppm2`` is that of the fit (noise and shared effects); ``gain_ppm`` the one-sigma effect of the
+    calibrator's common gain, which is added outside the fit.
+    """
+
+    dsf_ppm: Array  # (2,)
+    noise_ppm2: Array  # (2, 2) independent noise
+    shared_ppm: Mapping[str, Array]  # label -> (2,) one-sigma effect of what channels and temperatures share
+    gain_ppm: Array  # (2,)
+    parts_ppm: Mapping[str, Array]  # component -> (2,) standard uncertainties, for the budget
+    unit_temperature_degC: float
+    residual_A: Array  # (m,) for the rows handed in; NaN where dropped
+    std_A: Array  # (m,) standard deviation the covariance model expects of a row
+    chi2: float  # of the weighted fit; NaN for the methods without a covariance
+    dof: int
+    n: int
+    dropped: int
+
+    @property
+    def covariance_ppm2(self) -> Array:
+        """Covariance (2, 2) of the fit without the calibrator's gain."""
+        return np.asarray(self.noise_ppm2 + sum(np.outer(part, part) for part in self.shared_ppm.values()))
+
+    @property
+    def reduced_chi2(self) -> float:
+        """chi2 / dof; expected 1."""
+        return self.chi2 / self.dof if self.dof else float("nan")
+
+
+def fit_scale_factor(
+    rows: Readings,
+    converter: Converter,
+    standard: Mapping[float, RangeSpecification],
+    method: str = "gls",
+    referral: Referral | None = None,
+) -> ScaleFactor:
+    """Fit DSF_N and DSF_P of one channel at one temperature.
+
+    Args:    rows: closed-route rows, (m,); rows that are not finite are dropped and counted.
+             converter, standard: declared constants.   method: "gls" (all rows, covariance weights), "ols" (equation
+             (10): zero rows subtracted, equal weights), "paper" (equation (11): the same, weights 1/level^2).
+             referral: unit temperature the result holds for, and the coefficients that refer each row to it; by
+             default the mean over the rows, without coefficients.
+    Returns: ScaleFactor; its uncertainties follow from the same covariance model for every method.
+    Raises:  FitError B-FIT-001 (rank), B-FIT-003 (range not in the register), B-FIT-004 (method unknown), B-FIT-005 (a
+             polarity is missing), B-FIT-006 (a zero row is missing).
+    Source:  AF-converter paper equations (10), (11), corrected as in docs/decisions/0004.
+    """
+    if method not in METHODS:
+        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of {', '.join(METHODS)}")
+    usable = usable_rows(rows)
+    problem = _set_up(rows.take(usable), converter, standard, referral)
+    fit = _solve(method, problem)
+    to_ppm = fit.operator[:2] * _PPM
+    shared = to_ppm @ problem.effects.matrix
+    return ScaleFactor(
+        dsf_ppm=fit.parameters[:2] * _PPM,
+        noise_ppm2=np.sum([to_ppm @ part @ to_ppm.T for part in problem.parts.values()], axis=0),
+        shared_ppm=dict(zip(problem.effects.labels, shared.T, strict=True)),
+        gain_ppm=gain_effect_ppm(to_ppm, problem.reference_A, problem.rows, standard),
+        parts_ppm=_budget(to_ppm, problem.parts, problem.effects.labels, shared),
+        unit_temperature_degC=problem.unit_temperature_degC,
+        residual_A=_spread(fit.residual, usable),
+        std_A=_spread(np.sqrt(np.diag(problem.covariance_A2)), usable),
+        chi2=fit.chi2,
+        dof=fit.dof,
+        n=int(usable.sum()),
+        dropped=int((~usable).sum()),
+    )
+
+
+@dataclass(frozen=True)
+class _Problem:
+    """The usable rows as a linear problem in DSF_N, DSF_P and one offset per polarity."""
+
+    rows: Readings
+    unit_temperature_degC: float
+    reference_A: Array  # (m,)
+    readings_A: Array  # (m,) reference minus counted current
+    design_A: Array  # (m, 4)
+    parts: Mapping[str, Array]  # independent noise, (m, m) each
+    effects: Effects
+    covariance_A2: Array  # (m, m) noise and effects
+
+
+def _set_up(
+    rows: Readings, converter: Converter, standard: Mapping[float, RangeSpecification], referral: Referral | None
+) -> _Problem:
+    n_A, p_A = pulse_currents_A(rows, converter)
+    require_polarities(rows, n_A, p_A)
+    at = referral or Referral(float(np.mean(rows.unit_temperature_degC)))
+    reference_A = reference_current_A(rows, standard)
+    response_A_degC = thermal_response_A_degC(n_A, p_A, at)
+    parts = noise_parts(rows, converter)
+    parts |= {"interpolated unit temperature": interpolation_A2(rows, response_A_degC)}
+    effects = calibrator_effects(rows, standard)
+    return _Problem(
+        rows=rows,
+        unit_temperature_degC=at.to_degC,
+        reference_A=reference_A,
+        readings_A=reference_A - (n_A - p_A) - response_A_degC * (rows.unit_temperature_degC - at.to_degC),
+        design_A=scale_design(rows, n_A, p_A),
+        parts=parts,
+        effects=effects,
+        covariance_A2=np.sum(list(parts.values()), axis=0) + effects.matrix @ effects.matrix.T,
+    )
+
+
+def thermal_response_A_degC(n_A: Array, p_A: Array, referral: Referral) -> Array:
+    """What the temperature coefficients make of a degC of unit temperature in each row, (m,), signed.
+
+    Source: derivative of AF-converter paper equation (1) with respect to the scale-factor errors.
+    """
+    slope_n, slope_p = referral.slope_ppm_degC
+    return np.asarray(1e-6 * (slope_n * n_A - slope_p * p_A))
+
+
+def usable_rows(rows: Readings) -> NDArray[np.bool_]:
+    """Mask (m,) of the rows with finite values, a gate and an AF clock."""
+    finite = np.all([np.isfinite(getattr(rows, name)) for name in rows.__dataclass_fields__], axis=0)
+    return np.asarray(finite & (rows.gate_s > 0) & (rows.af_count > 0))
+
+
+def pulse_currents_A(rows: Readings, converter: Converter) -> tuple[Array, Array]:
+    """Currents K0 C_N and K0 C_P, (m,) each, ampere, corrected by the clock ratio.
+
+    Source: AF-converter paper equations (1), (2).
+    """
+    scale = converter.k0_C * clock_ratio(rows.af_count, rows.gate_s, converter.af_clock_Hz) / rows.gate_s
+    return np.asarray(scale * rows.n_count), np.asarray(scale * rows.p_count)
+
+
+def reference_current_A(rows: Readings, standard: Mapping[float, RangeSpecification]) -> Array:
+    """Signed current the calibrator is believed to deliver, (m,): set-point corrected by its certificate."""
+    entries = [specification(standard, float(range_A)) for range_A in rows.range_A]
+    gain = np.array([entry.gain for entry in entries])
+    offset_A = np.array([entry.offset_A for entry in entries])
+    return np.asarray(rows.polarity * (rows.level_A * (1.0 + gain) + offset_A))
+
+
+def scale_design(rows: Readings, n_A: Array, p_A: Array) -> Array:
+    """Design (m, 4): counted currents for DSF_N and DSF_P, and one offset per polarity.
+
+    The counts, not the set-points, multiply the unknowns: set-points would bias DSF by -DSF^2.
+    Source: docs/decisions/0004, corrected equations (4) to (10).
+    """
+    return np.column_stack([n_A, -p_A, rows.polarity > 0, rows.polarity < 0]).astype(np.float64)
+
+
+def require_polarities(rows: Readings, n_A: Array, p_A: Array) -> None:
+    """Refuse rows whose stimulus drove only one of the two counters: the other is then known from the bias alone.
+
+    Raises: FitError B-FIT-005 naming the missing polarity.
+    """
+    stimulus = rows.level_A > 0
+    for name, current_A, polarity in (("K_N", n_A, "positive"), ("K_P", p_A, "negative")):
+        if not np.any(stimulus & (current_A > 0.5 * rows.level_A)):
+            raise FitError(
+                "B-FIT-005",
+                f"{name} is not determined: none of {int(stimulus.sum())} usable rows with a stimulus has {polarity} "
+                "input",
+                next_step=f"take the {polarity} levels again; a value from the bias alone would be meaningless",
+            )
+
+
+def zero_difference(rows: Readings) -> Array:
+    """Matrix (d, m) that subtracts the zero row of the same polarity (same range first) from every level row.
+
+    Raises: FitError B-FIT-006 if a polarity has no zero row.
+    Source: AF-converter paper equations (6), (9).
+    """
+    levels = np.flatnonzero(rows.level_A > 0)
+    zeros = np.flatnonzero(rows.level_A == 0)
+    difference = np.zeros((levels.size, rows.level_A.size))
+    for row, level in enumerate(levels):
+        same = zeros[rows.polarity[zeros] == rows.polarity[level]]
+        if same.size == 0:
+            sign = "+" if rows.polarity[level] > 0 else "-"
+            raise FitError(
+                "B-FIT-006",
+                f"the re-zeroed equations need the {sign}0 row of this channel and temperature, which is missing",
+                next_step="use the method 'gls', which does not subtract zeros, or take the row again",
+            )
+        other_range = rows.range_A[same] != rows.range_A[level]
+        difference[row, level] = 1.0
+        difference[row, same[np.argmin(other_range)]] = -1.0
+    return difference
+
+
+def _solve(method: str, problem: _Problem) -> LinearFit:
+    names = ("K_N", "K_P", "offset of the positive connection", "offset of the negative connection")
+    rows, design_A = problem.rows, problem.design_A
+    if method == "gls":
+        present = np.flatnonzero(design_A.any(axis=0))
+        chosen = [names[column] for column in present]
+        return solve(design_A[:, present], problem.readings_A, problem.covariance_A2, chosen)
+    difference = zero_difference(rows)
+    level_A = rows.level_A[rows.level_A > 0]
+    weights = np.diag(level_A**2) if method == "paper" else np.eye(level_A.size)
+    fit = solve(difference @ design_A[:, :2], difference @ problem.readings_A, weights, names[:2])
+    residual_A = problem.readings_A - design_A[:, :2] @ fit.parameters
+    for polarity in (1.0, -1.0):
+        side = rows.polarity == polarity
+        residual_A[side] -= residual_A[side & (rows.level_A == 0)].mean()
+    return LinearFit(fit.parameters, fit.covariance, fit.operator @ difference, residual_A, float("nan"), fit.dof)
+
+
+def gain_effect_ppm(
+    to_ppm: Array, reference_A: Array, rows: Readings, standard: Mapping[float, RangeSpecification]
+) -> Array:
+    """Effect (2,) in ppm of one standard deviation of the calibrator's gain, fully common to all rows.
+
+    It does not average over levels, channels or temperatures, so it never enters the weights of the fit.
+    Source: docs/decisions/0004 (common gain).
+    """
+    relative = np.array([specification(standard, float(range_A)).relative for range_A in rows.range_A])
+    return np.asarray(to_ppm @ (reference_A * relative / 2.0))
+
+
+def _spread(values: Array, usable: NDArray[np.bool_]) -> Array:
+    everywhere = np.full(usable.size, np.nan)
+    everywhere[usable] = values
+    return everywhere
+
+
+def _budget(to_ppm: Array, parts: Mapping[str, Array], labels: tuple[str, ...], shared: Array) -> dict[str, Array]:
+    budget = {name: np.sqrt(np.diag(to_ppm @ part @ to_ppm.T)) for name, part in parts.items()}
+    for kind in ("offset", "linearity"):
+        chosen = [label.startswith(kind) for label in labels]
+        budget[f"calibrator {kind}"] = np.sqrt(np.sum(shared[:, chosen] ** 2, axis=1))
+    return budget

@@ -1,0 +1,158 @@
+"""Monte Carlo model of one scale-factor group: every input drawn from its distribution, every draw fitted again.
+
+The counts stand in the design matrix of the fit, so the model is not linear; the draws show whether the linear budget
+holds all the same. Nothing here uses the sensitivities of the budget.
+Source: JCGM 101:2008 section 5; docs/decisions/0004 (model) and 0008 (distributions).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.systems.af_converter.estimators.noise import (
+    Converter,
+    RangeSpecification,
+    Readings,
+    interpolation_A2,
+    noise_parts,
+    specification,
+    walk_A2,
+)
+from bench.systems.af_converter.estimators.scale_factor import (
+    Referral,
+    pulse_currents_A,
+    reference_current_A,
+    scale_design,
+    thermal_response_A_degC,
+    usable_rows,
+    zero_difference,
+)
+
+Array = NDArray[np.float64]
+Generator = np.random.Generator
+_SMALLEST_VARIANCE_A2 = 1e-36  # keeps the Cholesky factor where noise is declared as zero
+
+
+@dataclass(frozen=True)
+class TrialModel:
+    """A group of rows with all that is uncertain about it.
+
+    ``common_relative``: standard uncertainties of further relative errors of the calibrator (traceability, drift);
+    ``sensor_std_degC``: of the unit's temperature sensor.
+    """
+
+    rows: Readings
+    converter: Converter
+    standard: Mapping[float, RangeSpecification]
+    referral: Referral
+    method: str = "gls"
+    common_relative: tuple[float, ...] = ()
+    sensor_std_degC: float = 0.0
+
+    def draw(self, generator: Generator, trials: int) -> Array:
+        """Fitted DSF_N and DSF_P of each trial, (trials, 2), ppm.
+
+        Args:    generator: seeded.   trials: how many.
+        Returns: scale-factor errors, one row per trial.
+        Raises:  FitError of ``zero_difference`` (B-FIT-006) for the methods that need zero rows.
+        Source:  docs/decisions/0004, corrected equations (4) to (11).
+        """
+        rows = self.rows.take(usable_rows(self.rows))
+        counted_A = pulse_currents_A(rows, self.converter)
+        n_A, p_A = _counted(generator, trials, rows, self.converter, counted_A)
+        reference_A = _reference(generator, trials, rows, self.standard, self.common_relative)
+        response_A_degC = thermal_response_A_degC(*counted_A, self.referral)
+        warmth = rows.unit_temperature_degC - self.referral.to_degC + _interpolated(generator, trials, rows)
+        readings_A = reference_A - (n_A - p_A) - response_A_degC * warmth
+        dsf_ppm = 1e6 * _refit(self._transform(rows, response_A_degC), rows, n_A, p_A, readings_A)
+        sensor_degC = self.sensor_std_degC * generator.standard_normal((trials, 1))
+        return np.asarray(dsf_ppm + sensor_degC * np.array(self.referral.slope_ppm_degC))
+
+    def _transform(self, rows: Readings, response_A_degC: Array) -> Array:
+        """What the method multiplies design and readings with before it takes equal weights."""
+        if self.method != "gls":
+            difference = zero_difference(rows)
+            return difference / rows.level_A[rows.level_A > 0, None] if self.method == "paper" else difference
+        covariance = np.sum(list(noise_parts(rows, self.converter).values()), axis=0)
+        covariance += interpolation_A2(rows, response_A_degC)
+        for full_A in np.unique(rows.range_A):
+            variance = (specification(self.standard, float(full_A)).floor_A / 2.0) ** 2
+            signed = rows.polarity * (rows.range_A == full_A)
+            same_level = np.equal.outer(rows.level_A, rows.level_A) & (rows.level_A > 0)
+            covariance += variance * np.outer(signed, signed) * (1.0 + same_level)
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
+
+
+def _times(values: Array, matrix: Array) -> Array:
+    """``values @ matrix.T``, (trials, m) by (k, m); BLAS would wake every core for a matrix of 14 rows."""
+    return np.asarray(np.einsum("ti,ji->tj", values, matrix))
+
+
+def _triangular(generator: Generator, shape: tuple[int, int]) -> Array:
+    """Difference of the two uniform fractions of a pulse at the ends of a gate, in pulses."""
+    return np.asarray(generator.random(shape) - generator.random(shape))
+
+
+def _counted(
+    generator: Generator, trials: int, rows: Readings, converter: Converter, counted_A: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    """Counted currents (trials, m) of N and P with quantisation, clock, white noise and walk on the counter in use."""
+    m = rows.gate_s.size
+    white_A2 = converter.white_A_rtHz**2 / (2.0 * rows.gate_s) + _SMALLEST_VARIANCE_A2
+    factor = np.asarray(np.linalg.cholesky(walk_A2(rows, converter) + np.diag(white_A2)), dtype=np.float64)
+    noise_A = _times(generator.standard_normal((trials, m)), factor)
+    noise_A += converter.k0_C / rows.gate_s * np.sqrt(1.0 + rows.gaps) * _triangular(generator, (trials, m))
+    clock = 1.0 + np.sqrt(1.0 + rows.gaps) / rows.af_count * _triangular(generator, (trials, m))
+    n_A, p_A = counted_A
+    forward = n_A > p_A
+    return clock * n_A + noise_A * forward, clock * p_A - noise_A * ~forward
+
+
+def _reference(
+    generator: Generator,
+    trials: int,
+    rows: Readings,
+    standard: Mapping[float, RangeSpecification],
+    common_relative: tuple[float, ...],
+) -> Array:
+    """Current of the calibrator (trials, m): common gain, one offset per range, one linearity error per level."""
+    effects = [rows.level_A * np.array([specification(standard, float(one)).relative / 2.0 for one in rows.range_A])]
+    effects += [rows.level_A * std for std in common_relative]
+    for full_A in np.unique(rows.range_A):
+        sigma_A = specification(standard, float(full_A)).floor_A / 2.0
+        inside = rows.range_A == full_A
+        levels_A = np.unique(rows.level_A[inside & (rows.level_A > 0)])
+        effects += [sigma_A * inside, *(sigma_A * (inside & (rows.level_A == one)) for one in levels_A)]
+    error_A = _times(generator.standard_normal((trials, len(effects))), np.array(effects).T)
+    return np.asarray(reference_current_A(rows, standard) + rows.polarity * error_A)
+
+
+def _interpolated(generator: Generator, trials: int, rows: Readings) -> Array:
+    """Errors (trials, m) of interpolated unit temperatures; rows of one gap share theirs."""
+    gaps, place = np.unique(rows.temperature_gap, return_inverse=True)
+    drawn = generator.standard_normal((trials, gaps.size))
+    return np.asarray(drawn[:, place] * rows.temperature_std_degC)
+
+
+def _refit(transform: Array, rows: Readings, n_A: Array, p_A: Array, readings_A: Array) -> Array:
+    """DSF_N and DSF_P (trials, 2) by the normal equations of every trial, with columns of unit length."""
+    offsets = transform @ scale_design(rows, n_A[0], p_A[0])[:, 2:]
+    offsets = offsets[:, np.linalg.norm(offsets, axis=0) > 1e-9 * np.linalg.norm(transform)]  # subtracted zeros: none
+    offsets /= np.linalg.norm(offsets, axis=0)
+    counted = [_times(n_A, transform), _times(-p_A, transform)]
+    lengths = [float(np.linalg.norm(one[0])) for one in counted]
+    counted = [one / length for one, length in zip(counted, lengths, strict=True)]
+    readings = _times(readings_A, transform)
+    normal = np.empty((n_A.shape[0], 2 + offsets.shape[1], 2 + offsets.shape[1]))
+    right = np.empty(normal.shape[:2])
+    for row, one in enumerate(counted):
+        normal[:, row, :2] = np.column_stack([np.einsum("ti,ti->t", one, other) for other in counted])
+        normal[:, row, 2:] = normal[:, 2:, row] = _times(one, offsets.T)
+        right[:, row] = np.einsum("ti,ti->t", one, readings)
+    normal[:, 2:, 2:] = offsets.T @ offsets
+    right[:, 2:] = _times(readings, offsets.T)
+    return np.asarray(np.linalg.solve(normal, right[..., None])[:, :2, 0] / np.array(lengths))

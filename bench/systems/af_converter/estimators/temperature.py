@@ -1,0 +1,67 @@
+"""Polynomial in temperature about a reference, for quantities measured at several temperatures.
+
+Source: AF-converter paper section 3.3 (temperature coefficients); docs/decisions/0004.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.maths.least_squares import solve
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TemperaturePolynomial:
+    """value(T) = c0 + c1 (T - T_ref) + c2 (T - T_ref)^2, as far as the temperatures determine it.
+
+    ``coefficients`` (d + 1,) in the unit of the values over degC^k; ``covariance`` (d + 1, d + 1) of the noise and of
+    what the values share; ``residual`` (k,) value minus polynomial.
+    """
+
+    reference_degC: float
+    coefficients: Array
+    covariance: Array
+    residual: Array
+
+    def slope(self, temperature_degC: float) -> float:
+        """d value / dT at a temperature, unit of the values per degC."""
+        powers = self.coefficients[1:] * np.arange(1, self.coefficients.size)
+        return float(np.polynomial.polynomial.polyval(temperature_degC - self.reference_degC, powers))
+
+    def std_uncertainty(self, order: int) -> float:
+        """Standard uncertainty of the coefficient of (T - T_ref)^order."""
+        return float(np.sqrt(self.covariance[order, order]))
+
+
+def fit_temperature(
+    temperature_degC: Array, values: Array, covariance: Array, shared: Array, reference_degC: float
+) -> TemperaturePolynomial | None:
+    """Fit a polynomial of degree 2, or less if there are fewer than three temperatures.
+
+    What the values share does not enter the weights: it is all but the same at every temperature, and the last digits
+    in which it differs would be read as knowledge about it from any curvature that a parabola cannot follow.
+
+    Args:    temperature_degC: measured unit temperatures, (k,).   values: (k,).   covariance: (k, k) of their noise.
+             shared: (k, j) one-sigma effects of j independent errors that the values share.   reference_degC: T_ref.
+    Returns: TemperaturePolynomial, or None for fewer than two temperatures.
+    Raises:  FitError B-FIT-001 if the temperatures are not distinct.
+    Source:  AF-converter paper section 3.3; docs/decisions/0004.
+    """
+    degree = min(2, values.size - 1)
+    if degree < 1:
+        return None
+    design = np.vander(temperature_degC - reference_degC, degree + 1, increasing=True)
+    names = [f"temperature coefficient {order}" for order in range(degree + 1)]
+    fit = solve(design, values, covariance, names)
+    effects = fit.operator @ shared
+    return TemperaturePolynomial(
+        reference_degC=reference_degC,
+        coefficients=fit.parameters,
+        covariance=fit.covariance + effects @ effects.T,
+        residual=fit.residual,
+    )

@@ -1,0 +1,149 @@
+"""Fit every group of a scale-factor campaign, refer the rows to one temperature, and fit the coefficients."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.model.errors import FitError
+from bench.systems.af_converter.constants import Campaign, Standards
+from bench.systems.af_converter.estimators.bias import Bias, open_input_bias
+from bench.systems.af_converter.estimators.scale_factor import Referral, ScaleFactor, fit_scale_factor
+from bench.systems.af_converter.estimators.temperature import TemperaturePolynomial, fit_temperature
+from bench.systems.af_converter.groups import Group, place_name
+
+Array = NDArray[np.float64]
+QUANTITIES = ("dsf_n", "dsf_p")
+
+
+@dataclass(frozen=True)
+class GroupFit:
+    """A group with its fitted scale-factor errors and, where the input was measured open, its bias."""
+
+    group: Group
+    fit: ScaleFactor
+    bias: Bias | None
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """All groups that could be fitted, those that could not, and the polynomials by (quantity, channel)."""
+
+    groups: tuple[GroupFit, ...]
+    refused: tuple[tuple[Group, FitError], ...]
+    polynomials: Mapping[tuple[str, int], TemperaturePolynomial]
+
+    def slopes_ppm_degC(self, channel: int, temperature_degC: float) -> tuple[float, float]:
+        """Temperature coefficients (N, P) of a channel at a temperature; 0 where they are not known."""
+        known = [self.polynomials.get((quantity, channel)) for quantity in QUANTITIES]
+        slopes = [one.slope(temperature_degC) if one else 0.0 for one in known]
+        return slopes[0], slopes[1]
+
+    def visits(self, channel: int) -> list[GroupFit]:
+        """First visits of a channel to its temperatures: what its polynomials are made of."""
+        return first_visits(self.groups, channel)
+
+
+def first_visits(groups: Iterable[GroupFit], channel: int) -> list[GroupFit]:
+    """Groups of a channel without its repeats."""
+    return [one for one in groups if one.group.channel == channel and one.group.repeat == 0]
+
+
+def fit_groups(groups: Iterable[Group], campaign: Campaign, standards: Standards, method: str) -> Fitted:
+    """Fit twice: the first pass gives the temperature coefficients that refer each row to its group's mean temperature.
+
+    Raises: FitError of the first group if no group can be fitted.
+    """
+    members = list(groups)
+    first = _fit_pass(members, campaign, standards, method, None)
+    if not first.groups:
+        raise first.refused[0][1]
+    return _fit_pass(members, campaign, standards, method, first)
+
+
+def _fit_pass(
+    groups: list[Group], campaign: Campaign, standards: Standards, method: str, earlier: Fitted | None
+) -> Fitted:
+    fitted: list[GroupFit] = []
+    refused: list[tuple[Group, FitError]] = []
+    for group in groups:
+        try:
+            fitted.append(_fit_one(group, campaign, standards, method, earlier))
+        except FitError as error:
+            if error.code not in ("B-FIT-001", "B-FIT-005", "B-FIT-006", "B-FIT-012"):
+                raise
+            error.where = place_name(group.place)
+            refused.append((group, error))
+    return Fitted(tuple(fitted), tuple(refused), _polynomials(fitted, campaign))
+
+
+def _fit_one(group: Group, campaign: Campaign, standards: Standards, method: str, earlier: Fitted | None) -> GroupFit:
+    converter = campaign.converter(group.channel)
+    if not group.closed.gate_s.size:
+        raise FitError(
+            "B-FIT-012",
+            f"no record with the route closed may enter the fit (left out: {reasons(group)})",
+            next_step="see the quality of the records in the report; take the group again",
+        )
+    mean_degC = group.unit_temperature_degC
+    slopes = earlier.slopes_ppm_degC(group.channel, mean_degC) if earlier else (0.0, 0.0)
+    fit = fit_scale_factor(group.closed, converter, standards.ranges, method, Referral(mean_degC, slopes))
+    bias = None
+    if group.opened.gate_s.size:
+        bias = open_input_bias(group.opened, converter, (float(fit.dsf_ppm[0]), float(fit.dsf_ppm[1])))
+    return GroupFit(group, fit, bias)
+
+
+def reasons(group: Group) -> str:
+    """Why records of a group were left out, in words."""
+    return ", ".join(f"{count} {reason}" for reason, count in sorted(group.left_out.items())) or "none: none was taken"
+
+
+def _polynomials(fitted: list[GroupFit], campaign: Campaign) -> dict[tuple[str, int], TemperaturePolynomial]:
+    found: dict[tuple[str, int], TemperaturePolynomial] = {}
+    for channel in sorted({one.group.channel for one in fitted}):
+        visits = first_visits(fitted, channel)
+        for index, quantity in enumerate(QUANTITIES):
+            polynomial = _scale_factor_polynomial(visits, index, campaign.reference_temperature_degC)
+            if polynomial is not None:
+                found[quantity, channel] = polynomial
+        with_bias = [one for one in visits if one.bias is not None]
+        walk_A_rth = campaign.channel(channel).noise.walk_A_rth
+        polynomial = _bias_polynomial(with_bias, walk_A_rth, campaign.reference_temperature_degC)
+        if polynomial is not None:
+            found["bias", channel] = polynomial
+    return found
+
+
+def _scale_factor_polynomial(visits: list[GroupFit], index: int, reference_degC: float) -> TemperaturePolynomial | None:
+    temperature_degC = np.array([one.fit.unit_temperature_degC for one in visits])
+    labels = sorted({label for one in visits for label in one.fit.shared_ppm})
+    nothing = np.zeros(2)
+    shared = [
+        [one.fit.gain_ppm[index], *(one.fit.shared_ppm.get(label, nothing)[index] for label in labels)]
+        for one in visits
+    ]
+    return fit_temperature(
+        temperature_degC,
+        np.array([one.fit.dsf_ppm[index] for one in visits]),
+        np.diag([one.fit.noise_ppm2[index, index] for one in visits]),
+        np.array(shared),
+        reference_degC,
+    )
+
+
+def _bias_polynomial(visits: list[GroupFit], walk_A_rth: float, reference_degC: float) -> TemperaturePolynomial | None:
+    """Bias against temperature; the random walk between the visits is part of the covariance."""
+    biases = [one.bias for one in visits if one.bias is not None]
+    hours = np.array([one.group.opened.time_s[0] / 3600.0 for one in visits])
+    walk = walk_A_rth**2 * np.minimum.outer(hours - hours.min(initial=0), hours - hours.min(initial=0))
+    return fit_temperature(
+        np.array([one.unit_temperature_degC for one in biases]),
+        np.array([one.value_A for one in biases]),
+        np.diag([one.std_uncertainty_A**2 for one in biases]) + walk,
+        np.zeros((len(biases), 0)),
+        reference_degC,
+    )

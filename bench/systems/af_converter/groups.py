@@ -1,0 +1,170 @@
+"""Sort the records of a scale-factor campaign into channels, temperatures and repeats."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bench.model.errors import FitError
+from bench.model.quality import Quality
+from bench.record.window import is_off_target
+from bench.systems.af_converter.estimators.noise import Readings
+from bench.systems.af_converter.temperatures import UnitTemperature, unit_temperatures
+
+if TYPE_CHECKING:
+    from bench.record import RecordRow
+
+_PURPOSE = "measurement"
+_LINK_FLAGS = Quality.LOST | Quality.BAD_FRAMES | Quality.DUPLICATE
+_MOST_LOST = 1e-3  # of the frames of a record; a few lost frames take their share of counts and of the gate with them
+_NEEDED_CLOCKS = ("af_clock", "master_count")
+_COUNTS = {"npp", "ppp"}
+_NOT_SETTLED = "not settled"
+Place = tuple[int, float, int]  # channel, nominal temperature, repeat
+
+
+@dataclass(frozen=True)
+class Group:
+    """Usable records of one channel at one nominal temperature; ``repeat`` 0 is the first visit."""
+
+    channel: int
+    temperature_degC: float
+    repeat: int
+    closed: Readings  # route closed: zero and level rows
+    numbers: tuple[int, ...]  # record numbers of the closed rows
+    opened: Readings  # input open
+    left_out: Mapping[str, int] = field(default_factory=dict)  # reason -> records that do not enter the fit
+    open_planned: int = 0  # records with the input open, usable or not
+
+    @property
+    def place(self) -> Place:
+        """Channel, nominal temperature and repeat."""
+        return self.channel, self.temperature_degC, self.repeat
+
+    @property
+    def dropped(self) -> int:
+        """Records that do not enter the fit."""
+        return sum(self.left_out.values())
+
+    @property
+    def unit_temperature_degC(self) -> float:
+        """Temperature of the unit, mean over all usable records of the group; NaN if there is none."""
+        measured = np.concatenate([self.closed.unit_temperature_degC, self.opened.unit_temperature_degC])
+        return float(measured.mean()) if measured.size else float("nan")
+
+
+def place_name(place: Place) -> str:
+    """Name of a group in messages and notes."""
+    channel, temperature_degC, repeat = place
+    return f"channel {channel} at {temperature_degC:g} degC" + (f", repeat {repeat}" if repeat else "")
+
+
+def place_of(conditions: Mapping[str, Any]) -> Place:
+    """Group that a record with these conditions belongs to."""
+    return int(conditions["channel"]), float(conditions["temperature_degC"]), int(conditions.get("repeat", 0))
+
+
+def campaign_rows(rows: Iterable[RecordRow]) -> list[RecordRow]:
+    """Records that belong to the campaign, by number: what was taken for another purpose (wiring check) is left out.
+
+    Raises: FitError B-FIT-007 if there is none.
+    """
+    chosen = sorted((row for row in rows if _belongs(row.window.conditions)), key=lambda row: row.window.number)
+    if not chosen:
+        raise FitError(
+            "B-FIT-007",
+            "the session holds no record of a channel at a temperature",
+            next_step="check with 'bench recover' what the session holds",
+        )
+    return chosen
+
+
+def _belongs(conditions: Mapping[str, Any]) -> bool:
+    return conditions.get("purpose", _PURPOSE) == _PURPOSE and {"channel", "temperature_degC"} <= conditions.keys()
+
+
+def flag_problem(row: RecordRow) -> str:
+    """What is wrong with a record whatever it holds, "" if nothing is."""
+    flags = Quality(row.quality) & ~_LINK_FLAGS & ~Quality.STALE
+    return ", ".join(str(flag.name).lower().replace("_", " ") for flag in flags)
+
+
+def count_problem(row: RecordRow) -> str:
+    """Why the counts of a record may not enter an estimate, "" if they may.
+
+    Rates are taken over the frames that did arrive, so a loss of up to 0.1 % costs resolution, not truth.
+    """
+    if problem := flag_problem(row):
+        return problem
+    if row.lost > _MOST_LOST * row.window.frames:
+        return "frames lost"
+    complete = all(np.any(row.sums.get(name, 0)) for name in _NEEDED_CLOCKS) and row.sums.keys() >= _COUNTS
+    return "" if complete else "without clock counts"
+
+
+def row_problem(row: RecordRow, temperature: UnitTemperature | None) -> str:
+    """Why a record may not enter a group at one temperature, "" if it may."""
+    problem = count_problem(row)
+    if problem or temperature is None:
+        return problem or "without a unit temperature"
+    return _NOT_SETTLED if is_off_target(row.window.conditions, temperature.value_degC) else ""
+
+
+def group_rows(rows: Sequence[RecordRow], master_Hz: float) -> list[Group]:
+    """Groups in the order of their first record; records that are flagged or without a temperature are counted only."""
+    temperatures = unit_temperatures(rows)
+    sorted_rows: dict[Place, list[RecordRow]] = {}
+    for row in rows:
+        sorted_rows.setdefault(place_of(row.window.conditions), []).append(row)
+    return [_group(place, members, temperatures, master_Hz) for place, members in sorted_rows.items()]
+
+
+def _group(
+    place: Place, members: list[RecordRow], temperatures: Mapping[int, UnitTemperature], master_Hz: float
+) -> Group:
+    problems = [row_problem(row, temperatures.get(row.window.number)) for row in members]
+    good = [row for row, problem in zip(members, problems, strict=True) if not problem]
+    closed = [row for row in good if not _is_open(row)]
+    channel, temperature_degC, repeat = place
+    return Group(
+        channel=channel,
+        temperature_degC=temperature_degC,
+        repeat=repeat,
+        closed=_readings(closed, channel, temperatures, master_Hz),
+        numbers=tuple(row.window.number for row in closed),
+        opened=_readings([row for row in good if _is_open(row)], channel, temperatures, master_Hz),
+        left_out=Counter(problem for problem in problems if problem),
+        open_planned=sum(_is_open(row) for row in members),
+    )
+
+
+def _is_open(row: RecordRow) -> bool:
+    return bool(row.window.conditions.get("route", "closed") == "open")
+
+
+def _readings(
+    rows: list[RecordRow], channel: int, temperatures: Mapping[int, UnitTemperature], master_Hz: float
+) -> Readings:
+    def column(values: Iterable[Any]) -> Any:
+        return np.array(list(values), dtype=np.float64)
+
+    conditions = [row.window.conditions for row in rows]
+    warmth = [temperatures[row.window.number] for row in rows]
+    return Readings(
+        polarity=column(one.get("polarity", 0) for one in conditions),
+        level_A=column(abs(one.get("current_A", 0.0)) for one in conditions),
+        range_A=column(one.get("range_A", 0.0) or 0.0 for one in conditions),
+        n_count=column(row.sums["npp"][channel - 1] for row in rows),
+        p_count=column(row.sums["ppp"][channel - 1] for row in rows),
+        af_count=column(row.sums["af_clock"] for row in rows),
+        gate_s=column(row.sums["master_count"] for row in rows) / master_Hz,
+        gaps=column(row.lost for row in rows),
+        time_s=column(0.5e-9 * (row.window.t_start_ns + row.window.t_end_ns) for row in rows),
+        unit_temperature_degC=column(one.value_degC for one in warmth),
+        temperature_std_degC=column(one.std_degC for one in warmth),
+        temperature_gap=column(one.gap for one in warmth),
+    )

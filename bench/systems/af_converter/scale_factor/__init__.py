@@ -1,0 +1,1 @@
+"""Scale factors of all channels at all temperatures."""

@@ -1,0 +1,88 @@
+"""The scale-factor campaign: from records to estimates, residuals, budget and notes.
+
+Source: AF-converter paper section 3; docs/decisions/0004-scale-factor-equations.md.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bench.analysis.analysis import Analysis
+from bench.analysis.material import Material
+from bench.systems.af_converter.clock_estimates import clock_estimates
+from bench.systems.af_converter.coefficients import scale_factor_compensation
+from bench.systems.af_converter.constants import Campaign, read_campaign, read_standards
+from bench.systems.af_converter.estimators.scale_factor import METHODS as FIT_METHODS
+from bench.systems.af_converter.group_estimates import bias_estimates, conditions_of, scale_factor_estimates
+from bench.systems.af_converter.group_fit import Fitted, fit_groups
+from bench.systems.af_converter.groups import campaign_rows, group_rows
+from bench.systems.af_converter.missing import missing_groups
+from bench.systems.af_converter.scale_factor.budgets import budget_tables
+from bench.systems.af_converter.scale_factor.calibrator_drift import calibrator_drift
+from bench.systems.af_converter.scale_factor.explain import coefficient_estimates, components, residuals
+from bench.systems.af_converter.scale_factor.judged_estimates import change_estimates, residual_estimates
+from bench.systems.af_converter.scale_factor.notes import notes
+from bench.systems.af_converter.scale_factor.repeats import drift_estimates, repeats
+from bench.systems.af_converter.scale_factor.zero_gain import zero_gain_notes, zero_gain_table
+
+METHODS: tuple[str, ...] = FIT_METHODS
+
+
+def analyse(material: Material, method: str = "gls") -> Analysis:
+    """Estimate scale-factor errors, their temperature coefficients, biases and clock errors of a campaign.
+
+    Args:    material: records with their counts and conditions, sections of the session manifest.
+             method: "gls", "paper" (equation 11) or "ols" (equation 10).
+    Returns: Analysis. Groups that are not determined have no estimate and are named in ``missing`` and ``notes``.
+    Raises:  FitError B-FIT-003 to B-FIT-009; B-FIT-001, -005, -006 or -012 if no group at all is determined.
+    Source:  AF-converter paper section 3; docs/decisions/0004.
+    """
+    constants, register = read_campaign(material.campaign), read_standards(material.standards)
+    chosen = campaign_rows(material.rows)
+    fitted = fit_groups(group_rows(chosen, constants.master_Hz), constants, register, method)
+    again = repeats(fitted, constants, register, method)
+    drift = calibrator_drift(again, fitted, chosen, material.readings)
+    register = drift.applied_to(register)
+    zero_gain = zero_gain_table(fitted, constants, register, method)
+    found: list[dict[str, Any]] = []
+    for one in fitted.groups:
+        if one.group.repeat == 0:
+            found += scale_factor_estimates(one, fitted, constants, register) + bias_estimates(one, fitted, constants)
+    found += residual_estimates(fitted, constants, register)
+    found += coefficient_estimates(fitted, constants, register)
+    found += clock_estimates(chosen, constants, register)
+    found += drift_estimates(again, fitted, constants) + drift.estimates
+    found += change_estimates(found, constants)
+    missing = missing_groups(chosen, {one.group.place for one in fitted.groups}, fitted.refused, constants)
+    return Analysis(
+        campaign=constants.analysis,
+        method=method,
+        uut=dict(constants.uut),
+        estimates=found,
+        residuals=residuals(fitted.groups, constants),
+        components=components(fitted, constants, register),
+        groups=_quality_of_fit(fitted, constants),
+        notes=[
+            *(f"No result: {one}" for one in missing),
+            *notes(fitted, constants, register, chosen),
+            *drift.notes,
+            *zero_gain_notes(zero_gain),
+        ],
+        missing=missing,
+        tables=[*budget_tables(fitted, constants, register, method), *zero_gain],
+        compensation=scale_factor_compensation(fitted, constants),
+    )
+
+
+def _quality_of_fit(fitted: Fitted, campaign: Campaign) -> list[dict[str, Any]]:
+    return [
+        conditions_of(one, campaign)
+        | {
+            "repeat": one.group.repeat,
+            "reduced_chi2": one.fit.reduced_chi2,
+            "dof": one.fit.dof,
+            "n": one.fit.n,
+            "dropped": one.group.dropped + one.fit.dropped,
+        }
+        for one in fitted.groups
+    ]

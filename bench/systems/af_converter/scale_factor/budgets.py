@@ -1,0 +1,143 @@
+"""Uncertainty budgets of the scale-factor errors.
+
+The components are those of which ``group_estimates`` makes the totals of results.json; their sensitivities come from
+the fit. What channels share carries one label in all budgets (docs/decisions/0008-uncertainty-and-decision.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from bench.maths.budget import Budget, Component, combine_all
+from bench.systems.af_converter.budget_tables import Table, budget_table, correlation_table, summary_table
+from bench.systems.af_converter.constants import Campaign, Standards
+from bench.systems.af_converter.estimators.clocks import count_noise
+from bench.systems.af_converter.estimators.noise import calibrator_effects, specification
+from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit
+from bench.systems.af_converter.scale_factor.budget_check import check_table
+
+_PPM, _nA = 1e6, 1e9
+_REGISTER = "standards register"
+_DECLARED = "campaign file"
+_COUNTING = "fractions of a pulse at the ends of a gate"
+_COLUMNS = {  # of the table of all channels, by the beginning of a component's name
+    "quantisation": "quantisation",
+    "white noise": "noise",
+    "random walk": "noise",
+    "calibrator offset": "range offsets",
+    "calibrator linearity": "linearity",
+    "calibrator gain": "gain",
+    "calibrator traceability": "traceability",
+    "calibrator drift": "drift",
+    "interpolated": "temperature",
+    "temperature sensor": "temperature",
+}
+
+
+def budget_tables(fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> list[Table]:
+    """Tables of the report at the temperature nearest to the reference.
+
+    Full budgets of dsf_n and dsf_p for the first channel of each kind, contributions of all channels side by side, the
+    correlation between the channels, and the check of dsf_n by Monte Carlo.
+    """
+    groups = nearest_to_reference(fitted, campaign)
+    examples = {campaign.channel(one.group.channel).kind: one for one in reversed(groups)}
+    tables: list[Table] = []
+    to_check: list[tuple[GroupFit, Budget]] = []
+    for index, quantity in enumerate(QUANTITIES):
+        by_channel = {str(one.group.channel): components_of(one, index, fitted, campaign, standards) for one in groups}
+        found = combine_all(by_channel)
+        for kind, one in sorted(examples.items()):
+            budget = found.budgets[str(one.group.channel)]
+            at = f"channel {one.group.channel} ({kind}) at {one.fit.unit_temperature_degC:.2f} degC"
+            value_ppm = float(one.fit.dsf_ppm[index])
+            tables.append(budget_table(f"Uncertainty budget of {quantity}, {at}", "ppm", value_ppm, budget))
+            to_check += [(one, budget)] if index == 0 else []
+        tables.append(_side_by_side(quantity, found.budgets))
+        title = f"Correlation of {quantity} between channels"
+        caption = "Caused by the calibrator and the temperature sensor, which all channels share"
+        tables.append(correlation_table(title, caption, list(by_channel), found.correlation))
+    return [*tables, check_table(to_check, fitted, campaign, standards, method)]
+
+
+def nearest_to_reference(fitted: Fitted, campaign: Campaign) -> list[GroupFit]:
+    """First visits at the nominal temperature nearest to the reference temperature, by channel."""
+    visits = [one for one in fitted.groups if one.group.repeat == 0]
+    reference_degC = campaign.reference_temperature_degC
+    nominal = min((one.group.temperature_degC for one in visits), key=lambda at: abs(at - reference_degC), default=None)
+    at_nominal = [one for one in visits if one.group.temperature_degC == nominal]
+    return sorted(at_nominal, key=lambda one: one.group.channel)
+
+
+def components_of(
+    one: GroupFit, index: int, fitted: Fitted, campaign: Campaign, standards: Standards
+) -> list[Component]:
+    """Components of DSF_N (index 0) or DSF_P (1) of a group, ppm; those of the calibrator are common to all groups.
+
+    ``std_uncertainty`` of a noise or range error is that of one reading; the sensitivity is what the fit makes of all.
+    """
+    gain_ppm = max(specification(standards.ranges, float(at)).relative for at in one.group.closed.range_A) / 2.0 * _PPM
+    slopes = fitted.slopes_ppm_degC(one.group.channel, one.fit.unit_temperature_degC)
+    trace_ppm, drift_ppm = (standards.traceability or 0.0) * _PPM, (standards.drift or 0.0) * _PPM
+    sensor_degC = campaign.sensor_std_degC
+    effect_ppm = float(one.fit.gain_ppm[index])
+    return [
+        *_noise(one, index, campaign),
+        *_range_errors(one, index, standards),
+        _effect("calibrator gain, common to all rows", gain_ppm, "ppm", effect_ppm, _REGISTER, common="gain"),
+        _effect("calibrator traceability", trace_ppm, "ppm", trace_ppm, _REGISTER, common="traceability"),
+        _effect(
+            "calibrator drift over the campaign", drift_ppm, "ppm", drift_ppm, standards.drift_source, common="drift"
+        ),
+        _effect(
+            "temperature sensor of the unit", sensor_degC, "degC", slopes[index] * sensor_degC, _DECLARED,
+            common="temperature sensor",
+        ),
+    ]  # fmt: skip
+
+
+def _noise(one: GroupFit, index: int, campaign: Campaign) -> list[Component]:
+    rows, converter = one.group.closed, campaign.converter(one.group.channel)
+    gate_s = float(np.median(rows.gate_s))
+    clock_ppm = float(np.median(count_noise(rows.af_count))) * _PPM
+    of_one_row = {
+        "quantisation of the counts": (converter.k0_C / gate_s / np.sqrt(6.0) * _nA, "nA", _COUNTING),
+        "quantisation of the AF clock count": (clock_ppm, "ppm", _COUNTING),
+        "white noise of the converter": (converter.white_A_rtHz / np.sqrt(2.0 * gate_s) * _nA, "nA", _DECLARED),
+        "random walk of the bias": (converter.walk_A_rth * _nA, "nA", f"{_DECLARED}; after 1 h"),
+        "interpolated unit temperature": (float(np.max(rows.temperature_std_degC)), "degC", "neighbouring records"),
+    }
+    return [
+        _effect(
+            name, u, unit, float(one.fit.parts_ppm[name][index]), source,
+            distribution="triangular" if source == _COUNTING else "normal",
+        )
+        for name, (u, unit, source) in of_one_row.items()
+    ]  # fmt: skip
+
+
+def _range_errors(one: GroupFit, index: int, standards: Standards) -> list[Component]:
+    """Offsets of the calibrator's ranges and linearity errors of its levels."""
+    effects = calibrator_effects(one.group.closed, standards.ranges)
+    u_A = dict(zip(effects.labels, np.abs(effects.matrix).max(axis=0), strict=True))
+    return [
+        _effect(f"calibrator {label}", float(u_A[label]) * _nA, "nA", float(effect_ppm[index]), _REGISTER, common=label)
+        for label, effect_ppm in one.fit.shared_ppm.items()
+    ]
+
+
+def _effect(
+    name: str, u: float, unit: str, contribution_ppm: float, source: str, *, distribution: str = "normal",
+    common: str = "",
+) -> Component:  # fmt: skip
+    """A component from what it is in its own unit and what the fit makes of it."""
+    sensitivity = contribution_ppm / u if u else 0.0
+    return Component(name, u, unit, sensitivity, distribution=distribution, source=source, common=common)
+
+
+def _side_by_side(quantity: str, budgets: Mapping[str, Budget]) -> Table:
+    names = dict.fromkeys(one.name for budget in budgets.values() for one in budget.components if one.contribution)
+    columns = {name: next(column for start, column in _COLUMNS.items() if name.startswith(start)) for name in names}
+    return summary_table(f"Uncertainty of {quantity} by channel", "ppm", budgets, columns)

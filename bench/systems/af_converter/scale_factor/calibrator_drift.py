@@ -1,0 +1,155 @@
+"""What the session itself says of the calibrator's drift: a meter before and after the campaign, the closing repeat.
+
+Decision: docs/decisions/0007-dmm-method.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bench.analysis.estimates import estimate
+from bench.analysis.material import Reading
+from bench.systems.af_converter.constants import DRIFT_UNKNOWN, Standards
+from bench.systems.af_converter.dmm_method.readings import CHECK, ReadingSet, reading_sets
+from bench.systems.af_converter.group_fit import Fitted
+from bench.systems.af_converter.scale_factor.repeats import Pair, change_ppm
+
+if TYPE_CHECKING:
+    from bench.record import RecordRow
+
+_HOUR_S = 3600.0
+_PPM = 1e6
+_IN_THE_LOOP = 1e-3  # a meter that reads further from the level is not in the loop, or on the wrong range
+METER_CHECK, CLOSING_REPEAT = "check by the meter", "closing repeat"
+
+
+@dataclass(frozen=True)
+class CalibratorDrift:
+    """Estimates ``calibrator_drift`` in ppm, positive = the calibrator delivers more at the end than before.
+
+    ``bound_ppm``: 95 % bound of the drift over the campaign, None if nothing was seen; ``source``: who saw it.
+    """
+
+    bound_ppm: float | None = None
+    source: str = ""
+    estimates: list[dict[str, Any]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+    def applied_to(self, standards: Standards) -> Standards:
+        """The register with the larger of the declared drift and the one seen."""
+        if self.bound_ppm is None:
+            return standards
+        others = tuple(note for note in standards.notes if note != DRIFT_UNKNOWN)
+        seen = self.bound_ppm / _PPM / 2.0
+        if standards.drift is not None and standards.drift >= seen:
+            return standards
+        return replace(standards, drift=seen, drift_source=self.source, notes=others)
+
+
+def calibrator_drift(
+    pairs: Sequence[Pair], fitted: Fitted, rows: Sequence[RecordRow], readings: Iterable[Reading]
+) -> CalibratorDrift:
+    """Drift of the calibrator by the meter, where it was read before and after, else by the closing repeat."""
+    begin_s = 1e-9 * min(row.window.t_start_ns for row in rows)
+    end_s = 1e-9 * max(row.window.t_end_ns for row in rows)
+    checks = [one for one in reading_sets(readings) if CHECK in one.conditions]
+    seen = [one for one in checks if abs(one.mean_A - _level(one)) <= _IN_THE_LOOP * _level(one)]
+    by_meter = _by_meter(seen, begin_s, end_s)
+    if len(seen) < len(checks):
+        said = f"{len(checks) - len(seen)} of {len(checks)} checks by the meter left out: it did not see the current."
+        by_meter = replace(by_meter, notes=[said, *by_meter.notes])
+    by_repeat = _by_repeat(pairs, fitted, end_s - begin_s)
+    if by_meter.bound_ppm is None:
+        return replace(by_repeat, notes=by_meter.notes + by_repeat.notes)
+    agreed = _compared(by_meter, by_repeat)
+    return replace(by_meter, estimates=by_meter.estimates + by_repeat.estimates, notes=by_meter.notes + agreed)
+
+
+def _by_meter(checks: Sequence[ReadingSet], begin_s: float, end_s: float) -> CalibratorDrift:
+    before = {_level(one): one for one in checks if one.end_s <= begin_s}
+    after = {_level(one): one for one in checks if one.begin_s >= end_s}
+    found = []
+    for level_A in sorted(before.keys() & after.keys()):
+        first, last = before[level_A], after[level_A]
+        value_ppm = _PPM * (last.mean_A - first.mean_A) / level_A
+        std_ppm = _PPM * float(np.hypot(first.std_A, last.std_A)) / level_A
+        conditions = {"check": METER_CHECK, "current_A": level_A, "hours": (last.end_s - first.begin_s) / _HOUR_S}
+        counted = len(first.values_A) + len(last.values_A)
+        found.append(estimate("calibrator_drift", "ppm", value_ppm, std_ppm, conditions, n=counted))
+    if not found:
+        said = "The calibrator was checked by the meter on one side of the campaign only; that tells no drift."
+        return CalibratorDrift(notes=[said] if checks else [])
+    widest = max(found, key=_bound_ppm)
+    note = (
+        f"Drift of the calibrator by the meter before and after, {widest['conditions']['hours']:.1f} h apart: at most "
+        f"{widest['value']:+.2f} ppm with an expanded uncertainty of {widest['expanded_uncertainty']:.2f} ppm (at "
+        f"{1e3 * widest['conditions']['current_A']:g} mA); the meter is taken to be steady meanwhile."
+    )
+    return CalibratorDrift(_bound_ppm(widest), METER_CHECK, found, [note])
+
+
+def _level(one: ReadingSet) -> float:
+    return float(one.conditions[CHECK])
+
+
+def _bound_ppm(one: dict[str, Any]) -> float:
+    return float(abs(one["value"]) + one["expanded_uncertainty"])
+
+
+def _by_repeat(pairs: Sequence[Pair], fitted: Fitted, campaign_s: float) -> CalibratorDrift:
+    """A calibrator that delivers more makes the unit count more, which looks like a smaller charge per pulse.
+
+    A change that is seen is taken to have gone on steadily through the campaign; one that is not seen is bounded for
+    the time between the visits alone, and the note says what could have passed unseen.
+    """
+    found, bounds_ppm, notes = [], [], []
+    for start, again in pairs:
+        change, covariance = change_ppm(start, again, fitted)
+        mean = np.array([-0.5, -0.5])
+        between_s = float(np.mean(again.group.closed.time_s) - np.mean(start.group.closed.time_s))
+        conditions = {
+            "check": CLOSING_REPEAT,
+            "channel": again.group.channel,
+            "temperature_degC": again.group.temperature_degC,
+            "hours": between_s / _HOUR_S,
+        }
+        std_ppm = float(np.sqrt(mean @ covariance @ mean))
+        one = estimate("calibrator_drift", "ppm", float(mean @ change), std_ppm, conditions, n=again.fit.n)
+        found.append(one)
+        scale = max(1.0, campaign_s / between_s) if between_s > 0 else 1.0
+        seen = abs(one["value"]) > one["expanded_uncertainty"]
+        bounds_ppm.append(_bound_ppm(one) * (scale if seen else 1.0))
+        notes.append(_repeat_note(one, scale, campaign_s, seen))
+    return CalibratorDrift(max(bounds_ppm, default=None), CLOSING_REPEAT, found, notes)
+
+
+def _repeat_note(one: dict[str, Any], scale: float, campaign_s: float, seen: bool) -> str:
+    where, value_ppm = one["conditions"], one["value"]
+    what = (
+        f"Closing repeat of channel {where['channel']}: calibrator and unit changed by {value_ppm:+.2f} ppm in "
+        f"{where['hours']:.1f} h, expanded uncertainty {one['expanded_uncertainty']:.2f} ppm"
+    )
+    hours = campaign_s / _HOUR_S
+    if seen:
+        return f"{what}; carried on to {hours:.1f} h, this is the drift of the calibrator in the budget."
+    unseen_ppm = scale * one["expanded_uncertainty"]
+    return f"{what}; none is seen. A steady drift of less than {unseen_ppm:.1f} ppm in {hours:.1f} h would not be."
+
+
+def _compared(by_meter: CalibratorDrift, by_repeat: CalibratorDrift) -> list[str]:
+    """Whether the closing repeat shows more than the meter did: then it is the unit that changed."""
+    hours = by_meter.estimates[0]["conditions"]["hours"]
+    mean_ppm = float(np.mean([one["value"] for one in by_meter.estimates]))
+    notes = []
+    for one in by_repeat.estimates:
+        rest_ppm = one["value"] - mean_ppm * one["conditions"]["hours"] / hours
+        if abs(rest_ppm) > one["expanded_uncertainty"]:
+            notes.append(
+                f"Closing repeat of channel {one['conditions']['channel']}: {rest_ppm:+.2f} ppm are not explained by "
+                "the calibrator as the meter saw it; the unit itself has changed."
+            )
+    return notes

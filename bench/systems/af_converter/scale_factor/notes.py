@@ -1,0 +1,99 @@
+"""Sentences a reader of the results of a scale-factor campaign must know."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import special
+
+from bench.systems.af_converter.constants import Campaign, Standards
+from bench.systems.af_converter.group_fit import QUANTITIES, Fitted
+from bench.systems.af_converter.groups import place_name
+from bench.systems.af_converter.temperatures import LONGEST_REACH_s
+
+if TYPE_CHECKING:
+    from bench.record import RecordRow
+
+_CHI2_PROBABILITY = 1e-4  # of a false note per group; a campaign has about 50 groups
+
+
+def notes(fitted: Fitted, campaign: Campaign, standards: Standards, rows: Sequence[RecordRow]) -> list[str]:
+    """All notes but those on missing groups: chi-square, records left out, and what the uncertainties do not hold."""
+    found = list(standards.notes) + _chi_square(fitted) + _extrapolation(fitted, campaign)
+    found += _records(fitted, rows) + _temperature(fitted, campaign)
+    found.append("The bias is diagnostic: it comes from one open record and never enters the compensation.")
+    return found
+
+
+def _chi_square(fitted: Fitted) -> list[str]:
+    found = []
+    for one in fitted.groups:
+        fit = one.fit
+        if np.isfinite(fit.chi2) and fit.dof and special.chdtrc(fit.dof, fit.chi2) < _CHI2_PROBABILITY:
+            name = place_name(one.group.place)
+            found.append(
+                f"{name[0].upper()}{name[1:]}: reduced chi-square {fit.reduced_chi2:.2f}; the residuals exceed the "
+                "declared uncertainties."
+            )
+    return found
+
+
+def _extrapolation(fitted: Fitted, campaign: Campaign) -> list[str]:
+    found = []
+    for kind in dict.fromkeys(campaign.channel(one.group.channel).kind for one in fitted.groups):
+        members = [one.group for one in fitted.groups if campaign.channel(one.group.channel).kind == kind]
+        share = min(float(one.closed.level_A.max()) / campaign.channel(one.channel).full_scale_A for one in members)
+        if share < 0.999:
+            found.append(f"{kind}: levels reach {100 * share:.0f} % of full scale; values beyond are extrapolated.")
+    return found
+
+
+def _records(fitted: Fitted, rows: Sequence[RecordRow]) -> list[str]:
+    found = []
+    groups = [one.group for one in fitted.groups] + [group for group, _ in fitted.refused]
+    left_out: Counter[str] = Counter()
+    for group in groups:
+        left_out.update(group.left_out)
+    found += [f"{count} records left out of the fits: {reason}." for reason, count in sorted(left_out.items())]
+    interpolated = sum(
+        int(np.count_nonzero(readings.temperature_std_degC))
+        for group in groups
+        for readings in (group.closed, group.opened)
+    )
+    if interpolated:
+        found.append(
+            f"{interpolated} records without housekeeping: their unit temperature is interpolated between records "
+            f"within {LONGEST_REACH_s / 60:g} min on both sides, with an uncertainty of its own."
+        )
+    without_fg = sum(int(row.sums.get("fg_count", 0)) == 0 for row in rows)
+    if without_fg:
+        found.append(f"{without_fg} records without function-generator pulses: no master clock error there.")
+    for one in fitted.groups:
+        if one.group.open_planned and one.bias is None:
+            found.append(f"No bias of {place_name(one.group.place)}: its open record is not usable.")
+    return found
+
+
+def _temperature(fitted: Fitted, campaign: Campaign) -> list[str]:
+    found = []
+    known = [key for key in fitted.polynomials if key[0] in QUANTITIES]
+    if campaign.temperature_sensor_u95_degC is None:
+        found.append("The uncertainty of the unit's temperature sensor is not stated; it is not included.")
+    elif known:
+        found.append(
+            "The temperature sensor of the unit is taken to be off by the same at all temperatures; an error of its "
+            "gain, which would change tc1 by as many per cent, is not included."
+        )
+    if not known:
+        found.append(
+            "One temperature only: no temperature coefficients, rows not referred to a common temperature, and the "
+            "uncertainty of the unit's temperature not included."
+        )
+    elif any(len(fitted.visits(key[1])) <= fitted.polynomials[key].coefficients.size for key in known):
+        found.append(
+            "No verdict where there are no more temperatures than coefficients: nothing is left over to judge."
+        )
+    return found

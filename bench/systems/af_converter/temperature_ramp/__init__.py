@@ -1,0 +1,1 @@
+"""Ramps that other systems logged."""

@@ -1,0 +1,179 @@
+"""Analysis of an imported temperature ramp: what a reading does with temperature, time, direction and lag.
+
+Two models side by side: cubic in temperature, quadratic in time and an up/down term ("drift"), and the joint fit of lag
+and hysteresis that the bias campaign uses, with the same drift terms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.analysis.analysis import Analysis
+from bench.analysis.estimates import estimate
+from bench.analysis.material import Material
+from bench.model.errors import FitError
+from bench.systems.af_converter.estimators.drift_ramp import (
+    BRANCH,
+    DRIFT_NAMES,
+    TEMPERATURE_NAMES,
+    Blocks,
+    BranchDifference,
+    DriftFit,
+    block_means,
+    branch_differences,
+    fit_drift,
+)
+from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
+from bench.systems.af_converter.estimators.ramp_hysteresis import RampHysteresis, fit_ramp_hysteresis
+from bench.systems.af_converter.estimators.thermal_lag import usable_drive
+from bench.systems.af_converter.temperature_ramp.columns import RampColumns, minute_means, plain_campaign, ramp_columns
+from bench.systems.af_converter.temperature_ramp.report import figures, tables
+
+METHODS: tuple[str, ...] = ("joint", "drift")
+MOST_BLOCKS = 240
+Floats = NDArray[np.float64]
+Estimates = list[dict[str, Any]]
+
+
+@dataclass(frozen=True)
+class ReadingFit:
+    """Everything fitted to one reading; ``differences`` and ``after_drift`` by name of the sensor."""
+
+    name: str
+    readings: Floats  # block means
+    drift: DriftFit
+    differences: dict[str, list[BranchDifference]]
+    after_drift: dict[str, DriftFit]
+    joint: RampHysteresis | None
+
+
+def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
+    """Fit every reading of an imported ramp.
+
+    ``method``: "joint" fits lag and hysteresis too, "drift" leaves that out.
+    Raises: FitError B-FIT-004 (unknown method), B-FIT-060, B-FIT-061 (see ramp_columns), B-FIT-001.
+    """
+    if method not in METHODS:
+        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    uut, reference_degC = plain_campaign(material.campaign)
+    columns = ramp_columns(material)
+    blocks = block_means(columns.t_s, min(MOST_BLOCKS, columns.t_s.size // 2))
+    fits = [_fit(name, columns, blocks, reference_degC, method) for name in columns.readings]
+    return Analysis(
+        campaign="temperature_ramp",
+        method=method,
+        uut=uut,
+        estimates=[one for fit in fits for one in _estimates(fit, columns, reference_degC)],
+        notes=_notes(columns, blocks, fits),
+        missing=[_not_joint(fit) for fit in fits if fit.joint is not None and fit.joint.fit.beyond],
+        figures=figures(columns, blocks, fits),
+        tables=tables(columns, fits),
+    )
+
+
+def _fit(name: str, columns: RampColumns, blocks: Blocks, reference_degC: float, method: str) -> ReadingFit:
+    readings, branch = blocks.mean(columns.readings[name]), blocks.mean(columns.branch / 2.0)
+    sensors = {sensor: blocks.mean(values) for sensor, values in columns.sensors.items()}
+    main = next(iter(sensors.values()))
+    drift = fit_drift(blocks, main, readings, branch, reference_degC)
+    others = {
+        sensor: drift if values is main else fit_drift(blocks, values, readings, branch, reference_degC, drift.noise)
+        for sensor, values in sensors.items()
+    }
+    ramps = columns.main_ramps()
+    indices = tuple(
+        np.flatnonzero((blocks.start_s >= ramps[kind].start_s) & (blocks.end_s <= ramps[kind].end_s))
+        for kind in ("up", "down")
+    )
+    differences = {
+        sensor: branch_differences(drift, values, readings, (indices[0], indices[1]), _whole_degrees(values, indices))
+        for sensor, values in sensors.items()
+    }
+    joint = None
+    if method == "joint":
+        drive = usable_drive(*minute_means(columns.t_s, columns.temperature_degC))
+        joint = fit_ramp_hysteresis(blocks, readings, drive, drift.noise, reference_degC)
+    return ReadingFit(name, readings, drift, differences, others, joint)
+
+
+def _whole_degrees(values: Floats, ramps: tuple[NDArray[np.int64], ...]) -> list[float]:
+    """Whole degrees that both ramps reach."""
+    low = max(float(values[ramp].min()) for ramp in ramps if ramp.size)
+    high = min(float(values[ramp].max()) for ramp in ramps if ramp.size)
+    return [float(at) for at in range(int(np.ceil(low)), int(np.floor(high)) + 1)]
+
+
+def _estimates(fit: ReadingFit, columns: RampColumns, reference_degC: float) -> Estimates:
+    """Entries of results.json for one reading; positive ``up_minus_down``: the ramp up reads more."""
+    unit, dropped = columns.unit, columns.dropped
+    about = {"reading": fit.name, "reference_temperature_degC": reference_degC}
+
+    def entry(quantity: str, unit_of: str, found: tuple[float, float, float], conditions: dict[str, Any]) -> Any:
+        value, std, dof = found
+        return estimate(quantity, unit_of, value, std, conditions, n=columns.t_s.size, dropped=dropped, dof=dof)
+
+    sensor = next(iter(fit.differences))
+    found = [
+        entry("up_minus_down", unit, (one.value, one.std, one.dof), {"reading": fit.name, "sensor": sensor,
+              "temperature_degC": one.temperature_degC})
+        for one in fit.differences[sensor]
+    ]  # fmt: skip
+    after = {"reading": fit.name, "sensor": sensor}
+    found.append(entry("up_minus_down_after_drift", unit, fit.drift.estimate(BRANCH), after))
+    for name, suffix in zip(DRIFT_NAMES, ("h", "h2"), strict=True):
+        found.append(entry(name.replace(" ", "_"), f"{unit}/{suffix}", fit.drift.estimate(name), {"reading": fit.name}))
+    for order, name in enumerate(TEMPERATURE_NAMES[1:], 1):
+        per = "/degC" + (str(order) if order > 1 else "")
+        found.append(entry(f"{fit.name}_tc{order}", f"{unit}{per}", fit.drift.estimate(name), about))
+    return found + [entry(*one, {"reading": fit.name}) for one in _joint_estimates(fit, unit)]
+
+
+def _joint_estimates(fit: ReadingFit, unit: str) -> Iterator[tuple[str, str, tuple[float, float, float]]]:
+    """Quantity, unit and (value, standard uncertainty, degrees of freedom) of the joint fit."""
+    if fit.joint is None or fit.joint.fit.beyond:
+        return
+    joint, many = fit.joint.fit, float(fit.joint.fit.dof)
+    yield "hysteresis_width", unit, (*fit.joint.width, many)
+    if joint.lag_determined:
+        yield "thermal_lag", "min", (joint.value(LAG) / 60.0, joint.std(LAG) / 60.0, many)
+    if joint.half_width_determined:
+        yield "play_half_width", "degC", (joint.value(HALF_WIDTH), joint.std(HALF_WIDTH), many)
+
+
+def _not_joint(fit: ReadingFit) -> str:
+    what = "" if fit.joint is None else fit.joint.fit.beyond
+    return f"{fit.name}: no hysteresis width, half-width and lag; the log asks for a {what} beyond what a ramp can show"
+
+
+def _notes(columns: RampColumns, blocks: Blocks, fits: list[ReadingFit]) -> list[str]:
+    source = "set-point" if columns.has_set_point else "measured temperature (the log maps no set-point)"
+    found = [
+        f"{columns.dropped} of {columns.t_s.size + columns.dropped} rows are left out: an overload in one of their "
+        "columns.",
+        f"Ramps and holds are found in the {source}; {blocks.count.size} block means enter the fits.",
+        "up_minus_down is read off at equal temperature; up_minus_down_after_drift is the up/down term beside a cubic "
+        "in temperature and a quadratic in time; hysteresis_width (falling minus rising, the opposite sign) is what "
+        "is left when a thermal lag behind the sensor is fitted as well.",
+        "Intervals hold the correlation of the residuals: white noise and noise that decays exponentially in time, "
+        "sizes and decay by restricted likelihood.",
+    ]
+    for fit in fits:
+        if fit.joint is None:
+            continue
+        if fit.joint.fit.beyond:
+            found.append(f"No result: {_not_joint(fit)}.")
+            continue
+        width, std = fit.joint.width
+        if not fit.joint.fit.half_width_determined:
+            found.append(
+                f"{fit.name}: no play half-width: the width does not stand out enough from its interval "
+                f"({abs(width) / std:.1f} standard uncertainties) to tell how far the temperature must turn back."
+            )
+        if not fit.joint.fit.lag_determined:
+            found.append(f"{fit.name}: the log leaves the thermal lag open.")
+    return found

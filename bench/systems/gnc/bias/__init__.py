@@ -1,0 +1,1 @@
+"""Bias, its stability and its repeatability."""

@@ -1,0 +1,1 @@
+"""Matrices of gyroscopes and accelerometers on the turntable."""

@@ -1,0 +1,161 @@
+"""imu_coefficients.json: what a navigation unit needs to compensate its inertial sensors and its magnetometer.
+
+A document of its own beside coefficients.json, which is about converters: docs/decisions/0016-imu-coefficients.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from bench.analysis.analysis import Analysis
+from bench.model.errors import InputError
+from bench.systems.af_converter.coefficients import Source, UnitUnderTest, same_unit, source_of, validate_coefficients
+
+if TYPE_CHECKING:
+    from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
+    from bench.systems.gnc.estimators.triad import TriadFit
+
+SCHEMA_FILE = "imu_coefficients.schema.json"
+SECTION = "section"
+SIGNS = {
+    "axes": "x, y, z of the body, right-handed; rows of a matrix are outputs, columns are indicated axes",
+    "accelerometer": "a = K N + bias; a in g (9.80665 m/s2), up positive at rest; N indicated, g",
+    "gyro": "w = K N - bias; w in deg/s, right-handed, against inertial space; N indicated, deg/s",
+    "magnetometer": "y = gain (y_out - offset_y); x = (x_out - offset_x - y sin(alpha)) / cos(alpha); gauss",
+    "roll": "atan2(-y, x); 0 where the field lies along +x, grows while the unit turns right-handed about +z",
+    "valid_degC": "lowest and highest mean temperature of the records, by the unit's own sensor",
+}
+_Three = Annotated[list[float], Field(min_length=3, max_length=3)]
+_Two = Annotated[list[float], Field(min_length=2, max_length=2)]
+
+
+class _Closed(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+
+class TriadSection(_Closed):
+    """Matrix and bias of three sensors; standard uncertainties beside them."""
+
+    section: Literal["accelerometer", "gyro"]
+    unit: Literal["g", "deg/s"]
+    matrix: Annotated[list[_Three], Field(min_length=3, max_length=3)]
+    matrix_std: Annotated[list[_Three], Field(min_length=3, max_length=3)]
+    bias: _Three
+    bias_std: _Three
+    valid_degC: _Two
+    session: str
+
+
+class MagnetometerSection(_Closed):
+    """Offset, gain and non-orthogonality of the two axes across the roll axis."""
+
+    section: Literal["magnetometer"]
+    unit: Literal["gauss"]
+    method: Literal["extremes", "ellipse"]
+    offset: _Two
+    offset_std: _Two
+    gain: Annotated[float, Field(gt=0)]
+    gain_std: float
+    alpha_deg: Annotated[float, Field(gt=-90.0, lt=90.0)]
+    alpha_std_deg: float
+    valid_degC: _Two
+    session: str
+
+
+class ImuCoefficients(_Closed):
+    """The document imu_coefficients.json."""
+
+    schema_version: Literal[1] = Field(alias="schema")
+    uut: UnitUnderTest
+    simulated: bool
+    signs: dict[str, str]
+    sections: list[Annotated[TriadSection | MagnetometerSection, Field(discriminator=SECTION)]]
+    sources: list[Source]
+
+
+def triad_section(kind: str, fit: TriadFit, span_degC: tuple[float, float]) -> dict[str, Any]:
+    """Entry of ``Analysis.compensation`` for a calibrated triad; accelerometer in g, gyro in deg/s."""
+    return {
+        SECTION: kind,
+        "unit": {"accelerometer": "g", "gyro": "deg/s"}[kind],
+        "matrix": fit.matrix.tolist(),
+        "matrix_std": fit.matrix_std.tolist(),
+        "bias": fit.bias.tolist(),
+        "bias_std": fit.bias_std.tolist(),
+        "valid_degC": list(span_degC),
+    }
+
+
+def magnetometer_section(method: str, found: PlaneParameters, span_degC: tuple[float, float]) -> dict[str, Any]:
+    """Entry of ``Analysis.compensation`` for a magnetometer; gauss and degrees."""
+    std = found.std.tolist()
+    return {
+        SECTION: "magnetometer",
+        "unit": "gauss",
+        "method": method,
+        "offset": found.offset.tolist(),
+        "offset_std": std[:2],
+        "gain": float(found.gain),
+        "gain_std": std[2],
+        "alpha_deg": float(found.alpha_deg),
+        "alpha_std_deg": std[3],
+        "valid_degC": list(span_degC),
+    }
+
+
+def is_imu(compensation: Iterable[Mapping[str, Any]]) -> bool:
+    """True for the compensation of an IMU, not of converters."""
+    return any(SECTION in one for one in compensation)
+
+
+def imu_coefficients_of(analysis: Analysis, results: Mapping[str, Any]) -> dict[str, Any]:
+    """The document of one session. Raises: InputError B-COEF-006 for a section that is not in the form."""
+    session = str(results["session"])
+    document = {
+        "schema": 1,
+        "uut": {name: str(results["uut"][name]) for name in ("model", "serial")},
+        "simulated": results["provenance"]["simulated"] is not False,
+        "signs": dict(SIGNS),
+        "sections": [dict(one) | {"session": session} for one in analysis.compensation],
+        "sources": [source_of(analysis, results)],
+    }
+    validate_imu_coefficients(document, session)
+    return document
+
+
+def merged_imu(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """One document of the sessions of one unit: calibration and magnetometer.
+
+    Raises: InputError B-COEF-001 (another unit), B-COEF-002 (a section twice), B-COEF-003 (simulated and real).
+    """
+    same_unit(documents)
+    sections = [one for document in documents for one in document["sections"]]
+    seen: dict[str, str] = {}
+    for one in sections:
+        if one[SECTION] in seen:
+            raise InputError(
+                "B-COEF-002",
+                f"the {one[SECTION]} comes from two sessions",
+                where=f"{seen[one[SECTION]]}, {one['session']}",
+                next_step="merge one calibration and one magnetometer session of the same unit",
+            )
+        seen[one[SECTION]] = one["session"]
+    order = ("accelerometer", "gyro", "magnetometer")
+    return dict(documents[0]) | {
+        "sections": sorted(sections, key=lambda one: order.index(one[SECTION])),
+        "sources": [source for document in documents for source in document["sources"]],
+    }
+
+
+def validate_imu_coefficients(document: object, where: str) -> None:
+    """Check a document against its form. Raises InputError B-COEF-006 naming the first wrong field."""
+    validate_coefficients(document, where, ImuCoefficients)
+
+
+def imu_coefficients_schema() -> dict[str, Any]:
+    """JSON Schema of imu_coefficients.json, made from the same declarations that check it."""
+    schema = ImuCoefficients.model_json_schema(by_alias=True)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

@@ -1,0 +1,1 @@
+"""Estimators of inertial units: arrays in, result out."""

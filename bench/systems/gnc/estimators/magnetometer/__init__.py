@@ -1,0 +1,1 @@
+"""Ellipse, ellipsoid and plane through magnetometer readings."""

@@ -1,0 +1,176 @@
+"""Ellipse of two magnetometer axes turned in a constant field: zero, gain and non-orthogonality by least squares.
+
+Model, x and y in units of axis X: ``x_out = dX + x cos(alpha) + y sin(alpha)``, ``y_out = dY + y / K_y`` with (x, y) on
+a circle; ``alpha`` is positive where x_out is positive at the largest y_out.
+
+Source: GNC paper (001) equations (5) to (9), (9) divided by cos(alpha) as corrected: x = (x_out - y sin alpha) / cos
+alpha after zero and gain. Least squares: ``bench.systems.gnc.estimators.magnetometer.quadric``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.model.errors import FitError
+from bench.systems.gnc.estimators.magnetometer.quadric import Quadric, fit_quadric
+
+Array = NDArray[np.float64]
+LARGEST_GAP_deg = 60.0  # of the turn without a reading
+PARAMETERS = ("offset_x", "offset_y", "gain", "alpha_deg", "radius")
+_SECTORS = 36
+_STEP = 1e-6
+
+
+@dataclass(frozen=True)
+class PlaneParameters:
+    """What corrects two axes, and how well it is known; offsets and radius in the unit of the readings.
+
+    Attributes:
+        offset: (2,).   gain: K_y.   alpha_deg: non-orthogonality.   radius: field in the plane, sensitivity of axis X.
+        covariance: (5, 5) in the order of ``PARAMETERS``, alpha in degrees.
+        bias: (5,) expected error of the method itself, not taken off and not in ``covariance``; 0 for least squares.
+    """
+
+    offset: Array
+    gain: float
+    alpha_deg: float
+    radius: float
+    covariance: Array
+    bias: Array
+
+    @property
+    def values(self) -> Array:
+        """(5,) in the order of ``PARAMETERS``."""
+        return np.array([*self.offset, self.gain, self.alpha_deg, self.radius])
+
+    @property
+    def std(self) -> Array:
+        """(5,) standard uncertainties, the expected error of the method included."""
+        return np.asarray(np.sqrt(np.diag(self.covariance) + self.bias**2))
+
+    def corrected(self, x_out: Array, y_out: Array) -> tuple[Array, Array]:
+        """Components without zero, gain and non-orthogonality, in units of axis X.
+
+        Args:    x_out, y_out: (n,), unit of the readings.
+        Returns: x, y: (n,) each, on a circle of ``radius`` about the origin.
+        Source:  GNC paper equations (7) to (9), (9) corrected.
+        """
+        return corrected(self.values, x_out, y_out)
+
+
+@dataclass(frozen=True)
+class EllipseFit:
+    """Least-squares ellipse.
+
+    Attributes:
+        parameters: PlaneParameters.   noise: standard deviation of the orthogonal distances, unit of the readings.
+        phase_deg: angle of the corrected components of each reading, (n,), -180 to 180.
+        largest_gap_deg: largest part of the turn without a reading.   phases: distinct phases, readings nearer to each
+            other than the noise counted once.   shape_misfit: reduced chi-square of the mean distances in 36 sectors;
+            far above 1 the points are not on an ellipse.   wander: see ``estimators.magnetometer.quadric.Quadric``.
+    """
+
+    parameters: PlaneParameters
+    noise: float
+    phase_deg: Array
+    largest_gap_deg: float
+    phases: int
+    shape_misfit: float
+    wander: float
+
+
+def corrected(values: Array, x_out: Array, y_out: Array) -> tuple[Array, Array]:
+    """Components corrected by five values in the order of ``PARAMETERS``; see ``PlaneParameters.corrected``."""
+    sine, cosine = np.sin(np.deg2rad(values[3])), np.cos(np.deg2rad(values[3]))
+    y = values[2] * (y_out - values[1])
+    return (x_out - values[0] - y * sine) / cosine, y
+
+
+def fit_ellipse(x_out: Array, y_out: Array) -> EllipseFit:
+    """Zero, gain and non-orthogonality from all readings of a rotation.
+
+    Args:    x_out, y_out: (n,), same unit, noise alike on both axes.
+    Returns: EllipseFit.
+    Raises:  FitError B-FIT-090 if no ellipse passes through the readings; B-FIT-091 if a part of the turn of more
+             than 60 degrees has none, naming where.
+    Source:  see the head of this file; covariance by first derivatives, JCGM 102:2011 section 6.2.
+    """
+    points = np.column_stack((x_out, y_out)).astype(np.float64)
+    quadric = fit_quadric(points)
+    values = _values(np.concatenate((quadric.centre, quadric.shape[np.triu_indices(2)])))
+    x, y = corrected(values, points[:, 0], points[:, 1])
+    phase_deg = np.rad2deg(np.arctan2(y, x))
+    gap_deg, at_deg = _largest_gap(phase_deg)
+    if gap_deg > LARGEST_GAP_deg:
+        raise FitError(
+            "B-FIT-091",
+            f"the readings leave {gap_deg:.0f} degrees of the turn empty (limit {LARGEST_GAP_deg:.0f}), "
+            f"about the direction {at_deg:.0f} degrees from +x to +y",
+            next_step="turn the unit through at least one whole turn while the magnetometer is read",
+        )
+    slope = _derivative(quadric)
+    parameters = PlaneParameters(
+        offset=values[:2],
+        gain=float(values[2]),
+        alpha_deg=float(values[3]),
+        radius=float(values[4]),
+        covariance=slope @ quadric.covariance @ slope.T,
+        bias=np.zeros(5),
+    )
+    return EllipseFit(
+        parameters=parameters,
+        noise=quadric.noise,
+        phase_deg=phase_deg,
+        largest_gap_deg=gap_deg,
+        phases=_distinct(phase_deg, np.rad2deg(quadric.noise / parameters.radius)),
+        shape_misfit=_shape_misfit(phase_deg, quadric.distance, quadric.noise),
+        wander=quadric.wander,
+    )
+
+
+def _values(place: Array) -> Array:
+    """Parameters from the centre and the upper triangle (w00, w01, w11) of the quadric."""
+    w00, w01, w11 = place[2:]
+    length = np.hypot(w01, w11)
+    alpha = np.arctan2(-w01, w11)
+    radius = length / (w00 * w11)
+    return np.array([place[0], place[1], length / w00, np.rad2deg(alpha), radius])
+
+
+def _derivative(quadric: Quadric) -> Array:
+    """(5, 5) derivatives of the parameters with respect to those of the quadric, by central differences."""
+    place = np.concatenate((quadric.centre, quadric.shape[np.triu_indices(2)]))
+    steps = _STEP * np.concatenate((np.full(2, 1.0 / quadric.shape[0, 0]), np.full(3, quadric.shape[0, 0])))
+    columns = [(_values(place + one) - _values(place - one)) / (2.0 * one.sum()) for one in np.diag(steps)]
+    return np.column_stack(columns)
+
+
+def _largest_gap(phase_deg: Array) -> tuple[float, float]:
+    """Largest empty part of the turn and its middle, degrees."""
+    ordered = np.sort(phase_deg)
+    gaps = np.diff(np.concatenate((ordered, [ordered[0] + 360.0])))
+    place = int(np.argmax(gaps))
+    middle = ordered[place] + gaps[place] / 2.0
+    return float(gaps[place]), float((middle + 180.0) % 360.0 - 180.0)
+
+
+def _distinct(phase_deg: Array, noise_deg: float) -> int:
+    """Clusters of phases that are further apart than ten times their noise: 10 for ten readings in every turn."""
+    ordered = np.sort(phase_deg)
+    gaps = np.diff(np.concatenate((ordered, [ordered[0] + 360.0])))
+    return max(1, int((gaps > 10.0 * noise_deg).sum()))
+
+
+def _shape_misfit(phase_deg: Array, distance: Array, noise: float) -> float:
+    """Mean distances in sectors of the turn against what their noise allows, 1 for points on an ellipse."""
+    sector = ((phase_deg + 180.0) / 360.0 * _SECTORS).astype(np.int64) % _SECTORS
+    counts = np.bincount(sector, minlength=_SECTORS)
+    sums = np.bincount(sector, weights=distance, minlength=_SECTORS)
+    filled = counts > 0
+    if noise == 0.0 or filled.sum() <= len(PARAMETERS):
+        return 1.0
+    square = np.square(sums[filled]) / counts[filled] / noise**2
+    return float(square.sum() / (filled.sum() - len(PARAMETERS)))

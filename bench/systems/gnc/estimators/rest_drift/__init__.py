@@ -1,0 +1,1 @@
+"""Drift of an inertial unit over and between its rests."""

@@ -1,0 +1,183 @@
+"""Gyroscope triad from turns of known angle, forth and back about each axis.
+
+Corrected equations: S_ij = (I_i of j+ - I_i of j-) / (turn+ - turn-), which is 4 pi N radians or 720 N degrees; it is
+S (output per input, row sensor, column axis), so K = S^-1. Its integrals reach over the movement and 0.5 s around it:
+rest adds nothing to them but noise. The bias comes from the integrals of sensor i in the four records that turn about
+the other two axes, over the sum of their lengths, and through S: N = S (w + b).
+The Earth's rate is a part of the input in both: it stands in the local frame and turns in the unit with the measured
+angle, so a vertical turntable gives the same numbers as a mount along the Earth's axis.
+
+Source: GNC module paper equations (1), (3), (4), corrected: (3) as printed is the transpose of S and is not inverted,
+(4) divides by 8 pi N instead of 4 T.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.systems.gnc.estimators.earth_rate import Site
+from bench.systems.gnc.estimators.records import (
+    RotationRecord,
+    Samples,
+    good_samples,
+    noise_density,
+    quantisation_variance,
+    record_about,
+    resting,
+)
+from bench.systems.gnc.estimators.rotation_inputs import Declared, Inputs
+from bench.systems.gnc.estimators.triad import AXES, TriadFit, improbable, propagate_inputs
+from bench.systems.gnc.estimators.turning import turn_and_rest
+
+Array = NDArray[np.float64]
+_LEAST_SPREAD = 1e-12
+_DRIFT_DOF = 15  # three sensors at rest in six records, less three biases
+_ROUNDS = 3  # both equations are tied by c (T+ - T-), some samples of some 1,000: each round gains three digits
+
+
+@dataclass(frozen=True)
+class RotationFit:
+    """``triad``: w = K N - bias, deg/s.   ``noise`` (3,): angle random walk, deg/sqrt(s).
+    ``used`` and ``trimmed_s``: samples used of each record and seconds cut off its end, so that both directions are of
+    equal length.   ``duplicates``: samples dropped.   ``duration_s``: T, mean of the six records.   ``drift_deg_s``: by
+    which the bias wandered from record to record, declared or seen at rest; it is in the intervals.
+    """
+
+    triad: TriadFit
+    noise: Array
+    used: Mapping[str, int]
+    trimmed_s: Mapping[str, float]
+    duplicates: Mapping[str, int]
+    duration_s: float
+    drift_deg_s: float
+
+
+def fit_rotations(
+    records: Sequence[RotationRecord], site: Site | None = None, declared: Declared | None = None
+) -> RotationFit:
+    """Fit S, K = S^-1 and bias to six records: each body axis turned forth and back.
+
+    Args:    records: six, any order, rates in deg/s.   site: for the Earth's rate; needed if the records have poses.
+             declared: uncertainties of the table and of the sensors' resolution.
+    Returns: RotationFit. The covariance holds white noise (measured at rest), quantisation, the turn, tilt of each
+             axis, latitude and azimuth. A chi-square of the residuals that is improbable (0.1 %) enlarges it.
+    Raises:  FitError B-FIT-080 (samples missing), -081 (a record missing, double or about another axis), -082 (another
+             turn than named), -083 (nothing at rest).
+    Source:  the equations named in the head of this file; covariance as in JCGM 102:2011 section 6.2.
+    """
+    declared = declared or Declared()
+    ordered = [record_about(records, axis, sign) for axis in AXES for sign in (1.0, -1.0)]
+    samples = [good_samples(record) for record in ordered]
+    trimmed = _equal_lengths(samples)
+    density, std, dof = _noise(ordered, trimmed)
+    parts = [turn_and_rest(record, kept) for record, kept in zip(ordered, trimmed, strict=True)]
+    inputs = Inputs.of(parts, site)
+    found, residual = paired(inputs)
+    quantisation = quantisation_variance(std, declared.resolution_deg_s)
+    drift_deg_s = _drift(residual, inputs, density, quantisation)
+    if drift_deg_s > declared.drift_deg_s:
+        dof = min(dof, float(_DRIFT_DOF))
+        declared = replace(declared, drift_deg_s=drift_deg_s)
+    common = np.diag(quantisation)
+    covariance = inputs.covariance(declared, site, density, common)
+    spread = propagate_inputs(lambda x: np.concatenate(_both(paired(inputs.at(x)))), inputs.vector, covariance)
+    triad = _triad(found, residual, spread, inputs, dof, declared.time_std)
+    names = [record.name for record in ordered]
+    return RotationFit(
+        triad=triad,
+        noise=np.sqrt(density.diagonal()),
+        used=dict(zip(names, (len(kept.rate) for kept in trimmed), strict=True)),
+        trimmed_s={
+            name: whole.duration_s - kept.duration_s for name, whole, kept in zip(names, samples, trimmed, strict=True)
+        },
+        duplicates={name: kept.duplicates for name, kept in zip(names, trimmed, strict=True)},
+        duration_s=float(np.sum(inputs.duration_s)) / len(ordered),
+        drift_deg_s=declared.drift_deg_s,
+    )
+
+
+def paired(inputs: Inputs) -> tuple[Array, Array]:
+    """Corrected equations (3) and (4): (12,) K row by row and bias; (12, 3) residuals of the integrals, deg.
+
+    Args:    inputs: turn and rest of x+, x-, y+, y-, z+, z-, in this order.
+    Returns: parameters and residuals.
+    Raises:  nothing of its own.
+    Source:  GNC module paper equations (3), (4), corrected as in the head of this file.
+    """
+    known, length = inputs.known + inputs.earth, inputs.duration_s[:, None]
+    offset = np.zeros(3)
+    other = ~np.repeat(np.eye(3, dtype=bool), 4, axis=0)  # a sensor's bias comes from turns about the other two axes
+    for _ in range(_ROUNDS):
+        clear = inputs.integral - offset * length
+        difference = known[0::4] - known[2::4]
+        sensitivity = np.linalg.solve(difference, clear[0::4] - clear[2::4]).T
+        left = inputs.integral - known @ sensitivity.T
+        offset = np.sum(left * other, axis=0) / np.sum(length * other, axis=0)
+    inverse = np.linalg.inv(sensitivity)
+    return np.concatenate([inverse.ravel(), inverse @ offset]), left - offset * length
+
+
+def _drift(residual: Array, inputs: Inputs, density: Array, quantisation: Array) -> float:
+    """How much the bias wanders from record to record beyond noise and steps inside of them, deg/s, by the rests.
+
+    Noise alone says so in one calibration of twenty. One of the six rests is spent on the bias itself.
+    """
+    length = inputs.duration_s[1::2, None]
+    rate, noise = residual[1::2] / length, density.diagonal() / length + quantisation
+    if not noise.all() or not improbable(float(np.sum(rate**2 / noise)), _DRIFT_DOF, below=0.05):
+        return 0.0
+    return math.sqrt(max(float(np.mean(np.sum(rate**2, axis=0) / 5.0 - noise.mean(axis=0))), 0.0))
+
+
+def _both(found: tuple[Array, Array]) -> tuple[Array, Array]:
+    return found[0], found[1].ravel()
+
+
+def _triad(found: Array, residual: Array, spread: Array, inputs: Inputs, dof: float, time_std: float) -> TriadFit:
+    rank = residual.size - found.size
+    values, vectors = np.linalg.eigh(spread[12:, 12:])
+    values, vectors = values[values.size - rank :], vectors[:, values.size - rank :]
+    known_spread = values[0] > _LEAST_SPREAD * values[-1]  # rounding errors of a sensor without noise are no spread
+    chi2 = float(np.sum((vectors.T @ residual.ravel()) ** 2 / values)) if known_spread else 0.0
+    inflated = improbable(chi2, rank)
+    matrix = found[:9].reshape(3, 3)
+    known = inputs.known + inputs.earth
+    design = np.column_stack([known, inputs.duration_s])
+    time = time_std**2 * np.outer(found, found)  # S grows with the seconds that are counted, K and the bias shrink
+    return TriadFit(
+        matrix=matrix,
+        bias=found[9:],
+        covariance=spread[:12, :12] * (chi2 / rank if inflated else 1.0) + time,
+        residual=(residual / inputs.duration_s[:, None]) @ matrix.T,
+        chi2=chi2,
+        residual_dof=rank,
+        dof=min(dof, float(rank)) if inflated else dof,
+        condition=float(np.linalg.cond(design / np.linalg.norm(design, axis=0))),
+        inflated=inflated,
+    )
+
+
+def _equal_lengths(samples: Sequence[Samples]) -> list[Samples]:
+    """Cut the longer record of each pair at its end, where the table rests."""
+    kept = []
+    for one, two in zip(samples[0::2], samples[1::2], strict=True):
+        shorter_s = min(one.duration_s, two.duration_s)
+        for each in (one, two):
+            half_s = 0.5 * float(np.median(each.step_s))
+            kept.append(each.first(int(np.searchsorted(np.cumsum(each.step_s), shorter_s + half_s))))
+    return kept
+
+
+def _noise(records: Sequence[RotationRecord], samples: Sequence[Samples]) -> tuple[Array, Array, float]:
+    """Density (3, 3), standard deviation of single samples (3,) and degrees of freedom, pooled over the records."""
+    each = [noise_density(kept, record.axis, record.name) for record, kept in zip(records, samples, strict=True)]
+    variances = [
+        np.var(kept.rate[resting(kept, record.axis)], axis=0) for record, kept in zip(records, samples, strict=True)
+    ]
+    dof = math.fsum(found[1] for found in each)
+    return np.sum([found[0] * found[1] for found in each], axis=0) / dof, np.sqrt(np.mean(variances, axis=0)), dof

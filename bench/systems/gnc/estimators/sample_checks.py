@@ -1,0 +1,256 @@
+"""What is wrong with the samples of a record, before anybody fits them: one answer for all analyses.
+
+Saturation, samples that repeat, a sensor that hangs, gaps, time stamps that are not even, a clock that runs off.
+A value that stays the same is a fault only where noise cannot leave it so: for white noise of standard deviation s in
+steps of the output no value has more than the probability p = erf(1 / (s sqrt(8))), so a run of r equal pairs anywhere
+in n samples has at most the probability n p^r. A run is a fault where that is below one in a million.
+
+Source: David and Nagaraja, Order Statistics (2003), section 2.1 (Boole's bound); robust deviation of second differences
+as in Rousseeuw and Croux, J. Am. Stat. Assoc. 88 (1993) 1273 (median absolute deviation).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.systems.gnc.estimators.sample_clock import TickFindings, check_ticks
+
+Array = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Column = NDArray[np.int64] | NDArray[np.float64]
+FALSE_ALARM = 1e-6  # for one channel of one record
+REPEAT_ALARM = 1e-3  # for whole samples, one question for a record
+_MAD = 0.6745  # of a normal distribution
+_CAREFUL = 0.9  # of the noise found: rather a run too long than a false alarm
+_FEWEST, _SMALL = 50, 2  # second differences that tell noise; steps that count as small
+_FINE = 0.4  # probability of one value below which the steps of the output are fine against its noise
+_COARSE = 0.3  # probability of one value above which its noise is about a step of the output
+_PILE, _TIMES_BEFORE = 20, 5
+SATURATED, FROZEN, REPEATED, GAP = "saturated", "frozen", "repeated", "gap"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One kind of fault in one channel: ``kind``, ``channel`` ("" for the whole sample), ``count`` of samples,
+    ``first``: index of the first of them, ``sentence`` for a report."""
+
+    kind: str
+    channel: str
+    count: int
+    first: int
+    sentence: str
+
+
+@dataclass(frozen=True)
+class SampleChecks:
+    """Result for one record.
+
+    Attributes:
+        samples: that are there.   missing: that the counter misses.   gaps: places where it jumps.
+        findings: faults, in the order found.   ticks: of the sample clock, None without one.
+    """
+
+    samples: int
+    missing: int
+    gaps: int
+    findings: tuple[Finding, ...]
+    ticks: TickFindings | None
+
+    @property
+    def clean(self) -> bool:
+        """Nothing was found."""
+        return not self.findings
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """One sentence for each finding."""
+        return tuple(finding.sentence for finding in self.findings)
+
+    def count(self, kind: str) -> int:
+        """Samples with this kind of finding, added over channels."""
+        return sum(finding.count for finding in self.findings if finding.kind == kind)
+
+
+def check_samples(
+    columns: Mapping[str, Column],
+    counter: Int64,
+    *,
+    limits: Mapping[str, float],
+    interval_s: float,
+    tick_s: Array | None = None,
+    received_s: Array | None = None,
+) -> SampleChecks:
+    """Look at a record sample by sample.
+
+    Args:    columns: raw output steps by channel, (n,) or (n, 3); components are called x, y, z.   counter: (n,) of
+             the samples, unwrapped.   limits: largest step of each channel's range, both signs; a channel without one
+             saturates nowhere.   interval_s: nominal, between samples.   tick_s: (n,) time of each sample by the
+             unit's own clock or by the log, unwrapped.   received_s: (n,) when each arrived, by the bench clock.
+    Returns: SampleChecks.
+    Source:  see the head of this file.
+    """
+    flat = {
+        f"{name} {'xyz'[part]}" if values.ndim == 2 else name: (values[:, part] if values.ndim == 2 else values)
+        for name, values in columns.items()
+        for part in range(values.shape[1] if values.ndim == 2 else 1)
+    }
+    found = _gaps(counter)
+    missing, gaps = sum(one.count for one in found), int((np.diff(counter) > 1).sum())
+    for name, values in flat.items():
+        limit = limits.get(name, limits.get(name.rpartition(" ")[0], math.inf))
+        found += _saturated(name, values, limit) or _piled_up(name, values)
+        found += _frozen(name, values)
+    found += _repeated(flat, counter)
+    ticks = None
+    if tick_s is not None:
+        ticks = check_ticks(tick_s, counter, interval_s, received_s)
+        found += [Finding(kind, "", count, first, text) for kind, count, first, text in ticks.faults]
+    return SampleChecks(counter.size, missing, gaps, tuple(found), ticks)
+
+
+def longest_equal_run(likelihoods: Sequence[float], samples: int, false_alarm: float = FALSE_ALARM) -> int:
+    """Equal successive pairs that chance may leave anywhere among the samples, all channels at once.
+
+    Args:    likelihoods: largest probability of a single value, by channel.   samples: of the record.   false_alarm:
+             probability for the record.
+    Returns: pairs; ``samples`` where even a record of nothing else would be no surprise.
+    Source:  Boole's bound; of a normal distribution in fine steps the sum of p_k^(r + 1) over all values is
+             p^r / sqrt(r + 1) with p the largest of them, and no more than p^r in coarse ones.
+    """
+    likelihood = math.prod(likelihoods)
+    fine = sum(one < _FINE for one in likelihoods) / 2.0
+    if likelihood >= 1.0 or samples < 2:
+        return samples
+    if likelihood <= 0.0:
+        return 0
+    most = min(samples, math.ceil(math.log(false_alarm / samples) / math.log(likelihood)))
+    while most > 1 and samples * likelihood ** (most - 1) / most**fine <= false_alarm:
+        most -= 1
+    return most - 1 if most < samples else samples
+
+
+def value_likelihood(values: Column) -> float:
+    """Largest probability that one output step can have under the noise of the record, slow signals taken out.
+
+    The median of second differences, counted as grouped into steps, is not moved by a part of the record that hangs;
+    the longest run of equal values does not count at all. Where most differences are zero all the same, the smaller of
+    the median and the root mean square of the small ones counts: fewer runs are then called faults, never more. A step
+    of the output is the smallest change between two samples.
+    """
+    real = np.asarray(values, np.float64)
+    changes = np.abs(np.diff(real))
+    second = np.abs(np.diff(real, 2))[_outside_the_longest_run(changes == 0.0)]
+    if second.size < _FEWEST or not changes.any():
+        return 1.0
+    second = second / changes[changes > 0.0].min()
+    steps = np.rint(second)
+    middle = int(np.partition(steps, steps.size // 2)[steps.size // 2])  # one that occurs, as a mean of two may not
+    inside = (second.size / 2.0 - float((steps < middle).sum())) / float((steps == middle).sum())
+    grouped = middle - 0.5 + inside if middle else 0.5 * inside
+    noise = grouped / _MAD / math.sqrt(6.0)
+    if middle == 0:
+        noise = min(noise, float(np.sqrt(np.mean(second[steps <= _SMALL] ** 2) / 6.0)))
+    return math.erf(1.0 / (_CAREFUL * noise * math.sqrt(8.0))) if noise > 0.0 else 1.0
+
+
+def _outside_the_longest_run(equal: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Second differences that are not wholly inside the longest run of equal values, (n - 2,) from (n - 1,)."""
+    starts, pairs = _runs(equal)
+    kept = np.ones(max(equal.size - 1, 0), np.bool_)
+    if pairs.size:
+        longest = int(np.argmax(pairs))
+        kept[starts[longest] : starts[longest] + pairs[longest] - 1] = False
+    return kept
+
+
+def _gaps(counter: Int64) -> list[Finding]:
+    steps = np.diff(counter)
+    places = np.flatnonzero(steps > 1)
+    if not places.size:
+        return []
+    missing = int((steps[places] - 1).sum())
+    first = int(places[0]) + 1
+    text = (
+        f"{missing} of {int(counter[-1] - counter[0]) + 1} samples are missing in {places.size} gaps, the first before "
+        f"counter {int(counter[first])}, the longest of {int(steps.max()) - 1}"
+    )
+    return [Finding(GAP, "", missing, first, text)]
+
+
+def _saturated(name: str, values: Column, limit: float) -> list[Finding]:
+    """At the end of the range."""
+    at_limit = np.abs(values) >= limit
+    if at_limit.any():
+        first = int(np.argmax(at_limit))
+        count = int(at_limit.sum())
+        return [
+            Finding(SATURATED, name, count, first, f"{name}: {count} samples at the end of the range, first at {first}")
+        ]
+    return []
+
+
+def _piled_up(name: str, values: Column) -> list[Finding]:
+    """Held against an extreme inside the range: it occurs far more often than the step before it.
+
+    Noise thins out towards its extremes, and the turning points of a sine have 2.4 times the samples of the step beside
+    them. Where noise is smaller than a step the values at hand are too few to tell.
+    """
+    if value_likelihood(values) > _COARSE:
+        return []
+    found: list[Finding] = []
+    for sign in (1, -1):
+        turned = sign * values
+        top = turned.max()
+        count, before = int((turned == top).sum()), int(((turned < top) & (turned >= top - 1)).sum())
+        if count >= _PILE and count > _TIMES_BEFORE * before:
+            first = int(np.argmax(turned == top))
+            text = f"{name}: {count} samples held at their extreme {sign * top:g}, first at {first}"
+            found.append(Finding(SATURATED, name, count, first, text))
+    return found
+
+
+def _frozen(name: str, values: Column) -> list[Finding]:
+    """Runs of equal values that noise does not explain, or a channel that never moves."""
+    if values.size > 2 and (values == values[0]).all():
+        return [Finding(FROZEN, name, values.size, 0, f"{name}: all {values.size} samples are the same")]
+    longest = longest_equal_run([value_likelihood(values)], values.size)
+    starts, pairs = _runs(np.diff(values) == 0)
+    bad = pairs > longest
+    if not bad.any():
+        return []
+    count, first = int(pairs[bad].sum()), int(starts[bad][0])
+    text = (
+        f"{name}: {int(bad.sum())} runs of equal values, the longest of {int(pairs.max()) + 1} samples, first at "
+        f"{first}; noise explains runs of {longest + 1}"
+    )
+    return [Finding(FROZEN, name, count, first, text)]
+
+
+def _repeated(columns: Mapping[str, Column], counter: Int64) -> list[Finding]:
+    """Whole samples equal to the one before, or with its counter, beyond what noise explains."""
+    if counter.size < 2 or not columns:
+        return []
+    moving = [values for values in columns.values() if not (values == values[0]).all()]
+    equal = np.all([np.diff(values) == 0 for values in moving], axis=0) if moving else np.zeros(counter.size - 1, bool)
+    starts, pairs = _runs(equal)
+    bad = pairs > longest_equal_run([value_likelihood(values) for values in moving], counter.size, REPEAT_ALARM)
+    same_number = np.diff(counter) == 0
+    marked = same_number.copy()
+    for start, length in zip(starts[bad], pairs[bad], strict=True):
+        marked[start : start + length] = True
+    if not marked.any():
+        return []
+    count, first = int(marked.sum()), int(np.argmax(marked)) + 1
+    text = f"{count} samples repeat the one before, first at {first}; {int(same_number.sum())} of them with its counter"
+    return [Finding(REPEATED, "", count, first, text)]
+
+
+def _runs(equal: NDArray[np.bool_]) -> tuple[Int64, Int64]:
+    """Begin and length of each run of true."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], equal.astype(np.int8), [0]))))
+    return edges[::2], edges[1::2] - edges[::2]

@@ -1,0 +1,124 @@
+"""The unit's own clock against the bench clock, over the records of a session.
+
+An integral of rate is taken with the unit's time stamps, and a turn by the bench's: a crystal that is 20 ppm fast makes
+every scale factor 20 ppm too large. A frame is received behind its sample, never before it, so a line below all delays
+that rests on two of them has the slope of the two clocks; at either end it may be off by the time between samples.
+
+Source: Moon, Skelly, Towsley, Estimation and Removal of Clock Skew from Network Delay Measurements, INFOCOM 1999
+(line below the delays); rectangular bounds, JCGM 100:2008 section 4.3.7.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.systems.gnc.estimators.records import tick_seconds
+
+Array = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+UNKNOWN_STD = 5e-5 / math.sqrt(3.0)  # a common crystal is within 50 ppm
+_WRAP_S = (1 << 32) * 1e-6
+_SAME_s, _SAME = 2.5, 1e-3  # chunks may come a second late; clocks differ by less than that
+_APART = 1e-3  # of the slope: beyond it the stamps are not of one clock
+
+
+@dataclass(frozen=True)
+class UnitClock:
+    """``error``: relative, positive = the unit's clock is fast.   ``std``: its standard uncertainty.
+    ``span_s``: over which it was seen. An error that is known no better than crystals in general is taken as zero.
+    """
+
+    error: float = 0.0
+    std: float = UNKNOWN_STD
+    span_s: float = 0.0
+
+
+def unit_clock(records: Sequence[tuple[Int64, Array]], interval_s: float) -> UnitClock:
+    """Ratio of both clocks from the longest stretch of records in which the unit was not restarted.
+
+    Args:    records: (time stamps in us, 32 bits, and receive times of the bench in s) of each, in order.
+             interval_s: between samples.
+    Returns: UnitClock; the bench clock is taken as right.
+    Raises:  nothing.
+    Source:  see the head of this file.
+    """
+    found = [_slope([(unit_s, received_s) for _, unit_s, received_s in stretch], interval_s)
+             for stretch in _stretches(records)]  # fmt: skip
+    known = [one for one in found if one.std < UNKNOWN_STD and abs(one.error) < _APART]
+    return min(known, key=lambda one: one.std, default=UnitClock())
+
+
+def power_ons(records: Sequence[tuple[Int64, Array]]) -> list[list[int]]:
+    """Places of the records between two restarts of the unit's clock, that is, of one power-on each.
+
+    Args:    records: as ``unit_clock``.
+    Returns: places from 0, in their order.
+    Raises:  nothing.
+    Source:  stamps count from the power-on.
+    """
+    return [[place for place, _, _ in stretch] for stretch in _stretches(records)]
+
+
+def _stretches(records: Sequence[tuple[Int64, Array]]) -> list[list[tuple[int, Array, Array]]]:
+    """Place, stamps and receive times of records whose stamps follow on one another."""
+    found: list[list[tuple[int, Array, Array]]] = []
+    for place, (tick_us, received_s) in enumerate(records):
+        unit_s = tick_seconds(tick_us) + float(tick_us[0]) * 1e-6
+        if found:
+            last_unit_s, last_s = float(found[-1][-1][1][-1]), float(found[-1][-1][2][-1])
+            between_s = float(received_s[0]) - last_s
+            turns = round((last_unit_s + between_s - float(unit_s[0])) / _WRAP_S)
+            unit_s = unit_s + turns * _WRAP_S
+            if abs(float(unit_s[0]) - last_unit_s - between_s) < _SAME_s + _SAME * between_s:
+                found[-1].append((place, unit_s, received_s))
+                continue
+        found.append([(place, unit_s, received_s)])
+    return found
+
+
+def _slope(stretch: Sequence[tuple[Array, Array]], interval_s: float) -> UnitClock:
+    at_s, delay_s = _least_delays(stretch)
+    span_s = float(at_s[-1] - at_s[0])
+    if span_s <= 0.0:
+        return UnitClock()
+    one, two = _line_below(at_s, delay_s)
+    slope, base_s = _slope_between(at_s, delay_s, one, two), float(at_s[two] - at_s[one])
+    above = delay_s - slope * at_s
+    least_s = max(interval_s, float(np.median(above) - above.min()))
+    return UnitClock(error=-slope, std=least_s / base_s / math.sqrt(6.0), span_s=span_s)
+
+
+def _least_delays(stretch: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Of each chunk that was received, its last sample: (k,) unit's time and delay, from the first one on."""
+    unit_s, received_s = (np.concatenate(column) for column in zip(*stretch, strict=True))
+    last = np.concatenate([np.diff(received_s) > 0.0, [True]])
+    at_s = unit_s[last]
+    return at_s - at_s[0], received_s[last] - at_s
+
+
+def _line_below(at_s: Array, delay_s: Array) -> tuple[int, int]:
+    """The two points on which a line below all others rests that lie furthest apart.
+
+    The hull is made of the least delay in each of 200 parts, so that hours of samples cost nothing.
+    """
+    part = np.minimum((at_s / at_s[-1] * 200.0).astype(np.int64), 199)
+    order = np.lexsort((delay_s, part))
+    first = order[np.unique(part[order], return_index=True)[1]]
+    hull: list[int] = []
+    for k in (int(one) for one in first[np.argsort(at_s[first])]):
+        while len(hull) > 1 and _slope_between(at_s, delay_s, hull[-2], hull[-1]) >= _slope_between(
+            at_s, delay_s, hull[-1], k
+        ):
+            hull.pop()
+        hull.append(k)
+    return max(pairwise(hull), key=lambda edge: float(at_s[edge[1]] - at_s[edge[0]]))
+
+
+def _slope_between(at_s: Array, delay_s: Array, one: int, two: int) -> float:
+    return float((delay_s[two] - delay_s[one]) / (at_s[two] - at_s[one]))

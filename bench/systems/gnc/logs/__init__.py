@@ -1,0 +1,1 @@
+"""Logs of inertial units that other systems recorded."""

@@ -1,0 +1,153 @@
+"""Accelerometers from many poses of an imported log, without a table: rests are found, gravity's length is known.
+
+Source: Tedaldi, Pretto and Menegatti, ICRA 2014; ``estimators.static_intervals``, ``estimators.multi_position``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from bench.analysis.analysis import Analysis
+from bench.analysis.estimates import estimate
+from bench.analysis.material import Material
+from bench.model.errors import FitError
+from bench.systems.gnc.estimators.multi_position import NormFit, fit_multi_position
+from bench.systems.gnc.estimators.sample_clock import check_ticks
+from bench.systems.gnc.estimators.static_intervals import StaticIntervals, static_intervals
+from bench.systems.gnc.logs.log import ImuLog, imu_log
+from bench.systems.gnc.report import curve
+from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2
+
+METHODS: tuple[str, ...] = ("norm",)
+INITIAL_s = 30.0  # of rest at the begin of a log; the public method asks for 30 s to 50 s
+
+
+def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
+    """Scale, misalignment and zero of the accelerometers from the rests of a log.
+
+    Raises: FitError B-FIT-004 (unknown method), B-GNC-006; B-FIT-084 to -086 if the log does not determine them.
+    """
+    if method not in METHODS:
+        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    log = imu_log(material)
+    rests = static_intervals(log.accel, log.rate_Hz, initial_s=INITIAL_s)
+    means = rests.means(log.accel)
+    gravity, unit = _gravity(log)
+    fit = fit_multi_position(means, gravity)
+    return Analysis(
+        campaign="imu_multi_position",
+        method=method,
+        uut=dict(material.campaign["uut"]),
+        estimates=_estimates(fit, unit, log, _held_out(means, gravity)),
+        notes=_notes(log, rests),
+        tables=[_table(fit, unit), _rest_table(rests, log)],
+        figures=[_residual_figure(fit, unit), _rest_figure(rests, log)],
+    )
+
+
+def _gravity(log: ImuLog) -> tuple[float, str]:
+    if log.accel_unit == "g":
+        return log.gravity / STANDARD_GRAVITY_M_S2, "g"
+    return log.gravity, "m/s2"
+
+
+def _held_out(means: np.ndarray[Any, np.dtype[np.float64]], gravity: float) -> float | None:
+    """RMS residual of each rest in the fit of all others; None if they determine nothing without it."""
+    left = []
+    for out in range(len(means)):
+        try:
+            fit = fit_multi_position(np.delete(means, out, axis=0), gravity)
+        except FitError:
+            return None
+        left.append(float(np.linalg.norm(fit.apply(means[out : out + 1]))) - gravity)
+    return float(np.sqrt(np.mean(np.square(left))))
+
+
+def _estimates(fit: NormFit, unit: str, log: ImuLog, held_out: float | None) -> list[dict[str, Any]]:
+    read = "count" if log.accel_unit == "1" else log.accel_unit
+    common: dict[str, Any] = {"n": len(fit.residual), "dof": fit.dof}
+    found = []
+    for k, axis in enumerate(AXES):
+        place = {"kind": "accelerometer", "axis": axis}
+        value, std = fit.counts_per_unit[k], fit.counts_per_unit_std[k]
+        found.append(estimate("accel_sensitivity", f"{read}/({unit})", value, std, place, **common))
+        found.append(estimate("accel_zero", read, fit.zero[k], fit.zero_std[k], place, **common))
+    elements = fit.covariance.diagonal()[:6] ** 0.5
+    for (row, column), std in zip(zip(*np.triu_indices(3), strict=True), elements, strict=True):
+        place = {"kind": "accelerometer", "row": AXES[row], "column": AXES[column]}
+        found.append(estimate("accel_matrix", f"{unit}/{read}", fit.matrix[row, column], std, place, **common))
+    place = {"kind": "accelerometer"}
+    spread = fit.residual_rms / (2.0 * fit.dof) ** 0.5
+    found.append(estimate("accel_residual", unit, fit.residual_rms, spread, place, n=len(fit.residual)))
+    if held_out is not None:
+        spread = held_out / (2.0 * len(fit.residual)) ** 0.5
+        found.append(estimate("accel_residual_held_out", unit, held_out, spread, place, n=len(fit.residual)))
+    return found
+
+
+def _notes(log: ImuLog, rests: StaticIntervals) -> list[str]:
+    found = [
+        f"{len(rests.begin)} intervals at rest were found; rest is a variance below {rests.threshold:.4g} "
+        f"({rests.threshold / rests.initial:g} times that of the first {INITIAL_s:g} s).",
+        "The frame is that of the sensors themselves: the third one measures along z, the second in the plane of y "
+        "and z.",
+    ]
+    if log.gyro is not None:
+        found.append("The gyros of the log are not calibrated by this analysis.")
+    counter = np.arange(len(log.t_s), dtype=np.int64)
+    faults = check_ticks(log.t_s, counter, 1.0 / log.rate_Hz).faults
+    found += [f"Log: {sentence}." for *_, sentence in faults]
+    if faults:
+        found.append("Samples are counted, not timed: the time stamps serve the mean rate and the length of intervals.")
+    return found
+
+
+def _table(fit: NormFit, unit: str) -> dict[str, Any]:
+    rows = [
+        [axis, float(fit.counts_per_unit[k]), 2 * float(fit.counts_per_unit_std[k]), float(fit.zero[k]),
+         2 * float(fit.zero_std[k]), *(float(value) for value in fit.matrix[k])]
+        for k, axis in enumerate(AXES)
+    ]  # fmt: skip
+    rests = len(fit.residual)
+    caption = (
+        f"a = U (N - zero), U upper triangular. Residual {fit.residual_rms:.5f} {unit} RMS over {rests} rests; "
+        f"in the direction that is seen worst the length is uncertain by {fit.amplification:.2f} times the scatter of "
+        "one rest. "
+        "Intervals of two standard uncertainties."
+    )
+    headers = ["axis", f"output per {unit}", "± output", "zero", "± zero", *(f"U {axis}" for axis in AXES)]
+    title = "Accelerometers from many poses"
+    return {"title": title, "caption": caption, "headers": headers, "rows": rows, "lead": True}
+
+
+def _rest_table(rests: StaticIntervals, log: ImuLog) -> dict[str, Any]:
+    lengths = (rests.end - rests.begin) / log.rate_Hz
+    row = [len(lengths), float(lengths.min()), float(np.median(lengths)), float(lengths.max())]
+    headers = ["intervals", "shortest, s", "median, s", "longest, s"]
+    return {"title": "Rests found", "caption": "", "headers": headers, "rows": [row]}
+
+
+def _residual_figure(fit: NormFit, unit: str) -> dict[str, Any]:
+    places = np.arange(1, len(fit.residual) + 1, dtype=np.float64)
+    return {
+        "title": "Length of gravity, residual",
+        "caption": "One point per rest.",
+        "x_label": "rest",
+        "y_label": f"residual, {unit}",
+        "series": [curve("residual", places, fit.residual, "points")],
+    }
+
+
+def _rest_figure(rests: StaticIntervals, log: ImuLog) -> dict[str, Any]:
+    """The readings of the rests against the middle of each."""
+    middle_s = (rests.begin + rests.end).astype(np.float64) / (2.0 * log.rate_Hz)
+    means = rests.means(log.accel)
+    return {
+        "title": "Mean readings of the rests",
+        "caption": "",
+        "x_label": "time, s",
+        "y_label": "reading",
+        "series": [curve(axis, middle_s, means[:, k], "points") for k, axis in enumerate(AXES)],
+    }

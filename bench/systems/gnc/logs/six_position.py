@@ -1,0 +1,146 @@
+"""Six positions and one turn about each axis from an imported log, as hand-held calibrations take them.
+
+Source: GNC-module paper equation (2) with its column of ones; Ferraris, Grimaldi and Parvis 1995 (turns from rest).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from bench.analysis.analysis import Analysis
+from bench.analysis.estimates import estimate
+from bench.analysis.material import Material
+from bench.analysis.numbers import with_uncertainty
+from bench.model.errors import FitError
+from bench.systems.gnc.estimators.records import RotationRecord, static_means
+from bench.systems.gnc.estimators.rotation_inputs import Declared
+from bench.systems.gnc.estimators.six_position import fit_six_position
+from bench.systems.gnc.estimators.triad import TriadFit
+from bench.systems.gnc.estimators.turns_from_rest import fit_turns_from_rest
+from bench.systems.gnc.logs.log import ImuLog, imu_log
+from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2, Floats
+from bench.systems.gnc.sets import UPS
+
+METHODS: tuple[str, ...] = ("least_squares",)
+_OF_ONE_PART = ("B-FIT-001", "B-FIT-080", "B-FIT-081", "B-FIT-082", "B-FIT-083")
+
+
+def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
+    """Matrix and bias of the accelerometers from the positions, of the gyros from the turns.
+
+    Raises: FitError B-FIT-004 (unknown method), B-GNC-006, -007; B-FIT-001 if the positions determine no matrix.
+    """
+    if method not in METHODS:
+        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    log = imu_log(material)
+    positions = [one for one in log.segments if one.get("item") == "position"]
+    rotations = [one for one in log.segments if one.get("item") == "rotation"]
+    if not positions:
+        raise FitError(
+            "B-GNC-007",
+            "the mapping names no stretch of the log in which an axis points up",
+            next_step="name them under 'segments' (docs/importing.md)",
+        )
+    accelerometer = _accelerometer(log, positions)
+    missing = [f"position {up} up: no stretch" for up in UPS if up not in {one["up"] for one in positions}]
+    gyro = _gyro(log, positions, rotations, missing) if rotations else None
+    unit = _force_unit(log)
+    estimates = _estimates(accelerometer, "accel", "accelerometer", unit, log.accel_unit)
+    if gyro is not None:
+        estimates += _estimates(gyro, "gyro", "gyro", "deg/s", log.gyro_unit)
+    return Analysis(
+        campaign="imu_six_position",
+        method=method,
+        uut=dict(material.campaign["uut"]),
+        estimates=estimates,
+        notes=[
+            *(f"No result: {one}." for one in missing),
+            "The uncertainty of the accelerometers comes from the residuals of the positions, which hold their tilt.",
+            "The angles of the turns are taken as stated; the Earth's rate is left in the bias of the gyros.",
+        ],
+        missing=missing,
+        tables=_tables(accelerometer, gyro, unit),
+    )
+
+
+def _force_unit(log: ImuLog) -> str:
+    return "g" if log.accel_unit == "g" else "m/s2"
+
+
+def _accelerometer(log: ImuLog, positions: list[Mapping[str, Any]]) -> TriadFit:
+    means = np.stack([log.accel[log.rows(one)].mean(axis=0) for one in positions])
+    size = log.gravity / STANDARD_GRAVITY_M_S2 if log.accel_unit == "g" else log.gravity
+    force = np.stack([size * _direction(str(one["up"])) for one in positions])
+    return fit_six_position(means, force)
+
+
+def _direction(up: str) -> Floats:
+    found = np.zeros(3)
+    found[AXES.index(up[1])] = 1.0 if up[0] == "+" else -1.0
+    return found
+
+
+def _gyro(
+    log: ImuLog, positions: list[Mapping[str, Any]], rotations: list[Mapping[str, Any]], missing: list[str]
+) -> TriadFit | None:
+    if log.gyro is None:
+        missing.append("gyros: the log has turns, but no gyros of three axes")
+        return None
+    rest = [log.gyro[log.rows(one)] for one in positions]
+    try:
+        means, covariances, _ = static_means(rest, log.rate_Hz)
+        counts = np.array([len(one) for one in rest], np.float64)
+        share = counts / counts.sum()
+        mean = share @ means
+        density = np.tensordot(share, covariances * counts[:, None, None], axes=1) / log.rate_Hz
+        covariance = density * log.rate_Hz / counts.sum()
+        records = [_record(log, log.gyro, one) for one in rotations]
+        return fit_turns_from_rest(records, mean, covariance, density, Declared())
+    except FitError as error:
+        if error.code not in _OF_ONE_PART:
+            raise
+        missing.append(f"gyros: {error.message} ({error.code})")
+        return None
+
+
+def _record(log: ImuLog, gyro: Floats, segment: Mapping[str, Any]) -> RotationRecord:
+    rows = log.rows(segment)
+    numbers = np.arange(rows.start, rows.stop, dtype=np.int64)
+    time_s = log.t_s[rows] - log.t_s[rows.start]
+    return RotationRecord(str(segment["axis"]), float(segment["turn_deg"]), numbers, time_s, gyro[rows])
+
+
+def _estimates(fit: TriadFit, prefix: str, kind: str, unit: str, read: str) -> list[dict[str, Any]]:
+    """Matrix (true input per indicated) and bias; unit of the matrix: 1 where both are the same."""
+    per = "1" if unit == read else f"{unit}/{'count' if read == '1' else read}"
+    found: list[dict[str, Any]] = []
+    count = len(fit.residual)
+    for row, name in enumerate(AXES):
+        for column, other in enumerate(AXES):
+            place = {"kind": kind, "row": name, "column": other}
+            value, std = fit.matrix[row, column], fit.matrix_std[row, column]
+            found.append(estimate(f"{prefix}_matrix", per, value, std, place, n=count, dof=fit.dof))
+        about = {"kind": kind, "axis": name}
+        found.append(estimate(f"{prefix}_bias", unit, fit.bias[row], fit.bias_std[row], about, n=count, dof=fit.dof))
+    return found
+
+
+def _tables(accelerometer: TriadFit, gyro: TriadFit | None, unit: str) -> list[dict[str, Any]]:
+    tables = []
+    for title, fit, bias_unit in (
+        ("Accelerometers: a = K N + bias", accelerometer, unit),
+        ("Gyros: w = K N - bias", gyro, "deg/s"),
+    ):
+        if fit is not None:
+            rows = [
+                [axis, *(f"{value:.6f}" for value in fit.matrix[k]), with_uncertainty(fit.bias[k], 2 * fit.bias_std[k])]
+                for k, axis in enumerate(AXES)
+            ]
+            rms = float(np.sqrt(np.mean(fit.residual**2)))
+            caption = f"Residual {rms:.5f} {bias_unit} RMS." if fit.residual_dof else "No residual is left over."
+            headers = ["axis", *(f"K {axis}" for axis in AXES), f"bias, {bias_unit}"]
+            tables.append({"title": title, "caption": caption, "headers": headers, "rows": rows, "lead": True})
+    return tables

@@ -1,0 +1,240 @@
+"""Estimates, tables, figures and notes of the drift of an inertial unit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bench.analysis.estimates import estimate
+from bench.analysis.numbers import number, with_uncertainty
+from bench.systems.gnc.estimators.rest_drift.between import BetweenRests, TurnScale
+from bench.systems.gnc.estimators.rest_drift.fit import HORIZONS_s, RandomWalk, RestDrift
+from bench.systems.gnc.estimators.rest_drift.rests import MULTIPLE
+from bench.systems.gnc.estimators.rest_drift.sensor_class import CLASSES, class_of, worst_class
+from bench.systems.gnc.estimators.rest_drift.stamps import SampleStamps
+from bench.systems.gnc.estimators.static_intervals import StaticIntervals
+from bench.systems.gnc.logs.log import ImuLog
+from bench.systems.gnc.report import curve
+from bench.systems.gnc.rows import STANDARD_GRAVITY_M_S2
+
+Documents = list[dict[str, Any]]
+_WALK = math.degrees(1.0) * 60.0  # rad/sqrt(s) in deg/sqrt(h)
+_CLASS_OF = {"gyro_drift": "gyro_deg_h", "angle_random_walk": "walk_deg_rt_h", "accelerometer_drift": "accel_mg"}
+
+
+@dataclass(frozen=True)
+class Found:
+    """All that was found in a log; ``counts``: its numbers have no unit, ``missing``: what it does not tell."""
+
+    method: str
+    counts: bool
+    log: ImuLog
+    stamps: SampleStamps
+    rests: StaticIntervals
+    walk: RandomWalk
+    drifts: list[RestDrift]
+    between: BetweenRests | None
+    scale: TurnScale | None
+    missing: tuple[str, ...]
+
+
+def estimates_of(found: Found) -> Documents:
+    """Drift for each horizon, rates of drift with the class they fit, errors from rest to rest."""
+    entries = [entry for drift in found.drifts for entry in _at_rest(drift)]
+    entries += _rates(found)
+    if found.between is not None:
+        entries += _between(found.between)
+    if found.scale is not None and not found.counts:
+        place = {"kind": "gyro"}
+        entries.append(
+            estimate("turn_scale", "1", found.scale.scale, found.scale.std, place, n=found.scale.turns,
+                     dof=2 * found.scale.turns - 1)
+        )  # fmt: skip
+    return entries
+
+
+def _at_rest(drift: RestDrift) -> Documents:
+    rows = (
+        ("rest_drift_attitude", "deg", drift.attitude_rms_deg, "gyro"),
+        ("rest_drift_velocity", "m/s", drift.velocity_rms_m_s, "accelerometer"),
+        ("rest_drift_horizontal", "m", drift.horizontal_rms_m, "accelerometer"),
+    )
+    place = {"horizon_s": round(drift.horizon_s, 3)}
+    return [
+        estimate(name, unit, value, drift.std(value), {"kind": kind} | place, n=drift.windows, dof=drift.windows)
+        for name, unit, value, kind in rows
+    ]
+
+
+def _rates(found: Found) -> Documents:
+    """What the longest horizon says per unit of time, and the angle random walk, each with its class."""
+    rows: list[tuple[str, str, float, float, str, dict[str, Any], int]] = []
+    if found.drifts:
+        drift = found.drifts[-1]
+        place = {"horizon_s": round(drift.horizon_s, 3)}
+        gyro = drift.attitude_rms_deg / drift.horizon_s * 3600.0
+        accel = drift.velocity_rms_m_s / drift.horizon_s / STANDARD_GRAVITY_M_S2 * 1e3
+        rows.append(("gyro_drift", "deg/h", gyro, drift.std(gyro), "gyro", place, drift.windows))
+        rows.append(("accelerometer_drift", "mg", accel, drift.std(accel), "accelerometer", place, drift.windows))
+    walk = found.walk
+    if walk.differences:
+        rows.append(
+            ("angle_random_walk", "deg/sqrt(h)", _WALK * walk.value, _WALK * walk.std, "gyro", {}, walk.differences)
+        )
+    return [
+        estimate(
+            name, unit, value, std, {"kind": kind, "sensor_class": class_of(_CLASS_OF[name], value)} | more, n=n, dof=n
+        )
+        for name, unit, value, std, kind, more, n in rows
+    ]
+
+
+def _between(between: BetweenRests) -> Documents:
+    count = len(between.rest)
+    place = {"motion_s": round(float(between.motion_s.mean()), 3), "bias_s": round(float(between.bias_s.mean()), 3)}
+    rows = (
+        ("level_error", "deg", between.level_rms_deg, "gyro"),
+        ("velocity_error", "m/s", between.velocity_rms_m_s, "accelerometer"),
+    )
+    return [
+        estimate(name, unit, value, value / math.sqrt(2.0 * count), {"kind": kind} | place, n=count, dof=count)
+        for name, unit, value, kind in rows
+    ]
+
+
+def notes_of(found: Found) -> list[str]:
+    """What a reader has to know about rests, time and method."""
+    lengths = (found.rests.end - found.rests.begin) / found.stamps.rate_Hz
+    notes = [
+        f"{len(lengths)} rests were found, {lengths.min():.3g} to {lengths.max():.3g} s long: stretches in which no "
+        f"triad scatters with more than {MULTIPLE:g} times the variance of the quietest stretches of this log.",
+        "Over rests: bias, level and size of gravity from one stretch, drift over the next one of the same length.",
+        _class_note(found),
+    ]
+    if found.drifts and len(found.drifts) < len(HORIZONS_s):
+        longer = ", ".join(f"{one:g}" for one in HORIZONS_s[len(found.drifts) :])
+        notes.append(f"No rest is twice as long as {longer} s: nothing is said of such horizons.")
+    if found.between is not None:
+        notes.append(
+            "Between rests: the level is compared with that of the next rest, the velocity with zero; a turn about the "
+            "vertical is not seen. The Earth's rate counts as bias: up to 15 deg/h once the unit is turned."
+        )
+    if found.method == "calibrated":
+        notes.append(
+            "Accelerometers and gyroscopes were fitted to the rests of this log first, so errors between rests are "
+            "those left after the fit; drift over rests hardly depends on it."
+        )
+    elif found.between is not None:
+        notes.append("Readings are taken as indicated: errors of scale and alignment are part of those between rests.")
+    return [*(f"No result: {one}." for one in found.missing), *notes, *_stamp_notes(found.stamps)]
+
+
+def _class_note(found: Found) -> str:
+    names = [str(one["conditions"]["sensor_class"]) for one in _rates(found)]
+    if not names:
+        return "No class of sensors can be told."
+    return (
+        f"The drift left after bias and level were taken at rest is that of the class {worst_class(names)} (worst of "
+        f"{', '.join(names)}; bounds of El-Sheimy and Youssef 2020, table 1, industrial: geometric mean of its "
+        "neighbours). The bias at switch-on is not part of it."
+    )
+
+
+def _stamp_notes(stamps: SampleStamps) -> list[str]:
+    rate = f"{stamps.rate_Hz:.6g} samples a second"
+    if stamps.bursty:
+        return [
+            f"The time stamps come in bursts: {100 * stamps.crowded:.3g} % lie closer than half an interval, the worst "
+            f"{stamps.worst_s:.3g} s beside even spacing. Samples are counted, at the mean of {rate}; lost ones "
+            "would not show."
+        ]
+    notes = [
+        f"Samples are counted, at {rate} by the time column; the worst stamp is {1e3 * stamps.worst_s:.3g} ms off."
+    ]
+    if len(stamps.breaks):
+        notes.append(
+            f"{stamps.missing} samples are missing in {len(stamps.breaks)} gaps; nothing is integrated across."
+        )
+    return notes
+
+
+def tables_of(found: Found) -> Documents:
+    """Drift over rests, class of the sensors, and errors from rest to rest."""
+    tables = [_rest_table(found.drifts)] if found.drifts else []
+    if rates := _rates(found):
+        tables.append(_class_table(rates))
+    if found.between is not None:
+        tables.append(_between_table(found.between))
+    return tables
+
+
+def _rest_table(drifts: list[RestDrift]) -> dict[str, Any]:
+    rows = [
+        [
+            f"{d.horizon_s:.3g}",
+            d.windows,
+            with_uncertainty(d.attitude_rms_deg, 2.0 * d.std(d.attitude_rms_deg)),
+            number(d.white_deg, 4),
+            with_uncertainty(d.velocity_rms_m_s, 2.0 * d.std(d.velocity_rms_m_s)),
+            with_uncertainty(d.horizontal_rms_m, 2.0 * d.std(d.horizontal_rms_m)),
+        ]
+        for d in drifts
+    ]
+    headers = ["over, s", "stretches", "attitude, deg", "by random walk, deg", "velocity, m/s", "distance, m"]
+    caption = (
+        "Root mean squares, ± two standard uncertainties: attitude per axis, velocity per level axis, distance in the "
+        "level plane. By random walk: attitude that the angle random walk alone gives, bias from as long a stretch."
+    )
+    return _table("Drift at rest", caption, headers, rows) | {"lead": True}
+
+
+def _class_table(rates: Documents) -> dict[str, Any]:
+    rows = []
+    for one in rates:
+        bounds = [number(float(f"{getattr(each, _CLASS_OF[one['quantity']]):.3g}")) for each in CLASSES]
+        shown = with_uncertainty(one["value"], 2.0 * one["std_uncertainty"])
+        rows.append([one["quantity"].replace("_", " "), one["unit"], shown, one["conditions"]["sensor_class"], *bounds])
+    headers = ["figure", "unit", "found", "class", *(f"{each.name} up to" for each in CLASSES)]
+    caption = (
+        "Drift over the longest horizon per unit of time, ± two standard uncertainties; the class is that of the value."
+    )
+    return _table("Class of the sensors", caption, headers, rows) | {"lead": True}
+
+
+def _between_table(between: BetweenRests) -> dict[str, Any]:
+    speed = np.linalg.norm(between.velocity_error_m_s, axis=1)
+    columns = (between.bias_s, between.motion_s, between.tilted_deg, between.level_error_deg, speed)
+    rows = [[int(rest) + 1, *(float(one[k]) for one in columns)] for k, rest in enumerate(between.rest)]
+    headers = ["from rest", "its length, s", "motion, s", "tipped by, deg", "level error, deg", "velocity error, m/s"]
+    caption = "Bias and level from one rest, strapdown through the motion, compared with the next rest."
+    return _table("From rest to rest", caption, headers, rows)
+
+
+def _table(title: str, caption: str, headers: list[str], rows: list[list[Any]]) -> dict[str, Any]:
+    return {"title": title, "caption": caption, "headers": headers, "rows": rows}
+
+
+def figures_of(found: Found) -> Documents:
+    """Drift against its horizon, and the errors of every motion."""
+    figures = []
+    if len(found.drifts) > 1:
+        horizon = np.array([one.horizon_s for one in found.drifts])
+        series = [
+            curve("measured", horizon, np.array([one.attitude_rms_deg for one in found.drifts]), "points"),
+            curve("angle random walk alone", horizon, np.array([one.white_deg for one in found.drifts]), "line"),
+        ]
+        figures.append(
+            _figure("Attitude drift at rest", "horizon, s", "deg per axis", series) | {"x_log": True, "y_log": True}
+        )
+    if found.between is not None and len(found.between.rest) > 1:
+        place = found.between.rest.astype(np.float64) + 1.0
+        series = [curve("level error", place, found.between.level_error_deg, "points")]
+        figures.append(_figure("Level error from rest to rest", "rest before", "deg", series))
+    return figures
+
+
+def _figure(title: str, x_label: str, y_label: str, series: Documents) -> dict[str, Any]:
+    return {"title": title, "caption": "", "x_label": x_label, "y_label": y_label, "series": series}

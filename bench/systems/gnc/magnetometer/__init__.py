@@ -1,0 +1,1 @@
+"""Zero, gain and angle of the magnetometer; hard and soft iron."""

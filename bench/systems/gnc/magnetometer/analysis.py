@@ -1,0 +1,163 @@
+"""Calibration of the magnetometer axes across the roll axis, by the paper's extremes and by least squares.
+
+Source: GNC-module paper section 4.2 2) and equations (5) to (9) as corrected in ``estimators.magnetometer``; figure 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from bench.analysis.analysis import Analysis
+from bench.analysis.estimates import estimate
+from bench.analysis.material import Material
+from bench.model.errors import FitError
+from bench.systems.gnc.coefficients import magnetometer_section
+from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
+from bench.systems.gnc.estimators.magnetometer.plane import ELLIPSE, EXTREMES, PlaneComparison, compare_methods
+from bench.systems.gnc.limits import Limits
+from bench.systems.gnc.magnetometer.roll import roll_estimates
+from bench.systems.gnc.magnetometer.sphere import ITEM as ATTITUDES
+from bench.systems.gnc.magnetometer.sphere import sphere_of
+from bench.systems.gnc.report import curve
+from bench.systems.gnc.rows import AXES, SampledRow, no_records, sampled_rows, temperature_span
+from bench.systems.gnc.sample_checks import check_notes, check_table, checked, usable
+from bench.systems.gnc.table3 import table_3
+
+METHODS: tuple[str, ...] = (ELLIPSE, EXTREMES)
+NON_MAGNETIC = "non_magnetic"
+_MOST_MISFIT = 3.0  # reduced chi-square of the shape above which the figure must be looked at
+_PARAMETERS = (("mag_offset", "gauss", "x"), ("mag_offset", "gauss", "y"), ("mag_gain", "1", None),
+               ("mag_angle", "deg", None), ("mag_radius", "gauss", None))  # fmt: skip
+
+
+def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
+    """Offsets, gain and non-orthogonality by both methods; ``method`` says which one compensates.
+
+    Raises: FitError B-FIT-004 (unknown method), B-GNC-001, -003; B-FIT-090, -091 if no record determines an ellipse.
+    """
+    if method not in METHODS:
+        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    rows, missing = sampled_rows(material, ("magnetometer", ATTITUDES))
+    looked_at = checked(rows, ("magnetometer",), material.campaign)
+    good, bad = usable(looked_at)
+    missing += bad
+    fits: list[tuple[SampledRow, PlaneComparison]] = []
+    refused: list[FitError] = []
+    for row in (one for one in good if one.item != ATTITUDES):
+        field = row.values("magnetometer")
+        try:
+            fits.append((row, compare_methods(field[:, 0], field[:, 1])))
+        except FitError as error:
+            refused.append(error)
+            missing.append(f"record {row.number}: {error.message} ({error.code})")
+    if not fits:
+        raise refused[0] if refused else no_records(("magnetometer",))
+    sphere = sphere_of(good)
+    missing += sphere.missing
+    parameters = fits[0][1].by_method[method]
+    estimates = [one for row, fit in fits for one in _estimates(row, fit, len(fits) > 1)]
+    limit_deg, noise_deg = Limits(material.campaign)("roll_error"), fits[0][1].roll[method].noise_deg
+    estimates += roll_estimates(material, fits[0][1].by_method, method, limit_deg, noise_deg)
+    return Analysis(
+        campaign="magnetometer",
+        method=method,
+        uut=dict(material.campaign["uut"]),
+        estimates=[*estimates, *sphere.estimates],
+        notes=[
+            *_notes(fits, material),
+            *sphere.notes,
+            *check_notes(looked_at),
+            *(f"No result: {one}." for one in missing),
+        ],
+        missing=missing,
+        figures=[*_figures(fits[0][0], parameters), *sphere.figures],
+        tables=[_table(fits[0][1]), table_3(estimates, material.campaign), check_table(looked_at)],
+        compensation=[magnetometer_section(method, parameters, temperature_span([fits[0][0]]))],
+    )
+
+
+def _estimates(row: SampledRow, fit: PlaneComparison, several: bool) -> list[dict[str, Any]]:
+    found = []
+    for method, parameters in fit.by_method.items():
+        place: dict[str, Any] = {"kind": "magnetometer", "method": method} | ({"record": row.number} if several else {})
+        values = zip(_PARAMETERS, parameters.values, parameters.std, strict=True)
+        for (quantity, unit, axis), value, std in values:
+            about = place | ({} if axis is None else {"axis": axis})
+            found.append(estimate(quantity, unit, value, std, about, n=len(row.samples)))
+    return found
+
+
+def _table(fit: PlaneComparison) -> dict[str, Any]:
+    names = ["offset x, mgauss", "offset y, mgauss", "gain K_y", "angle, deg", "field in the plane, mgauss"]
+    factors = (1e3, 1e3, 1.0, 1.0, 1e3)
+    one, two = fit.by_method[EXTREMES], fit.by_method[ELLIPSE]
+    rows = [
+        [name, _with(factor * one.values[k], factor * one.std[k]), _with(factor * two.values[k], factor * two.std[k]),
+         float(fit.score[k])]
+        for k, (name, factor) in enumerate(zip(names, factors, strict=True))
+    ]  # fmt: skip
+    rolls = [_with(0.0, fit.roll[method].rms_deg) for method in (EXTREMES, ELLIPSE)]
+    rows.append(["roll angle, error over a turn, deg", *rolls, "–"])
+    rms, largest = fit.roll_difference_deg
+    caption = (
+        f"Two standard uncertainties. Roll by the two methods differs by {rms:.3g} deg RMS, {largest:.3g} deg at most. "
+        f"Phases of the turn that were read: {fit.extremes.phases}; extremes of few phases miss the true ones."
+    )
+    headers = ["parameter", "extremes (paper)", "ellipse (least squares)", "difference / std"]
+    title = "Magnetometer by two methods"
+    return {"title": title, "caption": caption, "headers": headers, "rows": rows, "prose": True, "lead": True}
+
+
+def _with(value: float, std: float) -> str:
+    places = max(0, min(9, 1 - int(np.floor(np.log10(2 * std))))) if std > 0 else 6
+    return f"{value:.{places}f} ± {2 * std:.{places}f}"
+
+
+def _figures(row: SampledRow, parameters: PlaneParameters) -> list[dict[str, Any]]:
+    """X against Y as read and corrected, and both components against time."""
+    field = 1e3 * row.values("magnetometer")
+    x, y = parameters.corrected(field[:, 0] / 1e3, field[:, 1] / 1e3)
+    plane = {
+        "title": "Magnetometer, X against Y",
+        "equal": True,
+        "caption": f"As read and after compensation; circle about the origin of {1e3 * parameters.radius:.1f} mgauss.",
+        "x_label": "X, mgauss",
+        "y_label": "Y, mgauss",
+        "series": [curve("before", field[:, 0], field[:, 1], "points"), curve("after", 1e3 * x, 1e3 * y, "points")],
+    }
+    turn = slice(0, max(2, int(60.0 * row.rate_Hz)))
+    time_s = row.time_s[turn]
+    components = {
+        "title": "Magnetometer against time",
+        "caption": "The first minute.",
+        "x_label": "time, s",
+        "y_label": "field, mgauss",
+        "series": [curve(axis, time_s, field[turn, number], "line") for number, axis in enumerate(AXES)],
+    }
+    return [plane, components]
+
+
+def _notes(fits: Sequence[tuple[SampledRow, PlaneComparison]], material: Material) -> list[str]:
+    found = []
+    for row, fit in fits:
+        table = row.conditions.get("table", material.campaign.get("table"))
+        if table != NON_MAGNETIC:
+            stated = "does not say which table was used" if table is None else f"names the table {table!r}"
+            found.append(
+                f"Record {row.number} {stated}: only a non-magnetic table keeps its own field out of offset, gain and "
+                "angle."
+            )
+        ellipse = fit.ellipse
+        found.append(
+            f"Record {row.number}: {ellipse.phases} phases, largest part of the turn without a reading "
+            f"{ellipse.largest_gap_deg:.1f} deg, noise {1e3 * ellipse.noise:.3f} mgauss."
+        )
+        if ellipse.shape_misfit > _MOST_MISFIT:
+            found.append(
+                f"Record {row.number}: the readings are not on an ellipse (reduced chi-square "
+                f"{ellipse.shape_misfit:.1f}): the field changed or the table is magnetic."
+            )
+    return found

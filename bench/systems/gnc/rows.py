@@ -1,0 +1,168 @@
+"""Records with samples, as the analyses of inertial sensors take them: by item, with the pose they were taken in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.analysis.joined import CONTINUES
+from bench.analysis.material import Material
+from bench.model.errors import FitError
+from bench.systems.gnc.estimators.earth_rate import Pose, Site
+from bench.systems.gnc.estimators.records import tick_seconds
+from bench.systems.gnc.estimators.unit_clock import UnitClock, power_ons, unit_clock
+
+if TYPE_CHECKING:
+    from bench.record import RecordRow, Samples
+
+Floats = NDArray[np.float64]
+STANDARD_GRAVITY_M_S2 = 9.80665  # the g of every unit here; gravity of the site is stated in m/s2
+AXES = ("x", "y", "z")
+SENSORS = {"gyro": "gyro", "accelerometer": "accel", "magnetometer": "mag"}
+
+
+@dataclass(frozen=True)
+class SampledRow:
+    """A record with its samples. ``time_s``: since its first sample, by the clock of the unit."""
+
+    number: int
+    conditions: Mapping[str, Any]
+    samples: Samples
+    lost: int
+
+    @property
+    def item(self) -> str:
+        """What the record is for."""
+        return str(self.conditions.get("item", ""))
+
+    @property
+    def begin_s(self) -> float:
+        """Bench clock at its first sample."""
+        return float(self.samples.t_ns[0]) * 1e-9
+
+    @property
+    def time_s(self) -> Floats:
+        """(n,) seconds since the first sample, by the unit's own clock."""
+        return tick_seconds(self.samples.columns["tick"].astype(np.int64))
+
+    @property
+    def rate_Hz(self) -> float:
+        """Samples per second, by the unit's own clock."""
+        return 1.0 / float(np.median(np.diff(self.time_s)))
+
+    @property
+    def pose(self) -> Pose:
+        """Angles of the table and the mounting of the unit. Raises: FitError B-GNC-004 if the record names none."""
+        try:
+            outer, middle, inner = (float(self.conditions[name]) for name in ("outer_deg", "middle_deg", "inner_deg"))
+            return Pose(outer, middle, inner, str(self.conditions["mounting"]))
+        except (KeyError, ValueError) as error:
+            raise FitError(
+                "B-GNC-004",
+                f"the conditions of the record do not give its pose ({error})",
+                where=f"record {self.number}",
+                next_step="state mounting, outer, middle and inner angle as conditions of the record",
+            ) from error
+
+    def values(self, kind: str) -> Floats:
+        """(n, 3) of "gyro" (deg/s), "accelerometer" (g) or "magnetometer" (gauss)."""
+        return self.samples.scaled(SENSORS[kind])
+
+    @property
+    def temperature_degC(self) -> Floats:
+        """(n,) of the unit's own sensor."""
+        return self.samples.scaled("temperature")
+
+
+def sampled_rows(material: Material, items: Sequence[str]) -> tuple[list[SampledRow], list[str]]:
+    """Records of these items in their order, and a sentence for each that holds no sample.
+
+    Raises: FitError B-GNC-003 if there is not one.
+    """
+    found, empty = [], []
+    for row in material.rows:
+        item = str(row.window.conditions.get("item", ""))
+        if item not in items:
+            continue
+        if row.samples is None or len(row.samples) < 2:
+            empty.append(f"record {row.window.number} ({item}): no samples")
+        elif CONTINUES in row.window.conditions:
+            empty.append(f"record {row.window.number} ({item}): it does not follow the record that it continues")
+        else:
+            found.append(_sampled(row, row.samples))
+    if not found:
+        raise no_records(items)
+    return found, empty
+
+
+def no_records(items: Sequence[str]) -> FitError:
+    """The error of a session without a record of these items."""
+    return FitError(
+        "B-GNC-003",
+        f"the session holds no record with samples of {', '.join(items)}",
+        next_step="look at the session with 'bench recover'; records need 'samples: true' and the condition 'item'",
+    )
+
+
+def clock_of(rows: Sequence[SampledRow]) -> UnitClock:
+    """The unit's clock against the bench clock, over all records."""
+    return unit_clock(_stamps(rows), 1.0 / rows[0].rate_Hz) if rows else UnitClock()
+
+
+def power_on_of(rows: Sequence[SampledRow]) -> dict[int, int]:
+    """Number of the power-on of the unit, from 0, by the number of the record."""
+    return {rows[place].number: number for number, places in enumerate(power_ons(_stamps(rows))) for place in places}
+
+
+def _stamps(rows: Sequence[SampledRow]) -> list[tuple[NDArray[np.int64], Floats]]:
+    return [(row.samples.columns["tick"].astype(np.int64), row.samples.t_ns.astype(np.float64) * 1e-9) for row in rows]
+
+
+def _sampled(row: RecordRow, samples: Samples) -> SampledRow:
+    return SampledRow(row.window.number, row.window.conditions, samples, row.lost)
+
+
+def site_of(campaign: Mapping[str, Any]) -> Site:
+    """Latitude and azimuth of the table, and how well it holds a pose (0 if the campaign does not say).
+
+    Raises: FitError B-GNC-005 if the campaign does not state the first two.
+    """
+    site = campaign.get("site") or {}
+    try:
+        tilt_deg = float(site.get("tilt_std_deg", 0.0))
+        return Site(float(site["latitude_deg"]), float(site["azimuth_deg"]), tilt_std_deg=tilt_deg)
+    except KeyError as error:
+        raise _no_site(error) from error
+
+
+def gravity_g(campaign: Mapping[str, Any]) -> float:
+    """Local gravity in g of 9.80665 m/s2. Raises: FitError B-GNC-005 if the campaign does not state it."""
+    site = campaign.get("site") or {}
+    try:
+        return float(site["gravity_m_s2"]) / STANDARD_GRAVITY_M_S2
+    except KeyError as error:
+        raise _no_site(error) from error
+
+
+def _no_site(error: KeyError) -> FitError:
+    return FitError(
+        "B-GNC-005",
+        f"the campaign does not state {error} of the site",
+        where="manifest: campaign.site",
+        next_step="give latitude, gravity and azimuth of the inner axis in the section 'site' of the sequence",
+    )
+
+
+def temperature_span(rows: Sequence[SampledRow]) -> tuple[float, float]:
+    """Lowest and highest mean temperature of the records, degC."""
+    means = [float(np.mean(row.temperature_degC)) for row in rows]
+    return min(means), max(means)
+
+
+def axis_name(number: int) -> str:
+    """x, y or z."""
+    return AXES[number]

@@ -1,0 +1,128 @@
+"""Positions and rotations of a calibration: the first of each makes the calibration, the second one checks it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+
+from bench.model.errors import FitError
+from bench.systems.gnc.estimators.earth_rate import up_in_body
+from bench.systems.gnc.estimators.records import RotationRecord, static_means
+from bench.systems.gnc.estimators.six_position import fit_six_position
+from bench.systems.gnc.estimators.triad import TriadFit
+from bench.systems.gnc.rows import AXES, Floats, SampledRow
+
+Key = TypeVar("Key")
+UPS = tuple(f"{sign}{axis}" for axis in AXES for sign in "+-")
+TURNS = tuple((axis, sign) for axis in AXES for sign in (1, -1))
+_ALONG = 0.999  # cosine between the axis that is said to be up and the one that is
+
+
+@dataclass
+class Sets:
+    """Records by what they show: ``positions`` by "+x" ..., ``rotations`` by ("x", 1) ..., the same for the check.
+
+    ``surplus``: records of a third time and later, which nothing uses.
+    """
+
+    positions: dict[str, SampledRow] = field(default_factory=dict)
+    rotations: dict[tuple[str, int], SampledRow] = field(default_factory=dict)
+    check_positions: dict[str, SampledRow] = field(default_factory=dict)
+    check_rotations: dict[tuple[str, int], SampledRow] = field(default_factory=dict)
+    surplus: int = 0
+
+
+def sets_of(rows: Sequence[SampledRow]) -> Sets:
+    """Sort the records of a session. Raises: FitError B-GNC-004 for one whose conditions do not say what it shows."""
+    found = Sets()
+    for row in rows:
+        if row.item == "position":
+            _put(found, row, _up(row), found.positions, found.check_positions)
+        elif row.item == "rotation":
+            _put(found, row, _turn(row), found.rotations, found.check_rotations)
+    return found
+
+
+def _put(found: Sets, row: SampledRow, key: Key, first: dict[Key, SampledRow], second: dict[Key, SampledRow]) -> None:
+    if key not in first:
+        first[key] = row
+    elif key not in second:
+        second[key] = row
+    else:
+        found.surplus += 1
+
+
+def _up(row: SampledRow) -> str:
+    """The axis that points up, by the conditions; the pose must say the same."""
+    up = str(row.conditions.get("up", ""))
+    if up not in UPS:
+        raise _unclear(row, f"'up' is {up!r}, one of {', '.join(UPS)} is due")
+    direction = np.zeros(3)
+    direction[AXES.index(up[1])] = 1.0 if up[0] == "+" else -1.0
+    seen = up_in_body(row.pose)
+    if float(seen @ direction) < _ALONG:
+        text = ", ".join(f"{part:+.3f}" for part in seen)
+        raise _unclear(row, f"'up' is {up!r}, but in its pose up is ({text}) in body axes")
+    return up
+
+
+def _turn(row: SampledRow) -> tuple[str, int]:
+    axis, turn = str(row.conditions.get("axis", "")), row.conditions.get("turn_deg")
+    if axis not in AXES or not isinstance(turn, int | float) or not turn:
+        raise _unclear(row, f"'axis' is {axis!r} and 'turn_deg' {turn!r}: x, y or z and a signed angle are due")
+    return axis, 1 if turn > 0 else -1
+
+
+def _unclear(row: SampledRow, why: str) -> FitError:
+    return FitError(
+        "B-GNC-004",
+        why,
+        where=f"record {row.number}",
+        next_step="correct the conditions of the record in the sequence",
+    )
+
+
+def rotation_record(row: SampledRow, clock_error: float = 0.0, rate: Floats | None = None) -> RotationRecord:
+    """A rotation as the fit takes it, in seconds of the bench: ``clock_error`` is that of the unit's clock, relative.
+
+    ``rate`` replaces the indicated rates, for the check of the compensation.
+    """
+    return RotationRecord(
+        axis=str(row.conditions["axis"]),
+        turn_deg=float(row.conditions["turn_deg"]),
+        counter=row.samples.counter,
+        time_s=row.time_s / (1.0 + clock_error),
+        rate=row.values("gyro") if rate is None else rate,
+        pose=row.pose,
+        turned=str(row.conditions.get("turned", "inner")),
+    )
+
+
+def position_fit(
+    rows: Sequence[SampledRow],
+    gravity: float,
+    resolution_g: float,
+    calibration: TriadFit | None = None,
+    *,
+    tilt_std_deg: float = 0.0,
+    one_power_on: bool = True,
+) -> TriadFit:
+    """Fit of the accelerometers to records at rest, after compensation by ``calibration`` if there is one.
+
+    The bias changes with each power-on: if the records are of more than ``one_power_on``, the noise inside of them does
+    not say how well they agree, and the intervals come from the residuals alone.
+
+    Raises: FitError B-FIT-001 (too few poses), B-FIT-083 (records too short), B-GNC-004.
+    """
+    outputs = [row.values("accelerometer") for row in rows]
+    if calibration is not None:
+        outputs = [calibration.apply(one, bias_sign=1) for one in outputs]
+    means, covariance, dof = static_means(outputs, rows[0].rate_Hz, resolution=resolution_g)
+    force = gravity * np.stack([up_in_body(row.pose) for row in rows])
+    if not one_power_on:
+        return fit_six_position(means, force)
+    fit = fit_six_position(means, force, covariance, tilt_std_deg=tilt_std_deg)
+    return replace(fit, dof=min(fit.dof, dof))

@@ -1,0 +1,1 @@
+"""Ten items of a module, asked by command and judged."""

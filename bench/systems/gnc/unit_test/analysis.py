@@ -1,0 +1,106 @@
+"""The unit tests of GNC modules: every exchange of a session judged again from what was sent and what came back.
+
+Source: GNC-module paper, table 1 and section 3 (2).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+from bench.analysis.analysis import Analysis
+from bench.analysis.estimates import estimate
+from bench.analysis.material import Material
+from bench.model.errors import FitError
+from bench.systems.gnc.folders import folders_of
+from bench.systems.gnc.unit_test.tables import item_table, measured_table, unit_table, wrong_table
+from bench.systems.gnc.unit_test.units import ITEMS, NOT_TESTED, SUPPLY, ItemResult, UnitResult, unit_results
+
+METHODS: tuple[str, ...] = ("exchanges",)
+_NO_METER = "The uncertainty of the supply readings is not included: the standards register states none for them."
+
+
+def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
+    """Judge the test items of every unit of a session.
+
+    Returns: Analysis; ``<item>_wrong`` counts the wrong results of an item (limit 0). What was not tested has no
+             estimate, is named in ``missing`` and printed as not tested.
+    Raises:  FitError B-FIT-004 (unknown method), B-GNC-001 (limits), B-GNC-002 if nothing was tested at all.
+    """
+    if method not in METHODS:
+        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    units = unit_results(material)
+    if not any(one.runs for unit in units for one in unit.all):
+        raise FitError(
+            "B-GNC-002",
+            "the session holds no exchange of a test item and no supply reading",
+            next_step="look at the session with 'bench recover'; a run that ended before the first test has none",
+        )
+    return Analysis(
+        campaign="gnc_unit_test",
+        method=method,
+        uut=dict(material.campaign["uut"]),
+        estimates=[one for unit in units for one in _estimates(unit)],
+        notes=_notes(units),
+        missing=_missing(units),
+        tables=[
+            unit_table(units, material.utc_offset_s),
+            item_table(units),
+            *wrong_table(units),
+            *measured_table(units),
+        ],
+        attachments=folders_of(units, material),
+    )
+
+
+def _estimates(unit: UnitResult) -> list[dict[str, Any]]:
+    found = []
+    for item in unit.all:
+        if not item.runs or not item.judged:
+            continue
+        place = {"unit": unit.unit}
+        wrong = float(len(item.findings.wrong))
+        found.append(estimate(f"{item.item}_wrong", "1", wrong, 0.0, place, n=item.runs, limit=0.0))
+        found += _values(item, place)
+    if (span_s := unit.span_s) is not None:
+        found.append(estimate("test_time", "s", span_s[1] - span_s[0], 0.0, {"unit": unit.unit}, n=1))
+    return found
+
+
+def _values(item: ItemResult, place: dict[str, Any]) -> list[dict[str, Any]]:
+    """Measured values; those of a looped item are told apart by ``repeat``."""
+    found, seen = [], Counter[str]()
+    for one in item.findings.measured:
+        conditions = place | dict(one.conditions)
+        key = f"{one.quantity} {conditions}"
+        if seen[key]:
+            conditions["repeat"] = seen[key]
+        seen[key] += 1
+        found.append(
+            estimate(one.quantity, one.unit, one.value, one.std_uncertainty, conditions, n=one.n, limit=one.limit)
+        )
+    return found
+
+
+def _missing(units: Sequence[UnitResult]) -> list[str]:
+    return [
+        f"unit {unit.unit}: {ITEMS.get(item.item, item.item)} was not tested"
+        for unit in units
+        for item in unit.all
+        if item.judged and item.verdict == NOT_TESTED
+    ]
+
+
+def _notes(units: Sequence[UnitResult]) -> list[str]:
+    found = [f"Unit {unit.unit}, {ITEMS.get(item.item, item.item)}: {remark}."
+             for unit in units for item in unit.items for remark in dict.fromkeys(item.findings.remarks)]  # fmt: skip
+    again = Counter[str]()
+    for unit in units:
+        again.update({unit.unit: sum(item.retries for item in unit.items)})
+    found += [
+        f"Unit {name}: {count} commands had to be repeated on the link." for name, count in again.items() if count
+    ]
+    if any(item.runs for unit in units for item in unit.all if item.item == SUPPLY):
+        found.append(_NO_METER)
+    return found

@@ -1,0 +1,176 @@
+"""What a session holds of each unit under test: its exchanges by test item, its supply readings, its times."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from bench.analysis.material import Material, Reading
+from bench.systems.gnc.limits import Limits
+from bench.systems.gnc.unit_test.answers import Answer, Findings, Wrong, answers_of
+from bench.systems.gnc.unit_test.interfaces import judge_can, judge_identity, judge_io, judge_sci, judge_spi
+from bench.systems.gnc.unit_test.processor import judge_cpu, judge_memory, judge_timer
+from bench.systems.gnc.unit_test.sensors import judge_ad, judge_gps, judge_imu
+from bench.systems.gnc.unit_test.supply import judge_supply
+
+if TYPE_CHECKING:
+    from bench.analysis.material import Exchange
+
+PASS, FAIL, NOT_TESTED = "pass", "fail", "not tested"
+SUPPLY, IDENTITY = "supply", "identify"
+# The six rows of table 1 of the GNC-module paper, then what its section 3 (2) adds.
+ITEMS: Mapping[str, str] = {
+    "cpu": "CPU",
+    "timer": "timer",
+    "memory": "memory",
+    "imu": "IMU",
+    "gps": "GPS",
+    "ad": "AD",
+    "io": "IO",
+    "spi": "SPI",
+    "sci": "SCI",
+    "can": "CAN",
+}
+
+
+@dataclass(frozen=True)
+class ItemResult:
+    """One test item of one unit; times in seconds of the bench clock, None if nothing was done.
+
+    ``runs``: how many exchanges there were of the item.   ``retries``: how many commands were sent once more.
+    ``judged``: False for an item that no judge knows: it is reported, and neither passes nor fails.
+    """
+
+    item: str
+    findings: Findings
+    runs: int
+    begin_s: float | None = None
+    end_s: float | None = None
+    retries: int = 0
+    judged: bool = True
+
+    @property
+    def verdict(self) -> str:
+        """pass, fail, or not tested."""
+        if not self.runs or not self.judged:
+            return NOT_TESTED
+        return FAIL if self.findings.wrong else PASS
+
+
+@dataclass(frozen=True)
+class UnitResult:
+    """Everything about one unit: items in the order of the paper, the supply before them."""
+
+    unit: str
+    supply: ItemResult
+    items: tuple[ItemResult, ...] = field(default=())
+
+    @property
+    def all(self) -> tuple[ItemResult, ...]:
+        """Supply and items."""
+        return (self.supply, *self.items)
+
+    @property
+    def span_s(self) -> tuple[float, float] | None:
+        """Begin of the first and end of the last test, bench clock; the static checks in front do not count."""
+        begins = [one.begin_s for one in self.items if one.begin_s is not None]
+        ends = [one.end_s for one in self.items if one.end_s is not None]
+        return (min(begins), max(ends)) if begins and ends else None
+
+    @property
+    def verdict(self) -> str:
+        """fail if anything fails; pass only if everything was tested and passes."""
+        verdicts = {one.verdict for one in self.all if one.judged}
+        if FAIL in verdicts:
+            return FAIL
+        return PASS if verdicts == {PASS} else NOT_TESTED
+
+    @property
+    def wrong(self) -> list[Wrong]:
+        """Every wrong result."""
+        return [one for item in self.all for one in item.findings.wrong]
+
+
+def unit_results(material: Material) -> list[UnitResult]:
+    """Every unit of a session in the order of its first appearance.
+
+    Raises: FitError B-GNC-001 for limits that are not usable.
+    """
+    limits = Limits(material.campaign)
+    default = str(material.campaign["uut"]["serial"])
+    exchanges: dict[str, list[Exchange]] = {}
+    readings: dict[str, list[Reading]] = {}
+    for one in material.exchanges:
+        if one.item:
+            exchanges.setdefault(unit_of(one.conditions, default), []).append(one)
+    for reading in material.readings:
+        readings.setdefault(unit_of(reading.conditions, default), []).append(reading)
+    names = dict.fromkeys([*exchanges, *(name for name in readings if name in exchanges or len(exchanges) == 0)])
+    return [_unit(name, exchanges.get(name, []), readings.get(name, []), material, limits) for name in names]
+
+
+def unit_of(conditions: Mapping[str, Any], default: str) -> str:
+    """Serial number of the unit that a step was about."""
+    return str(conditions.get("unit", default))
+
+
+def _unit(
+    name: str, exchanges: Sequence[Exchange], readings: Sequence[Reading], material: Material, limits: Limits
+) -> UnitResult:
+    by_item: dict[str, list[Exchange]] = {item: [] for item in ITEMS}
+    for one in exchanges:
+        by_item.setdefault(one.item, []).append(one)
+    judges = _judges(material)
+    items = [_item(item, found, judges.get(item), material, limits) for item, found in by_item.items()]
+    return UnitResult(name, judge_supply_item(readings, limits), tuple(items))
+
+
+def judge_supply_item(readings: Sequence[Reading], limits: Limits) -> ItemResult:
+    """The supply readings of a unit as an item of their own."""
+    findings, used = judge_supply(readings, limits)
+    if not used:
+        return ItemResult(SUPPLY, findings, 0)
+    return ItemResult(SUPPLY, findings, len(used), used[0].t_s, used[-1].t_s)
+
+
+def _judges(material: Material) -> Mapping[str, Callable[[Sequence[Answer], Limits], Findings]]:
+    site, imu = material.campaign.get("site") or {}, material.campaign.get("imu") or {}
+    return {
+        "cpu": judge_cpu,
+        "timer": judge_timer,
+        "memory": judge_memory,
+        "imu": lambda answers, limits: judge_imu(answers, limits, imu),
+        "gps": lambda answers, limits: judge_gps(answers, limits, site),
+        "ad": judge_ad,
+        "io": judge_io,
+        "spi": judge_spi,
+        "sci": judge_sci,
+        "can": judge_can,
+        IDENTITY: judge_identity,
+    }
+
+
+def _item(
+    item: str, exchanges: Sequence[Exchange], judge: Callable[[Sequence[Answer], Limits], Findings] | None,
+    material: Material, limits: Limits,
+) -> ItemResult:  # fmt: skip
+    if not exchanges:
+        return ItemResult(item, Findings(), 0)
+    answers = answers_of(exchanges, material.layouts)
+    findings = Findings(remarks=["nobody judges this item"]) if judge is None else _judged(item, answers, judge, limits)
+    retries = sum(one.attempts - 1 for one in exchanges)
+    times_s = exchanges[0].begin_s, exchanges[-1].end_s
+    return ItemResult(item, findings, len(exchanges), *times_s, retries, judged=judge is not None)
+
+
+def _judged(
+    item: str, answers: Sequence[Answer], judge: Callable[[Sequence[Answer], Limits], Findings], limits: Limits
+) -> Findings:
+    """What the judge says of the commands of its item; another command under its name is a wrong result."""
+    own = [one for one in answers if one.exchange.name == item]
+    findings = judge(own, limits) if own else Findings()
+    for one in answers:
+        name = one.exchange.name
+        findings.expect(name == item, one, f"command {name} is no test of this item", f"command {item}", name)
+    return findings

@@ -1,0 +1,1 @@
+"""Lock-in of a dithered ring laser and its compensation."""

@@ -1,0 +1,64 @@
+"""Lock-in compensation of dithered ring lasers: random walk and alignment time before and after, by five methods.
+
+Source: paper 004 on the alignment time of inertial navigation and lock-in compensation of ring laser gyroscopes,
+equations (1) to (11) as restored in docs/ring-laser.md. Only ticks, levels and housekeeping of the records are read.
+"""
+
+from __future__ import annotations
+
+from bench.analysis.analysis import Analysis
+from bench.analysis.material import Material
+from bench.model.errors import FitError
+from bench.systems.lock_in.compensation import COMPENSATORS
+from bench.systems.lock_in.estimates import exponent_estimates, record_estimates, value_of
+from bench.systems.lock_in.figures import campaign_figures
+from bench.systems.lock_in.limits import requirement_of
+from bench.systems.lock_in.notes import notes
+from bench.systems.lock_in.records import flagged, laser_records, none_usable, not_recorded
+from bench.systems.lock_in.result import LaserResult, laser_result
+from bench.systems.lock_in.tables import LABELS, tables
+from bench.systems.lock_in.turnaround_figures import turnaround_figures
+
+METHODS: tuple[str, ...] = COMPENSATORS
+
+
+def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
+    """Every compensator over every record; ``method`` says whose alignment time is judged.
+
+    Raises: FitError B-FIT-004 (unknown method), B-RLG-001 to -007; a record that cannot be analysed is missing, unless
+            none can.
+    """
+    if method not in METHODS:
+        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    requirement = requirement_of(material.campaign)
+    records = laser_records(material)
+    missing, bad = not_recorded(records), flagged(records)
+    results: list[LaserResult] = []
+    refused: list[FitError] = []
+    missing += [f"record {number}: flagged {flags}" for number, flags in bad.items()]
+    for record in records:  # one at a time: the edges of a record take hundreds of megabytes while it is analysed
+        if record.number in bad:
+            continue
+        try:
+            results.append(laser_result(record))
+        except FitError as error:
+            refused.append(error)
+            missing.append(f"record {record.number}: {error.message} ({error.code})")
+    if not results:
+        raise refused[0] if refused else none_usable(bad)
+    estimates = [entry for one in results for entry in record_estimates(one, requirement, method)]
+    missing += [
+        f"{one.name}: {LABELS[method]}: {one.missing.get(method, 'no random walk could be told from quantisation')}"
+        for one in results
+        if value_of(estimates, "angle_random_walk", **one.record.place(one.clock_Hz), method=method) is None
+    ]
+    return Analysis(
+        campaign="rlg_lock_in",
+        method=method,
+        uut=dict(material.campaign["uut"]),
+        estimates=[*estimates, *exponent_estimates(results, method)],
+        notes=[*(f"No result: {one}." for one in missing), *notes(results, requirement, method)],
+        missing=missing,
+        figures=[*campaign_figures(results, requirement, method), *turnaround_figures(results)],
+        tables=tables(results, requirement, method),
+    )

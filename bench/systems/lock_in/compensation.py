@@ -1,0 +1,216 @@
+"""One record of a ring laser through every compensator: angles, jumps and what of them the figures show.
+
+A stretch without a gap is analysed by itself; the increments of all of them make one series with a hole between two.
+Nothing that is as long as the edges outlives its stretch.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.model.errors import FitError
+from bench.systems.lock_in.estimators.angle import CycleIncrements, cycle_increments, net_angle
+from bench.systems.lock_in.estimators.dither_shape import dither_shape
+from bench.systems.lock_in.estimators.edges import EdgeLevels, edge_levels
+from bench.systems.lock_in.estimators.fresnel import fresnel
+from bench.systems.lock_in.estimators.global_constants import GlobalConstants, global_constants
+from bench.systems.lock_in.estimators.parabolas import parabolas
+from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds, turnarounds
+from bench.systems.lock_in.events import Events, Stretch
+
+Floats = NDArray[np.float64]
+Compensator = Callable[[Turnarounds], Jumps]
+RAW, GLOBAL = "raw", "global_constants"
+_LOCAL: Mapping[str, Compensator] = {
+    "fresnel": fresnel,
+    "dither_shape_16": lambda turns: dither_shape(turns, 16),
+    "dither_shape": lambda turns: dither_shape(turns, 4),
+    "parabolas": lambda turns: parabolas(turns, 4),
+}
+COMPENSATORS: tuple[str, ...] = (GLOBAL, *_LOCAL)
+_FEWEST_PICKOFFS = 3  # a dither period and a half
+_SHOWN = 400  # turnarounds of the figures that show single ones
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Turnarounds of the first stretch, for the figures.
+
+    ``time_s``, ``phase_rad``: of the crossings round the first of them, (k, 2M).   ``jumps``: by method, (k,).
+    ``psi0_rad``: phase at the turnaround, ``left_rad``: jump that the crossings still show behind the global fit, both
+    of the whole stretch.
+    """
+
+    time_s: Floats
+    phase_rad: Floats
+    jumps: Mapping[str, Floats]
+    psi0_rad: Floats
+    left_rad: Floats
+
+
+@dataclass
+class Compensated:
+    """What the stretches of a record gave.
+
+    ``increments``: by method and ``raw``, radians of Sagnac phase per dither period, NaN between stretches. A
+    turnaround that a compensator could not estimate stays as it is.
+    ``constants``: of the global fit, one per stretch.   ``refused``: method to reason.   ``counts``: why turnarounds
+    were not used.   ``swing_rad``: mean peak-to-peak phase of a dither period, from the counted levels.
+    ``dither_scatter``: of its amplitude from turnaround to turnaround, relative, from the curvatures.
+    """
+
+    interval_s: float
+    omega_rad_s: float
+    increments: dict[str, Floats]
+    shown: Shown
+    constants: list[GlobalConstants] = field(default_factory=list)
+    refused: dict[str, str] = field(default_factory=dict)
+    stretches: int = 1
+    turnarounds: int = 0
+    used: dict[str, int] = field(default_factory=dict)
+    counts: Counter[str] = field(default_factory=Counter)
+    grazing: int = 0
+    edges: int = 0
+    repaired: int = 0
+    breaks: int = 0
+    seconds: float = 0.0
+    swing_rad: float = 0.0
+    dither_scatter: float | None = None
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One stretch behind its edges."""
+
+    turns: Turnarounds
+    jumps: Mapping[str, Jumps]
+    constants: GlobalConstants | None
+    increments: Mapping[str, CycleIncrements]
+    refused: Mapping[str, str]
+    edges: EdgeLevels
+    swing_rad: float
+
+
+def compensated(events: Events, number: int) -> Compensated:
+    """Every compensator over every stretch of one record.
+
+    Raises: FitError B-RLG-007 if no stretch has edges of the beat and of the dither pick-off over some dither periods.
+    """
+    parts: list[_Part] = []
+    refused: list[str] = []
+    for stretch in events.stretches:
+        if stretch.pickoff_ticks.size < _FEWEST_PICKOFFS:
+            continue
+        try:
+            parts.append(_part(stretch, events.clock_Hz))
+        except FitError as error:
+            refused.append(f"{error.message} ({error.code})")
+    if not parts:
+        raise _nothing(events, number, refused)
+    return _joined(parts, events.clock_Hz)
+
+
+def _part(stretch: Stretch, clock_Hz: float) -> _Part:
+    edges = edge_levels(stretch.ticks, stretch.rising, stretch.cosine)
+    turns = turnarounds(edges, stretch.pickoff_ticks, stretch.pickoff_rising, clock_Hz)
+    psi_rad = net_angle(edges, stretch.pickoff_ticks)
+    jumps, constants, refused = _all_jumps(turns)
+    increments = {RAW: cycle_increments(psi_rad, stretch.pickoff_rising, turns)}
+    for name, one in jumps.items():
+        taken_off = replace(one, dpsi_rad=np.nan_to_num(one.dpsi_rad))  # nothing where nothing could be estimated
+        increments[name] = cycle_increments(psi_rad, stretch.pickoff_rising, turns, taken_off)
+    half_cycles = max(1, stretch.pickoff_ticks.size - 1)
+    inside = (edges.tick >= stretch.pickoff_ticks[0]) & (edges.tick <= stretch.pickoff_ticks[-1])
+    swing_rad = np.pi * np.count_nonzero(inside) / half_cycles
+    return _Part(turns, jumps, constants, increments, refused, edges, float(swing_rad))
+
+
+def _all_jumps(turns: Turnarounds) -> tuple[dict[str, Jumps], GlobalConstants | None, dict[str, str]]:
+    jumps: dict[str, Jumps] = {}
+    constants, refused = None, {}
+    try:
+        constants = global_constants(turns)
+        jumps[GLOBAL] = constants.jumps
+    except FitError as error:
+        refused[GLOBAL] = f"{error.message} ({error.code})"
+    for name, compensator in _LOCAL.items():
+        try:
+            jumps[name] = compensator(turns)
+        except FitError as error:
+            refused[name] = f"{error.message} ({error.code})"
+    return jumps, constants, refused
+
+
+def _joined(parts: Sequence[_Part], clock_Hz: float) -> Compensated:
+    first = parts[0]
+    found = Compensated(
+        interval_s=float(np.mean([part.increments[RAW].interval_s for part in parts])),
+        omega_rad_s=float(np.mean([part.turns.omega_rad_s for part in parts])),
+        increments={name: _with_holes(parts, name) for name in (RAW, *COMPENSATORS)},
+        swing_rad=float(np.mean([part.swing_rad for part in parts])),
+        stretches=len(parts),
+        shown=_shown(first),
+        dither_scatter=_scatter(parts),
+    )
+    for part in parts:
+        found.turnarounds += int(part.turns.usable.size)
+        for name, one in part.jumps.items():
+            found.used[name] = found.used.get(name, 0) + int(np.isfinite(one.dpsi_rad).sum())
+        found.constants += [part.constants] if part.constants is not None else []
+        found.refused.update(part.refused)
+        found.counts.update(part.turns.counts)
+        found.grazing += int(part.turns.grazing.sum())
+        found.edges += int(part.edges.tick.size)
+        found.repaired += part.edges.repaired
+        found.breaks += int(part.edges.breaks.size)
+        found.seconds += float(part.edges.tick[-1] - part.edges.tick[0]) / clock_Hz
+    return found
+
+
+def _scatter(parts: Sequence[_Part]) -> float | None:
+    """Relative scatter of the dither's amplitude; that of the curvatures of the phase is the same."""
+    found = [part.jumps[GLOBAL].curvature_rad_s2 for part in parts if GLOBAL in part.jumps]
+    return float(np.nanstd(np.concatenate(found)) / np.nanmean(np.concatenate(found))) if found else None
+
+
+def _with_holes(parts: Sequence[_Part], name: str) -> Floats:
+    """Increments of all stretches with one NaN between two; a method that refused a stretch has none there."""
+    pieces: list[Floats] = []
+    for part in parts:
+        one = part.increments.get(name)
+        nothing = np.full(part.increments[RAW].increment_rad.size, np.nan)
+        pieces += [np.array([np.nan])] if pieces else []
+        pieces.append(nothing if one is None else one.increment_rad)
+    return np.concatenate(pieces)
+
+
+def _shown(part: _Part) -> Shown:
+    reference = part.jumps.get(GLOBAL) or next(iter(part.jumps.values()), None)
+    nothing = np.full(part.turns.usable.size, np.nan)
+    return Shown(
+        time_s=part.turns.time_s[:_SHOWN].copy(),
+        phase_rad=part.turns.phase_rad[:_SHOWN].copy(),
+        jumps={name: one.dpsi_rad[:_SHOWN].copy() for name, one in part.jumps.items()},
+        psi0_rad=nothing if reference is None else reference.psi0_rad,
+        left_rad=nothing if part.constants is None else part.constants.residual_jump_rad,
+    )
+
+
+def _nothing(events: Events, number: int, refused: Sequence[str]) -> FitError:
+    edges = sum(one.ticks.size for one in events.stretches)
+    pickoffs = sum(one.pickoff_ticks.size for one in events.stretches)
+    lost = f"{events.lost_blocks} blocks lost, {events.lost_edges} edges dropped"
+    why = "".join(f"; {text}" for text in dict.fromkeys(refused))
+    return FitError(
+        "B-RLG-007",
+        f"{edges} edges of the beat and {pickoffs} of the dither pick-off in {len(events.stretches)} unbroken "
+        f"stretches ({lost}) determine no random walk{why}",
+        where=f"record {number}",
+        next_step="see that laser and dither run, that the pick-off is on channel 1, that no comparator is "
+        "inverted and that the tagger drops no edge",
+    )

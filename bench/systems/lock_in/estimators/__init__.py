@@ -1,0 +1,1 @@
+"""Estimators of the ring laser's beat: arrays in, result out."""

@@ -1,0 +1,219 @@
+"""The crossings round each turnaround of a dithered ring laser, as one table that every compensator reads.
+
+Between two zeros of the dither angle, where the pick-off switches, the dither turns round exactly once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bench.model.errors import FitError
+from bench.systems.lock_in.estimators.edges import EdgeLevels
+
+Array = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+_GRAZING_rad = 0.01  # a phase that goes past a level by less crosses it too slowly for a comparator
+_REGULAR = 0.2  # of half a dither period; a lost edge of the pick-off makes twice as much
+
+
+@dataclass(frozen=True)
+class Turnarounds:
+    """Crossings round the turnaround in each interval between pick-off edges, n intervals, M crossings a side.
+
+    Attributes:
+        clock_Hz: of the ticks.   omega_rad_s: of the dither, from the pick-off.
+        rate_rad_s: mean rate of the phase beside the dither, from the first and last count; lock-in errors are in it.
+        sign: of the curvature, (n,), -1 at a maximum of the phase.   regular: the interval is half a period, (n,).
+        usable: there are M good crossings on each side, (n,).
+        grazing: the innermost crossings were left out, (n,), for the phase hardly passed their level.
+        reference_tick: origin of ``time_s``, (n,).   level0: even level that is the origin of ``phase_rad``, (n,).
+        time_s, phase_rad: of the crossings, (n, 2 M), in order of time: M before the turnaround, M behind it.
+        counts: how many are not usable, by reason.
+    """
+
+    clock_Hz: float
+    omega_rad_s: float
+    rate_rad_s: float
+    sign: Int64
+    regular: Bool
+    usable: Bool
+    grazing: Bool
+    reference_tick: Int64
+    level0: Int64
+    time_s: Array
+    phase_rad: Array
+    counts: Mapping[str, int]
+
+    @property
+    def crossings(self) -> int:
+        """M."""
+        return int(self.time_s.shape[1] // 2)
+
+    def inner(self, crossings: int) -> tuple[Array, Array]:
+        """Times and phases of the usable turnarounds, the ``crossings`` nearest on each side: (u, 2 crossings)."""
+        kept = slice(self.crossings - crossings, self.crossings + crossings)
+        return self.time_s[self.usable, kept], self.phase_rad[self.usable, kept]
+
+
+@dataclass(frozen=True)
+class Jumps:
+    """What a compensator says of each turnaround, (n,); NaN where it is not usable.
+
+    Attributes:
+        method: its name.   dpsi_rad: phase behind less phase before, both carried on to the zero-rate instant.
+        psi0_rad: phase there, between the two.   curvature_rad_s2: size of its second derivative.
+        zero_rate_s: the instant, about the reference tick.   residual_rad: root mean square of the crossings.
+    """
+
+    method: str
+    dpsi_rad: Array
+    psi0_rad: Array
+    curvature_rad_s2: Array
+    zero_rate_s: Array
+    residual_rad: Array
+
+
+def spread(usable: Bool, values: Array) -> Array:
+    """Values of the usable turnarounds, (u,), in their places among all, (n,), NaN elsewhere.
+
+    Source: none; bookkeeping.
+    """
+    found = np.full(usable.size, np.nan)
+    found[usable] = values
+    return found
+
+
+def turnarounds(
+    edges: EdgeLevels, pickoff_tick: Int64, pickoff_rising: ArrayLike, clock_Hz: float, crossings: int = 16
+) -> Turnarounds:
+    """Find the turnarounds and the crossings round them.
+
+    Args:    edges: of the beat, one unbroken stretch.   pickoff_tick: edges of the pick-off of the dither angle in it,
+             (n + 1,), in order.   pickoff_rising: (n + 1,), True where the rate is at its positive maximum.
+             clock_Hz: of the ticks.   crossings: M, those used on each side.
+    Returns: Turnarounds.
+    Raises:  FitError B-FIT-096 if there are too few pick-off edges to tell the dither's period, B-FIT-097 if no
+             turnaround has M crossings on each side.
+    Source:  Lim, EP 0103080 A2 (1982): fits before and behind the same zero-rate instant.
+    """
+    pickoff, upward = np.asarray(pickoff_tick, np.int64), np.asarray(pickoff_rising, bool)
+    half = half_period_ticks(pickoff)
+    sign = np.where(upward[:-1], -1, 1)
+    begin, end = np.searchsorted(edges.tick, pickoff[:-1]), np.searchsorted(edges.tick, pickoff[1:])
+    before, behind, grazing, enough = _crossings(edges, begin, end, sign, crossings)
+    regular = (np.abs(np.diff(pickoff) / half - 1.0) < _REGULAR) & (upward[1:] != upward[:-1])
+    torn = _any_within(edges.suspect, before - crossings + 1, before + 1)
+    torn |= _any_within(edges.suspect, behind, behind + crossings)
+    broken = np.zeros(edges.tick.size, bool)
+    broken[edges.breaks] = True
+    reasons = {"pickoff": ~regular, "few_crossings": ~enough, "break": _any_within(broken, begin, end), "suspect": torn}
+    usable, counts = np.ones(sign.size, bool), {}
+    for reason, refused in reasons.items():
+        counts[reason] = int((usable & refused).sum())
+        usable &= ~refused
+    _require(usable, crossings, counts)
+    place = np.arange(crossings)
+    index = np.column_stack((before[:, None] - crossings + 1 + place, behind[:, None] + place))
+    index = np.where(usable[:, None], index, 0)
+    reference = (edges.tick[index[:, crossings - 1]] + edges.tick[index[:, crossings]]) // 2
+    level0 = edges.level[index[:, crossings]] // 2 * 2
+    return Turnarounds(
+        clock_Hz=clock_Hz,
+        omega_rad_s=float(np.pi * clock_Hz / half),
+        rate_rad_s=_mean_rate(edges, pickoff, upward) * clock_Hz,
+        sign=sign,
+        regular=regular,
+        usable=usable,
+        grazing=grazing & usable,
+        reference_tick=reference,
+        level0=level0,
+        time_s=(edges.tick[index] - reference[:, None]) / clock_Hz,
+        phase_rad=np.asarray(np.pi * (edges.level[index] - level0[:, None])),
+        counts=counts,
+    )
+
+
+def half_period_ticks(pickoff: Int64) -> float:
+    """Ticks in half a dither period: all of them together, with those that a lost edge hides.
+
+    Args:    pickoff: ticks of the pick-off's edges, (n,).
+    Raises:  FitError B-FIT-096 if there are fewer than 3 or they do not go on.
+    Source:  mean over the record, each interval counted as the nearest multiple of their median.
+    """
+    step = np.diff(pickoff)
+    if step.size < 2 or float(np.median(step)) <= 0.0:
+        raise FitError(
+            "B-FIT-096",
+            f"{pickoff.size} edges of the dither's pick-off do not tell its period; at least 3 are due, in order",
+            next_step="look at the pick-off's channel of the time tagger: its threshold, and whether the dither runs",
+        )
+    return float(step.sum() / np.rint(step / np.median(step)).sum())
+
+
+def _mean_rate(edges: EdgeLevels, pickoff: Int64, upward: Bool) -> float:
+    """Radians of phase per tick, between the first and the last pick-off edge of one sense inside the edges."""
+    inside = (pickoff >= edges.tick[0]) & (pickoff < edges.tick[-1])
+    same = np.flatnonzero(inside & (upward == upward[np.argmax(inside)]))
+    if same.size < 2:
+        return 0.0
+    level = edges.level[np.searchsorted(edges.tick, pickoff[same[[0, -1]]], side="right") - 1]
+    return float(np.pi * (level[1] - level[0]) / (pickoff[same[-1]] - pickoff[same[0]]))
+
+
+def _crossings(
+    edges: EdgeLevels, begin: Int64, end: Int64, sign: Int64, crossings: int
+) -> tuple[Int64, Int64, Bool, Bool]:
+    """Last edge before and first behind each turnaround, whether an inner pair was left out, whether there are M."""
+    before, behind, bounced = _innermost(edges, begin, end, sign)
+    reach = crossings + 1  # one more for a pair that is left out
+    enough = (before - reach + 1 >= begin) & (behind + reach - 1 < end)
+    grazing = bounced | (enough & _grazing(edges, before, behind, enough, crossings))
+    return before - grazing, behind + grazing, grazing, enough
+
+
+def _innermost(edges: EdgeLevels, begin: Int64, end: Int64, sign: Int64) -> tuple[Int64, Int64, Bool]:
+    """Last edge before and first edge behind each turnaround, and whether the direction changes more than once."""
+    last = edges.tick.size - 1
+    before, behind, bounced = np.empty_like(begin), np.empty_like(begin), np.zeros(begin.size, bool)
+    for curvature in (-1, 1):
+        here = sign == curvature
+        towards = np.flatnonzero(edges.direction == -curvature)
+        away = np.flatnonzero(edges.direction == curvature)
+        final = np.append(towards, -1)[np.searchsorted(towards, end[here]) - 1]
+        first = np.append(away, last)[np.searchsorted(away, begin[here])]
+        crossed = final > first
+        before[here], behind[here] = np.where(crossed, first - 1, final), np.where(crossed, final + 1, first)
+        bounced[here] = crossed
+    return before, np.minimum(behind, last), bounced
+
+
+def _grazing(edges: EdgeLevels, before: Int64, behind: Int64, enough: Bool, crossings: int) -> Bool:
+    """Whether the phase passes the innermost level by less than ``_GRAZING_rad``: half curvature times time squared."""
+    inner, outer = np.where(enough, before, crossings), np.where(enough, behind, 0)
+    near = (edges.tick[outer] - edges.tick[inner]).astype(np.float64)
+    far = (edges.tick[np.where(enough, outer + crossings, 0)] - edges.tick[inner - crossings]).astype(np.float64)
+    past = crossings * np.pi * near**2 / np.maximum(far**2 - near**2, 1.0)
+    return np.asarray((past < _GRAZING_rad) & (edges.level[inner] == edges.level[outer]))
+
+
+def _any_within(flags: Bool, first: Int64, behind: Int64) -> Bool:
+    """Whether a flag is set at first ... behind - 1, (n,)."""
+    set_at = np.flatnonzero(flags)
+    return np.asarray(np.searchsorted(set_at, behind) > np.searchsorted(set_at, first))
+
+
+def _require(usable: Bool, crossings: int, counts: Mapping[str, int]) -> None:
+    if not usable.any():
+        reasons = ", ".join(f"{name} {count}" for name, count in counts.items())
+        raise FitError(
+            "B-FIT-097",
+            f"none of {usable.size} dither turnarounds has {crossings} good crossings on each side ({reasons})",
+            next_step="look at the beat's edges and at the pick-off in the record: the dither's amplitude, lost "
+            "events, and whether the channels are exchanged",
+        )

@@ -1,0 +1,193 @@
+"""What a reader of a ring-laser campaign must know: where a compensator does harm, and what the numbers rest on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import special
+
+from bench.maths.verdict import coverage_factor
+from bench.systems.lock_in.compensation import COMPENSATORS, GLOBAL
+from bench.systems.lock_in.limits import Requirement
+from bench.systems.lock_in.result import LaserResult, misfit
+from bench.systems.lock_in.tables import LABELS
+
+_NEAR_90_DEG = 10.0
+_SENSOR_OFF = 0.03  # of the dither amplitude; its sensor is good to 1 %
+_MODEL_OFF = 0.03  # of the RMS jump; simulated lasers with one backscatter leave below 0.007
+_LEAST_SCATTER = 0.02  # of the dither's amplitude; with less the jumps are no random walk (docs/ring-laser.md)
+_MOST_UNUSED = 0.05  # of the turnarounds
+_PROBABILITY = 1e-4  # of a false note per record and constant
+
+
+def notes(results: Sequence[LaserResult], requirement: Requirement, judged: str) -> list[str]:
+    """Sentences in the order of their weight; ``judged`` is the method of the verdict."""
+    return [
+        *_harm(results),
+        *_better(results, judged),
+        *_condition(results),
+        *_model(results),
+        *_repeating(results),
+        *_off(results),
+        *_standing(requirement),
+        *_losses(results),
+    ]
+
+
+def _harm(results: Sequence[LaserResult]) -> list[str]:
+    found = []
+    for method in COMPENSATORS:
+        worse = [one for one in results if one.is_worse(method)]
+        if worse:
+            ratios = [ratio.value for ratio in (one.ratio(method) for one in worse) if ratio is not None]
+            span = f"{min(ratios):.2f} to {max(ratios):.2f}" if len(ratios) > 1 else f"{ratios[0]:.2f}"
+            found.append(
+                f"Compensation by {LABELS[method]} makes the gyroscope WORSE: random walk times {span} at "
+                f"{'; '.join(one.name for one in worse)}. Without it the output is better there."
+            )
+    return found
+
+
+def _better(results: Sequence[LaserResult], judged: str) -> list[str]:
+    """Another compensator that leaves less random walk than the one judged, beyond their uncertainties."""
+    found = []
+    for one in results:
+        mine = one.ratio(judged)
+        for method in COMPENSATORS:
+            other = one.ratio(method)
+            if mine is None or other is None:
+                continue
+            if mine.value - other.value > coverage_factor() * float(np.hypot(mine.std, other.std)):
+                found.append(
+                    f"{one.name}: {LABELS[method]} leaves less random walk than {LABELS[judged]}: {other.value:.3f} "
+                    f"against {mine.value:.3f} of that before."
+                )
+    return found
+
+
+def _condition(results: Sequence[LaserResult]) -> list[str]:
+    text = (
+        "The paper's reduction of the random walk to a half or a third by crossings next to the turnaround holds for a "
+        "backscatter phase near ±90 deg; elsewhere the ripple of the beat's phase biases every extrapolation."
+    )
+    phases = [one.backscatter_deg.value for one in results if one.backscatter_deg is not None]
+    if not phases:
+        return [text]
+    off = float(np.max(np.abs(np.abs(phases) - 90.0)))
+    if off <= _NEAR_90_DEG:
+        return [f"{text} Here it is within {off:.1f} deg of that, so these ratios are not those of any other laser."]
+    span = sorted({f"{one:.0f}" for one in (min(phases), max(phases))}, key=float)
+    return [f"{text} Found here: {' to '.join(span)} deg."]
+
+
+def _model(results: Sequence[LaserResult]) -> list[str]:
+    found = []
+    for one in results:
+        share = one.systematic_share
+        if share is not None and share > _MODEL_OFF:
+            found.append(
+                f"{one.name}: {100 * share:.0f} % of the RMS jump is left behind the global fit as a function of the "
+                "phase: the lock-in is not of one constant size and phase (second harmonic, drift), and the fit takes "
+                "off less than its own uncertainty says."
+            )
+        moved = _moved(one)
+        if moved:
+            found.append(
+                f"{one.name}: {moved} between blocks of the record by more than the uncertainties explain; each block "
+                "is compensated with its own constants."
+            )
+    return found
+
+
+def _repeating(results: Sequence[LaserResult]) -> list[str]:
+    """Dithers whose jumps follow one another too regularly for a random walk."""
+    found = []
+    for one in results:
+        scatter = one.found.dither_scatter
+        if scatter is not None and scatter < _LEAST_SCATTER:
+            found.append(
+                f"{one.name}: the dither's amplitude scatters by {100 * scatter:.2f} %. Below {100 * _LEAST_SCATTER:g} "
+                "% the errors of turnarounds follow one another (dynamic lock-in): what is not compensated is no "
+                "random walk, equation (6) does not hold, and part of the input rate may be lost."
+            )
+    return found
+
+
+def _off(results: Sequence[LaserResult]) -> list[str]:
+    """Outputs that random walk and quantisation do not describe, in one sentence."""
+    off = []
+    for one in results:
+        methods = [LABELS[name] for name, walk in one.walks.items() if misfit(walk) > 1.0]
+        off += [f"{one.name} ({'; '.join(methods)})"] if methods else []
+    if not off:
+        return []
+    return [
+        f"Random walk and quantisation do not describe the Allan deviation of {', '.join(off)}: the uncertainty is "
+        "widened by as much as it is off. A period of the dither that stays in step with the clock of the tagger is "
+        "one cause: the quantisation of the pick-off is then a slow beat and not noise."
+    ]
+
+
+def _moved(one: LaserResult) -> str:
+    """Which constants differ from block to block, in words; "" if none does."""
+    found = []
+    for fit in one.found.constants:
+        blocks = (
+            ("the lock-in rate moves", fit.block_kappa_rad_s, fit.block_kappa_std_rad_s),
+            ("the backscatter phase moves", np.unwrap(fit.block_beta_rad), fit.block_beta_std_rad),
+        )
+        for words, value, std in blocks:
+            chi2 = float(np.sum(((value - np.average(value, weights=std**-2.0)) / std) ** 2))
+            if value.size > 1 and special.chdtrc(value.size - 1, chi2) < _PROBABILITY:
+                found.append(words)
+    return " and ".join(dict.fromkeys(found))
+
+
+def _standing(requirement: Requirement) -> list[str]:
+    return [
+        f"Alignment times are those of equation (2) to {requirement.error_deg:.5g} deg, one standard deviation, from "
+        "random walk alone: bias, accelerometers and motion of the base come on top.",
+        "There is no true angle in a record: ratios are of Allan deviations of the latched counts, and the reference "
+        "of the figures is the global fit. It assumes the equation that simulated lasers obey, so its ratio on a "
+        "simulated bench is a best case.",
+        "Ratios are given as if both random walks were independent; a compensator that does little leaves them alike, "
+        "so that their ratio is better known than stated.",
+    ]
+
+
+def _losses(results: Sequence[LaserResult]) -> list[str]:
+    found = []
+    for one in results:
+        events, stretches = one.events, one.found.stretches
+        if events.lost_blocks or events.lost_edges or events.torn:
+            found.append(
+                f"{one.name}: {events.lost_blocks} blocks lost, {events.lost_edges} edges dropped by the tagger; the "
+                f"record was analysed in {'1 stretch' if stretches == 1 else f'{stretches} stretches'} of "
+                f"{one.found.seconds:.2f} s in all, nothing was bridged."
+            )
+        if events.dark:
+            found.append(
+                f"{one.name}: {events.dark} blocks of 10 ms without any edge: the laser was dark, or its beat did not "
+                "reach the tagger. What comes behind is a stretch of its own; a laser that was started anew is cold."
+            )
+        used = max(one.found.used.values(), default=0)
+        if used < (1.0 - _MOST_UNUSED) * one.found.turnarounds:
+            found.append(
+                f"{one.name}: only {used} of {one.found.turnarounds} turnarounds could be compensated; the others stay "
+                "as they are, so the ratios say little about the compensators."
+            )
+        sensed = one.record.dither_deg_s
+        if sensed is None:
+            found.append(
+                f"{one.name}: no housekeeping with the dither amplitude: the levels counted cannot be held against it."
+            )
+        elif abs(one.counted_dither_deg_s / sensed - 1.0) > _SENSOR_OFF:
+            found.append(
+                f"{one.name}: the sensor says {sensed:.2f} deg/s of dither, the counted levels "
+                f"{one.counted_dither_deg_s:.2f}: the path length stated, or the sensor, is wrong."
+            )
+        refused = ", ".join(LABELS.get(name, name) for name in one.missing if name != GLOBAL)
+        if refused:
+            found.append(f"{one.name}: no result by {refused}.")
+    return found

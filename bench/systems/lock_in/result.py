@@ -1,0 +1,189 @@
+"""Random walk of one record before and behind every compensator, and the constants of its lock-in."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from bench.maths.verdict import coverage_factor
+from bench.model.errors import FitError
+from bench.systems.lock_in.compensation import COMPENSATORS, GLOBAL, RAW, Compensated, compensated
+from bench.systems.lock_in.estimators.random_walk import RandomWalk, expected_random_walk, gyro_gain, random_walk
+from bench.systems.lock_in.events import Events, record_events
+from bench.systems.lock_in.records import LaserRecord
+
+Floats = NDArray[np.float64]
+_ONE_SIDED = 1.645  # 95 % of a normal distribution lie below
+_PROBABILITY = 1e-4  # that a record without any other noise is called off
+# The fit's shapes are of first order in the jumps. Measured for jumps of 0.07 to 0.14 rad, backscatter phases of 0, 40
+# and 90 deg: its lock-in rate is off by up to 0.1 of the jump squared, its backscatter phase by 0.05 rad of it.
+_RATE_OFF, _PHASE_OFF_rad = 0.1, 0.05
+_PARTS = 24  # of a turn of the phase, in which what is left is averaged
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A value and its standard uncertainty."""
+
+    value: float
+    std: float
+
+
+def squared(one: Measured) -> Measured:
+    """Square of a value and its standard uncertainty, by which a value of 0 is not known to be 0.
+
+    Source: variance of the square of a normal variable.
+    """
+    return Measured(one.value**2, math.sqrt(4.0 * one.value**2 * one.std**2 + 2.0 * one.std**4))
+
+
+def misfit(walk: RandomWalk) -> float:
+    """By how much the Allan deviation is off random walk and quantisation, in their uncertainties; 1 if it is not."""
+    if special.chdtrc(walk.dof, walk.chi2) > _PROBABILITY:
+        return 1.0
+    return max(1.0, math.sqrt(walk.chi2 / walk.dof))
+
+
+def walk_std_deg_rth(walk: RandomWalk) -> float:
+    """Standard uncertainty of a random walk; of one that quantisation hides, from its upper limit.
+
+    Where the two terms do not describe the deviation, as much wider as it is off them.
+    """
+    known = math.isfinite(walk.n_std_deg_rth)
+    return misfit(walk) * (walk.n_std_deg_rth if known else walk.n_upper_deg_rth / _ONE_SIDED)
+
+
+@dataclass(frozen=True)
+class LaserResult:
+    """What one record says. ``walks``: by method and ``raw``; ``missing``: method to reason."""
+
+    record: LaserRecord
+    clock_Hz: float
+    events: Events
+    found: Compensated
+    walks: Mapping[str, RandomWalk]
+    missing: Mapping[str, str]
+
+    @property
+    def name(self) -> str:
+        """As notes and figures call it."""
+        one = self.record
+        phase = "" if one.phase_setting_deg is None else f", set to {one.phase_setting_deg:g} deg"
+        number = f", record {one.number}" if one.several else ""
+        return f"{100 * one.path_length_m:g} cm, {self.clock_Hz / 1e6:g} MHz{phase}{number}"
+
+    @property
+    def gain(self) -> float:
+        """Sagnac phase per angle, rad/rad."""
+        return gyro_gain(self.record.path_length_m)
+
+    @property
+    def counted_dither_deg_s(self) -> float:
+        """Mean amplitude of the dither rate, from the levels counted in a half cycle."""
+        return math.degrees(self.found.swing_rad * self.found.omega_rad_s / (2.0 * self.gain))
+
+    def ratio(self, method: str) -> Measured | None:
+        """Random walk behind a compensator over that before it; their uncertainties as if they were independent."""
+        raw, one = self.walks.get(RAW), self.walks.get(method)
+        if raw is None or one is None or not raw.n_deg_rth > 0.0:
+            return None
+        value = one.n_deg_rth / raw.n_deg_rth
+        return Measured(value, math.hypot(walk_std_deg_rth(one), value * walk_std_deg_rth(raw)) / raw.n_deg_rth)
+
+    def is_worse(self, method: str) -> bool:
+        """Whether the compensator adds random walk, beyond the uncertainty of the ratio."""
+        ratio = self.ratio(method)
+        return ratio is not None and ratio.value - coverage_factor() * ratio.std > 1.0
+
+    @property
+    def lock_in_deg_s(self) -> Measured | None:
+        """Lock-in rate by the global fit."""
+        both = _weighted([(one.kappa_rad_s, one.kappa_std_rad_s) for one in self.found.constants])
+        if both is None:
+            return None
+        factor, left_out = math.degrees(1.0 / self.gain), _RATE_OFF * self._jump_squared / math.sqrt(3.0)
+        return Measured(factor * both.value, factor * math.hypot(both.std, left_out * both.value))
+
+    @property
+    def _jump_squared(self) -> float:
+        """Square of the largest jump of a turnaround, rad^2: twice the mean square."""
+        return 2.0 * float(np.nanmean(np.square(self.found.constants[0].jumps.dpsi_rad)))
+
+    @property
+    def backscatter_deg(self) -> Measured | None:
+        """Backscatter phase by the global fit, in (-180, 180]."""
+        fits = self.found.constants
+        if not fits:
+            return None
+        about = fits[0].beta_rad
+        turned = [(math.remainder(one.beta_rad - about, math.tau), one.beta_std_rad) for one in fits]
+        both = _weighted(turned)
+        if both is None:
+            return None
+        std_rad = math.hypot(both.std, _PHASE_OFF_rad * self._jump_squared / math.sqrt(3.0))
+        return Measured(math.degrees(math.remainder(about + both.value, math.tau)), math.degrees(std_rad))
+
+    @property
+    def expected_deg_rth(self) -> float | None:
+        """Random walk that the recovered lock-in rate gives by theory."""
+        rate = self.lock_in_deg_s
+        if rate is None:
+            return None
+        return float(expected_random_walk(rate.value, self.counted_dither_deg_s, self.record.path_length_m))
+
+    @property
+    def systematic_share(self) -> float | None:
+        """What the crossings still show behind the global fit as a function of the phase, per RMS jump.
+
+        Means over 24 parts of a turn of the phase, less what noise alone would give; 0 if the model holds.
+        """
+        shown = self.found.shown
+        good = np.isfinite(shown.left_rad) & np.isfinite(shown.psi0_rad)
+        jumps = shown.jumps.get(GLOBAL)
+        if jumps is None or np.count_nonzero(good) < 10 * _PARTS:
+            return None
+        phase, left = np.mod(shown.psi0_rad[good], math.tau), shown.left_rad[good]
+        part = np.minimum((phase / math.tau * _PARTS).astype(np.int64), _PARTS - 1)
+        count = np.maximum(np.bincount(part, minlength=_PARTS), 1)
+        mean = np.bincount(part, left, _PARTS) / count
+        noise = np.bincount(part, (left - mean[part]) ** 2, _PARTS) / count**2
+        return math.sqrt(max(0.0, float(np.mean(mean**2 - noise)))) / float(np.sqrt(np.nanmean(jumps**2)))
+
+
+def laser_result(record: LaserRecord) -> LaserResult:
+    """Decode, compensate and fit one record.
+
+    Raises: FitError B-RLG-001, -002, -003, -007.
+    """
+    events = record_events(record.row)
+    found = compensated(events, record.number)
+    walks: dict[str, RandomWalk] = {}
+    missing = dict(found.refused)
+    for method in (RAW, *COMPENSATORS):
+        if method != RAW and not found.used.get(method):
+            missing.setdefault(method, "no turnaround could be compensated")
+            continue
+        try:
+            walks[method] = random_walk(found.increments[method], found.interval_s, record.path_length_m)
+        except FitError as error:
+            missing[method] = f"{error.message} ({error.code})"
+    return LaserResult(record, events.clock_Hz, _without_edges(events), found, walks, missing)
+
+
+def _without_edges(events: Events) -> Events:
+    """The counts alone: the edges of a record take more room than everything that comes of them."""
+    return Events(events.clock_Hz, (), events.lost_blocks, events.lost_edges, events.torn, events.dark)
+
+
+def _weighted(values: list[tuple[float, float]]) -> Measured | None:
+    """Mean of values, each with its standard uncertainty."""
+    if not values:
+        return None
+    weight = np.array([1.0 / std**2 for _, std in values])
+    value = float(np.average([one for one, _ in values], weights=weight))
+    return Measured(value, float(weight.sum() ** -0.5))

@@ -1,0 +1,1 @@
+"""North finding with a fibre-optic gyroscope on a turning table."""

@@ -1,0 +1,143 @@
+"""How accurate each method is at known azimuths, and how long it must measure for a required accuracy."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.systems.north.estimators.bound import time_to_accuracy_s
+from bench.systems.north.estimators.likelihood import likelihood_north
+from bench.systems.north.estimators.phasors import heading_deg, wrapped_deg
+from bench.systems.north.raw import Waveform, waveform_of
+from bench.systems.north.sets import TEST, NorthSet
+from bench.systems.north.solution import LIKELIHOOD, METHODS, Solution
+
+Floats = NDArray[np.float64]
+COVERAGE = 1.96  # 95 % of a normal distribution
+_HALF_TURN_deg = 90.0  # an error beyond is one of the branch, not of noise
+_PARTS = (1, 2, 4, 8, 16)  # pieces of a record
+_LEAST = 4  # errors that make a scatter
+_LEAST_TURNS = 0.95
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """One method at the known azimuths, single sets: all in degrees, NaN without any.
+
+    ``rms_deg``, ``worst_deg``, ``mean_deg``: of the errors; ``rms_std_deg``: how well their RMS is known;
+    ``scatter_deg``: about their mean.   ``ratio``: scatter over the bound.   ``gross``: errors of more than a quarter
+    turn.   ``time_s``: measuring time until 95 % of the errors are within the limit, infinite if the calibration does
+    not allow it.
+    """
+
+    method: str
+    used: int
+    rms_deg: float
+    rms_std_deg: float
+    worst_deg: float
+    mean_deg: float
+    scatter_deg: float
+    ratio: float
+    gross: int
+    time_s: float
+
+
+def accuracies(found: Solution, limit_deg: float) -> list[Accuracy]:
+    """Every method, in the order of METHODS."""
+    return [_accuracy(found, method, limit_deg) for method in METHODS]
+
+
+def _accuracy(found: Solution, method: str, limit_deg: float) -> Accuracy:
+    error_deg = found.error_deg(method)
+    seen = np.isfinite(error_deg)
+    errors_deg, bound_deg = error_deg[seen], found.bound_deg[seen]
+    if not errors_deg.size:
+        return Accuracy(method, 0, *(math.nan,) * 6, 0, math.nan)
+    mean_deg = float(np.mean(errors_deg))
+    dof = max(1, errors_deg.size - 1)
+    scatter_deg = float(np.sqrt(np.sum((errors_deg - mean_deg) ** 2) / dof)) if errors_deg.size > 1 else math.nan
+    known = bound_deg[np.isfinite(bound_deg)]
+    ratio = scatter_deg / float(np.sqrt(np.mean(known**2))) if known.size else math.nan
+    gross = int(np.sum(np.abs(errors_deg) > _HALF_TURN_deg))
+    time_s = math.inf if gross else _time_s(found, method, limit_deg)  # no time turns a wrong branch
+    rms_deg, calibrated = found.rms_deg(method), bool(found.calibrations) and method != LIKELIHOOD
+    shared_deg = found.by_method[method].common_deg if calibrated else found.site.azimuth_std_deg
+    return Accuracy(
+        method, errors_deg.size, rms_deg, rms_std_deg(rms_deg, scatter_deg, shared_deg, errors_deg.size),
+        float(np.max(np.abs(errors_deg))), mean_deg, scatter_deg, ratio, gross, time_s,
+    )  # fmt: skip
+
+
+def rms_std_deg(rms_deg: float, scatter_deg: float, shared_deg: float, n: int) -> float:
+    """Standard uncertainty of the RMS of ``n`` errors with a part that they share (calibration or mark), degrees.
+
+    Source: variance of the mean square of normal errors with a common part, JCGM 100:2008 section 5.1.2.
+    """
+    shared = min(shared_deg, rms_deg)  # it is in there: no larger than what was seen
+    variance = 2.0 * scatter_deg**4 / n + 2.0 * shared**4 + 4.0 * (scatter_deg * shared) ** 2 / n
+    return math.sqrt(variance) / (2.0 * rms_deg) if rms_deg > 0.0 else 0.0
+
+
+def _time_s(found: Solution, method: str, limit_deg: float) -> float:
+    one = found.by_method[method]
+    swing_deg = 0.0 if method == LIKELIHOOD else math.sqrt(2.0) * found.swing_deg
+    floor_deg = math.hypot(one.common_deg, swing_deg)
+    seconds = measured_s(found)
+    if not seconds > 0.0:
+        return math.nan
+    return float(time_to_accuracy_s(one.noise_deg, seconds, limit_deg, factor=COVERAGE, floor_deg=floor_deg))
+
+
+def measured_s(found: Solution) -> float:
+    """Seconds of the records of one set, the median of all sets; NaN without records."""
+    lengths = [
+        sum(1e-9 * (row.window.t_end_ns - row.window.t_start_ns) for row in one.rows.values()) for one in found.sets
+    ]
+    return float(np.median([each for each in lengths if each > 0.0] or [math.nan]))
+
+
+def bench_s(found: Solution) -> float:
+    """Seconds of the bench clock that one set takes, with the settling between its records; the median."""
+    return float(np.median([one.end_s - one.begin_s for one in found.sets]))
+
+
+def scatter_over_time(found: Solution) -> tuple[Floats, Floats]:
+    """RMS error of likelihood at the known azimuths against the length of the waveform: seconds (k,), degrees (k,).
+
+    Pieces of single records, and whole sets: nothing is used twice for one length.
+    """
+    sets = [(one, known) for one, known in zip(found.sets, found.known_deg, strict=True) if one.item == TEST]
+    tilts = [tilt for one, tilt in zip(found.sets, found.tilt_deg, strict=True) if one.item == TEST]
+    by_length: dict[float, list[float]] = {}
+    for (one, known_deg), tilt_deg in zip(sets, tilts, strict=True):
+        waveform = waveform_of(one)
+        if waveform is None:
+            continue
+        for seconds, phi_deg in _pieces(one, waveform):
+            error_deg = wrapped_deg(heading_deg(phi_deg, 1) + tilt_deg - known_deg)
+            by_length.setdefault(round(seconds, 2), []).append(float(error_deg))
+    lengths = sorted(length for length, errors in by_length.items() if len(errors) >= _LEAST)
+    rms_deg = [float(np.sqrt(np.mean(np.square(by_length[length])))) for length in lengths]
+    whole = found.error_deg(LIKELIHOOD)
+    if np.isfinite(whole).sum() >= _LEAST:
+        lengths, rms_deg = [*lengths, measured_s(found)], [*rms_deg, found.rms_deg(LIKELIHOOD)]
+    return np.array(lengths), np.array(rms_deg)
+
+
+def _pieces(one: NorthSet, waveform: Waveform) -> list[tuple[float, float]]:
+    """Length in seconds and phase in degrees of pieces of at least a turn, over all records of a set."""
+    found: list[tuple[float, float]] = []
+    for record in sorted(one.rows):
+        u_V, theta_deg, per_turn = waveform.turns(record)
+        for parts in _PARTS:
+            length = len(u_V) // parts
+            if length < _LEAST_TURNS * per_turn:
+                break
+            shape = (parts, length)
+            cut_V, cut_deg = u_V[: parts * length].reshape(shape), theta_deg[: parts * length].reshape(shape)
+            fit = likelihood_north(cut_V, cut_deg)
+            found += [(length / waveform.rate_Hz, phi) for phi in np.atleast_1d(fit.phi_deg).tolist()]
+    return found

@@ -1,0 +1,55 @@
+"""North by a turning fibre-optic gyroscope: azimuths by every method, their errors at known azimuths, the verdict.
+
+Source: FOG paper (digital north finding), equations (13) to (21), corrected as said in ``estimators``; the
+convention from index to north is in ``estimators.phasors``. What is not a sample, a flag, or stated in the
+sequence is not known here.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.analysis.analysis import Analysis
+from bench.analysis.material import Material
+from bench.model.errors import FitError
+from bench.systems.north.accuracy import accuracies
+from bench.systems.north.error_figures import error_figures
+from bench.systems.north.estimates import north_estimates
+from bench.systems.north.figures import signal_figures
+from bench.systems.north.limits import azimuth_error_limit_deg
+from bench.systems.north.notes import north_notes
+from bench.systems.north.sets import north_sets
+from bench.systems.north.solution import METHODS as ALL_METHODS
+from bench.systems.north.solve import site_of, solve
+from bench.systems.north.tables import tables
+
+METHODS: tuple[str, ...] = ALL_METHODS
+
+
+def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
+    """Azimuths by all methods; ``method`` says which one is judged against the limit ``azimuth_error``.
+
+    Raises: FitError B-FIT-004 (unknown method), B-FOG-001 (limit), -002 (no readings), -003 (site), -004 (no set can be
+            used), -005 (the method has nothing to work on).
+    """
+    if method not in METHODS:
+        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    limit_deg = azimuth_error_limit_deg(material.campaign)
+    found = solve(north_sets(material), site_of(material.campaign))
+    if not np.isfinite(found.by_method[method].azimuth_deg).any():
+        raise FitError(
+            "B-FOG-005",
+            f"no set has what the method {method!r} needs: {'; '.join(found.missing[:3])}",
+            next_step="give the records 'samples: true' for likelihood, read both lock-ins for the other methods",
+        )
+    accuracy = accuracies(found, limit_deg)
+    return Analysis(
+        campaign="fog_north",
+        method=method,
+        uut=dict(material.campaign["uut"]),
+        estimates=north_estimates(found, method, accuracy, limit_deg),
+        notes=north_notes(found, method, accuracy),
+        missing=found.missing,
+        figures=[*signal_figures(found), *error_figures(found, method, limit_deg)],
+        tables=tables(found, method, accuracy, limit_deg),
+    )

@@ -1,0 +1,1 @@
+"""Estimators of north: arrays in, result out."""

@@ -1,0 +1,191 @@
+"""North by maximum likelihood: linear least squares of the raw samples on sine and cosine of the encoder angle.
+
+``U = a sin(theta) + b cos(theta) + c + harmonics``, phi = atan2(b, a). The reference is a pure sine, so the second and
+higher harmonics leave phi alone over whole turns, and no share of the signal is lost. The angle is the encoder's, so a
+table that swings about its rotation does no harm.
+
+The standard uncertainty is that of white noise, unless the residuals say otherwise: they are looked at turn by turn,
+and where these scatter more than white noise would (F test at 1 %), the scatter of the turns takes its place.
+
+Source: Kay, Estimation Theory, section 4.3 and example 4.2 (linear model in white Gaussian noise).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import special
+
+from bench.model.errors import FitError
+from bench.systems.north.estimators.bound import north_bound_deg
+from bench.systems.north.estimators.phasors import Array, Complex, angle_deg, half_width_deg
+
+METHOD = "likelihood"
+LEAST_SEPARATION = 0.05  # smallest singular value over the largest, columns of unit size
+FEWEST_TURNS = 5  # whose scatter says anything
+SIGNIFICANCE = 0.01
+
+
+@dataclass(frozen=True)
+class LikelihoodNorth:
+    """Phase of the earth signal from raw samples; every array has the shape of the records given, (...).
+
+    Attributes:
+        phi_deg: -180 (excluded) to 180.   std_deg: standard uncertainty, ``dof`` degrees of freedom.
+        phasor: amplitude exp(i phi), V.   noise_V: standard deviation of one sample.   offset_V: constant part.
+        harmonics: amplitude times exp(i phase) of each order asked for, V, (..., h).
+        bound_deg: Cramer-Rao bound at this amplitude and noise.   whiteness: variance of the turns over that of white
+            noise, NaN for fewer than five turns.   widened: where the turns' scatter is the uncertainty.
+        samples, dropped: used, and left out because a value is NaN.
+    """
+
+    phi_deg: Array
+    std_deg: Array
+    dof: Array
+    phasor: Complex
+    noise_V: Array
+    offset_V: Array
+    harmonics: Complex
+    bound_deg: Array
+    whiteness: Array
+    widened: NDArray[np.bool_]
+    samples: NDArray[np.int64]
+    dropped: NDArray[np.int64]
+
+    @property
+    def amplitude(self) -> Array:
+        """Amplitude of the earth signal, V."""
+        return np.asarray(np.abs(self.phasor))
+
+    def half_width_deg(self, probability: float = 0.95) -> Array:
+        """Half the interval that covers phi with this probability, degrees."""
+        return half_width_deg(self.std_deg, self.dof, probability)
+
+
+@dataclass(frozen=True)
+class _Turning:
+    """Columns of the linear model (n, 3 + 2 h): sine, cosine, one, then pairs; inverse normal matrix; turn (n,)."""
+
+    columns: Array
+    inverse: Array
+    turn: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class _Record:
+    """One record, as the fields of the same names above."""
+
+    phasor: complex
+    std: float
+    dof: float
+    noise: float
+    offset: float
+    harmonics: Complex
+    whiteness: float
+    widened: bool
+    samples: int
+    dropped: int
+
+
+def likelihood_north(u_V: ArrayLike, theta_deg: ArrayLike, *, harmonics: Sequence[int] = ()) -> LikelihoodNorth:
+    """Phase of the earth signal from raw samples and encoder angles.
+
+    Args:    u_V: output of the gyroscope, (..., n), in order of time; NaN for a sample that is missing.
+             theta_deg: encoder angle at the middle of each sample, (n,) or (..., n), modulo a turn or not.
+             harmonics: orders above 1 to fit as well, such as (2, 3).
+    Returns: LikelihoodNorth; phi is against the encoder, so it belongs to sense +1 whichever way the table turned.
+    Raises:  FitError B-FIT-112 if the samples do not determine north: too few, or too small a part of a turn.
+    Source:  see the head of this file.
+    """
+    u, theta = np.asarray(u_V, np.float64), np.asarray(theta_deg, np.float64)
+    if u.ndim == 0 or theta.shape not in (u.shape, u.shape[-1:]):
+        raise _undetermined(f"{u.shape} samples and {theta.shape} encoder angles do not belong together")
+    flat, shape = u.reshape(-1, u.shape[-1]), u.shape[:-1]
+    angles = np.broadcast_to(theta, u.shape).reshape(flat.shape)
+    orders = tuple(harmonics)
+    shared = _turning(theta, orders) if theta.ndim == 1 and np.isfinite(theta).all() else None
+    found = [_fit(one, angle, shared, orders) for one, angle in zip(flat, angles, strict=True)]
+
+    def column(name: str) -> Array:
+        return np.array([getattr(one, name) for one in found]).reshape(shape)
+
+    phasor, noise, samples = np.asarray(column("phasor"), np.complex128), column("noise"), column("samples")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bound_deg = north_bound_deg(np.abs(phasor), noise, samples)
+        std_deg = np.rad2deg(column("std") / np.abs(phasor))
+    return LikelihoodNorth(
+        phi_deg=angle_deg(phasor),
+        std_deg=np.asarray(std_deg),
+        dof=column("dof"),
+        phasor=phasor,
+        noise_V=noise,
+        offset_V=column("offset"),
+        harmonics=np.array([one.harmonics for one in found]).reshape(*shape, len(harmonics)),
+        bound_deg=bound_deg,
+        whiteness=column("whiteness"),
+        widened=column("widened").astype(bool),
+        samples=samples.astype(np.int64),
+        dropped=column("dropped").astype(np.int64),
+    )
+
+
+def _fit(u: Array, theta_deg: Array, turning: _Turning | None, orders: tuple[int, ...]) -> _Record:
+    """One record; ``turning`` is given where all records share their angles."""
+    good = np.isfinite(u) & np.isfinite(theta_deg)
+    dropped = int(good.size - np.count_nonzero(good))
+    if turning is None or dropped:
+        u, turning = u[good], _turning(theta_deg[good], orders)
+    values = turning.inverse @ (turning.columns.T @ u)
+    residual = u - turning.columns @ values
+    dof = float(u.size - len(values))
+    noise = float(np.sqrt(residual @ residual / dof))
+    phasor = complex(values[0], values[1])
+    across = np.array([-values[1], values[0]]) / (abs(phasor) or 1.0)  # the component that turns phi
+    std = noise * float(np.sqrt(across @ turning.inverse[:2, :2] @ across))
+    ratio, turns = _whiteness(residual, turning.columns[:, :2] @ across, turning.turn, noise)
+    widened = bool(turns >= FEWEST_TURNS and special.fdtrc(turns - 1, dof, ratio) < SIGNIFICANCE)
+    if widened:
+        std, dof = std * float(np.sqrt(ratio)), float(turns - 1)
+    harmonics = np.asarray(values[3:].reshape(-1, 2) @ np.array([1.0, 1.0j]))
+    return _Record(phasor, std, dof, noise, float(values[2]), harmonics, ratio, widened, u.size, dropped)
+
+
+def _turning(theta_deg: Array, orders: tuple[int, ...]) -> _Turning:
+    """What follows from the encoder angles; refuses those that do not determine north."""
+    angle, unknown = np.deg2rad(np.mod(theta_deg, 360.0)), 3 + 2 * len(orders)
+    if angle.size <= unknown:
+        raise _undetermined(f"{angle.size} good samples for {unknown} unknowns")
+    more = [function(order * angle) for order in orders for function in (np.sin, np.cos)]
+    columns = np.column_stack((np.sin(angle), np.cos(angle), np.ones(angle.size), *more))
+    normal = columns.T @ columns  # well conditioned once checked
+    unit = np.sqrt([2.0, 2.0, 1.0, *[2.0] * (unknown - 3)])
+    sizes = np.linalg.eigvalsh(normal * np.outer(unit, unit))
+    separation = float(np.sqrt(max(sizes[0], 0.0) / sizes[-1]))
+    if separation < LEAST_SEPARATION:
+        raise _undetermined(
+            f"the encoder angles cover too little of a turn (separation {separation:.2g}, limit {LEAST_SEPARATION:g})"
+        )
+    turned = np.unwrap(theta_deg, period=360.0) - theta_deg[0]
+    return _Turning(columns, np.linalg.inv(normal), np.floor(np.abs(turned) / 360.0).astype(np.int64))
+
+
+def _undetermined(what: str) -> FitError:
+    return FitError(
+        "B-FIT-112",
+        f"the raw samples do not determine north: {what}",
+        next_step="record whole turns at a steady rate; look at the lost frames and at the encoder in the report",
+    )
+
+
+def _whiteness(residual: Array, slope: Array, turn: NDArray[np.int64], noise: float) -> tuple[float, int]:
+    """Variance of what each turn says of phi over that of white noise, and the turns; NaN for too few."""
+    weight = np.bincount(turn, np.square(slope))
+    whole = weight > 0.5 * weight.max()
+    turns = int(np.count_nonzero(whole))
+    if turns < FEWEST_TURNS or noise == 0.0:
+        return float("nan"), turns
+    score = np.bincount(turn, residual * slope)[whole] / np.sqrt(weight[whole])
+    return float(np.square(score).sum() / (turns - 1) / noise**2), turns

@@ -1,0 +1,191 @@
+"""Sets of eight samples of a north finder: two lock-ins at four positions of the index, and the records beside them.
+
+Source: FOG paper (digital north finding), equations (13a-d) and (14a-d): lock-in #1 reads sines, #2 cosines.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.analysis.material import Material, Reading
+from bench.model.errors import FitError
+from bench.model.quality import Quality
+from bench.systems.af_converter.groups import flag_problem
+
+if TYPE_CHECKING:
+    from bench.record import RecordRow
+
+Floats = NDArray[np.float64]
+CALIBRATION, TEST, SEARCH = "calibration", "test", "search"
+ITEMS = (CALIBRATION, TEST, SEARCH)
+SINE, COSINE, LEVEL, MEASURE = "lock_in_1", "lock_in_2", "level", "measure"
+POSITIONS = 4
+MOST_OFF = 2e-3  # of the turning frequency: a lock-in that reads another one follows something else
+_PLACE = ("item", "place", "head_deg", "repeat", "index")
+_OF_THE_SIGNAL = Quality.OVER_RANGE | Quality.TRIPPED | Quality.NOT_SETTLED  # in the lock-ins as in the samples
+MOST_LOST_s = 0.5  # more than that is no disturbance of the line: the gyroscope itself may have been off
+_NEAR_s = 30.0  # a reading belongs to the record that ended at most so long before it
+
+
+@dataclass
+class NorthSet:
+    """Eight samples of one heading, and what was recorded with them.
+
+    ``u1_V``, ``u2_V``: (4,) X of the lock-ins on index B (sines) and A (cosines), volt RMS, by index position; NaN
+    where there is none.   ``rate_deg_s``: of the table, counter-clockwise from above positive.   ``tilt_mrad``: of the
+    rotation axis about the sensing axis at encoder zero and about the direction 90 degrees clockwise of it; None if
+    nobody measured it.   ``faults``: why the eight samples must not be used, by sentence.   ``raw_faults``: the same
+    for the raw waveform.
+    """
+
+    item: str
+    place: str
+    head_deg: float
+    repeat: int
+    rate_deg_s: float = math.nan
+    u1_V: Floats = field(default_factory=lambda: np.full(POSITIONS, np.nan))
+    u2_V: Floats = field(default_factory=lambda: np.full(POSITIONS, np.nan))
+    rows: dict[int, RecordRow] = field(default_factory=dict)
+    tilt_mrad: tuple[float, float] | None = None
+    faults: list[str] = field(default_factory=list)
+    raw_faults: list[str] = field(default_factory=list)
+    begin_s: float = math.inf
+    end_s: float = -math.inf
+
+    @property
+    def sense(self) -> int:
+        """+1 if the table turned counter-clockwise seen from above, -1 if clockwise."""
+        return -1 if self.rate_deg_s < 0.0 else 1
+
+    @property
+    def name(self) -> str:
+        """How a sentence speaks of it."""
+        return f"{self.item} at head {self.head_deg:g} deg, repeat {self.repeat}"
+
+    @property
+    def group(self) -> tuple[str, str, float]:
+        """What repeats have in common."""
+        return self.item, self.place, self.head_deg
+
+
+def north_sets(material: Material) -> list[NorthSet]:
+    """Every set the session holds, in the order of time; a sample that was taken again counts as it was taken last.
+
+    Raises: FitError B-FOG-002 if no lock-in was read in a calibration, test or search.
+    """
+    rows = [row for row in material.rows if row.window.conditions.get("item") in ITEMS]
+    found: dict[tuple[Any, ...], NorthSet] = {}
+    for row in rows:
+        _keep(found, row.window.conditions, row)
+    samples: dict[tuple[int, int, str], Reading] = {}
+    for reading in sorted(material.readings, key=lambda one: one.t_s):
+        if reading.role not in (SINE, COSINE) or reading.name != MEASURE:
+            continue
+        conditions = _around(reading, rows)
+        if conditions.get("item") in ITEMS:
+            one = _keep(found, conditions, None)
+            samples[id(one), int(conditions.get("index", 0)), reading.role] = reading
+            one.begin_s, one.end_s = min(one.begin_s, reading.t_s), max(one.end_s, reading.t_s)
+    if not samples:
+        raise FitError(
+            "B-FOG-002",
+            "the session holds no reading of a lock-in beside a record of a calibration, test or search",
+            next_step="records need the condition 'item', and 'lock_in_1.measure', 'lock_in_2.measure' behind each",
+        )
+    for one in found.values():
+        _fill(one, {key[1:]: reading for key, reading in samples.items() if key[0] == id(one)})
+        one.tilt_mrad = _tilt(one, material.readings)
+        if math.isnan(one.rate_deg_s):
+            one.faults.append("no record says at which rate and in which sense the table turned")
+    return sorted(found.values(), key=lambda one: one.begin_s)
+
+
+def _keep(found: dict[tuple[Any, ...], NorthSet], conditions: Mapping[str, Any], row: RecordRow | None) -> NorthSet:
+    """The set of these conditions, new if need be, with the record in it."""
+    key = (
+        str(conditions["item"]), str(conditions.get("place", "")), float(conditions.get("head_deg", 0.0)),
+        int(conditions.get("repeat", 1)),
+    )  # fmt: skip
+    one = found.setdefault(key, NorthSet(*key))
+    if "rate_deg_s" in conditions:
+        one.rate_deg_s = float(conditions["rate_deg_s"])
+    if row is not None:
+        one.rows[int(conditions.get("index", 0))] = row
+        one.begin_s = min(one.begin_s, 1e-9 * row.window.t_start_ns)
+        one.end_s = max(one.end_s, 1e-9 * row.window.t_end_ns)
+    return one
+
+
+def _around(reading: Reading, rows: Iterable[RecordRow]) -> dict[str, Any]:
+    """Conditions of a reading: its own, and those of the record that ended just before it."""
+    own = dict(reading.conditions)
+    before = [row for row in rows if 0.0 <= reading.t_s - 1e-9 * row.window.t_end_ns + 0.1 <= _NEAR_s]
+    near = [dict(row.window.conditions) for row in before if agree(row.window.conditions, own)]
+    return near[-1] | own if near else own
+
+
+def agree(one: Mapping[str, Any], other: Mapping[str, Any], keys: Sequence[str] = _PLACE) -> bool:
+    """Whether two sets of conditions say nothing different about where a sample belongs."""
+    return all(one[key] == other[key] for key in keys if key in one and key in other)
+
+
+def _fill(one: NorthSet, samples: Mapping[tuple[int, str], Reading]) -> None:
+    for k in range(1, POSITIONS + 1):
+        for role, into in ((SINE, one.u1_V), (COSINE, one.u2_V)):
+            value = samples[k, role].value if (k, role) in samples else None
+            if not isinstance(value, Mapping):
+                one.faults.append(f"no reading of {role} at index position {k}")
+                continue
+            into[k - 1] = float(value["x_V"])
+            one.faults += [f"{role} at index position {k}: {fault}" for fault in _wrong(value, one.rate_deg_s)]
+        row = one.rows.get(k)
+        if row is not None and (flags := flag_problem(row)):
+            into_both = row.quality & _OF_THE_SIGNAL
+            for told in (one.faults, one.raw_faults) if into_both else (one.raw_faults,):
+                told.append(f"record at index position {k} flagged {flags}")
+        if row is None or row.samples is None or len(row.samples) < 2:
+            one.raw_faults.append(f"no samples at index position {k}")
+        elif row.lost:
+            one.raw_faults.append(f"{row.lost} samples lost at index position {k}")
+            if (lost_s := _lost_s(row)) > MOST_LOST_s:
+                lost = f"{lost_s:.2f} s of samples lost at index position {k}"
+                one.faults.append(f"{lost} (the gyroscope may have been off)")
+
+
+def _lost_s(row: RecordRow) -> float:
+    """Time for which there are no samples in a record, second."""
+    length_s = 1e-9 * (row.window.t_end_ns - row.window.t_start_ns)
+    return length_s * row.lost / (row.frames + row.lost)
+
+
+def _wrong(value: Mapping[str, Any], rate_deg_s: float) -> list[str]:
+    found = [word for word in ("overload", "unlocked") if value.get(word)]
+    if not math.isfinite(float(value["x_V"])):
+        found.append("no number")
+    frequency_Hz, due_Hz = float(value.get("frequency_Hz", math.nan)), abs(rate_deg_s) / 360.0
+    if math.isfinite(frequency_Hz) and abs(frequency_Hz - due_Hz) > MOST_OFF * due_Hz:
+        found.append(f"reference at {frequency_Hz:.4f} Hz, the table turns at {due_Hz:.4f} Hz")
+    return found
+
+
+def _tilt(one: NorthSet, readings: Iterable[Reading]) -> tuple[float, float] | None:
+    """The level reading of the same head next to the middle of the set."""
+    own = {"item": one.item, "place": one.place, "head_deg": one.head_deg, "repeat": one.repeat}
+    middle_s = (one.begin_s + one.end_s) / 2.0
+    near = [
+        reading
+        for reading in readings
+        if (reading.role, reading.name) == (LEVEL, MEASURE)
+        and isinstance(reading.value, Mapping)
+        and agree(own, reading.conditions)
+    ]
+    if not near:
+        return None
+    value = min(near, key=lambda reading: abs(reading.t_s - middle_s)).value
+    return float(value["x_mrad"]), float(value["y_mrad"])

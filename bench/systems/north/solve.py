@@ -1,0 +1,213 @@
+"""From sets of eight samples and waveforms to azimuths by every method, with their uncertainty."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from bench.model.errors import FitError
+from bench.systems.north.estimators.calibration import IndexCalibration, calibrate_index
+from bench.systems.north.estimators.eight_samples import eight_sample_north
+from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north
+from bench.systems.north.estimators.literal import literal_north
+from bench.systems.north.estimators.phasors import heading_deg, oriented, phase_deg, wrapped_deg
+from bench.systems.north.estimators.quadrant import quadrant_north
+from bench.systems.north.estimators.tilt import tilt_correction_deg
+from bench.systems.north.raw import waveform_of
+from bench.systems.north.sets import CALIBRATION, SEARCH, NorthSet
+from bench.systems.north.solution import (
+    LEAST_SQUARES,
+    LIKELIHOOD,
+    LITERAL,
+    METHODS,
+    QUADRANT,
+    Azimuths,
+    Flags,
+    Floats,
+    Site,
+    Solution,
+)
+
+Found = tuple[Floats, Floats, float]  # apparent azimuth (n,), standard uncertainty (n,), degrees of freedom of one
+HARMONICS = (2, 3, 4, 5)
+_LEAST = 2  # errors from which a scatter is judged
+
+
+def solve(sets: Sequence[NorthSet], site: Site) -> Solution:
+    """Azimuths of all sets by every method.
+
+    Raises: FitError B-FOG-004 if there is no set that can be used.
+    """
+    turned = [oriented(one.u1_V, one.u2_V, one.sense) for one in sets]
+    u1_V, u2_V = (np.stack([pair[number] for pair in turned]) for number in (0, 1))
+    good = np.array([not one.faults for one in sets])
+    u1_V, u2_V = np.where(good[:, None], u1_V, math.nan), np.where(good[:, None], u2_V, math.nan)
+    known_deg = np.array([math.nan if one.item == SEARCH else site.azimuth_deg + one.head_deg for one in sets])
+    raw = [_raw(one) for one in sets]
+    found = Solution(sets, site, known_deg, np.zeros(len(sets)), good, u1_V, u2_V, raw, _swing_deg(sets))
+    if not good.any() and not any(found.raw):
+        raise _nothing_usable(sets)
+    _tilts(found)
+    _calibrate(found)
+    apparent = _by_eight_samples(found) | {LIKELIHOOD: _by_waveform(found)}
+    found.by_method = {method: _azimuths(found, method, *apparent[method]) for method in METHODS}
+    for method in (QUADRANT, LITERAL):
+        found.by_method[method] = _widened(found, method)
+    found.missing = _missing(found)
+    return found
+
+
+def site_of(campaign: Mapping[str, Any]) -> Site:
+    """Latitude of the bench, azimuth of the mark and how well both poses are known.
+
+    Raises: FitError B-FOG-003 if the campaign does not state the first two.
+    """
+    site = campaign.get("site") or {}
+    try:
+        return Site(
+            float(site["latitude_deg"]), float(site["azimuth_deg"]), float(site.get("azimuth_std_deg", 0.0)),
+            float(site.get("tilt_std_deg", 0.0)),
+        )  # fmt: skip
+    except KeyError as error:
+        raise FitError(
+            "B-FOG-003",
+            f"the campaign does not state {error} of the site",
+            where="manifest: campaign.site",
+            next_step="give latitude, and azimuth of the sensing axis at encoder zero, under 'site' of the sequence",
+        ) from error
+
+
+def _nothing_usable(sets: Sequence[NorthSet]) -> FitError:
+    why = "; ".join(dict.fromkeys(fault for one in sets for fault in one.faults[:1]))
+    return FitError(
+        "B-FOG-004",
+        f"none of the {len(sets)} sets can be used: {why}",
+        next_step="correct what the flags say (range, reference, index pulses) and record again",
+    )
+
+
+def _raw(one: NorthSet) -> LikelihoodNorth | None:
+    """Of its waveform; a waveform that does not determine north is a fault of the set, not of the campaign."""
+    waveform = waveform_of(one)
+    if waveform is None:
+        return None
+    try:
+        found = likelihood_north(waveform.u_V, waveform.theta_deg, harmonics=HARMONICS)
+    except FitError as error:
+        one.raw_faults.append(f"{error.message} ({error.code})")
+        return None
+    one.raw_faults += [f"the table stopped at index position {k}" for k in waveform.standing()]
+    return None if one.raw_faults else found
+
+
+def _swing_deg(sets: Sequence[NorthSet]) -> float:
+    seen = [waveform.swing_deg for one in sets if (waveform := waveform_of(one)) is not None]
+    return float(np.sqrt(np.mean(np.square(seen)))) if seen else 0.0
+
+
+def _tilts(found: Solution) -> None:
+    """Tilt is measured about the sensing axis: where its azimuth is not known, the apparent one is near enough."""
+    by_samples = eight_sample_north(found.u1_V, found.u2_V).phi_deg
+    by_encoder, _, _ = _by_waveform(found)
+    for k, one in enumerate(found.sets):
+        stated = (found.known_deg[k], float(by_encoder[k]), float(heading_deg(by_samples[k], one.sense)))
+        about_deg = next((each for each in stated if math.isfinite(each)), math.nan)
+        if one.tilt_mrad is not None and math.isfinite(about_deg):
+            x_mrad, y_mrad = one.tilt_mrad
+            found.tilt_deg[k] = float(tilt_correction_deg(x_mrad, y_mrad, about_deg, found.site.latitude_deg))
+
+
+def _calibrate(found: Solution) -> None:
+    """Index placement, gains and offsets of each sense of rotation: a delay of the signal turns its sign with it."""
+    calibrations: dict[int, IndexCalibration] = {}
+    for sense in (1, -1):
+        use = found.good & found.of(CALIBRATION) & (found.sense == sense)
+        if not use.any():
+            continue
+        apparent_deg = found.known_deg[use] - found.tilt_deg[use]
+        try:
+            calibrations[sense] = calibrate_index(found.u1_V[use], found.u2_V[use], phase_deg(apparent_deg, sense))
+        except FitError as error:
+            _refuse_samples(found, sense, f"calibration: {error.message} ({error.code})")
+    found.calibrations = calibrations
+
+
+def _refuse_samples(found: Solution, sense: int, why: str) -> None:
+    """No eight samples of this sense of rotation can be used; their waveforms need no calibration."""
+    for k in np.flatnonzero(found.good & (found.sense == sense)).tolist():
+        found.good[k], found.u1_V[k], found.u2_V[k] = False, math.nan, math.nan
+        if found.sets[k].item == CALIBRATION:
+            found.sets[k].faults.append(why)
+
+
+def _by_waveform(found: Solution) -> Found:
+    """By likelihood; the encoder angle carries the sense of rotation by itself."""
+    phi_deg = np.array([math.nan if one is None else float(one.phi_deg) for one in found.raw])
+    std_deg = np.array([math.nan if one is None else float(one.std_deg) for one in found.raw])
+    return heading_deg(phi_deg, 1), std_deg, math.inf
+
+
+def _by_eight_samples(found: Solution) -> dict[str, Found]:
+    """By the other methods, and what fails in the literal formulas."""
+    n = len(found.sets)
+    at_deg = {method: np.full(n, math.nan) for method in METHODS}
+    std_deg = {method: np.full(n, math.nan) for method in METHODS}
+    failures: dict[str, Floats] = {}
+    dof = 1.0
+    for sense in (1, -1):
+        use: Flags = found.sense == sense
+        if not use.any():
+            continue
+        u1_V, u2_V, index = found.u1_V[use], found.u2_V[use], found.calibrations.get(sense)
+        f2_deg, f5_deg, gains = (0.0, 0.0, None) if index is None else (index.f2_deg, index.f5_deg, index.gains)
+        literal = literal_north(u1_V, u2_V, f5_deg=f5_deg)
+        eight = eight_sample_north(u1_V, u2_V, gains=gains, f2_deg=f2_deg, f5_deg=f5_deg)
+        for method, one in (
+            (LEAST_SQUARES, eight),
+            (QUADRANT, quadrant_north(u1_V, u2_V, f5_deg=f5_deg)),
+            (LITERAL, literal.north),
+        ):
+            with np.errstate(divide="ignore", invalid="ignore"):
+                share = np.where(one.noise > 0.0, eight.noise / one.noise, 1.0)  # theirs takes misplaced pulses for it
+            at_deg[method][use], std_deg[method][use] = heading_deg(one.phi_deg, sense), one.std_deg * share
+            dof = float(one.dof)
+        for name, flags in asdict(literal.failures).items():
+            failures.setdefault(name, np.zeros(n))[use] = flags
+    found.failures = failures
+    return {method: (at_deg[method], std_deg[method], dof) for method in METHODS}
+
+
+def _azimuths(found: Solution, method: str, at_deg: Floats, std_deg: Floats, dof: float) -> Azimuths:
+    """Noise is pooled over all sets: eight samples of one set have few degrees of freedom."""
+    azimuth_deg = wrapped_deg(at_deg + found.tilt_deg)
+    seen = std_deg[np.isfinite(std_deg)]
+    noise_deg = float(np.sqrt(np.mean(seen**2))) if seen.size else math.nan
+    common = [(one.std_deg(method), one.dof) for one in found.calibrations.values()] if method != LIKELIHOOD else []
+    return Azimuths(azimuth_deg, noise_deg, dof * max(1, seen.size), *max(common, default=(0.0, math.inf)))
+
+
+def _widened(found: Solution, method: str) -> Azimuths:
+    """The paper's formulas are known to go wrong by more than noise: their own errors at the known azimuths count."""
+    one, error_deg = found.by_method[method], found.error_deg(method)
+    count = int(np.isfinite(error_deg).sum())
+    rms_deg = found.rms_deg(method)
+    if count < _LEAST or not rms_deg > one.noise_deg:
+        return one
+    return replace(one, noise_deg=rms_deg, dof=float(count))
+
+
+def _missing(found: Solution) -> list[str]:
+    """One sentence for each set that cannot be used and for each part of the campaign without any."""
+    missing = [f"{one.name}: {'; '.join(one.faults)}" for one in found.sets if one.faults]
+    missing += [f"{one.name}, raw waveform: {'; '.join(one.raw_faults)}" for one in found.sets if one.raw_faults]
+    counts = Counter(one.item for one, good in zip(found.sets, found.good, strict=True) if good)
+    if not counts[CALIBRATION] and found.good.any():
+        missing.append("calibration at a known azimuth: none; the index pulses are taken to stand where they should")
+    if not any(np.isfinite(found.error_deg(method)).any() for method in METHODS):
+        missing.append("test at known azimuths: none, so that no error can be judged")
+    return missing

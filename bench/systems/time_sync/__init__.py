@@ -1,0 +1,1 @@
+"""Time offset between two navigation units, judged on radar images."""

@@ -1,0 +1,62 @@
+"""Time offset between an EGI and the inertial unit at a radar antenna, from a recording of both through a manoeuvre.
+
+Method and requirements: docs/time-sync.md. The truth of a simulation enters nowhere.
+"""
+
+from __future__ import annotations
+
+from bench.analysis.analysis import Analysis
+from bench.analysis.material import Material
+from bench.model.errors import FitError
+from bench.systems.time_sync.clocks import clocks_of
+from bench.systems.time_sync.estimates import SyncResult, sync_estimates
+from bench.systems.time_sync.estimators.kalman.observability import observability
+from bench.systems.time_sync.figures import figures
+from bench.systems.time_sync.filtering import METHODS as _METHODS
+from bench.systems.time_sync.filtering import Filtered, filtered
+from bench.systems.time_sync.image import Image, first_pulse_s, image_of
+from bench.systems.time_sync.limits import demands_of, densities_of, latency_of, spread_of
+from bench.systems.time_sync.notes import notes
+from bench.systems.time_sync.records import Recording, recording
+from bench.systems.time_sync.samples import prepared
+from bench.systems.time_sync.tables import tables
+
+METHODS: tuple[str, ...] = _METHODS
+
+
+def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
+    """Offset by all filters and by the receive stamps; ``method`` says which filter is judged.
+
+    Raises: FitError B-FIT-004 (unknown method), B-SYNC-001 to -009 and -011; a radar without an image is missing.
+    """
+    if method not in METHODS:
+        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    demands, latency = demands_of(material.campaign), latency_of(material.campaign)
+    densities = densities_of(material.campaign)
+    taken = recording(material)
+    ready = prepared(taken)
+    clocks = clocks_of(taken, ready.middle_s, latency, material.line_s)
+    spread = spread_of(material.campaign, ready.egi.position_std_m)
+    found = filtered(ready, clocks, densities, spread, first_pulse_s(taken.radar))
+    image, missing = _image(taken, found)
+    seen = observability(found.run.covariance, found.run.first_covariance)
+    result = SyncResult(taken.manoeuvre, ready, clocks, found, seen, image, demands, method)
+    return Analysis(
+        campaign="time_sync",
+        method=method,
+        uut=dict(material.campaign["uut"]),
+        estimates=sync_estimates(result),
+        notes=[*(f"No result: {one}." for one in missing), *notes(result)],
+        missing=missing,
+        figures=figures(result),
+        tables=tables(result),
+    )
+
+
+def _image(taken: Recording, found: Filtered) -> tuple[Image | None, list[str]]:
+    if taken.radar is None:
+        return None, []
+    try:
+        return image_of(taken.radar, found), []
+    except FitError as error:
+        return None, [f"radar image: {error.message} ({error.code})"]

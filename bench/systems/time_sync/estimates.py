@@ -1,0 +1,167 @@
+"""Estimates of a time offset for results.json: by every filter, by the receive stamps, their difference, the image."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bench.analysis.estimates import estimate
+from bench.maths.verdict import coverage_factor
+from bench.systems.time_sync.clocks import Clocks
+from bench.systems.time_sync.estimators.kalman.observability import Observability
+from bench.systems.time_sync.estimators.kalman.setup import NIS_BLOCKS, STANDARD_GRAVITY_m_s2
+from bench.systems.time_sync.estimators.sar.response import Response
+from bench.systems.time_sync.filtering import COMPENSATED, GROUPS, METHODS, NONE, TRIALS, Filtered, Offset, ratio_of
+from bench.systems.time_sync.image import Image
+from bench.systems.time_sync.limits import DIFFERENCE, UNCERTAINTY, Demands
+from bench.systems.time_sync.samples import Prepared
+
+Documents = list[dict[str, Any]]
+_LEAST_SHIFT_STD_m = 1e-3  # of an image's place, whatever the scatter between targets
+
+
+@dataclass(frozen=True)
+class SyncResult:
+    """Everything an analysis of a recording found; ``image`` is None without a radar."""
+
+    manoeuvre: str
+    ready: Prepared
+    clocks: Clocks
+    found: Filtered
+    seen: Observability
+    image: Image | None
+    demands: Demands
+    method: str
+
+    @property
+    def chosen(self) -> Offset:
+        """Offset by the method that is judged."""
+        return self.found.offsets[self.method]
+
+    @property
+    def difference_s(self) -> tuple[float, float] | None:
+        """Offset by the filter minus that by the stamps, and its standard uncertainty; None without latencies."""
+        if self.clocks.offset_s is None:
+            return None
+        return self.chosen.offset_s - self.clocks.offset_s, math.hypot(self.chosen.std_s, self.clocks.difference.std_s)
+
+
+def sync_estimates(result: SyncResult) -> Documents:
+    """All of them; judged are the interval of the chosen method and its agreement with the stamps."""
+    estimates: Documents = []
+    for name in METHODS:
+        estimates += _offset(result, name)
+    estimates += _stamps(result) + _clocks(result.clocks)
+    for name in GROUPS:
+        estimates += _consistency(result, name)
+    return estimates + _biases(result) + _image(result)
+
+
+def _epoch_s(at_s: float) -> float:
+    """Epoch as a condition: the same for every recording of one sequence, or no two calibrations would compare."""
+    return round(at_s, 1)
+
+
+def _offset(result: SyncResult, name: str) -> Documents:
+    one, ready = result.found.offsets[name], result.ready
+    place: dict[str, Any] = {"method": name, "at_s": _epoch_s(result.found.at_s), "observable": one.seen}
+    counted = {"n": result.found.samples, "dropped": ready.lost_egi + ready.unsound_egi}
+    dof = dof_of(one)
+    interval_s = coverage_factor(dof) * one.std_s
+    limit_s = result.demands.uncertainty_s if name == result.method else None
+    # an offset that the motion did not show can miss a limit, it cannot keep one: its interval is what was assumed
+    judged = limit_s if limit_s is not None and (one.seen or interval_s > limit_s) else None
+    last = result.seen.associated[-1, GROUPS.index(name)]
+    about = {"method": name}
+    return [
+        estimate("time_offset", "s", one.offset_s, one.std_s, place, dof=dof, **counted),
+        estimate(UNCERTAINTY, "s", interval_s, 0.0, about, limit=judged, **counted),
+        estimate("observability", "1", one.normalised, 0.0, about | {"of": "variance of the offset"}, **counted),
+        estimate("observability", "1", float(last), 0.0, about | {"of": "associated eigenvalue"}, **counted),
+    ]
+
+
+def dof_of(one: Offset) -> float:
+    """Effective degrees of freedom: those of the trials, by Welch and Satterthwaite (JCGM 100:2008 annex G.4)."""
+    return TRIALS * (one.std_s / one.trial_std_s) ** 4 if one.trial_std_s > 0.0 else math.inf
+
+
+def _stamps(result: SyncResult) -> Documents:
+    clocks, n = result.clocks, result.clocks.egi_s.size
+    one, at = clocks.difference, {"at_s": _epoch_s(result.found.at_s)}
+    found = [estimate("time_offset_drift", "ppm", 1e6 * one.drift, 1e6 * one.drift_std, {"method": "stamps"}, n=n)]
+    if clocks.offset_s is None or result.difference_s is None:
+        return found
+    apart_s, std_s = result.difference_s
+    found.append(estimate("time_offset_from_stamps", "s", clocks.offset_s, one.std_s, at, n=n))
+    limit_s = result.demands.difference_s if result.chosen.seen else None  # a prior says nothing to judge
+    found.append(estimate(DIFFERENCE, "s", apart_s, std_s, {"method": result.method}, n=n, limit=limit_s))
+    return found
+
+
+def _clocks(clocks: Clocks) -> Documents:
+    found: Documents = []
+    for name, port in (("imu", clocks.imu), ("egi", clocks.egi)):
+        about, n = {"link": name}, port.above_s.size
+        found.append(estimate("clock_rate", "ppm", -1e6 * port.rate, 1e6 * port.rate_std, about, n=n))
+        std_s = port.jitter_s / math.sqrt(n)
+        found.append(estimate("receive_jitter", "s", port.jitter_s, std_s, about, n=n))
+    return found
+
+
+def _consistency(result: SyncResult, name: str) -> Documents:
+    run, group = result.found.run, GROUPS.index(name)
+    found = []
+    for block, label in enumerate(NIS_BLOCKS):
+        value = ratio_of(run, group, block)
+        if math.isfinite(value):
+            n = int(run.nis_count[:, group, block].sum())
+            found.append(estimate("nis", "1", value, 0.0, {"method": name, "of": label}, n=n))
+    return found
+
+
+def _biases(result: SyncResult) -> Documents:
+    """Of the chosen filter at the end, in micro-g and degrees per hour."""
+    run, group = result.found.run, GROUPS.index(result.method)
+    micro_g, deg_h = 1e6 / STANDARD_GRAVITY_m_s2, math.degrees(3600.0)
+    found: Documents = []
+    for quantity, kind, unit, scale, values, first in (
+        ("accel_bias", "accelerometer", "ug", micro_g, run.accel_bias, 9),
+        ("gyro_bias", "gyro", "deg/h", deg_h, run.gyro_bias, 12),
+    ):
+        for axis, letter in enumerate("xyz"):
+            std = float(run.sigma[-1, group, first + axis])
+            value = float(values[-1, group, 0, axis])
+            place = {"axis": letter, "kind": kind, "method": result.method}
+            found.append(estimate(quantity, unit, scale * value, scale * std, place, n=result.found.samples))
+    return found
+
+
+def _image(result: SyncResult) -> Documents:
+    image = result.image
+    if image is None:
+        return []
+    shifts_m, n = image.shifts_m, len(image.plain)
+    std_m = float(np.std(shifts_m, ddof=1)) / math.sqrt(n) if n > 1 else 0.0
+    place: dict[str, Any] = {"of": f"{NONE} against {COMPENSATED}"}
+    found = [estimate("image_shift", "m", float(shifts_m.mean()), max(std_m, _LEAST_SHIFT_STD_m), place, n=n)]
+    for name, responses in ((COMPENSATED, image.compensated), (NONE, image.plain)):
+        about = {"navigation": name}
+        for quantity, unit, values in (
+            ("resolution", "m", [one.azimuth_resolution_m for one in responses]),
+            ("pslr", "dB", [one.pslr_dB for one in responses]),
+            ("islr", "dB", [one.islr_dB for one in responses]),
+            ("image_peak", "1", _relative(responses, image.compensated)),
+        ):
+            spread = float(np.std(values, ddof=1)) / math.sqrt(n) if n > 1 else 0.0
+            found.append(estimate(quantity, unit, float(np.mean(values)), spread, about, n=n))
+    return found
+
+
+def _relative(responses: Sequence[Response], best: Sequence[Response]) -> list[float]:
+    """Peaks over those of the compensated image."""
+    return [one.peak / other.peak for one, other in zip(responses, best, strict=True)]

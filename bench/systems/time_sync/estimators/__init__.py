@@ -1,0 +1,1 @@
+"""Estimators of the time offset: arrays in, result out."""

@@ -1,0 +1,1 @@
+"""The filter that carries the time offset as a state."""

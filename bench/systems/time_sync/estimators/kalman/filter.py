@@ -1,0 +1,160 @@
+"""Closed-loop filter of an IMU against an EGI whose samples may be late: 15 states, and the time offset as the 16th.
+
+Every lane has its own estimates, all lanes of a group one covariance, linearised about the mean of their estimates.
+
+Source: Lee et al., JKSAS 48(4), 2020, section 3.1, corrected: errors are estimate minus truth, the sample is predicted
+from the filter's own states at t - T_hat, the offset's process noise is zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.maths.strapdown import Strapdown, small_rotation
+from bench.model.errors import FitError
+from bench.systems.time_sync.estimators.kalman.covariance import (
+    first_covariance,
+    first_model,
+    gain,
+    measurement_rows,
+    propagate,
+    refresh_model,
+    update,
+)
+from bench.systems.time_sync.estimators.kalman.history import History
+from bench.systems.time_sync.estimators.kalman.innovation import EgiSample, NisSums, innovation, motion_noise
+from bench.systems.time_sync.estimators.kalman.keeping import Keeping
+from bench.systems.time_sync.estimators.kalman.setup import OFFSET, EgiSource, FilterRun, FilterSetup, ImuSamples
+from bench.systems.time_sync.estimators.kalman.stream import egi_samples, filled_noise, first_sample, imu_steps
+
+Array = NDArray[np.float64]
+
+_LONGEST_STEP_s = 0.2  # of the covariance, where EGI samples are lost
+
+
+class _Filter:
+    """State of a run; one call of ``imu`` per IMU sample, one of ``egi`` per EGI sample."""
+
+    def __init__(self, imu: ImuSamples, setup: FilterSetup, keeping: Keeping, start: int) -> None:
+        groups, runs = setup.groups, imu.dv.shape[1]
+        self._setup, self._keeping, self._t_s = setup, keeping, imu.t_s
+        interval_s = float(np.median(np.diff(imu.t_s)))
+        self.ins = Strapdown((groups, runs), setup.latitude_deg, interval_s)
+        self._history = History(imu.t_s, setup.reach_s, groups, runs)
+        self._offset_s = np.full((groups, runs), setup.offset0_s)
+        self._P, self._F = first_covariance(setup), first_model(setup)
+        self._mean_C = np.zeros((groups, 3, 3))
+        sigma_r = np.array(setup.sigma_r) * (1.0, 1.0, np.pi / 180.0)
+        self._R = np.repeat(sigma_r**2, 3, axis=1)
+        self._filled = filled_noise(imu)
+        self._motion_noise = motion_noise(setup.imu, interval_s, runs)
+        self._nis = NisSums(groups)
+        self._j = self._at = start  # newest IMU sample; sample to which the covariance belongs
+        self._seen = 0
+
+    def begin(self, sample: EgiSample) -> None:
+        """Start from a sample, carried on to the IMU sample of the start."""
+        since_s = self._t_s[self._j] - sample.t_s + self._setup.offset0_s
+        self.ins.p[...], self.ins.v[...], self.ins.C[...] = sample.p + since_s * sample.v, sample.v, sample.C
+        self._mean_C[...] = self.ins.C.mean(axis=-1).transpose(2, 0, 1)
+        self._history.store(self._j, self.ins.state)
+
+    def imu(self, j: int, dv: Array, dtheta: Array, dt: float) -> None:
+        """Take one IMU sample (3, 1, R) in."""
+        self.ins.step(dv, dtheta, dt)
+        self._j = j
+        self._history.store(j, self.ins.state)
+        if self._t_s[j] - self._t_s[self._at] > _LONGEST_STEP_s:
+            self._propagate()
+        if self._t_s[j] >= self._setup.fine_from_s:
+            self._keeping.fine(self.ins)
+
+    def egi(self, sample: EgiSample) -> None:
+        """Take one EGI sample in, keep the epoch if it is its turn."""
+        self._propagate()
+        if sample.usable.any():
+            self._correct(sample)
+        self._seen += 1
+        if self._seen % self._setup.keep_every == 0:
+            self._keeping.epoch(float(self._t_s[self._j]), self.ins, self._offset_s, self._P, self._nis)
+
+    def _propagate(self) -> None:
+        """Bring the covariance to the newest IMU sample, by the means of force and attitude since."""
+        dt = float(self._t_s[self._j] - self._t_s[self._at])
+        if dt <= 0.0:
+            return
+        C = self.ins.C.mean(axis=-1).transpose(2, 0, 1)
+        refresh_model(self._F, self.ins.specific.mean(axis=-1).T / dt, 0.5 * (C + self._mean_C))
+        self._mean_C, self.ins.specific[...] = C, 0.0
+        noise = np.zeros(OFFSET + 1)
+        noise[3:6] = self._setup.imu.velocity_walk**2 * dt
+        noise[6:9] = self._setup.imu.angle_walk**2 * dt
+        noise[3:9] += self._filled[self._j] - self._filled[self._at]
+        self._P = propagate(self._P, self._F, dt, noise)
+        self._at = self._j
+
+    def _correct(self, sample: EgiSample) -> None:
+        dz, past, sensitivity = innovation(sample, self._offset_s, self._history, self._motion_noise)
+        dz[~sample.usable] = 0.0
+        H, R = measurement_rows(self._F, past.age_s, sensitivity), self._R
+        if self._t_s[self._j] >= self._setup.hold_position_from_s:
+            dz, H, R = np.ascontiguousarray(dz[:, 6:]), H[:, 6:], R[:, 6:]
+        K, S = gain(self._P, H, R)
+        K *= sample.usable[:, None, None]
+        self._nis.add(dz, S, sample.usable)
+        self._P = update(self._P, K, H, R)
+        self._feed_back(np.ascontiguousarray(np.matmul(K, dz).transpose(1, 0, 2)))
+
+    def _feed_back(self, dx: Array) -> None:
+        """Take the estimated errors (16, G, R) out of the states; errors are estimate minus truth."""
+        ins = self.ins
+        ins.state[:6] -= dx[:6]
+        turn = small_rotation(-dx[6:9])
+        ins.C[...] = np.add.reduce(turn[:, :, None] * ins.C[None], axis=1)
+        ins.bias_v -= dx[9:12]
+        ins.bias_theta -= dx[12:15]
+        self._offset_s -= dx[OFFSET]
+        self._history.correct(dx[:9], ins.state)
+
+
+def run_filter(imu: ImuSamples, egi: EgiSource, setup: FilterSetup) -> FilterRun:
+    """Run G filters on R lanes of an IMU and their EGI samples.
+
+    The state begins at the first usable EGI sample within the IMU's. All arrays in SI, see ``FilterSetup``.
+
+    Returns: FilterRun.
+    Raises:  FitError B-FIT-116 if EGI and IMU do not overlap, or no EGI sample is usable.
+    Source:  see the head of this file.
+    """
+    first = first_sample(egi, float(imu.t_s[0]))
+    start = int(np.searchsorted(imu.t_s, egi.t_s[first])) if first >= 0 else imu.t_s.size
+    last_s = imu.t_s[-1] - setup.look_ahead_s
+    count = int(np.searchsorted(egi.t_s, last_s, side="right")) - first - 1
+    if start >= imu.t_s.size - 1 or count < 1:
+        raise FitError(
+            "B-FIT-116",
+            f"no EGI sample can be held against the IMU: {egi.t_s.size} EGI samples, first usable one "
+            f"{'none' if first < 0 else first}, IMU from {imu.t_s[0]:.6g} s to {imu.t_s[-1]:.6g} s",
+            next_step="look at the mode and the tags of the EGI; both clocks must be on one time scale to some 0.5 s",
+        )
+    fine_t_s = imu.t_s[start + 1 :]
+    fine_t_s = fine_t_s[fine_t_s >= setup.fine_from_s]
+    runs = imu.dv.shape[1]
+    keeping = Keeping(count // setup.keep_every + 1, fine_t_s, setup.groups, runs, first_covariance(setup))
+    work = _Filter(imu, setup, keeping, start)
+    samples = egi_samples(egi, first)
+    work.begin(next(samples))
+    _go_through(work, imu, samples, setup.look_ahead_s, start)
+    return keeping.result()
+
+
+def _go_through(work: _Filter, imu: ImuSamples, samples: Iterator[EgiSample], look_ahead_s: float, start: int) -> None:
+    sample = next(samples, None)
+    for j, dv, dtheta, dt in imu_steps(imu, start + 1):
+        work.imu(j, dv, dtheta, dt)
+        while sample is not None and sample.t_s + look_ahead_s <= imu.t_s[j]:
+            work.egi(sample)
+            sample = next(samples, None)

@@ -1,0 +1,71 @@
+"""Samples of both units one after the other, lanes last, read in blocks.
+
+Source: bookkeeping; the variance of a filled sample is that of a straight line across a step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.systems.time_sync.estimators.kalman.innovation import EgiSample
+from bench.systems.time_sync.estimators.kalman.setup import EgiSource, ImuSamples
+
+Array = NDArray[np.float64]
+
+_EGI_BLOCK = 50
+_IMU_BLOCK = 400
+
+
+def first_sample(egi: EgiSource, from_s: float) -> int:
+    """Index of the first sample tagged ``from_s`` or later that all groups can use, -1 if there is none."""
+    for k0 in range(int(np.searchsorted(egi.t_s, from_s)), egi.t_s.size, _EGI_BLOCK):
+        usable = _usable(*egi.block(k0, min(k0 + _EGI_BLOCK, egi.t_s.size))).all(axis=1)
+        if usable.any():
+            return k0 + int(np.argmax(usable))
+    return -1
+
+
+def _usable(p: Array, v: Array, C: Array) -> NDArray[np.bool_]:
+    """(k, G): every lane of the group is there."""
+    known = np.isfinite(p).all(axis=(2, 3)) & np.isfinite(v).all(axis=(2, 3))
+    return np.asarray(known & np.isfinite(C).all(axis=(2, 3, 4)))
+
+
+def egi_samples(egi: EgiSource, first: int) -> Iterator[EgiSample]:
+    """Samples from ``first`` on."""
+    for k0 in range(first, egi.t_s.size, _EGI_BLOCK):
+        p, v, C = egi.block(k0, min(k0 + _EGI_BLOCK, egi.t_s.size))
+        usable = _usable(p, v, C)
+        p, v = (np.ascontiguousarray(x.transpose(0, 3, 1, 2)) for x in (p, v))
+        C = np.ascontiguousarray(C.transpose(0, 3, 4, 1, 2))
+        for k in range(len(p)):
+            yield EgiSample(float(egi.t_s[k0 + k]), p[k], v[k], C[k], usable[k])
+
+
+def imu_steps(imu: ImuSamples, first: int) -> Iterator[tuple[int, Array, Array, float]]:
+    """Index, increments (3, 1, R) of velocity and angle, and length of each interval from ``first`` >= 1 on."""
+    for j0 in range(first, imu.t_s.size, _IMU_BLOCK):
+        part = slice(j0, j0 + _IMU_BLOCK)
+        dv, dtheta = (np.ascontiguousarray(x[part].transpose(0, 2, 1))[:, :, None] for x in (imu.dv, imu.dtheta))
+        steps = np.diff(imu.t_s[j0 - 1 : j0 + _IMU_BLOCK]).tolist()
+        for k, dt in enumerate(steps):
+            yield j0 + k, dv[k], dtheta[k], dt
+
+
+def filled_noise(imu: ImuSamples) -> Array:
+    """Sums up to each sample (n, 6) of the variances that filled samples add to velocity and attitude.
+
+    A made-up increment is off by about half of what the sensor changed across the gap; from the means of the lanes,
+    (m/s)^2 and rad^2.
+    """
+    added = np.zeros((imu.t_s.size, 6))
+    marks = np.flatnonzero(np.diff(np.concatenate(([0], imu.filled.astype(np.int8), [0]))))
+    for begin, end in zip(marks[0::2], marks[1::2], strict=True):
+        before, after = max(begin - 1, 0), min(end, imu.t_s.size - 1)
+        for columns, x in ((slice(0, 3), imu.dv), (slice(3, 6), imu.dtheta)):
+            change = np.linalg.norm(x[after].mean(axis=0) - x[before].mean(axis=0))
+            added[begin:end, columns] = (0.5 * change) ** 2 * (end - begin)
+    return np.cumsum(added, axis=0)

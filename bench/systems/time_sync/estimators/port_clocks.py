@@ -1,0 +1,211 @@
+"""A unit's clock against the bench clock, from when its frames were received: rate, offset and how well both are known.
+
+A frame is received behind its time tag by a delay that is never less than some minimum. Where the receive stamps are
+fine, a line below all delays has the ratio of both clocks as its slope: of all such lines the one with the least sum of
+distances, which is an edge of the convex hull and the most likely line for exponential excess delays. Where the bench
+looks at its ports in steps, the stamps lie on a grid, and frames that always arrive within the same step hide up to a
+whole one: there the likelihood of the steps is taken, for an exponential excess delay and normal noise of the tags. It
+is the jitter that shows the place within a step; without any, the uncertainty is that of the step.
+
+Source: Moon, Skelly, Towsley, Estimation and Removal of Clock Skew from Network Delay Measurements, INFOCOM 1999, and
+Zhang, Liu, Xia, Clock Synchronization Algorithms for Network Measurements, INFOCOM 2002 (line below the delays, convex
+hull); White, Econometrica 50 (1982) for the covariance of a likelihood that is not quite the right one; JCGM 100:2008
+section 4.3.7 for rectangular bounds.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.model.errors import FitError
+from bench.systems.time_sync.estimators.stamp_grid import Grid, grid_line
+
+Array = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+_BLOCKS = 24
+_LEAST = 200  # frames
+_STEP = 0.02  # of the interval: a clock that jumps by more was set, or started again
+_SCATTERS = 10.0
+_LOWEST = 2.0  # noise of the tags at the lowest delays, in standard deviations
+_SOURCE_STD = 1.4826  # standard deviation over median absolute deviation of normal noise
+
+
+@dataclass(frozen=True)
+class PortClock:
+    """Least delay of one port as a line over the unit's own time.
+
+    ``at_s``: time of the unit in the middle of the recording.   ``delay_s``: receive stamp minus time tag there, at the
+    least delay.   ``rate``: of that delay, s/s: positive = the unit's clock is slow against the bench.
+    ``covariance``: (2, 2) of both.   ``jitter_s``: mean excess over the least delay.   ``grid_s``: step of the stamps,
+    0 if they are fine.   ``tag_noise_s``: white noise of the time tags.   ``above_s``: (n,) delay above the line.
+    """
+
+    at_s: float
+    delay_s: float
+    rate: float
+    covariance: Array
+    jitter_s: float
+    grid_s: float
+    tag_noise_s: float
+    above_s: Array
+
+    def least_s(self, at_s: float) -> float:
+        """Least delay at a time of the unit, s."""
+        return self.delay_s + self.rate * (at_s - self.at_s)
+
+    def std_s(self, at_s: float) -> float:
+        """Its standard uncertainty, s."""
+        row = np.array([1.0, at_s - self.at_s])
+        return math.sqrt(float(row @ self.covariance @ row))
+
+    @property
+    def rate_std(self) -> float:
+        """Standard uncertainty of the rate, s/s."""
+        return math.sqrt(float(self.covariance[1, 1]))
+
+
+def port_clock(device_s: Array, counter: Int64, received_s: Array, step_s: float = 0.0) -> PortClock:
+    """Line of the least delay of one port.
+
+    Args:    device_s: time tags, (n,), rising.   counter: of the frames, (n,).   received_s: receive stamps, (n,),
+             second of the bench clock.   step_s: of the stamps, 0 if they are fine (``stamp_grid.grid_s``).
+    Returns: PortClock.
+    Raises:  FitError B-SYNC-009 for fewer than 200 frames, or without a span.
+    Source:  see the head of this file.
+    """
+    if device_s.size < _LEAST or not device_s[-1] > device_s[0]:
+        raise FitError(
+            "B-SYNC-009",
+            f"{device_s.size} frames do not tell the clock of a unit, {_LEAST} in order of time are the least",
+            next_step="record longer; look at the link's lost frames in the report",
+        )
+    at_s = 0.5 * float(device_s[0] + device_s[-1])
+    half_s = 0.5 * float(device_s[-1] - device_s[0])
+    place, delay_s = (device_s - at_s) / half_s, received_s - device_s
+    base_s = float(delay_s.min())
+    noise_s = tag_noise_s(device_s, counter)
+    level, slope = line_below(place, delay_s - base_s)
+    if step_s > 0.0:
+        grid = Grid(place, delay_s - base_s, step_s, noise_s)
+        level, slope, jitter_s, covariance = grid_line(grid, level, slope)
+    else:
+        above_s = delay_s - base_s - level - slope * place
+        jitter_s, covariance = float(above_s.mean()), _hull_covariance(place, above_s, noise_s)
+    above_s = delay_s - base_s - level - slope * place
+    scale = np.array([1.0, 1.0 / half_s])
+    return PortClock(at_s, base_s + level, slope / half_s, covariance * np.outer(scale, scale), jitter_s, step_s,
+                     noise_s, above_s)  # fmt: skip
+
+
+def line_below(place: Array, delay_s: Array) -> tuple[float, float]:
+    """Of all lines below the delays that with the least sum of distances: level at 0 and slope.
+
+    Args:    place: (n,), rising, 0 within.   delay_s: (n,).
+    Returns: level and slope of delay over place.
+    Raises:  nothing.
+    Source:  Zhang, Liu, Xia (2002): the edge of the lower convex hull above the mean of the places.
+    """
+    part = np.minimum(((place - place[0]) / (place[-1] - place[0]) * 2000.0).astype(np.int64), 1999)
+    order = np.lexsort((delay_s, part))
+    lowest = np.sort(order[np.unique(part[order], return_index=True)[1]])
+    hull: list[tuple[float, float]] = []
+    for point in zip(place[lowest].tolist(), delay_s[lowest].tolist(), strict=True):
+        while len(hull) > 1 and _turns_up(hull[-2], hull[-1], point):
+            hull.pop()
+        hull.append(point)
+    mean = float(place.mean())
+    right = next(k for k in range(1, len(hull)) if hull[k][0] >= mean or k == len(hull) - 1)
+    (x0, y0), (x1, y1) = hull[right - 1], hull[right]
+    slope = (y1 - y0) / (x1 - x0)
+    return y0 - slope * x0, slope
+
+
+def _turns_up(one: tuple[float, float], two: tuple[float, float], new: tuple[float, float]) -> bool:
+    return (two[1] - one[1]) * (new[0] - one[0]) >= (new[1] - one[1]) * (two[0] - one[0])
+
+
+def _hull_covariance(place: Array, above_s: Array, noise_s: float) -> Array:
+    """From the least delay in each of 24 parts: as high above the line as it lies, the line may be off.
+
+    The level is taken to be off by their RMS, for delays need not become short everywhere; the slope by what
+    independent errors of that size make. Noise of the tags makes delays look too short, by about twice its size.
+    """
+    part = np.minimum(((place + 1.0) * 0.5 * _BLOCKS).astype(np.int64), _BLOCKS - 1)
+    least_s = np.array([above_s[part == k].min() for k in range(_BLOCKS) if (part == k).any()])
+    rms_s = math.sqrt(float(np.mean(least_s**2)) + (_LOWEST * noise_s) ** 2)
+    return np.asarray(np.diag([rms_s**2, rms_s**2 * 3.0 / _BLOCKS]))
+
+
+def tag_noise_s(device_s: Array, counter: Int64) -> float:
+    """White noise of time tags, standard deviation, second.
+
+    Args:    device_s: (n,).   counter: (n,); only frames right behind one another count.
+    Returns: 0 for fewer than three of them in a row.
+    Raises:  nothing.
+    Source:  second differences of white noise have six times its variance; median absolute deviation.
+    """
+    in_row = (np.diff(counter)[1:] == 1) & (np.diff(counter)[:-1] == 1)
+    second_s = np.diff(device_s, 2)[in_row]
+    if not second_s.size:
+        return 0.0
+    return _SOURCE_STD * float(np.median(np.abs(second_s))) / math.sqrt(6.0)
+
+
+def first_step(device_s: Array, counter: Int64) -> int | None:
+    """Place of the first frame whose time tag does not follow from the one before: a clock set or started again.
+
+    Args:    device_s: (n,).   counter: (n,), rising.
+    Returns: its index, None if the clock runs on.
+    Raises:  nothing.
+    Source:  median interval per counted frame; ten times the scatter, at least 2 % of the interval.
+    """
+    if device_s.size < 3:
+        return None
+    increments, steps = np.diff(device_s), np.diff(counter).astype(np.float64)
+    interval_s = float(np.median(increments / steps))
+    off_s = np.abs(increments - steps * interval_s)
+    scatter_s = _SOURCE_STD * float(np.median(off_s))
+    drifted_s = 1e-3 * interval_s * (steps - 1.0)  # clocks may differ by as much over a gap
+    wrong = off_s > max(_SCATTERS * scatter_s, _STEP * abs(interval_s)) + drifted_s
+    return int(np.argmax(wrong)) + 1 if wrong.any() else None
+
+
+@dataclass(frozen=True)
+class StampsDifference:
+    """Offset of one unit's clock against another's by receive stamps: ``offset_s`` at ``at_s``, ``drift`` in s/s.
+
+    ``std_s``: of the offset, with that of the latencies; ``stamps_std_s``: without it.   ``drift_std``: s/s.
+    """
+
+    at_s: float
+    offset_s: float
+    std_s: float
+    stamps_std_s: float
+    drift: float
+    drift_std: float
+
+
+def clock_difference(
+    one: PortClock, other: PortClock, at_s: float, latency_s: float = 0.0, latency_std_s: float = 0.0
+) -> StampsDifference:
+    """Clock of ``one`` minus clock of ``other``.
+
+    Args:    one, other: ports whose time tags count from the same origin.   at_s: when.   latency_s: least delay of
+             ``one`` minus that of ``other``, as stated; latency_std_s: its standard uncertainty.
+    Returns: StampsDifference, positive = the clock of ``one`` is ahead.
+    Raises:  nothing.
+    Source:  tag = bench time + offset, stamp = bench time + least delay.
+    """
+    stamps_std_s = math.hypot(one.std_s(at_s), other.std_s(at_s))
+    return StampsDifference(
+        at_s=at_s,
+        offset_s=latency_s - (one.least_s(at_s) - other.least_s(at_s)),
+        std_s=math.hypot(stamps_std_s, latency_std_s),
+        stamps_std_s=stamps_std_s,
+        drift=other.rate - one.rate,
+        drift_std=math.hypot(one.rate_std, other.rate_std),
+    )

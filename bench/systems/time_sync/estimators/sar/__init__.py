@@ -1,0 +1,1 @@
+"""Radar images: pulses, focusing, point response."""

@@ -1,0 +1,229 @@
+"""Filters of a recording: the offset as a state with loose and tight measurement noise, and without it for comparison.
+
+The offset is constant in the filter. What the receive stamps say of the drift of both clocks is taken out of the EGI's
+tags beforehand, about the middle of the recording; how uncertain that is goes into the interval by as much as the
+filter learnt the offset away from the middle. What errors of the EGI and of the inertial unit do to the estimate is
+measured by trials on the same path, for the covariance of the filter takes them for white noise.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.model.errors import FitError
+from bench.systems.time_sync.clocks import Clocks
+from bench.systems.time_sync.estimators.kalman.filter import run_filter
+from bench.systems.time_sync.estimators.kalman.setup import (
+    LOOSE,
+    OFFSET,
+    TIGHT,
+    FilterRun,
+    FilterSetup,
+    ImuDensities,
+    ImuSamples,
+)
+from bench.systems.time_sync.estimators.kalman.trials import EgiSpread, EgiTrials, imu_trials, stand_in
+from bench.systems.time_sync.samples import EgiSamples, Prepared
+
+Array = NDArray[np.float64]
+AUGMENTED_LOOSE, AUGMENTED_TIGHT = "augmented_loose", "augmented_tight"
+NONE = "not_compensated"
+COMPENSATED = AUGMENTED_TIGHT  # for the image, which needs velocity and tilt: the noise of the one without offset
+GROUPS = (AUGMENTED_LOOSE, AUGMENTED_TIGHT, NONE)
+METHODS = GROUPS[:2]
+OFFSET_STD_s = 0.03  # what is known of an offset beforehand
+SEEN = 0.5  # variance of the offset, of that at first: above, the motion has not shown it
+TRIALS = 40
+_SEED = 3
+_KEPT = 1500  # epochs
+_LAST_OF = 50  # solutions of a trial, of which the last is kept
+_BEFORE_RADAR_s = 0.1
+_LEAST_SHARE = 0.5  # of the inertial unit's time that solutions must cover
+_MISFIT = 25.0  # mean normalised innovation squared: five times what the filter believes is another motion
+_BEGIN_s = 0.2  # over which the motion at the begin is taken
+_WIDE = 3.0  # an offset moves the first state; it must not look like knowledge about it (position: 10 m for 100 m/s)
+
+
+@dataclass(frozen=True)
+class Offset:
+    """Offset by one filter, in the middle of the recording.
+
+    ``offset_s``, ``std_s``: with everything that makes it uncertain.   ``filter_std_s``: by the covariance of the
+    filter alone.   ``trial_std_s``: of the trials.   ``prior_std_s``: of what was assumed beforehand and still counts.
+    ``inflation``: by which the innovations are larger than they should be, 1 at the least.   ``drift_std_s``: part of
+    the drift.   ``lever_s``: from the middle of the recording to when the filter learnt it.   ``normalised``: variance
+    at the end, of that at first.   ``seen``: False if the motion does not show the offset.
+    """
+
+    method: str
+    offset_s: float
+    std_s: float
+    filter_std_s: float
+    trial_std_s: float
+    prior_std_s: float
+    inflation: float
+    drift_std_s: float
+    lever_s: float
+    normalised: float
+    seen: bool
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """Result of all filters.
+
+    ``run``: groups in the order of ``GROUPS``, one lane each.   ``offsets``: by method.   ``shift_s``: of the EGI's
+    tags, taken out beforehand; what the filter says is on top of it.   ``at_s``: time of the inertial unit.
+    """
+
+    run: FilterRun
+    offsets: dict[str, Offset]
+    shift_s: float
+    at_s: float
+    samples: int
+
+    def history_s(self, method: str) -> tuple[Array, Array]:
+        """Offset of one method over time and its standard uncertainty by the filter, (m,) each."""
+        group = GROUPS.index(method)
+        return self.run.offset_s[:, group, 0] + self.shift_s, self.run.sigma[:, group, OFFSET]
+
+
+def filtered(
+    ready: Prepared, clocks: Clocks, imu: ImuDensities, spread: EgiSpread, radar_from_s: float = math.inf
+) -> Filtered:
+    """Run the filters.
+
+    Args:    ready: samples.   clocks: by the receive stamps.   imu: errors of the inertial unit.   spread: of the EGI.
+             radar_from_s: first pulse of a radar, from which only the attitude is corrected.
+    Raises:  FitError B-SYNC-003 if the solutions of the EGI do not overlap the samples of the inertial unit, B-SYNC-011
+             if they do not fit them.
+    """
+    middle_s = ready.middle_s
+    egi = _in_step(ready, clocks, middle_s)
+    hold_s = radar_from_s - _BEFORE_RADAR_s
+    velocity_m_s, attitude_deg = _moved_by_offset(ready.imu, egi)
+    standard = FilterSetup((), ())
+    setup = FilterSetup(
+        augmented=(True, True, False),
+        sigma_r=(LOOSE, TIGHT, TIGHT),
+        latitude_deg=egi.frame.latitude_deg,
+        offset_sigma_s=OFFSET_STD_s,
+        velocity_sigma_m_s=math.hypot(standard.velocity_sigma_m_s, velocity_m_s),
+        attitude_sigma_deg=math.hypot(standard.attitude_sigma_deg, attitude_deg),
+        imu=imu,
+        keep_every=max(1, egi.t_s.size // _KEPT),
+        fine_from_s=hold_s,
+        hold_position_from_s=hold_s,
+    )
+    run = run_filter(ready.imu, egi, setup)
+    _check_fit(run)
+    trials_s = _trials_s(ready.imu, egi, setup, spread, [float(run.offset_s[-1, group, 0]) for group in range(2)])
+    drift_std = clocks.difference.drift_std
+    offsets = {
+        name: _offset(run, name, clocks.coarse_s, drift_std, middle_s, trial_s)
+        for name, trial_s in zip(METHODS, trials_s, strict=True)
+    }
+    return Filtered(run, offsets, clocks.coarse_s, middle_s, int(egi.t_s.size))
+
+
+def _moved_by_offset(imu: ImuSamples, egi: EgiSamples) -> tuple[float, float]:
+    """How far an offset may put the first velocity (m/s) and attitude (deg) off: a recording may begin in a manoeuvre.
+
+    The filter begins at the first solution, which is old. Where the vehicle turns then, a filter that is sure of its
+    first heading would be sure of an offset near zero.
+    """
+    last = int(np.searchsorted(egi.t_s, egi.t_s[0] + _BEGIN_s))
+    acceleration = (egi.v[last] - egi.v[0]) / (egi.t_s[last] - egi.t_s[0])
+    begin, end = np.searchsorted(imu.t_s, (egi.t_s[0], egi.t_s[last]))
+    rate = imu.dtheta[begin + 1 : end + 1, 0].sum(axis=0) / (imu.t_s[end] - imu.t_s[begin])
+    wide_s = _WIDE * OFFSET_STD_s
+    return wide_s * float(np.linalg.norm(acceleration)), wide_s * math.degrees(float(np.linalg.norm(rate)))
+
+
+def _in_step(ready: Prepared, clocks: Clocks, middle_s: float) -> EgiSamples:
+    """Solutions with tags that run as the clock of the inertial unit runs, inside its samples."""
+    tags_s = ready.egi.t_s - clocks.coarse_s
+    tags_s = tags_s - clocks.difference.drift * (tags_s - middle_s)
+    inside = (tags_s >= ready.imu.t_s[0]) & (tags_s <= ready.imu.t_s[-1])
+    if not inside.any() or np.ptp(tags_s[inside]) < _LEAST_SHARE * ready.span_s:
+        raise FitError(
+            "B-SYNC-003",
+            f"{int(inside.sum())} solutions of the EGI lie within the {ready.span_s:.1f} s of the inertial unit",
+            next_step="record both links over the whole motion; look at the lost frames of the EGI",
+        )
+    egi = ready.egi
+    return replace(egi, t_s=tags_s[inside], p=egi.p[inside], v=egi.v[inside], C=egi.C[inside], groups=len(GROUPS))
+
+
+def _trials_s(
+    imu: ImuSamples, egi: EgiSamples, setup: FilterSetup, spread: EgiSpread, offsets_s: list[float]
+) -> list[float]:
+    """Root mean square error of the offset over the trials, of each method."""
+    rng = np.random.default_rng(_SEED)
+    count = len(METHODS)
+    truth = stand_in(imu, (egi.p[0], egi.v[0], egi.C[0]), egi.frame.latitude_deg)
+    offset_s = float(np.mean(offsets_s))
+    lanes = EgiTrials(egi.t_s, offset_s, truth, spread, (count, TRIALS), rng)
+    again = replace(setup, augmented=setup.augmented[:count], sigma_r=setup.sigma_r[:count], offset0_s=offset_s,
+                    keep_every=_LAST_OF, fine_from_s=math.inf)  # fmt: skip
+    run = run_filter(imu_trials(imu, truth, setup.imu, TRIALS, rng), lanes, again)
+    return [float(np.sqrt(np.mean((run.offset_s[-1, group] - offset_s) ** 2))) for group in range(count)]
+
+
+def _offset(run: FilterRun, name: str, coarse_s: float, drift_std: float, middle_s: float, trial_s: float) -> Offset:
+    group = GROUPS.index(name)
+    std_s = run.sigma[:, group, OFFSET]
+    first_std_s = math.sqrt(float(run.first_covariance[group, OFFSET, OFFSET]))
+    normalised = float(std_s[-1] / first_std_s) ** 2
+    seen = normalised <= SEEN
+    inflation = math.sqrt(max(1.0, ratio_of(run, group)))
+    lever_s = _learnt_s(run.t_s, std_s, first_std_s) - middle_s
+    drift_std_s = abs(lever_s) * drift_std
+    prior_std_s = first_std_s * (normalised if seen else 1.0)  # of an estimate that is drawn to what was assumed
+    trials_s = inflation * trial_s
+    total_s = math.hypot(trials_s, prior_std_s, drift_std_s)
+    offset_s = float(run.offset_s[-1, group, 0]) + coarse_s
+    return Offset(name, offset_s, total_s, float(std_s[-1]), trials_s, prior_std_s, inflation, drift_std_s, lever_s,
+                  normalised, seen)  # fmt: skip
+
+
+def _check_fit(run: FilterRun) -> None:
+    """Solutions and increments must be of one motion: no interval covers what a filter makes of two."""
+    ratio = ratio_of(run, GROUPS.index(AUGMENTED_LOOSE))
+    if not ratio > _MISFIT:
+        return
+    worst_s = float(run.t_s[np.nanargmax(run.nis[:, GROUPS.index(AUGMENTED_LOOSE), 0])])
+    raise FitError(
+        "B-SYNC-011",
+        "solutions of the EGI and increments of the inertial unit do not fit one motion: innovations are "
+        f"{math.sqrt(ratio):.0f} times as large as even the loose filter believes, most so {worst_s:.1f} s after the "
+        "first sample of the inertial unit",
+        next_step="record one flight, begun once; see that both units have the same axes, and look at the EGI's modes",
+    )
+
+
+def ratio_of(run: FilterRun, group: int, block: int = 0) -> float:
+    """Mean of the normalised innovations squared of one block over what is expected, 1 if the filter is consistent."""
+    count = run.nis_count[:, group, block]
+    use = (count > 0) & np.isfinite(run.nis[:, group, block])
+    if not use.any():
+        return math.nan
+    return float(np.average(run.nis[use, group, block], weights=count[use]) / run.nis_dof[block])
+
+
+def outside_of(run: FilterRun, group: int, block: int = 0) -> float:
+    """Share of the innovations outside their 95 % interval."""
+    count = run.nis_count[:, group, block]
+    use = (count > 0) & np.isfinite(run.nis_outside[:, group, block])
+    return float(np.average(run.nis_outside[use, group, block], weights=count[use])) if use.any() else math.nan
+
+
+def _learnt_s(t_s: Array, std_s: Array, first_std_s: float) -> float:
+    """When the filter learnt the offset: mean time by how much each moment added to the information."""
+    gained = np.diff(1.0 / std_s**2, prepend=1.0 / first_std_s**2)
+    gained = np.maximum(gained, 0.0)
+    return float(np.average(t_s, weights=gained)) if gained.sum() > 0.0 else float(t_s.mean())

@@ -1,0 +1,71 @@
+"""Sentences a reader of a time offset must know."""
+
+from __future__ import annotations
+
+import math
+
+from bench.maths.verdict import coverage_factor
+from bench.systems.time_sync.estimates import SyncResult
+from bench.systems.time_sync.filtering import GROUPS, OFFSET_STD_s, ratio_of
+
+_MOST_RATIO = 1.5
+
+
+def notes(result: SyncResult) -> list[str]:
+    """All of them."""
+    return [*result.ready.notes, *_observable(result), *_against_stamps(result), *_clocks(result), *_filter(result)]
+
+
+def _observable(result: SyncResult) -> list[str]:
+    if result.chosen.seen:
+        return []
+    return [
+        f"The motion does not show the time offset: its variance is still {result.chosen.normalised:.2f} of what was "
+        f"assumed beforehand ({1e3 * OFFSET_STD_s:g} ms, standard deviation), and so is its interval. The value is no "
+        "result. Fly a turn or an acceleration, or turn the table while both units stand on it."
+    ]
+
+
+def _against_stamps(result: SyncResult) -> list[str]:
+    if result.difference_s is None:
+        return [
+            "No latencies are stated (uut: latency): receive stamps tell the drift of both clocks, not their offset."
+        ]
+    apart_s, std_s = result.difference_s
+    if not result.chosen.seen or abs(apart_s) <= coverage_factor() * std_s:
+        return []
+    return [
+        f"Filter and receive stamps are {1e3 * apart_s:+.3f} ms apart, {1e3 * coverage_factor() * std_s:.3f} ms are "
+        "due: a latency is not as stated, or the filter is led astray."
+    ]
+
+
+def _clocks(result: SyncResult) -> list[str]:
+    clocks, found = result.clocks, []
+    if clocks.coarse_s:
+        found.append(
+            f"The clocks began {clocks.coarse_s:.2f} s apart: that was taken out of the tags beforehand, by the "
+            "receive stamps, and is part of the offset. What is not compensated has it taken out, too."
+        )
+    if clocks.imu.grid_s > 0.0:
+        found.append(
+            f"The bench reads its ports each {1e3 * clocks.imu.grid_s:g} ms: the place within such a step is told by "
+            "the jitter of the frames, taken as exponential."
+        )
+    if result.chosen.drift_std_s > 0.5 * result.chosen.trial_std_s:
+        found.append(
+            "Much of the interval is that of the drift between both clocks, which short recordings tell badly: record "
+            "longer, or nearer to the manoeuvre."
+        )
+    return found
+
+
+def _filter(result: SyncResult) -> list[str]:
+    found = []
+    ratio = ratio_of(result.found.run, GROUPS.index(result.method))
+    if math.isfinite(ratio) and ratio > _MOST_RATIO:
+        found.append(
+            f"Innovations are {math.sqrt(ratio):.1f} times as large as the filter believes: the interval is widened by "
+            "that. Look at the data sheet of the inertial unit (uut: inertial), at vibration and at mounting."
+        )
+    return found

@@ -1,0 +1,147 @@
+"""Records of two units that stream side by side as one recording: samples of each port by counter, without doubles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.analysis.material import Material
+from bench.model.errors import FitError
+from bench.model.quality import Quality
+from bench.systems.time_sync.estimators.port_clocks import first_step
+
+if TYPE_CHECKING:
+    from bench.record import RecordRow, Samples
+
+Array = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+ITEM = "time_sync"
+EGI, RADAR = "egi", "radar"
+COLUMNS: Mapping[str, tuple[str, ...]] = {
+    "imu": ("tick", "delta_angle", "delta_velocity", "status"),
+    EGI: ("tick", "latitude", "longitude", "height", "velocity", "attitude", "position_sigma", "mode", "status"),
+    RADAR: ("tick", "near_range", "spacing", "wavelength", "echo", "status"),
+}
+
+
+@dataclass(frozen=True)
+class Stream:
+    """Samples of one port in the order of their counter, none twice.
+
+    ``tick_s``: time tags from the first tag of the inertial unit on, as the unit's own clock says, (n,).   ``counter``:
+    (n,).   ``received_ns``: receive stamps, (n,).   ``columns``: by field, in its unit.   ``lost``: frames between the
+    first and the last that are not there.
+    """
+
+    tick_s: Array
+    counter: Int64
+    received_ns: Int64
+    columns: Mapping[str, Array]
+
+    def __len__(self) -> int:
+        return len(self.counter)
+
+    @property
+    def lost(self) -> int:
+        """Frames between the first and the last that are missing."""
+        return int(self.counter[-1] - self.counter[0]) + 1 - len(self)
+
+    def part(self, keep: slice | NDArray[np.bool_]) -> Stream:
+        """Some of the samples."""
+        columns = {name: column[keep] for name, column in self.columns.items()}
+        return Stream(self.tick_s[keep], self.counter[keep], self.received_ns[keep], columns)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Everything both units (and the radar) sent while the records ran; ``manoeuvre``: as the records say.
+
+    ``phases``: (first counter of the inertial unit, name) of each record.
+    """
+
+    imu: Stream
+    egi: Stream
+    radar: Stream | None
+    manoeuvre: str
+    phases: tuple[tuple[int, str], ...]
+
+
+def recording(material: Material) -> Recording:
+    """Join the records of the session.
+
+    Raises: FitError B-SYNC-001 (no record with samples), B-SYNC-002 (no EGI beside them, or frames of another kind),
+            B-SYNC-004 (a clock was set or started again).
+    """
+    rows = _rows(material)
+    first = int(rows[0].samples.columns["tick"][0]) if rows[0].samples is not None else 0
+    imu = _stream([row.samples for row in rows], "imu", first)
+    egi = _stream([row.beside.get(EGI) for row in rows], EGI, first)
+    if imu is None or egi is None:
+        raise FitError(
+            "B-SYNC-002",
+            f"no samples of the link {EGI!r} beside the records of the inertial unit",
+            where=f"record {rows[0].window.number}",
+            next_step=f"name both links in 'frame' of the sequence, {EGI!r} among them; look at its lost frames",
+        )
+    radar = _stream([row.beside.get(RADAR) for row in rows], RADAR, first)
+    for name, stream in (("imu", imu), (EGI, egi)):
+        _check_clock(name, stream)
+    phases = tuple((row.window.first_counter, str(row.window.conditions.get("phase", ""))) for row in rows)
+    return Recording(imu, egi, radar, str(rows[0].window.conditions.get("manoeuvre", "")), phases)
+
+
+def _rows(material: Material) -> Sequence[RecordRow]:
+    rows = [
+        row
+        for row in material.rows
+        if row.window.conditions.get("item") == ITEM and not row.quality & Quality.RETAKEN
+        and row.samples is not None and len(row.samples)
+    ]  # fmt: skip
+    if not rows:
+        raise FitError(
+            "B-SYNC-001",
+            f"the session holds no record with samples and the condition 'item: {ITEM}'",
+            next_step="give the records of the inertial unit 'samples: true' and that condition",
+        )
+    return rows
+
+
+def _stream(parts: Sequence[Samples | None], link: str, first_tick: int) -> Stream | None:
+    found = [one for one in parts if one is not None and len(one)]
+    if not found:
+        return None
+    if unknown := [name for name in COLUMNS[link] if any(name not in one.columns for one in found)]:
+        raise FitError(
+            "B-SYNC-002",
+            f"the frames of the link {link!r} carry no {', '.join(unknown)}",
+            next_step="use a frame with the fields of imu_200, egi_50 and sar_pulse; docs/time-sync.md names them",
+        )
+    counter = np.concatenate([one.counter for one in found])
+    before = np.maximum.accumulate(np.concatenate(([np.iinfo(np.int64).min], counter)))[:-1]
+    new = counter > before  # a frame at a joint is in both records
+    tick = np.concatenate([one.columns["tick"] for one in found])[new].astype(np.uint64)
+    scale = found[0].scales["tick"][0]
+    # the difference of two 64-bit counters, whatever they began with and whether or not they went through zero
+    tick_s = (tick - np.uint64(first_tick)).view(np.int64).astype(np.float64) * scale
+    columns = {
+        name: np.concatenate([one.scaled(name) for one in found])[new] for name in COLUMNS[link] if name != "tick"
+    }
+    return Stream(tick_s, counter[new], np.concatenate([one.t_ns for one in found])[new], columns)
+
+
+def _check_clock(name: str, stream: Stream) -> None:
+    at = first_step(stream.tick_s, stream.counter)
+    if at is None:
+        return
+    step_s = float(stream.tick_s[at] - stream.tick_s[at - 1])
+    after_s = 1e-9 * float(stream.received_ns[at] - stream.received_ns[0])
+    raise FitError(
+        "B-SYNC-004",
+        f"the clock of the unit on the link {name!r} was set or started again {after_s:.3f} s after its first frame: "
+        f"its time tag goes on by {step_s:.6g} s over {int(stream.counter[at] - stream.counter[at - 1])} frames",
+        next_step="keep both units powered and their clocks free during the recording; take it again",
+    )

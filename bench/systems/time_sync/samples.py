@@ -1,0 +1,186 @@
+"""Samples of a recording as the filter takes them: increments without holes, solutions in one tangent frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.maths.geodesy import TangentFrame, body_to_level
+from bench.model.errors import FitError
+from bench.systems.time_sync.estimators.kalman.setup import ImuSamples
+from bench.systems.time_sync.records import Recording, Stream
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+LONGEST_GAP = 20  # samples of the inertial unit, 0.1 s: a longer gap is not bridged
+LEAST_s = 15.0  # of a recording
+_LEAST_SHARE = 0.5  # of the recording that must be in one piece
+_LEAST_EGI = 200
+_NAVIGATING = 3  # mode of the EGI: GPS and inertial
+_EVEN_s = 1e-4  # scatter of time tags about a steady clock up to which they are taken as steady
+
+
+@dataclass(frozen=True)
+class EgiSamples:
+    """Solutions of the EGI in the tangent frame at the first of them; an ``EgiSource`` of ``groups`` equal groups.
+
+    ``t_s``: (m,) time tags.   ``p`` (m, 3) m, ``v`` (m, 3) m/s, ``C`` (m, 3, 3) body to tangent frame.
+    ``position_std_m``: as the unit states it, the median.
+    """
+
+    t_s: Array
+    p: Array
+    v: Array
+    C: Array
+    frame: TangentFrame
+    position_std_m: float
+    groups: int = 1
+
+    def block(self, k0: int, k1: int) -> tuple[Array, Array, Array]:
+        """Samples k0 to k1 - 1, the same for every group."""
+        count = min(k1, self.t_s.size) - k0
+        p, v, C = self.p[k0:k1], self.v[k0:k1], self.C[k0:k1]
+        vector = (count, self.groups, 1, 3)
+        return (
+            np.ascontiguousarray(np.broadcast_to(p[:, None, None], vector)),
+            np.ascontiguousarray(np.broadcast_to(v[:, None, None], vector)),
+            np.ascontiguousarray(np.broadcast_to(C[:, None, None], (*vector, 3))),
+        )
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What the filter takes in, and what was left out on the way.
+
+    ``filled``: samples of the inertial unit made up.   ``lost_egi``, ``unsound_egi``: solutions that are missing or not
+    used.   ``lost_imu``: samples that are missing.   ``notes``: sentences about it.
+    """
+
+    imu: ImuSamples
+    egi: EgiSamples
+    filled: int
+    lost_imu: int
+    lost_egi: int
+    unsound_egi: int
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def span_s(self) -> float:
+        """Length of what is analysed."""
+        return float(self.imu.t_s[-1] - self.imu.t_s[0])
+
+    @property
+    def middle_s(self) -> float:
+        """Middle of what is analysed, time of the inertial unit."""
+        return 0.5 * float(self.imu.t_s[-1] + self.imu.t_s[0])
+
+
+def prepared(taken: Recording) -> Prepared:
+    """Inputs of the filter.
+
+    Raises: FitError B-SYNC-003 (too short), B-SYNC-007 (a gap cuts the recording), B-SYNC-008 (no sound solutions).
+    """
+    notes: list[str] = []
+    sound = taken.imu.part(taken.imu.columns["status"] == 0)
+    piece = _longest_piece(sound, notes)
+    imu = _filled(piece)
+    egi = _egi(taken.egi)
+    navigating = int(np.count_nonzero(_navigating(taken.egi)))
+    return Prepared(
+        imu=imu,
+        egi=egi,
+        filled=int(imu.filled.sum()),
+        lost_imu=taken.imu.lost + len(taken.imu) - len(sound),
+        lost_egi=taken.egi.lost,
+        unsound_egi=len(taken.egi) - navigating,
+        notes=notes,
+    )
+
+
+def steady_s(stream: Stream) -> Array:
+    """Time tags by a clock that runs evenly, (n,): a line over the counter, unless the tags scatter too much about it.
+
+    Units sample evenly by their own clock; what scatters is the tag.
+    """
+    at = (stream.counter - stream.counter[0]).astype(np.float64)
+    middle, half = 0.5 * at[-1], max(0.5 * at[-1], 1.0)
+    line = np.polynomial.polynomial.polyfit((at - middle) / half, stream.tick_s, 1)
+    even_s = line[0] + line[1] * (at - middle) / half
+    off_s = stream.tick_s - even_s
+    return np.asarray(even_s if float(np.sqrt(np.mean(off_s**2))) <= _EVEN_s else stream.tick_s)
+
+
+def _longest_piece(imu: Stream, notes: list[str]) -> Stream:
+    """The longest stretch without a gap of more than ``LONGEST_GAP`` samples."""
+    steps = np.diff(imu.counter)
+    cuts = np.flatnonzero(steps > LONGEST_GAP + 1) + 1
+    edges = [0, *cuts.tolist(), len(imu)]
+    begin, end = max(pairwise(edges), key=lambda one: one[1] - one[0], default=(0, 0))
+    whole_s = float(imu.tick_s[-1] - imu.tick_s[0]) if len(imu) else 0.0
+    piece_s = float(imu.tick_s[end - 1] - imu.tick_s[begin]) if end > begin else 0.0
+    if cuts.size:
+        at_s = float(imu.tick_s[cuts[0] - 1] - imu.tick_s[0])
+        gap = f"{int(steps[cuts[0] - 1]) - 1} samples of the inertial unit are missing {at_s:.3f} s after the first"
+        if piece_s < max(_LEAST_SHARE * whole_s, LEAST_s):
+            raise FitError(
+                "B-SYNC-007",
+                f"{gap}; {LONGEST_GAP} can be bridged, and the longest piece without such a gap is {piece_s:.1f} s of "
+                f"{whole_s:.1f} s",
+                next_step="records of one motion must follow each other ('follows: true'); look at the link of the "
+                "inertial unit: baud rate, cable, load; record again",
+            )
+        notes.append(f"{gap}: only the longest piece of {piece_s:.1f} s of {whole_s:.1f} s is analysed.")
+    if piece_s < LEAST_s:
+        raise FitError(
+            "B-SYNC-003",
+            f"{piece_s:.1f} s of samples of the inertial unit, {LEAST_s:g} s are the least",
+            next_step="record longer: straight motion, a manoeuvre, straight motion",
+        )
+    return imu.part(slice(begin, end))
+
+
+def _filled(imu: Stream) -> ImuSamples:
+    """Increments on every counter; missing ones by their neighbours on both sides."""
+    counter = np.arange(imu.counter[0], imu.counter[-1] + 1)
+    there = np.zeros(counter.size, bool)
+    there[imu.counter - imu.counter[0]] = True
+
+    def even(column: Array) -> Array:
+        parts = [np.interp(counter, imu.counter, column[:, axis]) for axis in range(3)]
+        return np.stack(parts, axis=1)[:, None, :]
+
+    t_s = np.interp(counter, imu.counter, steady_s(imu))
+    return ImuSamples(t_s, even(imu.columns["delta_velocity"]), even(imu.columns["delta_angle"]), ~there)
+
+
+def _navigating(egi: Stream) -> Bools:
+    return np.asarray((egi.columns["status"] == 0) & (egi.columns["mode"] == _NAVIGATING))
+
+
+def _egi(egi: Stream) -> EgiSamples:
+    """Sound solutions in the tangent frame at the first of them."""
+    sound = _navigating(egi)
+    if np.count_nonzero(sound) < _LEAST_EGI:
+        raise FitError(
+            "B-SYNC-008",
+            f"{int(np.count_nonzero(sound))} of {len(egi)} solutions of the EGI are sound (status 0, mode "
+            f"{_NAVIGATING}), {_LEAST_EGI} are the least",
+            next_step="wait until the EGI navigates with GPS before the first record; look at its status",
+        )
+    one = egi.part(sound)
+    tags_s = steady_s(egi)[sound]
+    latitude, longitude = one.columns["latitude"], one.columns["longitude"]
+    frame = TangentFrame(float(latitude[0]), float(longitude[0]))
+    turn = frame.from_level(latitude, longitude)
+    attitude = one.columns["attitude"]
+    return EgiSamples(
+        t_s=tags_s,
+        p=frame.positions_m(latitude, longitude, one.columns["height"]),
+        v=np.einsum("nij,nj->ni", turn, one.columns["velocity"]),
+        C=turn @ body_to_level(attitude[:, 0], attitude[:, 1], attitude[:, 2]),
+        frame=frame,
+        position_std_m=float(np.median(one.columns["position_sigma"])),
+    )

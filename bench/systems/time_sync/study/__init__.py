@@ -1,0 +1,1 @@
+"""The published Monte Carlo study, computed again beside ours."""

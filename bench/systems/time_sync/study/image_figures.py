@@ -1,0 +1,81 @@
+"""Figures 8 to 10 and 12 to 14 of the study: cuts, chips and indices of the target, numbered as in the paper."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bench.systems.time_sync.estimators.sar.figures import levels_dB
+from bench.systems.time_sync.study.documents import Documents, curve, drawn, milliseconds, picture, scattered
+from bench.systems.time_sync.study.images import figures_of, image_group
+from bench.systems.time_sync.study.results import Results
+
+_NUMBERS = {False: ("8", "9", "10"), True: ("12", "13", "14")}
+_FLOOR_dB = -40.0
+_INDICES = (
+    ("azimuth_shift_m", "shift", "m"),
+    ("azimuth_resolution_m", "resolution", "m"),
+    ("pslr_dB", "PSLR", "dB"),
+    ("islr_dB", "ISLR", "dB"),
+)
+
+
+def image_figures(found: Results, offsets_ms: Sequence[float], *, augmented: bool) -> Documents:
+    """Cut, chips and indices of one of the two filters."""
+    return [
+        *_cuts(found, offsets_ms, augmented),
+        *_chips(found, (min(offsets_ms, key=abs), max(offsets_ms, key=abs)), augmented),
+        *_indices(found, offsets_ms, augmented),
+    ]
+
+
+def _which(augmented: bool) -> str:
+    return "with the offset as a state" if augmented else "without compensation"
+
+
+def _cuts(found: Results, offsets_ms: Sequence[float], augmented: bool) -> Documents:
+    number, parts = _NUMBERS[augmented][0], []
+    for offset_ms in offsets_ms:
+        group = image_group(offset_ms, augmented=augmented)
+        for cut in found.image(group)[0].cuts:
+            if (cut.direction, cut.offset_ms, cut.solution) == ("azimuth", group.offset_ms, group.solution):
+                level_dB = levels_dB(cut.amplitude, 1.0, _FLOOR_dB)
+                parts.append(curve(milliseconds(offset_ms), cut.at_m, level_dB))
+    caption = (
+        f"Figure {number}. Impulse response along the track, {_which(augmented)}, run 1; 0 m is where the target truly "
+        "is, 0 dB the peak of a perfectly known track. The paper's axis: amplitude over azimuth."
+    )
+    labels = ("along track / m", "level / dB")
+    return [drawn(f"Fig. {number} impulse response", caption, labels, parts, f"figure {number}")]
+
+
+def _chips(found: Results, offsets_ms: Sequence[float], augmented: bool) -> Documents:
+    number, drawings = _NUMBERS[augmented][1], []
+    caption = (
+        f"Figure {number}. The target's image, {_which(augmented)}, run 1; level from -40 dB (white) to 0 dB (black)."
+    )
+    for letter, offset_ms in zip("ab", offsets_ms, strict=True):
+        group = image_group(offset_ms, augmented=augmented)
+        result, at = found.image(group)
+        chip = result.chips[at]
+        level_dB = np.minimum(levels_dB(chip.size, 1.0, _FLOOR_dB), 0.0)
+        title = f"Fig. {number} ({letter}) {milliseconds(offset_ms)}"
+        parts = [picture(chip.azimuth_m, chip.range_m, np.round(level_dB.T, 1))]
+        drawings.append(drawn(title, caption, ("along track / m", "range / m"), parts, f"figure {number}"))
+    return drawings
+
+
+def _indices(found: Results, offsets_ms: Sequence[float], augmented: bool) -> Documents:
+    number, drawings = _NUMBERS[augmented][2], []
+    caption = (
+        f"Figure {number}. Indices of the image over the offset, {_which(augmented)}: mean over the runs and its "
+        "scatter (one standard deviation). The paper's axes: the same four indices over the offset, without scales in "
+        "the text."
+    )
+    for name, title, unit in _INDICES:
+        values = [figures_of(found, name, one, augmented=augmented) for one in offsets_ms]
+        part = scattered("mean", offsets_ms, [one.mean() for one in values], [one.std() for one in values])
+        labels = ("offset / ms", f"{title} / {unit}")
+        drawings.append(drawn(f"Fig. {number} {title}", caption, labels, [part], f"figure {number}"))
+    return drawings

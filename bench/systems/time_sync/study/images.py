@@ -1,0 +1,132 @@
+"""What the offset does to the image, with and without its state in the filter: each run against itself at no offset."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from bench.systems.time_sync.study.image import FIGURES, IMAGED
+from bench.systems.time_sync.study.paper import IMAGE_SPEED_m_s
+from bench.systems.time_sync.study.results import Floats, Results
+from bench.systems.time_sync.study.study import AUGMENTED, ERRORLESS, UNAUGMENTED, Group
+from bench.systems.time_sync.study.tolerance import measured
+
+Documents = list[dict[str, Any]]
+IDEAL_RESOLUTION_m, IDEAL_RANGE_m, IDEAL_PSLR_dB, IDEAL_ISLR_dB = 0.2490, 2.656, -13.26, -10.12
+NAVIGATED_m = 1e-3
+_IDENTITY_m, _SHIFT, _COMPENSATED_m = 0.02, (1.00, 1.15), 0.25
+_WORST_ms = 30.0
+_WORSE, _NOT_WORSE, _WORSE_dB, _NOT_WORSE_dB = 1.01, 1.003, 0.3, 0.1
+_UNITS = {
+    "azimuth_shift_m": "m", "range_shift_m": "m", "azimuth_resolution_m": "m", "range_resolution_m": "m",
+    "pslr_dB": "dB", "islr_dB": "dB", "peak": "1",
+}  # fmt: skip
+
+
+def image_group(offset_ms: float, *, augmented: bool) -> Group:
+    """A filter whose navigation is focused."""
+    return Group(offset_ms * 1e-3, augmented, IMAGED)
+
+
+def figures_of(found: Results, name: str, offset_ms: float, *, augmented: bool) -> Floats:
+    """One figure of the focused targets, (runs,)."""
+    result, at = found.image(image_group(offset_ms, augmented=augmented))
+    return np.asarray(getattr(result, name)[at])
+
+
+def image_estimates(found: Results, offsets_ms: tuple[float, ...]) -> Documents:
+    """The ideal response, then figures of every offset and filter, then those against no offset."""
+    documents = _ideal(found)
+    for augmented in (False, True):
+        for offset_ms in offsets_ms:
+            documents += _figures(found, offset_ms, augmented)
+            documents += _identity(found, offset_ms, augmented)
+            if offset_ms:
+                documents += _paired(found, offset_ms, augmented)
+    return documents
+
+
+def _ideal(found: Results) -> Documents:
+    """Nothing but the radar and the mechanisation."""
+    ideal, conditions = found.ideal(), {"filter": ERRORLESS}
+
+    def within(quantity: str, unit: str, value: float, due: float, by: float) -> dict[str, Any]:
+        return measured(quantity, unit, value, 0.0, conditions, n=1, at_least=due - by, at_most=due + by)
+
+    return [
+        measured("navigation_error", "m", ideal.position_m, 0.0, conditions, n=1, at_most=NAVIGATED_m),
+        within("ideal_resolution", "m", ideal.resolution_m, IDEAL_RESOLUTION_m, 0.01 * IDEAL_RESOLUTION_m),
+        within("ideal_range_resolution", "m", ideal.range_resolution_m, IDEAL_RANGE_m, 0.01 * IDEAL_RANGE_m),
+        within("ideal_pslr", "dB", ideal.pslr_dB, IDEAL_PSLR_dB, 0.15),
+        within("ideal_islr", "dB", ideal.islr_dB, IDEAL_ISLR_dB, 0.3),
+    ]
+
+
+def _conditions(offset_ms: float, augmented: bool, **more: Any) -> dict[str, Any]:
+    name = AUGMENTED if augmented else UNAUGMENTED
+    return {"manoeuvre": "sar", "offset_ms": offset_ms, "filter": name, "noise": IMAGED, **more}
+
+
+def _mean_std(values: Floats) -> tuple[float, float]:
+    """Mean over the runs and its standard uncertainty."""
+    std = float(values.std(ddof=1)) / np.sqrt(len(values)) if len(values) > 1 else 0.0
+    return float(values.mean()), float(std)
+
+
+def _figures(found: Results, offset_ms: float, augmented: bool) -> Documents:
+    documents = []
+    for name in FIGURES:
+        values = figures_of(found, name, offset_ms, augmented=augmented)
+        mean, std = _mean_std(values)
+        quantity = name.removesuffix("_m").removesuffix("_dB")
+        documents.append(measured(quantity, _UNITS[name], mean, std, _conditions(offset_ms, augmented), n=len(values)))
+    result, at = found.image(image_group(offset_ms, augmented=augmented))
+    for number, shift_m in enumerate(result.several_m[at], 1):
+        conditions = _conditions(offset_ms, augmented, target=number, run=1)
+        documents.append(measured("target_shift", "m", float(shift_m), 0.0, conditions, n=1))
+    return documents
+
+
+def _identity(found: Results, offset_ms: float, augmented: bool) -> Documents:
+    """The shift that is seen in the image is the one that the errors of navigation explain."""
+    seen_m, said_m = (
+        figures_of(found, name, offset_ms, augmented=augmented) for name in ("azimuth_shift_m", "predicted_m")
+    )
+    rms_m = float(np.sqrt(np.mean((seen_m - said_m) ** 2)))
+    conditions = _conditions(offset_ms, augmented)
+    return [measured("shift_unexplained_rms", "m", rms_m, 0.0, conditions, n=len(seen_m), at_most=_IDENTITY_m)]
+
+
+def _paired(found: Results, offset_ms: float, augmented: bool) -> Documents:
+    """Every run against the same run without an offset."""
+    moved_m = _difference(found, "azimuth_shift_m", offset_ms, augmented)
+    mean_m, std_m = _mean_std(moved_m)
+    conditions, n = _conditions(offset_ms, augmented), len(moved_m)
+    resolution = [figures_of(found, "azimuth_resolution_m", one, augmented=augmented) for one in (offset_ms, 0.0)]
+    ratio = float(resolution[0].mean() / resolution[1].mean())
+    islr_dB, islr_std_dB = _mean_std(_difference(found, "islr_dB", offset_ms, augmented))
+    worst = offset_ms == _WORST_ms
+    documents = []
+    if augmented:
+        ends = {"at_least": -_COMPENSATED_m, "at_most": _COMPENSATED_m}
+        documents.append(measured("shift_against_none", "m", mean_m, std_m, conditions, n=n, **ends))
+        ratio_ends = {"at_most": _NOT_WORSE} if worst else {}
+        islr_ends = {"at_least": -_NOT_WORSE_dB, "at_most": _NOT_WORSE_dB} if worst else {}
+    else:
+        lag_m, (low, high) = IMAGE_SPEED_m_s * offset_ms * 1e-3, _SHIFT
+        documents.append(measured("shift_against_none", "m", mean_m, std_m, conditions, n=n))
+        documents.append(
+            measured(
+                "shift_over_lag", "1", -mean_m / lag_m, std_m / abs(lag_m), conditions, n=n, at_least=low, at_most=high
+            )
+        )
+        ratio_ends, islr_ends = ({"at_least": _WORSE}, {"at_least": _WORSE_dB}) if worst else ({}, {})
+    documents.append(measured("resolution_ratio", "1", ratio, 0.0, conditions, n=n, **ratio_ends))
+    documents.append(measured("islr_against_none", "dB", islr_dB, islr_std_dB, conditions, n=n, **islr_ends))
+    return documents
+
+
+def _difference(found: Results, name: str, offset_ms: float, augmented: bool) -> Floats:
+    with_it, without = (figures_of(found, name, one, augmented=augmented) for one in (offset_ms, 0.0))
+    return np.asarray(with_it - without)

@@ -1,0 +1,153 @@
+"""The Monte Carlo study of the time offset between EGI and IMU: what is flown, and the tasks it is cut into.
+
+A task is one manoeuvre with one block of offsets and filters. The tasks and their order are the same on one machine and
+on many, and nothing is added up across tasks but in this order, so that the numbers do not depend on who computed them.
+Source: S. Lee et al., J. Korean Soc. Aeronaut. Space Sci. 48(4), 285-293 (2020), Tables 1-7, sections 2.1-3.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from bench.model.errors import InputError
+from bench.systems.time_sync.study.paper import OFFSETS_ms
+
+NAME = "time_sync"
+RUNS, FEWEST_RUNS, MOST_RUNS = 50, 2, 1000
+QUICK_RUNS = 6
+FARTHEST_ms = 150.0  # beyond it a target of the scene is imaged where the next one is looked for
+RECOVERED_ms = (-20.0, 0.0, 10.0, 13.7, 20.0, 30.0)  # what the augmented filter is asked to find
+SHOWN_ms = 20.0  # offset of the paper's figures 15 and 16
+SHORT_s, LONG_s, QUICK_LONG_s = 60.0, 500.0, 200.0
+APERTURE_s = 10.0
+SETTLED_s = 5.0  # statistics begin when the first corrections are over
+BASE, TIGHT, LOOSE = "base", "tight", "loose"
+SIGMA_R = {BASE: (1.0, 0.2, 0.01), TIGHT: (1.0, 0.05, 0.01), LOOSE: (10.0, 2.0, 0.05)}  # m, m/s, deg
+AUGMENTED, UNAUGMENTED, ERRORLESS = "augmented", "unaugmented", "none"
+NARROW_P0_m, WIDE_P0_m = 1.0, 10.0
+
+
+@dataclass(frozen=True)
+class StudyOptions:
+    """What is asked for. ``quick``: fewer runs and a shorter flight, for a look; what needs 50 runs is not judged."""
+
+    runs: int = RUNS
+    seed: int = 1
+    offsets_ms: tuple[float, ...] = OFFSETS_ms
+    quick: bool = False
+
+    @property
+    def long_s(self) -> float:
+        """Length of the flight that ends with the radar on, s."""
+        return QUICK_LONG_s if self.quick else LONG_s
+
+    @property
+    def judged(self) -> bool:
+        """Whether the tolerances hold: they are stated for 50 runs and the whole flight."""
+        return self.runs >= RUNS and not self.quick
+
+
+@dataclass(frozen=True)
+class Group:
+    """One filter on one offset, over all runs; ``noise``: key of SIGMA_R."""
+
+    offset_s: float
+    augmented: bool
+    noise: str
+
+    @property
+    def offset_ms(self) -> float:
+        """As it was asked for."""
+        return round(1e3 * self.offset_s, 6)
+
+    @property
+    def solution(self) -> str:
+        """The filter in one word."""
+        return AUGMENTED if self.augmented else UNAUGMENTED
+
+
+@dataclass(frozen=True)
+class Task:
+    """One manoeuvre, one block of groups: plain values only, so that it travels to another process.
+
+    ``kind``: "flight", "image" (a flight whose end is focused) or "ideal" (no errors at all).
+    """
+
+    kind: str
+    manoeuvre: str
+    duration_s: float
+    groups: tuple[Group, ...]
+    runs: int
+    seed: int
+    position_sigma_m: float = NARROW_P0_m
+
+    @property
+    def name(self) -> str:
+        """What a person reads while it runs."""
+        if self.kind == "ideal":
+            return "no errors: navigation and image"
+        offsets = ", ".join(f"{one:g}" for one in dict.fromkeys(group.offset_ms for group in self.groups))
+        solutions = {group.solution for group in self.groups}
+        what = solutions.pop() if len(solutions) == 1 else "both filters"
+        return f"{self.manoeuvre}, {what}, offsets {offsets} ms{', images' if self.kind == 'image' else ''}"
+
+
+def checked_options(runs: int | None, seed: int, offsets: str, quick: bool) -> StudyOptions:
+    """Options as a person gives them; ``offsets``: ms, with commas between.
+
+    Raises: InputError B-STUDY-002 naming what is wrong and its limits.
+    """
+    count = runs if runs is not None else (QUICK_RUNS if quick else RUNS)
+    if not FEWEST_RUNS <= count <= MOST_RUNS:
+        raise _wrong("--runs", count, f"{FEWEST_RUNS} to {MOST_RUNS} are possible")
+    try:
+        found = tuple(dict.fromkeys(float(part) for part in offsets.split(",")))
+    except ValueError:
+        raise _wrong("--offsets", offsets, "milliseconds with commas between are due, such as 0,10,20,30") from None
+    if 0.0 not in found:
+        raise _wrong("--offsets", offsets, "0 must be among them: every other offset is compared with it")
+    if not all(abs(one) <= FARTHEST_ms for one in found):
+        raise _wrong("--offsets", offsets, f"the limit is {FARTHEST_ms:g} ms either way")
+    return StudyOptions(count, seed, tuple(sorted(found)), quick)
+
+
+def _wrong(where: str, value: object, limit: str) -> InputError:
+    return InputError("B-STUDY-002", f"is {value}; {limit}", where=where, next_step="correct it and start again")
+
+
+def tasks_of(options: StudyOptions) -> list[Task]:
+    """All tasks of a study, the longest first: whoever shares them out ends with short ones."""
+    offsets_s = [one * 1e-3 for one in options.offsets_ms]
+    return [*image_tasks(options), *_unaugmented(options, offsets_s), *_augmented(options), _ideal(options)]
+
+
+def image_tasks(options: StudyOptions) -> list[Task]:
+    """The long flight, two offsets at a time: tight filters with and without the offset's state, and a loose one."""
+    offsets_s = [one * 1e-3 for one in options.offsets_ms]
+    kinds = ((False, TIGHT), (True, TIGHT), (True, LOOSE))
+    blocks = [offsets_s[at : at + 2] for at in range(0, len(offsets_s), 2)]
+    return [
+        Task("image", "sar", options.long_s, _groups(block, kinds), options.runs, options.seed, WIDE_P0_m)
+        for block in blocks
+    ]
+
+
+def _unaugmented(options: StudyOptions, offsets_s: Sequence[float]) -> list[Task]:
+    groups = _groups(offsets_s, ((False, BASE), (False, TIGHT)))
+    flown = ("turn", "acceleration", "linear", "stationary")
+    return [Task("flight", one, SHORT_s, groups, options.runs, options.seed) for one in flown]
+
+
+def _augmented(options: StudyOptions) -> list[Task]:
+    groups = _groups([one * 1e-3 for one in RECOVERED_ms], ((True, BASE),))
+    flown = ("turn", "acceleration", "linear")
+    return [Task("flight", one, SHORT_s, groups, options.runs, options.seed, WIDE_P0_m) for one in flown]
+
+
+def _ideal(options: StudyOptions) -> Task:
+    return Task("ideal", "turn", SHORT_s, (), 1, options.seed)
+
+
+def _groups(offsets_s: Sequence[float], kinds: Sequence[tuple[bool, str]]) -> tuple[Group, ...]:
+    return tuple(Group(offset_s, augmented, noise) for offset_s in offsets_s for augmented, noise in kinds)

@@ -1,0 +1,192 @@
+"""Tables of a time offset: result, filters, clocks of both ports, consistency, biases, image, what was received."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from bench.analysis.numbers import number, with_uncertainty
+from bench.maths.verdict import coverage_factor
+from bench.systems.time_sync.estimates import SyncResult, dof_of
+from bench.systems.time_sync.estimators.kalman.setup import LOOSE, NIS_BLOCKS, TIGHT, STANDARD_GRAVITY_m_s2
+from bench.systems.time_sync.filtering import (
+    AUGMENTED_LOOSE,
+    AUGMENTED_TIGHT,
+    COMPENSATED,
+    GROUPS,
+    METHODS,
+    NONE,
+    TRIALS,
+    outside_of,
+    ratio_of,
+)
+from bench.systems.time_sync.image import Image
+
+Documents = list[dict[str, Any]]
+LABELS = {
+    AUGMENTED_LOOSE: "augmented, loose",
+    AUGMENTED_TIGHT: "augmented, tight",
+    NONE: "not compensated",
+}
+_MS = 1e3
+
+
+def tables(result: SyncResult) -> Documents:
+    """All, the result in front."""
+    found = [_result(result), _filters(result), _clocks(result), _consistency(result), _biases(result)]
+    return [*found, *([_image(result.image, result)] if result.image else []), _received(result)]
+
+
+def _table(title: str, caption: str, headers: list[str], rows: list[list[Any]], **more: Any) -> dict[str, Any]:
+    return {"title": title, "caption": caption, "headers": headers, "rows": rows, **more}
+
+
+def _result(result: SyncResult) -> dict[str, Any]:
+    """What is read first."""
+    factor = coverage_factor()
+    rows: list[list[Any]] = []
+    for name in METHODS:
+        one = result.found.offsets[name]
+        interval_s = coverage_factor(dof_of(one)) * one.std_s
+        said = with_uncertainty(_MS * one.offset_s, _MS * interval_s) if one.seen else "not observable"
+        rows.append([f"filter, {LABELS[name]}", said, "judged" if name == result.method else "–"])
+    clocks = result.clocks
+    if clocks.offset_s is None:
+        rows.append(["receive stamps", "no latencies stated", "–"])
+    else:
+        stamps = with_uncertainty(_MS * clocks.offset_s, factor * _MS * clocks.difference.std_s)
+        rows.append(["receive stamps and stated latencies", stamps, "independent"])
+    if result.difference_s is not None and result.chosen.seen:
+        apart_s, std_s = result.difference_s
+        rows.append(["filter minus stamps", with_uncertainty(_MS * apart_s, factor * _MS * std_s), "judged"])
+    caption = (
+        "Clock of the EGI minus clock of the inertial unit in the middle of the recording; positive: the EGI's samples "
+        f"are older than their tags say. Intervals of 95 %. Limits: interval {_MS * result.demands.uncertainty_s:g} ms,"
+        f" difference {_MS * result.demands.difference_s:g} ms."
+    )
+    return _table("Time offset", caption, ["by", "offset, ms", "role"], rows, lead=True)
+
+
+def _filters(result: SyncResult) -> dict[str, Any]:
+    rows: list[list[Any]] = []
+    for name in METHODS:
+        one, group = result.found.offsets[name], GROUPS.index(name)
+        rows.append([
+            LABELS[name], number(_MS * one.filter_std_s, 4), number(_MS * one.trial_std_s, 4), number(one.inflation, 2),
+            number(_MS * one.prior_std_s, 4), number(_MS * one.drift_std_s, 4),
+            number(_MS * one.std_s, 4), f"{one.normalised:.2g}", f"{float(result.seen.associated[-1, group]):.2g}",
+            "yes" if one.seen else "no",
+        ])  # fmt: skip
+    caption = (
+        f"Standard uncertainties. Loose: {_noise(LOOSE)} in the measurements, tight: {_noise(TIGHT)}. The filter takes "
+        "errors of the EGI for white, which they are not, so what it believes is not the interval: that is made of "
+        f"{TRIALS} trials with further errors of both units (widened by NIS where innovations are too large), of what "
+        "was assumed beforehand and still counts, and of the drift. Variance: of the offset at the end over that at "
+        "first."
+    )
+    headers = ["filter", "filter believes, ms", "trials, ms", "NIS factor", "beforehand, ms", "drift, ms", "all, ms",
+               "variance", "eigenvalue", "observable"]  # fmt: skip
+    return _table("Uncertainty and observability", caption, headers, rows)
+
+
+def _noise(sigma: tuple[float, float, float]) -> str:
+    return f"{sigma[0]:g} m, {sigma[1]:g} m/s, {sigma[2]:g} deg"
+
+
+def _clocks(result: SyncResult) -> dict[str, Any]:
+    clocks, factor = result.clocks, coverage_factor()
+    rows: list[list[Any]] = [
+        [
+            name, port.above_s.size, with_uncertainty(-1e6 * port.rate, factor * 1e6 * port.rate_std),
+            number(_MS * port.jitter_s, 3), number(1e6 * port.tag_noise_s, 1), number(_MS * port.grid_s, 3),
+        ]
+        for name, port in (("inertial unit", clocks.imu), ("EGI", clocks.egi))
+    ]  # fmt: skip
+    drift = with_uncertainty(1e6 * clocks.difference.drift, factor * 1e6 * clocks.difference.drift_std)
+    rows.append(["EGI against inertial unit", "–", drift, "–", "–", "–"])
+    stated = "no latencies are stated"
+    if clocks.latency is not None:
+        one = clocks.latency
+        stated = (
+            f"latencies as stated: EGI {_MS * one.egi_s:g} ms, inertial unit {_MS * one.imu_s:g} ms, each with a "
+            f"standard uncertainty of {_MS * one.std_s:g} ms"
+        )
+    caption = (
+        f"Lines of the least delay between time tag and receive stamp; {stated}; frames of the EGI take "
+        f"{_MS * clocks.line_s:.3f} ms longer on the line. Jitter: mean delay above the least."
+    )
+    headers = [
+        "clock",
+        "frames",
+        "rate against the bench, ppm",
+        "jitter, ms",
+        "noise of tags, us",
+        "step of stamps, ms",
+    ]
+    return _table("Clocks of both ports", caption, headers, rows)
+
+
+def _consistency(result: SyncResult) -> dict[str, Any]:
+    run, rows = result.found.run, []
+    for group, name in enumerate(GROUPS):
+        ratios = [number(ratio_of(run, group, block), 3) for block in range(len(NIS_BLOCKS))]
+        share = outside_of(run, group)
+        rows.append([LABELS[name], *ratios, number(100.0 * share, 1)])
+    caption = (
+        "Normalised innovations squared over their degrees of freedom: 1 if the noise is as the filter believes, less "
+        "if it believes in more noise than there is (which makes it careful), more if in less; then the interval is "
+        "widened. Last column: innovations outside their 95 % interval, on either side."
+    )
+    return _table("Consistency", caption, ["filter", *NIS_BLOCKS, "outside, %"], rows)
+
+
+def _biases(result: SyncResult) -> dict[str, Any]:
+    run, group, factor = result.found.run, GROUPS.index(result.method), coverage_factor()
+    rows: list[list[Any]] = []
+    for axis, letter in enumerate("xyz"):
+        accel = (
+            1e6 / STANDARD_GRAVITY_m_s2 * np.array([run.accel_bias[-1, group, 0, axis], run.sigma[-1, group, 9 + axis]])
+        )
+        gyro = math.degrees(3600.0) * np.array([run.gyro_bias[-1, group, 0, axis], run.sigma[-1, group, 12 + axis]])
+        rows.append([letter, *(with_uncertainty(float(one[0]), factor * float(one[1])) for one in (accel, gyro))])
+    caption = f"Of the inertial unit at the end, by the filter {LABELS[result.method]}; intervals of 95 %."
+    headers = ["axis", "accelerometer, µg", "gyro, deg/h"]
+    return _table("Biases", caption, headers, rows)
+
+
+def _image(image: Image, result: SyncResult) -> dict[str, Any]:
+    rows: list[list[Any]] = []
+    for target, (one, other) in enumerate(zip(image.compensated, image.plain, strict=True), 1):
+        for name, response, shift in (
+            (LABELS[COMPENSATED], one, "–"), (LABELS[NONE], other, number(float(image.shifts_m[target - 1]), 3)),
+        ):  # fmt: skip
+            rows.append([
+                target, name, shift, number(response.azimuth_resolution_m, 4), number(response.pslr_dB, 2),
+                number(response.islr_dB, 2), number(response.peak / one.peak, 3),
+            ])  # fmt: skip
+    left_s = result.found.offsets[COMPENSATED].offset_s - result.found.shift_s  # the rest is out of the tags of both
+    due_m = -image.speed_m_s * left_s
+    caption = (
+        f"Point targets found in {image.pulses} pulses, focused with both navigation solutions. Shift: along the track "
+        f"against the compensated image, positive ahead; by speed and offset alone it would be {due_m:+.3f} m "
+        f"({image.speed_m_s:.1f} m/s, {_MS * left_s:.3f} ms; the drift is taken out of both), velocity errors along "
+        "the line of sight add to it. Windows: main lobe to the first zeros of an ideal response, side lobes to 12 "
+        "cells."
+    )
+    headers = ["target", "navigation", "shift, m", "resolution, m", "PSLR, dB", "ISLR, dB", "peak"]
+    return _table("Radar image", caption, headers, rows)
+
+
+def _received(result: SyncResult) -> dict[str, Any]:
+    ready = result.ready
+    rows: list[list[Any]] = [
+        ["analysed, s", number(ready.span_s, 3)],
+        ["samples of the inertial unit", int(ready.imu.t_s.size)],
+        ["of these lost and filled in", ready.filled],
+        ["solutions of the EGI used", result.found.samples],
+        ["lost", ready.lost_egi],
+        ["not used: aligning, without GPS or not sound", ready.unsound_egi],
+    ]
+    return _table("What was received", f"Manoeuvre: {result.manoeuvre or 'not stated'}.", ["what", "number"], rows)

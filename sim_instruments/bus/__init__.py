@@ -1,0 +1,1 @@
+"""How simulated instruments are reached: VISA, serial ports, messages."""

@@ -1,0 +1,183 @@
+"""Base of all live simulated instruments: messages in, replies out, at the time of the world's clock.
+
+A live device is a pyvisa-sim ``Device``, so pyvisa-sim's library and sessions know it; but it takes whole messages
+(END on GPIB), keeps replies with the time they are ready, and answers serial poll and device clear.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pyvisa_sim.devices import Device
+
+from bench.model.clock import to_ns
+
+if TYPE_CHECKING:
+    from sim_instruments.worlds.common.world import World
+
+MESSAGE_AVAILABLE = 16
+REQUESTED_SERVICE = 64
+_EOM_CLASSES = ("GPIB INSTR", "ASRL INSTR", "TCPIP INSTR", "TCPIP SOCKET", "USB INSTR")
+
+
+@dataclass
+class Reply:
+    """One reply waiting in the instrument's output: bytes, when they are there, and whether END closes them."""
+
+    payload: bytes
+    ready_ns: int
+    end: bool = True
+    late: bool = False  # held back by a fault: survives the next command, as a stale reply
+
+
+class LiveDevice(Device):
+    """One simulated instrument.
+
+    Subclasses implement ``execute`` (one whole message, terminator removed) and call ``reply``; they may override
+    ``on_clear``, ``on_interrupted``, ``on_starved``, ``status_byte`` and ``trigger``. All of it runs under the lock of
+    the world.
+
+    Args:
+        world: the world that holds clock, wiring and faults.
+        role: role of the instrument in the station; names its faults and its random draws.
+        options: the station's options of this instrument.
+    """
+
+    identity = ""
+    latency_s = 0.002  # one bus operation: addressing, handshake, parsing
+    not_a_number = "+9.91000000E+37"  # SCPI-99 vol. 1, 7.2.1.5
+    overload = "+9.90000000E+37"
+
+    def __init__(self, world: World, role: str, options: Mapping[str, Any]) -> None:
+        super().__init__(role, b"")
+        for type_class in _EOM_CLASSES:
+            self.add_eom(type_class, "\n", "\n")
+        self.world = world
+        self.role = role
+        self.options = dict(options)
+        self.faults = world.faults.instrument(role)
+        self.latency_ns = to_ns(self.latency_s)
+        self._partial = bytearray()
+        self._replies: deque[Reply] = deque()
+
+    def execute(self, message: str) -> None:
+        """Carry out one message; called with the world's lock held."""
+        raise NotImplementedError
+
+    def on_clear(self) -> None:
+        """Device clear (SDC): forget a half-made command; replies are dropped already."""
+
+    def on_interrupted(self) -> None:
+        """A command came while a reply was still unread: that reply is gone."""
+
+    def on_starved(self) -> None:
+        """A read came and there is nothing to say."""
+
+    def status_byte(self) -> int:
+        """Serial poll: IEEE-488.2 meaning of bit 4 (message available); models add their own bits."""
+        return MESSAGE_AVAILABLE if self.reply_ready else 0
+
+    def trigger(self) -> None:
+        """Group execute trigger."""
+
+    def outputs(self) -> dict[str, Any]:
+        """What the instrument puts out or switches at this moment; empty for one that only measures."""
+        return {}
+
+    # --- used by subclasses ------------------------------------------------------------------------------------
+
+    def rng(self, purpose: str, *indexes: int) -> np.random.Generator:
+        """Generator of one purpose; a second instrument of the same model draws for itself."""
+        return self.world.rng(purpose if self.is_first else f"{purpose} of {self.role}", *indexes)
+
+    @property
+    def is_first(self) -> bool:
+        """Whether this is the first instrument of its model on the bench; only that one is wired to the unit."""
+        return self.world.instrument(type(self)) in (None, self)
+
+    def partner(self, kind: type) -> Any:
+        """The instrument of another model that this one is wired to: the first to the first, the second to the second.
+
+        None if there is no such instrument; if there are fewer, the last of them.
+        """
+        own, others = (self.world.instruments_of(model) for model in (type(self), kind))
+        return others[min(own.index(self), len(others) - 1)] if others else None
+
+    def reading(self, text: str) -> str:
+        """A reading as it is told: the text, or what the instrument says instead while a fault is on."""
+        return self.faults.take_reading(text, self.not_a_number, self.overload)
+
+    @property
+    def now_ns(self) -> int:
+        """Bench time, nanoseconds."""
+        return self.world.clock.now_ns()
+
+    def reply(self, text: str, *, after_s: float = 0.0, end: bool = True) -> None:
+        """Put one reply into the output, there after ``after_s``."""
+        if self.faults.mute or self.faults.hang:
+            return
+        payload = self.faults.garble(text.encode("latin-1")) + self._response_eom
+        delay_s = self.faults.take_delay_s()
+        ready_ns = self.now_ns + to_ns(after_s + delay_s)
+        self._replies.append(Reply(payload, ready_ns, end, late=delay_s > 0))
+
+    @property
+    def reply_ready(self) -> bool:
+        """Whether a reply can be read now."""
+        return bool(self._replies) and self._replies[0].ready_ns <= self.now_ns
+
+    # --- used by the VISA library ------------------------------------------------------------------------------
+
+    def receive(self, chunk: bytes, end: bool) -> None:
+        """Take bytes from the bus; ``end`` is the END message (or a terminator character stands at the end)."""
+        if self.faults.hang:
+            return
+        self._partial += chunk
+        if not end and not self._partial.endswith(b"\n"):
+            return
+        message = bytes(self._partial).rstrip(b"\r\n").decode("latin-1")
+        self._partial.clear()
+        if self._replies:
+            self._drop_unread()
+        self.execute(message)
+
+    def clear(self) -> None:
+        """Device clear: input and output are emptied; one that hangs does not notice."""
+        if self.faults.hang:
+            return
+        self._partial.clear()
+        self._replies.clear()
+        self.on_clear()
+
+    def next_reply(self) -> Reply | None:
+        """The oldest reply, ready or not; it stays in the output. One that hangs gives none."""
+        return self._replies[0] if self._replies and not self.faults.hang else None
+
+    def take(self, reply: Reply, count: int) -> bytes:
+        """Remove up to ``count`` bytes of the oldest reply."""
+        chunk, reply.payload = reply.payload[:count], reply.payload[count:]
+        if not reply.payload and self._replies and self._replies[0] is reply:
+            self._replies.popleft()
+        return chunk
+
+    def write(self, data: bytes) -> None:
+        """pyvisa-sim's own entry: the same as a message with END."""
+        self.receive(data, end=True)
+
+    def read(self) -> tuple[bytes, bool]:
+        """pyvisa-sim's own entry: one byte of the output and whether END comes with it."""
+        if not self.reply_ready:
+            return b"", False
+        reply = self._replies[0]
+        byte = self.take(reply, 1)
+        return byte, not reply.payload and reply.end
+
+    def _drop_unread(self) -> None:
+        stale = [reply for reply in self._replies if reply.late and reply.ready_ns > self.now_ns]
+        if len(stale) < len(self._replies):
+            self.on_interrupted()
+        self._replies = deque(stale)

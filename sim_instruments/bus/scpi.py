@@ -1,0 +1,271 @@
+"""SCPI front end of live instruments: header matching, compound messages, error queue, IEEE-488.2 common commands."""
+
+from __future__ import annotations
+
+import re
+from collections import deque
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from bench.model.clock import NS
+from sim_instruments.bus.live import LiveDevice
+
+UNDEFINED_HEADER = (-113, "Undefined header")
+MISSING_PARAMETER = (-109, "Missing parameter")
+NOT_ALLOWED = (-108, "Parameter not allowed")
+BAD_NUMBER = (-104, "Data type error")
+BAD_WORD = (-224, "Illegal parameter value")
+SETTINGS_CONFLICT = (-221, "Settings conflict")
+OUT_OF_RANGE = (-222, "Data out of range")
+QUEUE_OVERFLOW = (-350, "Queue overflow")
+QUERY_INTERRUPTED = (-410, "Query INTERRUPTED")
+QUERY_UNTERMINATED = (-420, "Query UNTERMINATED")
+
+ERROR_AVAILABLE = 4
+EVENT_SUMMARY = 32
+_EVENT_BIT = {1: 32, 2: 16, 3: 8, 4: 4}  # hundreds of a SCPI error number -> bit of the event status register
+
+Method = TypeVar("Method", bound=Callable[..., Any])
+
+
+class ScpiError(Exception):
+    """An error that goes into the instrument's queue; ``args`` are its number and text."""
+
+
+def command(pattern: str) -> Callable[[Method], Method]:
+    """Declare a method as the handler of a SCPI header such as ``[:SENSe]:FREQuency:GATE:TIME?``.
+
+    The method gets the parameter text and returns the reply (None for a command without one). Several may be stacked.
+    """
+
+    def mark(method: Method) -> Method:
+        patterns = getattr(method, "_scpi_patterns", ())
+        method._scpi_patterns = (*patterns, pattern)  # type: ignore[attr-defined]
+        return method
+
+    return mark
+
+
+def _expression(pattern: str) -> str:
+    """Regular expression of a header pattern: short and long form of each node, optional nodes in brackets."""
+    if pattern.startswith("*"):
+        return re.escape(pattern)
+    parts = []
+    for node in re.findall(r"\[:?[A-Za-z]+\d*\]|:?[A-Za-z]+\d*|\?", pattern):
+        if node == "?":
+            parts.append(r"\?")
+            continue
+        name, digits = re.fullmatch(r"([A-Za-z]+)(\d*)", node.strip("[]:")).groups()  # type: ignore[union-attr]
+        short = "".join(letter for letter in name if letter.isupper())
+        suffix = f"(?:{digits})?" if digits in ("", "1") else digits
+        text = f":(?:{short}|{name.upper()}){suffix or '1?'}"
+        parts.append(f"(?:{text})?" if node.startswith("[") else text)
+    return "".join(parts)
+
+
+def words(text: str) -> list[str]:
+    """Parameters of a command, separated by commas that stand outside parentheses and quotes."""
+    parts = re.findall(r"""(?:\([^)]*\)|"[^"]*"|'[^']*'|[^,])+""", text)
+    return [part.strip() for part in parts]
+
+
+class ScpiDevice(LiveDevice):
+    """A SCPI instrument: one reply per message, real error queue, ``*OPC?`` waits for what is pending."""
+
+    no_error = '+0,"No error"'
+    error_format = '{0:+d},"{1}"'
+    queue_length = 20
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.errors: deque[tuple[int, str]] = deque()
+        self.event_status = 128  # power on
+        self.event_enable = 0
+        self.service_enable = 0
+        self.busy_until_ns = 0
+        self._handlers = self._declared()
+        self._known: dict[str, Callable[[str], str | None] | None] = {}
+        self._reply_after_s = 0.0
+        self.reset()
+
+    # --- for models --------------------------------------------------------------------------------------------
+
+    def reset(self) -> None:
+        """Bring the settings to the power-on (and ``*RST``) state."""
+
+    def error(self, number: int, text: str) -> None:
+        """Append to the error queue; the last place becomes 'queue overflow' when it is full."""
+        self.event_status |= _EVENT_BIT.get(-number // 100, 8)
+        if len(self.errors) >= self.queue_length:
+            self.errors[-1] = QUEUE_OVERFLOW
+        else:
+            self.errors.append((number, text))
+
+    def number(self, text: str, low: float, high: float, **names: float) -> float:
+        """A numeric parameter inside [low, high]; MIN, MAX and the given names stand for values."""
+        word = text.strip().upper()
+        named = {"MIN": low, "MINIMUM": low, "MAX": high, "MAXIMUM": high} | names
+        if word in named:
+            return named[word]
+        if not word:
+            raise ScpiError(*MISSING_PARAMETER)
+        try:
+            value = float(word)
+        except ValueError:
+            raise ScpiError(*BAD_NUMBER) from None
+        if not low <= value <= high:
+            raise ScpiError(*OUT_OF_RANGE)
+        return value
+
+    def word(self, text: str, *allowed: str) -> str:
+        """One of the allowed words, each given as SCPI long form with its short form in capitals; returns the short."""
+        found = text.strip().strip("\"'").upper()
+        for choice in allowed:
+            short = "".join(letter for letter in choice if not letter.islower())
+            if found in (short, choice.upper()):
+                return short
+        raise ScpiError(*(BAD_WORD if found else MISSING_PARAMETER))
+
+    def boolean(self, text: str) -> bool:
+        """ON, OFF, 1 or 0."""
+        return self.word(text, "ON", "OFF", "1", "0") in ("ON", "1")
+
+    def reply_after(self, seconds: float) -> None:
+        """The reply of the command being carried out is ready that much later (gate time, measurement)."""
+        self._reply_after_s = max(self._reply_after_s, seconds)
+
+    def busy(self, seconds: float) -> None:
+        """Something overlapped goes on for that long; ``*OPC?`` waits for it."""
+        self.busy_until_ns = max(self.busy_until_ns, self.now_ns + round(seconds * NS))
+
+    # --- messages ----------------------------------------------------------------------------------------------
+
+    def execute(self, message: str) -> None:
+        """Carry out the commands of one message; the replies of its queries go out as one, joined by semicolons."""
+        self._reply_after_s = 0.0
+        replies = []
+        path = ""
+        for unit in message.split(";") if ";" in message else (message,):
+            header, _, parameters = unit.strip().partition(" ")
+            if not header:
+                continue
+            handler, path = self._find(header, path)
+            answer = self._carry_out(handler, parameters)
+            if answer is not None:
+                replies.append(answer)
+        if replies:
+            self.reply(";".join(replies), after_s=self._reply_after_s)
+
+    def _carry_out(self, handler: Callable[[str], str | None] | None, parameters: str) -> str | None:
+        if handler is None:
+            self.error(*UNDEFINED_HEADER)
+            return None
+        try:
+            return handler(parameters.strip())
+        except ScpiError as problem:
+            self.error(*problem.args)
+            return None
+
+    def _find(self, header: str, path: str) -> tuple[Callable[[str], str | None] | None, str]:
+        """Handler of a header and the node path the next header of the same message continues from."""
+        name = header.upper()
+        if name[0] in "*:" or not path:
+            absolute = name if name[0] in "*:" else ":" + name
+            return self._handler(absolute), path if name[0] == "*" else absolute.rpartition(":")[0]
+        handler = self._handler(f"{path}:{name}")
+        if handler is not None:
+            return handler, f"{path}:{name}".rpartition(":")[0]
+        return self._handler(":" + name), (":" + name).rpartition(":")[0]
+
+    def _handler(self, name: str) -> Callable[[str], str | None] | None:
+        try:
+            return self._known[name]
+        except KeyError:
+            found = next((method for expression, method in self._handlers if expression.fullmatch(name)), None)
+            self._known[name] = found
+            return found
+
+    def _declared(self) -> list[tuple[re.Pattern[str], Callable[[str], str | None]]]:
+        return [
+            (re.compile(_expression(pattern)), getattr(self, attribute))
+            for attribute in sorted(dir(type(self)))
+            for pattern in getattr(getattr(type(self), attribute), "_scpi_patterns", ())
+        ]
+
+    # --- bus events --------------------------------------------------------------------------------------------
+
+    def on_interrupted(self) -> None:
+        self.error(*QUERY_INTERRUPTED)
+
+    def on_starved(self) -> None:
+        if not self.faults.mute:
+            self.error(*QUERY_UNTERMINATED)
+
+    def status_byte(self) -> int:
+        """Bit 2: an error is queued, bit 4: a reply is ready, bit 5: enabled event, bit 6: service requested."""
+        status = super().status_byte() | (ERROR_AVAILABLE if self.errors else 0)
+        status |= EVENT_SUMMARY if self.event_status & self.event_enable else 0
+        return status | (64 if status & self.service_enable else 0)
+
+    # --- commands every model has ------------------------------------------------------------------------------
+
+    @command("*IDN?")
+    def _identify(self, _: str) -> str:
+        return self.faults.identity or self.identity
+
+    @command("*RST")
+    def _reset(self, _: str) -> None:
+        self.reset()
+
+    @command("*CLS")
+    def _clear_status(self, _: str) -> None:
+        self.errors.clear()
+        self.event_status = 0
+
+    @command("*OPC?")
+    def _complete(self, _: str) -> str:
+        self.reply_after(max(0, self.busy_until_ns - self.now_ns) / NS)
+        return "1"
+
+    @command("*OPC")
+    def _operation_complete(self, _: str) -> None:
+        self.event_status |= 1
+
+    @command("*WAI")
+    def _wait(self, _: str) -> None:
+        self.reply_after(max(0, self.busy_until_ns - self.now_ns) / NS)
+
+    @command("*STB?")
+    def _status(self, _: str) -> str:
+        return str(self.status_byte())
+
+    @command("*ESR?")
+    def _event_status(self, _: str) -> str:
+        value, self.event_status = self.event_status, 0
+        return str(value)
+
+    @command("*ESE")
+    def _set_event_enable(self, text: str) -> None:
+        self.event_enable = int(self.number(text, 0, 255))
+
+    @command("*SRE")
+    def _set_service_enable(self, text: str) -> None:
+        self.service_enable = int(self.number(text, 0, 255))
+
+    @command("*ESE?")
+    def _get_event_enable(self, _: str) -> str:
+        return str(self.event_enable)
+
+    @command("*SRE?")
+    def _get_service_enable(self, _: str) -> str:
+        return str(self.service_enable)
+
+    @command("*TST?")
+    def _self_test(self, _: str) -> str:
+        return "0"
+
+    @command(":SYSTem:ERRor[:NEXT]?")
+    def _next_error(self, _: str) -> str:
+        if not self.errors:
+            return self.no_error
+        return self.error_format.format(*self.errors.popleft())

@@ -1,0 +1,1 @@
+"""The AF converter and its bench."""

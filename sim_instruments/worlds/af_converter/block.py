@@ -1,0 +1,134 @@
+"""Blocks of 1,000 gates: within one, the temperature-dependent parameters of the unit stay what they are.
+
+They are those of the middle of the block, extrapolated from what is true at its start (temperature, rate, turning
+points), because what the chamber is told during a block must not change what the unit has already done.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.model.clock import NS
+from sim_instruments.worlds.af_converter.constants import AF_CLOCK_HZ, CHANNELS, GATE_S, KINDS, WHITE_A_RTHZ
+from sim_instruments.worlds.af_converter.unit_constants import NguTruth
+from sim_instruments.worlds.common.seeds import generator
+from sim_instruments.worlds.common.thermal import TemperatureFunction, UnitTemperature
+
+Int64 = NDArray[np.int64]
+
+BLOCK_GATES = 1000
+CHARGE_BITS = 40  # charge unit = design pulse charge / 2^40: 10 s at full scale fit 64 bits, rounding is below 1 pA
+
+_LOW_HALVES = np.uint64(0x0000FFFF_0000FFFF)
+_UNIFORM_SUM = 4 * 0xFFFF  # largest sum of four 16-bit numbers
+_UNIFORM_SIGMA = np.sqrt(4 * ((1 << 32) - 1) / 12)
+_K0_C = np.array([kind.k0_C for kind in KINDS])
+_GATES = np.arange(1, BLOCK_GATES + 1)
+_HALF_BLOCK_S = 0.5 * BLOCK_GATES * GATE_S
+
+
+@dataclass(frozen=True)
+class Quanta:
+    """Converters at one temperature in charge units: pulse charges (C,), and the units per ampere and clock (C,)."""
+
+    q_n: Int64
+    q_p: Int64
+    units_A: NDArray[np.float64]
+
+    def charge(self, current_A: NDArray[np.float64], margin: Int64 | int = 0) -> Int64:
+        """Charge of one clock period, units; an input beyond the reset current is all the converter can follow."""
+        limit = np.minimum(self.q_n, self.q_p) - margin
+        wanted = np.rint(current_A * self.units_A)
+        return np.minimum(np.maximum(wanted, -limit), limit).astype(np.int64)
+
+
+def quanta(truth: NguTruth, unit_degC: float, bits: int = CHARGE_BITS) -> Quanta:
+    """Pulse charges at one temperature; the AF clock sets the length of a reset, so its error is in them."""
+    clock = 1.0 + truth.af_clock_error_ppm * 1e-6
+    one = float(1 << bits) / clock
+    q_n, q_p = np.rint(one * (1.0 + 1e-6 * truth.all_dsf_ppm(unit_degC))).astype(np.int64)
+    return Quanta(q_n, q_p, float(1 << bits) / (_K0_C * AF_CLOCK_HZ * clock))
+
+
+@dataclass(frozen=True)
+class GateBlock:
+    """Gates ``first`` to ``first + 999`` of one power-on period.
+
+    Attributes:
+        ends_s: end of each gate, (1000,), seconds of bench time from the first gate; ``ends_ns`` the same as bench
+            time. ``edges``: AF clock edges up to the start and to each end, (1001,).
+        noise: white noise charge per clock, (C, 1000) int32, charge units; ``noise_peak`` its largest size, (C,).
+        bias_A: i_AFbias, (C,).
+    """
+
+    first: int
+    start_s: float
+    start_ns: int
+    ends_s: NDArray[np.float64]
+    ends_ns: Int64
+    edges: Int64
+    quanta: Quanta
+    bias_A: NDArray[np.float64]
+    noise: NDArray[np.int32]
+    noise_peak: Int64
+
+
+class BlockFactory:
+    """Makes the blocks of one power-on period; a block depends on the seed, its number and the state at its start."""
+
+    def __init__(self, truth: NguTruth, thermal: TemperatureFunction, epoch_ns: int, period: int) -> None:
+        self._truth = truth
+        self._thermal = UnitTemperature.of(thermal)
+        self.epoch_ns = epoch_ns
+        self._period = period
+        self._clock_Hz = AF_CLOCK_HZ * (1.0 + truth.af_clock_error_ppm * 1e-6)
+
+    @property
+    def af_clock_Hz(self) -> float:
+        """True frequency of the AF clock."""
+        return self._clock_Hz
+
+    def make(self, number: int, start_s: float) -> GateBlock:
+        """Block ``number`` (from 0) whose first gate starts ``start_s`` after the epoch."""
+        start_ns = self.epoch_ns + round(start_s * NS)
+        now_degC = float(self._thermal(np.array([start_ns]))[0])
+        unit_degC = now_degC + _HALF_BLOCK_S * self._thermal.rate_degC_s(start_ns)
+        play_offset_degC = self._truth.play_offset_degC(self._thermal.turns_degC(start_ns), unit_degC)
+        gate_s = GATE_S / (1.0 + 1e-6 * float(self._truth.master_error_ppm(unit_degC)))
+        ends_s = np.asarray(start_s + _GATES * gate_s, np.float64)
+        edges = np.floor(np.concatenate(([start_s], ends_s)) * self._clock_Hz).astype(np.int64)
+        converters = quanta(self._truth, unit_degC)
+        noise, peak = self._noise(number, converters.units_A)
+        return GateBlock(
+            first=number * BLOCK_GATES,
+            start_s=start_s,
+            start_ns=start_ns,
+            ends_s=ends_s,
+            ends_ns=self.epoch_ns + np.rint(ends_s * NS).astype(np.int64),
+            edges=edges,
+            quanta=converters,
+            bias_A=self._truth.all_bias_A(unit_degC, start_ns / NS + _HALF_BLOCK_S, play_offset_degC),
+            noise=noise,
+            noise_peak=peak,
+        )
+
+    def _noise(self, number: int, units_A: NDArray[np.float64]) -> tuple[NDArray[np.int32], Int64]:
+        """Noise charges and a bound of their size; each is the sum of four uniform numbers, so it has one."""
+        if not self._truth.noise:
+            return np.zeros((CHANNELS, BLOCK_GATES), np.int32), np.zeros(CHANNELS, np.int64)
+        raw = generator(self._truth.seed, "ngu white noise", self._period, number).bit_generator.random_raw(
+            CHANNELS * BLOCK_GATES
+        )
+        pairs = raw & _LOW_HALVES
+        raw >>= np.uint64(16)
+        raw &= _LOW_HALVES
+        pairs += raw
+        both = pairs.view(np.uint32).reshape(CHANNELS, BLOCK_GATES, 2)
+        drawn = (both[:, :, 0] + both[:, :, 1]).astype(np.float32)
+        drawn -= np.float32(_UNIFORM_SUM / 2)
+        scale = WHITE_A_RTHZ / np.sqrt(2.0 * GATE_S) * units_A / _UNIFORM_SIGMA
+        drawn *= scale.astype(np.float32)[:, None]
+        return drawn.astype(np.int32), np.ceil(scale * (_UNIFORM_SUM / 2 + 1)).astype(np.int64)

@@ -1,0 +1,188 @@
+"""What is true of one simulated unit: drawn once from the seed, known to the simulator and to its truth list only."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from bench.model.errors import InputError
+from sim_instruments.worlds.af_converter.constants import CHANNELS, KINDS, REFERENCE_DEGC
+from sim_instruments.worlds.af_converter.walk import BiasWalk
+from sim_instruments.worlds.common.play import follow, play_after
+from sim_instruments.worlds.common.seeds import generator
+
+Float = NDArray[np.float64]
+
+_ALL = np.arange(CHANNELS)
+
+
+class NguTruth:
+    """Parameters of one unit as functions of its temperature (degC); channels are numbered from 1.
+
+    ``dsf_n`` and ``dsf_p`` are the scale-factor errors of the N and P pulses (positive = more current per pulse).
+    ``bias`` is i_AFbias of the paper's equation (1): the correction added to the reading, so the counts reflect the
+    input current minus it and the open-input reading is its negative. It is a cubic of the unit temperature T, a
+    random walk, and h (P - T) with P the play operator of the temperatures the unit has been through: P - T is
+    ``half_width_degC`` on the falling branch, its negative on the rising one, so the loop is 2 h r wide.
+
+    Args:
+        seed: seed of the run.
+        options: ``master_error_ppm`` and ``af_clock_error_ppm`` replace the drawn clock errors at 20 degC;
+            ``noise`` is "on" or "off" (white noise, bias random walk and sensor noise); ``hysteresis`` is "on" or
+            "off". Others are not looked at.
+    Raises:
+        InputError: B-NGU-001, an option cannot be read.
+    """
+
+    def __init__(self, seed: int, options: Mapping[str, str] | None = None) -> None:
+        options = options or {}
+        self.seed = seed
+        self.kinds = tuple(kind.name for kind in KINDS)
+        self.noise = _switch(options, "noise")
+        self.hysteresis = _switch(options, "hysteresis")
+        rng = generator(seed, "ngu truth")
+        self._dsf_ppm = rng.normal(0.0, 400.0, (2, CHANNELS))
+        self._dsf_tc1 = _signed(rng, (2, CHANNELS), 8.0, 0.15)
+        self._dsf_tc2 = _signed(rng, (2, CHANNELS), 0.03, 0.3)
+        self._bias_A = self._draw_bias(rng)
+        tilt, cubic = rng.uniform(-0.02, 0.02), rng.uniform(3e-5, 6e-5)
+        self._master = (_number(options, "master_error_ppm", 1.5 + rng.normal(0.0, 0.2)), tilt, 0.0, cubic)
+        self.af_clock_error_ppm = _number(options, "af_clock_error_ppm", 20.0 + rng.normal(0.0, 1.0))
+        self.half_width_degC, self.hysteresis_A = self._draw_hysteresis()
+        self._stiffness_A_degC = self.hysteresis_A / (2.0 * self.half_width_degC)  # h of h (P - T)
+        self._walk = BiasWalk(seed)
+        self._play: tuple[Sequence[float], Float] = ((), np.empty(0))
+
+    def dsf_n_ppm(self, channel: ArrayLike, unit_degC: ArrayLike) -> Float:
+        """Scale-factor error of the N pulses, ppm; ``channel`` and ``unit_degC`` broadcast."""
+        return self._dsf(0, channel, unit_degC)
+
+    def dsf_p_ppm(self, channel: ArrayLike, unit_degC: ArrayLike) -> Float:
+        """Scale-factor error of the P pulses, ppm; ``channel`` and ``unit_degC`` broadcast."""
+        return self._dsf(1, channel, unit_degC)
+
+    def tc_ppm(self, channel: int, polarity: str, about_degC: float = REFERENCE_DEGC) -> tuple[float, float]:
+        """Linear (ppm/degC) and quadratic (ppm/degC^2) coefficient of ``dsf_n`` ("n") or ``dsf_p`` ("p").
+
+        The linear one is the slope at ``about_degC``, so that dsf(T) = dsf(about) + tc1 dT + tc2 dT^2.
+        """
+        row = "np".index(polarity)
+        tc1, tc2 = self._dsf_tc1[row, channel - 1], self._dsf_tc2[row, channel - 1]
+        return float(tc1 + 2 * tc2 * (about_degC - REFERENCE_DEGC)), float(tc2)
+
+    def bias_A(
+        self, channel: ArrayLike, unit_degC: ArrayLike, t_s: ArrayLike, play_offset_degC: ArrayLike = 0.0
+    ) -> Float:
+        """i_AFbias, ampere, with the random walk at bench time ``t_s`` (seconds); the arguments broadcast.
+
+        ``play_offset_degC`` is P - T (``play_offset_degC`` gives it); 0 is the centre of the loop.
+        """
+        index = np.asarray(channel) - 1
+        offset_A = self._stiffness_A_degC[index] * np.asarray(play_offset_degC, float)
+        return self._curve_A(index, unit_degC) + offset_A + self._walk_A(index, np.asarray(t_s, float))
+
+    def bias_tc_A(self, channel: int, order: int) -> float:
+        """Coefficient of (T - 20 degC)^order of the centre curve of i_AFbias, ampere per degC^order."""
+        return float(self._bias_A[order, channel - 1])
+
+    def play_offset_degC(self, turns_degC: Sequence[float], unit_degC: float) -> Float:
+        """P - T of all channels, (10,), for a unit that turned at these temperatures and is at ``unit_degC`` now.
+
+        Nothing is known of the past without turns: then it is 0, the centre of the loop.
+        """
+        if not turns_degC:
+            return np.zeros(CHANNELS)
+        if turns_degC != self._play[0]:
+            self._play = turns_degC, play_after(turns_degC, self.half_width_degC)
+        return follow(self._play[1], unit_degC, self.half_width_degC) - unit_degC
+
+    def all_dsf_ppm(self, unit_degC: float) -> Float:
+        """Scale-factor errors of the N and the P pulses of all channels at one temperature, (2, 10), ppm."""
+        rise = unit_degC - REFERENCE_DEGC
+        return np.asarray(self._dsf_ppm + rise * (self._dsf_tc1 + rise * self._dsf_tc2))
+
+    def all_bias_A(self, unit_degC: float, t_s: float, play_offset_degC: ArrayLike = 0.0) -> Float:
+        """i_AFbias of all channels at one temperature, bench time and play offset (10,), ampere."""
+        curve_A = _polynomial(self._bias_A, np.asarray(unit_degC - REFERENCE_DEGC))
+        return curve_A + self._stiffness_A_degC * play_offset_degC + self._walk_A(_ALL, t_s)
+
+    def master_error_ppm(self, unit_degC: ArrayLike) -> Float:
+        """Frequency error of the unit's master oscillator, ppm; it sets the gate: t_gate = 10 ms / (1 + error)."""
+        rise = np.asarray(unit_degC, float) - REFERENCE_DEGC
+        return np.asarray(_polynomial(self._master, rise))
+
+    def master_tc_ppm(self, order: int) -> float:
+        """Coefficient of (T - 20 degC)^order of the master oscillator's error, ppm per degC^order."""
+        return float(self._master[order])
+
+    def _draw_bias(self, rng: np.random.Generator) -> Float:
+        """Coefficients of the centre curve, (4, 10), ampere per degC^order."""
+        spread = np.clip(rng.standard_normal(CHANNELS), -2.5, 2.5)
+        offset = np.array([k.bias_A for k in KINDS]) + spread * [k.bias_spread_A for k in KINDS]
+        slope = _signed(rng, (CHANNELS,), 1.0, 0.1) * [k.bias_tc1_A for k in KINDS]
+        curved = generator(self.seed, "ngu bias curve")
+        square = _signed(curved, (CHANNELS,), 1.0, 0.5) * [k.bias_tc2_A for k in KINDS]
+        cube = _signed(curved, (CHANNELS,), 1.0, 0.5) * [k.bias_tc3_A for k in KINDS]
+        return np.array([offset, slope, square, cube])
+
+    def _draw_hysteresis(self) -> tuple[Float, Float]:
+        """Half-widths of the plays, (10,), degC, and widths of the loops (falling minus rising), (10,), ampere."""
+        rng = generator(self.seed, "ngu hysteresis")
+        half_width = rng.uniform(0.8, 1.2, CHANNELS) * [k.half_width_degC for k in KINDS]
+        width = _signed(rng, (CHANNELS,), 1.0, 0.2) * [k.hysteresis_A for k in KINDS]
+        return half_width, width * float(self.hysteresis)
+
+    def _curve_A(self, index: NDArray[np.int64], unit_degC: ArrayLike) -> Float:
+        return np.asarray(_polynomial(self._bias_A[:, index], np.asarray(unit_degC, float) - REFERENCE_DEGC))
+
+    def _dsf(self, row: int, channel: ArrayLike, unit_degC: ArrayLike) -> Float:
+        index = np.asarray(channel) - 1
+        rise = np.asarray(unit_degC, float) - REFERENCE_DEGC
+        slope = self._dsf_tc1[row, index] + self._dsf_tc2[row, index] * rise
+        return np.asarray(self._dsf_ppm[row, index] + slope * rise)
+
+    def _walk_A(self, index: NDArray[np.int64], t_s: Float | float) -> Float:
+        """Bias random walk, ampere."""
+        return self._walk.at(index, t_s) if self.noise else np.zeros(np.broadcast(index, t_s).shape)
+
+
+def _polynomial(coefficients: Sequence[float] | Float, rise_degC: Float) -> Float:
+    """c0 + c1 x + c2 x^2 + c3 x^3 by Horner's rule; the coefficients broadcast with x."""
+    c0, c1, c2, c3 = coefficients
+    return np.asarray(c0 + rise_degC * (c1 + rise_degC * (c2 + rise_degC * c3)))
+
+
+def _signed(rng: np.random.Generator, shape: tuple[int, ...], size: float, spread: float) -> Float:
+    """Values of about ``size`` with either sign."""
+    return rng.choice((-1.0, 1.0), shape) * size * rng.uniform(1 - spread, 1 + spread, shape)
+
+
+def _switch(options: Mapping[str, str], name: str) -> bool:
+    text = options.get(name, "on")
+    if text not in ("on", "off"):
+        raise InputError(
+            "B-NGU-001",
+            f"option {name} is {text!r}; it is 'on' or 'off'",
+            where=f"option {name}",
+            next_step=f"write --set {name}=on or --set {name}=off",
+        )
+    return text == "on"
+
+
+def _number(options: Mapping[str, str], name: str, drawn: float) -> float:
+    if name not in options:
+        return drawn
+    try:
+        value = float(options[name])
+    except ValueError:
+        value = float("nan")
+    if not -1000.0 <= value <= 1000.0:
+        raise InputError(
+            "B-NGU-001",
+            f"option {name} is {options[name]!r}; it is a number of ppm from -1000 to 1000",
+            where=f"option {name}",
+            next_step=f"write for example --set {name}=50",
+        )
+    return value

@@ -1,0 +1,1 @@
+"""What the worlds share: the bench itself, heat, motion, wires, seeds."""

@@ -1,0 +1,163 @@
+"""One serial output of the simulated unit: frames with the times at which their bytes are on the line."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.model.clock import NS
+from sim_instruments.faults.switchboard import LinkFaults
+
+Int64 = NDArray[np.int64]
+
+BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """Some frames in a row. ``ready_ns``, ``start_ns``, ``end_ns``: made, first bit and last bit on the line, (n,).
+
+    ``stops``: stream offset behind each frame, (n,); the bytes begin at stream offset ``base``.
+    """
+
+    ready_ns: Int64
+    start_ns: Int64
+    end_ns: Int64
+    stops: Int64
+    base: int
+    chunk: bytes
+
+    def cut(self, keep: int) -> _Stretch:
+        """The first ``keep`` frames, at least one."""
+        stops = self.stops[:keep]
+        chunk = self.chunk[: int(stops[-1]) - self.base]
+        return _Stretch(self.ready_ns[:keep], self.start_ns[:keep], self.end_ns[:keep], stops, self.base, chunk)
+
+    @property
+    def stop(self) -> int:
+        """Stream offset behind the last frame."""
+        return self.base + len(self.chunk)
+
+    def arrived(self, now_ns: int, baud: int) -> int:
+        """Stream offset up to which bytes have arrived."""
+        at = int(self.start_ns.searchsorted(now_ns, "right")) - 1
+        if at < 0:
+            return self.base
+        before = int(self.stops[at - 1]) if at else self.base
+        sent = (now_ns - int(self.start_ns[at])) * baud // (BITS_PER_BYTE * NS)
+        return min(before + sent, int(self.stops[at]))
+
+
+class Port:
+    """Frames go in with the time they are ready, bytes come out when the line has carried them.
+
+    The unit may generate ahead of time and later take back what is not yet true: ``produced`` numbers every frame, so
+    frames that are made again but were kept are recognised and never change.
+    """
+
+    def __init__(self, baud: int = 115_200) -> None:
+        self.produced = 0
+        self._baud = baud
+        self._kept = 0
+        self._busy_ns = 0
+        self._total = 0
+        self._read = 0
+        self._stretches: deque[_Stretch] = deque()
+        self._faults: LinkFaults | None = None
+        self._arrived = (-1, 0)  # time of the last question, stream offset that had arrived then
+        self.listened = False
+
+    def connect(self, baud: int, faults: LinkFaults | None) -> None:
+        """Somebody listens from now on at this baud rate; ``faults`` damages what is made from now on."""
+        self._baud, self._faults, self.listened = baud, faults, True
+        self._arrived = (-1, 0)
+
+    def disconnect(self) -> None:
+        """Nobody listens any more."""
+        self.listened = False
+
+    # --- the unit's side ---------------------------------------------------------------------------------------
+
+    def append(self, ready_ns: Int64, frames: NDArray[np.uint8]) -> None:
+        """Queue frames (n, length) made at ``ready_ns`` (n,), rising; those that were kept already are passed over."""
+        skip = min(max(self._kept - self.produced, 0), len(frames))
+        first = self.produced + skip
+        self.produced += len(frames)
+        if skip == len(frames):
+            return
+        ready_ns, frames = ready_ns[skip:], frames[skip:]
+        self._kept = self.produced
+        each_ns = -(-BITS_PER_BYTE * NS * frames.shape[1] // self._baud)
+        took = np.arange(len(frames), dtype=np.int64) * each_ns
+        waited = ready_ns - took
+        waited[0] = max(int(waited[0]), self._busy_ns)
+        start_ns = np.maximum.accumulate(waited) + took
+        self._busy_ns = int(start_ns[-1]) + each_ns
+        chunk, stops = self._on_line(first, frames)
+        base = self._total
+        self._stretches.append(_Stretch(ready_ns, start_ns, start_ns + each_ns, base + stops, base, chunk))
+        self._arrived = (-1, 0)
+        self._total += len(chunk)
+
+    def take_back(self, t_ns: int, produced: int) -> None:
+        """Forget frames made after ``t_ns``; the unit makes them again from its frame number ``produced`` on."""
+        while self._stretches and int(self._stretches[-1].ready_ns[-1]) > t_ns:
+            last = self._stretches.pop()
+            keep = int(last.ready_ns.searchsorted(t_ns, "right"))
+            self._kept -= len(last.ready_ns) - keep
+            self._total = last.base
+            if keep:
+                self._stretches.append(last.cut(keep))
+                self._total = int(last.stops[keep - 1])
+        self.produced = produced
+        self._arrived = (-1, 0)
+        self._busy_ns = int(self._stretches[-1].end_ns[-1]) if self._stretches else 0
+
+    def _on_line(self, first: int, frames: NDArray[np.uint8]) -> tuple[bytes, Int64]:
+        """Bytes that arrive, and the offset behind each frame, (n,), with the faults of the link."""
+        n, length = frames.shape
+        if self._faults is None or not self._faults.active:
+            return frames.tobytes(), np.arange(1, n + 1, dtype=np.int64) * length
+        frames = self._faults.frames(first, frames)
+        copies = self._faults.copies(first, n)
+        return np.repeat(frames, copies, axis=0).tobytes(), np.cumsum(copies) * length
+
+    # --- the listener's side -----------------------------------------------------------------------------------
+
+    def waiting(self, now_ns: int) -> int:
+        """Bytes that have arrived and are not read."""
+        if self._arrived[0] != now_ns:
+            arrived = self._read
+            for stretch in self._stretches:
+                arrived = max(arrived, stretch.arrived(now_ns, self._baud))
+                if arrived < stretch.stop:
+                    break
+            self._arrived = (now_ns, arrived)
+        return self._arrived[1] - self._read
+
+    def read(self, size: int, now_ns: int) -> bytes:
+        """Up to ``size`` bytes of those that have arrived."""
+        stop = self._read + min(size, self.waiting(now_ns))
+        parts = []
+        for stretch in self._stretches:
+            if stretch.base >= stop:
+                break
+            parts.append(stretch.chunk[max(self._read - stretch.base, 0) : stop - stretch.base])
+        self._read = stop
+        self._drop_read(now_ns)
+        return parts[0] if len(parts) == 1 else b"".join(parts)
+
+    def discard(self, now_ns: int) -> None:
+        """Lose what has arrived."""
+        self._read += self.waiting(now_ns)
+        self._drop_read(now_ns)
+
+    def _drop_read(self, now_ns: int) -> None:
+        while self._stretches:
+            oldest = self._stretches[0]
+            if oldest.stop > self._read or int(oldest.end_ns[-1]) > now_ns:
+                break
+            self._stretches.popleft()

@@ -1,0 +1,182 @@
+"""The world of the AF-converter bench: clock, lock, wires, temperatures, faults, instruments and the unit."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from pyvisa_sim.devices import Devices
+
+from bench.model.clock import Clock, to_ns
+from bench.model.errors import InputError
+from bench.model.ports import RecordWindow
+from sim_instruments.bus import registry
+from sim_instruments.bus.live import LiveDevice
+from sim_instruments.faults.named import FaultSwitches
+from sim_instruments.faults.switchboard import Faults
+from sim_instruments.hp_6632b import UNIT_CURRENT_A, UNIT_START_V
+from sim_instruments.worlds.af_converter.truth import estimates
+from sim_instruments.worlds.common.seeds import generator
+from sim_instruments.worlds.common.thermal import Thermal
+from sim_instruments.worlds.common.unit_truth import UnitTruth
+from sim_instruments.worlds.common.wiring import UnitInputs, Wiring
+
+PORTS = ("port_a", "port_b")  # of the unit under test
+
+
+class Unit(UnitInputs, Protocol):
+    """The simulated unit under test, as the world knows it."""
+
+    truth: UnitTruth
+
+    def set_power(self, on: bool, t_ns: int, voltage_V: float) -> None:
+        """Supply of the unit on or off, and its voltage; a new voltage while on changes nothing else."""
+
+    def set_fg(self, frequency_Hz: float, t_ns: int) -> None:
+        """True frequency at the unit's function-generator input, hertz; 0 without a signal."""
+
+
+class World:
+    """One simulated bench. Everything that changes it runs under ``lock``, at a time of ``clock``.
+
+    Args:
+        clock: clock of the run; virtual clocks are advanced by bus operations and timeouts.
+        seed: seed of every draw.
+        unit: the simulated unit under test.
+        thermal: temperatures; the unit reads its own from it.
+        options: checked options of the world (sim_instruments.worlds.simulation.WORLD_OPTIONS).
+    """
+
+    ports: tuple[str, ...] = PORTS
+
+    def __init__(
+        self,
+        *,
+        clock: Clock,
+        seed: int,
+        unit: Unit,
+        thermal: Thermal,
+        options: Mapping[str, bool | float] | None = None,
+    ) -> None:
+        self.clock = clock
+        self.seed = seed
+        self.unit = unit
+        self.thermal = thermal
+        self.options = dict(options or {})
+        self.lock = threading.RLock()
+        self.faults = Faults(seed)
+        self.switches = FaultSwitches(self, self.ports)
+        self.wiring = Wiring(unit, seed)
+        self.devices = Devices()
+        self.instruments: dict[str, LiveDevice] = {}
+        self.id = registry.add(self)
+        self._closed = False
+
+    @property
+    def time_constants(self) -> float:
+        """How many times shorter all lags of the bench are."""
+        return float(self.options.get("time_constants", 1.0))
+
+    @property
+    def visa_library(self) -> str:
+        """Name for ``pyvisa.ResourceManager``."""
+        return f"{self.id}@bench"
+
+    def link_url(self, name: str) -> str:
+        """pySerial URL of one of the unit's ports, "port_a" or "port_b"."""
+        return f"sim://{self.id}/{name}"
+
+    def connect(self, resource: str, device: LiveDevice) -> None:
+        """Put an instrument at a VISA address."""
+        self.devices.add_device(resource, device)
+        self.instruments[device.role] = device
+
+    def instrument(self, kind: type) -> Any:
+        """The first instrument of a class, None if the bench has none (how wires between instruments are found)."""
+        return next(iter(self.instruments_of(kind)), None)
+
+    def instruments_of(self, kind: type) -> list[Any]:
+        """All instruments of a class in the order of the station."""
+        return [device for device in self.instruments.values() if isinstance(device, kind)]
+
+    def rng(self, purpose: str, *indexes: int) -> np.random.Generator:
+        """Generator of one purpose; the same draws whenever it is asked for."""
+        return generator(self.seed, purpose, *indexes)
+
+    def truth(self, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
+        """True values of what the campaign estimates, in the form of the contract's ``estimates``."""
+        return estimates(self.unit.truth, self.thermal, windows)
+
+    operations: ClassVar[tuple[str, ...]] = ()  # what ``operate`` knows
+
+    def operate(self, name: str, value: Any) -> None:
+        """What a person does at the bench. Raises: what ``check_operation`` raises."""
+        self.check_operation(name, value)
+
+    @classmethod
+    def check_operation(cls, name: str, value: Any) -> None:
+        """Raises: InputError B-SIM-018, nobody can do that at such a bench."""
+        known = ", ".join(cls.operations) or "nothing"
+        if name not in cls.operations:
+            raise InputError(
+                "B-SIM-018", f"{name!r} cannot be set to {value!r} on this simulated bench", where="sets of a prompt",
+                next_step=f"what a person can do here: {known}",
+            )  # fmt: skip
+
+    @property
+    def load(self) -> tuple[float, float]:
+        """The unit at its supply: volt from which it draws current, ampere."""
+        return UNIT_START_V, UNIT_CURRENT_A
+
+    @property
+    def rail_V(self) -> float:
+        """Voltage at the multimeter's leads on a bench without an auxiliary supply, volt."""
+        return 0.0
+
+    def close(self) -> None:
+        """Forget the world: its id opens nothing any more and pending events do nothing."""
+        self._closed = True
+        registry.remove(self.id)
+
+    # --- time --------------------------------------------------------------------------------------------------
+
+    @contextlib.contextmanager
+    def bus_operation(self, latency_ns: int) -> Iterator[None]:
+        """Let the latency of a bus operation pass, then hold the lock. Wall-clock threads wait side by side."""
+        if self.clock.virtual:
+            with self.lock:
+                self.clock.sleep_until_ns(self.clock.now_ns() + latency_ns)
+                yield
+        else:
+            self.clock.sleep_until_ns(self.clock.now_ns() + latency_ns)
+            with self.lock:
+                yield
+
+    def wait_until_ns(self, t_mono_ns: int) -> None:
+        """Let time pass for a caller that waits on the bus."""
+        if self.clock.virtual:
+            with self.lock:
+                self.clock.sleep_until_ns(t_mono_ns)
+        else:
+            self.clock.sleep_until_ns(t_mono_ns)
+
+    def after(self, seconds: float, event: Callable[[], None]) -> None:
+        """Run ``event`` once, that much later, under the lock (a settled output, a trip)."""
+        started = threading.Event()
+
+        def fire() -> None:
+            started.wait()
+            handle.cancel()
+            with self.lock:
+                if not self._closed:
+                    event()
+
+        handle = self.clock.every(max(seconds, 1e-9), fire, observer=False)
+        started.set()
+
+    def trip_calibrator_at(self, t_mono_ns: int) -> None:
+        """Fault: whatever instrument can trip (the calibrator) drops to standby at that time."""
+        self.after((t_mono_ns - self.clock.now_ns()) / to_ns(1), self.wiring.on_lost_path)

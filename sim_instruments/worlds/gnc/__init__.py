@@ -1,0 +1,1 @@
+"""GNC modules on their board and table."""

@@ -1,0 +1,182 @@
+"""The simulated sensors of one GNC module: gyroscopes, accelerometers, magnetometer and thermometer.
+
+A sample of gyroscope and accelerometer is the mean over the interval that ends at its time stamp, as a sensor that
+integrates between two readings gives it; the sum of contiguous samples is therefore the turn itself. Magnetometer and
+thermometer are read at the time stamp. All of it is a function of bench time, seed and serial number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.model.clock import NS
+from sim_instruments.worlds.common.attitude import OnTheBench, Site, Surroundings
+from sim_instruments.worlds.common.seeds import generator
+from sim_instruments.worlds.common.sensor_noise import SlowNoise, WhiteNoise
+from sim_instruments.worlds.common.thermal import LAB_DEGC
+from sim_instruments.worlds.gnc.imu_errors import (
+    MAGNETIC_NOISE_GAUSS,
+    SLOW_ACCEL_G,
+    SLOW_ACCEL_S,
+    SLOW_GYRO_DEG_S,
+    SLOW_GYRO_S,
+    THERMOMETER_NOISE_DEGC,
+    ImuErrors,
+    ImuOptions,
+)
+from sim_instruments.worlds.gnc.imu_inputs import true_inputs
+from sim_instruments.worlds.gnc.imu_power import PowerPeriods
+from sim_instruments.worlds.gnc.magnetometer import EarthField, Magnetometer, field_gauss
+
+Float = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+SAMPLE_NS = 5_000_000  # 200 Hz
+GYRO_LSB_DEG_S, GYRO_RANGE_DEG_S = 0.005, 400.0
+ACCEL_LSB_G, ACCEL_RANGE_G = 1e-3, 50.0
+MAG_LSB_GAUSS, MAG_RANGE_GAUSS = 120e-6, 6.0
+WORD = 32767  # largest count of the temperature's 16-bit word
+TEMPERATURE_LSB_DEGC = 0.01
+_CHUNK = 65_536
+
+
+@dataclass(frozen=True)
+class Readings:
+    """What the sensors indicate before range and quantisation: (n, 3) each and temperature (n,)."""
+
+    gyro_deg_s: Float
+    accel_g: Float
+    mag_gauss: Float
+    temperature_degC: Float
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What they give out: (n, 3) each in 0.005 deg/s, 1 mg, 120 microgauss; temperature (n,) in 0.01 degC."""
+
+    gyro: Int64
+    accel: Int64
+    mag: Int64
+    temperature: Int64
+
+
+class GncImu:
+    """Sensors of one module.
+
+    Args:
+        seed: seed of the run.   serial: serial number of the module; both together name every draw.
+        options: see ImuOptions.
+        surroundings: table motion, mounting and kind of table as they are when a sample is taken (the world).
+        site: latitude, gravity, azimuth of the inner axis.   earth: the magnetic field of the place.
+        ambient_degC: temperature around the module at bench times, (n,) to (n,).
+    """
+
+    def __init__(
+        self,
+        seed: int,
+        serial: str,
+        options: ImuOptions | None = None,
+        *,
+        surroundings: Surroundings | None = None,
+        site: Site | None = None,
+        earth: EarthField | None = None,
+        ambient_degC: Callable[[Int64], Float] | None = None,
+    ) -> None:
+        self.serial = serial
+        self.options = options or ImuOptions()
+        self.surroundings: Surroundings = surroundings or OnTheBench()
+        self.site, self.earth = site or Site(), earth or EarthField()
+        self.errors = ImuErrors(seed, serial, self.options)
+        self.magnetometer = Magnetometer(seed, serial, errors=self.options.errors)
+        self.power = PowerPeriods()
+        self._ambient_degC = ambient_degC or _laboratory
+        self._white = WhiteNoise(seed, f"gnc white noise {serial}", 10)
+        sigmas = np.repeat((SLOW_GYRO_DEG_S, *(SLOW_ACCEL_G,) * len(SLOW_ACCEL_S)), 3)
+        times_s = np.repeat((SLOW_GYRO_S, *SLOW_ACCEL_S), 3)
+        self._slow = SlowNoise(seed, f"gnc slow noise {serial}", sigmas, times_s)
+        self._seed = seed
+
+    def sample(self, t_ns: Int64, interval_ns: int = SAMPLE_NS) -> Counts:
+        """Samples at bench times (n,), each over the interval that ends there; limited to the range, rounded."""
+        read = self.readings(t_ns, interval_ns)
+        mag = np.clip(read.mag_gauss, -MAG_RANGE_GAUSS, MAG_RANGE_GAUSS)
+        return Counts(
+            gyro=_counts(np.clip(read.gyro_deg_s, -GYRO_RANGE_DEG_S, GYRO_RANGE_DEG_S), GYRO_LSB_DEG_S),
+            accel=_counts(np.clip(read.accel_g, -ACCEL_RANGE_G, ACCEL_RANGE_G), ACCEL_LSB_G),
+            mag=_counts(mag, MAG_LSB_GAUSS),
+            temperature=np.clip(_counts(read.temperature_degC, TEMPERATURE_LSB_DEGC), -WORD, WORD),
+        )
+
+    def readings(self, t_ns: Int64, interval_ns: int = SAMPLE_NS) -> Readings:
+        """The same before range and quantisation; nothing is lost of a noise-free reading."""
+        times_ns = np.asarray(t_ns, np.int64)
+        parts = [self._part(times_ns[at : at + _CHUNK], interval_ns) for at in range(0, times_ns.size, _CHUNK)]
+        parts = parts or [self._part(times_ns, interval_ns)]
+        return Readings(*(np.concatenate(one) for one in zip(*parts, strict=True)))
+
+    def temperature_degC(self, t_ns: Int64) -> Float:
+        """True temperature of the module at bench times, (n,), degC."""
+        return self._ambient_degC(t_ns) + self.power.rise_degC(t_ns)
+
+    def gyro_bias_deg_s(self, t_ns: Int64) -> Float:
+        """True b of N = S (w + b) at bench times, slow noise and turn-on included, (n, 3), deg/s."""
+        return self._biases(t_ns)[:, :3]
+
+    def accel_bias_g(self, t_ns: Int64) -> Float:
+        """True b of N = S (a + b), (n, 3), standard g."""
+        return self._biases(t_ns)[:, 3:]
+
+    def _part(self, t_ns: Int64, interval_ns: int) -> tuple[Float, Float, Float, Float]:
+        surroundings, mounting = self.surroundings, self.surroundings.mounting
+        tilt = self.errors.tilt(mounting)
+        degC = self.temperature_degC(t_ns)
+        biases = self._biases(t_ns)
+        rate, force = true_inputs(surroundings, self.site, tilt, t_ns, interval_ns, self.options.lever_arm_m)
+        table = surroundings.table
+        field = field_gauss(surroundings.motion, table, self.site, self.earth, tilt, t_ns, mounting)
+        noise = self._noise(t_ns, interval_ns)
+        gyro, accel = self.errors.gyro, self.errors.accel
+        return (
+            gyro.row_factor(degC) * ((rate + biases[:, :3]) @ gyro.sensitivity.T) + noise[:, :3],
+            accel.row_factor(degC) * ((force + biases[:, 3:]) @ accel.sensitivity.T) + noise[:, 3:6],
+            self.magnetometer.indicated_gauss(field) + noise[:, 6:9],
+            degC + self.errors.thermometer_degC + noise[:, 9],
+        )
+
+    def _noise(self, t_ns: Int64, interval_ns: int) -> Float:
+        if not self.options.noise:
+            return np.zeros((t_ns.size, 10))
+        mean_of = np.sqrt(interval_ns / NS)
+        white = np.concatenate((self.errors.gyro.white / mean_of, self.errors.accel.white / mean_of))
+        return self._white.at(t_ns) * np.array([*white, *(MAGNETIC_NOISE_GAUSS,) * 3, THERMOMETER_NOISE_DEGC])
+
+    def _biases(self, t_ns: Int64) -> Float:
+        """Biases of gyroscopes and accelerometers, (n, 6)."""
+        degC = self.temperature_degC(t_ns)
+        steady = np.concatenate((self.errors.gyro.bias_at(degC), self.errors.accel.bias_at(degC)), axis=1)
+        if not self.options.noise:
+            return steady
+        slow = self._slow.at(t_ns - self.power.first_ns)
+        steady[:, :3] += slow[:, :3]
+        steady[:, 3:] += slow[:, 3:].reshape(t_ns.size, len(SLOW_ACCEL_S), 3).sum(axis=1)
+        return steady + self._turn_on(t_ns)
+
+    def _turn_on(self, t_ns: Int64) -> Float:
+        periods = self.power.period(t_ns)
+        sizes = np.concatenate((self.errors.gyro.turn_on, self.errors.accel.turn_on))
+        found, place = np.unique(periods, return_inverse=True)
+        name = f"gnc turn-on {self.serial}"
+        drawn = [generator(self._seed, name, int(period)).standard_normal(6) * sizes for period in found]
+        return np.array(drawn).reshape(-1, 6)[place]
+
+
+def _laboratory(t_ns: Int64) -> Float:
+    return np.full(np.shape(t_ns), LAB_DEGC)
+
+
+def _counts(value: Float, lsb: float) -> Int64:
+    return np.rint(value / lsb).astype(np.int64)

@@ -1,0 +1,154 @@
+"""What is true of the sensors of one simulated module: drawn once from (seed, serial number). Every number and its
+reason stands in docs/gnc-simulation.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim_instruments.worlds.common.attitude import Tilt
+from sim_instruments.worlds.common.seeds import generator
+
+Float = NDArray[np.float64]
+
+REFERENCE_DEGC = 25.0
+WARM_UP_DEGC = 6.0
+WARM_UP_LAG_S = 80.0
+MEAN_INTERVAL_S = 10.0  # of the paper's stability figure
+SLOW_GYRO_DEG_S = 2.0 / 3600.0
+SLOW_GYRO_S = 300.0
+SLOW_ACCEL_G = 6e-6  # each of three, a decade apart
+SLOW_ACCEL_S = (10.0, 100.0, 1000.0)
+ARW_DEG_RT_H = 0.3
+VRW_G_RTS = 0.1e-3
+MAGNETIC_NOISE_GAUSS = 0.5e-3
+THERMOMETER_NOISE_DEGC = 0.02
+_LARGEST_DRAW = 2.5  # standard deviations
+
+
+@dataclass(frozen=True)
+class ImuOptions:
+    """Choices for the sensors of a simulated module.
+
+    Attributes:
+        errors: off makes ideal sensors (their noise stays).
+        noise: off leaves out white and slow noise and the bias that a power-on brings.
+        tilt_arcmin: standard deviation of the body's tilt against the inner axis, about each axis and at each pose.
+        imu_class: "coarse" has 1 % scale errors, 0.3 % cross terms and the angle random walk ``ARW_DEG_RT_H``;
+            "table_2" draws the angle random walk so that the 10 s means scatter as in Table 2 of the paper;
+            "table_3" has a tenth of the scale errors and cross terms, below its coupling limit of 0.001.
+        lever_arm_m: place of the accelerometers from the centre of rotation of the table, body axes.
+    """
+
+    errors: bool = True
+    noise: bool = True
+    tilt_arcmin: float = 0.0
+    imu_class: str = "coarse"
+    lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+SCALE_AND_CROSS = {"coarse": (0.01, 0.003), "table_2": (0.01, 0.003), "table_3": (0.001, 0.0003)}
+
+
+@dataclass(frozen=True)
+class Triad:
+    """One triad of sensors, N = S (w + b) at ``REFERENCE_DEGC``: indicated from true, in the unit of the triad.
+
+    Attributes:
+        sensitivity: S, (3, 3), indicated per true; row = sensor, column = body axis.
+        bias: b, (3,).   scale_per_degC: relative change of each sensor's row.   bias_per_degC: change of b.
+        turn_on: standard deviation of what a power-on adds to b, (3,).   white: N of each sensor, unit times sqrt(s).
+    """
+
+    sensitivity: Float
+    bias: Float
+    scale_per_degC: Float
+    bias_per_degC: Float
+    turn_on: Float
+    white: Float
+
+    def sensitivity_at(self, degC: Float) -> Float:
+        """S at temperatures (n,), (n, 3, 3)."""
+        return self.row_factor(degC)[:, :, None] * self.sensitivity
+
+    def row_factor(self, degC: Float) -> Float:
+        """What temperature multiplies each sensor's row with, (n, 3)."""
+        return 1.0 + (degC - REFERENCE_DEGC)[:, None] * self.scale_per_degC
+
+    def bias_at(self, degC: Float) -> Float:
+        """b at temperatures (n,) without noise, (n, 3)."""
+        return self.bias + (degC - REFERENCE_DEGC)[:, None] * self.bias_per_degC
+
+
+class ImuErrors:
+    """Gyroscopes (deg/s), accelerometers (standard g), thermometer and tilt of one module.
+
+    Args: seed of the run, serial number of the module, options.
+    """
+
+    def __init__(self, seed: int, serial: str, options: ImuOptions) -> None:
+        self.options = options
+        rng = generator(seed, f"gnc imu errors {serial}")
+        s_deg_s = 1.0 / 3600.0
+        gyro = _triad(rng, options.imu_class, 0.1, 30e-6, 3.0 * s_deg_s)
+        accel = _triad(rng, options.imu_class, 10e-3, 20e-6, 0.03e-3)
+        turn_on = rng.uniform(1.2, 4.8, 3) * s_deg_s, rng.uniform(0.015, 0.070, 3) * 1e-3
+        white = _gyro_white(seed, serial, options.imu_class), np.full(3, VRW_G_RTS)
+        self.gyro = _chosen(options, gyro, turn_on[0], white[0])
+        self.accel = _chosen(options, accel, turn_on[1], white[1])
+        self.thermometer_degC = float(rng.normal(0.0, 0.5)) * options.errors
+        self._seed, self._serial = seed, serial
+
+    def tilt(self, mounting: str) -> Tilt | None:
+        """Tilt of the body in one mounting, None if there is none."""
+        if self.options.tilt_arcmin <= 0.0:
+            return None
+        rng = generator(self._seed, f"gnc tilt {self._serial} {mounting}")
+        sigma_rad = np.deg2rad(self.options.tilt_arcmin / 60.0) / np.sqrt(3.0)
+        turns = rng.standard_normal((5, 3)) * sigma_rad
+        return Tilt(turns[0], turns[1:3], turns[3:5])
+
+
+def drawn(rng: np.random.Generator, sigma: ArrayLike, shape: int | tuple[int, ...]) -> Float:
+    """Normal numbers that stay within 2.5 standard deviations."""
+    return np.asarray(np.clip(rng.standard_normal(shape), -_LARGEST_DRAW, _LARGEST_DRAW) * sigma)
+
+
+def signed(rng: np.random.Generator, size: float, shape: int) -> Float:
+    """Numbers of half to one and a half times ``size``, of either sign."""
+    return np.asarray(rng.choice((-1.0, 1.0), shape) * size * rng.uniform(0.5, 1.5, shape))
+
+
+def _gyro_white(seed: int, serial: str, imu_class: str) -> Float:
+    """Angle random walk of the three sensors, deg/rt_s."""
+    if imu_class != "table_2":
+        return np.full(3, ARW_DEG_RT_H / 60.0)
+    means_deg_h = generator(seed, f"gnc table 2 {serial}").uniform(3.6, 9.1, 3)
+    white_deg_s = np.sqrt(means_deg_h**2 / 3600.0**2 - SLOW_GYRO_DEG_S**2)
+    return np.asarray(white_deg_s * np.sqrt(MEAN_INTERVAL_S))
+
+
+def _triad(rng: np.random.Generator, name: str, bias: float, scale_degC: float, bias_degC: float) -> Triad:
+    scale, cross = SCALE_AND_CROSS[name]
+    sensitivity = drawn(rng, cross, (3, 3))
+    np.fill_diagonal(sensitivity, 1.0 + drawn(rng, scale, 3))
+    nothing = np.zeros(3)
+    return Triad(
+        sensitivity, drawn(rng, bias, 3), signed(rng, scale_degC, 3), signed(rng, bias_degC, 3), nothing, nothing
+    )
+
+
+def _chosen(options: ImuOptions, triad: Triad, turn_on: Float, white: Float) -> Triad:
+    """The triad with what the options leave of it."""
+    wrong, noisy = float(options.errors), float(options.noise)
+    return Triad(
+        np.eye(3) + wrong * (triad.sensitivity - np.eye(3)),
+        wrong * triad.bias,
+        wrong * triad.scale_per_degC,
+        wrong * triad.bias_per_degC,
+        noisy * turn_on,
+        noisy * white,
+    )

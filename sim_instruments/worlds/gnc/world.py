@@ -1,0 +1,114 @@
+"""The world of the GNC bench: test board, modules by serial number, the table they lie on, Earth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+from bench.model.clock import Clock
+from bench.model.errors import InputError
+from bench.model.ports import RecordWindow
+from sim_instruments.worlds.common.attitude import Site
+from sim_instruments.worlds.common.motion import AxisMotion
+from sim_instruments.worlds.common.thermal import Thermal
+from sim_instruments.worlds.common.world import World
+from sim_instruments.worlds.gnc.board import PORT, START_V, GncBoard
+from sim_instruments.worlds.gnc.faults import parse_faults
+from sim_instruments.worlds.gnc.imu import GncImu
+from sim_instruments.worlds.gnc.imu_errors import ImuOptions
+from sim_instruments.worlds.gnc.module import GncModule
+from sim_instruments.worlds.gnc.truth import estimates
+
+SITE = Site(latitude_deg=34.2, gravity_m_s2=9.7969, azimuth_deg=90.0)
+LONGITUDE_DEG, HEIGHT_M = 108.9, 400.0
+FIRST_UNIT = "GNC-01"  # in the socket until somebody puts in another one
+MOUNTINGS = ("x", "y", "z")
+TABLES = ("turntable", "non_magnetic", "bench")
+SWITCHES = 5
+
+
+class GncWorld(World):
+    """One simulated GNC bench.
+
+    Args: clock, seed: as of every world.   options: checked ones of simulation.GNC_OPTIONS.
+    Attributes: motion: of the table's axes outer, middle, inner.   mounting: body axis along the inner axis.
+        table: what the board lies on.   dip_switch: the one that is on, 0 for none.
+    Raises: InputError B-SIM-002, a fault that does not exist.
+    """
+
+    ports = (PORT,)
+
+    def __init__(self, *, clock: Clock, seed: int, options: Mapping[str, Any]) -> None:
+        self._faults_of = parse_faults(str(options.get("faults", "")))
+        self._imu_options = ImuOptions(
+            errors=bool(options.get("imu_errors", True)),
+            noise=bool(options.get("noise", True)),
+            tilt_arcmin=float(options.get("tilt_arcmin", 0.0)),
+        )
+        self.motion = (AxisMotion(), AxisMotion(), AxisMotion())
+        self.mounting, self.table, self.dip_switch = "x", "bench", 0
+        self._imus: dict[str, GncImu] = {}
+        self._modules: dict[str, GncModule] = {}
+        self.board = GncBoard(clock, self._module(FIRST_UNIT, seed), lambda: self.dip_switch)
+        super().__init__(clock=clock, seed=seed, unit=self.board, thermal=Thermal(), options=options)
+
+    operations: ClassVar[tuple[str, ...]] = ("unit", "dip_switch", "mounting", "table")
+
+    def operate(self, name: str, value: Any) -> None:
+        """What a person does at the bench: unit, dip_switch, mounting, table.
+
+        Raises: InputError B-SIM-018 for another name, B-SIM-019 for a value that cannot be.
+        """
+        self.check_operation(name, value)
+        text = str(value)
+        with self.lock:
+            self.board.settle()
+            if name == "unit" and text != self.board.module.serial:
+                self.board.insert(self._module(text, self.seed))
+            elif name == "dip_switch":
+                self.dip_switch = int(float(text))
+            elif name == "mounting":
+                self.mounting = text
+            elif name == "table":
+                self.table = text
+
+    @classmethod
+    def check_operation(cls, name: str, value: Any) -> None:
+        """Raises: InputError B-SIM-018, B-SIM-019."""
+        super().check_operation(name, value)
+        text = str(value)
+        if name == "unit":
+            _require(0 < len(text) <= 12 and text.isascii(), name, value, "a serial number of 1 to 12 characters")
+        elif name == "dip_switch":
+            switches = range(SWITCHES + 1)
+            found = any(text in (str(switch), f"{switch}.0") for switch in switches)
+            _require(found, name, value, f"0 (none) to {SWITCHES}")
+        else:
+            possible = MOUNTINGS if name == "mounting" else TABLES
+            _require(text in possible, name, value, f"one of {', '.join(possible)}")
+
+    @property
+    def load(self) -> tuple[float, float]:
+        return START_V, self.board.module.power.current_A
+
+    @property
+    def rail_V(self) -> float:
+        return self.board.board_V
+
+    def truth(self, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
+        first = self.board.module.serial  # what a window without a unit means: the session's only one
+        return estimates({first: self._imus[first], **self._imus}, windows)
+
+    def _module(self, serial: str, seed: int) -> GncModule:
+        """The module of a serial number; one that comes back is the same one."""
+        if serial not in self._modules:
+            imu = GncImu(seed, serial, self._imu_options, surroundings=self, site=SITE)
+            place = (SITE.latitude_deg, LONGITUDE_DEG, HEIGHT_M)
+            self._imus[serial] = imu
+            self._modules[serial] = GncModule(seed, serial, self._faults_of.get(serial, ()), imu, place)
+        return self._modules[serial]
+
+
+def _require(possible: bool, name: str, value: Any, due: str) -> None:
+    if not possible:
+        raise InputError("B-SIM-019", f"{name} cannot be {value!r}", where="sets of a prompt", next_step=f"give {due}")

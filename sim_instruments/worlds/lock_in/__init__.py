@@ -1,0 +1,1 @@
+"""A dithered ring laser, edge by edge."""

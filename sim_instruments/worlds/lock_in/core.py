@@ -1,0 +1,198 @@
+"""A dithered ring laser without a bench: what it is, and its edges over some seconds, as pure functions.
+
+    dpsi/dt = K [W_in + W_D(t) - W_L (sin(psi + beta) + e sin(2 psi + beta_2))],    W_D(t) = A_k cos(w_D t)
+
+psi is the Sagnac phase in rad, positive for a positive rotation; t = 0 is a maximum of the dither's velocity. A_k is
+drawn anew at each maximum of the velocity (both senses), where the dither's angle is zero, so the angle has no step.
+
+Source: paper 004, equation (10); K of a square ring, K = 8 pi area / (wavelength length) = pi L / (2 wavelength).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_instruments.worlds.lock_in.crossings import Crossings, crossings
+from sim_instruments.worlds.lock_in.half_cycles import Drive, integrate
+
+Float = NDArray[np.float64]
+UInt8 = NDArray[np.uint8]
+
+WAVELENGTH_M = 632.8e-9
+DITHER_DEG_S, DITHER_HZ = 100.0, 400.0
+LOCK_IN_DEG_S, LOCK_IN_PATH_M = 0.05, 0.28  # lock-in rate of that path; it falls with the square of the path
+QUANTUM_DEG_RT_H, QUANTUM_PATH_M = 1.15e-4, 0.28
+S_PER_H = 3600.0
+AT_ONCE = 40  # half cycles integrated together: small enough for the cache, large enough for the interpreter
+MOST_STEP_RAD = 1.6  # beat phase in one step at the velocity's maximum
+LEAST_STEPS, SEGMENTS = 500, 10  # of a half cycle
+BEAT, PICK_OFF = 0, 1  # channels
+
+
+@dataclass(frozen=True)
+class RingLaser:
+    """One ring laser with its dither.
+
+    Args:
+        path_m: length of the optical path.   beta_rad: phase of the backscatter.
+        lock_in_deg_s: lock-in rate W_L, by default 0.05 deg/s (28 cm / path)^2.
+        rate_deg_h: input rate.   dither_deg_s, dither_Hz: mean amplitude of the rate and frequency; 0 deg/s = none.
+        dither_noise: standard deviation of the amplitude, relative.
+        quantum_deg_rt_h: random walk of the laser itself (angle), 0 for none; ``quantum_deg_rt_h(path)`` gives theory.
+        beat_noise: of the comparators, standard deviation in parts of the beat's amplitude, white from edge to edge.
+        second_harmonic, second_phase_rad: e and beta_2 above.
+    """
+
+    path_m: float = 0.28
+    beta_rad: float = math.pi / 2
+    lock_in_deg_s: float | None = None
+    rate_deg_h: float = 0.0
+    dither_deg_s: float = DITHER_DEG_S
+    dither_Hz: float = DITHER_HZ
+    dither_noise: float = 0.05
+    quantum_deg_rt_h: float = 0.0
+    beat_noise: float = 0.0
+    second_harmonic: float = 0.0
+    second_phase_rad: float = 0.0
+
+    @property
+    def scale(self) -> float:
+        """K, rad of phase per rad of rotation."""
+        return math.pi * self.path_m / (2.0 * WAVELENGTH_M)
+
+    @property
+    def lock_in_rad_s(self) -> float:
+        """W_L, rad/s of rotation."""
+        lock_in_deg_s = LOCK_IN_DEG_S * (LOCK_IN_PATH_M / self.path_m) ** 2
+        return math.radians(lock_in_deg_s if self.lock_in_deg_s is None else self.lock_in_deg_s)
+
+    @property
+    def kappa_rad_s(self) -> float:
+        """K W_L, rad/s of phase: the largest beat rate that lock-in swallows."""
+        return self.scale * self.lock_in_rad_s
+
+    @property
+    def half_s(self) -> float:
+        """Half a period of the dither, in whole picoseconds."""
+        return round(0.5e12 / self.dither_Hz) * 1e-12
+
+    @property
+    def steps(self) -> int:
+        """Steps of the integration in a half cycle."""
+        most_rad = self.scale * math.radians(self.dither_deg_s) * (1.0 + 4.0 * self.dither_noise) * self.half_s
+        return SEGMENTS * math.ceil(max(LEAST_STEPS, most_rad / MOST_STEP_RAD) / SEGMENTS)
+
+    @property
+    def quantum_rad_rt_s(self) -> float:
+        """Random walk of the phase, rad per root of a second."""
+        return self.scale * math.radians(self.quantum_deg_rt_h) / math.sqrt(S_PER_H)
+
+    @property
+    def lock_in_walk_deg_rt_h(self) -> float:
+        """Angle random walk W_L / sqrt(K W_D) that the dithered lock-in makes, deg/rt-h. Source: paper 004, (6)."""
+        walk_rad_rt_s = self.lock_in_rad_s / math.sqrt(self.scale * math.radians(self.dither_deg_s))
+        return math.degrees(walk_rad_rt_s) * math.sqrt(S_PER_H)
+
+    def drive(self, dither_deg_s: Float, first_sense: int, noise: Float | None, beta_rad: Float | float) -> Drive:
+        """What drives the phase in consecutive half cycles.
+
+        Args: dither_deg_s: amplitudes (n,).   first_sense: +1 if the first half cycle begins at a positive rate.
+            noise: standard normal draws (n, steps), None without quantum noise.   beta_rad: (n,) or one for all.
+        """
+        walk = None
+        if noise is not None:
+            walk = self.quantum_rad_rt_s * math.sqrt(self.half_s / self.steps) * noise
+        sense = first_sense * (1.0 - 2.0 * (np.arange(len(dither_deg_s)) % 2))
+        return Drive(
+            half_s=self.half_s,
+            steps=self.steps,
+            amplitude_rad_s=self.scale * np.radians(dither_deg_s) * sense,
+            rate_rad_s=self.scale * math.radians(self.rate_deg_h) / S_PER_H,
+            kappa_rad_s=self.kappa_rad_s,
+            beta_rad=np.broadcast_to(np.asarray(beta_rad, float), sense.shape),
+            walk_rad=walk,
+            second=self.second_harmonic,
+            second_phase_rad=self.second_phase_rad,
+        )
+
+    def simulate(self, seconds: float, rng: np.random.Generator, psi_rad: float = 0.0) -> Edges:
+        """Edges of the comparators from a maximum of the velocity on, over whole half cycles of the dither.
+
+        Args: seconds: how long, rounded to half cycles.   rng: of all noise.   psi_rad: phase at t = 0.
+        """
+        total, parts = round(seconds / self.half_s), []
+        for first in range(0, total, AT_ONCE):
+            n = min(AT_ONCE, total - first)
+            dither_deg_s = self.dither_deg_s * (1.0 + self.dither_noise * rng.standard_normal(n))
+            noise = rng.standard_normal((n, self.steps)) if self.quantum_deg_rt_h else None
+            drive = self.drive(dither_deg_s, 1 - 2 * (first % 2), noise, self.beta_rad)
+            motion = integrate(drive, psi_rad)
+            disturbed = self.beat_noise * rng.standard_normal((n, self.steps)) if self.beat_noise else None
+            found = crossings(drive, motion, disturbed)
+            parts.append(_edges(self, first, dither_deg_s, motion.start_rad, found))
+            psi_rad = motion.end_rad
+        return _joined(parts, psi_rad)
+
+
+@dataclass(frozen=True)
+class Edges:
+    """Edges in order of time, and what nobody can measure.
+
+    ``t_s``: (n,) seconds.   ``channel``: BEAT or PICK_OFF.   ``level``: of that channel behind the edge, 1 = risen; the
+    pick-off is high while the dither's angle is positive, so it rises where the rate is most positive.
+    ``cosine``: level of the comparator of cos(psi).   ``count``: floor(psi / pi) behind the edge, truth.
+    ``phase_rad``: psi at the pick-off's edges and at the end, (halves + 1,), truth.
+    ``dither_deg_s``: amplitude of each half cycle, (halves,), truth.
+    """
+
+    t_s: Float
+    channel: UInt8
+    level: UInt8
+    cosine: UInt8
+    count: NDArray[np.int64]
+    phase_rad: Float
+    dither_deg_s: Float
+
+
+def quantum_deg_rt_h(path_m: float) -> float:
+    """Angle random walk of the quantum noise, deg/rt-h: 1.15e-4 at 28 cm, falls with the square of the path.
+
+    Source: paper 004, equation (3): power, losses and transmission of the mirrors alike for all paths.
+    """
+    return QUANTUM_DEG_RT_H * (QUANTUM_PATH_M / path_m) ** 2
+
+
+def _edges(laser: RingLaser, first: int, dither_deg_s: Float, start_rad: Float, found: Crossings) -> Edges:
+    halves = np.arange(len(start_rad))
+    half, order = ordered(halves, found)
+    t_s = (first + half) * laser.half_s + np.concatenate([np.zeros(len(halves)), found.since_s])[order]
+    channel = np.concatenate([np.full(len(halves), PICK_OFF), np.full(len(found.half), BEAT)]).astype(np.uint8)
+    level, cosine = levels((first + halves) % 2 == 0, start_rad, found)
+    count = np.concatenate([np.floor(start_rad / np.pi).astype(np.int64), found.count])
+    return Edges(t_s, channel[order], level[order], cosine[order], count[order], start_rad, dither_deg_s)
+
+
+def ordered(halves: NDArray[np.int64], found: Crossings) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Half cycle of each edge in order of time, and the order: pick-off edges stand before the beat's at first."""
+    half = np.concatenate([halves, found.half])
+    since_s = np.concatenate([np.zeros(len(halves)), found.since_s])
+    order = np.lexsort((since_s, half))
+    return half[order], order
+
+
+def levels(rises: NDArray[np.bool_], start_rad: Float, found: Crossings) -> tuple[UInt8, UInt8]:
+    """Level of the own channel behind the edge and of the cosine comparator: pick-off edges first, then the beat's."""
+    level = np.concatenate([rises, found.count % 2 == 0])
+    even = (found.count + (found.sense < 0)) % 2 == 0  # the multiple of pi that was crossed
+    return level.astype(np.uint8), np.concatenate([np.cos(start_rad) > 0.0, even]).astype(np.uint8)
+
+
+def _joined(parts: list[Edges], end_rad: float) -> Edges:
+    names = ("t_s", "channel", "level", "cosine", "count")
+    whole = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    phase_rad = np.append(np.concatenate([part.phase_rad for part in parts]), end_rad)
+    return Edges(**whole, phase_rad=phase_rad, dither_deg_s=np.concatenate([part.dither_deg_s for part in parts]))

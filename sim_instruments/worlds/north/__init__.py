@@ -1,0 +1,1 @@
+"""A fibre-optic gyroscope on a turning table."""

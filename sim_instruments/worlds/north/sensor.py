@@ -1,0 +1,151 @@
+"""The simulated fibre-optic gyroscope on its turning table, as functions of bench time.
+
+Whatever is asked, in whatever pieces and order, is the same: the past is what motion and heading were, noise is a
+function of the number of the sample. Nothing later than now may be asked for, since somebody may still change it.
+
+A sample is the mean of the output over one millisecond of the bench clock, [n, n + 1) ms, taken at two nodes (Gauss);
+that is within 5e-9 of the amplitude at 360 deg/s with a swing of 3 arcmin at 60 Hz (against 100 points).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.model.clock import NS
+from sim_instruments.worlds.common.motion import AxisMotion
+from sim_instruments.worlds.common.seeds import generator
+from sim_instruments.worlds.common.sensor_noise import WhiteNoise
+from sim_instruments.worlds.north.options import FogOptions
+from sim_instruments.worlds.north.projection import earth_rate_rad_s, sensed_rad_s, tilted
+from sim_instruments.worlds.north.variation import Constant, Linear, Variation, drawn_slow, drawn_steps
+
+Float = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+SAMPLE_NS = 1_000_000
+TURN_DEG = 360.0
+NOMINAL_DEG_S = 360.0  # the swing has its full size there, and falls with the rate
+INDEX_DEG = {"a": 0.0, "b": 270.0}  # where the marks should be
+_NODE_NS = (211_325, 788_675)  # (1 -+ 1/sqrt 3)/2 of a millisecond
+_TURNS, _SAMPLES = 4096, 2**20  # length of the tables of drawn steps: 1.1 h and 17 min
+_BISECTIONS = 20  # of a millisecond: 1 ns
+
+
+def variation(kind: str, seed: int, parameter: str, ramp_s: float) -> Variation:
+    """How one parameter varies with bench time; "double" is none of these, it goes with the table's angle."""
+    rng = generator(seed, f"fog variation of {parameter}")
+    if kind == "slow":
+        return drawn_slow(rng)
+    if kind == "linear":
+        return Linear(ramp_s)
+    if kind == "step":
+        return drawn_steps(rng, (_TURNS,), 1.0)
+    if kind == "white":
+        return drawn_steps(rng, (_SAMPLES,), SAMPLE_NS / NS)
+    return Constant()
+
+
+class FogSensor:
+    """Gyroscope, table and index marks.
+
+    Args:
+        seed: seed of the run.   options: see FogOptions.
+        motion: of the table about the vertical axis, without its swing.
+        latitude_deg: of the place.
+        heading_deg: heading of the sensing axis at encoder zero, at bench times, (n,) to (n,).
+    Attributes: placement_deg: of the index marks: a pulse comes where the table's angle is that much larger.
+    """
+
+    def __init__(
+        self,
+        seed: int,
+        options: FogOptions,
+        motion: AxisMotion,
+        latitude_deg: float,
+        heading_deg: Callable[[Int64], Float],
+    ) -> None:
+        self.options = options
+        self._motion, self._heading_deg = motion, heading_deg
+        earth = earth_rate_rad_s(latitude_deg)
+        tilt = tilted(options.rotation_tilt_east_arcmin / 60.0, options.rotation_tilt_arcmin / 60.0)
+        self._horizontal_rad_s, self._earth = float(earth[1]), tilt.T @ earth
+        self._axis_tilt_deg = options.axis_tilt_arcmin / 60.0
+        kind, ramp_s = options.parameters, options.ramp_s
+        self._gain = variation(kind, seed, "amplitude", ramp_s)
+        self._swing = variation(kind, seed, "swing", ramp_s)
+        self._frequency = variation(kind, seed, "frequency of the swing", ramp_s)
+        self._double_rad = float(generator(seed, "fog double").uniform(0.0, 2.0 * np.pi))
+        self._noise = WhiteNoise(seed, "fog noise", 2)
+        drawn = generator(seed, "fog index marks").standard_normal(2).clip(-2.5, 2.5)
+        self.placement_deg = dict(zip("ab", drawn * options.placement_arcmin / 60.0, strict=True))
+
+    @property
+    def amplitude_V(self) -> float:
+        """True amplitude of the earth signal with its tilts, without variation, volt."""
+        share = np.hypot(*self._earth[:2]) / self._horizontal_rad_s * np.cos(np.deg2rad(self._axis_tilt_deg))
+        return float(self.options.scale_V * share)
+
+    @property
+    def noise_V(self) -> float:
+        """Standard deviation of the noise of one sample, volt."""
+        return float(np.hypot(self.options.random_walk_V, self.options.vibration_V)) if self.options.noise else 0.0
+
+    # --- the table ---------------------------------------------------------------------------------------------
+
+    def table_deg(self, t_ns: Int64) -> Float:
+        """True angle of the table at bench times (n,), not wrapped at a turn; the encoder reads it."""
+        t_ns = np.asarray(t_ns, np.int64)
+        angle = self._motion.angle_deg(t_ns)
+        if self.options.wobble_arcmin == 0.0:
+            return angle
+        t_s = t_ns / NS
+        phase = 2.0 * np.pi * self.options.wobble_Hz * (t_s + self._frequency.integral_s(t_s))
+        share = np.minimum(np.abs(self._motion.rate_deg_s(t_ns)) / NOMINAL_DEG_S, 1.0)
+        swing = self.options.wobble_arcmin / 60.0 * (1.0 + self._swing.at(t_s))
+        return np.asarray(angle + share * swing * np.sin(phase))
+
+    def pulses(self, index: str, t0_ns: int, t1_ns: int) -> Int64:
+        """Times of the pulses of mark "a" or "b" in [t0, t1), in order, to 1 ns; one per turn in either sense."""
+        first, last = t0_ns // SAMPLE_NS, -(-t1_ns // SAMPLE_NS)
+        edges = np.arange(first, last + 1, dtype=np.int64) * SAMPLE_NS
+        mark_deg = INDEX_DEG[index] + self.placement_deg[index]
+        turns = np.floor((self.table_deg(edges) - mark_deg) / TURN_DEG)
+        cells = np.flatnonzero(np.diff(turns))
+        low, high, before = edges[cells], edges[cells + 1], turns[cells]
+        for _ in range(_BISECTIONS):
+            middle = (low + high) // 2
+            passed = np.floor((self.table_deg(middle) - mark_deg) / TURN_DEG) != before
+            low, high = np.where(passed, low, middle), np.where(passed, middle, high)
+        return np.asarray(high[(high >= t0_ns) & (high < t1_ns)])
+
+    # --- the output --------------------------------------------------------------------------------------------
+
+    def output_V(self, number: Int64) -> Float:
+        """Output of a supplied gyroscope: means over the milliseconds ``number`` (n,), volt."""
+        start_ns = np.asarray(number, np.int64) * SAMPLE_NS
+        mean = sum(self._signal(start_ns + node_ns) for node_ns in _NODE_NS) / len(_NODE_NS)
+        if self.options.table_rate and self._axis_tilt_deg:
+            turned_rad = np.deg2rad(self.table_deg(start_ns + SAMPLE_NS) - self.table_deg(start_ns))
+            along_rad_s = turned_rad / (SAMPLE_NS / NS) * np.sin(np.deg2rad(self._axis_tilt_deg))
+            mean = mean + along_rad_s / self._horizontal_rad_s
+        found = self.options.scale_V * self._gain_at(start_ns + SAMPLE_NS // 2) * mean
+        if self.options.noise:
+            found = found + self._noise.at(number) @ np.array([self.options.random_walk_V, self.options.vibration_V])
+        return np.asarray(found)
+
+    def _gain_at(self, t_ns: Int64) -> Float:
+        if self.options.parameters == "double":
+            double = 2.0 * np.deg2rad(self.table_deg(t_ns)) + self._double_rad
+            return np.asarray(1.0 + 0.2 * np.sin(double))
+        return np.asarray(1.0 + self._gain.at(t_ns / NS))
+
+    def _signal(self, t_ns: Int64) -> Float:
+        """Earth signal of unit amplitude and its harmonics."""
+        angle_rad = np.deg2rad(90.0 - self._heading_deg(t_ns) + self.table_deg(t_ns))
+        found = sensed_rad_s(self._earth, angle_rad, self._axis_tilt_deg) / self._horizontal_rad_s
+        for order, size in self.options.harmonics.items():
+            found = found + size * np.sin(order * angle_rad)
+        return found

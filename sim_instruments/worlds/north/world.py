@@ -1,0 +1,129 @@
+"""The world of the north finder's bench: gyroscope on a turning table, its index marks, the place, the Earth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.model.clock import Clock
+from bench.model.errors import InputError
+from bench.model.ports import RecordWindow
+from sim_instruments.worlds.common.attitude import Site
+from sim_instruments.worlds.common.motion import AxisMotion
+from sim_instruments.worlds.common.seeds import generator
+from sim_instruments.worlds.common.thermal import Thermal
+from sim_instruments.worlds.common.world import World
+from sim_instruments.worlds.north.options import FogOptions
+from sim_instruments.worlds.north.sensor import FogSensor
+from sim_instruments.worlds.north.truth import estimates
+from sim_instruments.worlds.north.unit import PORT, FogUnit
+
+Float = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+SITE = Site(latitude_deg=37.0, gravity_m_s2=9.799, azimuth_deg=20.0)
+PLACES = ("mark", "field")
+START_V, CURRENT_A = 12.0, 0.4
+_MRAD_PER_ARCMIN = 1e3 * math.radians(1.0 / 60.0)
+
+
+class FogWorld(World):
+    """One simulated north finder.
+
+    Args: clock, seed: as of every world.   options: checked ones of ``fog_options``; the others are as by default.
+    Attributes: motion: of the table's axes; the first one, vertical, turns the gyroscope.
+        place: "mark", whose azimuth was surveyed, or "field", whose azimuth nobody knows.   head_deg: dividing head.
+    """
+
+    ports = (PORT,)
+    operations: ClassVar[tuple[str, ...]] = ("head", "place")
+
+    def __init__(self, *, clock: Clock, seed: int, options: Mapping[str, Any]) -> None:
+        self.motion = (AxisMotion(), AxisMotion(), AxisMotion())
+        self.place, self.head_deg = "mark", 0.0
+        self._field_deg = float(generator(seed, "fog field azimuth").uniform(0.0, 360.0))
+        self._headings = [(-1, SITE.azimuth_deg)]  # from that time on
+        self.fog_options = FogOptions.of(options)
+        self.sensor = FogSensor(seed, self.fog_options, self.motion[0], SITE.latitude_deg, self.heading_deg)
+        self.gyroscope = FogUnit(clock, self.sensor)
+        super().__init__(clock=clock, seed=seed, unit=self.gyroscope, thermal=Thermal(), options=options)
+        self.gyroscope.lock = self.lock
+
+    def operate(self, name: str, value: Any) -> None:
+        """What a person does at the bench: turn the dividing head, carry the bench to another place.
+
+        Raises: InputError B-SIM-018 for another name, B-SIM-019 for a value that cannot be.
+        """
+        self.check_operation(name, value)
+        with self.lock:
+            if name == "head":
+                self.head_deg = float(value)
+            else:
+                self.place = str(value)
+            azimuth_deg = SITE.azimuth_deg if self.place == "mark" else self._field_deg
+            self._headings.append((self.clock.now_ns(), (azimuth_deg + self.head_deg) % 360.0))
+
+    @classmethod
+    def check_operation(cls, name: str, value: Any) -> None:
+        """Raises: InputError B-SIM-018, B-SIM-019."""
+        super().check_operation(name, value)
+        if name == "place" and str(value) not in PLACES:
+            raise _impossible(name, value, f"one of {', '.join(PLACES)}")
+        if name == "head" and not -360.0 <= _number(value) <= 360.0:
+            raise _impossible(name, value, "an angle of -360 to 360 degrees")
+
+    # --- what the instruments see ------------------------------------------------------------------------------
+
+    def waveform(self, n0: int, n1: int) -> Float:
+        """Analogue output: means over the milliseconds n0 to n1 - 1 of the bench clock, volt, (n1 - n0,).
+
+        Only what is past may be asked for; it never changes.
+        """
+        return self.gyroscope.waveform(n0, n1)
+
+    def pulses(self, index: str, t0_ns: int, t1_ns: int) -> Int64:
+        """Times of the pulses of index mark "a" or "b" in [t0, t1), bench time in ns; only what is past."""
+        return self.sensor.pulses(index, t0_ns, t1_ns)
+
+    def heading_deg(self, t_ns: Int64) -> Float:
+        """True heading of the sensing axis at encoder zero, head included, at bench times (n,)."""
+        since_ns, headings_deg = (np.array(column) for column in zip(*self._headings, strict=True))
+        which = np.searchsorted(since_ns, np.asarray(t_ns, np.int64), side="right") - 1
+        return np.asarray(headings_deg[np.maximum(which, 0)])
+
+    def level_mrad(self, t_ns: int) -> tuple[float, float]:
+        """Tilt of the rotation axis about the bench's own axes: x along heading H0 (head included), y 90 deg clockwise.
+
+        Right-handed about each axis. The bench stands on a floor whose tilt about north and east does not change.
+        """
+        heading = math.radians(float(self.heading_deg(np.array([t_ns]))[0]))
+        east = self.fog_options.rotation_tilt_east_arcmin * _MRAD_PER_ARCMIN
+        north = self.fog_options.rotation_tilt_arcmin * _MRAD_PER_ARCMIN
+        x = east * math.sin(heading) + north * math.cos(heading)
+        y = east * math.cos(heading) - north * math.sin(heading)
+        return x, y
+
+    @property
+    def load(self) -> tuple[float, float]:
+        return START_V, CURRENT_A
+
+    def truth(self, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
+        return estimates(self.sensor, self.heading_deg, windows)
+
+
+def _number(value: Any) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return math.nan
+
+
+def _impossible(name: str, value: Any, due: str) -> InputError:
+    return InputError("B-SIM-019", f"{name} cannot be {value!r}", where="sets of a prompt", next_step=f"give {due}")
+
+
+WORLD = FogWorld

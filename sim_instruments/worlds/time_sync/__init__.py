@@ -1,0 +1,1 @@
+"""Two navigation units and a radar on a flight."""

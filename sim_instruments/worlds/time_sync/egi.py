@@ -1,0 +1,136 @@
+"""The EGI: truth at the instants of its own clock plus the errors of its own filter, as frames ``egi_50``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_instruments.worlds.common.seeds import generator
+from sim_instruments.worlds.time_sync.clocks import TICK_S, UnitClock
+from sim_instruments.worlds.time_sync.flight import Flight, Flights
+from sim_instruments.worlds.time_sync.flight_earth import LATITUDE_DEG
+from sim_instruments.worlds.time_sync.flight_egi import EgiErrorStepper
+from sim_instruments.worlds.time_sync.flight_path import FlightPath, PathState
+from sim_instruments.worlds.time_sync.geodesy import TangentPlane
+
+Float = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+
+PERIOD_S = 0.02
+LONGITUDE_DEG = 127.0
+ORIGIN = TangentPlane(LATITUDE_DEG, LONGITUDE_DEG)
+ALIGNING, GPS_AND_INERTIAL = 0, 3  # modes
+_COARSE = (5.0, 0.1, np.radians(0.5))  # m, m/s, rad: errors while it aligns, standard deviations
+
+
+class OwnTime:
+    """A path as a clock sees it that runs ``rate`` seconds in one: both read ``same_s`` at the same moment."""
+
+    def __init__(self, path: FlightPath, rate: float, same_s: float) -> None:
+        self._path, self._rate, self._same_s = path, rate, same_s
+
+    def state(self, t_s: Float) -> PathState:
+        """Motion at readings of the clock; derivatives are those of true time."""
+        return self._path.state(self._same_s + (t_s - self._same_s) / self._rate)
+
+
+@dataclass
+class Solutions:
+    """Errors of the EGI on one flight, sample by sample.
+
+    ``first_s``: time of the flight at sample 0.   ``rate``: of the EGI's clock.   ``rows``: position (m), velocity
+    (m/s) and attitude (rad), three each, and what the unit believes of its position (m), standard deviation.
+    """
+
+    flight: Flight
+    first_s: float
+    rate: float
+    rows: list[Float] = field(default_factory=list)
+    _stepper: EgiErrorStepper | None = field(default=None, repr=False)
+
+    def upto(self, first: int, stop: int) -> Float:
+        """Errors of samples ``first`` to ``stop`` - 1, (n, 10); the path must be complete up to the last one."""
+        if self._stepper is None:
+            path: Any = OwnTime(self.flight.path, self.rate, self.first_s)
+            self._stepper = EgiErrorStepper(path, self.flight.seed, self.flight.number, begin_s=self.first_s)
+        while len(self.rows) < stop:
+            errors = np.concatenate(self._stepper.step())
+            self.rows.append(np.append(errors, self._stepper.position_sigma_m))
+        return np.array(self.rows[first:stop])
+
+
+class EgiSamples:
+    """Samples of one switching-on. It is aligned when a flight begins, not before.
+
+    Args:
+        clock: the unit's.   flights: of the vehicle.   seed, power: name the draws of the alignment.
+        noise: whether solutions have errors.   tag_noise_s: (first, stop) of counters to errors of the tags.
+    """
+
+    def __init__(
+        self,
+        clock: UnitClock,
+        flights: Flights,
+        seed: int,
+        power: int,
+        noise: bool,
+        tag_noise_s: Callable[[int, int], Float],
+    ) -> None:
+        self._clock, self._flights, self._noise, self._tag_noise_s = clock, flights, noise, tag_noise_s
+        drawn = generator(seed, "time sync alignment", power).standard_normal((3, 3))
+        self._coarse = np.append((drawn * np.array(_COARSE)[:, None]).ravel(), _COARSE[0])
+        self.solutions: dict[int, Solutions] = {}  # by number of the flight
+
+    def columns(self, number: Int64, counter: Int64) -> Mapping[str, Any]:
+        """Fields of samples in a row, by number and by counter."""
+        since_on_s = self._clock.since_on_s(number * PERIOD_S)
+        errors, mode = np.empty((number.size, 10)), np.empty(number.size, np.int64)
+        p, v, yaw = np.empty((number.size, 3)), np.empty((number.size, 3)), np.empty(number.size)
+        for flight, first, part in self._flights.split(self._clock, PERIOD_S, number):
+            true = flight.path.state(since_on_s[part] + flight.seconds(self._clock.on_ns))
+            p[part], v[part], yaw[part] = true.p, true.v, true.yaw
+            aligned = flight.flies and flight.begin_ns >= self._clock.on_ns
+            mode[part] = GPS_AND_INERTIAL if aligned else ALIGNING
+            errors[part] = self._errors(flight, first, number[part]) if aligned else self._coarse
+        if not self._noise:
+            errors[:, :9] = 0.0
+        turn = turned(errors[:, 6:9], yaw)
+        told = ORIGIN.told(p + errors[:, :3], v + errors[:, 3:6], turn)
+        tag_s = number * PERIOD_S + self._tag_noise_s(int(counter[0]), int(counter[-1]) + 1)
+        return {
+            "tick": np.rint(tag_s / TICK_S).astype(np.int64),
+            "latitude": told.latitude_deg,
+            "longitude": told.longitude_deg,
+            "height": told.height_m,
+            "velocity": told.velocity_m_s,
+            "attitude": told.attitude_deg,
+            "position_sigma": errors[:, 9],
+            "mode": mode,
+            "status": 0,
+        }
+
+    def _errors(self, flight: Flight, first: int, number: Int64) -> Float:
+        if flight.number not in self.solutions:
+            since_on_s = float(self._clock.since_on_s(np.array(first * PERIOD_S)))
+            first_s = since_on_s + flight.seconds(self._clock.on_ns)
+            self.solutions[flight.number] = Solutions(flight, first_s, self._clock.rate)
+        return self.solutions[flight.number].upto(int(number[0]) - first, int(number[-1]) + 1 - first)
+
+
+def turned(rotation_rad: Float, yaw_rad: Float) -> Float:
+    """exp([rotation x]) times the rotation about down by yaw: (n, 3) and (n,) to (n, 3, 3), by Rodrigues' formula."""
+    angle = np.linalg.norm(rotation_rad, axis=1)[:, None, None]
+    cross = np.zeros((angle.size, 3, 3))
+    cross[:, [2, 0, 1], [1, 2, 0]] = rotation_rad
+    cross[:, [1, 2, 0], [2, 0, 1]] = -rotation_rad
+    tilt = np.eye(3) + np.sinc(angle / np.pi) * cross + 0.5 * np.sinc(0.5 * angle / np.pi) ** 2 * cross @ cross
+    heading = np.zeros_like(cross)
+    heading[:, 0, 0] = heading[:, 1, 1] = np.cos(yaw_rad)
+    heading[:, 1, 0] = np.sin(yaw_rad)
+    heading[:, 0, 1] = -heading[:, 1, 0]
+    heading[:, 2, 2] = 1.0
+    return np.asarray(tilt @ heading)

@@ -1,0 +1,54 @@
+"""What can be chosen at the simulated bench of two navigation units with clocks of their own; what it is otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sim_instruments.worlds.common.seeds import generator
+
+MOST_OFFSET_S, MOST_DRIFT_PPM, MOST_CLOCK_PPM = 0.03, 5.0, 20.0  # of the draws
+
+OPTIONS = {"noise": "errors of the sensors, of the navigation solution and of the radar's receiver, default on"}
+NUMBERS = {
+    "offset_s": ("clock of the EGI minus clock of the IMU at power-on, default a draw within 0.03", -1.0, 1.0),
+    "drift_ppm": ("rate of the EGI's clock against the IMU's, default a draw within 5", -100.0, 100.0),
+    "imu_clock_ppm": ("rate of the IMU's clock against the bench's, default a draw within 20", -100.0, 100.0),
+    "egi_latency_s": ("from the validity of a solution to its first byte, default 0.008", 0.0, 1.0),
+    "imu_latency_s": ("from the end of an IMU's interval to its first byte, default 0.0008", 0.0, 1.0),
+    "jitter_s": ("mean of what all latencies are longer now and then, exponential, default 0.0003", 0.0, 0.1),
+    "tag_noise_s": ("white noise of the time tags of EGI and IMU, standard deviation, default 1e-5", 0.0, 0.001),
+}
+TEXTS: dict[str, tuple[str, tuple[str, ...]]] = {}
+
+
+@dataclass(frozen=True)
+class SyncOptions:
+    """Options of one bench; names and meaning as in ``OPTIONS`` and ``NUMBERS``; None is drawn."""
+
+    noise: bool = True
+    offset_s: float | None = None
+    drift_ppm: float | None = None
+    imu_clock_ppm: float | None = None
+    egi_latency_s: float = 0.008
+    imu_latency_s: float = 0.0008
+    jitter_s: float = 0.0003
+    tag_noise_s: float = 1e-5
+
+    @classmethod
+    def of(cls, options: Mapping[str, Any]) -> SyncOptions:
+        """From checked options; what is not given is as by default."""
+        return cls(**options)
+
+    def rates_ppm(self, seed: int) -> tuple[float, float]:
+        """Drift of the EGI's clock against the IMU's and rate of the IMU's, ppm; of the units, so always the same."""
+        drawn = generator(seed, "time sync rates").uniform(-1.0, 1.0, 2)
+        drift_ppm = self.drift_ppm if self.drift_ppm is not None else MOST_DRIFT_PPM * float(drawn[0])
+        imu_ppm = self.imu_clock_ppm if self.imu_clock_ppm is not None else MOST_CLOCK_PPM * float(drawn[1])
+        return drift_ppm, imu_ppm
+
+    def first_offset_s(self, seed: int, power: int) -> float:
+        """Clock of the EGI minus clock of the IMU at a switching-on, numbered from 0."""
+        drawn = float(generator(seed, "time sync offset", power).uniform(-MOST_OFFSET_S, MOST_OFFSET_S))
+        return self.offset_s if self.offset_s is not None else drawn

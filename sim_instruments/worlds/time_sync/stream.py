@@ -1,0 +1,152 @@
+"""One output of the two units and the radar: numbered samples on the unit's own clock, sent some time later.
+
+Samples are made as far ahead as nobody can change the bench, and only when one of them is due, so that most looks at
+the line cost nothing. What is made depends on the sample's number, never on when it is made.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.frame import load_frame
+from bench.model.clock import NS
+from bench.model.shipped import find_shipped
+from sim_instruments.worlds.common.port import Port
+from sim_instruments.worlds.common.seeds import generator
+from sim_instruments.worlds.time_sync.clocks import UnitClock
+
+Float = NDArray[np.float64]
+Int64 = NDArray[np.int64]
+Drawing = Callable[[np.random.Generator, int], Float]
+
+AT_ONCE = 1000  # samples made together at most
+_BLOCK = 1024  # draws made together
+_NEVER = 2**62
+
+
+class Numbered:
+    """Draws of one purpose by number: those of a number are the same whenever it is asked for.
+
+    Args: draw: gives (count, ...) numbers of a generator.
+    """
+
+    def __init__(self, seed: int, purpose: str, *indexes: int, draw: Drawing) -> None:
+        self._generator = lambda block: generator(seed, purpose, *indexes, block)
+        self._draw = draw
+        self._newest: tuple[int, Float] = (-1, np.empty(0))
+
+    def upto(self, first: int, stop: int) -> Float:
+        """Those of the numbers ``first`` to ``stop`` - 1, from 0 on."""
+        parts = []
+        for block in range(first // _BLOCK, (stop - 1) // _BLOCK + 1):
+            if self._newest[0] != block:
+                self._newest = (block, self._draw(self._generator(block), _BLOCK))
+            parts.append(self._newest[1][max(first - block * _BLOCK, 0) : stop - block * _BLOCK])
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+@dataclass
+class Spell:
+    """Samples in a row: the multiples ``first`` to ``stop`` - 1 of a period of a clock.
+
+    ``counter``: of the first one.   ``late_s``: from the validity of samples to their frames, by counter, seconds.
+    ``columns``: fields of samples in a row, by number and by counter.
+    """
+
+    clock: UnitClock
+    period_s: float
+    first: int
+    counter: int
+    late_s: Callable[[int, int], Float]
+    columns: Callable[[Int64, Int64], Mapping[str, Any]]
+    stop: int = _NEVER
+
+    def count_until(self, t_ns: int) -> int:
+        """Number of the first sample that is valid after a bench time, within this spell."""
+        number = math.floor(self.clock.reading_s(t_ns) / self.period_s) + 1
+        return min(max(number, self.first), self.stop)
+
+    def ready_ns(self, first: int, stop: int) -> Int64:
+        """When the frames of samples ``first`` to ``stop`` - 1 are made."""
+        valid_ns = self.clock.times_ns(np.arange(first, stop) * self.period_s)
+        begin = self.counter - self.first
+        return valid_ns + np.rint(NS * self.late_s(begin + first, begin + stop)).astype(np.int64)
+
+
+class SyncStream:
+    """Sends the samples of spells, one spell behind the other, as frames of a definition through a port.
+
+    Attributes: port.   due_ns: when the next frame is ready.   counted: samples of the spells that have an end.
+    """
+
+    def __init__(self, frame: str) -> None:
+        self.definition = load_frame(find_shipped("frames", frame))
+        self.port = Port()
+        self._spells: deque[Spell] = deque()
+        self._next = 0  # number of the next sample of the first spell
+        self._newest_ns = 0  # when the newest frame was ready: none overtakes another
+        self.due_ns, self.counted = _NEVER, 0
+
+    def begin(self, spell: Spell) -> None:
+        """Send a spell behind the others."""
+        self._spells.append(spell)
+        if len(self._spells) == 1:
+            self._open()
+
+    def end(self, t_ns: int) -> None:
+        """The newest spell, if it still goes on, ends with the samples valid by ``t_ns``."""
+        if not self._spells or self._spells[-1].stop < _NEVER:
+            return
+        spell = self._spells[-1]
+        spell.stop = spell.count_until(t_ns)
+        self.counted = spell.counter + spell.stop - spell.first
+        if len(self._spells) == 1 and self._next >= spell.stop:
+            self._close()
+
+    def drop(self) -> None:
+        """Nothing more is sent: what is not yet made is lost."""
+        self._spells.clear()
+        self.due_ns, self._newest_ns, self.counted = _NEVER, 0, 0
+
+    def send(self, now_ns: int, sure_ns: int) -> None:
+        """Make the frames that are ready at ``now_ns``, and those up to ``sure_ns`` with them; nobody's are counted."""
+        while self.due_ns <= now_ns:
+            spell = self._spells[0]
+            stop = min(spell.count_until(sure_ns), self._next + AT_ONCE, spell.stop)
+            ready_ns = np.maximum.accumulate(np.maximum(spell.ready_ns(self._next, stop), self._newest_ns))
+            count = int(ready_ns.searchsorted(sure_ns, "right"))
+            if self.port.listened:
+                self._append(spell, self._next + np.arange(count), ready_ns[:count])
+            self._next += count
+            self._newest_ns = int(ready_ns[count - 1])
+            self._look_ahead()
+
+    def _append(self, spell: Spell, number: Int64, ready_ns: Int64) -> None:
+        counter = spell.counter - spell.first + number
+        columns = {**spell.columns(number, counter), "counter": (counter % 2**32).astype(np.uint32)}
+        self.port.append(ready_ns, self.definition.encode(columns, number.size))
+
+    def _open(self) -> None:
+        self._next = self._spells[0].first
+        self._look_ahead()
+
+    def _close(self) -> None:
+        self._spells.popleft()
+        self.due_ns = _NEVER
+        if self._spells:
+            self._open()
+
+    def _look_ahead(self) -> None:
+        """When the next frame is due."""
+        spell = self._spells[0]
+        if self._next >= spell.stop:
+            self._close()
+        else:
+            self.due_ns = max(int(spell.ready_ns(self._next, self._next + 1)[0]), self._newest_ns)

@@ -1,0 +1,282 @@
+"""Resume after a crash anywhere: nothing acknowledged is lost or taken twice, same results, the splice is marked."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from crashes import Crashes, copied, crash_of, go_on, kinds, nobody, nobody_in, watch_worlds
+from rehearsal import SEED, Rehearsal, Watched, tiny_plan
+
+from bench.analysis.results import results_json
+from bench.commands.recover import recover
+from bench.commands.resume import resume
+from bench.model.clock import VirtualClock
+from bench.model.errors import BenchError, ExitStatus, InputError
+from bench.plan import Step
+from bench.record import SessionReader, read_journal
+from bench.replay.windows import recorded_windows
+from bench.run.context import RunContext
+from bench.run.control.operator import SimulatedOperator
+from bench.run.resume import read_stopped, resumption
+from bench.run.session import conduct
+from bench.run.steps.setpoints import expected_of
+from bench.session.service import fit, read_view, replay
+from bench.session.splices import splice_tables
+from bench.session.view import SessionView, analyse_view, report_html
+from sim_instruments.worlds.af_converter import core as ngu_core
+from sim_instruments.worlds.common.world import World
+
+Start = Callable[..., Rehearsal]
+RECORDS = 15 + 2  # with the wiring check
+
+
+QUICK = ("wiring", "behind a record", "finally")
+REST = ("prompt", "power", "soak", "first point", "between points", "last record")
+PLACES = (*QUICK, *(pytest.param(place, marks=pytest.mark.slow) for place in REST))
+
+
+def records_in(folder: Path) -> dict[int, int]:
+    """Step by number of the records whose event is in the session."""
+    windows = recorded_windows(SessionReader(folder).select(frozenset({"/event"})))
+    return {item.window.number: item.window.step for item in windows}
+
+
+def worst_sigma(view: SessionView, other: SessionView) -> float:
+    """Largest difference of the scale-factor errors in their combined standard uncertainty."""
+    first, second = (dsf_of(one) for one in (view, other))
+    assert first.keys() == second.keys()
+    return max(
+        abs(entry["value"] - second[name]["value"]) / (2**0.5 * entry["std_uncertainty"])
+        for name, entry in first.items()
+    )
+
+
+def dsf_of(view: SessionView) -> dict[str, dict[str, Any]]:
+    results, _ = analyse_view(view)
+    return {entry["quantity"]: entry for entry in results["estimates"] if entry["quantity"].startswith("dsf_")}
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_a_killed_run_goes_on_and_gives_the_same_results(
+    crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    folder = copied(crashes, place, tmp_path)
+    acknowledged = records_in(folder)
+    watched = nobody()
+    watch_worlds(monkeypatch, watched)
+    run = go_on(folder, watched)
+    assert run.outcome.error is None
+    assert run.outcome.unsafe == ()
+    after = records_in(folder)
+    expected = {step.number for step in crashes.plan.steps if step.kind == "record"}
+    assert sorted(after.values()) == sorted(expected), "each record once"
+    assert sorted(after) == list(range(1, RECORDS + 1))
+    assert acknowledged.items() <= after.items(), "an acknowledged record is lost"
+    view = read_view(folder)
+    assert len(view.splices) == 1
+    assert not view.incomplete
+    sigma = worst_sigma(view, read_view(crashes.whole.run.folder))
+    print(f"seed {SEED}, killed at {place}: worst difference {sigma:.2f} standard uncertainties")
+    assert sigma < 3.0
+    world = watched.worlds[-1]
+    assert world.wiring.loop_current_A == 0.0
+    assert world.wiring.closed == frozenset()
+    assert not world.instruments["supply"].on
+    assert not (folder / "journal.jsonl").exists()
+    assert not (folder / "session.open").exists()
+
+
+def test_acknowledged_records_are_not_taken_again(
+    crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = copied(crashes, "between points", tmp_path)
+    before = {row.window.number: row for row in read_view(folder).rows}
+    watch_worlds(monkeypatch, watched := nobody())
+    go_on(folder, watched)
+    after = {row.window.number: row for row in read_view(folder).rows}
+    for number, row in before.items():
+        assert after[number].window == row.window
+        assert after[number].sums["npp"].tolist() == row.sums["npp"].tolist()
+    taken_again = [step.number for step in watched.steps if step.kind == "record"]
+    assert set(taken_again).isdisjoint({row.window.step for row in before.values()})
+
+
+def test_the_unit_is_soaked_again_only_if_it_has_left_its_band(
+    crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A bench begun anew has its unit at 23 degC: out of the band of 1 degC about 25 degC, inside one of 3 degC."""
+    slow = copied(crashes, "between points", tmp_path)
+    watch_worlds(monkeypatch, watched := nobody())
+    go_on(slow, watched)
+    ((_, _, fields),) = list(SessionReader(slow).events("reentry"))
+    assert fields["soaked"]
+    assert abs(fields["unit_degC"] - 23.0) < 0.2
+    assert fields["seconds"] >= 3600.0
+    wide = tiny_plan(tmp_path, ("within: 1 degC  ", "within: 3 degC  "))
+    quick = crash_of(wide, tmp_path / "wide", kinds(wide)["between points"])
+    go_on(quick, nobody())
+    ((_, _, fields),) = list(SessionReader(quick).events("reentry"))
+    assert not fields["soaked"]
+    assert fields["seconds"] < 60.0
+
+
+def test_a_session_that_was_gone_on_with_replays_identically_and_says_so(
+    crashes: Crashes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = copied(crashes, "behind a record", tmp_path)
+    assert resume(folder, None, None, as_json=False) == ExitStatus.PASS
+    said = capsys.readouterr()
+    assert "going on at step" in said.err
+    assert replay(folder, as_json=False) == ExitStatus.PASS
+    assert "every number is identical" in capsys.readouterr().out
+    view = read_view(folder)
+    results, analysis = analyse_view(view)
+    assert results["quality"]["splices"] == 1
+    assert results_json(results) == (folder / "results.json").read_text()
+    (splice,) = results["splices"]
+    assert splice["reason"] == "crash or power cut"
+    assert splice["soaked"]
+    assert splice["stopped"] <= splice["started"]
+    assert abs(splice["drift_degC"] + 1.85) < 0.2  # 24.85 degC before, 23 degC in the bench that was begun anew
+    assert "Splices" in report_html(view, results, analysis)
+    assert splice_tables(view.splices)[0]["rows"][0][3] == str(splice["step"])
+    with pytest.raises(InputError, match="B-RES-001"):
+        resume(folder, None, None, as_json=False)
+
+
+def test_a_run_that_was_stopped_twice_goes_on_twice(
+    crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = copied(crashes, "behind a record", tmp_path)
+    target = kinds(crashes.plan)["last record"]
+
+    def copy(world: World, step: Step) -> None:
+        if step.number == target:
+            shutil.copytree(folder, tmp_path / "again" / folder.name)
+
+    watch_worlds(monkeypatch, watched := Watched(copy))
+    go_on(folder, watched)
+    again = tmp_path / "again" / folder.name
+    assert go_on(again, nobody_in(monkeypatch)).outcome.error is None
+    view = read_view(again)
+    assert [splice.step for splice in view.splices] == sorted(splice.step for splice in view.splices)
+    assert len(view.splices) == 2
+    assert len(view.rows) == 15
+    starts = [row.window.t_start_ns for row in view.rows]
+    assert starts == sorted(starts)
+
+
+def test_a_run_that_ended_by_a_fault_goes_on(tmp_path: Path, rehearse: Start) -> None:
+    plan = tiny_plan(tmp_path)
+    target = kinds(plan)["between points"]
+
+    def mute(world: World, step: Step) -> None:
+        world.faults.instrument("calibrator").mute = step.number == target
+
+    found = rehearse(plan, act=mute)
+    assert found.run.outcome.error is not None
+    assert fit(found.run.folder, None, as_json=True) == ExitStatus.PASS
+    assert read_view(found.run.folder).incomplete
+    done = go_on(found.run.folder, Watched(lambda world, step: None, worlds=[None]))  # type: ignore[list-item]
+    assert done.outcome.error is None
+    view = read_view(found.run.folder)
+    assert [splice.reason for splice in view.splices] == [found.run.outcome.error.code]
+    assert len(view.rows) == 15
+
+
+def test_a_fit_during_the_run_reads_what_is_there_and_judges_nothing(
+    crashes: Crashes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = crashes.at(kinds(crashes.plan)["last record"])
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    assert fit(folder, None, as_json=False) == ExitStatus.PASS
+    assert "Incomplete: the run has not ended" in capsys.readouterr().out
+    view = read_view(folder)
+    results, analysis = analyse_view(view)
+    assert "Incomplete: the run has not ended" in report_html(view, results, analysis)
+    assert results["incomplete"] is True
+    assert results["notes"][0].startswith("Incomplete")
+    assert results["estimates"]
+    assert {one["verdict"] for one in results["estimates"]} == {"none"}
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+    whole, _ = analyse_view(read_view(crashes.whole.run.folder))
+    assert "incomplete" not in whole
+    assert "splices" not in whole
+
+
+def test_the_journal_holds_what_the_instruments_confirmed(crashes: Crashes) -> None:
+
+    entries = read_journal(crashes.at(kinds(crashes.plan)["behind a record"])).entries
+    state = expected_of(entries)
+    assert state["supply"]["configure"] == {"voltage": 18.0, "current_limit": 2.0, "over_voltage": 21.0}
+    assert "output_on" in state["supply"]
+    assert state["chamber"]["set_temperature"]["temperature"] == 25.0
+    assert "operate" in state["calibrator"]
+    assert "route" in state["switch"]
+    assert state["function_generator"]["square"]["frequency"] == 10e6
+
+
+def test_what_is_found_is_compared_with_what_was_set(crashes: Crashes, tmp_path: Path) -> None:
+    folder = copied(crashes, "behind a record", tmp_path)
+    go_on(folder, Watched(lambda world, step: None, worlds=[None]))  # type: ignore[list-item]
+    ((_, _, fields),) = list(SessionReader(folder).events("resume"))
+    said = "\n".join(fields["differences"])
+    assert "calibrator: output was on, is off" in said
+    assert "supply: was at 18 V, is at " in said
+    assert "switch: a route was closed" in said
+
+
+def test_recover_lists_the_records_and_why(crashes: Crashes, capsys: pytest.CaptureFixture[str]) -> None:
+    assert recover(crashes.at(kinds(crashes.plan)["between points"]), None, as_json=False) == ExitStatus.PASS
+    said = capsys.readouterr().out
+    assert "7 valid, 8 missing, 0 invalid of 15 records" in said  # the event of the eighth was not on the disk yet
+    assert "8 missing: the run stopped before" in said
+
+
+def test_what_a_stopped_run_knew_is_known_again(
+    crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Who the unit is; and that a soak was left unstable, so that the records behind it still say so."""
+    folder = copied(crashes, "behind a record", tmp_path)
+    stopped = read_stopped(folder)
+    plain = resumption(stopped, 0)
+    soak = [step for step in stopped.plan.steps[: plain.start] if step.kind == "soak"][-1].number
+    assert plain.settled
+    for policy, number in (("hold", soak), ("skip", soak + 1)):
+        late = ("late", 0, {"step": number, "policy": policy})
+        assert resumption(replace(stopped, events=[*stopped.events, late]), 0).settled
+    late = ("late", 0, {"step": soak, "policy": "skip"})
+    resumed = resumption(replace(stopped, events=[*stopped.events, late]), 0)
+    seen = []
+
+    def look(context: RunContext) -> AbstractContextManager[object]:
+        seen.append((context.settled, context.unit_answer))
+        raise BenchError("B-RUN-090", "that is enough")
+
+    conduct(
+        stopped.plan, clock=VirtualClock(), seed=SEED, out=tmp_path, operator=SimulatedOperator(),
+        listener=nobody_in(monkeypatch), beside=[look], resumed=resumed,
+    )  # fmt: skip
+    assert seen == [(False, b"NGU SIM-1 1.0")]
+
+
+def test_another_unit_is_not_gone_on_with(crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Records of two units do not belong in one session, as little as those of two standards."""
+    folder = copied(crashes, "behind a record", tmp_path)
+    before = records_in(folder)
+    monkeypatch.setattr(ngu_core, "IDENTITY", b"NGU SIM-2 1.0")
+    error = go_on(folder, nobody_in(monkeypatch)).outcome.error
+    assert error is not None
+    assert (error.code, error.exit_status) == ("B-RUN-025", ExitStatus.SAFE_AFTER_FAULT)
+    assert "expected 'NGU SIM-1 1.0'" in error.message
+    assert len(records_in(folder)) <= len(before)
+    monkeypatch.undo()
+    run = go_on(folder, nobody_in(monkeypatch))
+    assert run.outcome.error is None
+    assert sorted(records_in(folder)) == list(range(1, RECORDS + 1))

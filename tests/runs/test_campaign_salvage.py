@@ -1,0 +1,207 @@
+"""Salvage: the shortest make-up sequence, a session made with it, and both together give what the campaign promised."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rehearsal import SEED, Rehearsal, Watched, tiny_plan
+
+from bench.commands.recover import recover
+from bench.model.clock import VirtualClock
+from bench.model.errors import ExitStatus, InputError
+from bench.plan import Plan, Step, check_plan, compile_sequence
+from bench.replay import replay_rows
+from bench.run.control.operator import SimulatedOperator
+from bench.run.session import conduct
+from bench.session.makeup import make_up_sequence
+from bench.session.merge import merged
+from bench.session.record_states import record_states
+from bench.session.service import fit, read_view
+from bench.session.view import SessionView, analyse_view
+from sim_instruments.worlds.common.world import World
+
+Start = Callable[..., Rehearsal]
+SETTINGS = {"world.calibrator_gain": "off", "dwell": "8 s"}
+
+
+def small_plan(folder: Path) -> Plan:
+    """Two temperatures, one channel, no closing repeat, with a dwell given by hand: 30 records."""
+    tiny_plan(folder)
+    text = (folder / "tiny.yaml").read_text().replace("in: [25 degC]", "in: [23 degC, 25 degC]")
+    path = folder / "small.yaml"
+    path.write_text(text.replace("sequence: tiny", "sequence: small").replace("duration: 4050 s\nrecords: 15\n", ""))
+    return compile_sequence(path, None, SETTINGS)
+
+
+def run(plan: Plan, out: Path, act: Callable[[World, Step], None] = lambda world, step: None) -> Path:
+    watched = Watched(act, worlds=[None])  # type: ignore[list-item]
+    done = conduct(plan, clock=VirtualClock(), seed=SEED, out=out, operator=SimulatedOperator(), listener=watched)
+    assert done.outcome.error is None
+    return done.folder
+
+
+@pytest.fixture(scope="module")
+def stopped(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A session whose run was killed inside the second temperature, and the same run undisturbed."""
+    folder = tmp_path_factory.mktemp("salvage")
+    plan = small_plan(folder)
+    records = [step.number for step in plan.phase("campaign") if step.kind == "record"]
+
+    def copy(world: World, step: Step) -> None:
+        if step.number == records[21]:
+            (session,) = (folder / "out").iterdir()
+            shutil.copytree(session, folder / "crash" / session.name)
+
+    whole = run(plan, folder / "out", copy)
+    (crash,) = (folder / "crash").iterdir()
+    return crash, whole
+
+
+def test_the_make_up_takes_what_is_missing_and_an_overlap(
+    stopped: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "rest.yaml"
+    assert recover(stopped[0], path, as_json=False) == ExitStatus.PASS
+    said = capsys.readouterr().out
+    assert "9 points to make up and 1 that overlap" in " ".join(said.split())
+    plan = compile_sequence(path, None, {"world.calibrator_gain": "off"})
+    assert check_plan(plan) == []
+    planned = small_plan(tmp_path)
+    taken = [step for step in plan.phase("campaign") if step.kind == "record"]
+    assert [step.kind for step in plan.phase("campaign")].count("soak") == 1
+    assert len(taken) == 10
+    wanted = [step for step in planned.phase("campaign") if step.kind == "record"]
+    assert [dict(step.conditions) for step in taken[1:]] == [dict(step.conditions) for step in wanted[21:]]
+    assert {step.arguments["seconds"] for step in taken} == {8.0}
+    assert taken[0].conditions["temperature_degC"] == 25.0
+    assert taken[0].conditions["current_A"] > 0
+    with pytest.raises(InputError, match="B-RES-009"):
+        recover(stopped[0], path, as_json=False)
+
+
+def test_both_sessions_together_give_what_was_promised(stopped: tuple[Path, Path], tmp_path: Path) -> None:
+    path = tmp_path / "rest.yaml"
+    recover(stopped[0], path, as_json=False)
+    make_up = run(compile_sequence(path, None, {"world.calibrator_gain": "off"}), tmp_path / "out")
+    alone, _ = analyse_view(read_view(stopped[0]))
+    assert alone["incomplete"] is True
+    view = merged(read_view(stopped[0]), [read_view(make_up)])
+    together, analysis = analyse_view(view)
+    assert analysis.missing == []
+    assert "incomplete" not in together
+    assert together["provenance"]["make_up_sha256"] == [read_view(make_up).session_sha256]
+    assert together["quality"]["records"] == 31
+    starts = [row.window.t_start_ns for row in view.rows]
+    assert starts == sorted(starts)
+    assert [row.window.number for row in view.rows] == list(range(3, 24)) + list(range(26, 36))
+    (note,) = [note for note in view.notes if note.startswith("Overlap, channel 1 at 25 degC")]
+    assert abs(float(note.split(":")[1].split()[0])) < 20.0
+    whole, _ = analyse_view(read_view(stopped[1]))
+    for name in ("dsf_n", "dsf_p"):
+        for temperature_degC in (23.0, 25.0):
+            one, other = (estimate(each, name, temperature_degC) for each in (together, whole))
+            print(
+                f"seed {SEED}: {name} at {temperature_degC} degC: {one['value']} ppm, undisturbed {other['value']} ppm"
+            )
+            assert abs(one["value"] - other["value"]) < 3 * 2**0.5 * one["std_uncertainty"]
+    assert fit(stopped[0], None, as_json=True, make_up=[make_up]) == ExitStatus.PASS
+
+
+def estimate(results: dict[str, Any], quantity: str, temperature_degC: float) -> dict[str, Any]:
+    (found,) = [
+        one
+        for one in results["estimates"]
+        if one["quantity"] == quantity and one["conditions"].get("temperature_degC") == temperature_degC
+    ]
+    return dict(found)
+
+
+def test_invalid_records_are_made_up_with_their_reason(
+    tmp_path: Path, rehearse: Start, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seen: list[int] = []
+
+    def cable(world: World, step: Step) -> None:
+        if step.kind == "record" and step.phase == "campaign":
+            seen.append(step.number)
+            world.faults.link("port_a").drop_rate = 0.05 if len(seen) in (4, 9) else 0.0
+
+    found = rehearse(tiny_plan(tmp_path), act=cable)
+    path = tmp_path / "rest.yaml"
+    assert recover(found.run.folder, path, as_json=True) == ExitStatus.PASS
+    states = json.loads(capsys.readouterr().out)["record_states"]
+    assert [(one["number"], one["why"]) for one in states if one["state"] == "invalid"] == [
+        (6, "frames lost"),
+        (11, "frames lost"),
+    ]
+    plan = compile_sequence(path, None)
+    assert len([step for step in plan.phase("campaign") if step.kind == "record"]) == 3
+
+
+def test_nothing_to_make_up_is_said(stopped: tuple[Path, Path], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="B-RES-007"):
+        recover(stopped[1], tmp_path / "rest.yaml", as_json=False)
+    assert not (tmp_path / "rest.yaml").exists()
+
+
+def test_a_ramp_without_gaps_cannot_be_made_up(tmp_path: Path) -> None:
+    plan = compile_sequence("bias_ramp_short")
+    nothing: Any = type("Nothing", (), {"manifest": {}, "rows": (), "events": []})()
+    with pytest.raises(InputError, match="B-RES-008"):
+        make_up_sequence(plan, record_states(plan.steps, nothing))
+
+
+def test_skipped_records_are_missing_for_that_reason(stopped: tuple[Path, Path]) -> None:
+    plan = compile_sequence("scale_factor_short")
+    records = [step for step in plan.phase("campaign") if step.kind == "record"]
+    skip = ("skip", 0, {"first": records[0].number, "stop": records[1].number, "reason": "a door"})
+    nothing: Any = type("Nothing", (), {"manifest": {}, "rows": (), "events": [skip]})()
+    states = record_states(plan.steps, nothing)
+    assert [one.why for one in states[:2]] == ["skipped: a door", "the run stopped before"]
+
+
+def test_a_session_of_another_unit_does_not_complete_this_one(stopped: tuple[Path, Path]) -> None:
+    view = read_view(stopped[0])
+    campaign = {**view.manifest["campaign"], "uut": {"model": "NGU", "serial": "SIM-2"}}
+    other = SessionView({**view.manifest, "campaign": campaign}, view.rows, view.counts, view.session_sha256)
+    with pytest.raises(InputError, match="B-RES-010"):
+        merged(view, [other])
+
+
+@pytest.mark.parametrize("field", ["serial", "certificate", "corrections"])
+def test_a_session_made_with_another_standard_does_not_complete_this_one(
+    stopped: tuple[Path, Path], field: str
+) -> None:
+    """Its records would be judged by the values and uncertainties of a standard that never saw them."""
+    view = read_view(stopped[0])
+    register = {role: {**one, field: "another"} for role, one in view.manifest["standards"].items()}
+    other = SessionView({**view.manifest, "standards": register}, view.rows, view.counts, view.session_sha256)
+    with pytest.raises(InputError, match="standards"):
+        merged(view, [other])
+
+
+def test_the_flat_form_is_made_up_too(tmp_path: Path) -> None:
+    """Records of a timeline carry no procedure: what stands since the record before them belongs to the point."""
+    plan = compile_sequence("timeline_example")
+    nothing: Any = type("Nothing", (), {"manifest": {}, "rows": (), "events": []})()
+    text, points, overlap = make_up_sequence(plan, record_states(plan.steps, nothing))
+    assert (points, overlap) == (1, 0)
+    path = tmp_path / "flat.yaml"
+    path.write_text(text)
+    made = compile_sequence(path)
+    assert check_plan(made) == []
+    kinds = [f"{step.role}.{step.name}" for step in made.phase("campaign") if step.kind in ("call", "verify", "unit")]
+    assert kinds.index("calibrator.operate") < kinds.index("calibrator.operating")
+    assert "supply.output_on" in kinds
+
+
+def test_the_rest_of_a_salvaged_folder_is_untouched(stopped: tuple[Path, Path], tmp_path: Path) -> None:
+    before = {path.name: path.read_bytes() for path in stopped[0].iterdir()}
+    recover(stopped[0], tmp_path / "rest.yaml", as_json=False)
+    replay_rows(stopped[0])
+    assert {path.name: path.read_bytes() for path in stopped[0].iterdir()} == before

@@ -1,0 +1,369 @@
+"""Every exit status of the contract, and how the command line speaks: one line per error, one JSON document."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from subprocess import CompletedProcess
+from typing import Any
+
+import pytest
+from rehearsal import ROOT, bench
+
+import bench.commands.run as run_command
+import bench.session.finish as finish_command
+from bench import cli
+from bench.commands import conducting
+from bench.model.errors import ExitStatus
+from bench.session.service import read_view
+from bench.session.view import analyse_view
+
+Short = tuple[Path, CompletedProcess[str]]
+Inside = Callable[..., CompletedProcess[str]]
+
+
+def refused(done: CompletedProcess[str], status: int, code: str) -> str:
+    """The error line; asserts exit status, one line per error, nothing on standard output, no traceback."""
+    assert done.returncode == status, done.stderr
+    assert "Traceback" not in done.stdout + done.stderr
+    lines = [line for line in done.stderr.splitlines() if line.startswith("error B-")]
+    assert [line for line in lines if line.startswith(f"error {code}: ")], done.stderr
+    return next(line for line in lines if code in line)
+
+
+def main_of(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
+    """Run the command in this process and return its exit status."""
+    monkeypatch.setattr(sys, "argv", ["bench", *words])
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    return int(caught.value.code or 0)
+
+
+@pytest.fixture
+def inside(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., CompletedProcess[str]]:
+    """Like ``bench``, but in this process: no start of an interpreter."""
+
+    def run(*words: str, cwd: Path | None = None) -> CompletedProcess[str]:
+        if cwd is not None:
+            monkeypatch.chdir(cwd)
+        status = main_of(monkeypatch, *words)
+        said = capsys.readouterr()
+        return CompletedProcess(words, status, said.out, said.err)
+
+    return run
+
+
+def sequence(folder: Path, *changes: tuple[str, str]) -> Path:
+    text = (ROOT / "sequences" / "timeline_example.yaml").read_text()
+    for old, new in changes:
+        assert text.count(old) >= 1, old
+        text = text.replace(old, new)
+    path = folder / "changed.yaml"
+    path.write_text(text)
+    return path
+
+
+# --- 0 and 1 -------------------------------------------------------------------------------------------------------
+
+
+def test_0_a_sequence_without_analysis(tmp_path: Path) -> None:
+    done = bench("run", "timeline_example", "--out", str(tmp_path))
+    assert done.returncode == 0
+    assert "1 records in" in done.stdout
+    assert done.stdout.count("\n") == len(done.stdout.splitlines())
+
+
+def test_1_a_verdict_fails(short: Short, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    view = read_view(short[0])
+    results, analysis = analyse_view(view)
+    assert run_command.verdict_status(results, analysis.missing) == ExitStatus.PASS
+    assert run_command.verdict_status(results, ["channel 2 at 25 degC"]) == ExitStatus.VERDICT_FAIL
+    results["estimates"][3]["verdict"] = "fail"
+    monkeypatch.setattr(finish_command, "analyse_view", lambda view: (results, analysis))
+    monkeypatch.setattr(finish_command, "report_html", lambda *_: "")
+    monkeypatch.setattr(finish_command, "write_coefficients", lambda *_: [])
+    monkeypatch.setattr(run_command.SessionView, "has_analysis", True)
+    assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.VERDICT_FAIL
+    for verdict, status in (("conditional_fail", ExitStatus.VERDICT_FAIL), ("conditional_pass", ExitStatus.PASS)):
+        conditional = {"estimates": [{"verdict": one} for one in ("pass", verdict, "none")]}
+        assert run_command.verdict_status(conditional, ()) == status
+
+
+# --- 2 -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (["nosuch"], "B-CLI-011"),
+        (["run"], "B-CLI-011"),
+        (["run", "timeline_example", "--seed", "many"], "B-CLI-011"),
+        (["run", "timeline_example", "--set", "dwell"], "B-CLI-001"),
+        (["run", "timeline_example", "--clock", "lunar"], "B-CLI-004"),
+        (["run", "no_such_sequence"], "B-SHIP-001"),
+        (["check", "timeline_example", "--plot", "/proc/none/x.svg"], "B-CLI-007"),
+        (["run", "timeline_example", "--out", "/dev/null"], "B-CLI-007"),
+        (["drill", "--station", "af_bench_sim", "--out", "/dev/null/x"], "B-CLI-007"),
+        (["talk", "theremin", "*IDN?"], "B-CLI-003"),
+        (["fit", "/nonexistent"], "B-REC-010"),
+        (["schema", "--out", "/proc/none"], "B-CLI-007"),
+    ],
+)
+def test_2_bad_input(words: list[str], code: str, tmp_path: Path, inside: Inside) -> None:
+    done = inside(*words, cwd=tmp_path)
+    refused(done, 2, code)
+    assert done.stdout == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_2_all_mistakes_of_a_file_one_line_each(tmp_path: Path, inside: Inside) -> None:
+    path = sequence(
+        tmp_path, ("voltage: 18 V", "voltage: 18 A"), ("channel: 3, polarity: +}}}", "channel: 33, polarity: +}}}")
+    )
+    done = inside("check", str(path))
+    assert done.returncode == 2
+    lines = done.stderr.splitlines()
+    assert len(lines) >= 2
+    assert all(line.startswith("error B-PLAN-") and "changed.yaml:" in line for line in lines)
+
+
+def test_2_settings_of_an_editor_are_not_spoiled(tmp_path: Path, inside: Inside) -> None:
+    for text in ("{ // mine\n}", "[]", '{"yaml.schemas": []}'):
+        (tmp_path / ".vscode").mkdir(exist_ok=True)
+        (tmp_path / ".vscode" / "settings.json").write_text(text)
+        refused(inside("schema", "--vscode", cwd=tmp_path), 2, "B-CLI-002")
+        assert (tmp_path / ".vscode" / "settings.json").read_text() == text
+    (tmp_path / ".vscode" / "settings.json").write_text('{"editor.tabSize": 2}')
+    assert inside("schema", "--vscode", cwd=tmp_path).returncode == 0
+    settings = json.loads((tmp_path / ".vscode" / "settings.json").read_text())
+    assert settings["editor.tabSize"] == 2
+    assert len(settings["yaml.schemas"]) >= 3
+
+
+def test_2_a_session_that_asks_for_no_analysis(tmp_path: Path, inside: Inside) -> None:
+    assert inside("run", "timeline_example", "--out", str(tmp_path)).returncode == 0
+    (session,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    for command in ("fit", "replay", "report"):
+        refused(inside(command, str(session)), 2, "B-CLI-008")
+
+
+# --- 3 -------------------------------------------------------------------------------------------------------------
+
+
+def test_3_the_unit_refuses_a_command(tmp_path: Path) -> None:
+    path = sequence(tmp_path, ("code: 2,", "code: 99,"))
+    done = bench("run", str(path), "--out", str(tmp_path / "out"))
+    assert "status 1" in refused(done, 3, "B-RUN-023")
+    assert "The bench is safe; 0 of 1 records" in done.stdout
+
+
+def test_3_not_confirmed_safe_is_never_exit_status_0(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                     capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
+    from instruments.hp_6632b import DRIVER
+
+    def fails(self: Any) -> None:
+        raise self.error("B-INST-009", "the output is still on")
+
+    monkeypatch.setattr(DRIVER, "make_safe", fails)
+    assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.SAFE_AFTER_FAULT
+    (error,) = [line for line in capsys.readouterr().err.splitlines() if "B-RUN-060" in line]
+    assert "supply: not confirmed safe" in error
+    assert "B-INST-009" in error
+
+
+def test_3_a_prompt_and_nobody_to_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                         capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
+    from bench.commands.terminal import TerminalOperator
+
+    monkeypatch.setattr(conducting, "SimulatedOperator", TerminalOperator)
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: False, raising=False)
+    assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.SAFE_AFTER_FAULT
+    assert "error B-CLI-005: " in capsys.readouterr().err
+
+
+# --- 4 -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("typed", ["stop\n", ""])
+def test_4_the_operator_refuses_a_prompt(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], typed: str
+) -> None:
+    from bench.commands.terminal import TerminalOperator
+
+    def answer(prompt: str) -> str:
+        if not typed:
+            raise EOFError
+        return typed
+
+    monkeypatch.setattr(conducting, "SimulatedOperator", TerminalOperator)
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr("builtins.input", answer)
+    assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.SAFE_BY_OPERATOR
+    assert "error B-CLI-006: " in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_4_ctrl_c_under_the_wall_clock_ends_safely_within_5_s(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "bench", "run", "timeline_example", "--clock", "wall", "--out", str(tmp_path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        wait_for_the_session(tmp_path)
+        began = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=30)
+        took_s = time.monotonic() - began
+    print(f"safe {took_s:.1f} s after SIGINT")
+    refused(CompletedProcess(command, process.returncode, out, err), 4, "B-RUN-010")
+    assert "The bench is safe" in out
+    assert took_s < 5.0
+    (session,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    assert (session / "journal.jsonl").exists()
+    assert not (session / "session.open").exists()
+    recovered = bench("recover", str(session), "--json")
+    assert json.loads(recovered.stdout)
+    assert recovered.returncode == 0, recovered.stdout
+
+
+def wait_for_the_session(folder: Path) -> None:
+    """Until steps are being done: the first flat steps take the first seconds."""
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline:
+        if any(journal.stat().st_size > 200 for journal in folder.glob("*/journal.jsonl")):
+            return
+        time.sleep(0.1)
+    raise AssertionError("the run did not start")
+
+
+def test_2_an_address_of_the_history_that_is_none_is_refused_before_the_run(tmp_path: Path, inside: Inside) -> None:
+    out = tmp_path / "out"
+    for url in ("nonsense", "mysql://user@host/calibrations"):
+        refused(inside("run", "timeline_example", "--history", url, "--out", str(out)), 2, "B-STORE-001")
+    assert not out.exists()
+
+
+# --- 5 -------------------------------------------------------------------------------------------------------------
+
+
+def test_5_numbers_that_differ(short: Short, tmp_path: Path, inside: Inside) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(short[0], copy)
+    stored = json.loads((copy / "results.json").read_text())
+    stored["estimates"][0]["value"] += 1e-9
+    (copy / "results.json").write_text(json.dumps(stored))
+    done = inside("replay", str(copy))
+    assert "results.json was changed" in refused(done, 5, "B-CLI-009")
+    stored["provenance"]["session_sha256"] = "0" * 64
+    (copy / "results.json").write_text(json.dumps(stored))
+    line = refused(inside("replay", str(copy)), 5, "B-CLI-009")
+    assert "2 values differ" in line
+    assert "of another recording" in line
+    assert "estimates[0].value" in done.stderr
+    (copy / "results.json").unlink()
+    refused(inside("replay", str(copy)), 2, "B-CLI-010")
+    refused(inside("replay", str(copy), "--json"), 2, "B-CLI-010")
+
+
+def test_5_a_damaged_session(short: Short, tmp_path: Path, inside: Inside) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(short[0], copy)
+    segment = copy / "session.0002.mcap"
+    raw = bytearray(segment.read_bytes())
+    raw[len(raw) // 2] ^= 1
+    segment.write_bytes(raw)
+    refused(inside("replay", str(copy)), 5, "B-REC-011")
+    assert inside("recover", str(copy)).returncode == 5
+    assert inside("fit", str(copy)).returncode == 5
+
+
+# --- 70 ------------------------------------------------------------------------------------------------------------
+
+
+def test_70_an_error_nobody_foresaw(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def fails(*_: object) -> None:
+        raise RuntimeError("two\nlines [/red]")
+
+    monkeypatch.setattr("bench.commands.check.check", fails)
+    assert main_of(monkeypatch, "check", "timeline_example") == ExitStatus.INTERNAL
+    said = capsys.readouterr()
+    assert said.out == ""
+    (line,) = said.err.splitlines()
+    assert line.startswith("error B-INT-001: RuntimeError: two lines [/red] Next: ")
+
+
+def test_70_an_error_nobody_foresaw_during_a_run_closes_the_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from instruments.keithley_7002 import DRIVER
+
+    @wraps(DRIVER.route)  # keeps its declaration: the static check must still know the action
+    def fails(self: Any, **_: object) -> None:
+        raise ZeroDivisionError("[bold]x[/red]")
+
+    monkeypatch.setattr(DRIVER, "route", fails)
+    assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.INTERNAL
+    assert "B-INT-001" in capsys.readouterr().err
+    (session,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    assert not (session / "session.open").exists()
+
+
+# --- standard output -----------------------------------------------------------------------------------------------
+
+
+def test_json_is_one_document_and_nothing_else(short: Short, tmp_path: Path, inside: Inside) -> None:
+    session = str(short[0])
+    raw = tmp_path / "capture"
+    raw.write_bytes(b"\xeb\x90 noise")
+    for words in (
+        ["check", "scale_factor_short"], ["fit", session], ["replay", session], ["recover", session],
+        ["decode", "ngu_a", str(raw)], ["run", "scale_factor_short", "--out", str(tmp_path / "out")],
+    ):  # fmt: skip
+        done = inside(*words, "--json")
+        assert done.returncode == 0, done.stderr
+        assert isinstance(json.loads(done.stdout), dict), words
+        assert "Traceback" not in done.stderr
+
+
+def test_json_of_a_run_that_failed_is_no_document(tmp_path: Path) -> None:
+    path = sequence(tmp_path, ("code: 2,", "code: 99,"))
+    done = bench("run", str(path), "--out", str(tmp_path / "out"), "--json")
+    refused(done, 3, "B-RUN-023")
+    assert done.stdout == ""
+
+
+def test_a_reader_that_goes_away_is_no_error() -> None:
+    command = f"{sys.executable} -m bench run --help | head -c 1 > /dev/null; exit ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert "Traceback" not in done.stderr
+
+
+def test_results_are_written_when_nobody_listens(tmp_path: Path) -> None:
+    """Standard output and standard error are closed pipes: the campaign is done all the same."""
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "bench", "run", "scale_factor_short", "--out", str(tmp_path)]
+    subprocess.run(command, stdout=write, stderr=write, check=False)
+    os.close(write)
+    (session,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    assert (session / "results.json").exists()
+    assert (session / "report.html").exists()
+
+
+@pytest.mark.parametrize("command", ["check", "run", "replay", "fit", "report", "decode", "recover", "talk", "schema"])
+def test_every_help_shows_an_example(command: str, inside: Inside) -> None:
+    done = inside(command, "--help")
+    assert done.returncode == 0
+    assert f"bench {command}" in done.stdout.split("Example")[1]
+
+
+def test_talk_reaches_an_instrument_and_records_it(tmp_path: Path, inside: Inside) -> None:
+    done = inside("talk", "calibrator", "*IDN?", "--out", str(tmp_path))
+    assert done.returncode == 0
+    assert "FLUKE,5720A" in done.stdout
+    assert "recorded in" in done.stdout

@@ -1,0 +1,282 @@
+"""Real pseudo-terminals under the wall clock: a port that goes and comes back, a disk that stalls, a stuck stream."""
+
+from __future__ import annotations
+
+import os
+import pty
+import threading
+import tty
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from bench.frame import FrameDefinition, LinkDecoder, load_frame
+from bench.model.clock import NS, WallClock, to_ns
+from bench.plan import Step
+from bench.record import SessionReader, SessionWriter
+from bench.record.files import AppendFile, OsFiles
+from bench.run.bench.opener import open_port
+from bench.run.guard.health import LINKS, Health
+from bench.run.links.acquisition import Acquisition, LinkReader
+from bench.run.links.keeper import keep_links
+from bench.run.links.port import PortLink
+from bench.run.stop import StopSwitch
+
+FRAMES = Path(__file__).resolve().parents[2] / "frames"
+DETECT_S = 1.0
+RESUME_S = 5.0
+RECORD = Step(7, "campaign", "record", 0.0, 1.0, "", "", {}, {}, "x.yaml:1:1")
+
+
+def frame_bytes(definition: FrameDefinition, counter: int) -> bytes:
+    if definition.name == "ngu_a":
+        columns: dict[str, Any] = {
+            "npp": [[0] * 10], "ppp": [[0] * 10], "af_clock": 2560, "master_count": 100_000, "fg_count": 100_000,
+        }  # fmt: skip
+        return bytes(definition.encode({**columns, "counter": counter % 65536, "status": 0}, 1).tobytes())
+    columns = {
+        "unit_temperature": [[2000] * 4], "supply_voltage": 28_000, "supply_current": 1800, "rails": [[5000] * 3],
+    }  # fmt: skip
+    return bytes(definition.encode({**columns, "counter": counter % 65536, "status": 1}, 1, "housekeeping").tobytes())
+
+
+class Unit:
+    """A unit that streams on a thread of its own; each line can be unplugged and come back under the same name."""
+
+    def __init__(self, folder: Path, clock: WallClock) -> None:
+        self.clock = clock
+        self.definitions = {name: load_frame(FRAMES / f"{frame}.yaml") for name, frame in LINKS_OF_UNIT.items()}
+        self.names = {name: folder / name for name in self.definitions}
+        self.sent = dict.fromkeys(self.definitions, 0)
+        self.instead: dict[str, bytes] = {}
+        self.far: dict[str, int] = {}
+        self._lock = threading.Lock()
+        self._ended = threading.Event()
+        for name in self.definitions:
+            self.plug(name)
+        self._thread = threading.Thread(target=self._stream, daemon=True)
+        self._thread.start()
+
+    def plug(self, name: str) -> None:
+        far, near = pty.openpty()
+        tty.setraw(near)
+        os.set_blocking(far, False)
+        fresh = self.names[name].with_suffix(".new")
+        fresh.symlink_to(os.ttyname(near))
+        fresh.rename(self.names[name])
+        with self._lock:
+            self.far[name] = far
+        self._near = getattr(self, "_near", [])
+        self._near.append(near)  # a terminal nobody has opened yet would hang up at once
+
+    def pull(self, name: str) -> None:
+        with self._lock:
+            os.close(self.far.pop(name))
+
+    def _stream(self) -> None:
+        gate, began_ns = 0, self.clock.now_ns()
+        while not self._ended.is_set():
+            gate += 1
+            self.clock.sleep_until_ns(began_ns + gate * NS // 100)
+            with self._lock:
+                for name, definition in self.definitions.items():
+                    if name in self.far and (name == "port_a" or gate % 10 == 0):
+                        counter = gate if name == "port_a" else gate // 10
+                        os.write(self.far[name], self.instead.get(name) or frame_bytes(definition, counter))
+                        self.sent[name] += 1
+
+    def end(self) -> None:
+        self._ended.set()
+        self._thread.join()
+        for descriptor in (*self.far.values(), *self._near):
+            os.close(descriptor)
+
+
+LINKS_OF_UNIT = {"port_b": "ngu_b", "port_a": "ngu_a"}
+
+
+class Bench:
+    """Acquisition and keeper over the unit's lines into a real session; the sequencer is the test itself."""
+
+    def __init__(self, folder: Path, files: OsFiles | None = None) -> None:
+        self.clock, self.stop = WallClock(), StopSwitch()
+        self.unit = Unit(folder, self.clock)
+        self.writer = SessionWriter.create(folder / "session", {}, {}, t_mono_ns=self.clock.now_ns(), files=files)
+        self.events: list[tuple[int, dict[str, Any]]] = []
+        self.links = {
+            name: PortLink(partial(open_port, name, str(path), 115_200, exclusive=True))
+            for name, path in self.unit.names.items()
+        }
+        self.readers = {
+            name: LinkReader(name, link, self.unit.definitions[name], self.clock, self.writer)
+            for name, link in self.links.items()
+        }
+        self.acquisition = Acquisition(self.readers, self.clock, self.writer.tick, self.stop)
+        self.health = Health(self.clock)
+        self.context: Any = SimpleNamespace(
+            acquisition=self.acquisition, clock=self.clock, stop=self.stop, health=self.health, instruments={},
+            unit_answer=None,
+            plan=SimpleNamespace(steps=(), campaign={}), event=self._event,
+            listener=SimpleNamespace(step=lambda step, at_s: None, message=lambda text: None),
+        )  # fmt: skip
+
+    def _event(self, kind: str, **fields: Any) -> None:
+        assert kind == "link"
+        self.events.append((self.clock.now_ns(), fields))
+
+    def wait(self, done: Callable[[], bool], limit_s: float) -> bool:
+        until_ns = self.clock.now_ns() + to_ns(limit_s)
+        while not done() and self.clock.now_ns() < until_ns:
+            self.stop.check_stop()
+            self.clock.sleep(0.01)
+        return done()
+
+    def states(self) -> list[str]:
+        return [f"{fields['link']} {fields['state']}" for _, fields in self.events if fields["state"] != "open"]
+
+    def good(self, name: str) -> int:
+        return self.acquisition.status()[name].frames
+
+    def end(self) -> None:
+        self.acquisition.stop()
+        for link in self.links.values():
+            link.close()
+        self.unit.end()
+        self.writer.close("done")
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    with ExitStack() as stack:
+        made = Bench(tmp_path)
+        stack.callback(made.end)
+        stack.enter_context(keep_links(made.context))
+        assert made.wait(lambda: made.good("port_a") > 10 and made.good("port_b") > 1, 10.0)
+        made.context.listener.step(RECORD, 0.0)
+        yield made
+
+
+@pytest.mark.parametrize("name", ["port_a", "port_b"])
+def test_a_port_that_is_pulled_out_is_noticed_and_comes_back(bench: Bench, name: str) -> None:
+    assert bench.events[0][1]["kernel_counts"] is False
+    threads = threading.active_count()
+    for _ in range(2):
+        pulled_ns = bench.clock.now_ns()
+        bench.unit.pull(name)
+        assert bench.wait(lambda: bool(bench.stop.holds.reasons), DETECT_S)
+        print(f"lost noticed after {(bench.events[-1][0] - pulled_ns) / 1e6:.0f} ms")
+        assert bench.acquisition.status()[name].state == "lost"
+        assert list(bench.stop.holds.reasons) == [f"link {name}"]
+        bench.clock.sleep(0.7)  # some attempts that find nothing
+        plugged_ns = bench.clock.now_ns()
+        bench.unit.plug(name)
+        assert bench.wait(lambda: not bench.stop.holds.reasons, RESUME_S)
+        print(f"back after {(bench.events[-1][0] - plugged_ns) / 1e6:.0f} ms: {bench.events[-1][1]['how']}")
+        assert bench.events[-1][1]["how"] == "port opened again; counter went on; identity not asked"
+    assert bench.states() == [f"{name} lost", f"{name} back"] * 2
+    assert threading.active_count() == threads
+    assert bench.stop.fault is None
+
+
+def test_a_stuck_stream_holds_and_its_end_releases(bench: Bench) -> None:
+    bench.unit.instead["port_a"] = b"\xeb\x90" * 28
+    assert bench.wait(lambda: bench.acquisition.status()["port_a"].state == "stale", 1.0)
+    assert bench.wait(lambda: bench.health.values().get("port_a_stale") == 1.0, 1.0)
+    assert bench.stop.holds.reasons == {}
+    assert bench.wait(lambda: bool(bench.stop.holds.reasons), 3.5)
+    assert "no good frame" in bench.stop.holds.reasons["link port_a"]
+    bench.unit.instead.clear()
+    assert bench.wait(lambda: not bench.stop.holds.reasons, RESUME_S)
+    assert bench.wait(lambda: bench.health.values()["port_a_stale"] == 0.0, 5.0)
+    assert bench.states() == ["port_a silent", "port_a back"]
+
+
+def test_the_links_give_their_sign_of_life(bench: Bench) -> None:
+    bench.clock.sleep(1.5)
+    assert bench.health.silence_s()[LINKS] < 1.0
+    bench.unit.pull("port_a")
+    bench.unit.pull("port_b")
+    assert bench.wait(lambda: len(bench.stop.holds.reasons) == 2, DETECT_S)
+    bench.clock.sleep(1.5)
+    assert bench.health.silence_s()[LINKS] < 1.0  # nobody is left to read, and somebody looks for the ports
+
+
+# --- a disk that stalls --------------------------------------------------------------------------------------------
+
+
+class StallingFile:
+    def __init__(self, file: AppendFile, gate: threading.Event) -> None:
+        self._file, self._gate = file, gate
+        self.truncate, self.sync, self.close = file.truncate, file.sync, file.close
+
+    def write(self, chunk: bytes) -> int:
+        self._gate.wait()
+        return self._file.write(chunk)
+
+
+class StallingFiles(OsFiles):
+    """Every write waits while the gate is shut."""
+
+    def __init__(self) -> None:
+        self.gate = threading.Event()
+        self.gate.set()
+
+    def create(self, path: Path) -> AppendFile:
+        return StallingFile(super().create(path), self.gate)
+
+
+def stall(folder: Path, seconds: float) -> None:
+    files = StallingFiles()
+    bench = Bench(folder, files)
+    try:
+        with keep_links(bench.context):
+            assert bench.wait(lambda: bench.good("port_a") > 50 and bench.good("port_b") > 5, 10.0)
+            files.gate.clear()
+            bench.clock.sleep(seconds)
+            alive_s = bench.health.silence_s()[LINKS]
+            files.gate.set()
+            reached = {name: bench.unit.sent[name] for name in bench.readers}
+            assert bench.wait(lambda: bench.good("port_a") > reached["port_a"] - 50, 10.0)
+            assert bench.stop.fault is None
+            assert bench.states() == []
+            assert alive_s < 1.0
+    finally:
+        files.gate.set()
+        bench.end()
+    sent = bench.unit.sent
+    for name, reader in bench.readers.items():
+        counts = reader.decoder.counts
+        assert (counts.bad, counts.lost, counts.duplicate, counts.skipped_bytes) == (0, 0, 0, 0)
+        assert sent[name] - 20 <= counts.frames <= sent[name]  # those of the end, after the ports were left
+    _assert_recorded(folder / "session", bench)
+
+
+def _assert_recorded(session: Path, bench: Bench) -> None:
+    """The session holds every frame, in order, stamped while the disk stood still."""
+    for name, reader in bench.readers.items():
+        decoder = LinkDecoder(bench.unit.definitions[name])
+        stamps: list[int] = []
+        for message in SessionReader(session).select(frozenset({f"/link/{name}/rx"})):
+            decoder.push(message.t_ns, message.payload)
+            stamps.append(message.t_ns)
+        decoder.flush()
+        assert decoder.counts == reader.decoder.counts
+        assert stamps == sorted(stamps)
+        longest_s = max(after - before for before, after in pairwise(stamps)) / NS
+        print(f"{name}: {decoder.counts.frames} frames, longest time between two stamps {longest_s:.3f} s")
+        assert longest_s < 1.5
+
+
+def test_a_disk_that_stalls_for_three_seconds_costs_nothing(tmp_path: Path) -> None:
+    stall(tmp_path, 3.0)
+
+
+@pytest.mark.slow
+def test_a_disk_that_stalls_for_ten_seconds_costs_nothing(tmp_path: Path) -> None:
+    stall(tmp_path, 10.0)

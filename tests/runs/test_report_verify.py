@@ -1,0 +1,332 @@
+"""bench report --verify: what was altered in a session or in what was computed from it is named; nothing is written."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import struct
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from rehearsal import ROOT
+
+from bench.commands import run as run_command
+from bench.commands.certificate import Request, certificate
+from bench.commands.verify import verify
+from bench.model.errors import ExitStatus, InputError, SessionDamaged
+from bench.session import verification
+from bench.session.service import report
+
+GOLDEN = ROOT / "tests" / "golden" / "sessions"
+SEGMENT = "session.0001.mcap"
+SEED = 3
+HEADER, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, DATA_END, FOOTER = 0x01, 0x06, 0x07, 0x08, 0x0F, 0x02  # of the MCAP format
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A session of two channels with results and report."""
+    out = tmp_path_factory.mktemp("verify")
+    url = f"sqlite:///{out / 'history.sqlite'}"
+    run_command.run(run_command.Request(str(GOLDEN / "golden.yaml"), None, [], "virtual", SEED, out, False, False, url))
+    return next(path.parent for path in out.glob("*/results.json"))
+
+
+@pytest.fixture
+def session(original: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(original, tmp_path / original.name))
+
+
+@pytest.fixture
+def drawn(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The report is taken as drawn: drawing it is slow, and these tests look at something else."""
+    page = (session / "report.html").read_text(encoding="utf-8")
+    monkeypatch.setattr(verification, "report_of", lambda *_: SimpleNamespace(html=lambda: page))
+
+
+def files(folder: Path) -> dict[str, str]:
+    return {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.rglob("*") if path.is_file()}
+
+
+def verified(folder: Path, capsys: pytest.CaptureFixture[str], status: int) -> dict[str, Any]:
+    """What --json says; the exit status is as expected and no file is touched."""
+    before = files(folder)
+    capsys.readouterr()
+    if status == ExitStatus.PASS:
+        assert verify(folder, as_json=True) == status
+    else:
+        with pytest.raises(SessionDamaged) as caught:
+            verify(folder, as_json=True)
+        assert (caught.value.code, caught.value.exit_status) == ("B-CLI-012", status)
+    assert files(folder) == before
+    document: dict[str, Any] = json.loads(capsys.readouterr().out)
+    assert document["identical"] is (status == ExitStatus.PASS)
+    return document
+
+
+def changed(document: dict[str, Any]) -> set[str]:
+    return {change["file"] for change in document["changes"]}
+
+
+def records(content: bytes) -> list[tuple[int, int, int]]:
+    """Opcode, first and last byte of every record of a segment."""
+    found, at = [], 8
+    while at < len(content) - 8:
+        opcode, length = struct.unpack_from("<BQ", content, at)
+        found.append((opcode, at, at + 9 + length))
+        at += 9 + length
+    return found
+
+
+def flip(path: Path, at: int) -> None:
+    content = bytearray(path.read_bytes())
+    content[at] ^= 1
+    path.write_bytes(content)
+
+
+def test_an_untouched_session_is_identical(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = verified(session, capsys, ExitStatus.PASS)
+    assert document["compared"][:3] == [SEGMENT, "results.json", "report.html"]
+    assert document["records"] == 10
+    stored = json.loads((session / "results.json").read_text())
+    assert document["session_sha256"] == stored["provenance"]["session_sha256"]
+    assert verify(session, as_json=False) == ExitStatus.PASS
+    assert capsys.readouterr().out.startswith(f"identical: {session}: {SEGMENT}, results.json, report.html")
+
+
+PLACES: dict[str, Callable[[list[tuple[int, int, int]], int], int]] = {
+    "magic": lambda found, size: 3,
+    "header": lambda found, size: next(at + 12 for op, at, _ in found if op == HEADER),
+    "first chunk": lambda found, size: next((at + end) // 2 for op, at, end in found if op == CHUNK),
+    "middle chunk": lambda found, size: [(at + end) // 2 for op, at, end in found if op == CHUNK][3],
+    "chain": lambda found, size: [end - 20 for op, _, end in found if op == CHUNK][-1],
+    "message index": lambda found, size: next(end - 3 for op, _, end in found if op == MESSAGE_INDEX),
+    "chunk index": lambda found, size: next(end - 3 for op, _, end in found if op == CHUNK_INDEX),
+    "data end": lambda found, size: next(end - 1 for op, _, end in found if op == DATA_END),
+    "footer": lambda found, size: next(end - 1 for op, _, end in found if op == FOOTER),
+    "closing magic": lambda found, size: size - 2,
+}
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.usefixtures("drawn")
+def test_one_altered_byte_of_a_segment_is_named(session: Path, capsys: pytest.CaptureFixture[str], place: str) -> None:
+    path = session / SEGMENT
+    content = path.read_bytes()
+    flip(path, PLACES[place](records(content), len(content)))
+    document = verified(session, capsys, ExitStatus.SESSION_DAMAGED)
+    assert SEGMENT in changed(document), place
+    assert all("byte" in change["what"] for change in document["changes"] if change["file"] == SEGMENT)
+
+
+@pytest.mark.usefixtures("drawn")
+def test_one_digit_of_the_results_is_named(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = session / "results.json"
+    stored = json.loads(path.read_text())
+    now = repr(stored["estimates"][3]["value"])
+    digit = now.index(".") - 1
+    was = f"{now[:digit]}{(int(now[digit]) + 1) % 10}{now[digit + 1 :]}"
+    path.write_text(path.read_text().replace(f'"value": {now}', f'"value": {was}'))
+    document = verified(session, capsys, ExitStatus.SESSION_DAMAGED)
+    assert [change["what"] for change in document["changes"]] == [f"estimates[3].value {was} -> {now}"]
+    assert document["notes"] == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        ('"estimates": [', '"estimates":[', "same values"),
+        ("{\n", '{\n "campaign": "x",\n', "same values"),  # of two values with one name the last counts
+        ("{\n", "{{\n", "cannot be read as JSON"),
+        (' "notes"', ' "remark": "x",\n "notes"', "remark x -> (absent)"),
+        ('"verdict": "none"', '"verdict": "pass"', "estimates"),
+        ('"simulated": true', '"simulated": false', "provenance.simulated false -> true"),
+    ],
+)
+@pytest.mark.usefixtures("drawn")
+def test_whatever_else_is_altered_in_the_results(
+    session: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, what: str
+) -> None:
+    path = session / "results.json"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    document = verified(session, capsys, ExitStatus.SESSION_DAMAGED)
+    assert {"results.json"} <= changed(document)
+    said = [change["what"] for change in document["changes"] if change["file"] == "results.json"]
+    assert any(what in one for one in said), said
+
+
+def test_one_character_of_the_report_is_named(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flip(session / "report.html", 1000)
+    document = verified(session, capsys, ExitStatus.SESSION_DAMAGED)
+    assert document["changes"] == [{"file": "report.html", "what": "is not what the session gives"}]
+
+
+def test_another_version_of_the_software_alone_is_no_difference(
+    session: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now = json.loads((session / "results.json").read_text())["provenance"]["software"]
+    for name in ("results.json", "report.html"):
+        path = session / name
+        path.write_text(path.read_text().replace(now, "inertial-bench 0.0.9"))
+    document = verified(session, capsys, ExitStatus.PASS)
+    assert f"results.json was written by inertial-bench 0.0.9, this is {now}" in document["notes"]
+
+
+def test_another_version_is_no_excuse_for_another_report(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = session / "results.json"
+    path.write_text(path.read_text().replace('"software": "', '"software": "not '))
+    flip(session / "report.html", 1000)
+    document = verified(session, capsys, ExitStatus.SESSION_DAMAGED)
+    assert changed(document) == {"report.html"}
+    assert "it was written by not inertial-bench" in document["changes"][0]["what"]
+
+
+@pytest.mark.usefixtures("drawn")
+def test_numbers_of_another_software_are_named(
+    session: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The software of today gives another number than the one of the run."""
+    from bench.commands import verify as command
+
+    plain = command.analyse_view
+
+    def other(view: Any, method: Any = None) -> Any:
+        results, analysis = plain(view, method)
+        results["estimates"][0]["value"] *= 1 + 1e-6
+        return results, analysis
+
+    monkeypatch.setattr(command, "analyse_view", other)
+    document = verified(session, capsys, ExitStatus.SESSION_DAMAGED)
+    assert any(change["what"].startswith("estimates[0].value") for change in document["changes"])
+    assert not [note for note in document["notes"] if "relative" in note]
+
+
+@pytest.mark.parametrize(("size", "rounded"), [(1e-13, True), (1e-7, False)])
+@pytest.mark.usefixtures("drawn")
+def test_last_digits_are_called_what_they_are(
+    session: Path, capsys: pytest.CaptureFixture[str], size: float, rounded: bool
+) -> None:
+    path = session / "results.json"
+    stored = json.loads(path.read_text())
+    stored["estimates"][0]["value"] *= 1 + size
+    path.write_text(verification.results_json(stored))
+    document = verified(session, capsys, ExitStatus.SESSION_DAMAGED)
+    assert any("largest relative difference" in note for note in document["notes"]) is rounded
+
+
+def test_a_report_that_is_not_there_is_said_and_no_alteration(
+    session: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (session / "report.html").unlink()
+    document = verified(session, capsys, ExitStatus.PASS)
+    assert document["absent"] == ["report.html"]
+    assert "report.html" not in document["compared"]
+
+
+def test_results_that_are_not_there(session: Path) -> None:
+    (session / "results.json").unlink()
+    with pytest.raises(InputError) as caught:
+        verify(session, as_json=True)
+    assert caught.value.code == "B-CLI-010"
+
+
+@pytest.mark.usefixtures("drawn")
+def test_damage_counts_without_results_too(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (session / "results.json").unlink()
+    flip(session / SEGMENT, 20_000)
+    assert changed(verified(session, capsys, ExitStatus.SESSION_DAMAGED)) >= {SEGMENT}
+
+
+@pytest.mark.usefixtures("drawn")
+def test_a_segment_of_another_session_is_named(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is whole, and its own hash chain agrees: the results do not."""
+    other = next(GOLDEN.glob(f"*/*/{SEGMENT}"))
+    shutil.copy(other, session / SEGMENT)
+    document = verified(session, capsys, ExitStatus.SESSION_DAMAGED)
+    assert any(change["what"].startswith("provenance.session_sha256") for change in document["changes"])
+
+
+@pytest.mark.usefixtures("drawn")
+def test_a_cut_segment_is_named(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = session / SEGMENT
+    path.write_bytes(path.read_bytes()[:-30_000])
+    document = verified(session, capsys, ExitStatus.SESSION_DAMAGED)
+    assert any("has no end" in note for note in document["notes"])
+    assert any(change["what"].startswith("provenance.session_sha256") for change in document["changes"])
+
+
+@pytest.mark.usefixtures("drawn")
+@pytest.mark.parametrize("name", ["port_a.001s", "port_b.100s", "trend.json"])
+def test_one_altered_byte_of_the_trend_is_named(session: Path, capsys: pytest.CaptureFixture[str], name: str) -> None:
+    """It is no part of the recording, so it makes nothing wrong."""
+    assert verified(session, capsys, ExitStatus.PASS)["notes"] == []
+    path = session / "trend" / name
+    flip(path, path.read_bytes().rindex(b'"npp"') + 1 if name == "trend.json" else 40)
+    (note,) = verified(session, capsys, ExitStatus.PASS)["notes"]
+    assert note.startswith(f"trend/{name} is not what the session gives; it is no part of the recording")
+    (session / "trend" / "trend.json").write_bytes(b"{")
+    (note,) = verified(session, capsys, ExitStatus.PASS)["notes"]
+    assert note.startswith("trend/trend.json cannot be read")
+    shutil.rmtree(session / "trend")
+    assert verified(session, capsys, ExitStatus.PASS)["notes"] == []
+
+
+def test_no_session_at_all(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        verify(tmp_path, as_json=False)
+    assert caught.value.code == "B-REC-010"
+
+
+@pytest.fixture
+def certified(session: Path) -> Path:
+    """A session with a specimen of its certificate."""
+    assert certificate(Request(session, None, None, None, True)) == ExitStatus.PASS
+    return session
+
+
+@pytest.mark.usefixtures("drawn")
+def test_a_certificate_of_these_results(certified: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "certificate.specimen.xml" in verified(certified, capsys, ExitStatus.PASS)["compared"]
+
+
+@pytest.mark.usefixtures("drawn")
+@pytest.mark.parametrize("where", ["a number of its results", "its session", "its end"])
+def test_an_altered_certificate_is_named(certified: Path, capsys: pytest.CaptureFixture[str], where: str) -> None:
+    path = certified / "certificate.specimen.xml"
+    text = path.read_text(encoding="utf-8")
+    value = repr(json.loads((certified / "results.json").read_text())["estimates"][0]["value"])
+    sha256 = json.loads((certified / "results.json").read_text())["provenance"]["session_sha256"]
+    if where == "a number of its results":
+        at = text.index(value.lstrip("-")[:8], text.index("<dcc:results>")) + 2
+        text = text[:at] + ("1" if text[at] != "1" else "2") + text[at + 1 :]
+    else:
+        text = text.replace(sha256, "0" * 64) if where == "its session" else text[:-30]
+    path.write_text(text, encoding="utf-8")
+    assert changed(verified(certified, capsys, ExitStatus.SESSION_DAMAGED)) == {"certificate.specimen.xml"}
+
+
+def test_a_certificate_of_another_report_is_named(certified: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    flip(certified / "report.html", 1000)
+    document = verified(certified, capsys, ExitStatus.SESSION_DAMAGED)
+    assert changed(document) == {"report.html", "certificate.specimen.xml"}
+
+
+def test_a_report_on_paper(session: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("typst", reason="the extra 'pdf' is not installed")
+    assert report(session, pdf=True) == ExitStatus.PASS
+    assert "report.pdf" in verified(session, capsys, ExitStatus.PASS)["compared"]
+    flip(session / "report.pdf", 5000)
+    assert changed(verified(session, capsys, ExitStatus.SESSION_DAMAGED)) == {"report.pdf"}
+    monkeypatch.setitem(sys.modules, "typst", None)
+    document = verified(session, capsys, ExitStatus.PASS)
+    assert any("report.pdf is not compared" in note for note in document["notes"])
+    assert "report.pdf" not in document["compared"]

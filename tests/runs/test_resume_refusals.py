@@ -1,0 +1,102 @@
+"""What is not gone on with: other instruments, another plan, a run that lives, a session that is none or not whole."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from crashes import Crashes, copied, go_on, kinds
+from rehearsal import Watched
+
+from bench.commands.resume import resume
+from bench.model.clock import VirtualClock
+from bench.model.errors import ExitStatus, InputError, InstrumentError, SessionDamaged
+from bench.model.shipped import find_shipped
+from bench.plan import load_station
+from bench.record import Journal, SessionReader
+from bench.run.bench.talk import TalkSession
+from bench.run.frozen import frozen_plan
+from bench.run.resume import read_stopped
+from sim_instruments.worlds import simulation
+from sim_instruments.worlds.common.world import World
+
+
+def test_another_standard_is_refused_before_any_stimulus(
+    crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = copied(crashes, "between points", tmp_path)
+    before = sorted(path.name for path in folder.iterdir())
+    plain = simulation.open_world
+    heard: list[str] = []
+
+    def open_world(*words: object, **options: object) -> World:
+        world = plain(*words, **options)  # type: ignore[arg-type]
+        world.faults.instrument("rail_dmm").identity = "HEWLETT-PACKARD,34401A,4711,11-5-2"
+        for device in world.instruments.values():
+            run = device.execute
+            device.execute = lambda text, run=run: (heard.append(text), run(text))[1]  # type: ignore[misc]
+        return world
+
+    monkeypatch.setattr(simulation, "open_world", open_world)
+    with pytest.raises(InstrumentError) as caught:
+        go_on(folder, Watched(lambda world, step: None, worlds=[None]))  # type: ignore[list-item]
+    assert caught.value.code in ("B-RES-006", "B-RUN-006")
+    assert heard
+    assert [text for text in heard if text.upper().startswith(("OPER", "OUT ", "OUTP ON", ":CLOS (", "RUNM"))] == []
+    assert sorted(path.name for path in folder.iterdir()) == before
+
+
+def test_a_living_run_is_not_gone_on_with(crashes: Crashes, tmp_path: Path) -> None:
+    folder = copied(crashes, "between points", tmp_path)
+    journal = Journal(folder)
+    with pytest.raises(InputError, match="B-RES-002"):
+        read_stopped(folder)
+    journal.close()
+    assert read_stopped(folder).plan.sha256 == crashes.plan.sha256
+
+
+def test_another_plan_is_refused_and_the_same_one_is_not(crashes: Crashes, tmp_path: Path) -> None:
+    folder = copied(crashes, "finally", tmp_path)
+    (tmp_path / "other").mkdir()
+    text = crashes.plan.texts["sequences/tiny.yaml"]
+    other = tmp_path / "other.yaml"
+    other.write_text(text.replace("dwell: 10 s", "dwell: 8 s").replace("duration: 4050 s\n", ""))
+    with pytest.raises(InputError, match="B-RES-005"):
+        resume(folder, str(other), None, as_json=False)
+    same = tmp_path / "same.yaml"
+    same.write_text(text)
+    assert resume(folder, str(same), None, as_json=False) == ExitStatus.PASS
+
+
+def test_a_session_without_a_plan_is_refused(tmp_path: Path) -> None:
+
+    station = load_station(find_shipped("stations", "af_bench_sim"))
+    with TalkSession(station, "dmm", VirtualClock(), tmp_path) as session:
+        session.send("ID?")
+        folder = session.folder
+    with pytest.raises(InputError, match="B-RES-003"):
+        read_stopped(folder)
+
+
+def test_a_session_that_lost_its_plan_is_refused(crashes: Crashes, tmp_path: Path) -> None:
+    folder = copied(crashes, "between points", tmp_path)
+    stopped = read_stopped(folder)
+
+    texts = dict(SessionReader(folder).texts)
+    changed = texts["plan.json"].replace('"current":0.1,', '"current":0.2,', 1)
+    assert changed != texts["plan.json"]
+    with pytest.raises(SessionDamaged, match="B-RES-004"):
+        frozen_plan(folder, stopped.manifest, {**texts, "plan.json": changed})
+    with pytest.raises(SessionDamaged, match="B-RES-004"):
+        frozen_plan(folder, stopped.manifest, {**texts, "plan.json": "[{}]"})
+    missing = {name: text for name, text in texts.items() if not name.startswith("stations/")}
+    with pytest.raises(SessionDamaged, match="B-RES-004"):
+        frozen_plan(folder, stopped.manifest, missing)
+
+
+def test_the_frozen_plan_is_the_plan(crashes: Crashes) -> None:
+    stopped = read_stopped(crashes.at(kinds(crashes.plan)["between points"]))
+    assert stopped.plan.sha256 == crashes.plan.sha256
+    assert dict(stopped.plan.settings) == dict(crashes.plan.settings) == {"world.calibrator_gain": "off"}
+    assert dict(stopped.plan.station.world_options) == dict(crashes.plan.station.world_options)
+    assert dict(stopped.plan.campaign) == dict(crashes.plan.campaign)

@@ -1,0 +1,213 @@
+"""``bench sim`` as a process of its own: what it serves, to whom, how it ends, and a run that uses it."""
+
+from __future__ import annotations
+
+import json
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import serial
+from rehearsal import bench
+from served_bench import CLOCK, SEED, Served, powered_rack
+
+from bench.commands.sim import sim
+from bench.frame import LinkDecoder, load_frame
+from bench.model.clock import VirtualClock
+from bench.model.errors import InputError, InputErrors
+from bench.model.shipped import find_shipped
+from bench.plan import load_station
+from sim_instruments.worlds.simulation import open_world
+
+
+@pytest.fixture(scope="module")
+def process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    served = powered_rack(tmp_path_factory.mktemp("bench") / "sim")
+    yield served
+    print(f"the simulated bench used {served.cpu_s():.1f} s of CPU")
+    assert served.end() == 0
+
+
+@pytest.fixture
+def served(process: Served) -> Iterator[Served]:
+    yield process
+    process.fault("clear")
+
+
+def test_it_says_what_it_serves_and_the_station_can_be_loaded(served: Served) -> None:
+    roles = list(load_station(find_shipped("stations", "af_rack_sim")).instruments)
+    assert len(roles) == 14
+    assert [line.split(":")[0] for line in served.said] == [*roles, "port_a", "port_b", "station", "ready"]
+    station = served.station
+    assert (station.simulated, station.in_process, station.file.visa) == (True, False, "@py")
+    assert list(station.instruments) == roles
+    assert oct((served.folder / "control.sock").stat().st_mode)[-3:] == "600"
+    checked = bench("check", "scale_factor_wall", "--station", str(served.folder / "station.yaml"))
+    assert checked.returncode == 0, checked.stderr
+
+
+def test_fourteen_instruments_answer_each_with_its_own_serial_number(served: Served) -> None:
+    questions = {"dmm": "ID?", "chamber": "IDEN?"}
+    identities = {role: served[role].query(questions.get(role, "*IDN?")) for role in served.station.instruments}
+    assert all(identities.values())
+    for role in ("function_generator_2", "counter_2", "counter", "calibrator"):
+        standard = served.station.instruments[role].standard
+        assert standard is not None
+        assert identities[role].split(",")[2] == standard.serial
+
+
+def test_second_instruments_are_their_own(served: Served) -> None:
+    before = served.state()["instruments"]
+    for command in ("OUTP ON", "INST:NSEL 1", "VOLT 4"):
+        served["aux_supply_2"].write(command)
+    assert float(served["aux_supply_2"].query("VOLT?")) == 4.0  # and so it is done when the other session asks
+    assert float(served["rail_dmm_2"].query("READ?")) == pytest.approx(4.0, abs=0.01)
+    after = served.state()["instruments"]
+    assert after["aux_supply_2"]["voltages_V"] == [4.0, 0.0, 0.0]
+    assert after["aux_supply_2"]["unchanged_s"] < before["aux_supply_2"]["unchanged_s"]
+    assert (after["aux_supply"]["on"], after["aux_supply"]["voltages_V"]) == (False, [0.0, 0.0, 0.0])
+    served["aux_supply_2"].write("OUTP OFF")
+
+
+def test_the_links_run_in_real_time_and_lose_nothing(served: Served) -> None:
+    heard = served.listen("port_a", 3.0)
+    assert (heard.bad, heard.lost) == (0, 0)
+    assert heard.frames > 200
+    sent = served.state()["link_bytes"]["port_a"]
+    CLOCK.sleep(0.3)  # nobody listens: the line loses the bytes, and they do not come later
+    assert served.state()["link_bytes"]["port_a"]["lost"] > sent["lost"]
+    assert served.listen("port_a", 0.5).lost == 0
+
+
+def test_a_listener_who_never_reads_blocks_nothing(served: Served) -> None:
+    with serial.Serial(str(served.folder / "port_a"), timeout=0):
+        CLOCK.sleep(2.0)
+        assert served.listen("port_b", 0.5).frames > 0
+        assert served["calibrator"].query("*IDN?").startswith("FLUKE")
+    with serial.Serial(str(served.folder / "port_a"), timeout=0) as again:
+        again.reset_input_buffer()
+        CLOCK.sleep(0.1)
+        assert 0 < again.in_waiting < 4096
+
+
+def test_commands_reach_the_unit(served: Served) -> None:
+    definition = load_frame(find_shipped("frames", "ngu_b"))
+    decoder = LinkDecoder(definition)
+    with serial.Serial(str(served.folder / "port_b"), timeout=0.05) as port:
+        port.write(definition.encode_one({"command": 1, "payload": []}, "command"))
+        for _ in range(20):
+            decoder.push(CLOCK.now_ns(), port.read(10_000))
+    answers = decoder.flush().messages["answer"]
+    assert bytes(answers.raw("payload")[0]).startswith(b"NGU SIM-1")
+
+
+def test_the_command_says_what_is_on_and_prints_the_state(served: Served) -> None:
+    words = ("--dir", str(served.folder))
+    assert bench("sim", "fault", "late", "supply", "2", "3", *words).stdout == "on: late supply 2 3\n"
+    assert json.loads(bench("sim", "fault", "state", *words).stdout)["faults"] == ["late supply 2 3"]
+    assert bench("sim", "fault", "clear", *words).stdout == "no fault is on\n"
+
+
+@pytest.mark.parametrize(
+    ("words", "rate", "settings", "code"),
+    [
+        (("fault", "mutt", "dmm"), 1, (), "B-SIM-010"),
+        (("fault", "mute", "dmmm"), 1, (), "B-SIM-011"),
+        (("fault", "drop", "port_a", "2"), 1, (), "B-SIM-012"),
+        (("af_rack_sim",), 1, (), "B-SIM-013"),
+        (("af_rack_sim", "twice"), 1, (), "B-SIM-017"),
+        (("af_rack_sim",), 0, (), "B-SIM-017"),
+        (("af_rack_sim",), 1, ("settle=1 s",), "B-SIM-017"),
+        (("af_rack_sim",), 1, ("world.nois=off",), "B-PLAN-004"),
+        (("af_rack_sim",), 1, ("world.time_constants=0.5",), "B-SIM-002"),
+    ],
+)
+def test_mistakes_are_one_clear_error(
+    served: Served, words: tuple[str, ...], rate: float, settings: tuple[str, ...], code: str, tmp_path: Path
+) -> None:
+    folder = tmp_path if code == "B-SIM-002" else served.folder
+    with pytest.raises(InputError) as caught:
+        sim(words, folder, rate, SEED, settings)
+    error = caught.value.errors[0] if isinstance(caught.value, InputErrors) else caught.value
+    assert (error.code, error.exit_status) == (code, 2)
+    assert not (tmp_path / "port_a").is_symlink()
+
+
+def test_a_served_station_cannot_be_served_again_nor_run_in_virtual_time(served: Served, tmp_path: Path) -> None:
+    station = str(served.folder / "station.yaml")
+    with pytest.raises(InputError, match="B-SIM-016"):
+        sim([station], tmp_path, 1.0, SEED, [])
+    words = ("run", "scale_factor_wall_30s", "--station", station, "--clock", "virtual", "--out", str(tmp_path))
+    done = bench(*words)
+    assert (done.returncode, "B-RUN-001" in done.stderr) == (2, True)
+
+
+def test_nobody_there_or_no_room_for_a_socket(tmp_path: Path) -> None:
+    done = bench("sim", "fault", "trip", "--dir", str(tmp_path))
+    assert (done.returncode, done.stdout, "B-SIM-015" in done.stderr) == (2, "", True)
+    with pytest.raises(InputError, match="B-SIM-014"):
+        sim(["af_bench_sim"], tmp_path / ("long" * 40), 1.0, SEED, [])
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=r"B-SIM-014.*give another --dir"):
+        sim(["af_bench_sim"], tmp_path / "file", 1.0, SEED, [])
+
+
+def test_a_value_may_be_negative_and_an_option_that_is_none_is_told(tmp_path: Path) -> None:
+    done = bench("sim", "fault", "chamber_runaway", "-2", "--dir", str(tmp_path))
+    assert (done.returncode, "B-SIM-015" in done.stderr) == (2, True)  # it was a value: the bench was asked
+    done = bench("sim", "af_bench_sim", "--ratee", "2", "--dir", str(tmp_path))
+    assert (done.returncode, "B-SIM-017: '--ratee' is no option" in done.stderr) == (2, True)
+
+
+def test_it_ends_clean_and_takes_over_from_one_that_was_killed(tmp_path: Path) -> None:
+    folder = tmp_path / "sim"
+    killed = Served(folder, "af_bench_sim", "--rate", "10")
+    assert killed.end(signal.SIGKILL) == -signal.SIGKILL
+    assert (folder / "port_a").is_symlink()
+    again = Served(folder, "af_bench_sim", "--rate", "10", "--set", "world.noise=off")
+    for command in ("VOLT 18", "CURR 2", "OUTP ON"):
+        again["supply"].write(command)
+    CLOCK.sleep(0.5)
+    heard = again.listen("port_a", 1.0)
+    assert heard.frames > 500  # ten times as fast
+    assert again.end(signal.SIGINT) == 0
+    assert sorted(path.name for path in folder.iterdir()) == ["sim.lock", "station.yaml"]
+
+
+@pytest.mark.slow
+def test_a_run_in_another_process_loses_nothing_and_is_true(tmp_path: Path) -> None:
+    served = Served(tmp_path / "sim", "af_rack_sim", "--seed", str(SEED))
+    station = str(served.folder / "station.yaml")
+    words = ("--station", station, "--clock", "wall", "--out", str(tmp_path / "out"))
+    done = bench("run", "scale_factor_wall_30s", *words)
+    state = served.state()
+    print(f"the simulated bench used {served.cpu_s():.1f} s of CPU")
+    assert served.end() == 0
+    assert done.returncode == 0, done.stderr
+    instruments = state["instruments"]
+    assert (instruments["calibrator"]["operating"], instruments["switch"]["closed"]) == (False, [])
+    assert instruments["chamber"]["mode"] != "running"
+    (folder,) = (path for path in (tmp_path / "out").iterdir() if path.is_dir())
+    results = json.loads((folder / "results.json").read_text())
+    quality = results["quality"]
+    assert (quality["records"], quality["frames_lost"], quality["frames_bad"]) == (10, 0, 0)
+    assert quality["frames"] > 3000
+    _hold_against_the_truth(results)
+
+
+def _hold_against_the_truth(results: dict[str, Any]) -> None:
+    """Scale factors against the unit of the same seed, within five of their standard deviations."""
+    station = load_station(find_shipped("stations", "af_rack_sim"))
+    options = station.world_options
+    world = open_world("af_converter", clock=VirtualClock(), seed=SEED, station=station.wiring(), options=options)
+    unit: Any = world.unit
+    judged = 0
+    for one in results["estimates"]:
+        if one["quantity"] in {"dsf_n", "dsf_p"} and "temperature_degC" in one["conditions"]:
+            true = getattr(unit, one["quantity"])(one["conditions"]["channel"], one["conditions"]["temperature_degC"])
+            assert abs(one["value"] - true) < 5 * one["std_uncertainty"], one
+            judged += 1
+    world.close()
+    assert judged == 4

@@ -1,0 +1,323 @@
+"""Count-level campaigns for the tests of the fit: exact pulse counts of a charge-balance converter at DC.
+
+Written from the physics alone: the charge of each gate is integrated and pulses are whole quanta of the running
+charge, so counts are floors of a phase. Nothing of bench.systems is used to make them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+F_AF0_Hz, MASTER_Hz, FG_Hz = 256e3, 1e7, 1e7
+FLOOR_A = {2.2e-4: 6e-9, 2.2e-3: 7e-9, 2.2e-2: 40e-9, 2.2e-1: 0.7e-6}
+KIND = {
+    "gyro": {
+        "k0_C": 1.25e-6,
+        "full_scale_A": 0.299,
+        "sensor_full_scale": 83.0,
+        "sensor_unit": "deg/s",
+        "levels_A": (30e-6, 100e-6, 1e-3, 10e-3, 100e-3, 200e-3),
+        "stability_limit_ppm": 100.0,
+        "bias_A": 400e-9,
+        "bias_slope": 2e-9,
+    },
+    "accelerometer": {
+        "k0_C": 1e-7,
+        "full_scale_A": 0.0242,
+        "sensor_full_scale": 20.2,
+        "sensor_unit": "g",
+        "levels_A": (0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3, 20e-3),
+        "stability_limit_ppm": 200.0,
+        "bias_A": -250e-9,
+        "bias_slope": 1e-9,
+    },
+}
+NOISE = {"white_A_rtHz": 2e-9, "walk_A_rth": 3e-10}  # declared in the manifest
+TEMPERATURES_degC = (-10.0, 5.0, 20.0, 35.0, 50.0)
+REFERENCE_degC = 20.0
+
+
+Step = tuple[str, float, int, float]  # route, level, polarity, calibrator range
+
+
+@dataclass(frozen=True)
+class Switches:
+    """What the simulated campaign contains; all on is the design's truth."""
+
+    gain: bool = True
+    calibrator_errors: bool = True
+    noise: bool = True
+    quantised: bool = True
+    af_error: float = 20e-6
+    master_error: float = 1.5e-6
+    zero_in_every_range: bool = False
+    dsf_sigma_ppm: float = 400.0
+    lag: bool = True
+    offset_A: float | None = None  # the same in every range, instead of a draw
+    white_A_rtHz: float = 2e-9
+    sensor_sigma_degC: float = 0.0  # offset of the unit's thermometer, one draw per campaign
+    gain_drift_sigma: float = 0.0  # of the calibrator over the campaign, linear in time, one draw
+    cubic_ppm_degC3: float = 0.0  # of DSF_N and DSF_P: what a parabola cannot compensate
+
+
+@dataclass(frozen=True)
+class Window:
+    number: int
+    conditions: dict[str, Any]
+    t_start_ns: int
+    t_end_ns: int
+    frames: int = 10000
+    link: str = "port_a"
+
+
+@dataclass(frozen=True)
+class Row:
+    window: Window
+    sums: dict[str, Any]
+    context: dict[str, float]
+    quality: int = 0
+    frames: int = 10000
+    lost: int = 0
+    bad: int = 0
+
+
+@dataclass
+class Unit:
+    """Truth of one channel."""
+
+    kind: str
+    dsf_ppm: np.ndarray  # (2,) at the reference temperature
+    tc1: np.ndarray
+    tc2: np.ndarray
+    bias_A: float
+    bias_slope: float
+    cubic_ppm_degC3: float
+    bias_curve: float  # a straight bias would make whole-pulse combinations of the readings exactly zero
+
+    def dsf(self, temperature_degC: float) -> np.ndarray:
+        step = temperature_degC - REFERENCE_degC
+        return self.dsf_ppm + self.tc1 * step + self.tc2 * step**2 + self.cubic_ppm_degC3 * step**3
+
+    def bias(self, temperature_degC: float) -> float:
+        step = temperature_degC - REFERENCE_degC
+        return self.bias_A + self.bias_slope * step + self.bias_curve * step**2
+
+
+@dataclass
+class SimulatedCampaign:
+    """Rows of a campaign, the truth behind them and the manifest sections."""
+
+    rows: list[Row]
+    units: dict[int, Unit]
+    gain: float
+    af_error: float
+    master_error: float
+    campaign: dict[str, Any]
+    standards: dict[str, Any]
+    biases_A: dict[tuple[int, float], float]  # of the first open row by channel and temperature, walk included
+
+    def truth(self, estimate: dict[str, Any]) -> float:
+        """True value of an estimate, at the temperature the estimate itself names."""
+        conditions = estimate["conditions"]
+        unit = self.units[conditions["channel"]]
+        quantity = estimate["quantity"]
+        index = 0 if "_n" in quantity else 1
+        if "_tc" in quantity:
+            order = int(quantity[-1])
+            if quantity.startswith("bias"):
+                return (unit.bias_A, unit.bias_slope, unit.bias_curve)[order]
+            return (unit.dsf_ppm, unit.tc1, unit.tc2)[order][index]
+        if quantity == "bias":
+            return self.biases_A[conditions["channel"], conditions["temperature_degC"]]
+        at = unit.dsf(conditions["unit_temperature_degC"])
+        return at[0] - at[1] if quantity == "dsf_asymmetry" else at[index]
+
+
+def smallest_range(level_A: float) -> float:
+    return next(full for full in FLOOR_A if level_A <= full)
+
+
+def manifest(kinds: dict[int, str]) -> tuple[dict[str, Any], dict[str, Any]]:
+    names = ("k0_C", "full_scale_A", "sensor_full_scale", "sensor_unit", "stability_limit_ppm")
+    campaign = {
+        "analysis": "scale_factor",
+        "temperature_sensor_u95_degC": 0.0,
+        "reference_temperature_degC": REFERENCE_degC,
+        "rate_Hz": 100.0,
+        "af_clock_Hz": F_AF0_Hz,
+        "fg_Hz": FG_Hz,
+        "master_Hz": MASTER_Hz,
+        "uut": {"model": "NGU", "serial": "SIM-1"},
+        "channels": [
+            {"number": number, "kind": kind, "levels_A": list(KIND[kind]["levels_A"]), "noise": dict(NOISE)}
+            | {name: KIND[kind][name] for name in names}
+            for number, kind in kinds.items()
+        ],
+    }
+    uncertainty = [{"range_A": full, "relative": 20e-6, "floor_A": floor} for full, floor in FLOOR_A.items()]
+    corrections = [{"range_A": full, "gain": 0.0, "offset_A": 0.0} for full in FLOOR_A]
+    entry = {"driver": "fluke_5720a", "serial": "1", "uncertainty": uncertainty, "corrections": corrections}
+    return campaign, {"calibrator": entry}
+
+
+class _Bench:
+    """The calibrator and the clocks of one campaign."""
+
+    def __init__(self, rng: np.random.Generator, switches: Switches) -> None:
+        self.rng, self.switches = rng, switches
+        self.gain = rng.normal(0, 10e-6) if switches.gain else 0.0
+        on = 1.0 if switches.calibrator_errors else 0.0
+        self.offset = {full: on * rng.normal(0, floor / 2) for full, floor in FLOOR_A.items()}
+        if switches.offset_A is not None:
+            self.offset = dict.fromkeys(FLOOR_A, switches.offset_A)
+        self.drift = 0.0
+        self.linearity: dict[float, float] = {}
+        self.on = on
+        # whole pulses per gate would lock every count to the same fraction of a pulse
+        self.af_error, self.master_error = (
+            error + (rng.uniform(-1e-7, 1e-7) if switches.quantised else 0.0)
+            for error in (switches.af_error, switches.master_error)
+        )
+
+    def current_A(self, level_A: float, range_A: float, polarity: int) -> float:
+        if level_A and level_A not in self.linearity:
+            self.linearity[level_A] = self.on * self.rng.normal(0, FLOOR_A[range_A] / 2)
+        error = self.offset[range_A] + (self.linearity[level_A] if level_A else 0.0)
+        return polarity * (level_A * (1 + self.gain + self.drift) + error)
+
+    def input_A(self, step: Step, leak_A: np.ndarray) -> float:
+        """Current into the converter's input: nothing when open, else the calibrator's and the switch's leakage."""
+        route, level, polarity, full = step
+        return 0.0 if route == "open" else self.current_A(level, full, polarity) + leak_A[0 if polarity > 0 else 1]
+
+    def floor(self, phase: float) -> float:
+        """Pulses of a phase that starts anywhere."""
+        if not self.switches.quantised:
+            return phase
+        start = self.rng.uniform()
+        return float(np.floor(start + phase))
+
+    def counts(self, current_A: float, unit: Unit, temperature_degC: float, nominal_s: float) -> dict[str, float]:
+        """Counts of one gate of ``nominal_s`` by the master clock, net current into the integrator given."""
+        true_s = nominal_s / (1 + self.master_error)
+        side = 0 if current_A > 0 else 1
+        per_pulse_C = KIND[unit.kind]["k0_C"] * (1 + 1e-6 * unit.dsf(temperature_degC)[side]) / (1 + self.af_error)
+        pulses = self.floor(abs(current_A) * true_s / per_pulse_C)
+        return {
+            "n": pulses if side == 0 else 0.0,
+            "p": pulses if side else 0.0,
+            "af": self.floor(F_AF0_Hz * (1 + self.af_error) * true_s),
+            "fg": self.floor(FG_Hz * true_s),
+        }
+
+
+def schedule(kind: str, switches: Switches) -> list[Step]:
+    """(route, level, polarity, range) in the order of the paper's table 3."""
+    levels = KIND[kind]["levels_A"]
+    steps: list[Step] = [("open", 0.0, 0, 0.0)]
+    zeros = sorted({smallest_range(level) for level in levels}) if switches.zero_in_every_range else None
+    for full in zeros or [smallest_range(levels[0])]:
+        steps += [("closed", 0.0, sign, full) for sign in (1, -1)]
+    return steps + [("closed", level, sign, smallest_range(level)) for level in levels for sign in (1, -1)]
+
+
+def simulate(
+    seed: int,
+    switches: Switches = Switches(),
+    kinds: dict[int, str] | None = None,
+    temperatures: tuple[float, ...] = TEMPERATURES_degC,
+    repeat_channel: int | None = None,
+) -> SimulatedCampaign:
+    """One campaign in the order of the 38-hour plan, seeded."""
+    kinds = kinds or {1: "gyro", 2: "accelerometer"}
+    rng = np.random.default_rng(seed)
+    bench = _Bench(rng, switches)
+    units = {number: _unit(rng, kind, switches) for number, kind in kinds.items()}
+    leak = rng.uniform(-1e-10, 1e-10, 2) * bench.on
+    visits = [(t, number, 0) for t in temperatures for number in kinds]
+    if repeat_channel is not None:
+        visits.append((temperatures[-1], repeat_channel, 1))
+    walk = _Walk(rng, switches.noise)
+    sensor_degC = rng.normal(0, switches.sensor_sigma_degC) if switches.sensor_sigma_degC else 0.0
+    drift = rng.normal(0, switches.gain_drift_sigma) if switches.gain_drift_sigma else 0.0
+    length_s = len(temperatures) * 9000.0 + len(visits) * 15 * 120.0
+    rows: list[Row] = []
+    biases_A: dict[tuple[int, float], float] = {}
+    now_s, slot = 0.0, None
+    for nominal, number, repeat in visits:
+        if slot != nominal:
+            slot, now_s, arrived_s = nominal, now_s + 9000.0, now_s + 9000.0
+        for step in schedule(kinds[number], switches):
+            unit_degC = nominal - (0.43 * float(np.exp(-(now_s - arrived_s) / 1500.0)) if switches.lag else 0.0)
+            bias_A = units[number].bias(unit_degC) + walk.at(now_s, number)
+            biases_A.setdefault((number, nominal), bias_A)
+            bench.drift = drift * (now_s / length_s - 0.5)
+            net_A = bench.input_A(step, leak) - bias_A
+            net_A += rng.normal(0, switches.white_A_rtHz / np.sqrt(200.0)) if switches.noise else 0.0
+            counts = bench.counts(net_A, units[number], unit_degC, 100.0)
+            conditions = _conditions(number, kinds[number], nominal, repeat, step)
+            rows.append(_row(len(rows) + 1, conditions, counts, now_s, unit_degC + sensor_degC))
+            now_s += 120.0
+    campaign, standards = manifest(kinds)
+    return SimulatedCampaign(rows, units, bench.gain, bench.af_error, bench.master_error, campaign, standards, biases_A)
+
+
+class _Walk:
+    """Random walk of every channel's bias, 0.3 nA after an hour, from one moment asked for to the next."""
+
+    def __init__(self, rng: np.random.Generator, on: bool) -> None:
+        self.rng, self.on = rng, on
+        self.now_s = 0.0
+        self.bias_A = np.zeros(11)
+
+    def at(self, now_s: float, channel: int) -> float:
+        if self.on:
+            self.bias_A += self.rng.normal(0, 3e-10 * np.sqrt((now_s - self.now_s) / 3600.0), self.bias_A.size)
+            self.now_s = now_s
+        return float(self.bias_A[channel])
+
+
+def _unit(rng: np.random.Generator, kind: str, switches: Switches) -> Unit:
+    return Unit(
+        kind,
+        rng.normal(0, switches.dsf_sigma_ppm, 2),
+        rng.normal(0, 8, 2),
+        rng.normal(0, 0.03, 2),
+        KIND[kind]["bias_A"] * rng.uniform(0.8, 1.2),
+        KIND[kind]["bias_slope"] * rng.uniform(0.8, 1.2),
+        switches.cubic_ppm_degC3,
+        rng.normal(0.0, 2e-11),
+    )
+
+
+def _conditions(channel: int, kind: str, nominal: float, repeat: int, step: Step) -> dict[str, Any]:
+    route, level, polarity, full = step
+    return {
+        "channel": channel,
+        "kind": kind,
+        "temperature_degC": nominal,
+        "current_A": level,
+        "polarity": polarity,
+        "range_A": full,
+        "route": route,
+        "repeat": repeat,
+        "purpose": "measurement",
+    }
+
+
+def _row(number: int, conditions: dict[str, Any], counts: dict[str, float], now_s: float, unit_degC: float) -> Row:
+    npp, ppp = np.zeros(10), np.zeros(10)
+    npp[conditions["channel"] - 1], ppp[conditions["channel"] - 1] = counts["n"], counts["p"]
+    start_ns = int((now_s + 20.0) * 1e9)
+    sums = {
+        "npp": npp,
+        "ppp": ppp,
+        "af_clock": np.float64(counts["af"]),
+        "fg_count": np.float64(counts["fg"]),
+        "master_count": np.int64(100 * MASTER_Hz),
+    }
+    window = Window(number, conditions, start_ns, start_ns + 100_000_000_000)
+    return Row(window, sums, {"unit_temperature_degC": unit_degC})

@@ -1,0 +1,110 @@
+"""A second simulation of the earth signal and of two lock-ins: what the estimators of north are held against.
+
+Four windows of five turns, one behind the other; before each the index moves on by 90 degrees. Paper's noise: two white
+noises of variance 1/4 in each sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import cache
+
+import numpy as np
+
+from bench.systems.north.estimators.eight_samples import eight_sample_north
+from bench.systems.north.estimators.likelihood import likelihood_north
+from bench.systems.north.estimators.literal import literal_north
+from bench.systems.north.estimators.phasors import wrapped_deg
+from bench.systems.north.estimators.quadrant import quadrant_north, single_north
+
+SIGMA_V = 0.5**0.5
+TURNS = 20
+KINDS = ("constant", "slow", "step", "linear", "white", "double")
+
+
+def wander(kind: str, t: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Relative change of a parameter over the run, within 20 %."""
+    if kind == "slow":
+        return 0.2 * np.sin(2 * np.pi * (rng.uniform(0.02, 0.1) * t + rng.uniform()))
+    if kind == "step":
+        return rng.uniform(-0.2, 0.2, TURNS)[np.floor(t).astype(int)]
+    if kind == "linear":
+        return -0.2 + 0.4 * t / TURNS
+    if kind == "white":
+        return rng.uniform(-0.2, 0.2, t.size)
+    if kind == "double":
+        return 0.2 * np.sin(2 * np.pi * (2 * t + rng.uniform()))
+    return np.zeros(t.size)
+
+
+def turned(kind: str, fs: int, rng: np.random.Generator) -> np.ndarray:
+    """Encoder angle in radian, (n,): steady rotation, its swing of 0.05 degrees at 60 Hz, the index of each window."""
+    t = mid_samples_s(fs)
+    swing, frequency = (wander(kind if kind != "double" else "constant", t, rng) for _ in range(2))
+    phase = 2 * np.pi * np.cumsum(60.0 * (1.0 + frequency)) / fs
+    index = np.repeat(np.arange(4), t.size // 4) * np.pi / 2
+    return 2 * np.pi * t + np.deg2rad(0.05) * (1.0 + swing) * np.sin(phase) + index
+
+
+@cache
+def mid_samples_s(fs: int) -> np.ndarray:
+    return (np.arange(TURNS * fs) + 0.5) / fs
+
+
+@cache
+def square_references(fs: int) -> tuple[np.ndarray, np.ndarray]:
+    t = mid_samples_s(fs)
+    return np.sign(np.cos(2 * np.pi * t)), np.sign(np.sin(2 * np.pi * t))
+
+
+def lock_ins(u: np.ndarray, fs: int) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs (..., 4) of lock-in 1 and 2 against a square reference."""
+    first, second = ((u * one).reshape(*u.shape[:-1], 4, -1).mean(-1) for one in square_references(fs))
+    return first, second
+
+
+def runs(
+    kind: str, count: int, *, fs: int = 1000, noise: float = SIGMA_V, seed: int = 0
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """True phase (r,), raw samples (r, n) and encoder angle (n,) in degrees; azimuths spread evenly over the circle."""
+    rng = np.random.default_rng(seed)
+    phi_deg = -180.0 + 360.0 * np.arange(count) / count
+    for some in np.array_split(phi_deg, -(-count // 50) if kind == "constant" else count):
+        theta, gain = turned(kind, fs, rng), 1.0 + wander(kind, mid_samples_s(fs), rng)
+        angle = np.deg2rad(some)[:, None]
+        signal = gain * (np.cos(angle) * np.sin(theta) + np.sin(angle) * np.cos(theta))
+        yield some, signal + noise * rng.standard_normal(signal.shape), np.rad2deg(theta)
+
+
+def errors_deg(
+    kind: str, count: int, *, fs: int = 1000, noise: float = SIGMA_V, seed: int = 0
+) -> dict[str, np.ndarray]:
+    """Errors of every method, never modulo 180 but in "literal, half turns removed"."""
+    found: dict[str, list[np.ndarray]] = {}
+    for phi_deg, u, theta_deg in runs(kind, count, fs=fs, noise=noise, seed=seed):
+        eight = lock_ins(u, fs)
+        each = {
+            "literal": literal_north(*eight).north,
+            "quadrant": quadrant_north(*eight),
+            "single": single_north(*eight),
+            "least_squares": eight_sample_north(*eight),
+            "likelihood": likelihood_north(u, theta_deg),
+        }
+        for name, one in each.items():
+            found.setdefault(name, []).append(wrapped_deg(one.phi_deg - phi_deg))
+    errors = {name: np.concatenate(some) for name, some in found.items()}
+    return errors | {"literal, half turns removed": wrapped_deg(2 * errors["literal"]) / 2}
+
+
+def rms(errors: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+def table(count: int, fs: int, seed: int, say: Callable[[str], None]) -> dict[str, dict[str, float]]:
+    """RMS error in degrees of every method and kind of parameters."""
+    found = {
+        kind: {name: rms(one) for name, one in errors_deg(kind, count, fs=fs, seed=seed).items()} for kind in KINDS
+    }
+    for kind, row in found.items():
+        say(f"{kind}: " + ", ".join(f"{name} {value:.3f}" for name, value in row.items()))
+    return found

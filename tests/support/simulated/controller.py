@@ -1,0 +1,68 @@
+"""Conducts one sequence on a served bench with a guard: station, sequence, folder, and what to do at the first mark.
+
+Acts: "none"; "hang": the sequencer's thread blocks for a minute; "blind": it never reads the chamber's air itself.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+from bench.model.clock import WallClock
+from bench.plan import Step, check_plan, compile_sequence, load_station
+from bench.run.control.operator import Answer, Question
+from bench.run.guard.guarding import guard_beside
+from bench.run.session import conduct
+from bench.run.watch.temperatures import TemperatureWatch
+
+HANG_S, ANSWER_S = 60.0, 5.0
+MARK = "operate"
+
+
+class Listener:
+    """Says which step begins; hangs where it is told to."""
+
+    def __init__(self, act: str) -> None:
+        self._act = act
+        self._marked = False
+
+    def step(self, step: Step, at_s: float) -> None:
+        if self._marked and self._act == "hang":
+            print("hanging", flush=True)
+            time.sleep(HANG_S)
+        self._marked = self._marked or step.name == MARK
+        print(f"step {step.number} {step.name} at {at_s:.3f} s", flush=True)
+
+    def record(self, row: object) -> None:
+        return None
+
+    def message(self, text: str) -> None:
+        print(text, flush=True)
+
+
+class SlowOperator:
+    """Answers after a while."""
+
+    def ask(self, question: Question) -> Answer:
+        print("asked", flush=True)
+        time.sleep(ANSWER_S)
+        return Answer("somebody")
+
+
+def main(station: str, sequence: str, out: str, act: str = "none") -> int:
+    if act == "blind":
+        TemperatureWatch.read = lambda self: None  # type: ignore[method-assign]
+    plan = compile_sequence(Path(sequence), load_station(Path(station)), {})
+    assert not (findings := check_plan(plan)), findings
+    run = conduct(
+        plan, clock=WallClock(), seed=1, out=Path(out), operator=SlowOperator(), listener=Listener(act),
+        beside=[guard_beside(plan.station)],
+    )  # fmt: skip
+    error = run.outcome.error
+    print(f"ended: {error or 'done'}; unsafe: {[str(one) for one in run.outcome.unsafe]}", flush=True)
+    return 0 if error is None else int(error.exit_status)
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

@@ -1,0 +1,115 @@
+"""The served bench as these tests see it: its faults, what it really does, and controllers that run on it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from bench.run.bench.served_world import ask
+from bench.run.guard.diary import read_diary
+
+HERE = Path(__file__).resolve().parent
+START_S = 60.0
+SAFE_S = 5.0  # the deadline of safety
+
+
+class Served:
+    """``bench sim`` of the station ``of`` in a process; ``station`` is the station file that reaches it."""
+
+    def __init__(self, folder: Path, *words: str, of: str = "af_rack_sim") -> None:
+        self.folder = folder
+        command = [sys.executable, "-m", "bench", "sim", of, "--dir", str(folder), *words]
+        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            if line.strip() == "ready":
+                break
+        self.station = folder / "station.yaml"
+
+    def close(self) -> None:
+        self._process.send_signal(signal.SIGINT)
+        self._process.wait(START_S)
+        assert self._process.stdout is not None
+        self._process.stdout.close()
+
+    def fault(self, *words: str) -> None:
+        assert "error" not in ask(self.folder / "control.sock", words)
+
+    def state(self) -> dict[str, Any]:
+        """What the bench really does at this moment."""
+        found: dict[str, Any] = ask(self.folder / "control.sock", ["state"])["state"]
+        return found
+
+    def on(self) -> list[str]:
+        """Roles whose stimulus or route is on."""
+        instruments = self.state()["instruments"]
+        return [
+            *(["calibrator"] if instruments["calibrator"]["operating"] else []),
+            *(["switch"] if instruments["switch"]["closed"] else []),
+        ]
+
+    def changed_s(self, role: str) -> float:
+        """Monotonic time of this machine when an output of a role last changed."""
+        found = self.state()
+        return float(found["time_s"] - found["instruments"][role]["unchanged_s"])
+
+
+class Controller:
+    """A run on the served bench in a process of its own (tests/support/controller.py)."""
+
+    def __init__(self, station: Path, sequence: Path, out: Path, *acts: str) -> None:
+        self.out = out
+        self.heard = ""
+        command = [sys.executable, str(HERE / "controller.py"), str(station), str(sequence), str(out), *acts]
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+    def wait_for(self, word: str) -> str:
+        """The first line the controller says that holds ``word``."""
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.heard += line
+            if word in line:
+                return line
+        raise AssertionError(f"{word!r} was not said, but: {self.heard}")
+
+    @property
+    def diary(self) -> list[dict[str, Any]]:
+        """What the guard of this run did."""
+        folders = sorted(self.out.glob("*/guard.jsonl"))
+        return read_diary(folders[-1]) if folders else []
+
+    @property
+    def why(self) -> str:
+        """Why the guard acted."""
+        return str(next(entry["reason"] for entry in self.diary if entry["what"] == "act"))
+
+    def wait_for_guard(self, *words: str) -> dict[str, Any]:
+        """The guard's entry that is one of ``words``."""
+        end_s = time.monotonic() + START_S
+        while time.monotonic() < end_s:
+            for entry in self.diary:
+                if entry["what"] in words:
+                    return entry
+            time.sleep(0.05)
+        raise AssertionError(f"the guard noted none of {words}, but: {self.diary}")
+
+    def end(self) -> int:
+        """Wait for its end; returns its status."""
+        assert self.process.stdout is not None
+        try:
+            self.heard += self.process.stdout.read()
+            return self.process.wait(START_S)
+        finally:
+            self.kill()
+
+    def kill(self) -> None:
+        if self.process.poll() is None:
+            os.kill(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+        assert self.process.stdout is not None
+        self.process.stdout.close()

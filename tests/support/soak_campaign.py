@@ -1,0 +1,187 @@
+"""One short virtual campaign under faults drawn from a seed, and what must be true of it whatever happened.
+
+The campaign has every kind of step of the 38-hour one: prompts, power, wiring check, soaks, open points, both
+polarities, a closing repeat; 25 records in some 250 s of bench time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+from bench.commands.run import view_of
+from bench.model.clock import VirtualClock
+from bench.model.errors import FitError
+from bench.model.quality import Quality
+from bench.plan import Plan, check_plan, compile_sequence, load_station
+from bench.record.recover import recover_session
+from bench.replay import replay_rows
+from bench.run.besides import besides
+from bench.run.control.operator import SimulatedOperator
+from bench.run.guard.guarding import guard_beside
+from bench.run.session import Conducted, conduct
+from bench.session.view import KEPT_EVENTS, analyse_view
+from sim_instruments.faults.schedule import TimedFault, random_schedule, schedule
+from sim_instruments.served.state import OutputWatch, bench_state
+from sim_instruments.worlds import simulation
+from sim_instruments.worlds.common.world import World
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+DURATION_S = 250.0
+MEAN_INTERVAL_S = 80.0
+MOST_SIGMA = 5.0
+HEAT_MAY_STAY_degC = 1.0  # above the hard limit, until the guard has looked and acted
+
+
+def watchers(plan: Plan) -> list[Any]:
+    """What goes on beside the sequencer in ``bench run`` under the virtual clock."""
+    return [guard_beside(plan.station), *besides(plan, {}, virtual=True)]
+
+
+def soak_plan(folder: Path) -> Plan:
+    """The short campaign on a fast bench, compiled and checked."""
+    bench = (ROOT / "stations" / "af_bench_sim.yaml").read_text()
+    for old, new in (
+        ("station: af_bench_sim", "station: soak_bench"),
+        ('visa: "@bench"', 'visa: "@bench"\nbus_time_factor: 0.05'),
+        ("    af_clock_error_ppm: null", "    af_clock_error_ppm: null\n    time_constants: 20"),
+    ):
+        assert bench.count(old) == 1, old
+        bench = bench.replace(old, new)
+    station = folder / "soak_bench.yaml"
+    station.write_text(bench)
+    plan = compile_sequence(HERE / "soak.yaml", load_station(station), {})
+    assert check_plan(plan, plan.station) == []
+    return plan
+
+
+class Quiet:
+    """A listener that keeps what was said."""
+
+    def __init__(self) -> None:
+        self.messages: list[str] = []
+
+    def step(self, step: object, at_s: float) -> None:
+        return None
+
+    def record(self, row: object) -> None:
+        return None
+
+    def message(self, text: str) -> None:
+        self.messages.append(text)
+
+
+@dataclass
+class Soaked:
+    """One campaign: its faults, how it ended, and every invariant that does not hold."""
+
+    seed: int
+    faults: list[TimedFault]
+    ended: str
+    violations: list[str] = field(default_factory=list)
+    estimates: int = 0
+    flagged: int = 0
+
+
+def soak_one(
+    plan: Plan, seed: int, folder: Path, besides: Any = (), mean_interval_s: float = MEAN_INTERVAL_S
+) -> Soaked:
+    """Run the campaign of one seed and judge it."""
+    faults = random_schedule(
+        seed, DURATION_S, list(plan.station.instruments), list(plan.station.links), mean_interval_s
+    )
+    worlds: list[tuple[World, OutputWatch]] = []
+    plain = simulation.open_world
+
+    def open_world(*words: Any, **options: Any) -> World:
+        world = plain(*words, **options)
+        worlds.append((world, OutputWatch(world)))
+        schedule(world, faults)
+        return world
+
+    soaked = Soaked(seed, faults, "")
+    with patch.object(simulation, "open_world", open_world):
+        try:
+            done = conduct(
+                plan, clock=VirtualClock(), seed=seed, out=folder, operator=SimulatedOperator(), listener=Quiet(),
+                keep_events=KEPT_EVENTS, beside=besides,
+            )  # fmt: skip
+        except Exception as error:  # before a session exists: still the bench must be safe
+            soaked.ended = f"refused: {getattr(error, 'code', type(error).__name__)}"
+            done = None
+    soaked.violations += _unsafe(bench_state(*worlds[-1]), done, plan.station.guard_limits_degC["chamber_air_degC"])
+    if done is not None:
+        soaked.ended = "done" if done.outcome.error is None else done.outcome.error.code
+        if soaked.ended.startswith("B-INT"):
+            soaked.violations.append(f"internal error: {done.outcome.error}")
+        soaked.violations += _invalid(done)
+        _judge(plan, done, soaked)
+    elif "B-" not in soaked.ended:
+        soaked.violations.append(soaked.ended)
+    return soaked
+
+
+def _unsafe(state: Mapping[str, Any], done: Conducted | None, limit_degC: float) -> list[str]:
+    """The outputs as they really are; what the run itself reported as not confirmed safe is not a silent violation."""
+    reported = {error.where for error in done.outcome.unsafe} if done is not None else set()
+    found = []
+    for role, outputs in state["instruments"].items():
+        if any(role in where for where in reported):
+            continue
+        found += [f"unsafe: {role} {name}" for name in ("operating", "on") if outputs.get(name)]
+        if outputs.get("closed"):
+            found.append(f"unsafe: {role} closed {outputs['closed']}")
+    air_degC = state["chamber_air_degC"]
+    if air_degC > limit_degC + HEAT_MAY_STAY_degC and state["instruments"]["chamber"]["mode"] != "stopped":
+        found.append(f"unsafe: the chamber is at {air_degC:.1f} degC and runs")
+    return found
+
+
+def _invalid(done: Conducted) -> list[str]:
+    survey = recover_session(done.folder)
+    found = [f"session damaged: {item}" for item in survey.damage]
+    again = {row.window.number: row for row in replay_rows(done.folder, strict=True).measurement_rows}
+    rows = {row.window.number: row for row in done.outcome.rows}
+    if rows.keys() != again.keys():
+        return [*found, f"replay has records {sorted(again)} instead of {sorted(rows)}"]
+    for number, row in rows.items():
+        other = again[number]
+        if (row.frames, row.lost, row.quality) != (other.frames, other.lost, other.quality) or any(
+            (value != other.sums[name]).any() for name, value in row.sums.items()
+        ):
+            found.append(f"record {number} replays differently")
+    return found
+
+
+def _judge(plan: Plan, done: Conducted, soaked: Soaked) -> None:
+    """Every estimate lies within MOST_SIGMA of its stated standard uncertainty of the truth, or is flagged."""
+    if done.outcome.error is not None:
+        return
+    try:
+        results, _ = analyse_view(view_of(plan, done))
+    except FitError as error:  # nothing is left that a number could be made of, and it says so
+        soaked.ended = f"done without results: {error.code}"
+        return
+    truth = {_key(entry): float(entry["value"]) for entry in done.truth}
+    suspect = any(row.quality & ~Quality.GOOD for row in done.outcome.rows)
+    for entry in results["estimates"]:
+        true = truth.get(_key(entry))
+        if true is None or entry["value"] is None:
+            continue
+        soaked.estimates += 1
+        sigma = (float(entry["value"]) - true) / float(entry["std_uncertainty"])
+        if not abs(sigma) <= MOST_SIGMA or math.isnan(sigma):
+            if entry["dropped"] or suspect:
+                soaked.flagged += 1
+            else:
+                soaked.violations.append(f"{_key(entry)}: {entry['value']:.6g} is {sigma:+.1f} sigma off {true:.6g}")
+
+
+def _key(entry: Mapping[str, Any]) -> tuple[str, str]:
+    conditions = {name: value for name, value in entry["conditions"].items() if name in ("channel", "temperature_degC")}
+    return entry["quantity"], repr(sorted(conditions.items()))

@@ -1,0 +1,96 @@
+"""Short simulated flights for the tests of the filter: level, a right turn, level again."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.maths.strapdown import small_rotation
+from bench.systems.time_sync.estimators.kalman.setup import FilterSetup, ImuSamples
+from sim_instruments.worlds.time_sync.flight_egi import EgiErrors, egi_error_runs
+from sim_instruments.worlds.time_sync.flight_imu import ImuRuns, imu_runs
+from sim_instruments.worlds.time_sync.flight_path import FlightPath
+from sim_instruments.worlds.time_sync.flight_runs import EgiRuns
+
+Array = NDArray[np.float64]
+
+LEVEL_UNTIL_S, TURN_UNTIL_S, END_S = 2.0, 4.0, 6.0
+SEED = 20
+
+
+def turning() -> FlightPath:
+    """100 m/s north, 18 degrees to the right from 2 s to 4 s."""
+    return FlightPath(((0.0, 0.0, 0.0), (LEVEL_UNTIL_S, 0.0, 9.0), (TURN_UNTIL_S, 0.0, 0.0)), speed_m_s=100.0)
+
+
+@dataclass(frozen=True)
+class Flight:
+    """``path`` with the sensors' runs on it."""
+
+    path: FlightPath
+    unit: ImuRuns
+    errors: EgiErrors
+
+    @property
+    def imu(self) -> ImuSamples:
+        return ImuSamples(self.unit.t_s, self.unit.dv, self.unit.dtheta, np.zeros(self.unit.t_s.size, bool))
+
+    def egi(self, offsets_s: tuple[float, ...]) -> EgiRuns:
+        return EgiRuns(self.path, self.errors, np.array(offsets_s))
+
+    def white(self) -> Flight:
+        """The same with EGI errors of the same sizes, white from sample to sample."""
+        rng = np.random.default_rng(SEED)
+        parts = [
+            rng.normal(size=x.shape) * x.std(axis=(0, 1)) for x in (self.errors.dp, self.errors.dv, self.errors.dphi)
+        ]
+        return replace(self, errors=EgiErrors(self.errors.t_s, *parts))
+
+    def matrices(self, t_s: Array) -> Array:
+        """True attitude (n, 3, 3)."""
+        yaw = self.path.state(t_s).yaw
+        return level_matrices(yaw)
+
+
+def level_matrices(yaw: Array) -> Array:
+    """Body to t of level bodies, (..., 3, 3)."""
+    out = np.zeros((*yaw.shape, 3, 3))
+    out[..., 0, 0] = out[..., 1, 1] = np.cos(yaw)
+    out[..., 1, 0], out[..., 0, 1], out[..., 2, 2] = np.sin(yaw), -np.sin(yaw), 1.0
+    return out
+
+
+@cache
+def flight(runs: int = 8, seed: int = SEED, end_s: float = END_S) -> Flight:
+    """The turning flight."""
+    path = turning()
+    return Flight(path, imu_runs(path, end_s, runs, seed), egi_error_runs(path, end_s, runs, seed))
+
+
+class LaneOffsets:
+    """EGI with white errors of known sizes, each lane with an offset of its own (one group).
+
+    Args: sigmas: position m, velocity m/s, attitude deg.   offsets_s: (R,).
+    """
+
+    def __init__(self, path: FlightPath, t_s: Array, sigmas: tuple[float, float, float], offsets_s: Array, seed: int):
+        rng = np.random.default_rng(seed)
+        self.t_s, self._path, self._offsets_s = t_s, path, offsets_s
+        sizes = np.repeat([*sigmas[:2], np.deg2rad(sigmas[2])], 3)
+        self._errors = rng.normal(size=(t_s.size, offsets_s.size, 9)) * sizes
+
+    def block(self, k0: int, k1: int) -> tuple[Array, Array, Array]:
+        true = self._path.state((self.t_s[k0:k1, None] - self._offsets_s).ravel())
+        shape = (k1 - k0, 1, self._offsets_s.size)
+        errors = self._errors[k0:k1, None]
+        tilt = np.moveaxis(small_rotation(np.moveaxis(errors[..., 6:], -1, 0)), (0, 1), (-2, -1))
+        p, v = true.p.reshape(*shape, 3) + errors[..., :3], true.v.reshape(*shape, 3) + errors[..., 3:6]
+        return p, v, tilt @ level_matrices(true.yaw.reshape(shape))
+
+
+def setup(groups: int, sigma_r: tuple[float, float, float], *, augmented: bool = True, **changes: float) -> FilterSetup:
+    """The same filter for all groups."""
+    return replace(FilterSetup((augmented,) * groups, (sigma_r,) * groups), **changes)  # type: ignore[arg-type]

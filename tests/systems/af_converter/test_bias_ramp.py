@@ -1,0 +1,275 @@
+"""The short bias campaign end to end: contiguous windows over chamber commands, same seed same bytes, replay."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rehearsal import ROOT, Rehearsal, Watched, bench
+
+from bench.model.clock import NS, WallClock
+from bench.plan import Plan, check_plan, compile_sequence
+from bench.record import RecordRow
+from bench.replay import Replayed, replay_rows
+from bench.run.control.operator import SimulatedOperator
+from bench.run.session import conduct
+
+SEED = 12
+KEYS = ("moment1", "moment2", "first", "last", "at_first", "at_last")
+
+
+@dataclass
+class Session:
+    """A finished run of the short campaign."""
+
+    folder: Path
+    said: str
+    replayed: Replayed
+
+    @property
+    def rows(self) -> list[RecordRow]:
+        return self.replayed.measurement_rows
+
+
+def run_short(out: Path, folder: Path) -> subprocess.CompletedProcess[str]:
+    """The shipped short campaign without its analysis, which has tests of its own."""
+    path = folder / "bias_ramp_short.yaml"
+    shipped = (ROOT / "sequences" / path.name).read_text()
+    assert shipped.count("analysis: bias_ramp") == 1
+    path.write_text(shipped.replace("analysis: bias_ramp", "analysis: none"))
+    return bench("run", str(path), "--seed", str(SEED), "--out", str(out), "--truth")
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
+    place = tmp_path_factory.mktemp("ramp")
+    done = run_short(place / "out", place)
+    assert done.returncode == 0, done.stderr
+    (folder,) = [path for path in (place / "out").iterdir() if path.is_dir()]
+    return Session(folder, done.stdout, replay_rows(folder, strict=True))
+
+
+def test_all_windows_are_there_and_nothing_is_lost(session: Session) -> None:
+    assert len(session.rows) == 540
+    assert {(row.frames, row.lost, int(row.quality)) for row in session.rows} == {(2000, 0, 0)}
+    assert (session.replayed.totals["frames_bad"], session.replayed.totals["frames_lost"]) == (0, 0)
+    kinds = {kind for kind, _, _ in session.replayed.events}
+    assert not kinds & {"gap", "slip", "late", "overrun", "retake", "error"}
+
+
+def test_the_windows_are_contiguous_over_the_whole_campaign(session: Session) -> None:
+    windows = [row.window for row in session.rows]
+    for before, after in pairwise(windows):
+        assert after.first_counter == before.first_counter + before.frames
+        assert after.t_start_ns == before.t_end_ns
+    length_s = (windows[-1].t_end_ns - windows[0].t_start_ns) / NS
+    print(f"seed {SEED}: the windows last {length_s} s")
+    assert length_s == pytest.approx(10_800.0, abs=0.5)
+
+
+def test_the_timing_of_each_window_agrees_with_its_sums(session: Session) -> None:
+    """Cauchy's inequality and the ends bound the moments, whatever the pulses are."""
+    for row in session.rows:
+        for name in ("npp", "ppp"):
+            assert {f"{name}.{key}" for key in KEYS} < set(row.timing)
+            total, (m1, m2, first, last, at_first, at_last) = row.sums[name], (row.timing[f"{name}.{k}"] for k in KEYS)
+            some = total > 0
+            assert ((first >= 0) == some).all()
+            assert ((last >= 0) == some).all()
+            j1, j2 = first - row.window.first_counter + 1, last - row.window.first_counter + 1
+            assert ((j1 >= 1) & (j1 <= j2) & (j2 <= 2000))[some].all()
+            assert ((j1 * total <= m1) & (m1 <= j2 * total))[some].all()
+            assert (m1.astype(object) ** 2 <= total.astype(object) * m2.astype(object)).all()
+            assert ((at_first >= some) & (at_first + at_last * (first != last) <= total)).all()
+
+
+def test_the_chamber_ramps_as_planned_and_the_unit_lags(session: Session) -> None:
+    """Air at the end of the ramp up is where the sequence sent it; the unit is 25 min behind."""
+    start_s = session.rows[0].window.t_start_ns / NS
+    taken = [(t_ns / NS - start_s, f) for kind, t_ns, f in session.replayed.events if kind == "environment"]
+    taken = [(t_s, fields) for t_s, fields in taken if fields["air_degC"] is not None]
+    up = [(t_s, fields["air_degC"]) for t_s, fields in taken if 1200 + 600 < t_s < 1200 + 2400]
+    slope_degC_min = 60.0 * np.polyfit(*np.array(up).T, 1)[0]
+    assert slope_degC_min == pytest.approx(1.0, abs=0.01)
+    (top,) = [fields for t_s, fields in taken if 3600 <= t_s < 3660]
+    assert top["air_degC"] == pytest.approx(45.0 - 2.0, abs=0.8)  # two minutes of lag, and the sensor's own offset
+    assert 15.0 < top["air_degC"] - top["unit_degC"] < 25.0
+
+
+@pytest.mark.slow
+def test_same_seed_same_bytes(session: Session, tmp_path: Path) -> None:
+    assert run_short(tmp_path / "out", tmp_path).returncode == 0
+    again = tmp_path / "out" / session.folder.name
+    first, second = (
+        {path.name: path.read_bytes() for path in one.rglob("*") if path.is_file()} for one in (session.folder, again)
+    )
+    assert first.keys() == second.keys()
+    assert {name for name in first if first[name] != second[name]} == set()
+
+
+def test_check_draws_its_timetable(tmp_path: Path) -> None:
+    done = bench("check", "bias_ramp_short", "--plot", str(tmp_path / "plan.svg"))
+    assert done.returncode == 0, done.stderr
+    assert "540 records" in done.stdout
+    assert "<svg" in (tmp_path / "plan.svg").read_text()
+
+
+# --- the run against its replay ------------------------------------------------------------------------------------
+
+TINY = [
+    ("sequence: bias_ramp_short", "sequence: tiny"),
+    ("analysis: bias_ramp", "analysis: none"),
+    ("duration: 3 h\nrecords: 540", "duration: 400 s\nrecords: 20"),
+    ("slot: 7200 s ", "slot: 600 s "),
+    ("cold: 5 degC", "cold: 23 degC"),
+    ("hot: 45 degC", "hot: 24 degC"),
+    ("for: 10 min, sensor: unit", "for: 1 min, sensor: unit"),
+    ("windows: 60\n", "windows: 4\n"),
+    ("slot: 2700 s ", "slot: 60 s "),
+]
+
+
+def tiny_plan(folder: Path, *changes: tuple[str, str]) -> Plan:
+    """The short campaign cut down to 20 windows."""
+    text = (ROOT / "sequences" / "bias_ramp_short.yaml").read_text()
+    for old, new in (*TINY, *changes):
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    path = folder / "tiny.yaml"
+    path.write_text(text.replace("windows: 120,", "windows: 4,"))
+    plan = compile_sequence(path)
+    assert check_plan(plan) == []
+    return plan
+
+
+def same(first: RecordRow, second: RecordRow) -> None:
+    assert first.window == second.window
+    assert (first.frames, first.lost, first.bad) == (second.frames, second.lost, second.bad)
+    assert (first.quality, first.duplicate, first.suspect) == (second.quality, second.duplicate, second.suspect)
+    assert dict(first.context) == dict(second.context)
+    for one, other in ((first.sums, second.sums), (first.timing, second.timing)):
+        assert {k: v.tolist() for k, v in one.items()} == {k: v.tolist() for k, v in other.items()}
+
+
+@pytest.mark.parametrize("faults", [False, True])
+def test_a_replay_gives_the_rows_of_the_run(tmp_path: Path, rehearse, faults: bool) -> None:  # type: ignore[no-untyped-def]
+    """Also with dropped and damaged frames: windows stay on the counter grid, no frame counts twice."""
+
+    def arrange(world) -> None:  # type: ignore[no-untyped-def]
+        if faults:
+            link = world.faults.link("port_a")
+            link.drop_rate, link.bit_error_rate, link.duplicate_rate = 2e-3, 1e-6, 1e-4
+
+    done: Rehearsal = rehearse(tiny_plan(tmp_path), arrange)
+    assert done.run.outcome.error is None
+    again = replay_rows(done.run.folder, strict=True)
+    rows = list(done.run.outcome.rows)
+    assert len(rows) == len(again.measurement_rows) == 20
+    for first, second in zip(rows, again.measurement_rows, strict=True):
+        same(first, second)
+    assert [row.window.first_counter for row in rows] == [rows[0].window.first_counter + 2000 * k for k in range(20)]
+    lost = sum(row.lost for row in rows)
+    print(f"{lost} frames lost, {sum(row.bad for row in rows)} bad")
+    assert (lost > 20) == faults
+    assert [bool(row.timing) for row in rows] == [row.lost == 0 for row in rows]
+
+
+INTEGRATED = [
+    ("sequence: bias_ramp_25h_integrated", "sequence: tiny"),
+    ("analysis: bias_ramp", "analysis: none"),
+    ("duration: 25 h\nrecords: 900", "duration: 1500 s\nrecords: 15"),
+    ("slot: 10800 s ", "slot: 600 s "),
+    ("cold: -10 degC", "cold: 23 degC"),
+    ("hot: 50 degC", "hot: 24 degC"),
+    ("for: 10 min, sensor: unit", "for: 1 min, sensor: unit"),
+    ("slot: 7800 s ", "slot: 60 s "),
+]
+
+
+@pytest.mark.parametrize("faults", [False, True])
+def test_the_integrated_mode_gives_windows_of_one_frame(tmp_path: Path, rehearse, faults: bool) -> None:  # type: ignore[no-untyped-def]
+    """Frame 2 is the first; a frame that is damaged is lost and costs no other window."""
+    text = (ROOT / "sequences" / "bias_ramp_25h_integrated.yaml").read_text()
+    for old, new in INTEGRATED:
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    path = tmp_path / "tiny.yaml"
+    path.write_text(re.sub(r"windows: \d+", "windows: 3", text))
+    plan = compile_sequence(path)
+    assert check_plan(plan) == []
+
+    def arrange(world) -> None:  # type: ignore[no-untyped-def]
+        world.faults.link("port_a").bit_error_rate = 2e-4 if faults else 0.0
+
+    done: Rehearsal = rehearse(plan, arrange)
+    assert done.run.outcome.error is None
+    rows = list(done.run.outcome.rows)
+    again = replay_rows(done.run.folder, strict=True)
+    for first, second in zip(rows, again.measurement_rows, strict=True):
+        same(first, second)
+    assert [(row.window.first_counter, row.window.frames) for row in rows] == [(k, 1) for k in range(2, 17)]
+    lost = [row.window.number for row in rows if row.frames == 0]
+    print(f"lost windows: {lost}")
+    assert bool(lost) == faults
+    for row in rows:
+        assert row.timing == {}
+        assert bool(row.quality) == (row.frames == 0)
+        if row.frames:
+            assert int(row.sums["master_count"]) == 10**9
+            assert row.context["unit_temperature_degC"] == pytest.approx(23.5, abs=0.7)
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("name", ["bias_ramp_25h", "bias_ramp_25h_integrated"])
+def test_900_windows_of_25_hours_and_none_lost(tmp_path: Path, rehearse, name: str) -> None:  # type: ignore[no-untyped-def]
+    done: Rehearsal = rehearse(compile_sequence(name))
+    assert done.run.outcome.error is None
+    rows = list(done.run.outcome.rows)
+    assert len(rows) == 900
+    assert {(row.lost, int(row.quality)) for row in rows} == {(0, 0)}
+    for before, after in pairwise(row.window for row in rows):
+        assert after.first_counter == before.first_counter + before.frames
+    assert (rows[-1].window.t_end_ns - rows[0].window.t_start_ns) / NS == pytest.approx(90_000.0, abs=2.0)
+    assert (done.run.counts["frames_bad"], done.run.counts["frames_lost"]) == (0, 0)
+
+
+WALL = """\
+sequence: wall
+station: af_bench_sim
+frame: {port_a: ngu_a, port_b: ngu_b}
+unit_commands:
+  start_stream: {code: 2, payload: "64"}
+prepare:
+  - supply.configure: {voltage: 18 V, current_limit: 2 A, over_voltage: 21 V}
+  - supply.output_on
+  - settle: 3 s
+  - unit: {port_b: start_stream}
+  - settle: 1 s
+steps:
+  - record: {seconds: 500 ms, windows: 6, pulse_timing: true, conditions: {route: open}}
+  - supply.measure_current
+  - record: {seconds: 500 ms, windows: 4, follows: true, pulse_timing: true, conditions: {route: open}}
+"""
+
+
+@pytest.mark.slow
+def test_windows_are_contiguous_under_the_wall_clock_too(tmp_path: Path) -> None:
+    path = tmp_path / "wall.yaml"
+    path.write_text(WALL)
+    plan = compile_sequence(path, None, {})
+    assert check_plan(plan) == []
+    watched = Watched(lambda world, step: None, worlds=[None])  # type: ignore[list-item]
+    run = conduct(plan, clock=WallClock(), seed=1, out=tmp_path / "out", operator=SimulatedOperator(), listener=watched)
+    assert run.outcome.error is None
+    again = replay_rows(run.folder, strict=True)
+    assert len(run.outcome.rows) == 10
+    for first, second in zip(run.outcome.rows, again.measurement_rows, strict=True):
+        assert (first.frames, first.lost, first.quality, len(first.timing)) == (50, 0, 0, 12)
+        same(first, second)
+    for before, after in pairwise(row.window for row in run.outcome.rows):
+        assert after.first_counter == before.first_counter + before.frames

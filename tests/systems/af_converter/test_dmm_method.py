@@ -1,0 +1,107 @@
+"""The DMM method on the simulated bench: its own sequence, shortened to two channels, through instruments and links."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rehearsal import ROOT
+
+from bench.analysis.material import Material
+from bench.commands.run import view_of
+from bench.model.clock import VirtualClock
+from bench.plan import Plan, check_plan, compile_sequence
+from bench.run.control.operator import SimulatedOperator
+from bench.run.session import conduct
+from bench.session.view import KEPT_EVENTS, material_of
+from bench.systems.af_converter.dmm_method import analysis as dmm_method
+
+SEED = 1
+CUTS = (
+    ("sequence: dmm_method", "sequence: dmm_tiny"),
+    ("duration: 32050 s\nrecords: 170", "duration: 13690 s\nrecords: 34"),
+    ("numbers: 1-6, kind: gyro", "numbers: 1, kind: gyro"),
+    ("numbers: 7-10, kind", "numbers: 7, kind"),
+)
+
+
+class Silent:
+    """Listener that keeps nothing."""
+
+    def step(self, step: object, at_s: float) -> None:
+        return None
+
+    def record(self, row: object) -> None:
+        return None
+
+    def message(self, text: str) -> None:
+        return None
+
+
+def tiny(folder: Path) -> Plan:
+    text = (ROOT / "sequences" / "dmm_method.yaml").read_text()
+    for old, new in CUTS:
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    path = folder / "dmm_tiny.yaml"
+    path.write_text(text)
+    return compile_sequence(path, None, {})
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[Material, list[dict[str, Any]]]:
+    folder = tmp_path_factory.mktemp("dmm")
+    plan = tiny(folder)
+    assert check_plan(plan) == []
+    done = conduct(
+        plan, clock=VirtualClock(), seed=SEED, out=folder, operator=SimulatedOperator(), listener=Silent(),
+        keep_events=KEPT_EVENTS,
+    )  # fmt: skip
+    assert done.outcome.error is None
+    assert (done.outcome.overruns, done.outcome.slip_s, len(done.outcome.rows)) == (0, 0.0, 34)
+    return material_of(view_of(plan, done)), list(done.truth or ())
+
+
+def test_the_whole_sequence_compiles_to_what_it_says() -> None:
+    plan = compile_sequence("dmm_method", None, {})
+    assert check_plan(plan) == []
+    campaign = plan.phase("campaign")
+    assert campaign[-1].at_s + campaign[-1].duration_s == 32_050.0
+    assert plan.record_count == 170
+
+
+def test_agrees_with_truth_and_with_the_calibrator_method(session: tuple[Material, list[dict[str, Any]]]) -> None:
+    given, truth = session
+    analysis = dmm_method.analyse(given)
+    true = {(one["quantity"], one["conditions"].get("channel")): one["value"] for one in truth}
+    judged = [one for one in analysis.estimates if one["quantity"].startswith("dsf_") and "mean" not in one["quantity"]]
+    assert len(judged) == 6
+    for one in judged:
+        error = one["value"] - true[one["quantity"], one["conditions"]["channel"]]
+        sys.stdout.write(f"{one['conditions']['channel']} {one['quantity']}: error {error:.2f} ppm\n")
+        assert abs(error) < 1.3 * one["expanded_uncertainty"]
+        assert (one["n"], one["dropped"]) == (14, 0)
+    (agreement,) = [table for table in analysis.tables if "calibrator method" in table["title"]]
+    assert all(abs(row[7]) < 1.0 for row in agreement["rows"])
+    assert analysis.missing == []
+
+
+def test_assumption_2_holds_on_the_simulated_bench(session: tuple[Material, list[dict[str, Any]]]) -> None:
+    """Leakage of the simulated switch is below 0.1 nA and nothing shifts."""
+    analysis = dmm_method.analyse(session[0])
+    shifts = [one for one in analysis.estimates if one["quantity"] == "repeat_shift"]
+    assert [one["verdict"] for one in shifts] == ["pass"] * 4
+    assert len([one for one in analysis.estimates if one["quantity"] == "switch_leakage"]) == 4
+    assert len([note for note in analysis.notes if "no more than chance" in note]) == 2
+
+
+def test_as_printed_ends_with_the_mean(session: tuple[Material, list[dict[str, Any]]]) -> None:
+    analysis = dmm_method.analyse(session[0], "as_printed")
+    assert len([one for one in analysis.estimates if one["quantity"] == "dsf_mean"]) == 2
+    assert not [one for one in analysis.estimates if one["quantity"] in ("dsf_n", "dsf_p")]
+    assert "rank 1 of 2" in analysis.notes[0]
+
+
+def test_every_range_of_the_meter_has_its_zero(session: tuple[Material, list[dict[str, Any]]]) -> None:
+    (zeros,) = [table for table in dmm_method.analyse(session[0]).tables if table["title"] == "Zeros of the meter"]
+    assert [row[0] for row in zeros["rows"]] == pytest.approx([0.1, 1.0, 10.0, 100.0, 1000.0])

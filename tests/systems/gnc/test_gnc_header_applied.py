@@ -1,0 +1,167 @@
+"""imu_coefficients.h, compiled, applied to the counts of simulated sessions: what comes out is what the table did.
+
+Expectations come from the angles of the table by scipy's rotations, the length of the sidereal day and the site of the
+simulated bench; nothing of bench.systems takes part in them.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rehearsal import bench
+from scipy.spatial.transform import Rotation
+
+from bench.analysis.joined import joined
+from bench.record import RecordRow
+from bench.session.service import read_view
+
+Keep = Callable[[str, object], None]
+LATITUDE_deg, AZIMUTH_deg, GRAVITY_g = 34.2, 90.0, 9.7969 / 9.80665  # of the simulated bench
+EARTH_DEG_S = 360.0 / 86_164.0905
+DECLINATION_deg = -4.0
+# v_table = M v_body: the body axis that is named lies along the inner axis, the other two follow cyclically
+MOUNTINGS = {"x": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "y": [[0, 1, 0], [0, 0, 1], [1, 0, 0]],
+             "z": [[0, 0, 1], [1, 0, 0], [0, 1, 0]]}  # fmt: skip
+PROGRAM = """
+#include <stdio.h>
+#include "imu_coefficients.h"
+int main(void)
+{
+    double g[3], a[3], m[3], w[3], f[3], h[2];
+    while (scanf("%lf %lf %lf %lf %lf %lf %lf %lf", &g[0], &g[1], &g[2], &a[0], &a[1], &a[2], &m[0], &m[1]) == 8) {
+        imu_compensate_gyro(g, w);
+        imu_compensate_accelerometer(a, f);
+        imu_compensate_magnetometer(m, h);
+        printf("%.12g %.12g %.12g %.12g %.12g %.12g %.12g %.12g\\n", w[0], w[1], w[2], f[0], f[1], f[2], h[0], h[1]);
+    }
+    return 0;
+}
+"""
+
+
+def session(out: Path, name: str, *words: str) -> Path:
+    done = bench("run", name, *words, "--clock", "virtual", "--seed", "23", "--out", str(out / name))
+    assert done.returncode in (0, 1), done.stderr[-2000:]
+    (found,) = (path for path in (out / name).iterdir() if path.is_dir())
+    return found
+
+
+def to_local(row: RecordRow) -> Rotation:
+    """Body to East, North, Up at the begin of a record."""
+    at = row.window.conditions
+    outer, middle, inner = (float(at[f"{axis}_deg"]) for axis in ("outer", "middle", "inner"))
+    turns = Rotation.from_euler("ZYX", [90.0 - AZIMUTH_deg + outer, middle, inner], degrees=True)
+    return turns * Rotation.from_matrix(MOUNTINGS[str(at["mounting"])])
+
+
+def earth_deg_s() -> np.ndarray:
+    latitude = np.radians(LATITUDE_deg)
+    return EARTH_DEG_S * np.array([0.0, np.cos(latitude), np.sin(latitude)])
+
+
+@pytest.fixture(scope="module")
+def sessions(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, list[RecordRow]], Path, dict[str, dict]]:
+    """Records by item, the compiled program, the sections of the coefficients."""
+    compiler = shutil.which("gcc") or shutil.which("cc") or shutil.which("clang")
+    if compiler is None:
+        pytest.skip("no C compiler on this machine: the header is not compiled")
+    out = tmp_path_factory.mktemp("header")
+    calibration = session(out, "gnc_imu_calibration", "--set", "position=20 s", "--set", "check_position=10 s")
+    magnetometer = session(out, "gnc_magnetometer", "--set", "record_time=48 s")
+    merged = bench("coefficients", str(calibration), str(magnetometer), "--out", str(out))
+    assert merged.returncode == 0, merged.stderr
+    (out / "main.c").write_text(PROGRAM)
+    flags = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-O1"]
+    built = subprocess.run(
+        [compiler, *flags, "main.c", "-o", "main"], cwd=out, capture_output=True, text=True, check=False
+    )
+    assert (built.returncode, built.stderr) == (0, "")
+    rows: dict[str, list[RecordRow]] = {}
+    for folder in (calibration, magnetometer):
+        for row in joined(read_view(folder).rows):
+            rows.setdefault(str(row.window.conditions.get("item")), []).append(row)
+    document = json.loads((out / "imu_coefficients.json").read_text())
+    return rows, out / "main", {one["section"]: one for one in document["sections"]}
+
+
+def compensated(program: Path, row: RecordRow) -> np.ndarray:
+    """(n, 8): rates, forces, field across z, from the counts of a record and the steps of the specification."""
+    assert row.samples is not None
+    columns = row.samples.columns
+    values = [columns["gyro"] * 0.005, columns["accel"] * 1e-3, columns["mag"][:, :2] * 120e-6]
+    lines = "\n".join(" ".join(map(repr, one)) for one in np.column_stack(values).tolist())
+    ran = subprocess.run([str(program)], input=lines, capture_output=True, text=True, check=True)
+    found = np.array(ran.stdout.split(), float).reshape(-1, 8)
+    assert len(found) == len(row.samples)
+    return found
+
+
+def checks(rows: Sequence[RecordRow]) -> Sequence[RecordRow]:
+    """The second half of the records: they took no part in the calibration."""
+    return rows[len(rows) // 2 :]
+
+
+@pytest.mark.slow
+@pytest.mark.validates(
+    "imu_coefficients.h applied to the counts of records that took no part in the calibration",
+    against="angles of the table by scipy's rotations, the sidereal day, gravity of the simulated site",
+)
+def test_forces_and_rates_at_rest(sessions, record_property: Keep) -> None:
+    rows, program, sections = sessions
+    worst_g, worst_deg_s = 0.0, 0.0
+    assert len(rows["position"]) == 12
+    for row in checks(rows["position"]):
+        seconds = len(row.samples) / 200.0
+        mean = compensated(program, row).mean(axis=0)
+        body = to_local(row).inv()
+        force_g, rate_deg_s = body.apply([0.0, 0.0, GRAVITY_g]), body.apply(earth_deg_s())
+        accelerometer, gyro = sections["accelerometer"], sections["gyro"]
+        own_g = np.hypot(np.linalg.norm(accelerometer["matrix_std"], axis=1), accelerometer["bias_std"])
+        off_g = (mean[3:6] - force_g) / np.hypot(own_g, 1.2e-4 / seconds**0.5)
+        off_deg_s = (mean[:3] - rate_deg_s) / np.hypot(gyro["bias_std"], 0.3 / 60.0 / seconds**0.5)
+        worst_g, worst_deg_s = max(worst_g, np.abs(off_g).max()), max(worst_deg_s, np.abs(off_deg_s).max())
+    record_property("obtained", f"worst of 18 forces {worst_g:.1f}, of 18 rates {worst_deg_s:.1f} standard deviations")
+    assert worst_g < 4.0
+    assert worst_deg_s < 4.0
+
+
+@pytest.mark.slow
+def test_the_whole_turn_comes_out_about_the_axis_it_was_made(sessions) -> None:
+    """+-1080 degrees about x, y and z, and the Earth's rate about the same axis, which points to the pole."""
+    rows, program, sections = sessions
+    gyro = sections["gyro"]
+    assert len(rows["rotation"]) == 12
+    for row in (one for pair in range(0, 12, 4) for one in rows["rotation"][pair + 2 : pair + 4]):
+        seconds = len(row.samples) / 200.0
+        turned = compensated(program, row)[:, :3].sum(axis=0) / 200.0
+        axis = np.eye(3)["xyz".index(str(row.window.conditions["axis"]))]
+        along = to_local(row).apply(axis)
+        assert along == pytest.approx(earth_deg_s() / EARTH_DEG_S, abs=1e-9)
+        due = axis * (float(row.window.conditions["turn_deg"]) + EARTH_DEG_S * seconds)
+        noise_deg = 0.3 / 60.0 * seconds**0.5
+        own_deg = np.hypot(np.asarray(gyro["matrix_std"]) @ np.abs(due), np.asarray(gyro["bias_std"]) * seconds)
+        assert np.all(np.abs(turned - due) < 4.0 * np.hypot(own_deg, noise_deg)), row.window.conditions
+
+
+@pytest.mark.slow
+def test_the_roll_angle_is_that_of_the_table(sessions) -> None:
+    """z points north: roll turns with the inner axis; the field's direction across z is that of its declination."""
+    rows, program, _ = sessions
+    (row,) = rows["magnetometer"]
+    field = compensated(program, row)[:, 6:]
+    rate_deg_s = np.degrees(
+        np.polyfit(np.arange(len(field)) / 200.0, np.unwrap(np.arctan2(-field[:, 1], field[:, 0])), 1)[0]
+    )
+    assert rate_deg_s == pytest.approx(15.0, abs=0.01)
+    size = np.hypot(*field.T)
+    assert size.std() < 1.5 * 0.5e-3
+    across = 0.43 * np.hypot(np.sin(np.radians(55.0)), np.cos(np.radians(55.0)) * np.sin(np.radians(DECLINATION_deg)))
+    assert size.mean() == pytest.approx(
+        across, rel=0.09
+    )  # sensitivity of x: 3 %, not more than 2.5 standard deviations

@@ -1,0 +1,114 @@
+"""Where a study is computed: every way that a cluster cannot be used says what and what next."""
+
+from __future__ import annotations
+
+import socket
+import sys
+from collections.abc import Mapping
+from concurrent.futures import Future
+from typing import Any
+
+import pytest
+
+from bench.commands import study_cluster
+from bench.commands.study_cluster import run_on_cluster, run_there, software_here
+from bench.model.errors import BenchError, InputError, RunError
+from bench.systems.time_sync.study.study import BASE, Group, Task
+
+TASK = Task("flight", "turn", 1.0, (Group(0.0, augmented=False, noise=BASE),), 2, 1)
+
+
+class Silent:
+    def done(self, task: Task, result: Any) -> Any:
+        return result
+
+    def said(self, text: str) -> None:
+        raise AssertionError(text)
+
+
+class FakeClient:
+    """Workers that answer with these versions."""
+
+    def __init__(self, answers: Mapping[str, Mapping[str, str]] | Exception) -> None:
+        self._answers = answers
+
+    def run(self, _: Any) -> Any:
+        if isinstance(self._answers, Exception):
+            raise self._answers
+        return self._answers
+
+
+def fails_with(code: str, where: str) -> BenchError:
+    with pytest.raises(BenchError) as caught:
+        run_on_cluster(where, [TASK], Silent())
+    assert caught.value.code == code
+    assert caught.value.next_step
+    return caught.value
+
+
+@pytest.mark.parametrize("where", ["", "4", "local", "local:x", "local:-1", "http://host:1", "tcp://", "tcp://a b:1"])
+def test_a_place_that_is_none(where: str) -> None:
+    assert "local:N" in fails_with("B-STUDY-003", where).next_step
+
+
+@pytest.mark.parametrize("where", ["local:0", "local:257"])
+def test_a_number_of_workers_that_is_impossible(where: str) -> None:
+    assert "1 to 256" in fails_with("B-STUDY-003", where).message
+
+
+def test_without_dask(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    assert "inertial-bench[cluster]" in fails_with("B-STUDY-004", "local:2").next_step
+
+
+def test_nobody_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(study_cluster, "CONNECT_s", 0.3)
+    with socket.socket() as taken:  # bound and not listening: every connection is refused
+        taken.bind(("127.0.0.1", 0))
+        where = f"tcp://127.0.0.1:{taken.getsockname()[1]}"
+        error = fails_with("B-STUDY-005", where)
+    assert error.where == where
+    assert "dask scheduler" in error.next_step
+
+
+def test_another_version_is_told() -> None:
+    same = {**software_here(), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    study_cluster._check("tcp://a:1", FakeClient({"tcp://b:2": same}))
+    for name, wrong in (("numpy", "1.0"), ("inertial-bench", "0.0"), ("OMP_NUM_THREADS", "8")):
+        with pytest.raises(InputError) as caught:
+            study_cluster._check("tcp://a:1", FakeClient({"tcp://b:2": same, "tcp://c:3": {**same, name: wrong}}))
+        assert caught.value.code == "B-STUDY-006"
+        assert "tcp://c:3" in caught.value.message
+        assert f"{name} {wrong}" in caught.value.message
+        assert "OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1" in caught.value.next_step
+
+
+def test_workers_without_the_bench_are_told() -> None:
+    with pytest.raises(InputError) as caught:
+        study_cluster._check("tcp://a:1", FakeClient(ModuleNotFoundError("No module named 'bench'")))
+    assert caught.value.code == "B-STUDY-006"
+    assert "No module named 'bench'" in caught.value.message
+
+
+def test_a_task_that_fails_is_named() -> None:
+    future: Future[Any] = Future()
+    future.set_exception(MemoryError("too large"))
+    with pytest.raises(RunError) as caught:
+        study_cluster._result(future, TASK)
+    assert caught.value.code == "B-STUDY-007"
+    assert "turn, unaugmented, offsets 0 ms" in caught.value.message
+    assert "MemoryError: too large" in caught.value.message
+
+
+def test_an_error_of_the_bench_travels_as_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(_: Task) -> None:
+        raise InputError("B-STUDY-002", "impossible", next_step="correct it")
+
+    monkeypatch.setattr(study_cluster, "run_task", refuse)
+    result, wrong = run_there(TASK)
+    assert result is None
+    assert wrong.startswith("error B-STUDY-002: impossible")
+    future: Future[Any] = Future()
+    future.set_result((result, wrong))
+    with pytest.raises(RunError, match="impossible"):
+        study_cluster._result(future, TASK)

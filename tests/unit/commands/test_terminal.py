@@ -1,0 +1,188 @@
+"""What a person sees and answers: questions, plain lines, texts that look like markup, settings, output files."""
+
+from __future__ import annotations
+
+import io
+import os
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from bench.commands.console import PLAIN_COLUMNS, console, hours
+from bench.commands.loading import settings_of
+from bench.commands.progress import PlainLines, ProgressBar
+from bench.commands.terminal import TerminalOperator
+from bench.model.errors import BenchError
+from bench.run.control.operator import Question
+from bench.session.output import write_file
+
+PLAN: Any = SimpleNamespace(steps=(None,) * 9, record_count=100, prepare_s=10.0, duration_s=90.0, finally_s=0.0)
+
+
+def test_a_terminal_that_hangs_up_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = os.openpty()
+    with os.fdopen(theirs, "w") as gone:
+        monkeypatch.setattr(sys, "stderr", gone)
+        out = console(stderr=True)
+        out.print("heard")
+        os.close(ours)
+        out.print("not heard")
+        out.print("nor this")
+        assert not gone.isatty()  # closing it flushes what is left, which must not fail either
+
+
+def step(kind: str, **fields: Any) -> Any:
+    given = {
+        "kind": kind, "number": 3, "role": "switch", "name": "route", "conditions": {},
+        "arguments": {"temperature": 50.0},
+    }  # fmt: skip
+    return SimpleNamespace(**{**given, **fields})
+
+
+def record(lost: int = 0, **conditions: Any) -> Any:
+    return SimpleNamespace(lost=lost, window=SimpleNamespace(conditions=conditions))
+
+
+@pytest.fixture
+def typed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What the person at the terminal will type, line by line; then the input ends."""
+    lines: list[str] = []
+
+    def read(prompt: str) -> str:
+        if not lines:
+            raise EOFError
+        return lines.pop(0)
+
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True))
+    monkeypatch.setattr("builtins.input", read)
+    return lines
+
+
+def test_a_confirmation_is_asked_for_until_it_is_clear(typed: list[str]) -> None:
+    typed += ["", "perhaps", "YES"]
+    assert TerminalOperator().ask(Question("door closed?", "operator")).by == "operator"
+    assert typed == []
+
+
+def test_a_value_is_asked_for_until_it_can_be_read(typed: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    typed += ["a little", "3", "3 V", "0.2 kohm"]
+    assert TerminalOperator().ask(Question("resistance?", unit="ohm")).value == 200.0
+    assert len(capsys.readouterr().err.splitlines()) >= 4
+
+
+@pytest.mark.parametrize("unit", ["", "ohm"])
+@pytest.mark.parametrize("answer", [["stop"], []])
+def test_a_refusal(typed: list[str], unit: str, answer: list[str]) -> None:
+    typed += answer
+    with pytest.raises(BenchError) as caught:
+        TerminalOperator().ask(Question("ready?", unit=unit))
+    assert caught.value.code == "B-CLI-006"
+
+
+def test_nobody_at_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: False))
+    with pytest.raises(BenchError) as caught:
+        TerminalOperator().ask(Question("ready?"))
+    assert caught.value.code == "B-CLI-005"
+
+
+@pytest.mark.parametrize("text", ["[/dev/ttyUSB0]", "limits [0 A, 220 mA]", ":on: GPIB0::4::INSTR", "[bold]x[/red]"])
+def test_texts_that_look_like_markup_are_printed_as_they_are(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    console(stderr=True).print(text)
+    assert capsys.readouterr().err == text + "\n"
+
+
+def test_a_long_error_stays_on_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    console(stderr=True).print("word " * 100)
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_broken_pipe_is_an_error_and_not_an_exit(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Closed(io.StringIO):
+        def write(self, text: str) -> int:
+            raise BrokenPipeError
+
+    monkeypatch.setattr(sys, "stderr", Closed())
+    with pytest.raises(BrokenPipeError):
+        console(stderr=True).print("x")
+
+
+def test_plain_lines_tell_soaks_prompts_and_every_50th_record(capsys: pytest.CaptureFixture[str]) -> None:
+    with PlainLines(PLAN, console()) as lines:
+        lines.step(step("soak", conditions={"temperature_degC": -10.0}), 3661.0)
+        lines.step(step("call"), 3662.0)
+        for number in range(1, 101):
+            lines.record(record(lost=2 if number == 100 else 0))
+        lines.message("[careful]")
+    said = capsys.readouterr().out.splitlines()
+    assert said[0].split() == ["1:01:01", "step", "4/9", "soak", "-10", "degC"]
+    assert said[1:] == ["record 50/100", "record 100/100, 2 frames lost", "[careful]"]
+
+
+def test_the_progress_bar_takes_everything(capsys: pytest.CaptureFixture[str]) -> None:
+    with ProgressBar(PLAN, console(stderr=True)) as bar:
+        bar.step(step("soak", conditions={"label": "[x]"}), 50.0)
+        bar.record(record(lost=3))
+        bar.message("[careful]")
+    said = capsys.readouterr().err
+    assert "[careful]" in said
+    assert "1/100 records, 3 lost" in said
+
+
+def test_records_of_the_wiring_check_are_none_of_the_campaign(capsys: pytest.CaptureFixture[str]) -> None:
+    with ProgressBar(PLAN, console(stderr=True)) as bar:
+        bar.record(record(purpose="wiring"))
+        bar.record(record(purpose="measurement"))
+    assert "1/100 records" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("columns", [60, 80, 200])
+def test_a_narrow_terminal_shows_figures_instead_of_a_bar(columns: int) -> None:
+    out = io.StringIO()
+    with ProgressBar(PLAN, Console(file=out, width=columns, force_terminal=True, color_system=None)) as bar:
+        bar.step(step("record", conditions={"temperature_degC": 23.3, "channel": 1, "route": "open"}), 50.0)
+        bar.record(record(lost=3))
+    assert ("\u2501" in out.getvalue()) == (columns == 200)
+    assert columns < 80 or "1/100 records" in out.getvalue()
+
+
+def test_hours() -> None:
+    assert [hours(seconds) for seconds in (0.4, 59.6, 136_800.0)] == ["0:00:00", "0:01:00", "38:00:00"]
+
+
+def test_settings() -> None:
+    assert settings_of(["a=1 V", "b = x=y "]) == {"a": "1 V", "b": "x=y"}
+    for wrong in ("a", "=1", ""):
+        with pytest.raises(BenchError) as caught:
+            settings_of([wrong])
+        assert caught.value.code == "B-CLI-001"
+
+
+def test_an_output_file_brings_its_folder_or_a_clear_error(tmp_path: Path) -> None:
+    write_file(tmp_path / "new" / "x.json", "{}")
+    assert (tmp_path / "new" / "x.json").read_text() == "{}"
+    with pytest.raises(BenchError) as caught:
+        write_file(tmp_path / "new" / "x.json" / "y", "")
+    assert caught.value.code == "B-CLI-007"
+
+
+def test_a_narrow_terminal_cuts_no_number_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "80")
+    assert console().is_terminal
+    assert console().width == PLAIN_COLUMNS
+    assert console(stderr=True).width == 80
+    monkeypatch.setenv("COLUMNS", "160")
+    assert console().width == 160
+
+
+def test_a_prompt_is_told_with_its_text_and_only_where_somebody_is_asked(capsys: pytest.CaptureFixture[str]) -> None:
+    asked = step("prompt", arguments={"text": "DIP switch 1 on"})
+    PlainLines(PLAN, console()).step(asked, 15.0)
+    assert capsys.readouterr().out.split() == ["0:00:15", "step", "4/9", "prompt:", "DIP", "switch", "1", "on"]
+    PlainLines(PLAN, console(), asks=False).step(asked, 15.0)
+    assert capsys.readouterr().out == ""

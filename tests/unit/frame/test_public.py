@@ -1,0 +1,128 @@
+"""Two public wire formats: bytes that other people published, with their check values and their decoded numbers."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.commands.decode import decode
+from bench.frame import FrameDefinition, decode_file, load_frame, parse_frame
+from bench.frame.stream import LinkDecoder
+from bench.model.errors import InputErrors
+
+ROOT = Path(__file__).resolve().parents[3]
+SEED = 404
+# OEM7 documentation, "ASCII to binary log conversion example", and GPStation-6 manual, page 44: the same check covers
+# every binary log, so the vendor's two BESTPOS logs hold the one of INSPVAS
+BESTPOS = """
+aa44121c2a000020480000005eb40b0780ada301000000004561832500000000200000001011865b5868404009a4cc35038141408f53742497ef33
+406666a2413d0000004faf143d645d5c3defc9c33d30000000000040400000000012090900000000 01c3ef64d2
+""", """
+aa44121c2a0002204800000090b49305b0abb912000000004561bc0a00000000100000001b0450b3f28e494016fa6bbe7c825cc00060769f449f90
+40a62a82c13d000000125acb3fcd9e983fdb664040003030300000000000000000 0b0b00000006000342dc4c48
+"""  # fmt: skip
+
+
+def frame_of(name: str) -> FrameDefinition:
+    return load_frame(ROOT / "frames" / f"{name}.yaml")
+
+
+def golden(name: str) -> bytes:
+    return bytes.fromhex((ROOT / "tests" / "golden" / f"{name}.hex").read_text(encoding="ascii"))
+
+
+@pytest.mark.validates(
+    "frame novatel_inspvas: check and fields",
+    against="two logs of the vendor's manuals, and a log of a receiver in the tests of an open driver, with its values",
+)
+def test_logs_of_novatel(record_property: Callable[[str, object], None]) -> None:
+    text = frame_of("novatel_inspvas").text
+    check = next(line for line in text.splitlines() if line.startswith("crc:"))
+    for published in BESTPOS:
+        log = bytes.fromhex("".join(published.split()))
+        assert len(log) == 104
+        body = f"{{name: body, type: bytes, count: {len(log) - 7}}}"
+        other = f"frame: any\nendian: little\nsync: [0xAA, 0x44, 0x12]\nfields: [{body}]\n{check}\n"
+        parse_frame(f'{other}golden: "{log.hex()}"\nexpect: {{body: "{log[3:-4].hex()}"}}\n', "any.yaml")
+    batch = frame_of("novatel_inspvas").decoder().feed(golden("novatel_inspvas")).messages["frame"]
+    # as the other driver prints them, seven to eight digits
+    theirs = {"latitude": 40.040837, "longitude": 116.504558, "height": 27.403953, "velocity_north": 0.069381334,
+              "velocity_east": 9.647163, "velocity_up": -0.0059339763}  # fmt: skip
+    for name, value in theirs.items():
+        assert batch.scaled(name)[0] == pytest.approx(value, rel=6e-8), name
+    np.testing.assert_allclose(batch.scaled("attitude")[0], [0.59717965, 0.053063083, 90.934232], rtol=6e-8)
+    assert batch.scaled("header_time")[0] == batch.scaled("tick")[0] == 197594.6
+    record_property("obtained", "checks of 3 published logs right; 9 values equal to all printed digits")
+
+
+def test_a_message_of_kvh_is_sound() -> None:
+    """All six sensors good, 1 g along one axis, the check as the maker's table of the CRC asks for it."""
+    batch = frame_of("kvh_1750").decoder().feed(golden("kvh_1750")).messages["frame"]
+    assert golden("kvh_1750")[-4:].hex() == "4bfa34d8"
+    assert [int(batch.raw(f"status.{kind}_{axis}")[0]) for kind in ("gyro", "accel") for axis in "xyz"] == [1] * 6
+    assert np.linalg.norm(batch.scaled("accel")[0]) == pytest.approx(1.0, abs=0.003)
+
+
+def kvh_rows(count: int) -> np.ndarray:
+    place = np.arange(count)
+    angle = np.outer(place, [1e-6, -2e-6, 3e-6]).astype(np.float32)
+    columns = {"delta_angle": angle, "accel": np.zeros((count, 3), np.float32), "status": 0x77, "temperature": 25}
+    return frame_of("kvh_1750").encode(columns | {"counter": place % 128}, count)
+
+
+def test_the_counter_of_kvh_goes_on_behind_127() -> None:
+    rows = kvh_rows(1000)
+    link = LinkDecoder(frame_of("kvh_1750"))
+    link.push(0, np.delete(rows, [126, 127, 128, 640], axis=0).tobytes())
+    batch = link.flush().messages["frame"]
+    assert (link.counts.frames, link.counts.lost, link.counts.duplicate, link.counts.suspect) == (996, 4, 0, 0)
+    assert batch.counter is not None
+    assert batch.counter.tolist() == [place for place in range(1000) if place not in (126, 127, 128, 640)]
+
+
+@pytest.mark.parametrize("name", ["kvh_1750", "novatel_inspvas"])
+def test_decode_finds_frames_between_junk(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Text, other logs, noise with sync bytes in it, a cut frame and one with a flipped bit; blocks cut anywhere."""
+    rng = np.random.default_rng(SEED)
+    frame = golden(name)
+    flipped = bytearray(frame)
+    flipped[30] ^= 0x10
+    junk = [
+        b"$GPGGA,123519*47\r\n", bytes.fromhex("".join(BESTPOS[0].split())), rng.bytes(500) + frame[:6], frame[:-3],
+        bytes(flipped), frame[:3] * 5, b"",
+    ]  # fmt: skip
+    capture = tmp_path / "capture.bin"
+    capture.write_bytes(b"".join(part + frame for part in junk * 20))
+    assert decode(str(ROOT / "frames" / f"{name}.yaml"), capture, tmp_path / "out.csv", True) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["good"] == 140
+    assert found["bad"] >= 20
+    assert found["good"] * len(frame) + found["skipped_bytes"] == found["bytes"]
+    lines = (tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()
+    assert len(lines) == 141
+    monkeypatch.setattr("bench.frame.table._BLOCK_BYTES", 61)
+    for engine in ("numpy", "reference"):
+        again = decode_file(frame_of(name), capture, engine)  # type: ignore[arg-type]
+        assert (again.counts.frames, again.counts.bad) == (140, found["bad"])
+
+
+@pytest.mark.parametrize("field", ["{name: n, type: u8, role: counter, wrap: 100}", "{name: n, type: u8, wrap: 128}",
+                                   "{name: n, type: u8, role: counter, wrap: 256}",
+                                   "{name: n, type: f32, role: counter, wrap: 4}"])  # fmt: skip
+def test_a_wrap_that_no_counter_has_is_refused(field: str) -> None:
+    text = f"frame: f\nendian: big\nsync: [1]\nfields: [{field}]\ncrc: {{name: sum-8, over: [n, end]}}\n"
+    with pytest.raises(InputErrors) as caught:
+        parse_frame(f'{text}golden: "01 05 05"\nexpect: {{n: 5}}\n', "f.yaml")
+    assert "B-FRAME-003" in str(caught.value)
+
+
+def test_a_wrap_is_part_of_what_a_definition_means() -> None:
+    text = frame_of("kvh_1750").text
+    without = parse_frame(text.replace(", wrap: 128", ""), "kvh_1750.yaml")
+    assert without.sha256 != frame_of("kvh_1750").sha256

@@ -1,0 +1,119 @@
+"""The mapping language: what a file may say, a mistake in every key with its place, and the schema for editors."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from import_sample import RAMP, SHORT
+from jsonschema import Draft202012Validator
+from pydantic import RootModel
+
+from bench.model.errors import InputErrors
+from bench.model.yamlio import load_yaml, parse_yaml
+from bench.plan.mapping import LogMapping, load_mapping, mapping_schema
+
+ROOT = Path(__file__).resolve().parents[3]
+SHIPPED = sorted((ROOT / "docs" / "mappings").glob("*.yaml"))
+TIME = "time: {role: time, format: iso, zone: UTC}"
+
+# what is changed, into what, and a word of the message; the error stands on the line that was changed
+MISTAKES = [
+    ("mapping: any_log", "mapping: Any Log", "mapping"),
+    ("uut: {model: M, serial: S-1}", "uut: {model: M}", "serial"),
+    ("uut:", "title: [a]\nuut:", "title"),
+    ("uut:", "unit: {a: b}\nuut:", "unknown key 'unit'"),
+    ("uut:", "analysis: Temperature ramp\nuut:", "analysis"),
+    ("uut:", "reference_temperature: 20\nuut:", "has no unit"),
+    ("uut:", "bad_rows: 0.01\nuut:", "has no unit"),
+    ("uut:", "bad_rows: 101 %\nuut:", "above the limit"),
+    ("uut:", 'file: {delimiter: ", "}\nuut:', "delimiter"),
+    ("uut:", "file: {header: 0}\nuut:", "header"),
+    ("uut:", "file: {decimal: ;}\nuut:", "decimal"),
+    ("uut:", 'file: {delimiter: ",", decimal: ","}\nuut:', "both decimal sign and delimiter"),
+    ("uut:", 'file: {comment: ""}\nuut:', "comment"),
+    ("uut:", "file: {encoding: ebcdic}\nuut:", "encoding"),
+    ("uut:", "overload: {at_least: -1}\nuut:", "at_least"),
+    ("uut:", "overload: {values: 9.9e37}\nuut:", "values"),
+    ("format: iso", "format: yesterday", "yesterday"),
+    ("format: iso", 'format: "%H:%M:%S"', "does not tell date and time"),
+    ("format: iso", 'format: "%d/%m/%y %q"', "no pattern"),
+    ("format: iso, zone: UTC", "format: iso", "needs 'zone'"),
+    ("zone: UTC", "zone: CET", "zone"),
+    ("zone: UTC", "zone: UTC, start: 2024-01-01T00:00:00Z", "takes no 'start'"),
+    ("format: iso, zone: UTC", "format: unix", "needs 'unit'"),
+    ("format: iso, zone: UTC", "format: unix, unit: mV", "no unit of time"),
+    ("format: iso, zone: UTC", "format: elapsed, unit: s", "needs 'start'"),
+    ("format: iso, zone: UTC", "format: elapsed, unit: s, start: now", "no time such as"),
+    ("format: iso, zone: UTC", "format: elapsed, unit: s, start: 2024-01-01T00:00:00", "has no zone"),
+    ("role: temperature", "role: temprature", "role"),
+    ("quantity: sensor", "quantity: Sensor 1", "quantity"),
+    ("quantity: sensor, ", "", "quantity"),
+    ("unit: mV", "unit: millivolt", "no unit"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "word"), MISTAKES)
+def test_a_mistake_in_any_key_is_named_where_it_stands(old: str, new: str, word: str) -> None:
+    assert old in SHORT
+    text = SHORT.replace(old, new, 1)
+    with pytest.raises(InputErrors) as raised:
+        parse_yaml(text, "m.yaml", LogMapping)
+    said = [str(error) for error in raised.value.errors]
+    assert any(word in one for one in said), said
+    line = text[: text.index(new) if new else text.index("T: {role")].count("\n") + 1
+    assert all(one.split(": ")[1].startswith(f"m.yaml:{line}:") for one in said), said
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        (TIME, "a: {role: ignore}", "0 columns have the role time"),
+        ("  T:", f"  t2: {TIME[6:]}\n  T:", "2 columns have the role time"),
+        ("quantity: voltage", "quantity: sensor", "two columns have the quantity 'sensor'"),
+        ("unit: degC", "unit: V", "needs the unit degC"),
+        ("  U:", "  R: {role: reference, quantity: r, unit: A}\n  U:", "different units"),
+        ("uut:", "analysis: temperature_ramp\nuut:", ""),
+    ],
+)
+def test_columns_must_fit_together(old: str, new: str, word: str) -> None:
+    text = SHORT.replace(old, new, 1)
+    if not word:  # a valid one
+        assert parse_yaml(text, "m.yaml", LogMapping).model.analysis == "temperature_ramp"
+        return
+    with pytest.raises(InputErrors, match="B-YAML-012") as raised:
+        parse_yaml(text, "m.yaml", LogMapping)
+    assert word in str(raised.value)
+
+
+def test_an_analysis_needs_temperature_and_reading() -> None:
+    text = SHORT.replace("role: reading", "role: reference").replace("uut:", "analysis: temperature_ramp\nuut:")
+    with pytest.raises(InputErrors, match="of the roles temperature and reading"):
+        parse_yaml(text, "m.yaml", LogMapping)
+
+
+def test_what_the_manifest_gets() -> None:
+    campaign = parse_yaml(RAMP, "m.yaml", LogMapping).model.campaign()
+    assert campaign["analysis"] == "temperature_ramp"
+    assert campaign["reference_temperature_degC"] == 25.0
+    assert campaign["uut"] == {"model": "M", "serial": "7"}
+    assert {"header": "dmm", "name": "meter", "role": "reading", "unit": "V"} in campaign["columns"]
+    assert [one["name"] for one in campaign["columns"]] == ["set_point", "sensor_1", "sensor_2", "standard", "meter"]
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_shipped_mappings_are_valid_for_loader_and_editor(path: Path) -> None:
+    assert load_mapping(path).model.mapping == path.stem
+    tree = load_yaml(path, RootModel[Any]).model.root
+    assert list(Draft202012Validator(mapping_schema()).iter_errors(tree)) == []
+
+
+def test_the_schema_marks_slips() -> None:
+    schema = mapping_schema()
+    Draft202012Validator.check_schema(schema)
+    assert json.loads(json.dumps(schema)) == schema
+    for old, new in (("uut:", "uuut:"), ("role: reading", "role: readings"), ("unit: mV", "unti: mV")):
+        tree = parse_yaml(SHORT.replace(old, new, 1), "m", RootModel[Any]).model.root
+        assert list(Draft202012Validator(schema).iter_errors(tree)), new

@@ -1,0 +1,314 @@
+"""Each mistake a sequence or station file can hold: its code, the line it is reported on, and what the text says."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+from plan_sample import FLAT, SEQUENCE, changed, make_bench, mistakes
+
+from bench.model.drivers import driver_class
+from bench.model.errors import InputError
+from bench.model.ports import Effect, action
+from bench.plan import compile_sequence
+from bench.plan.expand import MAX_STEPS
+
+# what is changed, into what, the code, and a text that stands on the line of the error
+CASES = [
+    ("numbers: 1-2", "numbers: 2-1", "B-PLAN-020", "numbers: 2-1"),
+    ("numbers: 1-2", "numbers: all", "B-PLAN-020", "numbers: all"),
+    ("{channels: 2}", "{channels: 3}", "B-PLAN-020", "{channels: 3}"),
+    ("{channels: 2}", "{channels: x}", "B-PLAN-020", "{channels: x}"),
+    ("numbers: 1-2", "numbers: [1-2, 2]", "B-PLAN-021", "numbers: [1-2, 2]"),
+    ("levels: levels", "levels: level", "B-PLAN-022", "levels: level"),
+    ("levels: [1 mA]", "levels: [1 mA, 1 V]", "B-PLAN-022", "1 V"),
+    ("levels: [1 mA]", "levels: [1 mA, 1e999 A]", "B-PLAN-022", "1e999"),
+    ("kind: gyro", "kind: accelerometer", "B-PLAN-023", "kind: accelerometer"),
+    ("levels: [1 mA]", "levels: [300 mA]", "B-PLAN-024", "300 mA"),
+    ("serial: SIM-1", "serial: ../SIM-1", "B-PLAN-025", "serial: ../SIM-1"),
+    ('seconds: "{dwell}"', 'seconds: "{dwel}"', "B-PLAN-030", "{dwel}"),
+    ('in: "{channel.levels}"', 'in: "{channel.level}"', "B-PLAN-030", "{channel.level}"),
+    ('range: "{calibrator.range}"', 'range: "{calibrator.rang}"', "B-PLAN-030", "calibrator.rang}"),
+    ("dwell: 10 s", "dwell: 10 V", "B-PLAN-031", 'seconds: "{dwell}"'),
+    ("dwell: 10 s", "dwell: -10 s", "B-PLAN-031", 'seconds: "{dwell}"'),
+    ("high: 0.5 ohm", "high: 0.5 V", "B-PLAN-031", "high: 0.5 V"),
+    ('in: "{temperatures}"', "in: temperature", "B-PLAN-032", "in: temperature"),
+    ('in: "{temperatures}"', 'in: "{dwell}"', "B-PLAN-032", 'in: "{dwell}"'),
+    ("- point: {current: 0 A, polarity: +}", "- pont: {current: 0 A, polarity: +}", "B-PLAN-033", "pont"),
+    ("- point: {current: 0 A, polarity: +}", "- point: {current: 0 A}", "B-PLAN-033", "- point: {current: 0 A}"),
+    ("- point: {current: 0 A, polarity: +}", "- point: {current: 0 A, polarity: +, x: 1}", "B-PLAN-033", "x: 1"),
+    ("      - verify:", "      - point: {current: 0 A, polarity: +}\n      - verify:", "B-PLAN-034", "- point: {curr"),
+    ("finally:\n", "finally:\n  - settle: 1 s\n", "B-PLAN-037", "settle: 1 s"),
+    ("procedures:\n", "procedures:\n  spare: {do: [calibrator.standby]}\n", "B-PLAN-038", "spare"),
+    ("unit: {port_b:", "unit: {port_a:", "B-PLAN-039", "unit: {port_a:"),
+    ("- switch.open_all", "- swich.open_all", "B-PLAN-040", "swich"),
+    ("verify: calibrator.", "verify: calibrators.", "B-PLAN-040", "calibrators"),
+    ("unit: {port_b:", "unit: {port_c:", "B-PLAN-041", "port_c"),
+    ("dwell: 10 s", "dwell: 10.005 s", "B-PLAN-042", 'seconds: "{dwell}"'),
+    ("for: 5 min", "for: 15 min", "B-PLAN-043", "for: 15 min"),
+    (", high: 0.5 ohm", "", "B-PLAN-044", "unit: ohm"),
+    ("port_b: ngu_b", "port_b: ngu_c", "B-PLAN-045", "ngu_c"),
+    ("port_b: ngu_b}", "port_b: ngu_b, port_c: ngu_b}", "B-PLAN-046", "port_c"),
+    ("duration: 660 s", "duration: 661 s", "B-PLAN-047", "duration: 661 s"),
+    ("records: 3", "records: 4", "B-PLAN-047", "records: 4"),
+    ("{port_b: start_stream}", "{port_b: start_steam}", "B-PLAN-049", "start_steam}"),
+    ("- calibrator.operate\n", "- calibrator.operat\n", "B-PLAN-050", "calibrator.operat\n"),
+    ("soak: {temp", "soak: {chamber: supply, temp", "B-PLAN-050", "chamber: supply"),
+    ("range: lowest", "rang: lowest", "B-PLAN-051", "calibrator.output"),
+    (', polarity: "{polarity}"}\n', "}\n", "B-PLAN-051", "switch.route"),
+    ('polarity: "{polarity}"}', "polarity: 2}", "B-PLAN-052", "switch.route"),
+    ("range: lowest_that_holds", "range: highest", "B-PLAN-052", "calibrator.output"),
+    ("verify: calibrator.operating", "verify: calibrator.operate", "B-PLAN-054", "verify"),
+    ("verify: calibrator.operating", "verify: chamber.measure_air", "B-PLAN-054", "verify"),
+    ("temperatures: [20 degC]", "temperatures: [61 degC]", "B-PLAN-055", "- soak"),
+    ("ramp: 0.5 degC/min", "ramp: 2 degC/min", "B-PLAN-055", "- soak"),
+    ("{current: 0 A, polarity: +}", "{current: -1 mA, polarity: +}", "B-PLAN-055", "calibrator.output"),
+    ("settle: 20 s", "settle: 5 s", "B-PLAN-060", "settle: 5 s"),
+    ("      - settle: 20 s\n", "", "B-PLAN-061", "- record"),
+    ("      - calibrator.standby\n      - switch", "      - switch", "B-PLAN-070", "switch.route"),
+    ('      - switch.route: {channel: "{channel}", polarity: "{polarity}"}\n', "", "B-PLAN-072", "calibrator.operate"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "code", "on_line"), CASES)
+def test_a_mistake_in_the_sequence(tmp_path: Path, old: str, new: str, code: str, on_line: str) -> None:
+    text = changed(old, new)
+    found = {error.code: error for error in reversed(mistakes(make_bench(tmp_path, text)))}
+    assert code in found, sorted(found)
+    line = int(found[code].where.split(":")[-2])
+    assert on_line in text.split("\n")[line - 1] + "\n", found[code]
+
+
+def test_the_sample_is_right_as_it_is(tmp_path: Path) -> None:
+    assert mistakes(make_bench(tmp_path)) == []
+    assert mistakes(make_bench(tmp_path, FLAT)) == []
+
+
+def test_what_the_messages_say(tmp_path: Path) -> None:
+    texts = {
+        ("- switch.open_all", "- swich.open_all"): "did you mean 'switch'?",
+        ("- calibrator.operate\n", "- calibrator.operat\n"): "did you mean 'operate'?",
+        ("temperatures: [20 degC]", "temperatures: [61 degC]"): "61 degC is outside -40 to 60 degC of station",
+        ("settle: 20 s", "settle: 5 s"): "the calls before it take up to 7.9 s; it lasts 5 s",
+    }  # fmt: skip
+    for change, says in texts.items():
+        assert any(says in error.message for error in mistakes(make_bench(tmp_path, changed(*change)))), says
+
+
+def test_a_level_over_the_full_scale_of_its_channel_b_plan_073(tmp_path: Path) -> None:
+    text = changed("point: {current: 0 A", "point: {current: 2 mA", changed("full_scale: 299 mA", "full_scale: 1 mA"))
+    found = {error.code: error for error in mistakes(make_bench(tmp_path, text))}
+    assert "0.002 A is above the full scale 0.001 A of channel 2" in found["B-PLAN-073"].message
+
+
+def test_a_frame_without_a_rate_b_plan_048_and_a_station_that_is_not_there_b_plan_045(tmp_path: Path) -> None:
+    path = make_bench(tmp_path)
+    frame = tmp_path / "frames" / "ngu_a.yaml"
+    frame.write_text("\n".join(line for line in frame.read_text().split("\n") if not line.startswith("rate:")))
+    assert [error.code for error in mistakes(path)] == ["B-PLAN-048"]
+    (found,) = mistakes(make_bench(tmp_path, changed("station: af", "station: xf")))
+    assert (found.code, found.where) == ("B-PLAN-045", f"{path}:3:1")
+
+
+def test_all_mistakes_are_listed_at_once_in_order(tmp_path: Path) -> None:
+    text = changed("verify: calibrator.operating", "verify: calibrator.opera")
+    text = changed("range: lowest_that_holds", "range: highest", text)
+    text = changed("polarity: \"{polarity}\"}", "polarity: 2}", text)  # fmt: skip
+    found = mistakes(make_bench(tmp_path, text))
+    assert [error.code for error in found] == ["B-PLAN-052", "B-PLAN-052", "B-PLAN-050"]
+    lines = [int(error.where.split(":")[1]) for error in found]
+    assert lines == sorted(lines)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code"),
+    [
+        ('at: "00:00:20"', 'at: "00:00:19"', "B-PLAN-035"),
+        ('at: "00:00:10"', "at: 1 s", "B-PLAN-061"),
+        ("call: switch.open_all", 'send: {calibrator: "OPER"}', "B-PLAN-074"),
+        ("call: switch.open_all", 'send: {switch: ":CLOS (@1!1!3)"}', "B-PLAN-074"),
+        ('at: "00:00:20"', 'at: "00:00:60"', "B-YAML-012"),
+        ("record: 10 s", "record: 10 s, call: switch.open_all", "B-YAML-012"),
+        ("record: 10 s", "send: {calibrator: A, switch: B}", "B-YAML-012"),
+    ],
+)  # fmt: skip
+def test_a_mistake_in_the_flat_form(tmp_path: Path, old: str, new: str, code: str) -> None:
+    assert code in [error.code for error in mistakes(make_bench(tmp_path, changed(old, new, FLAT)))]
+
+
+def test_after_raw_text_an_output_counts_as_on_b_plan_070(tmp_path: Path) -> None:
+    text = changed("call: switch.open_all", 'send: {calibrator: "OUT 1 A"}', FLAT)
+    found = {error.code: error for error in mistakes(make_bench(tmp_path, text))}
+    assert "may be on after a raw command" in found["B-PLAN-070"].message
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code"),
+    [
+        ("driver: fluke_5720a", "driver: fluke_5721a", "B-PLAN-011"),
+        ('due: "2000-11-01"\n      uncertainty', 'due: "2000-01-01"\n      uncertainty', ""),
+        ('due: "2000-11-01"\n      uncertainty', 'due: "1999-12-31"\n      uncertainty', "B-PLAN-063"),
+        ('calibrated: "1999-11-01"', 'calibrated: "2000-02-01"', "B-PLAN-063"),
+        ("    standard: {model: 34401A, serial", "    # {model: 34401A, serial", ""),
+        ("    standard: {model: E3631A, serial", "    # {model: E3631A, serial", ""),
+        ('    standard: {model: "7002", serial', "    # {model: 7002, serial", "B-PLAN-062"),
+        ("- {range: 22 mA, relative: 20 ppm, floor: 40 nA}", "- {range: 22 mA, relative: 20 ppm, floor: 41 nA}", ""),
+        ("resource: GPIB0::4::INSTR\n    safe_order: 1", "resource: GPIB0::4::INSTR", "B-YAML-011"),
+        ("limits: {current: [0 A, 220 mA]}", "limits: {current: [220 mA, 0 A]}", "B-YAML-012"),
+        ("limits: {current: [0 A, 220 mA]}", "limits: {current: [0 A, 220 mV]}", "B-YAML-012"),
+        ('calibrated: "1999-11-01"', "calibrated: 1999-13-01", "B-YAML-012"),
+        ('calibrated: "1999-11-01"', 'calibrated: "2000-12-01"', "B-YAML-012"),
+        ("simulated: true", "simulated: false", "B-YAML-012"),
+        ("driver: fluke_5720a", "driver: os.path", "B-YAML-013"),
+    ],
+)  # fmt: skip
+def test_a_mistake_in_the_station(tmp_path: Path, old: str, new: str, code: str) -> None:
+    found = mistakes(make_bench(tmp_path, station=(old, new)))
+    assert [error.code for error in found] == ([code] if code else [])
+    assert all("stations" in error.where for error in found)
+
+
+def test_no_range_of_the_standard_holds_the_level_b_plan_031(tmp_path: Path) -> None:
+    ranges = "        - {range: 2.2 mA, relative: 20 ppm, floor: 7 nA}\n"
+    text = (make_bench(tmp_path).parent.parent / "stations" / "af_bench_sim.yaml").read_text()
+    start, end = text.index(ranges), text.index("      corrections:")
+    corrections = text[end : text.index("  switch:")]
+    found = mistakes(make_bench(tmp_path, station=(text[start:end] + corrections, "")))
+    assert [error.code for error in found] == ["B-PLAN-031"]
+    assert "no range of calibrator in the station file holds 0.001 A" in found[0].message
+
+
+@pytest.mark.parametrize(
+    ("overrides", "code", "says"),
+    [
+        ({"dwel": "1 s"}, "B-PLAN-003", "did you mean 'dwell'?"),
+        ({"x": "1 s"}, "B-PLAN-003", "known: dwell, temperatures, world.<option>"),
+        ({"world.calibrator_gian": "off"}, "B-PLAN-004", "did you mean 'calibrator_gain'?"),
+        ({"dwell": "1 V"}, "B-PLAN-005", "a quantity in s is due"),
+        ({"dwell": "long"}, "B-PLAN-005", "a quantity in s is due"),
+        ({"dwell": "1e999 s"}, "B-PLAN-005", "a quantity in s is due"),
+        ({"turns": "x"}, "B-PLAN-005", "'x' cannot replace 2: a whole number is due"),
+        ({"turns": "1.5"}, "B-PLAN-005", "a whole number is due"),
+        ({"turns": ""}, "B-PLAN-005", "a whole number is due"),
+        ({"share": "nan"}, "B-PLAN-005", "a number is due"),
+    ],
+)
+def test_a_mistake_in_set(tmp_path: Path, overrides: dict[str, str], code: str, says: str) -> None:
+    numbers = changed("  dwell: 10 s\n", "  dwell: 10 s\n  turns: 2\n  share: 0.5\n")
+    more = numbers if set(overrides) & {"turns", "share"} else SEQUENCE
+    found = mistakes(make_bench(tmp_path, more), overrides)
+    assert [error.code for error in found] == [code]
+    assert says in found[0].message
+    assert found[0].where == f"--set {next(iter(overrides))}"
+
+
+def test_loops_that_never_end_are_stopped_b_plan_036(tmp_path: Path) -> None:
+    values = ", ".join(map(str, range(60)))
+    loop = "steps:\n" + "".join(
+        f"{'  ' * d}  - for: v{d}\n{'  ' * d}    in: [{values}]\n{'  ' * d}    do:\n" for d in range(4)
+    )
+    text = changed("steps:\n", f"{loop}            - calibrator.standby\n")
+    found = {error.code: error.message for error in mistakes(make_bench(tmp_path, text))}
+    assert str(MAX_STEPS) in found["B-PLAN-036"]
+    empty = changed("            - calibrator.standby\n", "            - nothing\n", text)
+    assert {"B-PLAN-033", "B-PLAN-036"} <= {error.code for error in mistakes(make_bench(tmp_path, empty))}
+
+
+@pytest.mark.parametrize("name", ["../evil", "os.path", "", "_x", "a" * 41, "Fluke", "a b"])
+def test_a_driver_is_a_plain_name_b_plan_010(name: str) -> None:
+    with pytest.raises(InputError) as caught:
+        driver_class(name)
+    assert caught.value.code == "B-PLAN-010"
+
+
+@pytest.mark.parametrize("name", ["base", "no_such_driver"])
+def test_a_module_without_a_driver_b_plan_011(name: str) -> None:
+    with pytest.raises(InputError) as caught:
+        driver_class(name)
+    assert caught.value.code == "B-PLAN-011"
+
+
+def plant(monkeypatch: pytest.MonkeyPatch, name: str, driver: type) -> None:
+    """A driver of this name for one test."""
+    module: Any = ModuleType(f"instruments.{name}")
+    module.DRIVER = driver
+    monkeypatch.setitem(sys.modules, f"instruments.{name}", module)
+
+
+class Heater:
+    @action(effect=Effect.POWER)
+    def output_on(self) -> None: ...
+
+
+def test_no_way_to_the_safe_state_b_plan_075_and_no_raw_text_b_plan_053(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plant(monkeypatch, "test_heater", Heater)
+    monkeypatch.setattr("bench.plan.check_station.find_spec", lambda name: name)
+    text = changed("call: switch.open_all", "call: aux_supply.output_on", FLAT)
+    text = changed("record: 10 s", 'send: {aux_supply: "ON"}', text)
+    found = mistakes(make_bench(tmp_path, text, ("driver: agilent_e3631a", "driver: test_heater")))
+    limits = ["B-PLAN-095", "B-PLAN-095"]  # those of the station are none of the heater's
+    assert [error.code for error in found] == [*limits, "B-PLAN-075", "B-PLAN-053", "B-PLAN-075"]
+
+
+def test_two_switches_must_not_both_be_closed_b_plan_071(tmp_path: Path) -> None:
+    text = changed("- calibrator.operate\n", "- matrix.route: {channel: 1, polarity: +}\n      - calibrator.operate\n")
+    entry = (
+        "  matrix: {driver: keithley_7002, resource: GPIB0::8::INSTR, safe_order: 2, standard: {model: x, serial: x, "
+    )
+    entry += "certificate: x, calibrated: 1999-11-01, due: 2000-11-01}}\n"
+    path = make_bench(tmp_path, text, ("  chamber:\n", entry + "  chamber:\n"))
+    assert "B-PLAN-071" in [error.code for error in mistakes(path)]
+
+
+def test_a_sequence_has_exactly_one_form(tmp_path: Path) -> None:
+    for text in (SEQUENCE + FLAT[FLAT.index("timeline:") :], FLAT[: FLAT.index("timeline:")]):
+        assert mistakes(make_bench(tmp_path, text))[0].message.startswith("a sequence has either 'steps'")
+
+
+def test_an_unknown_sequence_is_named_with_the_known_ones() -> None:
+    with pytest.raises(InputError, match="scale_factor_38") as caught:
+        compile_sequence("scale_factor_38")
+    assert "scale_factor_38h" in caught.value.next_step
+
+
+GNC = Path(__file__).resolve().parents[3]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code", "says"),
+    [
+        ("limits: {rate: [", "limits: {rat: [", "B-PLAN-095", "no action of turntable (acutrol_3000) takes 'rat'"),
+        ("rate: [-360 deg/s, 360 deg/s]", "rate: [-360 deg, 360 deg]", "B-PLAN-095", "is no quantity in deg"),
+        ("rate: [-360 deg/s, 360 deg/s]", "rate: [-360, 360]", "B-YAML-012", "rate: -360 has no unit"),
+        ("faults: null", "faults: GNC-02=nosuch", "B-PLAN-015", "nosuch"),
+        ("faults: null", "faults: GNC-02", "B-PLAN-015", "'GNC-02'"),
+        ("tilt_arcmin: null", "tilt_arcmin: 500", "B-PLAN-015", "tilt_arcmin is '500'"),
+        ("tilt_arcmin: null", "tilt_arcmin: 5", "", ""),
+    ],
+)
+def test_a_mistake_in_the_station_of_gnc_modules(tmp_path: Path, old: str, new: str, code: str, says: str) -> None:
+    for folder in ("sequences", "stations", "frames"):
+        (tmp_path / folder).mkdir()
+    text = (GNC / "stations" / "gnc_bench_sim.yaml").read_text()
+    assert old in text
+    (tmp_path / "stations" / "gnc_bench_sim.yaml").write_text(text.replace(old, new))
+    path = tmp_path / "sequences" / "gnc_unit_test.yaml"
+    path.write_text((GNC / "sequences" / path.name).read_text())
+    found = mistakes(path)
+    assert [error.code for error in found] == ([code] if code else [])
+    assert not code or says in found[0].message
+
+
+def test_a_frame_that_cannot_be_read_is_one_mistake(tmp_path: Path) -> None:
+    for folder in ("sequences", "frames"):
+        (tmp_path / folder).mkdir()
+    text = (GNC / "frames" / "gnc_422.yaml").read_text()
+    (tmp_path / "frames" / "gnc_422.yaml").write_text(text.replace("silence: 50 ms", "silence: 50"))
+    path = tmp_path / "sequences" / "gnc_unit_test.yaml"
+    path.write_text((GNC / "sequences" / path.name).read_text())
+    assert [error.code for error in mistakes(path)] == ["B-YAML-012"]

@@ -1,0 +1,291 @@
+"""The shipped sequences against the paper's own figures, worked out here a second time by plain loops."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bench.plan import Plan, Step, check_plan, compile_sequence, summarise
+
+TEMPERATURES_DEGC = (-10.0, 5.0, 20.0, 35.0, 50.0)
+GYRO_A = (30e-6, 100e-6, 1e-3, 10e-3, 100e-3, 200e-3)
+ACCELEROMETER_A = (500e-6, 1e-3, 2e-3, 5e-3, 10e-3, 20e-3)
+SHIPPED = sorted(path.stem for path in (Path(__file__).resolve().parents[3] / "sequences").glob("*.yaml"))
+RANGES_A = (220e-6, 2.2e-3, 22e-3, 220e-3)
+POINT_s, SOAK_s = 120.0, 9000.0
+# every shipped sequence: how long its campaign lasts, in seconds, and its records
+PLANS = {
+    "bias_ramp_25h": (900 * 100.0, 900),
+    "bias_ramp_25h_integrated": (900 * 100.0, 900),
+    "bias_ramp_short": (540 * 20.0, 540),
+    "dmm_method": (SOAK_s + 100.0 + 10 * 17 * 135.0, 10 * 17),  # 15 points of the table and one level again
+    "fog_north": (40.0 + 4 * 4 * 80.0 + 12 * (55.0 + 2 * 4 * 80.0) + 55.0 + 3 * 4 * 80.0, 4 * (4 + 12 * 2 + 3)),
+    "gnc_bias": (3 * 25.0 + 3 * 180.0 + 3600.0 + 6 * (600.0 + 600.0), 3 + 1 + 6),
+    "gnc_imu_calibration": (6 * 325.0 + 6 * 85.0 + 3 * 2 * (25.0 + 2 * 21.3) + 2 * 30.0, 2 * 6 + 3 * 2 * 2 * 2),
+    "gnc_imu_calibration_vertical": (6 * 325.0 + 6 * 85.0 + 3 * 2 * (25.0 + 2 * 21.3), 2 * 6 + 3 * 2 * 2 * 2),
+    "gnc_magnetometer": (25.0 + 15.0 + 180.0 + 10.0 + 7 * (25.0 + 5.0 + 30.0 + 5.0) + 8 * 26.0, 1 + 7),
+    "gnc_unit_test": (5 * (2.0 + 3.0 + 12.0 + 1.0), 0),
+    "rlg_backscatter": (6 * 14.0, 6),
+    "rlg_lock_in": (3 * (60.0 + 2 * 23.0), 3 * 2),
+    "scale_factor_38h": (5 * SOAK_s + 765 * POINT_s, 5 * 10 * 15 + 15),
+    "scale_factor_short": (10_350.0, 2 * 3 * 15 + 15),
+    "scale_factor_wall": (460.65, 2 * 3 * 15 + 7),  # 2 x (60 + 3) s and 97 times 3.45 s
+    "scale_factor_wall_30s": (12.0 + 10 * 1.95, 2 * 5),
+    "scale_factor_zero_per_range": (5 * SOAK_s + 985 * POINT_s, 765 + 5 * (6 * 6 + 4 * 2)),
+    "time_sync_acceleration": (61.0, 3),
+    "time_sync_linear": (61.0, 1),
+    "time_sync_sar": (501.0, 6),
+    "time_sync_stationary": (61.0, 1),
+    "time_sync_turn": (70.0, 3),
+    "timeline_example": (142.0, 1),
+}
+
+
+@pytest.fixture(scope="module")
+def campaign() -> Plan:
+    return compile_sequence("scale_factor_38h")
+
+
+def table_3(channel: int) -> list[tuple[str, float, int, int]]:
+    """Order of Table 3: route, current, polarity, index of the level."""
+    levels = GYRO_A if channel <= 6 else ACCELEROMETER_A
+    points = [("open", 0.0, 0, -1), ("closed", 0.0, 1, -1), ("closed", 0.0, -1, -1)]
+    for index, level in enumerate(levels):
+        points += [("closed", level, 1, index), ("closed", level, -1, index)]
+    return points
+
+
+def expected_records() -> list[tuple[float, dict[str, Any]]]:
+    """Start and conditions of each record of the 38 hours."""
+    records, at_s = [], 0.0
+    blocks = [(t, tuple(range(1, 11)), 0, 9000.0) for t in TEMPERATURES_DEGC] + [(50.0, (1,), 1, 0.0)]
+    for temperature, channels, repeat, slot_s in blocks:
+        at_s += slot_s
+        for channel in channels:
+            for route, current, polarity, index in table_3(channel):
+                records.append(
+                    (
+                        at_s + 20.0,
+                        {
+                            "channel": channel,
+                            "kind": "gyro" if channel <= 6 else "accelerometer",
+                            "temperature_degC": temperature,
+                            "current_A": current,
+                            "polarity": polarity,
+                            "range_A": 0.0 if route == "open" else min(r for r in RANGES_A if current <= r),
+                            "route": route,
+                            "level_index": index,
+                            "repeat": repeat,
+                            "purpose": "measurement",
+                            "settle_band_degC": 1.0,
+                        },
+                    )
+                )
+                at_s += 120.0
+    assert at_s == 136_800.0
+    return records
+
+
+def records(plan: Plan) -> list[Step]:
+    return [step for step in plan.phase("campaign") if step.kind == "record"]
+
+
+def test_the_campaign_is_38_hours_and_765_records(campaign: Plan) -> None:
+    assert campaign.duration_s == 136_800.0
+    assert campaign.record_count == 765
+    assert sum(step.duration_s for step in campaign.phase("campaign")) == 136_800.0
+    assert sum(step.duration_s for step in records(campaign)) == 76_500.0
+    soaks = [step for step in campaign.phase("campaign") if step.kind == "soak"]
+    assert [step.duration_s for step in soaks] == [9000.0] * 5
+    assert [step.arguments["temperature"] for step in soaks] == list(TEMPERATURES_DEGC)
+    assert {step.arguments["ramp"] for step in soaks} == {0.5}
+
+
+def test_every_record_is_where_table_3_puts_it(campaign: Plan) -> None:
+    found = [(step.at_s, dict(step.conditions)) for step in records(campaign)]
+    for _, conditions in found:
+        conditions.pop("level_A", None)
+    assert found == expected_records()
+
+
+def test_each_point_is_done_in_the_safe_order(campaign: Plan) -> None:
+    steps = campaign.phase("campaign")
+    for step in records(campaign):
+        first = step.arguments["retry_step"]
+        names = [s.name or s.kind for s in campaign.steps[first : step.number]]
+        if step.conditions["route"] == "open":
+            assert names == ["standby", "open_all", "settle"]
+        else:
+            assert names == ["standby", "route", "output", "operate", "settle"]
+            route, output = campaign.steps[first + 1], campaign.steps[first + 2]
+            after = campaign.steps[step.number + 1]
+            assert route.arguments == {key: step.conditions[key] for key in ("channel", "polarity")}
+            assert output.arguments == {"current": step.conditions["current_A"], "range": "lowest_that_holds"}
+            assert (after.kind, after.role, after.name) == ("verify", "calibrator", "operating")
+    assert all(step.arguments["bus_s"] <= step.duration_s for step in steps if step.kind == "settle")
+
+
+def test_before_hour_0_the_wiring_of_every_channel_is_proved(campaign: Plan) -> None:
+    prepare = campaign.phase("prepare")
+    wiring = [step for step in prepare if step.kind == "record"]
+    assert [(s.conditions["channel"], s.conditions["polarity"]) for s in wiring] == [
+        (channel, polarity) for channel in range(1, 11) for polarity in (1, -1)
+    ]
+    assert {(s.arguments["purpose"], s.conditions["purpose"], s.conditions["current_A"]) for s in wiring} == {
+        ("wiring", "wiring", 1e-3)
+    }
+    prompts = [step.arguments for step in prepare if step.kind == "prompt"]
+    assert [p.get("low") for p in prompts] == [None, None, 1e6, 1e6, 7200.0, None]
+    assert [p.get("high") for p in prompts] == [0.5, 0.5, None, None, 3.6e7, None]
+    who, start = [step for step in prepare if step.kind == "unit"]
+    assert (who.role, who.name, who.arguments) == ("port_b", "identify", {"command": 1, "payload": []})
+    assert (start.role, start.name, start.arguments) == ("port_b", "start_stream", {"command": 2, "payload": [0x64]})
+
+
+def test_the_chamber_is_back_at_the_room_before_it_is_stopped(campaign: Plan) -> None:
+    names = [step.name for step in campaign.phase("finally")]
+    assert names == ["standby", "open_all", "soak", "output_off"]
+    (back,) = [step for step in campaign.phase("finally") if step.kind == "soak"]
+    assert (back.arguments["temperature"], back.arguments["late"]) == (23.0, "skip")
+    ramp_s = 60.0 * (max(TEMPERATURES_DEGC) - 23.0) / back.arguments["ramp"]
+    assert ramp_s == 3240.0
+    assert back.duration_s >= ramp_s + 3 * 120.0  # the air follows with two minutes of lag
+
+
+def test_measured_once_per_temperature(campaign: Plan) -> None:
+    counts = Counter(f"{step.role}.{step.name}" for step in campaign.phase("campaign") if step.kind == "call")
+    for name in ("counter.measure_frequency", "logger.scan", "rail_dmm.measure_voltage", "supply.measure_current"):
+        assert counts[name] == 5
+
+
+def test_steps_are_numbered_in_order_of_time(campaign: Plan) -> None:
+    assert [step.number for step in campaign.steps] == list(range(len(campaign.steps)))
+    for phase in ("prepare", "campaign", "finally"):
+        at_s = 0.0
+        for step in campaign.phase(phase):
+            assert step.at_s == pytest.approx(at_s, abs=1e-6)
+            at_s += step.duration_s
+    assert all(step.where.startswith("scale_factor_38h.yaml:") for step in campaign.steps)
+
+
+def test_constants_for_the_analysis(campaign: Plan) -> None:
+    assert campaign.campaign["af_clock_Hz"] == 256_000.0
+    assert campaign.campaign["master_Hz"] == campaign.campaign["fg_Hz"] == 1e7
+    assert campaign.campaign["reference_temperature_degC"] == 20.0
+    assert campaign.campaign["rate_Hz"] == 100.0
+    channels = campaign.campaign["channels"]
+    assert [c["number"] for c in channels] == list(range(1, 11))
+    assert [c["kind"] for c in channels] == ["gyro"] * 6 + ["accelerometer"] * 4
+    assert channels[0] == {
+        "number": 1, "kind": "gyro", "k0_C": 1.25e-6, "full_scale_A": 0.299, "sensor_full_scale": 83.0,
+        "sensor_unit": "deg/s", "levels_A": list(GYRO_A), "stability_limit_ppm": 100.0,
+        "noise": {"white_A_rtHz": 2e-9, "walk_A_rth": 3e-10},
+    }  # fmt: skip
+    assert campaign.campaign["temperature_sensor_u95_degC"] == 0.1
+    assert (channels[9]["k0_C"], channels[9]["sensor_unit"], channels[9]["levels_A"]) == (
+        1e-7,
+        "g",
+        list(ACCELEROMETER_A),
+    )
+    assert sorted(campaign.texts) == [
+        "frames/ngu_a.yaml", "frames/ngu_b.yaml", "sequences/scale_factor_38h.yaml", "stations/af_bench_sim.yaml",
+    ]  # fmt: skip
+
+
+def test_every_shipped_sequence_is_named() -> None:
+    assert sorted(PLANS) == SHIPPED
+
+
+@pytest.mark.parametrize("name", PLANS)
+def test_shipped_sequences_pass_the_static_check_and_last_as_long_as_meant(name: str) -> None:
+    plan = compile_sequence(name)
+    assert check_plan(plan) == []
+    assert (plan.duration_s, plan.record_count) == PLANS[name]
+
+
+def test_same_file_same_hash_and_another_value_another_hash() -> None:
+    plain, again = (compile_sequence("scale_factor_short").sha256 for _ in range(2))
+    assert plain == again
+    assert compile_sequence("scale_factor_short", overrides={"dwell": "20 s"}).sha256 != plain
+    assert compile_sequence("scale_factor_short", overrides={"world.noise": "off"}).sha256 == plain
+
+
+def test_overrides_reach_the_plan_and_the_world() -> None:
+    plan = compile_sequence("scale_factor_short", overrides={"dwell": "20 s", "world.master_error_ppm": "50"})
+    assert {step.duration_s for step in records(plan)} == {20.0}
+    assert check_plan(plan) == []
+    shipped = compile_sequence("scale_factor_short").station.world_options
+    assert plan.station.world_options == {**shipped, "master_error_ppm": "50"}
+    assert "master_error_ppm" not in shipped
+
+
+def test_the_serial_number_of_the_unit_is_given_without_editing_the_file() -> None:
+    assert compile_sequence("scale_factor_short").campaign["uut"] == {"model": "NGU", "serial": "SIM-1"}
+    assert compile_sequence("scale_factor_short", overrides={"serial": "0042"}).campaign["uut"]["serial"] == "0042"
+
+
+def test_the_flat_form_waits_between_its_times() -> None:
+    plan = compile_sequence("timeline_example")
+    acts = {step.at_s: step for step in plan.phase("campaign") if step.kind != "settle"}
+    assert [(at_s, acts[at_s].kind) for at_s in (10.0, 12.0, 17.0, 40.0, 140.0)] == [
+        (10.0, "unit"), (12.0, "send"), (17.0, "call"), (40.0, "record"), (140.0, "verify"),
+    ]  # fmt: skip
+    assert acts[40.0].conditions["label"] == "ch3_plus_1ma"
+    assert plan.duration_s == 142.0
+
+
+def test_summary_names_time_disk_and_hazards(campaign: Plan) -> None:
+    summary = summarise(campaign)
+    assert (summary.duration_s, summary.finally_s) == (136_800.0, 3600.0)
+    assert summary.finish_utc_ns == (946_684_800 + 136_800 + 3600 + int(campaign.prepare_s)) * 10**9
+    raw_bytes = (57 * 100 + 28 * 10) * (136_800 + 3600)
+    assert raw_bytes < summary.disk_bytes < 1.2 * raw_bytes
+    assert "calibrator: up to 200 mA, switched on 734 times" in summary.hazards  # 51 x 14 points and 20 wiring points
+    assert "chamber: -10 degC to 50 degC" in summary.hazards
+    assert "chamber: after the campaign 23 degC for 3600 s; only then may it be opened" in summary.hazards
+    assert "supply: on until it is made safe at the end" in summary.hazards
+    assert not any("raw commands" in hazard for hazard in summary.hazards)
+    assert any("raw commands" in hazard for hazard in summarise(compile_sequence("timeline_example")).hazards)
+
+
+@pytest.mark.parametrize(
+    ("name", "seconds", "counts"),
+    [
+        ("bias_ramp_25h", 100.0, (72, 360, 36, 360, 72)),
+        ("bias_ramp_25h_integrated", 100.0, (72, 360, 36, 360, 72)),
+        ("bias_ramp_short", 20.0, (60, 120, 120, 120, 120)),
+    ],
+)
+def test_bias_campaigns_are_one_chain_of_windows(name: str, seconds: float, counts: tuple[int, ...]) -> None:
+    plan = compile_sequence(name)
+    branches = ("hold_start", "up", "hold_top", "down", "hold_end")
+    expected = [(branch, k) for branch, count in zip(branches, counts, strict=True) for k in range(count)]
+    found = records(plan)
+    assert [(s.conditions["branch"], s.conditions["window_index"]) for s in found] == expected
+    assert [s.at_s for s in found] == [seconds * k for k in range(sum(counts))]
+    assert [bool(s.arguments.get("follows")) for s in found] == [False] + [True] * (len(found) - 1)
+    assert {bool(s.arguments.get("pulse_timing")) for s in found} == {"integrated" not in name}
+    assert plan.duration_s == seconds * sum(counts) == (10_800.0 if "short" in name else 90_000.0)
+    assert {s.kind for s in plan.phase("campaign")} == {"record", "call"}
+    assert {frozenset(s.conditions) for s in found} == {frozenset({"route", "branch", "window_index", "purpose"})}
+
+
+@pytest.mark.parametrize("name", ["bias_ramp_25h", "bias_ramp_25h_integrated", "bias_ramp_short"])
+def test_each_ramp_fills_its_branch(name: str) -> None:
+    """The chamber is sent off right before a branch and arrives when the branch ends."""
+    plan = compile_sequence(name)
+    steps = plan.phase("campaign")
+    (before,) = [s for s in plan.phase("prepare") if s.kind == "soak"]
+    now_degC = float(before.arguments["temperature"])
+    for branch in ("up", "down"):
+        first = next(s for s in steps if s.conditions.get("branch") == branch)
+        length_s = sum(s.duration_s for s in steps if s.conditions.get("branch") == branch)
+        call, run = plan.steps[first.number - 2 : first.number]
+        assert (call.name, run.name, call.at_s) == ("set_temperature", "run", first.at_s)
+        ramp_s = 60.0 * abs(call.arguments["temperature"] - now_degC) / call.arguments["ramp"]
+        assert ramp_s == pytest.approx(length_s)
+        now_degC = call.arguments["temperature"]
+    assert now_degC == before.arguments["temperature"]

@@ -1,0 +1,149 @@
+"""Opening and closing a bench: what does not open has its code, and one failure keeps nothing else open."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import pyvisa
+import serial
+
+from bench.model.clock import VirtualClock, WallClock
+from bench.model.errors import BenchError, ExitStatus
+from bench.plan import Plan, Station, compile_sequence, load_station
+from bench.run.bench import opener
+from bench.run.bench.opener import OpenBench, open_bench
+from bench.run.bench.transcript import HeldTranscript, new_folder
+from bench.run.control.operator import SimulatedOperator
+from bench.run.session import conduct
+
+ROOT = Path(__file__).resolve().parents[4]
+SIMULATED = (ROOT / "stations" / "af_bench_sim.yaml").read_text()
+WORLD = SIMULATED[SIMULATED.index("world:") : SIMULATED.index("instruments:")]
+
+
+def station(folder: Path, *changes: tuple[str, str]) -> Station:
+    text = SIMULATED
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "station.yaml"
+    path.write_text(text)
+    return load_station(path)
+
+
+def real(folder: Path, *changes: tuple[str, str]) -> Station:
+    urls = (("baud: 921600", "baud: 921600, url: /dev/nowhere_a"), ("baud: 115200", "baud: 115200, url: loop://"))
+    return station(folder, ("simulated: true", "simulated: false"), ('"@bench"', '"@py"'), (WORLD, ""), *urls, *changes)
+
+
+def refusal(bench: Station, **options: Any) -> BenchError:
+    with pytest.raises(BenchError) as caught:
+        open_bench(bench, options.pop("clock", WallClock()), HeldTranscript(), seed=1, **options)
+    return caught.value
+
+
+def test_the_virtual_clock_is_refused_on_a_real_station(tmp_path: Path) -> None:
+    error = refusal(real(tmp_path), clock=VirtualClock())
+    assert (error.code, error.exit_status) == ("B-RUN-001", ExitStatus.BAD_INPUT)
+
+
+class Visa:
+    """A bus with nothing on it."""
+
+    def open_resource(self, *_: object, **__: object) -> None:
+        raise pyvisa.VisaIOError(pyvisa.constants.StatusCode.error_resource_not_found)
+
+    def close(self) -> None:
+        return None
+
+
+@pytest.fixture
+def empty_bus(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(opener.pyvisa, "ResourceManager", lambda library: Visa())
+
+
+@pytest.fixture
+def full_bus(empty_bus: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(opener, "open_instrument", lambda *_: Visa())
+
+
+@pytest.mark.usefixtures("empty_bus")
+def test_a_resource_that_does_not_open(tmp_path: Path) -> None:
+    error = refusal(real(tmp_path))
+    assert (error.code, error.where, error.exit_status) == ("B-RUN-002", "calibrator", ExitStatus.SAFE_AFTER_FAULT)
+    assert "GPIB0::4::INSTR" in error.message
+
+
+def test_a_bench_without_a_visa_library(tmp_path: Path) -> None:
+    error = refusal(real(tmp_path, ('"@py"', '"@ivi"')))
+    assert (error.code, error.where) == ("B-RUN-002", "@ivi")
+
+
+@pytest.mark.usefixtures("full_bus")
+def test_a_port_that_does_not_open(tmp_path: Path) -> None:
+    error = refusal(real(tmp_path))
+    assert (error.code, error.where, error.exit_status) == ("B-RUN-003", "port_a", ExitStatus.SAFE_AFTER_FAULT)
+    assert "/dev/nowhere_a" in error.message
+
+
+@pytest.mark.usefixtures("full_bus")
+def test_a_real_port_is_opened_for_this_run_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[dict[str, Any]] = []
+    monkeypatch.setattr(serial, "serial_for_url", lambda url, **options: asked.append(options) or Visa())
+    open_bench(real(tmp_path), WallClock(), HeldTranscript(), seed=1).close()
+    assert [options["exclusive"] for options in asked] == [True, True]
+    assert all(options["timeout"] == 0 and options["write_timeout"] > 0 for options in asked)
+
+
+def test_a_station_without_the_link_that_is_counted(tmp_path: Path) -> None:
+    plan: Plan = compile_sequence(ROOT / "sequences" / "timeline_example.yaml", None, {})
+    poor = station(tmp_path, ("  port_a: {frame: ngu_a, baud: 921600}\n", ""))
+    with pytest.raises(BenchError) as caught:
+        conduct(replace(plan, station=poor), clock=VirtualClock(), seed=1, out=tmp_path / "out",
+                operator=SimulatedOperator(), listener=None)  # type: ignore[arg-type]  # fmt: skip
+    assert (caught.value.code, caught.value.where) == ("B-RUN-004", "port_a")
+    assert not (tmp_path / "out").exists()
+
+
+def test_everything_is_closed_whatever_fails(tmp_path: Path) -> None:
+    closed: list[str] = []
+
+    class Closing:
+        def __init__(self, name: str, error: Exception | None) -> None:
+            self.name, self.error = name, error
+
+        def close(self) -> None:
+            closed.append(self.name)
+            if self.error is not None:
+                raise self.error
+
+    gone = pyvisa.VisaIOError(pyvisa.constants.StatusCode.error_connection_lost)
+    instruments: Any = {"a": Closing("a", gone), "b": Closing("b", OSError("gone"))}
+    links: Any = {"c": Closing("c", serial.SerialException("gone")), "d": Closing("d", None)}
+    world: Any = Closing("world", None)
+    OpenBench(station(tmp_path), instruments, links, world, Closing("visa", gone).close).close()
+    assert closed == ["a", "b", "c", "d", "visa", "world"]
+
+
+def test_a_taken_folder_gets_a_suffix(tmp_path: Path) -> None:
+    names = []
+    for _ in range(3):
+        folder = new_folder(tmp_path, "session")
+        folder.mkdir()
+        names.append(folder.name)
+    assert names == ["session", "session-2", "session-3"]
+
+
+def test_a_full_disk_keeps_no_command_from_an_instrument() -> None:
+    from bench.record import RecordError
+
+    class Full:
+        def command(self, *_: object) -> None:
+            raise RecordError("B-REC-003", "64 MB wait", where="session")
+
+    transcript = HeldTranscript()
+    transcript.attach(Full())  # type: ignore[arg-type]
+    transcript("calibrator", "tx", "STBY", 0)

@@ -1,0 +1,288 @@
+"""A question that several may answer: whoever is first counts, a wrong answer may be given again, a stop is heard."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from hold_rig import HoldRig
+
+from bench.commands import asking as at_the_terminal
+from bench.commands import control as command
+from bench.commands.asking import Aside, StdinTerminal, terminal_here
+from bench.model.clock import WallClock
+from bench.model.errors import BenchError, ExitStatus, InputError, OperatorStop, RunError
+from bench.run.control.asking import Refused, WaitingOperator
+from bench.run.control.channel import control
+from bench.run.control.following import Following
+from bench.run.control.operator import Answer, Question, limits_of
+
+OHMS = Question("resistance?", unit="ohm", high=0.5)
+DOOR = Question("door closed?", "foreman")
+
+
+class Typist:
+    """A terminal at which lines are typed one after the other; ``act`` happens when none is left."""
+
+    def __init__(self, *lines: str | Exception, act: Callable[[], object] = lambda: None) -> None:
+        self.lines, self.act, self.said = list(lines), act, []  # type: ignore[var-annotated]
+
+    def ask(self, question: Question) -> None:
+        self.said.append(question.text)
+
+    def tell(self, text: str) -> None:
+        self.said.append(text)
+
+    def line(self, timeout_s: float) -> str | None:
+        if not self.lines:
+            self.act()
+            return None
+        line = self.lines.pop(0)
+        if isinstance(line, Exception):
+            raise line
+        return line
+
+
+def waiting(folder: Path, terminal: Typist | None) -> tuple[HoldRig, Any, WaitingOperator]:
+    rig = HoldRig(folder, 1)
+    context = rig.context()
+    context.folder = folder
+    operator = WaitingOperator(terminal)
+    operator.attach(context)
+    return rig, context, operator
+
+
+def test_the_terminal_may_answer_again_until_it_counts(tmp_path: Path) -> None:
+    typist = Typist("much", "3", "3 V", "0.6 ohm", "", "200 mohm")
+    _, _, operator = waiting(tmp_path, typist)
+    assert operator.ask(OHMS) == Answer("operator", 0.2)
+    assert sum("is outside the limits (at most 0.5 ohm)" in text for text in typist.said) == 1
+    assert typist.said.count("resistance?") == 6
+    typist = Typist("", "perhaps", "YES")
+    _, _, operator = waiting(tmp_path, typist)
+    assert operator.ask(DOOR) == Answer("foreman")
+
+
+def test_another_one_answers_first_and_the_terminal_is_told(tmp_path: Path) -> None:
+    typist = Typist()
+    _, _, operator = waiting(tmp_path, typist)
+    typist.act = lambda: operator.propose("1", 0.25, "kim via root (process 1)")
+    assert operator.ask(OHMS) == Answer("kim via root (process 1)", 0.25)
+    assert typist.said == ["resistance?", "answered by kim via root (process 1)"]
+    with pytest.raises(Refused, match="not asked"):
+        operator.propose("1", 0.25, "lee")
+
+
+def test_only_the_first_answer_counts_and_a_wrong_one_changes_nothing(tmp_path: Path) -> None:
+    typist, refused = Typist(), []
+    _, _, operator = waiting(tmp_path, typist)
+
+    def act() -> None:
+        for prompt, value in (("2", 0.1), (None, 0.6), (None, "0.6 ohm"), (None, ""), (None, True), (None, None),
+                              (None, float("nan")), (None, [1]), (None, 10**400), (None, float("-inf"))):  # fmt: skip
+            with pytest.raises(Refused) as why:
+                operator.propose(prompt, value, "kim")
+            refused.append(str(why.value))
+        assert operator.document(lambda t_ns: 5.0) == {
+            "id": "1", "text": "resistance?", "confirm": "operator", "unit": "ohm", "low": None, "high": 0.5,
+            "since_utc_s": 5.0,
+        }  # fmt: skip
+        assert operator.propose(None, "0.1 ohm", "kim") == "answered with 0.1 ohm"
+        assert operator.document(lambda t_ns: 5.0) is None
+        with pytest.raises(Refused, match="answered already by kim"):
+            operator.propose("1", 0.2, "lee")
+
+    typist.act = act
+    assert operator.ask(OHMS) == Answer("kim", 0.1)
+    assert len(refused) == 10
+    assert refused[-1] == refused[-2] == "a finite number is due"
+
+
+@pytest.mark.parametrize("value", [None, True, "yes", " Y "])
+def test_a_confirmation_from_elsewhere(tmp_path: Path, value: object) -> None:
+    typist = Typist()
+    _, _, operator = waiting(tmp_path, typist)
+
+    def act() -> None:
+        for wrong in (False, "no", 3, ""):
+            with pytest.raises(Refused, match="a confirmation is 'yes'"):
+                operator.propose("1", wrong, "kim")
+        assert operator.propose("1", value, "kim") == "confirmed"
+
+    typist.act = act
+    assert operator.ask(DOOR) == Answer("kim")
+
+
+def test_a_stop_is_heard_while_it_waits_and_the_sequencer_lives(tmp_path: Path) -> None:
+    typist, checks = Typist(), []
+    _, context, operator = waiting(tmp_path, typist)
+    context.stop.on_check = lambda: checks.append(1)
+    typist.act = lambda: context.stop.request("SIGTERM") if len(checks) > 3 else None
+    with pytest.raises(OperatorStop) as caught:
+        operator.ask(DOOR)
+    assert caught.value.code == "B-RUN-010"
+    assert operator.document(float) is None
+
+
+def test_nobody_can_ever_answer(tmp_path: Path) -> None:
+    _, _, operator = waiting(tmp_path, None)
+    for nobody in (operator, WaitingOperator(None)):
+        with pytest.raises(RunError) as caught:
+            nobody.ask(DOOR)
+        assert caught.value.code == "B-CLI-005"
+    gone = Typist(OSError(5, "hung up"))
+    _, _, operator = waiting(tmp_path, gone)
+    with pytest.raises(RunError, match="the terminal is gone"):
+        operator.ask(DOOR)
+
+
+def test_without_a_terminal_it_says_how_to_answer_tells_people_and_waits(tmp_path: Path) -> None:
+    rig, context, operator = waiting(tmp_path, None)
+    operator.reachable = True
+    rig.at(3.0, lambda: operator.propose("1", 0.5, "kim"))
+    assert operator.ask(OHMS) == Answer("kim", 0.5)
+    assert rig.clock.now_ns() >= 3_000_000_000
+    (message,) = rig.listener.messages
+    assert "resistance? (at most 0.5 ohm)" in message
+    assert f"bench answer {context.folder} VALUE" in message
+    (alarm,) = rig.events("alarm")
+    assert (alarm["what"], alarm["id"], alarm["text"], alarm["high"]) == ("prompt", "1", "resistance?", 0.5)
+
+
+def test_a_terminal_that_hangs_up_leaves_it_to_the_others(tmp_path: Path) -> None:
+    rig, _, operator = waiting(tmp_path, Typist(OSError(5, "hung up")))
+    operator.reachable = True
+    rig.at(3.0, lambda: operator.propose("1", None, "kim"))
+    assert operator.ask(DOOR) == Answer("kim")
+
+
+def test_a_terminal_that_has_gone_before_the_question_is_not_missed(tmp_path: Path) -> None:
+    class Gone(Typist):
+        def ask(self, question: Question) -> None:
+            raise OSError(5, "hung up")
+
+    rig, context, operator = waiting(tmp_path, Gone())
+    operator.reachable = True
+    rig.at(3.0, lambda: operator.propose("1", None, "kim"))
+    assert operator.ask(DOOR) == Answer("kim")
+    assert len(rig.events("alarm")) == 1  # told to the others instead
+    assert context is not None
+
+
+def test_the_end_of_a_terminal_is_not_its_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pseudo terminal whose other side is closed: the kernel reports the end of the input, like Ctrl-D."""
+    ours, theirs = os.openpty()
+    with os.fdopen(theirs) as stdin:
+        monkeypatch.setattr(at_the_terminal.sys, "stdin", stdin)
+        terminal = terminal_here()
+        assert terminal is not None
+        os.write(ours, b"\x04")
+        with pytest.raises(OperatorStop):
+            terminal.line(5.0)
+        os.close(ours)
+        with pytest.raises(OSError, match=r"hung up|Input/output error"):
+            terminal.line(5.0)
+
+
+def test_bench_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rig, context, operator = waiting(tmp_path, None)
+    context.plan.duration_s = context.plan.prepare_s = context.plan.finally_s = 0.0
+    context.plan.record_count = 0
+    context.clock = WallClock()
+    given: list[Answer] = []
+    with control(context, Following(context), dict, None, operator):
+        with pytest.raises(InputError, match="the run asks nothing") as caught:
+            command.answer(tmp_path, "")
+        assert caught.value.code == "B-CTRL-002"
+        thread = threading.Thread(target=lambda: given.extend([operator.ask(OHMS), operator.ask(DOOR)]))
+        thread.start()
+        for wrong in ("", "1 ohm", "2"):
+            with pytest.raises(InputError) as caught:
+                answered(tmp_path, "resistance?", wrong)
+            assert caught.value.code == "B-CTRL-002"
+        assert answered(tmp_path, "resistance?", "0.3 ohm") == ExitStatus.PASS
+        assert answered(tmp_path, "door closed?", "") == ExitStatus.PASS
+        thread.join(20.0)
+    assert [answer.value for answer in given] == [0.3, None]
+    assert "(process" in given[0].by
+    assert "answered with 0.3 ohm" in capsys.readouterr().out
+    told = [(event["what"], event["ok"], event.get("value")) for event in rig.events("control")]
+    assert told == [
+        ("answer", False, None), ("answer", False, "1 ohm"), ("answer", False, "2"), ("answer", True, "0.3 ohm"),
+        ("answer", True, None),
+    ]  # fmt: skip
+
+
+def answered(folder: Path, text: str, value: str) -> int:
+    """Answer the question with this text, as soon as it is asked."""
+    clock = WallClock()
+    for _ in range(1000):
+        prompt = command.ask(folder, "status")["prompt"]
+        if prompt is not None and prompt["text"] == text:
+            return command.answer(folder, value)
+        clock.sleep(0.02)
+    raise AssertionError("it was not asked")
+
+
+def test_a_question_is_asked_aside_of_what_is_drawn() -> None:
+    seen: list[str] = []
+
+    @contextmanager
+    def aside() -> Iterator[None]:
+        seen.append("nothing is drawn")
+        yield
+        seen.append("drawn again")
+
+    class Asked:
+        def ask(self, question: Question) -> Answer:
+            seen.append(question.text)
+            return Answer("kim")
+
+    assert Aside(Asked(), aside).ask(DOOR) == Answer("kim")
+    assert seen == ["nothing is drawn", "door closed?", "drawn again"]
+
+
+@pytest.mark.parametrize(
+    ("question", "words"),
+    [
+        (Question("R?", unit="ohm", low=1e6), "at least 1 Mohm"),
+        (Question("R?", unit="ohm", high=0.5), "at most 0.5 ohm"),
+        (Question("on?", unit="s", low=7200.0, high=3.6e7), "2 h to 10000 h"),
+        (Question("on?", unit="s", low=0.0, high=90.0), "0 s to 1.5 min"),
+        (Question("T?", unit="degC", low=-10.0, high=1000.0), "-10 degC to 1000 degC"),
+        (Question("R?", unit="ohm"), "ohm"),
+        (DOOR, ""),
+    ],
+)
+def test_limits_as_a_person_would_write_them(question: Question, words: str) -> None:
+    assert limits_of(question) == words
+
+
+def test_what_is_typed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    typed = ["0.2 ohm\n", "stop\n", ""]
+    stdin: Any = SimpleNamespace(readline=lambda: typed.pop(0), isatty=lambda: True)
+    monkeypatch.setattr(at_the_terminal.sys, "stdin", stdin)
+    dropped: list[tuple[object, int]] = []
+    monkeypatch.setattr(at_the_terminal.termios, "tcflush", lambda *of: dropped.append(of))
+    ready: list[list[object]] = [[], [stdin], [stdin], [stdin]]
+    monkeypatch.setattr(at_the_terminal.select, "select", lambda *_: (ready.pop(0), [], []))
+    terminal = terminal_here()
+    assert isinstance(terminal, StdinTerminal)
+    terminal.ask(OHMS)
+    terminal.ask(DOOR)
+    assert capsys.readouterr().err == "resistance?\nvalue (at most 0.5 ohm) or stop:\ndoor closed?\nyes or stop:\n"
+    assert dropped == [(stdin, at_the_terminal.termios.TCIFLUSH)] * 2  # typed before the question: no answer to it
+    assert terminal.line(0.1) is None
+    assert terminal.line(0.1) == "0.2 ohm"
+    for _ in range(2):
+        with pytest.raises(BenchError) as caught:
+            terminal.line(0.1)
+        assert caught.value.code == "B-CLI-006"
+    stdin.isatty = lambda: False
+    assert terminal_here() is None

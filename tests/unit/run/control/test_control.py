@@ -1,0 +1,354 @@
+"""The control socket: what it answers, and that no client can hold a run up."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import stat
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hold_rig import HoldRig
+
+from bench.commands import control as command
+from bench.model.clock import WallClock
+from bench.model.errors import ExitStatus, InputError
+from bench.record import RecordError
+from bench.run.context import RunContext
+from bench.run.control.channel import MOST_REFUSED, Control, control
+from bench.run.control.following import Following
+from bench.run.control.place import LONGEST_PATH, POINTER, SOCKET, find_socket, socket_path
+from bench.run.control.server import IDLE_S, LONGEST_LINE, MOST_CLIENTS, ControlServer
+from bench.run.feed import RunState
+
+WAIT_S = 20.0
+
+
+def controlled(folder: Path) -> tuple[HoldRig, RunContext, Control]:
+    rig = HoldRig(folder, 2)
+    context = rig.context()
+    context.folder = folder
+    context.plan.duration_s, context.plan.prepare_s, context.plan.finally_s = 30.0, 0.0, 5.0  # type: ignore[misc]
+    context.plan.record_count = 2  # type: ignore[misc]
+    following = Following(context)
+    following.step(rig.steps[2], 5.0)
+    return rig, context, Control(context, following, lambda: {"air": "too warm"})
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[tuple[HoldRig, RunContext]]:
+    rig, context, _ = controlled(folder)
+    context.clock = WallClock()  # type: ignore[assignment]
+    with control(context, Following(context), dict):
+        yield rig, context
+
+
+def talk(path: Path, *lines: bytes) -> list[dict[str, Any]]:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
+        client.settimeout(WAIT_S)
+        client.connect(str(path))
+        client.sendall(b"".join(lines))
+        with client.makefile("rb") as replies:
+            return [json.loads(replies.readline()) for _ in lines]
+
+
+def test_status_says_where_the_run_is(tmp_path: Path) -> None:
+    rig, context, answering = controlled(tmp_path)
+    rig.clock.sleep(3.0)
+    context.acquisition.refresh()
+    found = answering.answer({"command": "status"}, "me")
+    json.dumps(found)
+    assert found["ok"]
+    assert (found["state"], found["step"], found["steps"], found["phase"]) == ("running", 2, 8, "campaign")
+    assert found["what"] == "record port_a"
+    assert found["conditions"] == {"channel": 1, "point": 0}
+    assert found["planned_end_utc"] == "2000-01-01T00:00:35Z"
+    assert (found["records"], found["records_planned"]) == (0, 2)
+    assert found["links"]["port_a"]["frames"] == 299
+    assert 0.0 <= found["links"]["port_a"]["age_s"] <= 0.02
+    assert found["alarms"] == {"air": "too warm"}
+
+
+def test_pause_resume_abort_are_wishes_and_events(tmp_path: Path) -> None:
+    rig, context, answering = controlled(tmp_path)
+    assert answering.answer({"command": "pause", "reason": "door"}, "eve (process 7)")["ok"]
+    assert context.stop.holds.reasons == {"operator": "door (eve (process 7))"}
+    assert answering.answer({"command": "status"}, "me")["state"] == "holding"
+    context.stop.holds.hold("interlock air", "too warm")
+    reply = answering.answer({"command": "resume"}, "me")
+    assert reply["holding"]
+    assert "too warm" in reply["text"]
+    assert context.stop.holds.reasons == {"interlock air": "too warm"}  # an interlock is not a person's to release
+    context.stop.holds.release("interlock air")
+    context.stop.holds.hold("early verdict", "bad link")
+    assert answering.answer({"command": "resume"}, "me")["ok"]
+    assert context.stop.holds.reasons == {}
+    assert answering.answer({"command": "abort", "reason": "fire"}, "eve")["ok"]
+    assert context.stop.requested == "abort by eve: fire"
+    assert answering.answer({"command": "status"}, "me")["state"] == "ending"
+    told = [(event["what"], event["by"], event["reason"]) for event in rig.events("control")]
+    assert told == [
+        ("pause", "eve (process 7)", "door"), ("resume", "me", ""), ("resume", "me", ""), ("abort", "eve", "fire"),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("request_", "words"),
+    [
+        ({"command": "pause"}, "needs a reason"),
+        ({"command": "pause", "reason": "  "}, "needs a reason"),
+        ({"command": "pause", "reason": 7}, "a reason is one line"),
+        ({"command": "pause", "reason": "x" * 501}, "a reason is one line"),
+        ({"command": "pause", "reason": "x\x1b[31mred"}, "a reason is one line"),
+        ({"command": "resume"}, "not holding"),
+        ({"command": "launch"}, "no command"),
+        ({}, "no command"),
+    ],
+)
+def test_what_cannot_be_done_is_refused_and_changes_nothing(
+    tmp_path: Path, request_: dict[str, Any], words: str
+) -> None:
+    rig, context, answering = controlled(tmp_path)
+    reply = answering.answer(request_, "me")
+    assert not reply["ok"]
+    assert words in reply["error"]
+    assert context.stop.holds.reasons == {}
+    refused = [(event["what"], event["ok"], event["text"]) for event in rig.events("control")]
+    understood = words in ("needs a reason", "not holding")
+    assert refused == ([(request_["command"], False, reply["error"])] if understood else [])
+
+
+def test_half_a_character_keeps_no_abort_back(tmp_path: Path) -> None:
+    rig, context, answering = controlled(tmp_path)
+    assert answering.answer({"command": "abort", "reason": "smoke \udcff"}, "me")["ok"]
+    assert context.stop.requested == "abort by me: smoke ?"
+    assert [event["reason"] for event in rig.events("control")] == ["smoke ?"]
+
+
+def test_a_run_that_ends_is_not_paused(tmp_path: Path) -> None:
+    _, context, answering = controlled(tmp_path)
+    context.stop.interruptible = False
+    assert "put away" in answering.answer({"command": "pause", "reason": "x"}, "me")["error"]
+    context.stop.shield()
+    assert "ending" in answering.answer({"command": "abort"}, "me")["error"]
+
+
+def test_the_commands_reach_the_run_and_say_who_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with served(tmp_path) as (rig, context):
+        path = tmp_path / SOCKET
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600
+        assert command.pause(tmp_path, "door") == ExitStatus.PASS
+        (reason,) = context.stop.holds.reasons.values()
+        assert f"(process {os.getpid()})" in reason
+        assert command.release(tmp_path)
+        assert context.stop.holds.reasons == {}
+        with pytest.raises(InputError, match="not holding") as caught:
+            command.release(tmp_path)
+        assert caught.value.code == "B-CTRL-002"
+        assert command.abort(tmp_path, "") == ExitStatus.PASS
+        assert context.stop.requested.startswith("abort by ")
+        told = [(event["what"], event["ok"]) for event in rig.events("control")]
+        assert told == [("pause", True), ("resume", True), ("resume", False), ("abort", True)]
+    assert not path.exists()
+    assert "makes the bench safe" in capsys.readouterr().out
+
+
+def test_a_dead_run_says_so(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as left_behind:
+        left_behind.bind(str(tmp_path / SOCKET))
+    for folder in (tmp_path, tmp_path / "nowhere"):
+        for ask in (command.pause, command.abort):
+            with pytest.raises(InputError) as caught:
+                ask(folder, "x")
+            assert caught.value.code == "B-CTRL-001"
+            assert caught.value.exit_status == ExitStatus.BAD_INPUT
+        assert command.release(folder) is False
+
+
+def test_a_run_that_does_not_answer_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(command, "ANSWER_S", 0.2)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as mute:
+        mute.bind(str(tmp_path / SOCKET))
+        mute.listen(1)
+        with pytest.raises(InputError) as caught:
+            command.pause(tmp_path, "x")
+    assert caught.value.code == "B-CTRL-003"
+
+
+def test_a_long_path_gets_a_short_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", "/tmp")
+    folder = tmp_path / ("x" * 120)
+    folder.mkdir()
+    with served(folder):
+        assert find_socket(folder) == Path((folder / POINTER).read_text())
+        assert len(os.fsencode(find_socket(folder))) <= LONGEST_PATH
+        assert not (folder / SOCKET).exists()
+        assert command.pause(folder, "door") == ExitStatus.PASS
+    assert not (folder / POINTER).exists()
+    parent = find_socket(folder).parent
+    assert parent == folder
+    exact = tmp_path / ("y" * (LONGEST_PATH - len(os.fsencode(tmp_path.resolve())) - len(SOCKET) - 2))
+    exact.mkdir()
+    assert len(os.fsencode(socket_path(exact))) == LONGEST_PATH
+    with served(exact):
+        assert command.pause(exact, "door") == ExitStatus.PASS
+
+
+def test_a_hundred_clients_with_garbage_do_nothing(tmp_path: Path) -> None:
+    """Half-open, endless, binary, deeply nested, silent: the next honest client is answered."""
+    rng = np.random.default_rng(5)
+    print("seed 5")
+    kinds = [
+        lambda: rng.bytes(2000), lambda: b"x" * (2 * LONGEST_LINE), lambda: b'{"command": "pau', lambda: b"",
+        lambda: b"[" * 3000 + b"\n", lambda: b"\n" * 500, lambda: b"null\n17\n\"x\"\n", lambda: b"\xff\xfe\n",
+    ]  # fmt: skip
+    before = threading.active_count()
+    with served(tmp_path) as (rig, context):
+        clients = []
+        for number in range(100):
+            client = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            client.connect(str(tmp_path / SOCKET))
+            client.settimeout(WAIT_S)
+            with suppress(OSError):  # it may be dropped already
+                client.sendall(kinds[number % len(kinds)]())
+            clients.append(client)
+            if number % 20 == 19:
+                (reply,) = talk(tmp_path / SOCKET, b'{"command": "status"}\n')
+                assert reply["ok"]
+        assert threading.active_count() <= before + 4  # acquisition and control; none per client
+        assert context.stop.holds.reasons == {}
+        assert context.stop.requested == ""
+        assert rig.events("control") == []
+        for client in clients:
+            client.close()
+    assert threading.active_count() <= before + 2
+
+
+def test_the_longest_reason_fits_in_any_script_and_a_longer_one_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with served(tmp_path) as (_, context):
+        assert command.pause(tmp_path, "\U0001f321" * 500) == ExitStatus.PASS
+        assert "\U0001f321" * 500 in context.stop.holds.reasons["operator"]
+        for reason, told in (("x" * 501, "at most 500 printable"), ("x" * 100_000, "too long: 100"), ("", "a reason")):
+            with pytest.raises(InputError, match=told) as caught:
+                command.pause(tmp_path, reason)
+            assert caught.value.code == "B-CTRL-002"
+            assert "--reason" in str(caught.value)
+        assert command.pause(tmp_path, " door\n\topened\u3000now ") == ExitStatus.PASS
+        assert context.stop.holds.reasons["operator"].startswith("door opened now (")
+
+
+def test_lines_may_come_in_pieces_and_together(tmp_path: Path) -> None:
+    with served(tmp_path) as (_, context):
+        replies = talk(tmp_path / SOCKET, b'{"command": "pause", "reason": "a"}\n', b'{"command": "resume"}\n')
+        assert [reply["ok"] for reply in replies] == [True, True]
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
+            client.settimeout(WAIT_S)
+            client.connect(str(tmp_path / SOCKET))
+            for byte in b'{"command": "pause", "reason": "slow"}\n':
+                client.sendall(bytes([byte]))
+            assert json.loads(client.recv(LONGEST_LINE))["ok"]
+        assert "slow" in context.stop.holds.reasons["operator"]
+
+
+class Hour:
+    """A clock that somebody else sets."""
+
+    now = 0
+
+    def now_ns(self) -> int:
+        return self.now
+
+
+def test_a_silent_client_is_let_go_and_an_error_of_the_answer_is_a_reply(tmp_path: Path) -> None:
+    hour = Hour()
+    server = ControlServer(tmp_path / "s", lambda request, by: {"ok": True, "n": 1 // request["by"]}, hour)  # type: ignore[arg-type]
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as silent:
+            silent.settimeout(WAIT_S)
+            silent.connect(str(tmp_path / "s"))
+            assert talk(tmp_path / "s", b'{"by": 0}\n') == [
+                {"ok": False, "error": "ZeroDivisionError: integer division or modulo by zero"}
+            ]
+            hour.now += round((IDLE_S + 1) * 1e9)
+            assert silent.recv(10) == b""
+        assert talk(tmp_path / "s", b'{"by": 1}\n')[0]["ok"]
+    finally:
+        server.close()
+
+
+def test_another_user_is_not_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bench.run.control.local_socket.os.getuid", lambda: 4_000_000)
+    monkeypatch.setattr(
+        "bench.run.control.local_socket.struct",
+        SimpleNamespace(calcsize=lambda _: 12, unpack=lambda *_: (1, 4_000_001, 0)),
+    )
+    server = ControlServer(tmp_path / "s", lambda *_: {"ok": True}, WallClock())
+    try:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as stranger:
+            stranger.settimeout(WAIT_S)
+            stranger.connect(str(tmp_path / "s"))
+            assert stranger.recv(10) == b""
+    finally:
+        server.close()
+
+
+def test_no_socket_is_no_reason_not_to_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(folder: Path) -> Path:
+        raise PermissionError("belongs to somebody else")
+
+    monkeypatch.setattr("bench.run.control.channel.socket_path", refused)
+    with served(tmp_path) as (rig, _):
+        assert any("no control from another terminal" in text for text in rig.listener.messages)
+    assert MOST_CLIENTS < 100
+
+
+def test_who_speaks_through_another_process_is_journaled_and_acknowledges_an_alarm(tmp_path: Path) -> None:
+    rig, context, _ = controlled(tmp_path)
+    state = RunState(rig.steps, {})
+    following = Following(context)
+    following.heard.append(lambda kind, fields: state.on_event(kind, 1.0, fields))
+    answering = Control(context, following, dict, state)
+    context.event("clock_step", step_s=3.0)
+    by, peer = "kim, operator, 192.0.2.7", "root (process 12)"
+    for alarm in ("2", None, 1):
+        assert not answering.answer({"command": "acknowledge", "alarm": alarm, "by": by}, peer)["ok"]
+    assert answering.answer({"command": "acknowledge", "alarm": "1", "by": by, "reason": "seen"}, peer)["ok"]
+    assert state.document(2.0)["alarms"] == []
+    assert not answering.answer({"command": "acknowledge", "alarm": "1", "by": by}, peer)["ok"]
+    (done,) = [event for event in rig.events("control") if event["ok"]]
+    assert done == {
+        "what": "acknowledge", "by": f"{by} via {peer}", "reason": "seen", "alarm": "1", "ok": True,
+        "text": "alarm 1 is acknowledged",
+    }  # fmt: skip
+    count = len(rig.events("control"))
+    for name in ("x" * 101, "two\nlines", 7, "\x1b[31m"):
+        reply = answering.answer({"command": "pause", "reason": "x", "by": name}, peer)
+        assert "'by' is a name" in reply["error"]
+    assert len(rig.events("control")) == count
+    assert not answering.answer({"command": "answer", "value": 3}, peer)["ok"]  # nobody is asked in this run
+
+
+def test_refused_commands_do_not_fill_a_disk_and_a_full_one_refuses_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig, context, answering = controlled(tmp_path)
+    for _ in range(MOST_REFUSED + 50):
+        answering.answer({"command": "resume"}, "me")
+    assert len(rig.events("control")) == MOST_REFUSED
+
+    def full(*_: object) -> None:
+        raise RecordError("B-REC-003", "no space", where="x")
+
+    monkeypatch.setattr(rig.sink, "event", full)
+    context.sink = rig.sink
+    assert answering.answer({"command": "abort", "reason": "fire"}, "me")["ok"]
+    assert context.stop.requested == "abort by me: fire"

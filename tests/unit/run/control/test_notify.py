@@ -1,0 +1,255 @@
+"""Notifications against a real program, a real web server and a real mail conversation; nothing keeps a run waiting."""
+
+from __future__ import annotations
+
+import json
+import socketserver
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hold_rig import HoldRig
+
+from bench.model.clock import VirtualClock
+from bench.model.errors import InputErrors
+from bench.plan.notify_language import Mail, Notify, Webhook
+from bench.run.context import RunContext
+from bench.run.control.following import Following
+from bench.run.control.notify import LONGEST_QUEUE, Notifier, notifications, occasion
+from bench.run.control.notify_file import user_notify
+from bench.run.control.notify_ways import NotSent, by_command, by_mail, by_webhook
+
+MESSAGE = {"kind": "hold", "session": "a", "utc": "2000-01-01T00:00:00Z"}
+
+
+class Web(HTTPServer):
+    """Keeps what is posted; answers ``statuses`` one after the other, then 200."""
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), _Post)
+        self.got: list[tuple[dict[str, Any], str | None]] = []
+        self.statuses: list[int] = []
+        self.url = f"http://127.0.0.1:{self.server_port}/hook"
+
+
+class _Post(BaseHTTPRequestHandler):
+    server: Web
+
+    def do_POST(self) -> None:
+        body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+        self.server.got.append((body, self.headers["Authorization"]))
+        self.send_response(self.server.statuses.pop(0) if self.server.statuses else 200)
+        self.send_header("Location", "/elsewhere")
+        self.send_header("Content-Length", "0")
+        self.end_headers()
+
+    def log_message(self, *_: Any) -> None:
+        return None
+
+
+@contextmanager
+def running(server: Any) -> Iterator[Any]:
+    thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+    thread.start()
+    try:
+        yield server
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
+
+
+class _Smtp(socketserver.StreamRequestHandler):
+    """The server's side of RFC 5321, as much of it as one mail needs."""
+
+    def handle(self) -> None:
+        self.wfile.write(b"220 here\r\n")
+        while line := self.rfile.readline():
+            self.server.lines.append(line.decode().strip())  # type: ignore[attr-defined]
+            if line.upper().startswith(b"DATA"):
+                self.wfile.write(b"354 go on\r\n")
+                while (text := self.rfile.readline()) not in (b".\r\n", b""):
+                    self.server.lines.append(text.decode().strip())  # type: ignore[attr-defined]
+            self.wfile.write(b"221 bye\r\n" if line.upper().startswith(b"QUIT") else b"250 ok\r\n")
+            if line.upper().startswith(b"QUIT"):
+                return
+
+
+def context_of(folder: Path) -> tuple[HoldRig, RunContext]:
+    rig = HoldRig(folder, 1)
+    context = rig.context()
+    context.folder = folder
+    return rig, context
+
+
+def catcher(folder: Path) -> list[str]:
+    """A program that appends its standard input to a file."""
+    text = "import sys; open(sys.argv[1], 'a').write(sys.stdin.read() + '\\n')"
+    return [sys.executable, "-c", text, str(folder / "caught")]
+
+
+def test_a_program_gets_the_message_and_the_end_of_the_run_waits_for_it(tmp_path: Path) -> None:
+    _, context = context_of(tmp_path)
+    notify = Notify(command=catcher(tmp_path))  # type: ignore[call-arg]
+    with notifications(context, notify, Following(context)):
+        context.event("hold", step=3, by="door", reason="open")
+        context.event("step", number=4)
+        context.event("interlock", name="air", state="tripped", action="warn")
+        context.event("interlock", name="air", state="released", action="warn")
+        context.event("verdict", ok=True)
+        context.event("verdict", ok=False)
+        context.event("end", error=None)
+    caught = [json.loads(line) for line in (tmp_path / "caught").read_text().splitlines()]
+    assert [one["kind"] for one in caught] == ["hold", "alarm", "alarm", "end"]
+    assert caught[0] == {
+        "kind": "hold", "event": "hold", "step": "3", "by": "door", "reason": "open", "session": tmp_path.name,
+        "utc": "2000-01-01T00:00:00Z",
+    }  # fmt: skip
+
+
+def test_only_what_is_asked_for_is_sent(tmp_path: Path) -> None:
+    _, context = context_of(tmp_path)
+    notify = Notify(on=["end"], command=catcher(tmp_path))  # type: ignore[call-arg]
+    with notifications(context, notify, Following(context)):
+        context.event("hold", by="door")
+        context.event("error", code="B-RUN-021")
+        context.event("end", error=None)
+    assert [json.loads(line)["kind"] for line in (tmp_path / "caught").read_text().splitlines()] == ["end"]
+
+
+def test_occasions() -> None:
+    assert [occasion(kind, {}) for kind in ("hold", "release", "alarm", "end", "error", "record", "verdict")] == [
+        "hold", "hold", "alarm", "end", "error", "", "",
+    ]  # fmt: skip
+
+
+def test_a_web_address_gets_json_with_its_token_and_failures_are_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOOK_TOKEN", "secret")
+    rig, context = context_of(tmp_path)
+    with running(Web()) as web:
+        web.statuses = [500, 503]
+        notify = Notify(webhook=Webhook(url=web.url, token_env="HOOK_TOKEN"))  # type: ignore[call-arg]
+        notifier = Notifier(notify, context, pause_s=0.01)
+        notifier.take("hold", {"by": "door"})
+        notifier.close()
+        assert [one["kind"] for one, _ in web.got] == ["hold"] * 3
+        assert {token for _, token in web.got} == {"Bearer secret"}
+    assert rig.events("notify") == []
+
+
+def test_what_does_not_get_through_is_an_event_without_secrets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, context = context_of(tmp_path)
+    with running(Web()) as web:
+        web.statuses = [404] * 9
+        monkeypatch.setenv("HOOK", f"{web.url}?key=secret")
+        notify = Notify(webhook=Webhook(url_env="HOOK"))  # type: ignore[call-arg]
+        notifier = Notifier(notify, context, pause_s=0.0)
+        notifier.take("end", {})
+        notifier.close()
+        assert len(web.got) == 3
+    (event,) = rig.events("notify")
+    assert event == {"way": "webhook", "message": "end", "sent": False, "why": "webhook: HTTPError 404"}
+    assert "secret" not in json.dumps(rig.sink.events)
+    assert "secret" not in " ".join(rig.listener.messages)
+
+
+def test_a_redirect_is_not_followed() -> None:
+    with running(Web()) as web:
+        web.statuses = [302]
+        with pytest.raises(NotSent, match="302"):
+            by_webhook(Webhook(url=web.url), MESSAGE)  # type: ignore[call-arg]
+        assert len(web.got) == 1
+
+
+def test_secrets_and_addresses_from_the_environment_are_checked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NOWHERE", raising=False)
+    with pytest.raises(NotSent, match="NOWHERE is not set"):
+        by_webhook(Webhook(url_env="NOWHERE"), MESSAGE)  # type: ignore[call-arg]
+    monkeypatch.setenv("PLAIN", "http://example.org/secret")
+    with pytest.raises(NotSent) as caught:
+        by_webhook(Webhook(url_env="PLAIN"), MESSAGE)  # type: ignore[call-arg]
+    assert "secret" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["raise SystemExit(3)", "import time; time.sleep(60)", None])
+def test_a_program_that_fails_hangs_or_is_missing(text: str | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bench.run.control.notify_ways.TIMEOUT_S", 0.5)
+    words = ["/nowhere/at/all"] if text is None else [sys.executable, "-c", text]
+    with pytest.raises(NotSent):
+        by_command(words, MESSAGE)
+
+
+def test_a_mail_is_handed_over_by_the_protocol() -> None:
+    server = socketserver.TCPServer(("127.0.0.1", 0), _Smtp)
+    server.lines = []  # type: ignore[attr-defined]
+    with running(server):
+        port, people = server.server_address[1], ["a@example.org"]
+        mail = Mail(host="127.0.0.1", port=port, security="none", sender="b@example.org", to=people)
+        by_mail(mail, MESSAGE)
+    lines = server.lines  # type: ignore[attr-defined]
+    assert any(line.upper().startswith("MAIL FROM:<B@EXAMPLE.ORG>") for line in lines)
+    assert any(line.upper().startswith("RCPT TO:<A@EXAMPLE.ORG>") for line in lines)
+    assert "Subject: [bench] hold: a" in lines
+    with pytest.raises(NotSent, match="mail"):
+        by_mail(mail, MESSAGE)  # nobody listens any more
+
+
+def test_a_way_that_hangs_keeps_nobody_waiting_and_the_queue_is_bounded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bench.run.control.notify.LAST_WORDS_S", 0.2)
+    go_on, sent = threading.Event(), []
+
+    def hang(words: list[str], message: dict[str, Any]) -> None:
+        go_on.wait(20.0)
+        sent.append(message)
+
+    monkeypatch.setattr("bench.run.control.notify.by_command", hang)
+    _, context = context_of(tmp_path)
+    notifier = Notifier(Notify(command=["x"]), context)  # type: ignore[call-arg]
+    for number in range(LONGEST_QUEUE + 50):
+        notifier.take("hold", {"number": number})
+    notifier.beat()  # it would only have to wait
+    notifier.close()  # returns although nothing was sent
+    assert sent == []
+    go_on.set()
+    notifier._thread.join()
+    assert len(sent) <= LONGEST_QUEUE + 1
+    assert sent[-1]["number"] == str(LONGEST_QUEUE + 49)
+    assert sum(message.get("left_out", 0) for message in sent) == LONGEST_QUEUE + 50 - len(sent)
+    assert not any(message["kind"] == "heartbeat" for message in sent)
+
+
+def test_a_sign_of_life_goes_out_regularly(tmp_path: Path) -> None:
+    _, context = context_of(tmp_path)
+    assert isinstance(context.clock, VirtualClock)
+    notify = Notify(command=catcher(tmp_path), heartbeat="60 s")  # type: ignore[arg-type,call-arg]
+    with notifications(context, notify, Following(context)) as notifier:
+        for _ in range(3):
+            while notifier._queue:
+                threading.Event().wait(0.01)
+            context.clock.sleep(60.0)
+    caught = [json.loads(line)["kind"] for line in (tmp_path / "caught").read_text().splitlines()]
+    assert caught == ["heartbeat"] * 4
+
+
+def test_the_users_own_file_is_found_and_its_mistakes_have_a_place(tmp_path: Path) -> None:
+    folder = tmp_path / ".config" / "inertial-bench"
+    folder.mkdir(parents=True)
+    assert user_notify({"HOME": str(tmp_path)}) is None
+    (folder / "notify.yaml").write_text("on: [end]\ncommand: [mail-me]\n")
+    for environment in ({"HOME": str(tmp_path)}, {"XDG_CONFIG_HOME": str(tmp_path / ".config"), "HOME": "/nowhere"}):
+        found = user_notify(environment)
+        assert found is not None
+        assert (found.on, found.command) == (["end"], ["mail-me"])
+    (folder / "notify.yaml").write_text("on: [end]\npassword: secret\n")
+    with pytest.raises(InputErrors, match="unknown key 'password'") as caught:
+        user_notify({"HOME": str(tmp_path)})
+    assert "notify.yaml:2:1" in caught.value.where

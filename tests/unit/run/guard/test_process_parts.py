@@ -1,0 +1,280 @@
+"""The parts of the guard process: its brief, its diary, the handle on its controller, a guard that does not start."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bench.model.clock import VirtualClock, WallClock
+from bench.model.errors import ExitStatus, InputError, RunError
+from bench.model.ports import Effect, action
+from bench.model.shipped import find_shipped
+from bench.plan import load_station
+from bench.plan.notify_language import Notify
+from bench.run.bench.drill import drill, latest_drill
+from bench.run.bench.drill_controller import source_of
+from bench.run.guard.act import act
+from bench.run.guard.brief import Address, Brief
+from bench.run.guard.decision import Action, Watched
+from bench.run.guard.diary import Diary, read_diary
+from bench.run.guard.guarding import brief_of, station_lock
+from bench.run.guard.health import LINKS, SEQUENCER, Health
+from bench.run.guard.notice import notice_command
+from bench.run.guard.process import _watch
+from bench.run.guard.start import GuardProcess
+from bench.run.stop import StopSwitch
+
+BRIEF = Brief(
+    pid=1,
+    visa="@py",
+    instruments=(Address("calibrator", "fluke_5720a", "GPIB0::4::INSTR", {"slot": [1, 2]}),),
+    limits={"chamber_air_degC": 65.0},
+    silence_s=2.0,
+    diary="/somewhere/guard.jsonl",
+)
+
+
+def test_a_brief_survives_its_line() -> None:
+    line = replace(BRIEF, notify=("mail", "me")).line()
+    assert line.count(b"\n") == 1
+    assert Brief.of_line(line) == replace(BRIEF, notify=("mail", "me"))
+
+
+def test_the_brief_of_a_station_is_in_safe_order() -> None:
+    station = load_station(find_shipped("stations", "af_bench_sim"))
+    brief = brief_of(station, Path("guard.jsonl"))
+    assert [address.role for address in brief.instruments] == list(station.safe_order)
+    assert (brief.instruments[0].role, brief.instruments[1].role) == ("calibrator", "switch")
+    assert Path(brief.diary).is_absolute()
+    assert brief.pid == os.getpid()
+
+
+def test_a_diary_is_read_back_and_a_torn_line_is_not(tmp_path: Path) -> None:
+    path = tmp_path / "guard.jsonl"
+    diary = Diary(path, WallClock())
+    diary.note("act", reason="gone")
+    diary.close(5.0)
+    with path.open("ab") as stream:
+        stream.write(b'{"what":"sa')
+    found = read_diary(path)
+    assert [(entry["what"], entry["reason"]) for entry in found] == [("act", "gone")]
+    assert found[0]["utc"].endswith("+00:00")
+    assert read_diary(tmp_path / "none") == []
+
+
+def test_a_folder_that_is_gone_keeps_no_diary_and_stops_nothing(tmp_path: Path) -> None:
+    diary = Diary(tmp_path / "gone" / "guard.jsonl", WallClock())
+    diary.note("act")
+    diary.close(5.0)
+
+
+class Instrument:
+    """Notes what it is asked for; fails as often as it is told to."""
+
+    def __init__(self, role: str, calls: list[str], failures: int = 0) -> None:
+        self._role, self._calls, self._failures = role, calls, failures
+
+    def make_safe(self) -> None:
+        self._note("make_safe")
+
+    def _note(self, what: str) -> None:
+        self._calls.append(f"{self._role}.{what}")
+        self._failures -= 1
+        if self._failures >= 0:
+            raise RunError("B-TEST-000", "mute")
+
+
+class Chamber(Instrument):
+    @action(effect=Effect.THERMAL)
+    def stop(self) -> None:
+        self._note("stop")
+
+
+class Ended:
+    """A controller that has left."""
+
+    def end(self, limit_s: float) -> bool:
+        return True
+
+
+class SwiftClock(WallClock):
+    """Never waits long."""
+
+    def sleep_until_ns(self, t_mono_ns: int) -> None:
+        super().sleep_until_ns(min(t_mono_ns, self.now_ns() + 1_000_000))
+
+
+def acted(tmp_path: Path, action_: Action, failures: int) -> tuple[list[str], bool, list[dict[str, Any]]]:
+    calls: list[str] = []
+    made = {"calibrator": Instrument("calibrator", calls, failures), "chamber": Chamber("chamber", calls)}
+    addresses = (
+        Address("calibrator", "fluke_5720a", "TCPIP0::127.0.0.1::nobody1::INSTR"),
+        Address("chamber", "thermotron_3800", "TCPIP0::127.0.0.1::nobody2::INSTR"),
+    )
+    brief = replace(BRIEF, instruments=addresses, notify=(sys.executable, "-c", "import sys; sys.stdin.read()"))
+    clock = SwiftClock()
+    diary = Diary(tmp_path / "guard.jsonl", clock)
+    controller: Any = Ended()
+    safe = act(action_, brief, controller, lambda address: made[address.role], clock, diary)  # type: ignore[arg-type]
+    diary.close(5.0)
+    return calls, safe, read_diary(tmp_path / "guard.jsonl")
+
+
+def test_the_stimulus_goes_off_first_and_what_fails_is_tried_again(tmp_path: Path) -> None:
+    calls, safe, diary = acted(tmp_path, Action("gone", "it died"), failures=2)
+    assert calls == ["calibrator.make_safe", "chamber.make_safe", "calibrator.make_safe", "calibrator.make_safe"]
+    assert safe
+    kinds = [entry["what"] for entry in diary]
+    assert kinds == ["act", "controller", "lock", *["instrument"] * 4, "safe", "notify"]
+
+
+def test_the_heat_goes_off_first_when_it_is_too_hot(tmp_path: Path) -> None:
+    calls, safe, _ = acted(tmp_path, Action("limit", "too hot", heat_off=True), failures=0)
+    assert calls == ["chamber.stop", "calibrator.make_safe"]
+    assert safe
+
+
+def test_a_controller_is_ended_even_if_it_is_stopped(tmp_path: Path) -> None:
+    """The handle is for the parent only, so the child of a child tries it."""
+    text = (
+        "import os, signal, subprocess, sys, time\n"
+        "guard = 'import os,sys; from bench.run.guard.controller import Controller; c = Controller(os.getppid());"
+        "sys.stdin.readline(); print(c.end(10.0), flush=True)'\n"
+        "child = subprocess.Popen([sys.executable, '-c', guard], stdin=subprocess.PIPE)\n"
+        "print('ready', flush=True)\n"
+        "child.stdin.write(b'now\\n'); child.stdin.flush()\n"
+        "os.kill(os.getpid(), signal.SIGSTOP)\n"
+        "time.sleep(60)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", text], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.read().split() == ["ready", "True"]
+        assert process.wait() == -signal.SIGKILL
+
+
+def test_only_its_own_thread_is_a_sign_of_life_of_the_sequencer() -> None:
+    """Watchers talk to instruments too; their traffic must not cover up a sequencer that hangs."""
+    clock = VirtualClock()
+    health = Health(clock)
+    health.alive(SEQUENCER)
+    clock.sleep(3.0)
+    other = threading.Thread(target=lambda: [health.alive(part) for part in (SEQUENCER, LINKS)])
+    other.start()
+    other.join()
+    assert health.silence_s() == {SEQUENCER: 3.0, LINKS: 0.0}
+    health.alive(SEQUENCER)
+    assert health.silence_s()[SEQUENCER] == 0.0
+
+
+def test_a_guard_that_does_not_start_is_said(tmp_path: Path) -> None:
+    clock = WallClock()
+    brief = replace(BRIEF, pid=os.getpid(), visa="@nothing_of_that_name", diary=str(tmp_path / "guard.jsonl"))
+    with pytest.raises(RunError) as found:
+        GuardProcess(brief, Health(clock), StopSwitch(), clock, lambda **fields: None).__enter__()
+    assert found.value.code == "B-RUN-090"
+    assert "B-RUN-002" in found.value.message
+    assert found.value.exit_status is ExitStatus.SAFE_AFTER_FAULT
+
+
+def test_silence_of_a_part_holds_the_heartbeat_back() -> None:
+    class Clock(WallClock):
+        at_ns = 0
+
+        def now_ns(self) -> int:
+            return self.at_ns
+
+    clock, sent, told = Clock(), [], []
+    health = Health(clock)
+    guard = GuardProcess(BRIEF, health, StopSwitch(), clock, lambda **fields: told.append(fields))
+    guard._send = sent.append  # type: ignore[method-assign, assignment]
+    guard._hear = lambda: None  # type: ignore[method-assign]
+    health.alive(SEQUENCER)
+    health.alive(LINKS)
+    for at_ns, beats in ((1_400_000_000, 1), (1_500_000_000, 1), (1_600_000_000, 1)):
+        clock.at_ns = at_ns
+        guard.beat()
+        assert len(sent) == beats
+    assert told == [{"state": "withheld", "parts": [SEQUENCER]}]
+    with health.asking():  # a person may take hours, and the links are polled meanwhile
+        clock.at_ns = 3_600_000_000_000
+        health.alive(LINKS)
+        guard.beat()
+        assert len(sent) == 2
+
+
+def test_people_are_told_every_way_the_station_names(tmp_path: Path) -> None:
+    told = tmp_path / "told.json"
+    write = f"import sys; open({str(told)!r}, 'w').write(sys.stdin.read())"
+    notify = Notify.model_validate({"on": ["alarm"], "command": [sys.executable, "-c", write], "heartbeat": "60 s"})
+    command = notice_command(notify)
+    message = {"kind": "alarm", "event": "guard", "session": "night", "unsafe": []}
+    done = subprocess.run(command, input=json.dumps(message), text=True, capture_output=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(told.read_text()) == message
+    deaf = notice_command(Notify.model_validate({"command": ["/nowhere"]}))
+    done = subprocess.run(deaf, input=json.dumps(message), text=True, capture_output=True, check=False)
+    assert done.returncode == 1
+    assert "/nowhere" in done.stderr
+
+
+def test_nobody_is_told_who_does_not_want_to_know() -> None:
+    assert notice_command(None) == ()
+    assert notice_command(Notify.model_validate({"on": ["end"], "command": ["mail"]})) == ()
+
+
+def test_a_bench_in_this_process_needs_no_lock() -> None:
+    station = load_station(find_shipped("stations", "af_bench_sim"))
+    with station_lock(station, "run", WallClock()), station_lock(station, "run", WallClock()):
+        pass
+
+
+def test_a_drill_of_a_bench_in_this_process(tmp_path: Path) -> None:
+    path = find_shipped("stations", "af_bench_sim")
+    station = load_station(path)
+    assert latest_drill(tmp_path, station) is None
+    found = drill(station, path, tmp_path, WallClock())
+    assert found["passed"]
+    (trial,) = found["trials"]
+    assert (trial["kill"], trial["still_on"]) == ("LIMIT", {})
+    newest = latest_drill(tmp_path, station)
+    assert newest is not None
+    assert newest["utc"] == found["utc"]
+    assert newest["identities"]["calibrator"]["model"] == "5720A"
+
+
+def test_a_bench_without_a_stimulus_has_no_drill() -> None:
+    station = load_station(find_shipped("stations", "af_bench_sim"))
+    with pytest.raises(InputError) as found:
+        source_of(station, dict.fromkeys(station.safe_order, Instrument))
+    assert found.value.code == "B-RUN-095"
+
+
+class _Lines:
+    """Heartbeats that were there all the time; this process was not given the processor for ``away_s``."""
+
+    def __init__(self, clock: VirtualClock, away_s: float, then: list[bytes]) -> None:
+        self.ended = False
+        self._clock, self._away_s, self._then = clock, away_s, [[], then, [b'{"goodbye": "x"}']]
+
+    def next(self, limit_s: float | None) -> list[bytes]:
+        self._clock.sleep(self._away_s if len(self._then) == 3 else limit_s or 0.0)
+        return self._then.pop(0)
+
+
+@pytest.mark.parametrize(("then", "reason"), [([b'{"values": {}}'], None), ([], "silent")])
+def test_a_guard_that_got_no_time_reads_on_before_it_calls_anybody_silent(
+    then: list[bytes], reason: str | None
+) -> None:
+    clock: Any = VirtualClock()
+    lines: Any = _Lines(clock, 3.0, then)
+    action = _watch(lines, Watched({}, 2.0, clock.now_ns()), replace(BRIEF, limits={}), lambda address: None, clock)  # type: ignore[arg-type,return-value]
+    assert (action.reason if action else None) == reason

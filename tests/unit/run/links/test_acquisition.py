@@ -1,0 +1,246 @@
+"""Acquisition: order of links, ticks of the recorder, stale values, faults of a port; and the listener's safety."""
+
+from __future__ import annotations
+
+import math
+from contextlib import ExitStack
+from pathlib import Path
+from types import SimpleNamespace
+from typing import NoReturn
+
+import pytest
+from run_rig import Rig
+
+from bench.model.clock import NS
+from bench.model.errors import BenchError, LinkError
+from bench.record import RecordError
+from bench.run.context import RunContext
+from bench.run.hold.holds import Interruption
+from bench.run.hold.patience import patient
+from bench.run.links import keeper as link_keeper
+from bench.run.links.keeper import keep_links
+from bench.run.stop import StopSwitch, guarded, unforeseen
+from bench.run.watch.environment import EnvironmentLog
+from bench.run.watch.listening import SafeListener
+
+
+def test_links_are_decoded_in_their_order_and_bytes_recorded_before(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    context = rig.context()
+    order: list[str] = []
+    for name, reader in context.acquisition.readers.items():
+        reader.listeners.append(lambda batch, name=name: order.append(f"{name} {len(rig.sink.sent)}"))
+    rig.clock.sleep(0.5)
+    context.acquisition.refresh()
+    assert order == ["port_b 2", "port_a 2"]  # housekeeping first; both links were recorded before
+
+
+def test_the_recorder_ticks_each_second_of_the_bench_clock(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    rig.context()
+    rig.clock.sleep(5.5)
+    assert rig.ticks == [NS * second for second in range(1, 6)]
+
+
+def test_nothing_is_polled_after_the_stop(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    context = rig.context()
+    rig.clock.sleep(2.0)
+    context.acquisition.stop()
+    sent = len(rig.sink.sent)
+    rig.clock.sleep(5.0)
+    assert len(rig.sink.sent) == sent
+
+
+def test_wait_until_says_whether_it_happened(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    context = rig.context()
+    reader = context.acquisition.readers["port_a"]
+    assert context.acquisition.wait_until(lambda: reader.last_counter >= 50, NS)
+    assert rig.clock.now_ns() == pytest.approx(0.52 * NS)
+    assert not context.acquisition.wait_until(lambda: False, NS)
+    assert rig.clock.now_ns() == NS
+
+
+def test_the_units_temperature_is_the_newest_and_never_stale(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    rig.unit_degC = lambda t_s: round(t_s, 2)
+    context = rig.context()
+    assert math.isnan(context.unit_temperature_degC)
+    rig.clock.sleep(8.0)
+    assert context.unit_temperature_degC == pytest.approx(8.0)
+    rig.port_b.silent = True
+    rig.clock.sleep(9.9)
+    assert context.unit_temperature_degC == pytest.approx(8.0)
+    rig.clock.sleep(0.2)
+    assert math.isnan(context.unit_temperature_degC)
+
+
+def test_a_port_that_goes_away_is_a_link_error(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    context = rig.context()
+    rig.port_a.broken = OSError("device disconnected")
+    with pytest.raises(LinkError) as caught:
+        context.acquisition.refresh()
+    assert (caught.value.code, caught.value.where) == ("B-RUN-024", "port_a")
+    rig.clock.sleep(2.0)  # the periodic poll meets it too and keeps it for the next check
+    with pytest.raises(LinkError, match="disconnected"):
+        rig.stop.check()
+
+
+def test_a_write_that_fails_is_a_link_error(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    reader = rig.context().acquisition.readers["port_b"]
+    rig.port_b.write = lambda sent: (_ for _ in ()).throw(OSError("write timeout"))  # type: ignore[method-assign]
+    with pytest.raises(LinkError) as caught:
+        reader.write(b"x")
+    assert caught.value.code == "B-RUN-020"
+
+
+def kept(rig: Rig, stack: ExitStack) -> RunContext:
+    """Links that somebody looks after, in the middle of a campaign."""
+    context = rig.context()
+    stack.enter_context(keep_links(context))
+    rig.clock.sleep(1.0)
+    context.acquisition.refresh()
+    record = SimpleNamespace(kind="record", number=0, role="", name="")
+    context.listener.step(record, 0.0)  # type: ignore[arg-type]
+    return context
+
+
+def test_a_command_to_a_unit_that_is_gone_waits_for_it(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    with ExitStack() as stack:
+        context = kept(rig, stack)
+        rig.port_b.read = rig.port_b.write = refuse  # type: ignore[assignment]
+        with pytest.raises(Interruption) as caught:
+            context.acquisition.readers["port_b"].write(b"x")
+    assert (caught.value.wish.kind, caught.value.wish.by) == ("hold", "link port_b")
+    assert "not here" in caught.value.wish.reason
+
+
+def refuse(_: object) -> NoReturn:
+    raise OSError("not here")
+
+
+def test_a_port_that_cannot_be_opened_again_is_waited_for_and_given_up(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    with ExitStack() as stack:
+        kept(rig, stack)
+        rig.port_a.broken = OSError("gone")
+        rig.clock.sleep(2.0)
+        assert rig.stop.holds.reasons == {"link port_a": "the port cannot be read: gone"}
+        assert rig.stop.fault is None
+        rig.clock.sleep(601.0)
+        assert rig.stop.fault is not None
+        assert rig.stop.fault.code == "B-RUN-024"
+    assert [event["state"] for event in rig.events("link")] == ["lost"]
+
+
+def test_errors_the_kernel_counts_are_events(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig(tmp_path)
+    counts = {"frame": 2, "overrun": 0, "parity": 0, "buf_overrun": 1}
+    counting = {id(rig.port_a): counts}
+    monkeypatch.setattr(link_keeper, "kernel_counts", lambda link: dict(counting.get(id(link), {})) or None)
+    with ExitStack() as stack:
+        context = kept(rig, stack)
+        rig.clock.sleep(10.0)
+        assert rig.events("link") == []
+        counts["overrun"], counts["buf_overrun"] = 3, 2
+        context.acquisition.readers["port_a"].behind = 2
+        rig.clock.sleep(20.0)
+    overrun, behind = rig.events("link")
+    assert overrun == {
+        "link": "port_a", "state": "kernel errors", "frame": 0, "overrun": 3, "parity": 0, "buf_overrun": 1
+    }  # fmt: skip
+    assert behind == {"link": "port_a", "state": "behind", "times": 2}
+
+
+def test_a_run_that_is_over_waits_for_nothing(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    with ExitStack() as stack:
+        kept(rig, stack)
+        rig.stop.shield()
+        rig.port_a.dropped = lambda counter: True
+        rig.port_b.silent = True
+        rig.clock.sleep(20.0)
+        assert rig.stop.holds.reasons == {}
+        assert rig.port_b.written == b""
+    assert rig.events("link") == []
+
+
+# --- beside the steps ----------------------------------------------------------------------------------------------
+
+
+def test_the_first_fault_beside_the_steps_counts() -> None:
+    stop = StopSwitch()
+    for fault in (RecordError("B-REC-003", "full"), ValueError("later")):
+        guarded(lambda fault=fault: (_ for _ in ()).throw(fault), stop)()  # type: ignore[misc]
+    with pytest.raises(RecordError, match="full"):
+        stop.check()
+
+
+def test_an_unforeseen_error_names_its_place() -> None:
+    try:
+        Path("/nonexistent/file").read_text()
+    except OSError as error:
+        found = unforeseen(error)
+    assert found.code == "B-INT-001"
+    assert "FileNotFoundError" in found.message
+    assert unforeseen(ValueError("two\nlines")).message == "ValueError: two lines"
+
+
+def test_the_environment_is_written_each_minute_and_never_raises(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, "chamber")
+    context = rig.context()
+    rig.air_degC, rig.unit_degC = (lambda t_s: t_s / 60.0), (lambda t_s: 30.0)
+    log = EnvironmentLog(context)
+    rig.clock.sleep(60.0)
+    with context.in_use.take("chamber"):  # a step talks to it
+        rig.clock.sleep(60.0)
+    rig.instruments["chamber"].fail["measure_air"] = LinkError("B-INST-001", "x")
+    log.stop()
+    rig.clock.sleep(60.0)
+    assert rig.events("environment") == [
+        {"air_degC": 1.0, "unit_degC": 30.0},
+        {"air_degC": None, "unit_degC": 30.0},
+    ]
+
+
+class Broken:
+    def __init__(self, error: BaseException) -> None:
+        self.error, self.asked = error, 0
+
+    def message(self, text: str) -> None:
+        self.asked += 1
+        raise self.error
+
+    step = record = message
+
+
+@pytest.mark.parametrize("error", [BrokenPipeError(), OSError(5, "input/output error"), SystemExit(1)])
+def test_a_listener_that_is_gone_is_not_asked_again(error: BaseException) -> None:
+    broken = Broken(error)
+    safe = SafeListener(broken)  # type: ignore[arg-type]
+    safe.message("one")
+    safe.message("two")
+    assert broken.asked == 1
+
+
+def test_patience_with_a_disk() -> None:
+    said: list[str] = []
+    listener = type("Says", (), {"message": lambda self, text: said.append(text)})()
+    fault: list[BenchError | None] = []
+
+    def write(_: int) -> None:
+        if (error := fault.pop(0)) is not None:
+            raise error
+
+    full, over = RecordError("B-REC-001", "full"), RecordError("B-REC-003", "64 MB wait")
+    fault += [None, full, full, None, full, over]
+    tick = patient(write, listener)
+    for second in range(5):
+        tick(second)
+    assert len(said) == 2  # once per trouble
+    with pytest.raises(RecordError, match="64 MB"):
+        tick(5)

@@ -1,0 +1,347 @@
+"""Commands with sequence numbers: matching, retries, refusals, stops and holds; against a board made for the test."""
+
+from __future__ import annotations
+
+import pytest
+from exchange_rig import (
+    ANSWER,
+    BUSY,
+    IDENTIFY,
+    MEMORY,
+    REFUSAL,
+    SCI,
+    UNKNOWN,
+    WHO,
+    Board,
+    VirtualLine,
+    context_of,
+    events,
+    unit_step,
+    wire,
+)
+
+from bench.model.clock import NS, VirtualClock
+from bench.model.errors import BenchError, LinkError, OperatorStop
+from bench.plan import Step
+from bench.run.context import RunContext
+from bench.run.hold.holds import Interruption
+from bench.run.links.unit import Unit
+from bench.run.steps.dispatch import EXECUTORS
+
+
+def echo(number: int, payload: bytes = b"hello", item: str = "sci") -> Step:
+    return unit_step(number, "sci", SCI, payload, item)
+
+
+class Bench:
+    """A board on a line under the virtual clock, and the run that talks to it."""
+
+    def __init__(self, *steps: Step) -> None:
+        self.clock, self.board = VirtualClock(), Board()
+        self.line = VirtualLine(self.clock, self.board)
+        self.context: RunContext = context_of(self.clock, self.line, steps)
+
+    def do(self, step: Step) -> None:
+        EXECUTORS["unit"](self.context, step)
+
+    @property
+    def told(self) -> list[dict[str, object]]:
+        return events(self.context, "exchange")
+
+
+def test_a_test_is_noted_with_everything_that_was_sent_and_received() -> None:
+    bench = Bench()
+    bench.do(unit_step(4, "sci", SCI, b"\x01\x02", "sci", unit="GNC-1"))
+    (told,) = bench.told
+    span_ns = int(str(told.pop("end_ns"))) - int(str(told.pop("begin_ns")))
+    assert told == {
+        "step": 4, "item": "sci", "name": "sci", "role": "rs422", "sequence": 1, "attempts": 1, "status": 0,
+        "refused": False, "sent": "0102", "received": "0102", "ignored": 0, "conditions": {"unit": "GNC-1"},
+    }  # fmt: skip
+    assert 1_000_000 <= span_ns < 50_000_000
+    assert events(bench.context, "answer") == []
+
+
+def test_a_command_that_is_no_test_writes_its_answer_too() -> None:
+    bench = Bench()
+    bench.do(unit_step(0, "identify", IDENTIFY))
+    (answer,) = events(bench.context, "answer")
+    assert answer == {"step": 0, "role": "rs422", "name": "identify", "status": 0, "payload": WHO.hex()}
+    assert len(bench.told) == 1
+
+
+def test_the_first_command_of_a_run_cannot_be_taken_for_one_of_the_run_before() -> None:
+    """The board still remembers a number; whichever it is, no old answer is given to a new command."""
+    for remembered in (0, 1, 2, 255):
+        bench = Bench()
+        bench.board.take(wire(0x01, remembered, SCI, b"of another run"), 0)
+        bench.do(echo(0))
+        assert bench.told[0]["received"] == b"hello".hex(), remembered
+        assert bench.board.done[SCI, b"hello"] == 1
+
+
+def test_numbers_go_round_and_each_command_is_done_once() -> None:
+    bench = Bench()
+    for number in range(600):
+        bench.do(echo(number, number.to_bytes(2, "little")))
+    assert [one["sequence"] for one in bench.told] == [(1 + number) % 256 for number in range(600)]
+    assert set(bench.board.done.values()) == {1}
+    assert len(bench.board.done) == 601  # and the one that opens the run
+
+
+# --- lost, late and repeated frames --------------------------------------------------------------------------------
+
+
+def test_a_lost_command_is_sent_again_with_its_number() -> None:
+    bench = Bench()
+    bench.line.passes = lambda number, frame: b"" if number in (2, 3) else frame  # 1 opens the run
+    bench.do(echo(0))
+    assert len(set(bench.line.written[1:])) == 1
+    assert (bench.told[0]["attempts"], bench.told[0]["status"]) == (3, 0)
+    assert bench.board.done[SCI, b"hello"] == 1
+
+
+def test_a_lost_answer_is_given_again_and_nothing_is_done_twice() -> None:
+    bench = Bench()
+    bench.line.returns = lambda number, frame: [] if number in (2, 3) else [(0.001, frame)]
+    bench.do(unit_step(0, "memory", MEMORY, b"erase", "memory"))
+    assert (bench.told[0]["attempts"], bench.told[0]["status"]) == (3, 0)
+    assert bench.board.done[MEMORY, b"erase"] == 1
+    assert bench.board.repeated == 2
+
+
+def test_nobody_answers() -> None:
+    bench = Bench()
+    bench.line.passes = lambda number, frame: b""
+    bench.do(echo(0))
+    (told,) = bench.told
+    assert (told["status"], told["attempts"], told["received"], told["refused"]) == (None, 3, "", False)
+    assert bench.clock.now_ns() == pytest.approx(2 * 3 * 0.2 * NS, rel=0.02)  # what opens the run waits as long
+    with pytest.raises(LinkError, match=r"within 3 times 0\.2 s") as caught:
+        bench.do(unit_step(1, "identify", IDENTIFY))
+    assert caught.value.code == "B-RUN-022"
+
+
+def test_the_time_a_command_may_take_is_its_own() -> None:
+    bench = Bench()
+    bench.line.returns = lambda number, frame: [(0.001 if number == 1 else 0.9, frame)]
+    bench.do(unit_step(0, "sci", SCI, b"slow", "sci", timeout=1.0))
+    assert (bench.told[0]["attempts"], bench.told[0]["status"]) == (1, 0)
+
+
+def test_the_late_answer_of_an_earlier_command_is_not_this_ones() -> None:
+    """The first command is given up; its answer comes while the next one of the same code is waited for."""
+    bench = Bench()
+    bench.line.returns = lambda number, frame: [(0.001, frame)] if number == 1 else []
+    bench.do(echo(0, b"first"))
+    late = bench.line.answered[-1]
+    bench.line.returns = lambda number, frame: [(0.001, late), (0.002, frame)]
+    bench.do(echo(1, b"second"))
+    assert [one["received"] for one in bench.told] == ["", b"second".hex()]
+    assert bench.told[1]["ignored"] == 1
+
+
+def test_an_answer_to_another_command_with_this_number_is_not_this_ones() -> None:
+    bench = Bench()
+    bench.do(echo(0))
+    bench.line.say(0.02, wire(ANSWER, 2, MEMORY, b"\x00other"))  # the number of the next command, another code
+    bench.line.returns = lambda number, frame: [(0.1, frame)]
+    bench.do(echo(1, b"mine"))
+    assert (bench.told[1]["received"], bench.told[1]["ignored"]) == (b"mine".hex(), 1)
+
+
+def test_what_came_before_a_command_was_sent_is_no_answer_to_it() -> None:
+    bench = Bench()
+    bench.do(echo(0))
+    bench.line.say(0.0, wire(ANSWER, 2, SCI, b"\x00other"))  # as of 256 commands ago
+    bench.do(echo(1, b"mine"))
+    assert (bench.told[1]["received"], bench.told[1]["ignored"]) == (b"mine".hex(), 1)
+
+
+def test_a_beginning_that_nobody_answered_is_made_again() -> None:
+    bench = Bench()
+    bench.line.passes = lambda number, frame: b"" if number <= 6 else frame  # identify and command, three times each
+    bench.do(echo(0))
+    bench.do(echo(1))
+    assert [frame[7] for frame in bench.line.written] == [IDENTIFY] * 3 + [SCI] * 3 + [IDENTIFY, SCI]
+    assert [one["status"] for one in bench.told] == [None, 0]
+
+
+def test_an_answer_that_arrives_twice_counts_once() -> None:
+    """The answer comes after its time-out, so the retry is answered as well, during the next command."""
+    bench = Bench()
+    bench.line.returns = lambda number, frame: [(0.25 if number == 2 else 0.1, frame)]
+    for number, payload in enumerate((b"first", b"second", b"third")):
+        bench.do(echo(number, payload))
+    assert [one["received"] for one in bench.told] == [text.hex() for text in (b"first", b"second", b"third")]
+    assert [one["attempts"] for one in bench.told] == [2, 1, 1]
+    assert sum(int(str(one["ignored"])) for one in bench.told) == 1
+    assert max(bench.board.done.values()) == 1
+
+
+def test_a_false_length_stalls_nothing_for_longer_than_a_retry() -> None:
+    """The answer seems to be 1,000 bytes longer than it is: it is given up after the silence, the retry is found."""
+    bench = Bench()
+    bench.line.returns = lambda number, frame: [(0.001, frame if number != 2 else frame[:8] + b"\xf0\x03" + frame[10:])]
+    for number in range(4):
+        bench.do(echo(number, bytes([number]) * 20))
+    assert [one["attempts"] for one in bench.told] == [2, 1, 1, 1]
+    assert [one["received"] for one in bench.told] == [(bytes([number]) * 20).hex() for number in range(4)]
+    assert bench.board.done[SCI, bytes(20)] == 1
+
+
+# --- refusals and statuses -----------------------------------------------------------------------------------------
+
+
+def test_a_refusal_is_an_answer_and_not_sent_again() -> None:
+    bench = Bench()
+    bench.do(unit_step(0, "unheard_of", 0x66, b"", "anything"))
+    (told,) = bench.told
+    assert (told["status"], told["refused"], told["attempts"]) == (UNKNOWN, True, 1)
+    with pytest.raises(LinkError, match=f"status {UNKNOWN}") as caught:
+        bench.do(unit_step(1, "unheard_of", 0x66))
+    assert caught.value.code == "B-RUN-023"
+
+
+@pytest.mark.parametrize("status", [1, BUSY, 5])
+def test_a_status_is_noted_for_a_test_and_ends_a_run_otherwise(status: int) -> None:
+    bench = Bench()
+    bench.board.says = lambda command, payload: (ANSWER, status, b"why")
+    bench.do(echo(0))
+    assert (bench.told[0]["status"], bench.told[0]["attempts"]) == (status, 1)
+    assert bench.told[0]["received"] == b"why".hex()
+    with pytest.raises(LinkError) as caught:
+        bench.do(echo(1, item=""))
+    assert caught.value.code == "B-RUN-023"
+
+
+def test_a_refusal_with_status_zero_is_a_refusal() -> None:
+    bench = Bench()
+    bench.board.says = lambda command, payload: (REFUSAL, 0, b"")
+    with pytest.raises(LinkError) as caught:
+        bench.do(echo(0, item=""))
+    assert caught.value.code == "B-RUN-023"
+
+
+# --- stops, holds, lost links --------------------------------------------------------------------------------------
+
+
+def test_a_stop_is_obeyed_while_an_answer_is_waited_for() -> None:
+    bench = Bench()
+    bench.line.returns = lambda number, frame: [(0.001 if number == 1 else 100.0, frame)]
+    bench.clock.every(1.0, lambda: bench.context.stop.request("the test"))
+    with pytest.raises(OperatorStop):
+        bench.do(unit_step(0, "sci", SCI, b"", "sci", timeout=1000.0))
+    assert bench.clock.now_ns() < 2 * NS
+
+
+def test_a_hold_waits_for_the_answer() -> None:
+    """An erase that was begun is not begun again because somebody wants the run to stand still."""
+    bench = Bench()
+    bench.line.returns = lambda number, frame: [(0.001 if number == 1 else 3.0, frame)]
+    bench.clock.every(1.0, lambda: bench.context.stop.holds.hold("somebody", "coffee"))
+    bench.do(unit_step(0, "memory", MEMORY, b"erase", "memory", timeout=10.0))
+    assert bench.told[0]["status"] == 0
+    with pytest.raises(Interruption):
+        bench.context.stop.check()
+
+
+def test_a_command_that_a_lost_link_broke_off_keeps_its_number() -> None:
+    bench = Bench()
+    bench.do(echo(0))
+    reader = bench.context.acquisition.readers["rs422"]
+    reader.kept = True  # somebody brings the port back
+    step = unit_step(1, "memory", MEMORY, b"erase", "memory")
+    bench.line.returns = lambda number, frame: _lose(bench)
+    with pytest.raises(Interruption):
+        bench.do(step)
+    bench.line.broken = None
+    reader.found()
+    bench.context.stop.holds.release("link rs422")
+    bench.line.returns = lambda number, frame: [(0.001, frame)]
+    bench.do(step)
+    assert bench.board.done[MEMORY, b"erase"] == 1
+    assert [one["sequence"] for one in bench.told] == [1, 2]
+
+
+@pytest.mark.parametrize(("item", "times"), [("memory", 1), ("", 2)])
+def test_a_test_that_another_command_has_overtaken_is_not_done_twice(item: str, times: int) -> None:
+    """The board remembers the newest number only; behind an identify it would erase again."""
+    bench = Bench()
+    bench.do(echo(0))
+    reader = bench.context.acquisition.readers["rs422"]
+    reader.kept = True
+    step = unit_step(1, "memory", MEMORY, b"erase", item)
+    bench.line.returns = lambda number, frame: _lose(bench)
+    with pytest.raises(Interruption):
+        bench.do(step)
+    bench.line.broken = None
+    reader.found()
+    bench.context.stop.holds.release("link rs422")
+    bench.line.returns = lambda number, frame: [(0.001, frame)]
+    identify = {"command": IDENTIFY, "payload": ()}
+    reader.send(reader.command(identify, reader.numbers.new()))
+    bench.do(step)
+    assert bench.board.done[MEMORY, b"erase"] == times
+    assert [one["status"] for one in bench.told] == [0, None if item else 0]
+    bench.do(echo(2))
+    assert bench.told[-1]["status"] == 0
+    bench.do(step)  # a point that is taken again, on purpose
+    assert bench.board.done[MEMORY, b"erase"] == times + 1
+
+
+def _lose(bench: Bench) -> list[tuple[float, bytes]]:
+    """The port goes while the answer is on its way; whoever looks after the links asks the run to stand still."""
+    bench.line.broken = OSError("the adapter was pulled")
+    bench.context.stop.holds.hold("link rs422", "the port is gone")
+    return []
+
+
+def test_a_port_that_is_gone_for_good_ends_the_run() -> None:
+    bench = Bench()
+    bench.line.broken = OSError("gone")
+    with pytest.raises(BenchError) as caught:
+        bench.do(echo(0))
+    assert caught.value.code in ("B-RUN-020", "B-RUN-024")
+
+
+# --- who the unit is -----------------------------------------------------------------------------------------------
+
+
+def other_unit(command: int, payload: bytes) -> tuple[int, int, bytes]:
+    return ANSWER, 0, WHO.replace(b"GNC-1", b"GNC-2")
+
+
+def test_units_that_are_swapped_between_tests_are_no_other_unit() -> None:
+    asked, tested = unit_step(0, "identify", IDENTIFY), unit_step(1, "identify", IDENTIFY, item="identify")
+    bench = Bench(asked, tested)
+    unit = Unit(bench.context)
+    bench.do(asked)
+    bench.board.says = other_unit
+    bench.do(tested)
+    bench.context.stop.check()
+    unit.ask()
+    bench.clock.sleep(0.1)
+    bench.context.acquisition.catch_up()
+    assert unit.verdict() == "other"
+
+
+def test_a_plan_that_only_tests_who_the_unit_is_has_no_way_to_ask() -> None:
+    tested = unit_step(0, "identify", IDENTIFY, item="identify")
+    bench = Bench(tested)
+    unit = Unit(bench.context)
+    assert unit.ask() is False
+    assert unit.verdict() == "none"
+
+
+def test_a_test_is_not_sent_again_after_a_restart_of_the_unit_but_a_command_is() -> None:
+    stream = unit_step(0, "stream_start", 0x20, b"\x07\xc8\x00\x00\x00\x00\x00")
+    erase = unit_step(1, "memory", MEMORY, b"erase", "memory")
+    bench = Bench(stream, erase)
+    bench.do(erase)
+    assert Unit(bench.context).again(2) == "stream_start"
+    assert bench.board.done == {(IDENTIFY, b""): 1, (MEMORY, b"erase"): 1, (0x20, stream_payload(stream)): 1}
+
+
+def stream_payload(step: Step) -> bytes:
+    return bytes(step.arguments["payload"])

@@ -1,0 +1,158 @@
+"""A table that was made safe on the way comes back to where the plan needs it, on the simulated one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from table_rig import TableRig, open_table
+
+from bench.model.drivers import driver_class
+from bench.model.ports import actions_of
+from bench.plan import Step
+from bench.run.hold.standing import _goes_off
+from bench.run.steps.motion_again import can_move, motion_again
+from bench.run.steps.position import point_start
+from bench.run.steps.setpoints import steps_again
+
+DRIVERS = {"turntable": actions_of(driver_class("acutrol_3000")), "supply": actions_of(driver_class("hp_6632b"))}
+
+
+def plan(*calls: tuple[str, dict[str, Any]] | float, finally_from: int = 10_000) -> list[Step]:
+    """Steps of calls to the table; a number is a settle time."""
+    steps = []
+    for number, call in enumerate(calls):
+        phase: Any = "finally" if number >= finally_from else "campaign"
+        if isinstance(call, float):
+            steps.append(Step(number, phase, "settle", 0.0, call, "", "", {}, {}, ""))
+        else:
+            steps.append(Step(number, phase, "call", 0.0, 0.0, "turntable", call[0], call[1], {}, ""))
+    return steps
+
+
+def move(axis: int, angle: float) -> tuple[str, dict[str, Any]]:
+    return "move", {"axis": axis, "angle": angle, "rate": 90.0}
+
+
+def turn(axis: int, angle: float) -> tuple[str, dict[str, Any]]:
+    return "turn", {"axis": axis, "angle": angle, "rate": 200.0, "acceleration": 300.0}
+
+
+def spin(axis: int, rate: float) -> tuple[str, dict[str, Any]]:
+    return "spin", {"axis": axis, "rate": rate}
+
+
+CLOSE: tuple[str, dict[str, Any]] = ("close_interlock", {})
+OPEN: tuple[str, dict[str, Any]] = ("open_interlock", {})
+LIMITS = [("set_limits", {"axis": axis, "rate": 300.0, "acceleration": 300.0}) for axis in (1, 2, 3)]
+
+
+def said(steps: Sequence[Step]) -> list[str]:
+    return [
+        f"settle {one.duration_s:g}"
+        if one.kind == "settle"
+        else f"{one.name} {' '.join(f'{value:g}' for value in one.arguments.values())}".strip()
+        for one in steps
+    ]
+
+
+def test_interlock_then_pose_then_the_longest_settle_time() -> None:
+    steps = plan(
+        *LIMITS, CLOSE, 15.0, move(1, 90.0), move(2, -34.2), move(3, 10.0), 25.0, turn(3, 1085.0), 5.0, spin(1, -9.0)
+    )
+    assert said(motion_again(steps, len(steps), DRIVERS)) == [
+        "close_interlock", "settle 15", "move 2 -34.2 90", "move 3 15 90", "spin 1 -9", "settle 25",
+    ]  # fmt: skip
+    assert said(motion_again(steps, 8, DRIVERS)) == [
+        "close_interlock", "settle 15", "move 1 90 90", "move 2 -34.2 90", "move 3 10 90",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("calls", "again"),
+    [
+        ([CLOSE, move(1, 5.0), OPEN], []),
+        ([CLOSE, OPEN, CLOSE, move(1, 5.0)], ["close_interlock", "move 1 5 90"]),
+        ([CLOSE, spin(3, 90.0), 3.0, ("stop", {"axis": 3})], ["close_interlock", "settle 3"]),
+        ([CLOSE, turn(3, 90.0)], ["close_interlock"]),
+        ([CLOSE, move(3, 7.0), ("stop", {"axis": 3})], ["close_interlock", "move 3 7 90"]),
+        ([move(1, 5.0)], []),
+        ([CLOSE, spin(3, 90.0), OPEN, CLOSE], ["close_interlock"]),  # what turned before somebody came is at rest
+        ([CLOSE, move(1, 5.0), spin(3, 90.0), OPEN, CLOSE, turn(3, 9.0)], ["close_interlock", "move 1 5 90"]),
+        ([CLOSE, spin(3, 90.0), OPEN, CLOSE, spin(3, 8.0)], ["close_interlock", "spin 3 8"]),
+    ],
+)
+def test_what_is_not_known_or_not_moving_is_left_alone(calls: list[Any], again: list[str]) -> None:
+    steps = plan(*calls)
+    assert said(motion_again(steps, len(steps), DRIVERS)) == again
+
+
+def test_nothing_moves_for_the_end_of_a_run() -> None:
+    steps = plan(CLOSE, move(1, 5.0), OPEN, finally_from=2)
+    assert motion_again(steps, 2, DRIVERS) == []
+
+
+def test_limits_are_set_again_and_motion_is_not_among_the_settings() -> None:
+    steps: Any = plan(*LIMITS, CLOSE, move(1, 90.0), turn(1, 10.0), spin(3, 5.0), OPEN, CLOSE)
+    found = steps_again(type("P", (), {"steps": steps})(), len(steps), DRIVERS)  # type: ignore[arg-type]
+    assert said(found) == ["set_limits 1 300 300", "set_limits 2 300 300", "set_limits 3 300 300"]
+
+
+def test_raw_text_to_a_table_is_not_sent_again() -> None:
+    raw = Step(0, "campaign", "send", 0.0, 0.0, "turntable", "", {"text": ":int:close 1"}, {}, "")
+    plain = replace(raw, number=1, role="supply", arguments={"text": "DISP ON"})
+    steps: Any = [raw, plain]
+    again = steps_again(type("P", (), {"steps": steps})(), 2, DRIVERS)  # type: ignore[arg-type]
+    assert [step.role for step in again] == ["supply"]
+
+
+def test_a_table_goes_off_in_a_hold_and_a_supply_does_not() -> None:
+    assert can_move(DRIVERS["turntable"])
+    assert _goes_off(driver_class("acutrol_3000"))
+    assert not _goes_off(driver_class("hp_6632b"))
+
+
+def do(rig: TableRig, steps: Sequence[Step]) -> None:
+    for step in steps:
+        if step.kind == "settle":
+            rig.clock.sleep(step.duration_s)
+        else:
+            getattr(rig.driver, step.name)(**step.arguments)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_interrupted_anywhere_it_ends_where_the_undisturbed_one_does(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    calls: list[Any] = [*LIMITS, CLOSE, *[move(axis, float(rng.uniform(-180, 180))) for axis in (1, 2, 3)], 10.0]
+    for _ in range(12):
+        axis = int(rng.integers(1, 4))
+        angle = float(rng.uniform(-800, 800))
+        calls += [turn(axis, angle) if rng.random() < 0.5 else move(axis, angle % 360.0), 12.0]
+    steps = plan(*calls)
+    with open_table(seed) as straight, open_table(seed) as broken:
+        do(straight, steps)
+        number = int(rng.integers(8, len(steps)))
+        print(f"seed {seed}: interrupted before step {number}")
+        do(broken, steps[:number])
+        broken.clock.sleep(float(rng.uniform(0.0, 3.0)))
+        with broken.driver.quick(0.45):
+            broken.driver.make_safe()
+        again = motion_again(steps, number, DRIVERS)
+        do(broken, [*again, *plan(10.0)])
+        do(broken, steps[number:])
+        apart = (np.array(broken.angles()) - straight.angles() + 180.0) % 360.0 - 180.0
+        assert np.abs(apart).max() < 1e-6
+        assert broken.driver.in_position()
+
+
+def test_a_recording_with_a_motion_in_it_is_taken_again_from_its_beginning() -> None:
+    record: dict[str, Any] = {"seconds": 1.0, "retry": 0, "retry_step": 0}
+    steps = plan(move(3, 0.0), 5.0, 1.0, turn(3, 1080.0), 9.0, 5.0)
+    steps[2] = replace(steps[2], kind="record", arguments=record)
+    steps[4] = replace(steps[4], kind="record", arguments={**record, "retry_step": 4, "follows": True})
+    assert [point_start(steps, index) for index in range(6)] == [0, 0, 0, 0, 0, 5]
+    steps[3] = replace(steps[3], name="measure_rate")  # without a motion each record is its own
+    assert [point_start(steps, index) for index in (2, 3, 4)] == [0, 3, 4]

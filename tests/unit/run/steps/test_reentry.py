@@ -1,0 +1,361 @@
+"""The way back into a plan: what is done again, in which order, and when the unit is soaked again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from run_rig import Rig, instrument_error
+
+from bench.model.clock import NS
+from bench.model.drivers import driver_class
+from bench.model.errors import LinkError, RunError
+from bench.model.ports import Action, actions_of
+from bench.plan import Step
+from bench.run.control.channel import Control
+from bench.run.control.following import Following
+from bench.run.hold.holds import Interruption, Wish
+from bench.run.links.keeper import keep_links
+from bench.run.steps.reentry import come_back, enter
+from bench.run.steps.setpoints import differences, expected_of, read_back, setpoint_of, steps_again
+
+SOAK = {"temperature": 20.0, "ramp": 0.5, "slot": 600.0, "within": 1.0, "for": 120.0, "sensor": "unit", "late": "abort"}
+
+
+def soaked_rig(folder: Path) -> Rig:
+    rig = Rig(folder, "calibrator", "chamber")
+    rig.step("soak", "chamber", "soak", **SOAK)
+    rig.step("call", "calibrator", "output", current=1.0)
+    return rig
+
+
+def chamber_calls(rig: Rig) -> list[tuple[str, tuple[object, ...]]]:
+    return [(name, words) for _, name, words in rig.calls if name in ("chamber.set_temperature", "chamber.run")]
+
+
+def test_inside_its_band_the_unit_is_not_soaked_again_but_the_chamber_runs(tmp_path: Path) -> None:
+    rig = soaked_rig(tmp_path)
+    rig.unit_degC = lambda t_s: 20.9
+    context = rig.context()
+    rig.clock.sleep(1.0)
+    enter(context, 1)
+    assert chamber_calls(rig) == [("chamber.set_temperature", (20.0, 0.5)), ("chamber.run", ())]
+    assert rig.clock.now_ns() < 20e9
+    assert [(one["soaked"], one["target_degC"]) for one in rig.events("reentry")] == [(False, 20.0)]
+
+
+def test_outside_its_band_the_whole_slot_is_waited_again(tmp_path: Path) -> None:
+    rig = soaked_rig(tmp_path)
+    rig.unit_degC = lambda t_s: 18.5 if t_s < 200.0 else 20.0
+    context = rig.context()
+    rig.clock.sleep(1.0)
+    before = context.timeline
+    enter(context, 1)
+    assert rig.clock.now_ns() >= 600e9
+    assert context.timeline is before
+    assert context.settled
+    ((event),) = rig.events("reentry")
+    assert (event["soaked"], event["unit_degC"]) == (True, 18.5)
+
+
+def test_a_unit_that_says_nothing_is_soaked_again_and_judged(tmp_path: Path) -> None:
+    rig = soaked_rig(tmp_path)
+    rig.port_b.silent = True
+    context = rig.context()
+    with pytest.raises(RunError, match="B-RUN-031"):
+        enter(context, 1)
+
+
+def test_after_a_hold_nothing_is_sent_while_the_unit_is_in_its_band(tmp_path: Path) -> None:
+    rig = soaked_rig(tmp_path)
+    rig.unit_degC = lambda t_s: 19.5
+    context = rig.context()
+    rig.clock.sleep(1.0)
+    come_back(context, 1)
+    assert chamber_calls(rig) == []
+    rig.unit_degC = lambda t_s: 15.0 if t_s < 100.0 else 20.0
+    rig.clock.sleep(1.0)
+    come_back(context, 1)
+    assert chamber_calls(rig) == [("chamber.set_temperature", (20.0, 0.5)), ("chamber.run", ())]
+    assert [one["soaked"] for one in rig.events("reentry")] == [False, True]
+
+
+def test_before_any_soak_and_at_the_end_no_temperature_is_due(tmp_path: Path) -> None:
+    rig = soaked_rig(tmp_path)
+    rig.step("call", "calibrator", "output", current=0.0, phase="finally")
+    context = rig.context()
+    enter(context, 0)
+    enter(context, 2)
+    assert chamber_calls(rig) == []
+    assert rig.events("reentry") == []
+
+
+def test_a_hold_that_let_the_unit_cool_soaks_again_in_a_run(tmp_path: Path) -> None:
+    """The whole sequencer: hold in a settle, the unit cools meanwhile, the soak is done again, then the point."""
+    rig = Rig(tmp_path, "calibrator", "chamber")
+    rig.step("soak", "chamber", "soak", **SOAK)
+    first = len(rig.steps)
+    rig.step("call", "calibrator", "output", current=1.0)
+    rig.step("settle", duration_s=50.0, bus_s=0.0)
+    rig.step("record", "port_a", seconds=1.0, retry=1, max_lost=0.0, retry_step=first)
+    rig.unit_degC = lambda t_s: 17.0 if 615.0 < t_s < 800.0 else 20.0
+
+    def hold(step: Step) -> None:
+        if step.kind == "settle" and rig.clock.now_ns() < 650e9:
+            rig.stop.holds.hold("test", "a door")
+            rig.clock.every(20.0, lambda: rig.stop.holds.release("test"), observer=False)
+
+    rig.listener.on_step = hold
+    context = rig.context
+    rig.context = lambda: _with_order(context())  # type: ignore[method-assign]
+    outcome = rig.run()
+    assert outcome.error is None
+    assert [one["soaked"] for one in rig.events("reentry")] == [True]
+    assert len(outcome.rows) == 1
+    assert outcome.slip_s > 600.0
+
+
+def _with_order(context: Any) -> Any:
+    context.plan.station = SimpleNamespace(safe_order=())
+    return context
+
+
+def test_a_stop_still_ends_a_soak_that_is_done_again(tmp_path: Path) -> None:
+    rig = soaked_rig(tmp_path)
+    rig.unit_degC = lambda t_s: 10.0
+    context = rig.context()
+    rig.stop.holds.wish(Wish("retake", "test", "has to wait"))
+    rig.clock.every(100.0, lambda: rig.stop.request("SIGTERM"), observer=False)
+    with pytest.raises(Exception, match="B-RUN-010"):
+        enter(context, 1)
+    assert not context.stop.deferred
+
+
+# --- steps that are done again -------------------------------------------------------------------------------------
+
+DRIVERS = {
+    "calibrator": "fluke_5720a",
+    "switch": "keithley_7002",
+    "chamber": "thermotron_3800",
+    "supply": "hp_6632b",
+    "aux_supply": "agilent_e3631a",
+    "function_generator": "agilent_33250a",
+    "dmm": "hp_3458a",
+}
+
+
+def declared() -> dict[str, dict[str, Action]]:
+    return {role: actions_of(driver_class(name)) for role, name in DRIVERS.items()}
+
+
+def again(rig: Rig) -> list[str]:
+    plan: Any = SimpleNamespace(steps=tuple(rig.steps))
+    found = steps_again(plan, len(rig.steps), declared())
+
+    def said(one: Step) -> str:
+        return "settle" if one.kind == "settle" else f"{one.role}.{one.name}{one.arguments.get('rail', '')}"
+
+    return [said(one) for one in found]
+    return [
+        f"{one.role}.{one.name}{one.arguments.get('rail', '')}" if one.kind != "settle" else "settle" for one in found
+    ]
+
+
+def test_the_last_call_of_each_action_and_rail_settings_first(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    rig.step("prompt", text="no")
+    rig.step("call", "calibrator", "output", current=1.0)
+    rig.step("call", "switch", "route", channel=1, polarity=1)
+    rig.step("call", "chamber", "set_temperature", temperature=1.0, ramp=1.0)
+    rig.step("call", "supply", "configure", voltage=18.0)
+    rig.step("call", "supply", "output_on")
+    rig.step("call", "aux_supply", "configure", rail=1, voltage=5.0)
+    rig.step("call", "aux_supply", "configure", rail=2, voltage=15.0)
+    rig.step("call", "aux_supply", "output_on")
+    rig.step("call", "supply", "configure", voltage=24.0)
+    rig.step("call", "supply", "measure_current")
+    rig.step("call", "function_generator", "square", frequency=1e7, amplitude=1.0)
+    rig.step("call", "function_generator", "output_on")
+    rig.step("settle", duration_s=10.0)
+    rig.step("unit", "port_b", "stop_stream", command=1)
+    rig.step("unit", "port_b", "start_stream", command=2)
+    rig.step("settle", duration_s=5.0)
+    rig.step("send", "function_generator", "", text="DISP OFF")
+    rig.step("send", "function_generator", "", text="DISP ON")
+    rig.step("send", "function_generator", "", text="DISP?")
+    rig.step("send", "calibrator", "", text="OPER")
+    assert again(rig) == [
+        "aux_supply.configure1", "aux_supply.configure2", "supply.configure", "function_generator.square",
+        "supply.output_on", "aux_supply.output_on", "function_generator.output_on", "settle",
+        "function_generator.", "port_b.stop_stream", "port_b.start_stream", "settle",
+    ]  # fmt: skip
+    plan: Any = SimpleNamespace(steps=tuple(rig.steps))
+    done = steps_again(plan, len(rig.steps), declared())
+    assert [one.arguments["voltage"] for one in done if one.role == "supply" and one.name == "configure"] == [24.0]
+    assert [one.arguments["text"] for one in done if one.kind == "send"] == ["DISP ON"]
+
+
+def test_what_was_switched_off_stays_off(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    rig.step("call", "supply", "configure", voltage=18.0)
+    rig.step("call", "supply", "output_on")
+    rig.step("call", "supply", "output_off")
+    assert again(rig) == ["supply.configure", "supply.output_off"], "not on for a moment: somebody may be at the board"
+
+
+def warmed(folder: Path, *, behind_s: float) -> Rig:
+    rig = Rig(folder, "supply")
+    rig.step("settle", duration_s=900.0, bus_s=0.0, phase="prepare")
+    rig.step("call", "supply", "output_on", phase="prepare")
+    rig.step("settle", duration_s=6.0, bus_s=0.0, phase="prepare")
+    rig.step("settle", duration_s=behind_s, bus_s=0.0, phase="prepare")
+    rig.step("settle", duration_s=1000.0, bus_s=0.0)
+    rig.step("settle", duration_s=1.0, bus_s=0.0)
+    rig.step("settle", duration_s=1.0, bus_s=0.0, phase="finally")
+    return rig
+
+
+@pytest.mark.parametrize(
+    ("start", "due_s"),
+    [(5, 300.0), (4, 300.0), (3, 6.0), (1, 0.0), (6, 0.0)],
+)
+def test_what_was_off_warms_up_again(tmp_path: Path, start: int, due_s: float) -> None:
+    """As long as the longest settle time of the preparation, from when it was switched on; not for the end."""
+    rig = warmed(tmp_path, behind_s=300.0)
+    context = rig.context()
+    began_ns = rig.clock.now_ns()
+    enter(context, start)
+    assert (rig.clock.now_ns() - began_ns) / NS == pytest.approx(due_s)
+    assert any("warming up again" in text for text in rig.listener.messages) == (due_s > 0.0)
+
+
+# --- set-points ----------------------------------------------------------------------------------------------------
+
+
+def entry(number: int, **setpoint: Any) -> Any:
+    return SimpleNamespace(number=number, setpoint={name.replace("__", "."): value for name, value in setpoint.items()})
+
+
+def test_a_step_says_what_it_set(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, "calibrator", "chamber")
+    instruments: Any = rig.instruments
+    output = rig.step("call", "calibrator", "output", current=1.0)
+    assert setpoint_of(output, instruments) == {"calibrator.output": {"current": 1.0}}
+    assert setpoint_of(rig.step("call", "calibrator", "measure"), instruments) == {}
+    assert setpoint_of(rig.step("verify", "calibrator", "operating"), instruments) == {}
+    assert setpoint_of(rig.step("record", "port_a", seconds=1.0), instruments) == {}
+    soak = rig.step("soak", "chamber", "soak", **SOAK)
+    assert setpoint_of(soak, instruments) == {"chamber.set_temperature": {"temperature": 20.0, "ramp": 0.5}}
+
+
+def test_the_newest_state_counts() -> None:
+    state = expected_of(
+        [
+            entry(1, calibrator__output={"current": 1.0}),
+            entry(2, calibrator__operate={}),
+            entry(3, switch__route={"channel": 1}),
+            entry(4, calibrator__standby={}),
+            entry(5, switch__open_all={}),
+            entry(6, switch__route={"channel": 2}),
+        ]
+    )
+    assert state == {"calibrator": {"output": {"current": 1.0}, "standby": {}}, "switch": {"route": {"channel": 2}}}
+
+
+def test_differences_are_named_and_what_is_as_it_was_is_not() -> None:
+    expected = {
+        "calibrator": {"output": {"current": 1.0}, "operate": {}},
+        "switch": {"route": {"channel": 1, "polarity": 1}},
+        "supply": {"configure": {"voltage": 18.0}, "output_on": {}},
+        "chamber": {"set_temperature": {"temperature": 50.0, "ramp": 0.5}},
+    }
+    found = {
+        "calibrator": {"operating": False}, "switch": {"closed": ()}, "supply": {"measure_voltage": 0.01},
+        "chamber": {"measure_air": 23.0}, "dmm": {"operating": True},
+    }  # fmt: skip
+    assert len(differences(expected, found)) == 4
+    as_it_was = {
+        "calibrator": {"operating": True}, "switch": {"closed": ("1!1!1",)}, "supply": {"measure_voltage": 17.9},
+        "chamber": {"measure_air": 49.0},
+    }  # fmt: skip
+    assert differences(expected, as_it_was) == []
+    off = {**expected, "supply": {"configure": {"voltage": 18.0}, "output_off": {}}}
+    assert differences(off, {"supply": {"measure_voltage": 0.01}}) == []
+
+
+def test_looking_takes_a_few_seconds_at_most_and_no_answer_is_left_out(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, "calibrator", "switch", "chamber")
+    rig.instruments["calibrator"].fail["operating"] = instrument_error()
+    rig.instruments["calibrator"].slow_s["operating"] = 1.0
+    rig.instruments["switch"].slow_s["operating"] = 10.0
+    instruments: Any = rig.instruments
+    found = read_back(instruments, rig.clock)
+    assert found == {"switch": {"operating": True}}
+    assert rig.called("chamber.operating") == []
+
+
+def test_a_port_that_is_pulled_out_on_the_way_back_is_opened_again(tmp_path: Path) -> None:
+    """Without its temperature the soak that is done again could only fail."""
+    rig = soaked_rig(tmp_path)
+    rig.unit_degC = lambda t_s: 15.0 if t_s < 100.0 else 20.0
+    context = rig.context()
+    port: Any = rig.port_b
+    plain, pulled = port.read, [False]
+
+    def read(size: int = 1) -> bytes:
+        pulled[0] = pulled[0] or 200e9 < rig.clock.now_ns() < 300e9
+        if pulled[0]:
+            raise OSError("gone")
+        return plain(size)
+
+    def reopen() -> None:
+        if rig.clock.now_ns() < 300e9:
+            raise LinkError("B-RUN-003", "no such port")
+        pulled[0] = False
+
+    port.read, port.reopen = read, reopen
+    rig.clock.sleep(1.0)
+    with keep_links(context):
+        come_back(context, 1)
+        assert context.stop.holds.reasons == {}
+    assert [event["state"] for event in rig.events("link")] == ["lost", "back"]
+    assert [one["soaked"] for one in rig.events("reentry")] == [True]
+
+
+def test_a_pause_on_the_way_back_counts_from_its_end_on(tmp_path: Path) -> None:
+    rig = soaked_rig(tmp_path)
+    rig.unit_degC = lambda t_s: 15.0 if t_s < 100.0 else 20.0
+    context = rig.context()
+    answers: list[dict[str, Any]] = []
+    answering = Control(context, Following(context), dict)
+    rig.clock.every(300.0, lambda: answers.append(answering.answer({"command": "pause", "reason": "door"}, "me")))
+    rig.clock.sleep(1.0)
+    come_back(context, 1)
+    assert [answer["ok"] for answer in answers] == [True, True]
+    with pytest.raises(Interruption, match="hold: door"):
+        context.stop.check()
+
+
+def test_what_persons_changed_on_the_bench_is_as_before(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    rig.step("prompt", text="put in SIM-1", sets={"unit": "SIM-1", "mounting": "x"})
+    rig.step("prompt", text="put in SIM-2", sets={"unit": "SIM-2"})
+    rig.step("settle", duration_s=1.0, bus_s=0.0)
+    rig.step("prompt", text="put in SIM-3", sets={"unit": "SIM-3"})
+    context, done = rig.context(), []
+    context.operate = lambda name, value: done.append((name, value))
+    enter(context, 3)
+    assert done == [("unit", "SIM-2"), ("mounting", "x")]
+    assert any("SIM-2" in text for text in rig.listener.messages)
+
+
+def test_a_test_of_the_unit_is_not_done_again(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    rig.step("unit", "rs422", "stream_start", command=0x20, payload=())
+    rig.step("unit", "rs422", "memory", command=0x12, payload=(), item="memory")
+    rig.step("unit", "rs422", "memory", command=0x12, payload=())
+    rig.step("unit", "rs422", "memory", command=0x12, payload=(1,), item="memory")
+    plan: Any = SimpleNamespace(steps=tuple(rig.steps))
+    assert [step.number for step in steps_again(plan, 4, {})] == [0, 2]

@@ -1,0 +1,204 @@
+"""Single steps: readings and overloads, prompts, commands to the unit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from run_rig import Rig, instrument_error
+
+from bench.model.errors import BenchError
+from bench.model.quality import Quality
+from bench.run.control.operator import Answer, Question, SimulatedOperator, judge
+
+OHM = {"text": "resistance?", "unit": "ohm", "low": 1.0, "high": 2.0}
+
+
+def ended_by(rig: Rig) -> BenchError:
+    error = rig.run().error
+    assert error is not None
+    return error
+
+
+def test_a_reading_becomes_an_event(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, "logger")
+    rig.instruments["logger"].answers["measure"] = [21.5]
+    rig.step("call", "logger", "measure")
+    assert rig.run().error is None
+    expected = {"step": 0, "role": "logger", "name": "measure", "value": 21.5, "conditions": {}}
+    assert rig.events("reading") == [expected]
+
+
+@pytest.mark.parametrize(
+    ("code", "flag"),
+    [
+        ("B-INST-007", Quality.OVERLOAD),
+        ("B-INST-001", Quality.NOT_FINITE),
+        ("B-INST-004", Quality.NOT_FINITE),
+    ],
+)
+def test_a_pure_measurement_without_a_reading_is_flagged_and_the_run_goes_on(
+    tmp_path: Path, code: str, flag: Quality
+) -> None:
+    rig = Rig(tmp_path, "logger")
+    rig.instruments["logger"].fail["measure"] = instrument_error(code)
+    rig.step("call", "logger", "measure")
+    rig.step("call", "logger", "operating")
+    assert rig.run().error is None
+    flagged = rig.events("reading")[0]
+    assert (flagged["value"], flagged["quality"], flagged["code"]) == (None, flag, code)
+    assert rig.listener.steps == [0, 1]
+    assert any("flagged" in text for text in rig.listener.messages)
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "code"),
+    [
+        ("call", "output", "B-INST-007"),  # does something to the bench
+        ("verify", "measure", "B-INST-007"),  # its answer is needed
+        ("call", "operating", "B-INST-007"),  # declares no reading
+        ("call", "measure", "B-INST-005"),
+    ],
+)
+def test_every_other_instrument_error_ends_the_run(tmp_path: Path, kind: str, name: str, code: str) -> None:
+    rig = Rig(tmp_path, "logger")
+    rig.instruments["logger"].fail[name] = instrument_error(code)
+    rig.step(kind, "logger", name, **({"current": 1.0} if name == "output" else {}))
+    rig.step("call", "logger", "operating")
+    assert ended_by(rig).code == code
+    assert rig.listener.steps == [0]
+
+
+def test_raw_text_is_sent(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, "logger")
+    rig.step("send", "logger", text="FUNC SQU")
+    assert rig.run().error is None
+    assert ("logger.raw", ("FUNC SQU",)) in [(name, arguments) for _, name, arguments in rig.calls]
+
+
+# --- prompts -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("value", [1.0, 1.5, 2.0])
+def test_an_answer_inside_the_limits_is_recorded(tmp_path: Path, value: float) -> None:
+    rig = Rig(tmp_path)
+    rig.operator.value = value
+    rig.step("prompt", **OHM)
+    assert rig.run().error is None
+    (event,) = rig.events("prompt")
+    assert (event["by"], event["value"], event["unit"]) == ("somebody", value, "ohm")
+
+
+@pytest.mark.parametrize(("value", "code"), [(None, "B-RUN-040"), (0.99, "B-RUN-041"), (2.01, "B-RUN-041")])
+def test_a_bad_answer_ends_the_run_and_is_recorded(tmp_path: Path, value: float | None, code: str) -> None:
+    rig = Rig(tmp_path)
+    rig.operator.value = value
+    rig.step("prompt", **OHM)
+    assert ended_by(rig).code == code
+    assert rig.events("prompt")[0]["value"] == value
+
+
+def test_a_nan_is_not_inside_any_limits() -> None:
+    with pytest.raises(BenchError) as caught:
+        judge(Question("x", unit="V", low=0.0, high=1.0), Answer("somebody", float("nan")), "")
+    assert caught.value.code == "B-RUN-041"
+
+
+@pytest.mark.parametrize(("low", "high"), [(1.0, 3.0), (None, 3.0), (1.0, None)])
+def test_the_simulated_operator_answers_inside_the_limits(low: float | None, high: float | None) -> None:
+    question = Question("x", unit="V", low=low, high=high)
+    judge(question, SimulatedOperator().ask(question), "")
+
+
+def test_a_confirmation_needs_no_value(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    rig.step("prompt", text="door closed?", confirm="operator")
+    assert rig.run().error is None
+
+
+def test_what_a_person_did_is_done_to_a_simulated_bench_behind_the_answer(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    done: list[tuple[str, object]] = []
+    rig.operator.act = lambda: done.append(("asked", 0))
+    rig.step("prompt", text="put unit SIM-2 on the board", sets={"unit": "SIM-2", "dip_switch": 0})
+    rig.step("prompt", text="go on?")
+    assert rig.run(operate=lambda name, value: done.append((name, value))).error is None
+    assert done == [("asked", 0), ("unit", "SIM-2"), ("dip_switch", 0), ("asked", 0)]
+    first, second = rig.events("prompt")
+    assert first["sets"] == {"unit": "SIM-2", "dip_switch": 0}
+    assert "sets" not in second
+
+
+def test_a_refused_value_changes_nothing_on_the_bench(tmp_path: Path) -> None:
+    rig = Rig(tmp_path)
+    rig.operator.value = 3.0
+    rig.step("prompt", **OHM, sets={"unit": "SIM-2"})
+    done: list[str] = []
+    outcome = rig.run(operate=lambda name, value: done.append(name))
+    assert outcome.error is not None
+    assert done == []
+
+
+# --- commands to the unit ------------------------------------------------------------------------------------------
+
+
+def unit_step(folder: Path) -> Rig:
+    rig = Rig(folder)
+    rig.step("settle", duration_s=1.0, bus_s=0.0)
+    rig.step("unit", "port_b", "start_stream", command=2, payload=(0x64,))
+    return rig
+
+
+def test_a_command_waits_for_its_answer(tmp_path: Path) -> None:
+    rig = unit_step(tmp_path)
+    rig.port_b.answer = {2: (0, 0.5)}
+    assert rig.run().error is None
+    sent = rig.port_b.definition.decoder("reference").feed(rig.port_b.written).messages["command"]
+    assert [int(number) for number in sent.raw("command")] == [2]
+    assert bytes(sent.raw("payload")[0]) == b"\x64"
+    assert rig.events("answer")[0]["status"] == 0
+
+
+def test_no_answer(tmp_path: Path) -> None:
+    error = ended_by(unit_step(tmp_path))
+    assert error.code == "B-RUN-022"
+    assert "start_stream" in error.message
+
+
+@pytest.mark.parametrize("status", [1, 2, 255])
+def test_a_refusal_ends_the_run(tmp_path: Path, status: int) -> None:
+    rig = unit_step(tmp_path)
+    rig.port_b.answer = {2: (status, 0.1)}
+    error = ended_by(rig)
+    assert error.code == "B-RUN-023"
+    assert f"status {status}" in error.message
+
+
+def test_the_answer_to_another_command_does_not_count(tmp_path: Path) -> None:
+    rig = unit_step(tmp_path)
+    rig.port_b.answer = {1: (0, 0.1)}
+    assert ended_by(rig).code == "B-RUN-022"
+
+
+def test_an_answer_that_came_before_the_command_does_not_count(tmp_path: Path) -> None:
+    rig = unit_step(tmp_path)
+    rig.port_b.say(2, 0, delay_s=0.9999)  # arrives, but nobody has looked yet
+    assert ended_by(rig).code == "B-RUN-022"
+
+
+def test_not_all_bytes_could_be_sent(tmp_path: Path) -> None:
+    rig = unit_step(tmp_path)
+    rig.port_b.accepts = 3
+    assert ended_by(rig).code == "B-RUN-020"
+
+
+def test_the_time_a_person_takes_to_answer_is_a_slip_and_no_overrun(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, "logger")
+    rig.operator.act = lambda: rig.clock.sleep(600.0)
+    rig.step("prompt", text="ready?")
+    rig.step("settle", duration_s=10.0, bus_s=1.0)
+    outcome = rig.run()
+    assert outcome.error is None
+    assert outcome.overruns == 0
+    assert outcome.slip_s == pytest.approx(600.0)
+    assert rig.events("slip") == [{"step": 0, "seconds": 600.0, "reason": "prompt"}]

@@ -1,0 +1,78 @@
+"""Commands, alarms, surroundings and hashes of a run, as the report shows them."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+
+from bench.model.clock import NS
+from bench.model.shipped import find_shipped
+from bench.session.operation import alarms_raised, commands_given, hashes_of, length_s, surroundings
+
+START_ns = 7 * NS
+
+
+@dataclass(frozen=True)
+class Told:
+    events: list[tuple[str, int, Mapping[str, Any]]]
+
+    def events_of(self, kind: str) -> list[tuple[int, Mapping[str, Any]]]:
+        return [(t_ns, fields) for found, t_ns, fields in self.events if found == kind]
+
+
+def told(*events: tuple[str, float, dict[str, Any]]) -> Told:
+    phase = ("phase", START_ns, {"name": "prepare"})
+    return Told([phase, *((kind, START_ns + round(at_s * NS), fields) for kind, at_s, fields in events)])
+
+
+def test_commands_say_when_what_who_why_and_what_else() -> None:
+    view = told(
+        ("control", 60.0, {"what": "pause", "by": "A, operator, 10.0.0.7", "reason": "lunch"}),
+        ("control", 3661.0, {"what": "acknowledge", "by": "B", "reason": "", "alarm": "lab_air"}),
+    )
+    assert commands_given(view) == [
+        {"time": "0:01:00", "what": "pause", "by": "A, operator, 10.0.0.7", "reason": "lunch"},
+        {"time": "1:01:01", "what": "acknowledge", "by": "B", "reason": "–", "alarm": "lab_air"},
+    ]
+
+
+def test_alarms_and_interlocks_in_order_of_time_and_nothing_else() -> None:
+    trip = {"name": "unit_hot", "state": "tripped", "value": 61.0, "unit": "degC", "limit": 60.0, "action": "abort"}
+    held = {"what": "hold", "step": 4, "seconds": 600.0, "reasons": {"operator": "lunch"}}
+    view = told(
+        ("interlock", 90.0, trip), ("alarm", 30.0, held), ("control", 10.0, {"what": "pause", "by": "A", "reason": "r"})
+    )
+    found = alarms_raised(view)
+    assert [(one["time"], one["what"]) for one in found] == [("0:00:30", "alarm"), ("0:01:30", "interlock")]
+    assert found[1]["text"] == "unit_hot tripped: 61.0 degC, limit 60.0; abort"
+
+
+def test_length_is_from_the_first_phase_to_the_end() -> None:
+    assert length_s(told(("end", 99.5, {}))) == pytest.approx(99.5)
+    assert math.isnan(length_s(told()))
+    assert math.isnan(length_s(Told([("end", 1, {})])))
+
+
+def test_the_station_says_which_channel_is_the_room() -> None:
+    scans = [
+        ("surroundings", at, {"role": "logger", "degC": {"101": 23.0 + at / 1e4, "103": 50.0}}) for at in (0.0, 1500.0)
+    ]
+    path = find_shipped("stations", "af_bench_sim")
+    view, text = told(*scans), path.read_text(encoding="utf-8")
+    room, unit = surroundings(view, {"stations/af_bench_sim.yaml": text}, START_ns + 600 * NS)
+    assert (room.name, room.laboratory, unit.name, unit.laboratory) == ("logger 101", True, "logger 103", False)
+    assert room.t_s.tolist() == [-600.0, 900.0]
+    assert room.degC.tolist() == pytest.approx([23.0, 23.15])
+    unknown = surroundings(view, {"stations/other.yaml": "no: station\n"}, 0)
+    assert [one.laboratory for one in unknown] == [False, False]
+
+
+def test_hashes_are_of_the_yaml_texts() -> None:
+    text = "sequence: x # µ\n"
+    found = hashes_of({"sequences/x.yaml": text, "plan.json": "{}"})
+    assert found == {"sequences/x.yaml": hashlib.sha256(text.encode("utf-8")).hexdigest()}

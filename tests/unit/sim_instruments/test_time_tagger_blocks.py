@@ -1,0 +1,218 @@
+"""Blocks of the simulated time tagger, byte by byte and edge by edge."""
+
+from __future__ import annotations
+
+import struct
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from crccheck.crc import Crc32
+from tagger_bench import PERIOD_PS, Blocks, tagger_bench
+
+from sim_instruments.bus.time_tag_blocks import MEMORY_BLOCKS, MOST_EVENTS, TagBlocks
+
+
+def written(counter: int, tick: int, clock_Hz: int, dropped: int, events: str) -> bytes:
+    """A block out of the words of frames/time_tags.yaml; the checksum is another library's."""
+    words = bytes.fromhex(events)
+    size = 4 + 24 + len(words) + 4
+    body = struct.pack("<HIQIIH", size, counter, tick, clock_Hz, dropped, len(words) // 4) + words
+    return bytes.fromhex("a55ac33c") + body + struct.pack("<I", Crc32.calc(body))
+
+
+def add(blocks: TagBlocks, *events: tuple[int, int]) -> None:
+    ticks, flags = zip(*events, strict=True)
+    blocks.add(np.array(ticks, np.int64), np.array(flags, np.uint32))
+
+
+def test_a_block_written_by_hand() -> None:
+    """At 10 MHz a block has 100,000 ticks. Edges: tick 7 beat up, cosine up; 70,007 pick-off up; 100,006 beat down."""
+    blocks = TagBlocks()
+    blocks.start(10_000_000, 7)
+    add(blocks, (7, 0b011), (70_007, 0b101), (100_006, 0b000))
+    blocks.close_until(100_006)
+    assert blocks.take(1000) == b""
+    blocks.close_until(100_007)
+    expected = bytes.fromhex(
+        "a55ac33c 2c00 00000000 0700000000000000 80969800 00000000 0300"
+        "03000000"  # 0 ticks << 3 | 3
+        "858b0800"  # 70,000 << 3 | 5 = 0x88b85
+        "f8340c00"  # 99,999 << 3 = 0xc34f8
+    )
+    assert blocks.take(1000) == expected + struct.pack("<I", Crc32.calc(expected[4:]))
+
+
+def test_an_edge_on_the_border_is_of_the_next_block_and_empty_blocks_count() -> None:
+    blocks = TagBlocks()
+    blocks.start(10_000_000, 0)
+    add(blocks, (99_999, 1), (100_000, 0))
+    blocks.close_until(400_000)
+    assert blocks.take(10_000) == b"".join(
+        [
+            written(0, 0, 10_000_000, 0, "f9340c00"),
+            written(1, 100_000, 10_000_000, 0, "00000000"),
+            written(2, 200_000, 10_000_000, 0, ""),
+            written(3, 300_000, 10_000_000, 0, ""),
+        ]
+    )
+
+
+def test_edges_come_in_any_portions() -> None:
+    rng = np.random.default_rng(17)
+    ticks, flags = np.sort(rng.integers(0, 5_000_000, 20_000)), rng.integers(0, 8, 20_000).astype(np.uint32)
+    streams = []
+    for cuts in ([5_000_000], [*np.sort(rng.integers(0, 5_000_000, 60)).tolist(), 5_000_000]):
+        blocks, begin = TagBlocks(), 0
+        blocks.start(20_000_000, 0)
+        for cut in cuts:
+            end = int(np.searchsorted(ticks, cut))
+            blocks.add(ticks[begin:end], flags[begin:end])
+            blocks.close_until(cut)
+            begin = end
+        streams.append(blocks.take(10**7))
+    assert streams[0] == streams[1]
+    found = Blocks(streams[0])
+    np.testing.assert_array_equal(found.ticks, ticks)
+    np.testing.assert_array_equal(found.words & 7, flags)
+
+
+def test_what_is_too_much_for_a_block_is_counted_in_it() -> None:
+    blocks = TagBlocks()
+    blocks.start(100_000_000, 0)
+    ticks = np.arange(12_500) * 160  # 6,250 in each of two blocks
+    blocks.add(ticks, np.zeros(12_500, np.uint32))
+    blocks.close_until(3_000_000)
+    found = Blocks(blocks.take(10**7))
+    assert found.edges.tolist() == [MOST_EVENTS, MOST_EVENTS, 0]
+    assert found.dropped.tolist() == [250, 500, 500]
+    np.testing.assert_array_equal(found.ticks, [*ticks[:6000], *ticks[6250:12_250]])
+
+
+def test_a_full_memory_keeps_the_oldest_and_counts_the_rest() -> None:
+    blocks = TagBlocks()
+    blocks.start(10_000_000, 0)
+    total = MEMORY_BLOCKS + 5
+    blocks.add(np.arange(total) * 100_000, np.ones(total, np.uint32))
+    blocks.close_until(total * 100_000)
+    first = Blocks(blocks.take(10**7))
+    assert len(first.counter) == MEMORY_BLOCKS
+    assert first.dropped[-1] == 0
+    add(blocks, (total * 100_000, 1))
+    blocks.close_until((total + 1) * 100_000)
+    after = Blocks(blocks.take(10**7))
+    assert after.counter.tolist() == [total]
+    assert after.dropped.tolist() == [5] == [blocks.dropped]
+
+
+def test_whole_blocks_up_to_what_is_asked_for() -> None:
+    blocks = TagBlocks()
+    blocks.start(10_000_000, 0)
+    blocks.close_until(300_000)  # three of 32 bytes
+    assert [len(blocks.take(size)) for size in (31, 63, 64, 64)] == [0, 32, 64, 0]
+
+
+@pytest.mark.parametrize("clock_Hz", [10_000_000, 20_000_000, 50_000_000, 100_000_000])
+@pytest.mark.parametrize("error_ppm", [0.0, 25.0, -312.5])
+def test_stamps_are_whole_ticks_of_its_own_clock(clock_Hz: int, error_ppm: float) -> None:
+    """Each stamp against exact fractions; the tagger starts where its clock has counted for some milliseconds."""
+    with tagger_bench(period_ps=33_333_331, clock_error_ppm=error_ppm) as bench:
+        bench.stream(float(clock_Hz))
+        found = Blocks(bench.collect(0.5))
+        rate = Fraction(clock_Hz) * (1 + Fraction(error_ppm) / 10**6)
+        first = round(float(found.ticks[0] / rate) * 1e12 / 33_333_331)
+        times_ps = [int(t) for t in bench.edges.times_ps(np.arange(first, first + len(found.ticks)))]
+        np.testing.assert_array_equal(found.ticks, [t * rate // 10**12 for t in times_ps])
+        np.testing.assert_array_equal(found.words & 7, bench.edges.flags(np.arange(first, first + len(found.ticks))))
+        assert set(found.clock_Hz.tolist()) == {clock_Hz}
+        assert set(np.diff(found.tick).tolist()) == {clock_Hz // 100}
+
+
+def test_600_000_edges_a_second_for_seconds_without_a_loss() -> None:
+    with tagger_bench() as bench:
+        bench.stream()
+        stream = bench.collect(4.0)
+        found = Blocks(stream)
+        assert bench.tagger.events_lost() == 0
+        first = int(found.ticks[0]) * 10_000 // PERIOD_PS
+        first += int(found.ticks[0]) * 10_000 > first * PERIOD_PS
+        k = np.arange(first, first + len(found.ticks))
+        assert found.ticks[0] * 10_000 <= k[0] * PERIOD_PS < (found.ticks[0] + 1) * 10_000
+        np.testing.assert_array_equal(found.ticks, bench.edges.times_ps(k) // 10_000)
+        np.testing.assert_array_equal(found.words & 7, bench.edges.flags(k))
+        np.testing.assert_array_equal(np.diff(found.counter), 1)
+        assert len(found.ticks) > 4 * 599_000
+        assert found.counts.bad == found.counts.lost == found.counts.skipped_bytes == 0
+
+
+def test_a_reader_who_pauses_a_second_loses_nothing_and_one_who_pauses_ten_is_told() -> None:
+    with tagger_bench() as bench:
+        bench.stream()
+        whole = Blocks(bench.collect(2.0, every_s=2.0))
+        assert (whole.counts.lost, bench.tagger.events_lost()) == (0, 0)
+        bench.clock.sleep(10.0)
+        late = Blocks(bench.tagger.read_stream(10**8) + bench.collect(1.0))
+        gap = np.flatnonzero(np.diff(late.counter) > 1)
+        assert len(gap) == 1
+        missing = int(late.counter[gap[0] + 1] - late.counter[gap[0]] - 1)
+        assert 650 < missing < 720  # ten seconds less the memory
+        assert late.counts.lost == missing
+        lost = int(late.dropped[-1])
+        assert lost == bench.tagger.events_lost()
+        assert late.dropped[gap[0]] == 0
+        assert late.dropped[gap[0] + 1] == lost
+        first, last = (int(late.ticks[at]) * 10_000 / PERIOD_PS for at in (0, -1))
+        assert round(last) - round(first) + 1 == len(late.ticks) + lost  # every edge is there or counted
+
+
+def test_an_idle_tagger_asks_for_no_edge() -> None:
+    with tagger_bench() as bench:
+        bench.tagger.configure(100e6)
+        bench.clock.sleep(3600.0)
+        assert bench.edges.asked_ns == []
+        bench.tagger.start()
+        bench.collect(5.0, every_s=2.5)
+        assert len(bench.edges.asked_ns) >= 6
+        assert np.diff([bench.clock.now_ns() - 5 * 10**9, *bench.edges.asked_ns]).max() <= 10**9
+
+
+def test_a_bench_without_comparators_gives_empty_blocks() -> None:
+    with tagger_bench() as bench:
+        for name in ("edges_until", "skip_edges", "edges_epoch_ns"):
+            delattr(bench.world, name)
+        bench.stream()
+        found = Blocks(bench.collect(1.0))
+        assert len(found.counter) >= 100
+        assert found.edges.sum() == 0
+
+
+def test_the_instrument_refuses_what_it_cannot_do() -> None:
+    with tagger_bench() as bench:
+        tagger = bench.tagger
+        tagger.identify()
+        for commands, code in (
+            (["STR:CLOC 30E6"], -222),
+            (["STR:CLOC 1E9"], -222),
+            (["INIT", "INIT"], -213),
+            (["STR:CLOC 2E7"], -221),
+            (["INIT:CONT ON"], -221),
+            (["INP:LEV 5.1"], -222),
+            (["INP2:COUP HF"], -224),
+            (["FETC:ARR? MAX"], -113),
+        ):
+            for command in commands:
+                tagger.bus.write(command, 1.0)
+            assert tagger.drain_errors()[0].startswith(str(code)), commands
+
+
+def test_levels_have_steps_and_a_reset_forgets_everything() -> None:
+    with tagger_bench() as bench:
+        bench.tagger.configure(20e6, 0.1014)
+        assert float(bench.tagger.raw("INP2:LEV?") or "") == pytest.approx(0.1025)
+        bench.tagger.start()
+        bench.clock.sleep(0.5)
+        bench.tagger.raw("*RST")
+        assert bench.tagger.raw("STR:DATA? 100000") == "#10"
+        assert not bench.tagger.measuring()
+        assert bench.tagger.raw("INP:COUP?") == "AC"
+        assert int(bench.tagger.raw("STR:CLOC?") or 0) == 10_000_000

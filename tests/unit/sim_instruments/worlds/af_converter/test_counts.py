@@ -1,0 +1,86 @@
+"""Counts of whole records against the counts of the frames and against the paper's equation."""
+
+import numpy as np
+import pytest
+
+from bench.model.clock import NS
+from sim_instruments.worlds.af_converter.block import BlockFactory
+from sim_instruments.worlds.af_converter.constants import KINDS
+from sim_instruments.worlds.af_converter.counts import count_windows
+from sim_instruments.worlds.af_converter.gates import Drive, GateMachine
+from sim_instruments.worlds.af_converter.unit_constants import NguTruth
+
+K0_C = np.array([kind.k0_C for kind in KINDS])
+
+
+def _frames_of_100_s(truth, input_A):
+    """Sums of gates 2,000 to 12,000 at 31 degC, with the same current all the time."""
+    machine = GateMachine(BlockFactory(truth, lambda t: np.full(len(t), 31.0), 0, 0), Drive(input_A=input_A))
+    rows = []
+    while (part := machine.run(121 * NS)) is not None:
+        rows.append(part)
+    npp, ppp, af = (
+        np.concatenate([getattr(part, name) for part in rows], axis=-1) for name in ("npp", "ppp", "af_clock")
+    )
+    return tuple(counts[..., 2000:12_000].sum(axis=-1, dtype=np.int64) for counts in (npp, ppp, af))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_record_has_the_counts_of_its_frames(seed):
+    """Within one pulse for the charge left over and one for a clock edge that falls on the other side of a gate."""
+    truth = NguTruth(seed, {"noise": "off"})
+    input_A = np.random.default_rng(seed).uniform(-1, 1, 10) * [kind.full_scale_A for kind in KINDS]
+    npp, ppp, af_clock = _frames_of_100_s(truth, input_A)
+    counts = count_windows(truth, input_A[None, :], np.array([20.0]), 31.0)
+    assert np.abs(counts.npp[0] - npp).max() <= 2
+    assert np.abs(counts.ppp[0] - ppp).max() <= 2
+    assert abs(int(counts.af_clock[0]) - int(af_clock)) <= 1
+
+
+def test_equation_1_holds_within_quantisation():
+    truth = NguTruth(11, {"noise": "off", "af_clock_error_ppm": "-50", "master_error_ppm": "50"})
+    rng = np.random.default_rng(5)
+    m = 40
+    input_A = rng.uniform(-1, 1, (m, 10)) * rng.choice([1e-3, 1e-5], (m, 10)) + np.copysign(
+        2e-6, rng.uniform(-1, 1, (m, 10))
+    )
+    unit_degC = rng.uniform(-10, 50, m)
+    counts = count_windows(truth, input_A, 20 + 120.0 * np.arange(m), unit_degC)
+    rate = (256_000.0 / counts.af_clock)[:, None]
+    numbers = np.arange(1, 11)
+    k_n, k_p = (K0_C * (1 + 1e-6 * dsf(numbers, unit_degC[:, None])) for dsf in (truth.dsf_n_ppm, truth.dsf_p_ppm))
+    reading_A = rate * (k_n * counts.npp - k_p * counts.ppp)
+    expected_A = input_A - truth.bias_A(numbers, unit_degC[:, None], 0.0)
+    assert (np.abs(reading_A - expected_A) < 1.01 * K0_C / 100 + 4e-8 * np.abs(input_A)).all()
+    assert (counts.npp > 0).any()
+    assert (counts.ppp > 0).any()
+
+
+def test_clock_counts_tell_the_clock_errors():
+    truth = NguTruth(2)
+    counts = count_windows(truth, np.zeros((50, 10)), 120.0 * np.arange(50), 20.0, fg_Hz=1e7)
+    master = truth.master_error_ppm(20.0) * 1e-6
+    assert counts.fg_count.sum() / (50 * 1e9) == pytest.approx(1 / (1 + master), abs=1e-9)  # one pulse
+    assert counts.af_clock.sum() / (50 * 25.6e6) == pytest.approx(
+        (1 + truth.af_clock_error_ppm * 1e-6) / (1 + master), abs=2e-9
+    )
+    assert counts.sums(3)["master_count"] == 10**9
+    assert counts.sums(3)["npp"].shape == (10,)
+
+
+def test_white_noise_of_a_record_is_140_pA():
+    truths = [NguTruth(3, {"noise": noise}) for noise in ("on", "off")]
+    m = 2000
+    input_A = np.zeros((m, 10))
+    input_A[:, 6:] = 1e-3 + np.random.default_rng(1).uniform(0, 1e-6, (m, 4))
+    with_noise, without = (count_windows(truth, input_A, np.full(m, 20.0), 20.0) for truth in truths)
+    difference_A = 1e-9 * (with_noise.npp - without.npp)[:, 6:]
+    quantisation_A2 = 2 * 1e-9**2 / 6  # two gated counts of independent phase, each (q/t)^2 / 6
+    assert np.sqrt(difference_A.var() - quantisation_A2) == pytest.approx(2e-9 / np.sqrt(200), rel=0.15)
+
+
+def test_the_same_seed_gives_the_same_counts_and_another_does_not():
+    input_A = np.full((30, 10), 1e-3)
+    runs = [count_windows(NguTruth(seed), input_A, 120.0 * np.arange(30), 20.0).npp for seed in (1, 1, 2)]
+    np.testing.assert_array_equal(runs[0], runs[1])
+    assert (runs[0] != runs[2]).any()

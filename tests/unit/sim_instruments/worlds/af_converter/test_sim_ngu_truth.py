@@ -1,0 +1,80 @@
+"""The drawn parameters of the simulated unit."""
+
+import numpy as np
+import pytest
+
+from bench.model.errors import InputError
+from sim_instruments.worlds.af_converter.unit_constants import NguTruth
+
+NUMBERS = np.arange(1, 11)
+
+
+def test_scale_factor_errors_spread_as_designed():
+    drawn = np.array(
+        [[NguTruth(seed).dsf_n_ppm(NUMBERS, 20.0), NguTruth(seed).dsf_p_ppm(NUMBERS, 20.0)] for seed in range(200)]
+    )
+    assert abs(drawn.mean()) < 4 * 400 / np.sqrt(drawn.size)
+    assert drawn.std() == pytest.approx(400, rel=0.05)
+    assert abs(np.corrcoef(drawn[:, 0].ravel(), drawn[:, 1].ravel())[0, 1]) < 0.1
+
+
+def test_the_same_seed_is_the_same_unit_and_another_is_not():
+    first, same, other = NguTruth(5), NguTruth(5), NguTruth(6)
+    at = (NUMBERS, 31.5, 80_000.0)
+    np.testing.assert_array_equal(first.bias_A(*at), same.bias_A(*at))
+    assert (first.bias_A(*at) != other.bias_A(*at)).all()
+
+
+def test_bias_never_comes_near_zero_so_reversals_stay_short():
+    degC = np.linspace(-12, 52, 33)[:, None]
+    for seed in range(100):
+        bias_A = NguTruth(seed).bias_A(NUMBERS, degC, 70_000.0)
+        assert (bias_A[:, :6] > 200e-9).all()
+        assert (bias_A[:, 6:] < -180e-9).all()
+
+
+def test_bias_walks_0_3_nA_per_root_hour():
+    hours = 38.0
+    walked_A = [
+        NguTruth(s).bias_A(NUMBERS, 20.0, hours * 3600) - NguTruth(s).bias_A(NUMBERS, 20.0, 0.0) for s in range(60)
+    ]
+    assert np.std(walked_A) == pytest.approx(0.3e-9 * np.sqrt(hours), rel=0.1)
+
+
+def test_bias_walk_is_the_same_in_any_order_of_asking():
+    late_first, early_first = NguTruth(3), NguTruth(3)
+    late = late_first.bias_A(NUMBERS, 20.0, 130_000.0)
+    early_first.bias_A(NUMBERS, 20.0, 5.0)
+    np.testing.assert_array_equal(late, early_first.bias_A(NUMBERS, 20.0, 130_000.0))
+    grid = late_first.bias_A(NUMBERS, 20.0, np.array([5.0, 130_000.0])[:, None])
+    np.testing.assert_array_equal(grid[1], late)
+
+
+def test_coefficients_are_the_derivatives_of_the_error():
+    truth = NguTruth(8)
+    for polarity, error in (("n", truth.dsf_n_ppm), ("p", truth.dsf_p_ppm)):
+        tc1, tc2 = truth.tc_ppm(4, polarity, 25.0)
+        above, at, below = (float(error(4, t)) for t in (35.0, 25.0, 15.0))
+        assert tc1 == pytest.approx((above - below) / 20.0)
+        assert tc2 == pytest.approx((above - 2 * at + below) / 200.0)
+        assert 5.0 < abs(truth.tc_ppm(4, polarity)[0]) < 11.0
+
+
+def test_options_replace_the_clock_errors_and_switch_the_noise_off():
+    truth = NguTruth(
+        1, {"master_error_ppm": "-50", "af_clock_error_ppm": "50", "noise": "off", "calibrator_gain": "on"}
+    )
+    assert float(truth.master_error_ppm(20.0)) == -50.0
+    assert truth.af_clock_error_ppm == 50.0
+    assert truth.bias_A(1, 20.0, 0.0) == truth.bias_A(1, 20.0, 100_000.0)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"noise": "maybe"}, {"master_error_ppm": "fast"}, {"af_clock_error_ppm": "1e9"}, {"master_error_ppm": "nan"}],
+)
+def test_a_bad_option_is_refused(options):
+    with pytest.raises(InputError) as caught:
+        NguTruth(1, options)
+    assert caught.value.code == "B-NGU-001"
+    assert next(iter(options)) in str(caught.value)

@@ -1,0 +1,217 @@
+"""Phase and edges of the simulated ring laser against an integrator and formulas that nobody here wrote."""
+
+import math
+from dataclasses import replace
+
+import allantools
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.special import j0
+
+from sim_instruments.worlds.lock_in import core as rlg_core
+from sim_instruments.worlds.lock_in.core import BEAT, PICK_OFF, RingLaser, quantum_deg_rt_h
+
+PATHS_M = (0.15, 0.28, 0.34)
+
+
+def simulated(laser, seconds, seed=1, psi_rad=0.0):
+    return laser.simulate(seconds, np.random.default_rng(seed), psi_rad)
+
+
+def beat(edges):
+    return edges.channel == BEAT
+
+
+def solved(laser, edges, halves, psi_rad, dense=True):
+    """Equation (10) by DOP853: phase at the crossings and at the end of each of the first half cycles."""
+    scale, kappa, omega = laser.scale, laser.kappa_rad_s, math.pi / laser.half_s
+    input_rad_s = scale * math.radians(laser.rate_deg_h) / 3600.0
+    for half in range(halves):
+        swing = scale * math.radians(edges.dither_deg_s[half]) * (-1) ** half / omega
+
+        def slope(t, u, swing=swing):
+            psi = swing * math.sin(omega * t) + u[0]
+            second = laser.second_harmonic * math.sin(2.0 * psi + laser.second_phase_rad)
+            return input_rad_s - kappa * (math.sin(psi + laser.beta_rad) + second)
+
+        found = solve_ivp(
+            slope, (0.0, laser.half_s), [psi_rad], "DOP853", rtol=1e-12, atol=1e-12, max_step=2e-6, dense_output=dense
+        )
+        own = beat(edges) & (edges.t_s >= half * laser.half_s) & (edges.t_s < (half + 1) * laser.half_s)
+        since_s = edges.t_s[own] - half * laser.half_s
+        psi_rad = float(found.y[0][-1])
+        crossed = swing * np.sin(omega * since_s) + found.sol(since_s)[0] if dense else None
+        yield since_s, crossed, swing * omega, psi_rad
+
+
+@pytest.mark.validates(
+    "crossings of the simulated ring laser", against="paper 004 equation (10) solved by scipy's DOP853, tolerance 1e-12"
+)
+@pytest.mark.parametrize(("path_m", "second"), [(0.15, 0.0), (0.28, 0.0), (0.34, 0.0), (0.28, 0.05)])
+def test_crossings_and_phase_are_those_of_an_independent_integrator(path_m, second, record_property):
+    laser = RingLaser(path_m, 0.7, rate_deg_h=3600.0, second_harmonic=second, second_phase_rad=0.3)
+    edges = simulated(laser, 0.0025, psi_rad=0.4)
+    worst_s = 0.0
+    for half, (since_s, psi, rate, end_rad) in enumerate(solved(laser, edges, 2, 0.4)):
+        off_level = psi - np.pi * np.round(psi / np.pi)
+        off_s = off_level / (rate * np.cos(math.pi / laser.half_s * since_s))
+        assert len(since_s) > 100
+        worst_s = max(worst_s, np.abs(off_s).max())
+        assert abs(end_rad - edges.phase_rad[half + 1]) < 5e-6
+    record_property("obtained", f"{100 * path_m:.0f} cm, second harmonic {second:g}: {worst_s:.0e} s, limit 1e-10")
+    assert worst_s < 1e-10
+
+
+@pytest.mark.sweep
+def test_the_phase_after_a_second_is_that_of_an_independent_integrator():
+    laser = RingLaser(0.28, 0.7, rate_deg_h=9.0)
+    edges = simulated(laser, 1.0, psi_rad=0.4)
+    ends = [end_rad for *_, end_rad in solved(laser, edges, len(edges.dither_deg_s), 0.4, dense=False)]
+    assert len(ends) == 800
+    off_rad = np.abs(np.array(ends) - edges.phase_rad[1:]).max()
+    print(f"largest difference of the phase in a second: {off_rad:.1e} rad")
+    assert off_rad < 1e-6
+
+
+@pytest.mark.parametrize("path_m", PATHS_M)
+def test_crossings_stay_where_they_are_when_the_step_is_halved(path_m, monkeypatch):
+    laser = RingLaser(path_m, 0.7)
+    coarse = simulated(laser, 0.05)
+    steps = laser.steps
+    monkeypatch.setattr(rlg_core, "MOST_STEP_RAD", rlg_core.MOST_STEP_RAD / 2)
+    assert laser.steps > 1.9 * steps
+    fine = simulated(laser, 0.05)
+    assert np.array_equal(coarse.count, fine.count)
+    slow = np.abs(coarse.t_s - fine.t_s)
+    assert np.median(slow) < 1e-11
+    near = np.abs((coarse.t_s / laser.half_s) % 1.0 - 0.5) < 0.002  # 2.5 us about the turnaround the phase stands still
+    assert slow[~near].max() < 1e-10
+    assert near.sum() < 0.01 * len(near)
+
+
+@pytest.mark.validates(
+    "simulated ring laser without dither: it locks, and beats above", against="Adler's equation (1946) in closed form"
+)
+def test_a_laser_without_dither_locks_and_above_that_beats_as_adler_says():
+    still = RingLaser(beta_rad=0.7, dither_deg_s=0.0, rate_deg_h=0.5 * 0.05 * 3600.0)
+    locked = simulated(still, 0.1, psi_rad=-0.01)
+    assert not beat(locked).any()
+    assert locked.phase_rad[-1] == pytest.approx(math.asin(0.5) - 0.7, abs=1e-7)
+    for factor in (1.5, 3.0):
+        edges = simulated(replace(still, rate_deg_h=factor * 0.05 * 3600.0), 0.2)
+        same = edges.t_s[beat(edges)][::2]
+        expected = still.kappa_rad_s * math.sqrt(factor**2 - 1.0)  # Adler 1946
+        assert 2.0 * np.pi / np.diff(same) == pytest.approx(expected, rel=2e-7)
+
+
+@pytest.mark.validates(
+    "dynamic lock-in of the simulated ring laser without dither noise",
+    against="Adler's equation with the Bessel function of the dither's swing, solved by scipy",
+)
+def test_without_dither_noise_a_dynamic_lock_in_remains(record_property):
+    """The mean over a period of the dither leaves Adler's equation with kappa J0 of the dither's phase swing."""
+    laser = RingLaser(rate_deg_h=9.05, dither_noise=0.0, beta_rad=math.pi / 2)
+    edges = simulated(laser, 2.0)
+    input_rad_s = laser.scale * math.radians(9.05) / 3600.0
+    bessel = laser.kappa_rad_s * j0(laser.scale * math.radians(100.0) / (800.0 * math.pi))
+    t_s = np.arange(0, len(edges.phase_rad), 2) * laser.half_s
+    mean = solve_ivp(lambda _, y: input_rad_s - bessel * np.sin(y + laser.beta_rad), (0.0, t_s[-1]), [0.0],
+                     rtol=1e-10, atol=1e-10, t_eval=t_s)  # fmt: skip
+    off_rad = np.abs(mean.y[0] - edges.phase_rad[::2]).max()
+    record_property("obtained", f"within {off_rad:.2f} rad over 2 s, limit 0.08")
+    assert off_rad < 0.08  # terms of second order, and the ripple
+    assert np.ptp(mean.y[0] - input_rad_s * t_s) > 1.0
+
+
+def jumps(laser, edges):
+    """What lock-in adds from one maximum of the velocity to the next, rad, and what theory gives for it."""
+    measured = np.diff(edges.phase_rad) - laser.scale * math.radians(laser.rate_deg_h) / 3600.0 * laser.half_s
+    omega = math.pi / laser.half_s
+    swing = laser.scale * np.radians(edges.dither_deg_s) / omega
+    up = 1.0 - 2.0 * (np.arange(len(swing)) % 2)  # +1: the turnaround is a maximum of psi, where it bends down
+    middle = 0.5 * (edges.phase_rad[1:] + edges.phase_rad[:-1])
+    largest = laser.kappa_rad_s * np.sqrt(2.0 * np.pi / (swing * omega**2))
+    return measured, -largest * np.sin(middle + up * swing + laser.beta_rad - up * np.pi / 4.0), largest
+
+
+@pytest.mark.validates(
+    "jumps at the turnarounds and random walk of the simulated ring laser",
+    against="paper 004 (5) and (6); Allan deviation of the package allantools",
+)
+@pytest.mark.parametrize("path_m", PATHS_M)
+def test_jumps_and_random_walk_are_those_of_theory(path_m, record_property):
+    laser = RingLaser(path_m, 0.7)
+    edges = simulated(laser, 2.0, seed=5)
+    measured, expected, largest = jumps(laser, edges)
+    assert np.std(measured) == pytest.approx(np.sqrt(np.mean(largest**2) / 2.0), rel=0.03)
+    assert np.std(measured - expected) < 0.08 * np.std(measured)  # ripple at the ends, second order
+    assert np.abs(measured).max() < 1.06 * largest.max()
+    walk = random_walk_deg_rt_h(laser, edges, (0.0025, 0.005, 0.01, 0.02))
+    ratios = np.std(measured) / np.sqrt(np.mean(largest**2) / 2.0), walk / laser.lock_in_walk_deg_rt_h
+    record_property("obtained", f"{100 * path_m:.0f} cm: jump {ratios[0]:.3f}, walk {ratios[1]:.3f} of theory")
+    assert walk == pytest.approx(laser.lock_in_walk_deg_rt_h, rel=0.08)
+
+
+def random_walk_deg_rt_h(laser, edges, taus_s):
+    """Angle random walk of the phase at the rising pick-off edges, by another's Allan deviation."""
+    angle_deg = np.degrees(edges.phase_rad[::2] / laser.scale)
+    x = np.arange(len(angle_deg))
+    angle_deg = angle_deg - np.polyval(np.polyfit(x, angle_deg, 1), x)
+    tau_s, deviation, *_ = allantools.oadev(angle_deg, rate=400.0, data_type="phase", taus=np.array(taus_s))
+    return 60.0 * math.sqrt(np.sum(deviation**2) / np.sum(1.0 / tau_s))  # weights 1 / tau
+
+
+@pytest.mark.sweep
+def test_the_random_walk_falls_with_the_path_to_the_power_of_two_and_a_half():
+    walks = []
+    for path_m in PATHS_M:
+        laser = RingLaser(path_m, math.pi / 2, rate_deg_h=9.05)
+        walks.append(random_walk_deg_rt_h(laser, simulated(laser, 20.0, seed=7), (0.05, 0.1, 0.2, 0.5, 1.0)))
+        print(path_m, walks[-1], laser.lock_in_walk_deg_rt_h)
+        assert walks[-1] == pytest.approx(laser.lock_in_walk_deg_rt_h, rel=0.08)
+    assert np.polyfit(np.log(PATHS_M), np.log(walks), 1)[0] == pytest.approx(-2.5, abs=0.15)
+
+
+def test_the_published_figures_of_the_model():
+    """Design figures of the paper's gyroscopes: 1.865 arcsec a fringe and 2.724e-3 deg/rt-h at 28 cm."""
+    laser = RingLaser(0.28)
+    assert laser.scale == pytest.approx(6.950e5, rel=1e-4)
+    assert math.degrees(2.0 * math.pi / laser.scale) * 3600.0 == pytest.approx(1.865, rel=5e-4)
+    assert laser.lock_in_walk_deg_rt_h == pytest.approx(2.724e-3, rel=1e-3)
+    assert RingLaser(0.14).lock_in_walk_deg_rt_h / laser.lock_in_walk_deg_rt_h == pytest.approx(5.657, rel=1e-3)
+    assert quantum_deg_rt_h(0.14) == pytest.approx(4.0 * 1.15e-4)
+
+
+def test_quantum_noise_is_a_random_walk_of_its_size():
+    laser = RingLaser(0.28, lock_in_deg_s=0.0, quantum_deg_rt_h=1.15e-4)
+    edges = simulated(laser, 2.0, seed=3)
+    step = np.diff(edges.phase_rad)
+    expected = laser.scale * math.radians(1.15e-4) / 60.0 * math.sqrt(laser.half_s)
+    assert step.std() == pytest.approx(expected, rel=0.05)
+    assert abs(np.corrcoef(step[1:], step[:-1])[0, 1]) < 0.06
+    assert np.abs(simulated(replace(laser, quantum_deg_rt_h=0.0), 0.1).phase_rad).max() < 1e-9
+
+
+def test_a_second_harmonic_makes_jumps_of_its_own():
+    plain = RingLaser(0.28, 0.7)
+    both = replace(plain, second_harmonic=0.1, second_phase_rad=1.0)
+    first, second = (simulated(one, 0.05) for one in (plain, both))
+    measured, expected, _ = jumps(both, second)
+    left = measured - expected
+    without, theory, _ = jumps(plain, first)
+    assert np.std(left) > 1.5 * np.std(without - theory)
+    middle = 0.5 * (second.phase_rad[1:] + second.phase_rad[:-1])
+    swing = both.scale * np.radians(second.dither_deg_s) * both.half_s / math.pi
+    up = 1.0 - 2.0 * (np.arange(len(swing)) % 2)
+    size = 0.1 * both.kappa_rad_s * np.sqrt(np.pi / (swing * (math.pi / both.half_s) ** 2))  # bends twice as fast
+    own = -size * np.sin(2.0 * (middle + up * swing) + 1.0 - up * np.pi / 4.0)
+    assert np.corrcoef(left, own)[0, 1] > 0.7
+
+
+def test_pick_off_edges_stand_at_the_maxima_of_the_velocity():
+    edges = simulated(RingLaser(0.28), 0.02)
+    pick_off = edges.channel == PICK_OFF
+    assert edges.t_s[pick_off] == pytest.approx(np.arange(16) * 1.25e-3, abs=1e-15)
+    assert edges.level[pick_off].tolist() == [1, 0] * 8
+    assert edges.cosine[pick_off].tolist() == (np.cos(edges.phase_rad[:-1]) > 0).tolist()

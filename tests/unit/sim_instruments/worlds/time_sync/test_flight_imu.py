@@ -1,0 +1,191 @@
+"""Increments of the simulated inertial unit against an independent integrator and an inertial frame; its noise."""
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import allantools
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from sim_instruments.worlds.time_sync.flight_earth import gravity_m_s2, normal_gravity_m_s2
+from sim_instruments.worlds.time_sync.flight_imu import ImuClass, ImuErrors, exact_increments, imu_runs
+from sim_instruments.worlds.time_sync.flight_path import MANOEUVRES, FlightPath
+
+Array = np.ndarray
+
+_LATITUDE = np.radians(37.5)
+_EARTH = 7.292115e-5 * np.array([np.cos(_LATITUDE), 0.0, -np.sin(_LATITUDE)])
+_GRAVITY = 9.780327 * (1.0 + 0.0053024 * np.sin(_LATITUDE) ** 2 - 0.0000058 * np.sin(2.0 * _LATITUDE) ** 2)  # GRS 80
+
+
+def _cross(vector: Array) -> Array:
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _felt(path: FlightPath, first_s: float, last_s: float) -> Callable[[float], tuple[Array, Array]]:
+    """Specific force and rate at a time inside one piece, from increments of 1 ms about it."""
+
+    def at(t_s: float) -> tuple[Array, Array]:
+        middle = min(max(t_s, first_s + 5e-4), last_s - 5e-4)
+        dv, dtheta = exact_increments(path, np.array([middle - 5e-4, middle + 5e-4]))
+        return dv[0] / 1e-3, dtheta[0] / 1e-3
+
+    return at
+
+
+def _navigated(path: FlightPath, borders_s: list[float]) -> Array:
+    """Position, velocity and C from the continuous mechanisation equation, piece by piece, by DOP853."""
+    start = path.state(np.array(borders_s[:1]))
+    turn = Rotation.from_euler("z", start.yaw[0]).as_matrix()
+    flat = np.concatenate((start.p[0], start.v[0], turn.ravel()))
+    gravity = normal_gravity_m_s2(37.5)
+    for first, last in pairwise(borders_s):
+        felt = _felt(path, first, last)
+
+        def rates(t_s: float, y: Array, felt: Callable[[float], tuple[Array, Array]] = felt) -> Array:
+            force, rate = felt(t_s)
+            p, v, c = y[:3], y[3:6], y[6:].reshape(3, 3)
+            pull = gravity * (np.array([0.0, 0.0, 1.0]) + np.array([-p[0], -p[1], 2.0 * p[2]]) / 6.371e6)
+            return np.concatenate(
+                (v, c @ force + pull - 2.0 * np.cross(_EARTH, v), (c @ _cross(rate) - _cross(_EARTH) @ c).ravel())
+            )
+
+        flat = solve_ivp(rates, (first, last), flat, "DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+    return flat
+
+
+@pytest.mark.validates(
+    "increments of the simulated inertial unit over 70 s of flight",
+    against="the mechanisation equation integrated by scipy's DOP853, tolerance 1e-12",
+)
+@pytest.mark.parametrize("name", list(MANOEUVRES))
+def test_mechanisation_returns_the_path(name: str, record_property: Callable[[str, object], None]) -> None:
+    path = MANOEUVRES[name]
+    borders = [0.0, *path.borders_s(0.0, 70.0), 70.0]
+    found, true = _navigated(path, borders), path.state(np.array([70.0]))
+    record_property("obtained", f"{name}: {1e3 * np.abs(found[:3] - true.p[0]).max():.1g} mm, limit 0.2")
+    assert found[:3] == pytest.approx(true.p[0], abs=2e-4)
+    assert found[3:6] == pytest.approx(true.v[0], abs=1e-5)
+    turn = found[6:].reshape(3, 3) @ Rotation.from_euler("z", true.yaw[0]).as_matrix().T
+    assert np.degrees(Rotation.from_matrix(turn).magnitude()) < 1e-7
+
+
+@pytest.mark.validates(
+    "specific force and rate of a vehicle that turns and speeds up",
+    against="the path differenced twice in a frame that does not turn with the Earth",
+)
+def test_force_is_the_second_derivative_in_an_inertial_frame() -> None:
+    """Nothing of the mechanisation equation: the path seen from a frame that does not turn, differenced twice."""
+    path = FlightPath(((0.0, 1.0, 2.0),), 250.0, 30.0)
+    h = 0.05
+    t_s = 3.0 + h * np.array([-1.0, 0.0, 1.0])
+    turns = [Rotation.from_rotvec(_EARTH * t).as_matrix() for t in t_s]  # seen along the plane's axes at t = 0
+    state = path.state(t_s)
+    inertial = np.array([turn @ p for turn, p in zip(turns, state.p, strict=True)])
+    felt = turns[1].T @ (inertial[0] - 2.0 * inertial[1] + inertial[2]) / h**2
+    felt -= np.cross(_EARTH, np.cross(_EARTH, state.p[1]))  # this part of it is within gravity
+    felt -= gravity_m_s2(state.p[1], 37.5)
+    body = Rotation.from_euler("z", state.yaw[1])
+    dv, dtheta = exact_increments(path, 3.0 + np.array([-1e-4, 1e-4]))
+    assert dv[0] / 2e-4 == pytest.approx(body.inv().apply(felt), abs=1e-5)
+    before, after = (
+        Rotation.from_rotvec(_EARTH * t) * Rotation.from_euler("z", path.state(np.array([t])).yaw[0])
+        for t in (3.0 - 1e-4, 3.0 + 1e-4)
+    )
+    assert dtheta[0] == pytest.approx((before.inv() * after).as_rotvec(), rel=1e-7, abs=1e-15)
+
+
+def test_moving_vehicle_is_deflected_to_the_right_and_lighter_to_the_east() -> None:
+    """Northward on the northern hemisphere a straight path needs a push to the left; Eoetvoes to the east."""
+    horizontal, vertical = 2.0 * 7.292115e-5 * np.array([np.cos(_LATITUDE), np.sin(_LATITUDE)])
+    fast = 250.0
+    force = {}
+    for heading in (0.0, 90.0, 270.0):
+        path = FlightPath(((0.0, 0.0, 0.0),), fast, heading, 0.0)
+        force[heading] = exact_increments(path, np.array([-0.001, 0.001]))[0][0] / 2e-3
+    assert force[0.0] == pytest.approx([0.0, -vertical * fast, -_GRAVITY], abs=2e-5)
+    assert force[90.0] == pytest.approx([0.0, -vertical * fast, -_GRAVITY + horizontal * fast], abs=2e-5)
+    assert force[270.0] == pytest.approx([0.0, -vertical * fast, -_GRAVITY - horizontal * fast], abs=2e-5)
+
+
+def test_increments_add_up_over_borders_inside_intervals() -> None:
+    path = MANOEUVRES["sar"]
+    whole = exact_increments(path, np.array([19.9987, 20.0031, 49.998, 50.003, 50.0037]))
+    cuts = np.array([19.9987, 20.0, 20.0031, 30.0, 49.998, 50.0, 50.003, 50.0037])
+    parts = exact_increments(path, cuts)
+    for one, of in zip(whole, parts, strict=True):
+        assert one[0] == pytest.approx(of[0] + of[1], abs=1e-13)
+        assert one[1] == pytest.approx(of[2] + of[3], abs=1e-9)
+        assert one[2] == pytest.approx(of[4] + of[5], abs=1e-13)
+    assert whole[1][2, 2] == pytest.approx(0.003 * np.radians(9.0), abs=1e-6)
+    assert whole[0][0, 0] == pytest.approx(0.0031 * 15.0, abs=3e-5)
+
+
+@pytest.mark.validates(
+    "normal gravity of the simulated flights", against="published values at equator and pole, free-air gradient"
+)
+def test_published_gravity() -> None:
+    assert normal_gravity_m_s2(0.0) == pytest.approx(9.7803253359, abs=1e-10)
+    assert normal_gravity_m_s2(90.0) == pytest.approx(9.8321849378, abs=1e-10)
+    up = gravity_m_s2(np.array([0.0, 0.0, -1000.0]), 45.0) - gravity_m_s2(np.zeros(3), 45.0)
+    assert up[2] == pytest.approx(-3.086e-3, rel=3e-3)  # free-air gradient, 0.3086 mGal/m
+    pulled = gravity_m_s2(np.array([1000.0, 0.0, 0.0]), 45.0)
+    assert pulled[0] / pulled[2] == pytest.approx(-1000.0 / 6.371e6, rel=1e-6)  # back to the origin: to the centre
+
+
+def test_noise_has_the_stated_density() -> None:
+    """Allan deviation at 1 s is the coefficient of the random walk; the mean is the bias."""
+    runs = imu_runs(MANOEUVRES["stationary"], 200.0, 4, 11)
+    quiet = exact_increments(MANOEUVRES["stationary"], np.concatenate(([0.0], runs.t_s)))
+    for noisy, exact, walk, bias in (
+        (runs.dv, quiet[0], 20e-6 * 9.80665, runs.accel_bias),
+        (runs.dtheta, quiet[1], np.radians(0.07) / 60.0, runs.gyro_bias),
+    ):
+        error = (noisy - exact[:, None]) * 200.0
+        deviation = [allantools.adev(row, 200.0, "freq", [1.0])[1][0] for row in error.reshape(-1, 12).T]
+        assert np.mean(deviation) == pytest.approx(walk, rel=0.05)
+        assert np.abs(error.mean(0) - bias).max() < 4.5 * walk / np.sqrt(200.0)
+        flat = error.reshape(-1, 12) - error.reshape(-1, 12).mean(0)
+        assert np.abs(np.corrcoef(flat.T) - np.eye(12)).max() < 5.0 / np.sqrt(flat.shape[0])
+        assert np.abs(np.mean(flat[1:] * flat[:-1], 0) / flat.var(0)).max() < 5.0 / np.sqrt(flat.shape[0])
+
+
+def test_biases_have_the_stated_size() -> None:
+    lanes = [ImuErrors(5, run) for run in range(400)]
+    accel = np.array([lane.accel_bias for lane in lanes]) / 9.80665e-6
+    gyro = np.degrees([lane.gyro_bias for lane in lanes]) * 3600.0
+    assert accel.std(0) == pytest.approx(200.0, rel=0.12)
+    assert gyro.std(0) == pytest.approx(1.0, rel=0.12)
+    assert np.abs(np.corrcoef(np.hstack((accel, gyro)).T) - np.eye(6)).max() < 0.25
+
+
+def test_runs_differ_and_are_the_same_in_any_company() -> None:
+    path = MANOEUVRES["turn"]
+    many, few = imu_runs(path, 30.0, 5, 3), imu_runs(path, 25.0, 2, 3)
+    n = few.t_s.size
+    assert few.t_s[-1] == 25.0
+    assert np.array_equal(many.dv[:n, :2], few.dv)
+    assert np.array_equal(many.dtheta[:n, :2], few.dtheta)
+    assert np.array_equal(many.accel_bias[:2], few.accel_bias)
+    assert np.all(many.dv.std(1) > 0.0)
+    assert np.unique(many.gyro_bias).size == 15
+    assert not np.array_equal(imu_runs(path, 1.0, 1, 4).dv, few.dv[:200, :1])
+
+
+def test_noise_belongs_to_the_number_of_the_sample() -> None:
+    lane = ImuErrors(9, 2)
+    whole = lane.noise(0, 10_000)
+    assert np.array_equal(ImuErrors(9, 2).noise(8100, 200), whole[8100:8300])
+    assert np.array_equal(lane.noise(17, 1), whole[17:18])
+    assert np.array_equal(np.concatenate([lane.noise(k, 1) for k in range(4090, 4100)]), whole[4090:4100])
+
+
+def test_a_perfect_unit_has_no_errors() -> None:
+    perfect = ImuClass(accel_bias_ug=0.0, velocity_walk_ug=0.0, gyro_bias_deg_h=0.0, angle_walk_deg_rt_h=0.0)
+    runs = imu_runs(MANOEUVRES["turn"], 2.0, 1, 1, perfect)
+    dv, dtheta = exact_increments(MANOEUVRES["turn"], np.arange(401) / 200.0)
+    assert np.array_equal(runs.dv[:, 0], dv)
+    assert np.array_equal(runs.dtheta[:, 0], dtheta)

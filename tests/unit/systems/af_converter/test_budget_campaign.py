@@ -1,0 +1,181 @@
+"""Budgets of the scale-factor campaign: the totals of results.json, the correlation of real errors, the Monte Carlo."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import fit_simulation as sim
+import numpy as np
+import pytest
+
+from bench.analysis.material import Material
+from bench.analysis.registry import analyse
+from bench.maths.budget import combine_all
+from bench.systems.af_converter.constants import Campaign, Standards, read_campaign, read_standards
+from bench.systems.af_converter.group_fit import Fitted, fit_groups
+from bench.systems.af_converter.groups import campaign_rows, group_rows
+from bench.systems.af_converter.scale_factor.budget_check import TRIALS, check_table, trials_of
+from bench.systems.af_converter.scale_factor.budgets import budget_tables, components_of, nearest_to_reference
+
+SEED = 3
+STATED = {"traceability_relative": 10e-6, "drift_relative": 4e-6}
+SENSOR = {"temperature_sensor_u95_degC": 0.1}
+
+
+def sections(campaign: sim.SimulatedCampaign) -> tuple[dict[str, Any], dict[str, Any]]:
+    return campaign.campaign | SENSOR, {"calibrator": campaign.standards["calibrator"] | STATED}
+
+
+def fitted(campaign: sim.SimulatedCampaign, method: str = "gls") -> tuple[Fitted, Campaign, Standards]:
+    section, register = sections(campaign)
+    constants, standards = read_campaign(section), read_standards(register)
+    groups = group_rows(campaign_rows(campaign.rows), constants.master_Hz)
+    return fit_groups(groups, constants, standards, method), constants, standards
+
+
+@pytest.mark.parametrize("method", ["gls", "paper", "ols"])
+def test_budgets_have_the_totals_of_the_results(method: str) -> None:
+    campaign = sim.simulate(SEED)
+    section, register = sections(campaign)
+    analysis = analyse(Material(campaign.rows, section, register), method)
+    groups, constants, standards = fitted(campaign, method)
+    stated = {
+        (one["quantity"], one["conditions"]["channel"], one["conditions"]["temperature_degC"]): one
+        for one in analysis.estimates
+        if one["quantity"] in ("dsf_n", "dsf_p")
+    }
+    assert len(stated) == 20
+    for index, quantity in enumerate(("dsf_n", "dsf_p")):
+        for one in groups.groups:
+            parts = components_of(one, index, groups, constants, standards)
+            budget = combine_all({"": parts}).budgets[""]
+            entry = stated[quantity, one.group.channel, one.group.temperature_degC]
+            assert budget.std_uncertainty == pytest.approx(entry["std_uncertainty"], rel=1e-12)
+            assert budget.coverage_factor == entry["coverage_factor"]
+            assert budget.expanded_uncertainty == pytest.approx(entry["expanded_uncertainty"], rel=1e-12)
+
+
+def test_components_are_shown_with_the_uncertainty_of_one_reading() -> None:
+    """By hand, for a gyroscope: 1.25 uC in 100 s over sqrt(6) is 5.10 nA, 2 nA/sqrt(Hz) over 100 s 0.14 nA."""
+    groups, constants, standards = fitted(sim.simulate(SEED))
+    one = next(one for one in groups.groups if constants.channel(one.group.channel).kind == "gyro")
+    shown = {part.name: part.std_uncertainty for part in components_of(one, 0, groups, constants, standards)}
+    assert shown["quantisation of the counts"] == pytest.approx(5.103, abs=1e-3)
+    assert shown["white noise of the converter"] == pytest.approx(0.1414, abs=1e-4)
+    assert shown["calibrator gain, common to all rows"] == pytest.approx(10.0)
+    assert shown["calibrator traceability"] == pytest.approx(5.0)
+    assert shown["calibrator drift over the campaign"] == pytest.approx(2.0)
+    assert shown["temperature sensor of the unit"] == pytest.approx(0.05)
+
+
+def test_tables_of_a_campaign_with_a_closing_repeat_have_its_totals() -> None:
+    """Whatever the repeat says about drift: the table by channel shows the U of results.json, to its four digits."""
+    campaign = sim.simulate(SEED, repeat_channel=1)
+    analysis = analyse(Material(campaign.rows, *sections(campaign)))
+    for quantity in ("dsf_n", "dsf_p"):
+        (table,) = [one for one in analysis.tables if one["title"] == f"Uncertainty of {quantity} by channel"]
+        stated = {
+            str(one["conditions"]["channel"]): one["expanded_uncertainty"]
+            for one in analysis.estimates
+            if one["quantity"] == quantity and one["conditions"]["temperature_degC"] == 20.0
+        }
+        assert {row[0]: row[-1] for row in table["rows"]} == {name: f"{value:.4g}" for name, value in stated.items()}
+
+
+def test_tables_show_every_contribution_and_the_total() -> None:
+    groups, constants, standards = fitted(sim.simulate(SEED))
+    tables = budget_tables(groups, constants, standards, "gls")
+    titles = [one["title"] for one in tables]
+    assert sum(title.startswith("Uncertainty budget of dsf_") for title in titles) == 4
+    assert sum(title.startswith("Correlation of") for title in titles) == 2
+    for table in tables:
+        assert {len(row) for row in table["rows"]} <= {len(table["headers"])}
+        if table["title"].startswith("Uncertainty budget"):
+            total = sum(float(row[4].replace("−", "-")) ** 2 for row in table["rows"][:-1])
+            assert float(table["rows"][-1][4]) == pytest.approx(np.sqrt(total), rel=1e-3)
+            assert sum(float(row[5].split()[0]) for row in table["rows"][:-1]) == pytest.approx(100.0, abs=0.1)
+            names = {row[0] for row in table["rows"]}
+            assert {"calibrator traceability", "calibrator drift over the campaign"} <= names
+            for row in table["rows"][:-1]:
+                u, sensitivity, contribution = (float(row[place].replace("−", "-")) for place in (1, 3, 4))
+                assert u * sensitivity == pytest.approx(contribution, rel=2e-3)
+
+
+def test_what_is_not_stated_is_no_line() -> None:
+    campaign = sim.simulate(SEED)
+    constants, standards = read_campaign(campaign.campaign), read_standards(campaign.standards)
+    groups = fit_groups(group_rows(campaign_rows(campaign.rows), constants.master_Hz), constants, standards, "gls")
+    names = {row[0] for table in budget_tables(groups, constants, standards, "gls") for row in table["rows"]}
+    assert not any("traceability" in str(name) or "drift" in str(name) for name in names)
+
+
+def test_budgets_are_those_of_the_temperature_nearest_to_the_reference() -> None:
+    groups, constants, _ = fitted(sim.simulate(SEED))
+    assert [(one.group.channel, one.group.temperature_degC) for one in nearest_to_reference(groups, constants)] == [
+        (1, 20.0),
+        (2, 20.0),
+    ]
+
+
+@pytest.mark.validates(
+    "correlation of scale factors between channels",
+    against="errors of 400 simulated campaigns",
+)
+@pytest.mark.slow
+def test_stated_correlation_is_that_of_the_errors(record_property: Callable[[str, object], None]) -> None:
+    """Seeds 1000 to 1399, one temperature, channels of two kinds that share the calibrator's gain."""
+    errors, stated = [], []
+    for seed in range(1000, 1400):
+        campaign = sim.simulate(seed, sim.Switches(lag=False), temperatures=(20.0,))
+        constants, standards = read_campaign(campaign.campaign), read_standards(campaign.standards)
+        groups = fit_groups(group_rows(campaign_rows(campaign.rows), constants.master_Hz), constants, standards, "gls")
+        errors.append([one.fit.dsf_ppm[0] - campaign.units[one.group.channel].dsf(20.0)[0] for one in groups.groups])
+        parts = {str(one.group.channel): components_of(one, 0, groups, constants, standards) for one in groups.groups}
+        stated.append(combine_all(parts).correlation[0, 1])
+    found = float(np.corrcoef(np.array(errors).T)[0, 1])
+    print(f"correlation of the errors {found:.4f}, stated {np.mean(stated):.4f}")
+    record_property("obtained", f"stated {np.mean(stated):.4f}, errors {found:.4f}")
+    # Fisher: 1/sqrt(397) in artanh
+    assert np.arctanh(found) == pytest.approx(np.arctanh(np.mean(stated)), abs=3.5 / np.sqrt(397))
+    assert np.mean(stated) > 0.95
+
+
+@pytest.mark.parametrize("method", ["gls", "ols"])
+def test_trials_agree_with_the_budget(method: str) -> None:
+    groups, constants, standards = fitted(sim.simulate(SEED), method)
+    members = nearest_to_reference(groups, constants)
+    for one in members:
+        budget = combine_all({"": components_of(one, 0, groups, constants, standards)}).budgets[""]
+        found = trials_of(one, groups, constants, standards, method)
+        assert found.trials == TRIALS
+        assert found.mean == pytest.approx(one.fit.dsf_ppm[0], abs=5 * budget.std_uncertainty / np.sqrt(TRIALS))
+        assert found.std == pytest.approx(budget.std_uncertainty, rel=0.01)
+        (row,) = check_table([(one, budget)], groups, constants, standards, method)["rows"]
+        assert row[-1] == "agrees"
+
+
+@pytest.mark.validates(
+    "a budget without the calibrator's gain is noticed",
+    against="Monte Carlo propagation of every input through the fit",
+)
+def test_trials_notice_a_budget_without_the_common_gain() -> None:
+    groups, constants, standards = fitted(sim.simulate(SEED))
+    one = nearest_to_reference(groups, constants)[0]
+    parts = [part for part in components_of(one, 0, groups, constants, standards) if part.common != "gain"]
+    (row,) = check_table([(one, combine_all({"": parts}).budgets[""])], groups, constants, standards, "gls")["rows"]
+    assert row[-1] == "differs"
+
+
+def test_trials_hold_the_noise_and_the_ranges_alone() -> None:
+    """Gain, traceability, drift and sensor off: what is left is the covariance of the fit."""
+    groups, constants, standards = fitted(sim.simulate(SEED))
+    quiet = dataclasses.replace(
+        standards,
+        traceability=None,
+        drift=None,
+        ranges={at: dataclasses.replace(entry, relative=0.0) for at, entry in standards.ranges.items()},
+    )
+    still = constants.model_copy(update={"temperature_sensor_u95_degC": 0.0})
+    for one in nearest_to_reference(groups, constants):
+        found = trials_of(one, groups, still, quiet, "gls")
+        assert found.std == pytest.approx(np.sqrt(one.fit.covariance_ppm2[0, 0]), rel=0.01)

@@ -1,0 +1,299 @@
+"""Compensation out: coefficients.json, its schema, the merge of two campaigns, and the header in a real compiler."""
+
+import copy
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import fit_simulation as sim
+import jsonschema
+import numpy as np
+import pytest
+
+from bench.analysis.analysis import Analysis
+from bench.analysis.material import Material
+from bench.analysis.registry import analyse
+from bench.analysis.results import build_results, results_json
+from bench.commands.coefficients import write_coefficients
+from bench.model.errors import InputError
+from bench.systems.af_converter.coefficients import coefficients_of, coefficients_schema, merged, shipped_schema
+from bench.systems.af_converter.coefficients_header import header_text
+
+PROVENANCE = {"simulated": True, "plan_sha256": "a", "frame_sha256": "b", "session_sha256": "c0ffee", "software": "x 1"}
+KINDS = {1: "gyro", 3: "accelerometer"}
+T_degC = (-10.0, 20.0, 37.3, 50.0)
+FLAGS = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror"]
+
+
+@pytest.fixture(scope="module")
+def campaign() -> sim.SimulatedCampaign:
+    return sim.simulate(8, sim.Switches(), KINDS)
+
+
+@pytest.fixture(scope="module")
+def scale_factor(campaign: sim.SimulatedCampaign) -> Analysis:
+    return analyse(Material(campaign.rows, campaign.campaign, campaign.standards))
+
+
+def bias_analysis(**changes: Any) -> Analysis:
+    """What a bias campaign hands over, by hand: this is about the form, not about the numbers."""
+    entries = [
+        {
+            "channel": channel,
+            "kind": kind,
+            "parameter": "bias",
+            "unit": "A",
+            "reference_temperature_degC": 20.0,
+            "coefficients": [4.0e-7 / channel, 2.0123456789012345e-9, -1e-12, 3e-14],
+            "valid_degC": [-10.2, 50.1],
+        }
+        for channel, kind in KINDS.items()
+    ]
+    clock = {"channel": None, "kind": None, "parameter": "master_clock", "unit": "ppm", "valid_degC": [-10.2, 50.1]}
+    entries.append(clock | {"reference_temperature_degC": 20.0, "coefficients": [1.5, -0.01]})
+    fields = {
+        "campaign": "bias_ramp",
+        "method": "joint",
+        "uut": {"model": "NGU", "serial": "SIM-1"},
+        "estimates": [],
+        "compensation": entries,
+    }
+    return Analysis(**(fields | changes))
+
+
+def document(
+    analysis: Analysis, campaign: sim.SimulatedCampaign, name: str = "one", **provenance: Any
+) -> dict[str, Any]:
+    results = build_results(name, analysis, {}, PROVENANCE | provenance)
+    return coefficients_of(analysis, results, campaign.campaign)
+
+
+@pytest.fixture
+def both(campaign: sim.SimulatedCampaign, scale_factor: Analysis) -> dict[str, Any]:
+    return merged([document(scale_factor, campaign, "sf"), document(bias_analysis(), campaign, "bias")])
+
+
+def test_scale_factor_campaign_gives_its_coefficients_and_no_bias(
+    campaign: sim.SimulatedCampaign, scale_factor: Analysis
+) -> None:
+    given = {(one["parameter"], one["channel"]): one for one in scale_factor.compensation}
+    assert set(given) == {(name, channel) for name in ("dsf_n", "dsf_p") for channel in KINDS}
+    assert any(one["quantity"] == "bias_tc0" for one in scale_factor.estimates)
+    for (name, channel), one in given.items():
+        stated = [
+            next(
+                entry["value"]
+                for entry in scale_factor.estimates
+                if entry["quantity"] == f"{name}_tc{order}" and entry["conditions"]["channel"] == channel
+            )
+            for order in range(3)
+        ]
+        assert one["coefficients"] == stated
+        warmth = [row.context["unit_temperature_degC"] for row in campaign.rows]
+        assert min(warmth) <= one["valid_degC"][0] < -9.0
+        assert 49.0 < one["valid_degC"][1] <= max(warmth)
+
+
+def test_coefficients_give_the_truth_back(campaign: sim.SimulatedCampaign, both: dict[str, Any]) -> None:
+    """Far from the reference too: within the 10 ppm of the calibrator's gain, four times."""
+    for one in both["parameters"]:
+        if one["parameter"] in ("dsf_n", "dsf_p"):
+            for at in T_degC:
+                value = np.polynomial.polynomial.polyval(at - one["reference_temperature_degC"], one["coefficients"])
+                truth = campaign.units[one["channel"]].dsf(at)[0 if one["parameter"] == "dsf_n" else 1]
+                assert value == pytest.approx(truth, abs=45.0)
+
+
+def test_document_is_valid_by_the_shipped_schema(both: dict[str, Any]) -> None:
+    schema = json.loads(shipped_schema())
+    assert schema == coefficients_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    jsonschema.validate(json.loads(results_json(both)), schema)
+    assert [one["campaign"] for one in both["sources"]] == ["scale_factor", "bias_ramp"]
+    assert [one["session_sha256"] for one in both["sources"]] == ["c0ffee", "c0ffee"]
+    names = [one["parameter"] for one in both["parameters"]]
+    assert names == ["dsf_n", "dsf_n", "dsf_p", "dsf_p", "bias", "bias", "master_clock"]
+
+
+def test_a_bias_of_the_scale_factor_campaign_is_refused(
+    campaign: sim.SimulatedCampaign, scale_factor: Analysis
+) -> None:
+    wrong = copy.copy(scale_factor)
+    object.__setattr__(wrong, "compensation", [*scale_factor.compensation, bias_analysis().compensation[0]])
+    with pytest.raises(InputError, match="'scale_factor' is diagnostic") as caught:
+        document(wrong, campaign)
+    assert caught.value.code == "B-COEF-004"
+
+
+def test_sessions_that_do_not_belong_together_are_refused(
+    campaign: sim.SimulatedCampaign, scale_factor: Analysis
+) -> None:
+    ours = document(scale_factor, campaign, "sf")
+    stranger = document(bias_analysis(uut={"model": "NGU", "serial": "SIM-2"}), campaign, "bias")
+    real = document(bias_analysis(), campaign, "bias", simulated=False)
+    other = copy.deepcopy(document(bias_analysis(), campaign, "bias"))
+    other["nominal"][0]["k0_C"] *= 2
+    for second, code, says in (
+        (stranger, "B-COEF-001", "NGU SIM-1 and NGU SIM-2"),
+        (other, "B-COEF-001", "nominal constants"),
+        (real, "B-COEF-003", "simulated and measured"),
+        (document(scale_factor, campaign, "again"), "B-COEF-002", "dsf_n of channel 1 comes from two sessions"),
+    ):
+        with pytest.raises(InputError, match=says) as caught:
+            merged([ours, second])
+        assert caught.value.code == code
+        assert "sf" in caught.value.where
+
+
+def test_campaigns_of_some_channels_only_are_merged(campaign: sim.SimulatedCampaign, scale_factor: Analysis) -> None:
+    """A short scale-factor campaign measures some channels, the bias campaign all of them."""
+    ours = document(scale_factor, campaign, "sf")
+    more = document(bias_analysis(), campaign, "bias")
+    more["nominal"].append({"channel": 10, "kind": "accelerometer", "k0_C": 1e-7})
+    more["parameters"].append({**more["parameters"][0], "channel": 10, "kind": "accelerometer"})
+    both = merged([more, ours])
+    assert [one["channel"] for one in both["nominal"]] == [1, 3, 10]
+    assert both["nominal"] == merged([ours, more])["nominal"]
+    tables = re.findall(r"static const \w+ COMPENSATION_(\w+)\[(\d+)\]", header_text(both))
+    assert dict(tables) == {"K0_C": "11", "DSF_N_PPM": "11", "DSF_P_PPM": "11", "BIAS_A": "11"}
+
+
+def test_the_clock_of_the_unit_twice_is_refused(campaign: sim.SimulatedCampaign) -> None:
+    clock = [one for one in bias_analysis().compensation if one["channel"] is None]
+    first, second = (document(bias_analysis(compensation=clock), campaign, name) for name in ("a", "b"))
+    with pytest.raises(InputError, match="master_clock of the unit") as caught:
+        merged([first, second])
+    assert caught.value.code == "B-COEF-002"
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"coefficients": [1e-7, float("nan")]}, r"parameters\.1\.coefficients\.1"),
+        ({"coefficients": []}, r"parameters\.1\.coefficients"),
+        ({"unit": "nA"}, "bias in 'nA', 'A' is due"),
+        ({"valid_degC": [50.0, -10.0]}, "valid from 50.0 to -10.0"),
+        ({"parameter": "scale"}, r"parameters\.1\.parameter"),
+    ],
+)
+def test_an_entry_that_is_not_in_the_form_is_refused(
+    campaign: sim.SimulatedCampaign, change: dict[str, Any], says: str
+) -> None:
+    entries = bias_analysis().compensation
+    entries[1] |= change
+    with pytest.raises(InputError, match=says) as caught:
+        document(bias_analysis(compensation=entries), campaign)
+    assert caught.value.code == "B-COEF-006"
+
+
+def test_files_of_a_session(tmp_path: Path, campaign: sim.SimulatedCampaign, scale_factor: Analysis) -> None:
+    results = build_results("sf", scale_factor, {}, PROVENANCE)
+    paths = write_coefficients(tmp_path, scale_factor, results, campaign.campaign)
+    assert [path.name for path in paths] == ["coefficients.json", "coefficients.h"]
+    assert json.loads(paths[0].read_text())["simulated"] is True
+    first = [path.read_bytes() for path in paths]
+    write_coefficients(tmp_path, scale_factor, results, campaign.campaign)
+    assert [path.read_bytes() for path in paths] == first
+    nothing = bias_analysis(compensation=[])
+    assert write_coefficients(tmp_path / "none", nothing, results, campaign.campaign) == []
+    assert not (tmp_path / "none").exists()
+
+
+def test_header_says_what_a_reader_must_know(both: dict[str, Any]) -> None:
+    both["sources"][0]["missing"] = ["channel 3 at 5 degC: no record */ #error"]
+    text = header_text(both)
+    assert "SIMULATED" in text
+    assert "#define COMPENSATION_SIMULATED 1" in text
+    assert text.count("c0ffee") == 2
+    assert "bias: correction ADDED to the reading" in text
+    assert "MISSING: channel 3 at 5 degC: no record * / #error" in text
+    assert text.isascii()
+    measured = header_text(both | {"simulated": False})
+    assert "SIMULATED:" not in measured
+    assert "#define COMPENSATION_SIMULATED 0" in measured
+
+
+PROGRAM = """
+#include <stdio.h>
+#include "coefficients.h"
+#include "coefficients.h"
+int main(void)
+{
+    const double at[] = { %(temperatures)s };
+    size_t k, channel;
+    for (k = 0; k < sizeof at / sizeof at[0]; ++k) {
+        for (channel = 0; channel < 4; ++channel) {
+            double n, p, bias;
+            int state = compensation_value(&COMPENSATION_DSF_N_PPM[channel], at[k], &n);
+            state += compensation_value(&COMPENSATION_DSF_P_PPM[channel], at[k], &p);
+            state += compensation_value(&COMPENSATION_BIAS_A[channel], at[k], &bias);
+            printf("%%d %%.17g %%.17g %%.17g %%.17g\\n", state, COMPENSATION_K0_C[channel], n, p, bias);
+        }
+    }
+    {
+        double clock;
+        int state = compensation_value(&COMPENSATION_MASTER_CLOCK_PPM, 60.0, &clock);
+        printf("%%d %%.17g\\n", state, clock);
+    }
+    return COMPENSATION_SIMULATED;
+}
+"""
+
+
+def compiler() -> str:
+    found = shutil.which("gcc") or shutil.which("cc") or shutil.which("clang")
+    if found is None:
+        pytest.skip("no C compiler on this machine: the header is not compiled")
+    return found
+
+
+@pytest.mark.validates(
+    "coefficients.h compiled as C99 without warnings, its numbers",
+    against="numpy's polyval of coefficients.json",
+)
+def test_header_compiles_and_evaluates_to_the_same_numbers(tmp_path: Path, both: dict[str, Any]) -> None:
+    (tmp_path / "coefficients.h").write_text(header_text(both))
+    (tmp_path / "main.c").write_text(PROGRAM % {"temperatures": ", ".join(repr(at) for at in T_degC)})
+    built = subprocess.run(
+        [compiler(), *FLAGS, "main.c", "-o", "main"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert (built.returncode, built.stderr) == (0, "")
+    ran = subprocess.run([str(tmp_path / "main")], capture_output=True, text=True, check=False)
+    assert ran.returncode == 1
+    lines = [line.split() for line in ran.stdout.splitlines()]
+    *table, clock = lines
+    given = {(one["parameter"], one["channel"]): one for one in both["parameters"]}
+    charges = {one["channel"]: one["k0_C"] for one in both["nominal"]}
+    for line, (at, channel) in zip(table, [(at, channel) for at in T_degC for channel in range(4)], strict=True):
+        numbers = [float(text) for text in line[1:]]
+        if channel not in KINDS:
+            assert (line[0], numbers) == ("-3", [0.0] * 4)
+            continue
+        outside = [not low <= at <= high for low, high in (given[name, channel]["valid_degC"] for name in ("dsf_n",))]
+        assert int(line[0]) == 2 * sum(outside)
+        assert numbers[0] == charges[channel]
+        for name, number in zip(("dsf_n", "dsf_p", "bias"), numbers[1:], strict=True):
+            one = given[name, channel]
+            expected = np.polynomial.polynomial.polyval(at - 20.0, one["coefficients"])
+            assert number == pytest.approx(expected, rel=1e-14)
+    assert clock[0] == "1"
+    assert float(clock[1]) == pytest.approx(1.5 - 0.01 * 40.0, rel=1e-14)
+
+
+def test_numbers_of_the_header_keep_every_bit(both: dict[str, Any]) -> None:
+    text = header_text(both)
+    for one in both["parameters"]:
+        assert ", ".join(repr(value) for value in one["coefficients"]) in text
+
+
+def test_header_alone_compiles(tmp_path: Path, campaign: sim.SimulatedCampaign, scale_factor: Analysis) -> None:
+    """One campaign only; nothing of it used."""
+    path = tmp_path / "coefficients.h"
+    path.write_text(header_text(merged([document(scale_factor, campaign)])))
+    (tmp_path / "main.c").write_text('#include "coefficients.h"\nint main(void) { return 0; }\n')
+    command = [compiler(), *FLAGS, "-fsyntax-only", "main.c"]
+    built = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (built.returncode, built.stderr) == (0, "")

@@ -1,0 +1,292 @@
+"""The DMM method at count level: truth, coverage, refusal of the printed form, and the tests of its assumption 2.
+
+Counts come from ``fit_simulation``; what the meter says is made here from its specification, without bench.fit.
+"""
+
+import dataclasses
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import fit_simulation as sim
+import numpy as np
+import pytest
+from dmm_simulation import QUANTITIES, SPECIFICATION, analysed, material, of, readings_of, simulate, standards
+
+from bench.analysis.analysis import Analysis
+from bench.analysis.material import Material, Reading
+from bench.model.errors import FitError
+from bench.systems.af_converter.constants import read_campaign, read_ranges
+from bench.systems.af_converter.dmm_method import analysis as dmm_method
+from bench.systems.af_converter.dmm_method.readings import MeterLog
+from bench.systems.af_converter.estimators.dmm_method import (
+    condition_number,
+    fit_dmm_method,
+    meter_parts,
+    pair_rows,
+    require_separable,
+)
+from bench.systems.af_converter.estimators.noise import noise_parts
+from bench.systems.af_converter.estimators.scale_factor import pulse_currents_A
+from bench.systems.af_converter.groups import Group, campaign_rows, group_rows
+
+
+def misses(seeds: range, **meter: bool) -> dict[str, list[bool]]:
+    """By kind of channel and quantity: whether each stated interval misses the truth; a gain belongs to a campaign."""
+    found: dict[str, list[bool]] = {}
+    for seed in seeds:
+        analysis, campaign = analysed(seed, both=False, **meter)
+        for one in of(analysis, "dsf_n", "dsf_asymmetry"):
+            error = one["value"] - campaign.truth(one)
+            key = f"{one['conditions']['kind']} {one['quantity']}"
+            found.setdefault(key, []).append(abs(error) > one["expanded_uncertainty"])
+    return found
+
+
+@pytest.mark.validates(
+    "DMM method: 95 % intervals of DSF and asymmetry",
+    against="the simulated truth of 300 campaigns in which the ranges of the meter are off for one cause",
+)
+def test_intervals_cover_with_one_cause_for_all_gains(record_property: Callable[[str, object], None]) -> None:
+    """Fully correlated gains are what the uncertainty is made for: 95 %. Independent ones are covered more often."""
+    for key, missed in misses(range(300), one_gain=True).items():
+        coverage = 100 * (1 - np.mean(missed))
+        sys.stdout.write(f"{key}: one cause, coverage {coverage:.1f} %\n")
+        record_property("obtained", f"{key} {coverage:.1f} %")
+        assert 91.5 <= coverage <= 98.5
+    for key, missed in misses(range(1000, 1080)).items():
+        coverage = 100 * (1 - np.mean(missed))
+        sys.stdout.write(f"{key}: independent gains, coverage {coverage:.1f} %\n")
+        assert coverage >= 90
+
+
+@pytest.fixture(scope="module")
+def found() -> tuple[Analysis, sim.SimulatedCampaign]:
+    return analysed(5)
+
+
+def test_complete_and_within_its_uncertainty(found: tuple[Analysis, sim.SimulatedCampaign]) -> None:
+    analysis, campaign = found
+    assert analysis.missing == []
+    assert [one["n"] for one in of(analysis, *QUANTITIES)] == [14] * 4
+    for one in of(analysis, "dsf_n", "dsf_p", "dsf_asymmetry"):
+        assert abs(one["value"] - campaign.truth(one)) < 1.5 * one["expanded_uncertainty"]
+    assert all(one["expanded_uncertainty"] < 25.0 for one in of(analysis, *QUANTITIES))
+    assert all(one["expanded_uncertainty"] < 0.3 for one in of(analysis, "dsf_asymmetry"))
+    assert all(0.1 < one["reduced_chi2"] < 3.0 for one in analysis.groups)
+
+
+@pytest.mark.validates(
+    "DMM method",
+    against="the calibrator method on the same records of 10 campaigns, the errors of both standards drawn apart",
+)
+def test_agrees_with_the_calibrator_method_on_the_same_records(record_property: Callable[[str, object], None]) -> None:
+    worst = 0.0
+    for seed in range(40, 50):
+        (agreement,) = [table for table in analysed(seed)[0].tables if "calibrator method" in table["title"]]
+        assert len(agreement["rows"]) == 4
+        for row in agreement["rows"]:
+            assert row[5] == pytest.approx(row[3] - row[4])
+            worst = max(worst, abs(row[7]))
+            assert abs(row[7]) < 1.3  # E_n of twenty standards drawn: 95 % are below 1
+    record_property("obtained", f"worst E_n of 40 {worst:.2f}, limit 1.3")
+
+
+def test_without_the_calibrator_in_the_register_the_method_stands_by_itself() -> None:
+    assert not [table for table in analysed(5, both=False)[0].tables if "calibrator method" in table["title"]]
+
+
+def group_and_meter(seed: int, channel: int) -> tuple[Group, Any, Any, Any]:
+    campaign, drawn = simulate(seed)
+    chosen = campaign_rows(campaign.rows)  # type: ignore[arg-type]
+    group = next(one for one in group_rows(chosen, sim.MASTER_Hz) if one.channel == channel and not one.repeat)
+    meter = MeterLog(chosen, readings_of(campaign, drawn)).meter(group.numbers)
+    return group, meter, read_campaign(campaign.campaign).converter(channel), read_ranges(standards(), "dmm")
+
+
+@pytest.mark.validates(
+    "AF paper (12) to (16), corrected: differences and half sums of one group fitted together",
+    against="the single rows, whitened by numpy's Cholesky factor and solved by numpy.linalg.lstsq",
+)
+@pytest.mark.parametrize("channel", [1, 2])
+def test_same_numbers_as_weighted_rows_without_pairing(
+    record_property: Callable[[str, object], None], channel: int
+) -> None:
+    """Half sums and half differences are a change of coordinates: unpaired rows with numpy's own solver must agree."""
+    group, meter, converter, register = group_and_meter(7, channel)
+    rows = group.closed
+    n_A, p_A = pulse_currents_A(rows, converter)
+    polarity = rows.polarity
+    half = np.array([SPECIFICATION[full][0] / 2 for full in meter.range_A])
+    gain_A = polarity * meter.current_A * half
+    covariance = sum((noise_parts(rows, converter) | meter_parts(rows, meter, register)).values())
+    covariance = covariance + np.outer(gain_A, gain_A) * np.equal.outer(meter.range_A, meter.range_A)
+    root = np.linalg.inv(np.linalg.cholesky(covariance))
+    design = np.column_stack([n_A, -p_A, polarity > 0, polarity < 0])
+    expected = np.linalg.lstsq(root @ design, root @ (polarity * meter.current_A - (n_A - p_A)), rcond=None)[0]
+    fit = fit_dmm_method(rows, meter, converter, register)
+    found = [fit.value_ppm[name] for name in QUANTITIES]
+    apart_ppm = np.max(np.abs(found - 1e6 * expected[:2]))
+    record_property("obtained", f"channel {channel}: {apart_ppm:.1e} ppm, limit 1e-4")
+    assert found == pytest.approx(1e6 * expected[:2], abs=1e-4)
+
+
+@pytest.mark.validates(
+    "AF paper (17) and (18) as printed: K_N and K_P apart are refused, rank 1 of 2",
+    against="condition number of their rows by numpy, counts made from the physics; limit 20",
+)
+@pytest.mark.parametrize(("channel", "joint", "printed"), [(1, 1.78, 200), (2, 2.30, 3000)])
+def test_printed_equations_are_refused_with_the_rank(
+    record_property: Callable[[str, object], None], channel: int, joint: float, printed: float
+) -> None:
+    group, meter, converter, register = group_and_meter(7, channel)
+    condition = fit_dmm_method(group.closed, meter, converter, register).condition
+    assert condition == pytest.approx(joint, abs=0.05)
+    levels, pairs = pair_rows(group.closed)
+    n_A, p_A = pulse_currents_A(group.closed, converter)
+    differences = (pairs[: levels.size] @ np.column_stack([n_A, -p_A]))[levels > 0] / levels[levels > 0, None]
+    record_property("obtained", f"channel {channel}: {np.linalg.cond(differences):.0f}, joint {condition:.2f}")
+    assert condition_number(differences) > printed
+    with pytest.raises(FitError, match="K_N and K_P apart: rank 1 of 2") as caught:
+        require_separable(differences, "differences")
+    assert caught.value.code == "B-FIT-001"
+
+
+def test_analysis_as_printed_gives_the_mean_and_says_why_not_more() -> None:
+    analysis, campaign = analysed(5, "as_printed")
+    assert {one["quantity"] for one in of(analysis, "dsf_n", "dsf_p", "dsf_asymmetry", "dsf_mean")} == {"dsf_mean"}
+    assert "K_N and K_P are refused" in analysis.notes[0]
+    assert "rank 1 of 2" in analysis.notes[0]
+    assert analysis.missing == []
+    for one in of(analysis, "dsf_mean"):
+        truth = campaign.units[one["conditions"]["channel"]].dsf(one["conditions"]["unit_temperature_degC"]).mean()
+        assert abs(one["value"] - truth) < 1.5 * one["expanded_uncertainty"]
+
+
+def test_zero_of_the_meter_is_subtracted_where_it_was_measured() -> None:
+    """Without zeros the specification stands in; it weighs a hundred times as much as what the zeros leave."""
+    campaign, drawn = simulate(3)
+    with_zeros = dmm_method.analyse(material(campaign, readings_of(campaign, drawn)))
+    without = dmm_method.analyse(material(campaign, readings_of(campaign, drawn, zeros=False)))
+    part = {
+        name: next(one for one in analysis.components if one["component"] == "zero of the meter")["std_uncertainty_ppm"]
+        for name, analysis in (("with", with_zeros), ("without", without))
+    }
+    assert part["with"] < 0.01
+    assert part["without"] > 1.0
+    assert any("zero of the meter was not measured" in note for note in without.notes)
+    assert not any("zero of the meter was not measured" in note for note in with_zeros.notes)
+
+
+def shifted(campaign: sim.SimulatedCampaign, ppm: float) -> None:
+    """The unit counts more in the points taken again."""
+    for row in campaign.rows:
+        if row.window.conditions["repeat"]:
+            for name in ("npp", "ppp"):
+                row.sums[name] = np.floor(row.sums[name] * (1 + 1e-6 * ppm))
+
+
+@pytest.mark.parametrize(("ppm", "verdict"), [(0.0, "pass"), (400.0, "fail")])
+def test_a_shift_between_repeated_points_is_seen_and_judged(ppm: float, verdict: str) -> None:
+    campaign, drawn = simulate(8)
+    shifted(campaign, ppm)
+    analysis = dmm_method.analyse(material(campaign, readings_of(campaign, drawn)))
+    top = [one for one in of(analysis, "repeat_shift") if one["conditions"]["current_A"] >= 10e-3]
+    assert len(top) == 6
+    assert {one["verdict"] for one in top} == {verdict}
+    for one in top:
+        assert one["value"] == pytest.approx(ppm, abs=4 * one["std_uncertainty"] + 0.02)
+    said = next(note for note in analysis.notes if "repeat_shift" in note)
+    assert ("no more than chance" in said) == (ppm == 0)
+
+
+def test_leakage_of_the_switch_is_seen() -> None:
+    """30 nA into the accelerometer channel while the route is closed; its counts resolve 1 nA."""
+    campaign, drawn = simulate(9)
+    for row in campaign.rows:
+        conditions = row.window.conditions
+        if conditions["channel"] == 2 and conditions["route"] == "closed":
+            more = 30e-9 * 100 / sim.KIND["accelerometer"]["k0_C"]  # type: ignore[operator]
+            name = "npp" if row.sums["npp"][1] else "ppp"
+            row.sums[name][1] += more if name == "npp" else -more
+    analysis = dmm_method.analyse(material(campaign, readings_of(campaign, drawn)))
+    leakage = [one for one in of(analysis, "switch_leakage") if one["conditions"]["channel"] == 2]
+    assert [one["conditions"]["polarity"] for one in leakage] == [1, -1]
+    assert all(one["value"] == pytest.approx(30e-9, abs=4 * one["std_uncertainty"]) for one in leakage)
+    assert any("switch_leakage" in note and "more than chance explains" in note for note in analysis.notes)
+    for one in of(analysis, "dsf_asymmetry"):  # and it does not reach the scale factors
+        assert abs(one["value"] - campaign.truth(one)) < 2 * one["expanded_uncertainty"]
+
+
+def test_a_record_taken_again_owns_the_readings_of_the_attempt_that_counts() -> None:
+    campaign, drawn = simulate(4)
+    readings = readings_of(campaign, drawn)
+    row = campaign.rows[-1]
+    begin_s = 1e-9 * row.window.t_start_ns - 18.0
+    failed = [
+        Reading(begin_s, 0, "dmm", "configure_current", 1.0),
+        Reading(begin_s + 1, 0, "dmm", "measure_current", 9.0),
+    ]
+    log = MeterLog(campaign.rows, readings + failed)  # type: ignore[arg-type]
+    plain = MeterLog(campaign.rows, readings)  # type: ignore[arg-type]
+    assert log.meter([row.window.number]) == plain.meter([row.window.number])
+
+
+def without_levels(readings: list[Reading]) -> list[Reading]:
+    return [one for one in readings if "zero_range_A" in one.conditions]
+
+
+def flagged(readings: list[Reading]) -> list[Reading]:
+    return [dataclasses.replace(one, value=None) if one.name == "measure_current" else one for one in readings]
+
+
+def test_a_unit_that_still_warms_is_named() -> None:
+    """Points of a channel at different temperatures: the method has no coefficients to refer them to one."""
+    campaign, drawn = simulate(4)
+    for row in campaign.rows[:5]:
+        row.context["unit_temperature_degC"] -= 0.3
+    analysis = dmm_method.analyse(material(campaign, readings_of(campaign, drawn)))
+    assert any("moved by up to 0.30 degC" in note for note in analysis.notes)
+
+
+@pytest.mark.parametrize("spoil", [without_levels, flagged, lambda _: []])
+def test_without_readings_beside_the_records_there_is_no_result(spoil: Callable[..., list[Reading]]) -> None:
+    campaign, drawn = simulate(4)
+    with pytest.raises(FitError, match="reading of the meter") as caught:
+        dmm_method.analyse(material(campaign, spoil(readings_of(campaign, drawn))))
+    assert caught.value.code == "B-FIT-050"
+    assert "configure_current" in caught.value.next_step
+
+
+def test_a_channel_without_readings_is_named_and_the_other_has_its_result() -> None:
+    campaign, drawn = simulate(4)
+    of_first = {1e-9 * row.window.t_start_ns for row in campaign.rows if row.window.conditions["channel"] == 1}
+    kept = [one for one in readings_of(campaign, drawn) if not any(0 < begin - one.t_s < 20 for begin in of_first)]
+    analysis = dmm_method.analyse(material(campaign, kept))
+    assert {one["conditions"]["channel"] for one in of(analysis, "dsf_n")} == {2}
+    assert any("channel 1 at 20 degC" in one and "B-FIT-050" in one for one in analysis.missing)
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (lambda register: register.pop("dmm"), "B-FIT-009"),
+        (lambda register: register["dmm"]["uncertainty"][0].pop("relative"), "B-FIT-009"),
+        (lambda register: register["dmm"]["uncertainty"].pop(0), "B-FIT-003"),
+    ],
+)
+def test_what_the_register_lacks_is_named(change: Callable[[dict[str, Any]], object], code: str) -> None:
+    campaign, drawn = simulate(4)
+    register = standards()
+    change(register)
+    given = Material(campaign.rows, campaign.campaign, register, readings=readings_of(campaign, drawn))
+    with pytest.raises(FitError) as caught:
+        dmm_method.analyse(given)
+    assert caught.value.code == code
+
+
+def test_unknown_method_is_named() -> None:
+    campaign, drawn = simulate(4)
+    with pytest.raises(FitError, match="unknown method") as caught:
+        dmm_method.analyse(material(campaign, readings_of(campaign, drawn)), "printed")
+    assert caught.value.code == "B-FIT-004"

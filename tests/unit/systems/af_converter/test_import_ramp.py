@@ -1,0 +1,212 @@
+"""The analysis of a temperature ramp on logs made here: a step, a lag, a drift; what it refuses; what it shows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pytest
+from import_sample import RAMP, LAG_s, ramp_rows
+from import_sample import lagging as lagging_by
+
+from bench.analysis.analysis import Analysis
+from bench.analysis.material import Material
+from bench.model.errors import FitError
+from bench.model.yamlio import parse_yaml
+from bench.plan.mapping import LogMapping
+from bench.systems.af_converter.estimators.drift_ramp import block_means, drift_columns, fit_drift
+from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
+from bench.systems.af_converter.estimators.hysteresis.model import Gates, HysteresisModel, ModelShape
+from bench.systems.af_converter.estimators.ramp_hysteresis import fit_ramp_hysteresis
+from bench.systems.af_converter.estimators.thermal_lag import usable_drive
+from bench.systems.af_converter.temperature_ramp.analysis import analyse
+from bench.systems.af_converter.temperature_ramp.columns import minute_means, ramp_columns
+
+NAMES = {"set": "set_point", "s1": "sensor_1", "s2": "sensor_2", "ref": "standard", "dmm": "meter"}
+CAMPAIGN = parse_yaml(RAMP, "m.yaml", LogMapping).model.campaign()
+
+
+def material(rows: Mapping[str, np.ndarray], campaign: Mapping[str, Any] = CAMPAIGN) -> Material:
+    series = {NAMES.get(name, name): values.copy() for name, values in rows.items()}
+    return Material(rows=(), campaign=campaign, standards={}, series=series)
+
+
+def without(*roles: str) -> dict[str, Any]:
+    return {**CAMPAIGN, "columns": [one for one in CAMPAIGN["columns"] if one["role"] not in roles]}
+
+
+def value(analysis: Analysis, quantity: str) -> tuple[float, float]:
+    (one,) = [entry for entry in analysis.estimates if entry["quantity"] == quantity]
+    return one["value"], one["expanded_uncertainty"]
+
+
+@pytest.fixture(scope="module")
+def lagging() -> Analysis:
+    rows = ramp_rows(5, lag_s=LAG_s)
+    given = material(rows)
+    given.series["standard"][0] = np.nan
+    given.series["meter"][:3] = np.nan
+    return analyse(given)
+
+
+def test_the_drift_model_equals_lstsq_on_the_same_means() -> None:
+    rows = ramp_rows(1, step_ppm=-2.0)
+    columns = ramp_columns(material(rows))
+    blocks = block_means(columns.t_s, 300)
+    temperature, readings = blocks.mean(columns.temperature_degC), blocks.mean(columns.readings["meter"])
+    branch = blocks.mean(columns.branch / 2.0)
+    fit = fit_drift(blocks, temperature, readings, branch, 25.0)
+    hours = blocks.hours()
+    design = np.column_stack([(temperature - 25.0) ** k for k in range(4)] + [branch, hours, hours**2])
+    np.testing.assert_allclose(fit.parameters, np.linalg.lstsq(design, readings, rcond=None)[0], rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(fit.operator @ readings, fit.parameters, rtol=1e-9, atol=1e-10)
+    np.testing.assert_array_equal(drift_columns(blocks), design[:, 5:])
+
+
+def test_blocks_hold_every_row_once_and_leave_gaps_out() -> None:
+    t_s = np.concatenate((np.arange(0.0, 1000.0, 10.0), np.arange(5000.0, 6000.0, 10.0)))
+    blocks = block_means(t_s, 60)
+    assert blocks.count.sum() == t_s.size
+    assert blocks.count.min() > 0
+    assert blocks.mean(t_s) == pytest.approx(blocks.middle_s)
+    assert np.all((blocks.start_s <= blocks.middle_s) & (blocks.middle_s < blocks.end_s))
+
+
+def test_a_step_and_a_drift_are_told_apart() -> None:
+    found = analyse(material(ramp_rows(2, step_ppm=-2.0)), "drift")
+    after, expanded = value(found, "up_minus_down_after_drift")
+    assert after == pytest.approx(-2.0, abs=max(expanded, 0.05))
+    assert expanded < 0.2
+    assert value(found, "drift_rate")[0] == pytest.approx(0.05, abs=0.02)
+    assert value(found, "drift_curvature")[0] == pytest.approx(-0.005, abs=0.002)
+    assert value(found, "meter_tc1")[0] == pytest.approx(0.6, abs=0.01)
+    assert value(found, "meter_tc2")[0] == pytest.approx(0.01, abs=0.002)
+    assert value(found, "meter_tc3")[0] == pytest.approx(-1e-3, abs=3e-4)
+    naive = [one for one in found.estimates if one["quantity"] == "up_minus_down"]
+    assert [one["conditions"]["temperature_degC"] for one in naive] == [float(at) for at in range(21, 35)]
+    assert not any(one["quantity"] in ("hysteresis_width", "thermal_lag") for one in found.estimates)
+
+
+def test_a_lag_is_found_and_leaves_no_hysteresis_though_the_branches_differ(lagging: Analysis) -> None:
+    lag_min, lag_expanded = value(lagging, "thermal_lag")
+    assert lag_min == pytest.approx(LAG_s / 60.0, abs=max(lag_expanded, 1.0))
+    assert lag_expanded < 5.0
+    width, expanded = value(lagging, "hysteresis_width")
+    assert abs(width) < max(expanded, 0.05)
+    assert value(lagging, "up_minus_down_after_drift")[0] < -1.0
+    assert any("no play half-width" in note for note in lagging.notes)
+
+
+def test_a_lag_longer_than_a_ramp_can_show_leaves_no_width() -> None:
+    """Held at a tenth of the record the lag would be 29 min short, and the width and half-width off with it."""
+    rows = ramp_rows(5, lag_s=9000.0)
+    slack = slack_of(rows["t_s"], lagging_by(rows["t_s"], 9000.0), 1.0)
+    rows["dmm"] = rows["dmm"] * (1.0 + 1e-6 * slack)
+    found = analyse(material(rows))
+    assert not [one for one in found.estimates if one["quantity"] in ("hysteresis_width", "thermal_lag")]
+    (said,) = found.missing
+    assert said.startswith("meter: no hysteresis width")
+    assert f"No result: {said}." in found.notes
+    assert value(found, "drift_rate")  # the other model stands
+
+
+@pytest.mark.parametrize("half_width_degC", [0.1, 1.0])
+def test_lag_and_loop_together(half_width_degC: float) -> None:
+    rows = ramp_rows(6, lag_s=LAG_s)
+    slack = slack_of(rows["t_s"], lagging_by(rows["t_s"], LAG_s), half_width_degC)
+    rows["dmm"] = rows["dmm"] * (1.0 + 1e-6 * slack)
+    found = analyse(material(rows))
+    for quantity, truth in (("hysteresis_width", 2.0), ("thermal_lag", 30.0), ("play_half_width", half_width_degC)):
+        obtained, expanded = value(found, quantity)
+        assert abs(obtained - truth) < 2.0 * expanded, quantity
+
+
+def slack_of(t_s: np.ndarray, temperature: np.ndarray, half_width: float) -> np.ndarray:
+    """(P - T) / r of a play by its definition, 2 from the rising to the falling branch."""
+    piston, found = float(temperature[0]), np.empty_like(t_s)
+    for index, at in enumerate(temperature.tolist()):
+        piston = min(max(piston, at - half_width), at + half_width)
+        found[index] = (piston - at) / half_width
+    return found
+
+
+def test_the_start_of_the_play_is_a_part_of_the_width() -> None:
+    """Rectangular between a start from below and from above: two fits, their distance over sqrt(12), in squares."""
+    columns = ramp_columns(material(ramp_rows(5, lag_s=LAG_s, step_ppm=-1.0)))
+    blocks = block_means(columns.t_s, 240)
+    readings, sensor = blocks.mean(columns.readings["meter"]), blocks.mean(columns.temperature_degC)
+    noise = fit_drift(blocks, sensor, readings, blocks.mean(columns.branch / 2.0), 25.0).noise
+    drive = usable_drive(*minute_means(columns.t_s, columns.temperature_degC))
+    found = fit_ramp_hysteresis(blocks, readings, drive, noise, 25.0)
+    gates = Gates(blocks.start_s, blocks.end_s)
+    widths = []
+    for start in (-1.0, 1.0):
+        shape = ModelShape(25.0, 3, drift_columns(blocks), ("drift rate", "drift curvature"), start)
+        design = HysteresisModel(gates, drive, shape).columns(found.fit.value(LAG), found.fit.value(HALF_WIDTH))
+        t_s = blocks.middle_s
+        lags_s = np.abs(t_s[:, None] - t_s)
+        covariance = found.noise.slow * np.exp(-lags_s / found.noise.time_s) + found.noise.white * np.eye(t_s.size)
+        factor = np.linalg.cholesky(covariance)
+        white = np.linalg.solve(factor, np.column_stack((design, readings)))
+        widths.append(np.linalg.lstsq(white[:, :-1], white[:, -1], rcond=None)[0][4])
+    assert found.start_std == pytest.approx(abs(widths[1] - widths[0]) / np.sqrt(12.0), rel=1e-5)
+    assert found.start_std > 0.0
+    assert found.width[1] == pytest.approx(np.hypot(found.fit.std("hysteresis width"), found.start_std))
+
+
+def test_the_temperature_is_the_mean_of_the_sensors() -> None:
+    rows = ramp_rows(1)
+    rows["s1"] = rows["s1"] + 0.4
+    found = ramp_columns(material(rows))
+    np.testing.assert_allclose(found.temperature_degC, rows["set"] + 0.2, atol=1e-9)
+
+
+def test_overloaded_rows_are_left_out_and_counted(lagging: Analysis) -> None:
+    assert {(one["n"], one["dropped"]) for one in lagging.estimates} == {(957, 3)}
+    assert lagging.notes[0].startswith("3 of 960 rows are left out")
+
+
+def test_what_the_report_gets(lagging: Analysis) -> None:
+    titles = [one["title"] for one in lagging.figures]
+    assert titles == ["Temperature programme", "meter up and down", "meter up minus down", "meter residuals"]
+    for figure in lagging.figures:
+        for series in figure["series"]:
+            assert len(series["x"]) == len(series["y"]) > 0
+            assert np.isfinite(series["y"]).all()
+    segments, totals, by_sensor, left = lagging.tables
+    assert [row[0] for row in segments["rows"]] == ["hold", "up", "hold", "down", "hold"]
+    assert [row[2] for row in totals["rows"]] == pytest.approx([5.0, 6.0, 5.0], rel=0.02)
+    assert by_sensor["headers"] == ["temperature / °C", "mean", "sensor_1", "sensor_2"]
+    assert by_sensor["rows"][-1][0] == "after drift"
+    assert left["rows"][1][1].startswith("joint: falling minus rising, lag ")
+    assert left["rows"][1][4] < left["rows"][0][4]
+
+
+def test_without_set_point_and_reference_the_reading_is_taken_as_it_is() -> None:
+    rows = ramp_rows(3, step_ppm=-2.0)
+    given = material(rows, without("set_point", "reference"))
+    found = analyse(given, "drift")
+    after, _ = value(found, "up_minus_down_after_drift")
+    assert after == pytest.approx(-2e-6, abs=0.5e-6)
+    assert {one["unit"] for one in found.estimates} == {"V", "V/h", "V/h2", "V/degC", "V/degC2", "V/degC3"}
+    assert any("maps no set-point" in note for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("given", "code", "why"),
+    [
+        (Material((), CAMPAIGN, {}), "B-FIT-060", "no imported log"),
+        (material(ramp_rows(1), without("temperature")), "B-FIT-060", "no imported log"),
+        (material({name: values[:99] for name, values in ramp_rows(1).items()}), "B-FIT-060", "99 of 99 rows"),
+        (material({name: values[:500] for name, values in ramp_rows(1).items()}), "B-FIT-061", "found: hold, up, hold"),
+    ],
+)
+def test_what_cannot_be_analysed(given: Material, code: str, why: str) -> None:
+    with pytest.raises(FitError, match=f"{code}.*{why}"):
+        analyse(given)
+
+
+def test_an_unknown_method() -> None:
+    with pytest.raises(FitError, match=r"B-FIT-004.*joint, drift"):
+        analyse(material(ramp_rows(1)), "gls")

@@ -1,0 +1,213 @@
+"""The fit of one channel at one temperature: exact recovery, independent methods, refusals."""
+
+import dataclasses
+from collections.abc import Callable
+
+import fit_simulation as sim
+import numpy as np
+import pytest
+import scipy.optimize
+
+from bench.model.errors import FitError
+from bench.systems.af_converter.estimators.noise import Converter, RangeSpecification, Readings
+from bench.systems.af_converter.estimators.scale_factor import ScaleFactor, fit_scale_factor
+from bench.systems.af_converter.groups import group_rows
+
+STANDARD = {full: RangeSpecification(20e-6, floor) for full, floor in sim.FLOOR_A.items()}
+IDEAL = sim.Switches(gain=False, calibrator_errors=False, noise=False, quantised=False, lag=False)
+CONVERTER = {kind: Converter(sim.KIND[kind]["k0_C"], sim.F_AF0_Hz, **sim.NOISE) for kind in sim.KIND}
+
+
+def one_group(seed: int, switches: sim.Switches, kind: str = "gyro") -> tuple[Readings, np.ndarray]:
+    """Closed rows of one channel at 20 degC, and the true scale-factor errors there."""
+    campaign = sim.simulate(seed, switches, {1: kind}, temperatures=(20.0,))
+    closed = group_rows(campaign.rows, sim.MASTER_Hz)[0].closed
+    return closed, campaign.units[1].dsf(float(closed.unit_temperature_degC.mean()))
+
+
+def fit(rows: Readings, kind: str = "gyro", method: str = "gls") -> ScaleFactor:
+    return fit_scale_factor(rows, CONVERTER[kind], STANDARD, method)
+
+
+@pytest.mark.parametrize("kind", ["gyro", "accelerometer"])
+@pytest.mark.parametrize("method", ["gls", "paper", "ols"])
+def test_ideal_rows_are_recovered_exactly_by_every_method(kind: str, method: str) -> None:
+    rows, truth = one_group(3, IDEAL, kind)
+    np.testing.assert_allclose(fit(rows, kind, method).dsf_ppm, truth, atol=1e-6)
+
+
+def closed_form_ppm(rows: Readings, level_A: float) -> np.ndarray:
+    """Equations (6) and (9) of one level, solved as two equations in K_N and K_P; an independent second method."""
+    ratio = sim.F_AF0_Hz * rows.gate_s / rows.af_count
+    c_n, c_p = rows.n_count / rows.gate_s * ratio, rows.p_count / rows.gate_s * ratio
+    matrix = []
+    for sign in (1, -1):
+        at = np.flatnonzero((rows.polarity == sign) & (rows.level_A == level_A))[0]
+        zero = np.flatnonzero((rows.polarity == sign) & (rows.level_A == 0))[0]
+        matrix.append([c_n[at] - c_n[zero], -(c_p[at] - c_p[zero])])
+    k = np.linalg.solve(np.array(matrix), [level_A, -level_A])
+    return np.asarray(1e6 * (k / sim.KIND["gyro"]["k0_C"] - 1))
+
+
+@pytest.mark.validates(
+    "AF paper (4) to (9), (7) corrected: joint model of one group",
+    against="each level's two equations solved for K_N and K_P on their own",
+)
+@pytest.mark.parametrize("level_A", sim.KIND["gyro"]["levels_A"])
+def test_the_papers_differences_solved_level_by_level_agree(
+    record_property: Callable[[str, object], None], level_A: float
+) -> None:
+    rows, _ = one_group(5, IDEAL)
+    closed = closed_form_ppm(rows, level_A)
+    record_property("obtained", f"{level_A:g} A: {np.max(np.abs(closed - fit(rows).dsf_ppm)):.1e} ppm")
+    np.testing.assert_allclose(closed, fit(rows).dsf_ppm, atol=1e-5)
+
+
+@pytest.mark.validates(
+    "AF paper (10) and (11), signs corrected",
+    against="the equations stacked as printed in the decision record and solved by numpy.linalg.lstsq",
+)
+def test_ols_is_equation_10_stacked(record_property: Callable[[str, object], None]) -> None:
+    rows, _ = one_group(6, sim.Switches())
+    ratio = sim.F_AF0_Hz * rows.gate_s / rows.af_count
+    c = np.column_stack([rows.n_count, -rows.p_count]) * (ratio / rows.gate_s)[:, None]
+    stacked, current = [], []
+    for at in np.flatnonzero(rows.level_A > 0):
+        zero = np.flatnonzero((rows.polarity == rows.polarity[at]) & (rows.level_A == 0))[0]
+        stacked.append(c[at] - c[zero])
+        current.append(rows.polarity[at] * rows.level_A[at])
+    for method, weight in (("ols", np.ones(12)), ("paper", 1 / np.abs(current))):
+        k, *_ = np.linalg.lstsq(np.array(stacked) * weight[:, None], np.array(current) * weight)
+        expected = 1e6 * (k / sim.KIND["gyro"]["k0_C"] - 1)
+        found = fit(rows, method=method).dsf_ppm
+        record_property("obtained", f"{method}: {np.max(np.abs(found - expected)):.1e} ppm, limit 1e-6")
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+@pytest.mark.validates(
+    "generalised least squares of one group, value and covariance",
+    against="every offset and linearity error as an unknown with a prior, minimised by scipy.optimize",
+)
+def test_gls_agrees_with_a_numerical_search_over_every_unknown(record_property: Callable[[str, object], None]) -> None:
+    """Second method: offsets and linearity errors as unknowns with priors, minimised by scipy.optimize."""
+    rows, _ = one_group(8, sim.Switches())
+    quiet = dataclasses.replace(CONVERTER["gyro"], walk_A_rth=0.0)
+    result = fit_scale_factor(rows, quiet, STANDARD)
+    ratio = sim.F_AF0_Hz * rows.gate_s / rows.af_count
+    n_A, p_A = (quiet.k0_C * count * ratio / rows.gate_s for count in (rows.n_count, rows.p_count))
+    relative_clock = 1 / (np.sqrt(6) * rows.af_count)
+    quantum_A = quiet.k0_C / rows.gate_s
+    variance = quantum_A**2 / 6 + 2e-9**2 / 200 + ((n_A - p_A) * relative_clock / ratio) ** 2
+    ranges, levels = sorted(set(rows.range_A)), sorted(set(rows.level_A) - {0.0})
+    prior_A = np.array([STANDARD[one].floor_A / 2 for one in ranges])
+    linear_A = np.array([STANDARD[sim.smallest_range(one)].floor_A / 2 for one in levels])
+
+    def misfit(x: np.ndarray) -> np.ndarray:
+        dsf_n, dsf_p, plus_nA, minus_nA = x[:4]
+        b, e = x[4 : 4 + len(ranges)], x[4 + len(ranges) :]
+        counted = n_A * (1 + 1e-6 * dsf_n) - p_A * (1 + 1e-6 * dsf_p)
+        offset = np.where(rows.polarity > 0, plus_nA, minus_nA) * 1e-9
+        b_row = np.array([b[ranges.index(one)] * prior_A[ranges.index(one)] for one in rows.range_A])
+        e_row = np.array([e[levels.index(one)] * linear_A[levels.index(one)] if one else 0.0 for one in rows.level_A])
+        expected = rows.polarity * (rows.level_A + b_row + e_row) + offset
+        return np.concatenate([(counted - expected) / np.sqrt(variance), b, e])
+
+    start = np.zeros(4 + len(ranges) + len(levels))
+    slopes = np.column_stack([misfit(unit) - misfit(start) for unit in 1e3 * np.eye(start.size)]) / 1e3
+    found = scipy.optimize.least_squares(
+        misfit, start, jac=lambda _x: slopes, x_scale="jac", xtol=1e-15, ftol=1e-15, gtol=1e-15
+    )
+    record_property("obtained", f"{np.max(np.abs(found.x[:2] - result.dsf_ppm)):.1e} ppm, limit 1e-4")
+    np.testing.assert_allclose(found.x[:2], result.dsf_ppm, atol=1e-4)
+    assert 2 * found.cost == pytest.approx(result.chi2, rel=1e-6)
+    spread = np.linalg.inv(found.jac.T @ found.jac)[:2, :2]
+    np.testing.assert_allclose(spread, result.covariance_ppm2, rtol=1e-5)
+
+
+def test_uncertainty_of_the_fit_is_the_design_figure() -> None:
+    """Paper's single zero pair: 1.84 ppm for gyroscopes, 1.02 ppm for accelerometers."""
+    for kind, design_ppm in (("gyro", 1.84), ("accelerometer", 1.02)):
+        rows, _ = one_group(2, sim.Switches(), kind)
+        std_ppm = np.sqrt(np.diag(fit(rows, kind).covariance_ppm2))
+        np.testing.assert_allclose(std_ppm, design_ppm, atol=0.03)
+
+
+def test_gain_is_ten_ppm_on_both_and_cancels_in_the_asymmetry() -> None:
+    rows, _ = one_group(2, sim.Switches())
+    gain_ppm = fit(rows).gain_ppm
+    np.testing.assert_allclose(gain_ppm, 10.0, atol=0.02)
+    assert abs(gain_ppm[0] - gain_ppm[1]) < 0.02
+
+
+def test_corrections_of_the_certificate_are_applied() -> None:
+    rows, truth = one_group(4, IDEAL)
+    wrong = {full: dataclasses.replace(one, gain=-50e-6, offset_A=0.0) for full, one in STANDARD.items()}
+    np.testing.assert_allclose(fit_scale_factor(rows, CONVERTER["gyro"], wrong).dsf_ppm, truth - 50.0, atol=0.1)
+    shifted = dataclasses.replace(rows, n_count=rows.n_count * 1.0)
+    delivered = {full: dataclasses.replace(one, offset_A=2e-9) for full, one in STANDARD.items()}
+    moved = fit_scale_factor(shifted, CONVERTER["gyro"], delivered)
+    np.testing.assert_allclose(moved.dsf_ppm, truth, atol=1e-4)  # the same offset everywhere is a zero offset
+
+
+def test_rows_that_are_not_finite_are_dropped_and_counted() -> None:
+    rows, truth = one_group(9, IDEAL)
+    count = rows.n_count.copy()
+    count[6] = np.nan
+    result = fit(dataclasses.replace(rows, n_count=count))
+    assert (result.n, result.dropped) == (13, 1)
+    assert np.isnan(result.residual_A[6])
+    np.testing.assert_allclose(result.dsf_ppm, truth, atol=1e-6)
+
+
+def test_zero_rows_in_every_range_are_used() -> None:
+    switches = sim.Switches(zero_in_every_range=True)
+    rows, _ = one_group(11, switches)
+    single, _ = one_group(11, sim.Switches())
+    assert rows.level_A.size == 20
+    assert np.sqrt(fit(rows).covariance_ppm2[0, 0]) == pytest.approx(1.22, abs=0.1)  # design: 1.22 ppm
+    assert fit(rows).covariance_ppm2[0, 0] < fit(single).covariance_ppm2[0, 0]
+
+
+@pytest.mark.parametrize(("sign", "missing"), [(1, "K_P"), (-1, "K_N")])
+def test_one_polarity_only_is_refused_naming_what_is_missing(sign: int, missing: str) -> None:
+    rows, _ = one_group(1, sim.Switches())
+    with pytest.raises(FitError, match=f"{missing} is not determined") as caught:
+        fit(rows.take(rows.polarity == sign))
+    assert caught.value.code == "B-FIT-005"
+
+
+def test_the_refusal_also_holds_when_the_other_zero_row_is_there() -> None:
+    rows, _ = one_group(1, sim.Switches())
+    with pytest.raises(FitError, match="K_P is not determined") as caught:
+        fit(rows.take((rows.polarity > 0) | (rows.level_A == 0)))
+    assert caught.value.code == "B-FIT-005"
+
+
+def test_too_few_rows_are_refused() -> None:
+    rows, _ = one_group(1, sim.Switches())
+    with pytest.raises(FitError) as caught:
+        fit(rows.take(rows.level_A == 1e-3))
+    assert caught.value.code == "B-FIT-001"
+
+
+def test_rezeroed_methods_need_their_zero_row_and_gls_does_not() -> None:
+    rows, _ = one_group(1, sim.Switches())
+    kept = rows.take(~((rows.polarity < 0) & (rows.level_A == 0)))
+    with pytest.raises(FitError, match="the -0 row") as caught:
+        fit(kept, method="paper")
+    assert caught.value.code == "B-FIT-006"
+    assert fit(kept).n == 13
+
+
+def test_unknown_method_is_refused() -> None:
+    rows, _ = one_group(1, sim.Switches())
+    with pytest.raises(FitError, match="wls") as caught:
+        fit(rows, method="wls")
+    assert caught.value.code == "B-FIT-004"
+
+
+def test_unknown_range_is_refused() -> None:
+    rows, _ = one_group(1, sim.Switches())
+    with pytest.raises(FitError) as caught:
+        fit_scale_factor(rows, CONVERTER["gyro"], {2.2e-4: STANDARD[2.2e-4]})
+    assert caught.value.code == "B-FIT-003"

@@ -1,0 +1,247 @@
+"""Temperature of the unit in the fit: gaps in the housekeeping, a failing chamber, an inaccurate sensor."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import fit_simulation as sim
+import numpy as np
+import pytest
+
+from bench.analysis.analysis import Analysis
+from bench.analysis.material import Material
+from bench.analysis.registry import analyse
+from bench.model.errors import FitError
+from bench.model.quality import Quality
+from bench.systems.af_converter import groups
+from bench.systems.af_converter.constants import read_campaign, read_standards
+from bench.systems.af_converter.group_fit import fit_groups
+from bench.systems.af_converter.groups import campaign_rows, group_rows
+from bench.systems.af_converter.temperatures import LONGEST_REACH_s, UnitTemperature, unit_temperatures
+
+SEED = 21
+SCALE_FACTORS = ("dsf_n", "dsf_p", "dsf_asymmetry")
+
+
+def run(campaign: sim.SimulatedCampaign, **changes: Any) -> Analysis:
+    return analyse(Material(campaign.rows, campaign.campaign | changes, campaign.standards))
+
+
+def of(analysis: Analysis, quantity: str, **conditions: Any) -> list[dict[str, Any]]:
+    return [
+        one
+        for one in analysis.estimates
+        if one["quantity"] == quantity and conditions.items() <= one["conditions"].items()
+    ]
+
+
+def without_housekeeping(campaign: sim.SimulatedCampaign, lost: Callable[[sim.Row], bool]) -> sim.SimulatedCampaign:
+    rows = [dataclasses.replace(row, context={}, quality=Quality.STALE) if lost(row) else row for row in campaign.rows]
+    return dataclasses.replace(campaign, rows=rows)
+
+
+@pytest.fixture
+def campaign() -> sim.SimulatedCampaign:
+    return sim.simulate(SEED, sim.Switches())
+
+
+def worst_score(analysis: Analysis, campaign: sim.SimulatedCampaign, quantities: tuple[str, ...]) -> float:
+    found = [one for quantity in quantities for one in of(analysis, quantity, channel=1)]
+    return max(abs(one["value"] - campaign.truth(one)) / one["std_uncertainty"] for one in found)
+
+
+def test_half_of_the_housekeeping_missing_moves_nothing(
+    campaign: sim.SimulatedCampaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The mutant takes the set-point instead: the asymmetry is then off by more than 10 sigma."""
+    holes = without_housekeeping(
+        campaign, lambda row: row.window.conditions["channel"] == 1 and row.window.number % 2 == 0
+    )
+    analysis = run(holes)
+    assert worst_score(analysis, holes, SCALE_FACTORS) < 4.0
+    assert any(
+        "records without housekeeping: their unit temperature is interpolated" in note for note in analysis.notes
+    )
+    first = of(analysis, "dsf_n", channel=1, temperature_degC=-10.0)[0]
+    assert (first["n"], first["dropped"]) == (14, 0)
+
+    def set_point(rows: Any) -> dict[int, UnitTemperature]:
+        return {
+            row.window.number: UnitTemperature(
+                row.context.get("unit_temperature_degC", row.window.conditions["temperature_degC"])
+            )
+            for row in rows
+        }
+
+    monkeypatch.setattr(groups, "unit_temperatures", set_point)
+    assert worst_score(run(holes), holes, ("dsf_asymmetry",)) > 10.0
+
+
+def test_interpolation_is_close_and_its_uncertainty_covers_the_error(campaign: sim.SimulatedCampaign) -> None:
+    holes = without_housekeeping(campaign, lambda row: row.window.number % 5 in (2, 3, 4))
+    known = unit_temperatures(holes.rows)
+    errors, stds = [], []
+    for row, hole in zip(campaign.rows, holes.rows, strict=True):
+        if not hole.context and row.window.number in known:
+            one = known[row.window.number]
+            errors.append(one.value_degC - row.context["unit_temperature_degC"])
+            stds.append(one.std_degC)
+    print(f"{len(errors)} interpolated, worst {np.max(np.abs(errors)):.4f} degC")
+    assert len(errors) > 80
+    assert np.max(np.abs(errors) / np.array(stds)) < 1.0
+    assert min(stds) >= 0.05
+
+
+def test_records_of_one_gap_share_an_error_and_those_of_two_do_not(campaign: sim.SimulatedCampaign) -> None:
+    holes = without_housekeeping(campaign, lambda row: row.window.number in (5, 6, 8))
+    (first, *_) = group_rows(campaign_rows(holes.rows), sim.MASTER_Hz)
+    gaps = dict(zip(first.numbers, first.closed.temperature_gap.tolist(), strict=True))
+    assert gaps[5] == gaps[6] != gaps[8]
+    assert {gaps[number] for number in (2, 3, 4, 7)} == {0}
+    assert np.flatnonzero(first.closed.temperature_std_degC).size == 3
+
+
+def test_an_interpolated_temperature_costs_certainty(campaign: sim.SimulatedCampaign) -> None:
+    constants, register = read_campaign(campaign.campaign), read_standards(campaign.standards)
+    holes = without_housekeeping(campaign, lambda row: row.window.number in (10, 11, 12, 13))
+
+    def std_ppm(rows: Any) -> float:
+        found = fit_groups(group_rows(campaign_rows(rows), constants.master_Hz), constants, register, "ols")
+        return float(np.sqrt(found.groups[0].fit.noise_ppm2[0, 0]))
+
+    assert std_ppm(holes.rows) > 1.005 * std_ppm(campaign.rows)
+
+
+@pytest.mark.parametrize(("apart_s", "found"), [(LONGEST_REACH_s, True), (LONGEST_REACH_s + 1, False)])
+@pytest.mark.parametrize("side", [0, 2])
+def test_reach_of_the_interpolation(campaign: sim.SimulatedCampaign, apart_s: float, found: bool, side: int) -> None:
+    starts_s = [1000.0, 1120.0, 1240.0]
+    starts_s[side] = starts_s[1] + (apart_s if side else -apart_s)
+    rows = [
+        dataclasses.replace(
+            row,
+            context={} if index == 1 else {"unit_temperature_degC": -10.0 + index},
+            window=dataclasses.replace(
+                row.window, t_start_ns=round(1e9 * starts_s[index]), t_end_ns=round(1e9 * starts_s[index]) + 10**11
+            ),
+        )
+        for index, row in enumerate(campaign.rows[:3])
+    ]
+    known = unit_temperatures(rows)
+    assert (2 in known) == found
+    assert {1, 3} <= known.keys()
+    if found:
+        share = (starts_s[1] - starts_s[0]) / (starts_s[2] - starts_s[0])
+        assert known[2].value_degC == pytest.approx(-10.0 + 2 * share)
+        assert known[2].std_degC == pytest.approx(np.hypot(2 / np.sqrt(12), 0.05))
+
+
+def test_no_interpolation_between_links_or_set_points(campaign: sim.SimulatedCampaign) -> None:
+    first, hole, last = campaign.rows[:3]
+    hole = dataclasses.replace(hole, context={})
+    assert 2 in unit_temperatures([first, hole, last])
+    elsewhere = dataclasses.replace(last, window=dataclasses.replace(last.window, link="port_c"))
+    warmer = last.window.conditions | {"temperature_degC": 5.0}
+    other = dataclasses.replace(last, window=dataclasses.replace(last.window, conditions=warmer))
+    assert 2 not in unit_temperatures([first, hole, elsewhere])
+    assert 2 not in unit_temperatures([first, hole, other])
+
+
+def test_groups_without_temperatures_are_refused_by_name(campaign: sim.SimulatedCampaign) -> None:
+    """The first temperature without any housekeeping: no result there, all else stands and is unbiased."""
+    cold = without_housekeeping(campaign, lambda row: row.window.conditions["temperature_degC"] == -10.0)
+    analysis = run(cold)
+    assert [place.split(":")[0] for place in analysis.missing] == ["channel 1 at -10 degC", "channel 2 at -10 degC"]
+    assert all("15 without a unit temperature" in one and "B-FIT-012" in one for one in analysis.missing)
+    assert any("30 records left out of the fits: without a unit temperature" in note for note in analysis.notes)
+    assert of(analysis, "dsf_n", temperature_degC=-10.0) == []
+    assert worst_score(analysis, cold, SCALE_FACTORS) < 4.0
+    (clock,) = of(analysis, "clock_ratio_error", temperature_degC=-10.0)
+    assert "unit_temperature_degC" not in clock["conditions"]
+
+
+def test_a_campaign_without_any_temperature_is_an_error(campaign: sim.SimulatedCampaign) -> None:
+    with pytest.raises(FitError, match="without a unit temperature") as caught:
+        run(without_housekeeping(campaign, lambda _: True))
+    assert caught.value.code == "B-FIT-012"
+    assert caught.value.where == "channel 1 at -10 degC"
+
+
+def test_a_chamber_that_fails_leaves_no_result_under_its_set_point(campaign: sim.SimulatedCampaign) -> None:
+    """Records flagged by the cutter, and one whose interpolated temperature is off, count as not settled."""
+    rows = []
+    for row in campaign.rows:
+        conditions = row.window.conditions | {"settle_band_degC": 1.0}
+        window = dataclasses.replace(row.window, conditions=conditions)
+        failed = conditions["temperature_degC"] == 50.0 and conditions["channel"] == 2
+        context = {"unit_temperature_degC": 40.0} if failed else row.context
+        if failed and row.window.number % 2:
+            rows.append(dataclasses.replace(row, window=window, context={}, quality=Quality.STALE))
+        else:
+            quality = Quality.NOT_SETTLED if failed else Quality.GOOD
+            rows.append(dataclasses.replace(row, window=window, context=context, quality=quality))
+    analysis = run(dataclasses.replace(campaign, rows=rows))
+    (missing,) = analysis.missing
+    assert missing.startswith("channel 2 at 50 degC:")
+    assert "not settled" in missing
+    assert f"No result: {missing}" in analysis.notes
+    assert len(of(analysis, "dsf_n")) == 9
+    assert any("15 records left out of the fits: " in note or "14 records left out of the fits: not settled" in note
+               for note in analysis.notes)  # fmt: skip
+
+
+def test_sensor_of_the_unit_is_in_the_uncertainty() -> None:
+    """A thermometer off by 1 degC (one sigma), the same in a campaign: scores keep unit size only if it is declared."""
+    quantities = (*SCALE_FACTORS, "dsf_n_tc0", "dsf_n_tc1", "dsf_n_tc2", "bias_tc0")
+    scores: dict[str, list[float]] = {name: [] for name in quantities}
+    silent = []
+    switches = sim.Switches(gain=False, sensor_sigma_degC=1.0)
+    for seed in range(150):
+        campaign = sim.simulate(seed, switches)
+        for entry in campaign.standards["calibrator"]["uncertainty"]:
+            entry["relative"] = 1e-9
+        analysis = run(campaign, temperature_sensor_u95_degC=2.0)
+        for name in quantities:
+            scores[name] += [
+                (one["value"] - campaign.truth(one)) / one["std_uncertainty"] for one in of(analysis, name)
+            ]
+        silent += [
+            (one["value"] - campaign.truth(one)) / one["std_uncertainty"]
+            for one in of(run(campaign, temperature_sensor_u95_degC=None), "dsf_n")
+        ]
+    rms = {name: float(np.sqrt(np.mean(np.square(values)))) for name, values in scores.items()}
+    print(rms, "not declared:", np.sqrt(np.mean(np.square(silent))))
+    assert all(0.85 < value < 1.15 for value in rms.values())
+    assert np.sqrt(np.mean(np.square(silent))) > 3.0
+
+
+def test_sensor_is_in_the_table_and_its_absence_in_the_notes(campaign: sim.SimulatedCampaign) -> None:
+    stated, silent = run(campaign, temperature_sensor_u95_degC=0.5), run(campaign, temperature_sensor_u95_degC=None)
+    (part,) = [
+        one for one in stated.components
+        if one["component"] == "temperature sensor of the unit" and one["kind"] == "gyro"
+    ]  # fmt: skip
+    unit, steps_degC = campaign.units[1], np.array(sim.TEMPERATURES_degC) - sim.REFERENCE_degC
+    slopes = np.abs(unit.tc1 + 2 * np.outer(steps_degC, unit.tc2))
+    assert part["std_uncertainty_ppm"] == pytest.approx(0.25 * np.max(slopes), rel=0.02)
+    assert not any(one["component"] == part["component"] for one in silent.components)
+    assert any("sensor is not stated; it is not included" in note for note in silent.notes)
+    assert not any("sensor is not stated" in note for note in stated.notes)
+
+
+def test_declared_drift_of_the_calibrator_is_in_the_coefficient() -> None:
+    """2 ppm (one sigma) over the campaign: tc1 scores keep unit size if the register declares it."""
+    scores: dict[bool, list[float]] = {True: [], False: []}
+    for seed in range(150):
+        campaign = sim.simulate(seed, sim.Switches(gain_drift_sigma=2e-6))
+        for declared in scores:
+            calibrator = campaign.standards["calibrator"] | ({"drift_relative": 4e-6} if declared else {})
+            analysis = analyse(Material(campaign.rows, campaign.campaign, {"calibrator": calibrator}))
+            scores[declared] += [
+                (one["value"] - campaign.truth(one)) / one["std_uncertainty"]
+                for name in ("dsf_n_tc1", "dsf_p_tc1") for one in of(analysis, name)
+            ]  # fmt: skip
+    rms = {declared: float(np.sqrt(np.mean(np.square(values)))) for declared, values in scores.items()}
+    print(rms)
+    assert 0.8 < rms[True] < 1.1
+    assert rms[False] > 2.0

@@ -1,0 +1,259 @@
+"""Bias, stability, repeatability and flip: theory of known noise, other packages, and what must be refused."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import allantools
+import numpy as np
+import pytest
+from scipy import signal
+
+from bench.model.errors import FitError
+from bench.systems.gnc.estimators.bias_mean import BiasMean, flip_bias, mean_bias
+from bench.systems.gnc.estimators.bias_repeatability import bias_repeatability
+from bench.systems.gnc.estimators.bias_stability import averages_of, bias_stability, expected_stability, on_the_counter
+from bench.systems.gnc.estimators.mean_noise import mean_noise
+
+RATE_Hz, HOUR_s = 200.0, 3600.0
+ARW_deg_sqrt_h, SLOW_deg_h, SLOW_s = 0.3, 2.0, 100.0
+WHITE_deg_h = 60.0 * ARW_deg_sqrt_h  # deg/h times sqrt(s)
+
+
+def gyro(rng: np.random.Generator, length_s: float, rate_Hz: float = RATE_Hz) -> np.ndarray:
+    """Rate in deg/h: white noise and a Gauss-Markov process of 2 deg/h, in steps of the module."""
+    count = round(length_s * rate_Hz)
+    kept = np.exp(-1.0 / (rate_Hz * SLOW_s))
+    drive = rng.normal(size=count) * SLOW_deg_h * np.sqrt(1.0 - kept**2)
+    drive[0] = SLOW_deg_h * rng.normal()
+    rate = signal.lfilter([1.0], [1.0, -kept], drive) + rng.normal(size=count) * WHITE_deg_h * np.sqrt(rate_Hz)
+    return np.asarray(np.round(rate / 18.0) * 18.0)  # 0.005 deg/s
+
+
+def hour_of_means(rng: np.random.Generator) -> np.ndarray:
+    """The same noise as 720 means of 5 s, for trials by the hundred."""
+    fine = 40
+    kept = np.exp(-5.0 / fine / SLOW_s)
+    drive = rng.normal(size=720 * fine) * SLOW_deg_h * np.sqrt(1.0 - kept**2)
+    drive[0] = SLOW_deg_h * rng.normal()
+    slow = signal.lfilter([1.0], [1.0, -kept], drive).reshape(720, fine).mean(axis=1)
+    return np.asarray(slow + rng.normal(size=720) * WHITE_deg_h / np.sqrt(5.0))
+
+
+# --- stability -------------------------------------------------------------------------------------------------------
+
+
+def test_theory() -> None:
+    """19 times the angle random walk; with 2 deg/h beside it 6.03 deg/h."""
+    assert expected_stability(60.0) == pytest.approx(18.97, abs=0.01)
+    assert expected_stability(WHITE_deg_h, SLOW_deg_h) == pytest.approx(6.03, abs=0.005)
+    exact = expected_stability(WHITE_deg_h, SLOW_deg_h, SLOW_s)
+    assert 5.95 < exact < 6.03
+    lag_s = 2.0 * np.abs(np.subtract.outer(np.arange(1800), np.arange(1800)))  # covariance every 2 s, numerically
+    means = (SLOW_deg_h**2 * np.exp(-lag_s / SLOW_s)).reshape(360, 5, 360, 5).mean(axis=(1, 3))
+    slow = (np.trace(means) - means.sum() / 360) / 359
+    assert exact == pytest.approx(np.sqrt(WHITE_deg_h**2 / 10 + slow), rel=1e-4)
+
+
+def test_by_the_formula_and_not_by_the_samples() -> None:
+    rate = gyro(np.random.default_rng(101), HOUR_s)
+    found = bias_stability(rate, 1.0 / RATE_Hz)
+    means = rate.reshape(360, 2000).mean(axis=1)
+    assert found.averages.size == 360
+    assert found.value == pytest.approx(float(np.sqrt(((means - means.mean()) ** 2).sum() / 359)), rel=1e-12)
+    assert found.mean == pytest.approx(float(rate.mean()), rel=1e-9)
+    assert found.samples_std > 30.0 * found.value
+    assert found.missing == 0
+    assert found.low < found.value < found.high
+
+
+@pytest.mark.validates(
+    "stability of the bias of 50 simulated gyroscopes (random walk 0.3 deg/sqrt(h), 2 deg/h Gauss-Markov)",
+    against="theory sqrt((19.0 x 0.3)^2 + 2^2) = 6.03 deg/h",
+)
+def test_fifty_units(record_property: Callable[[str, object], None]) -> None:
+    rng = np.random.default_rng(102)
+    found = np.array([bias_stability(gyro(rng, HOUR_s, 20.0), 0.05).value for _ in range(50)])
+    text = f"{found.mean():.2f} +- {found.std():.2f} deg/h, furthest {100 * np.abs(found / 6.033 - 1).max():.0f} %"
+    print(text)
+    record_property("obtained", text)
+    assert found.mean() == pytest.approx(6.033, rel=0.05)
+    np.testing.assert_allclose(found, 6.033, rtol=0.25)
+
+
+@pytest.mark.validates(
+    "95 % intervals of the bias stability",
+    against="expected scatter of 200 simulated hours of white and Gauss-Markov noise",
+)
+def test_intervals_of_the_stability_cover(record_property: Callable[[str, object], None]) -> None:
+    rng = np.random.default_rng(103)
+    expected = expected_stability(WHITE_deg_h, SLOW_deg_h, SLOW_s)
+    found = [bias_stability(hour_of_means(rng), 5.0) for _ in range(200)]
+    inside = float(np.mean([one.low <= expected <= one.high for one in found]))
+    record_property("obtained", f"{100 * inside:.1f} %")
+    assert 0.91 <= inside <= 0.99
+    stated = float(np.mean([one.std for one in found]))
+    assert stated == pytest.approx(float(np.std([one.value for one in found])), rel=0.2)
+
+
+def test_degrees_of_freedom_of_white_and_of_slow_means() -> None:
+    rng = np.random.default_rng(104)
+    white = [mean_noise(rng.normal(size=360)).dof_of_variance for _ in range(20)]
+    kept = np.exp(-1.0 / 20.0)
+    slow = [mean_noise(signal.lfilter([1.0], [1.0, -kept], rng.normal(size=400))[40:]) for _ in range(20)]
+    assert min(white) > 250.0
+    centring = np.eye(360) - 1.0 / 360
+    part = centring @ (kept ** np.abs(np.subtract.outer(np.arange(360), np.arange(360))))
+    exact = np.trace(part) ** 2 / np.trace(part @ part)
+    assert 14.0 < exact < 20.0
+    assert 0.5 * exact < np.median([one.dof_of_variance for one in slow]) < 1.2 * exact
+    assert np.median([one.steps for one in slow]) == pytest.approx(20.0, rel=0.4)
+    assert mean_noise(np.zeros(360)).dof_of_variance == 359.0
+
+
+def test_gaps_are_told_and_large_ones_refused() -> None:
+    rng = np.random.default_rng(105)
+    rate = gyro(rng, HOUR_s, 20.0)
+    kept = np.ones(rate.size, bool)
+    kept[rng.choice(rate.size - 2, 300, replace=False) + 1] = False
+    counter = np.flatnonzero(kept) + 4_000_000_000
+    found = bias_stability(on_the_counter(counter, rate[kept]), 0.05)
+    assert found.missing == 300
+    assert found.value == pytest.approx(bias_stability(rate, 0.05).value, rel=0.02)
+    kept[2000:2100] = False
+    with pytest.raises(
+        FitError, match="1 of 360 means lack more than 10 % of their samples, the first at 100 s"
+    ) as hit:
+        bias_stability(on_the_counter(np.flatnonzero(kept), rate[kept]), 0.05)
+    assert hit.value.code == "B-FIT-092"
+
+
+def test_frames_lost_at_the_end_of_the_hour_are_missing_samples() -> None:
+    """A single damaged frame at the end must not cost the hour; more than a tenth of an average does."""
+    hour = np.random.default_rng(8).normal(size=72_000)
+    whole, cut = bias_stability(hour, 0.05), bias_stability(hour[:-3], 0.05)
+    assert (cut.missing, cut.averages.size) == (3, 360)
+    np.testing.assert_allclose(cut.averages[:-1], whole.averages[:-1], atol=1e-13)
+    assert cut.averages[-1] == pytest.approx(hour[-200:-3].mean())
+    with pytest.raises(FitError, match="359 means of 10 s"):
+        bias_stability(hour[:-21], 0.05)
+
+
+def test_a_short_hour_is_refused() -> None:
+    with pytest.raises(FitError, match="359 means of 10 s, 360 are due") as caught:
+        bias_stability(np.zeros(71_979), 0.05)
+    assert caught.value.code == "B-FIT-092"
+    assert averages_of(np.arange(72_000.0), 0.05)[-1] == pytest.approx(71_800 + 99.5)
+
+
+# --- repeatability ---------------------------------------------------------------------------------------------------
+
+STARTS_s, LENGTHS_s = [1200.0 * k for k in range(6)], [600.0] * 6
+MEANS_deg_h = [1.0, 2.5, -0.5, 3.0, 0.0, 1.2]
+
+
+def test_repeatability_is_the_standard_deviation_of_six() -> None:
+    found = bias_repeatability(MEANS_deg_h, [0.7] * 6, STARTS_s, LENGTHS_s)
+    assert found.value == pytest.approx(float(np.std(MEANS_deg_h, ddof=1)))
+    assert found.dof == 5
+    # chi-square with 5 degrees of freedom, printed tables: 0.8312 and 12.8325
+    assert found.low == pytest.approx(found.value * np.sqrt(5 / 12.8325), rel=1e-5)
+    assert found.high == pytest.approx(found.value * np.sqrt(5 / 0.8312), rel=1e-4)
+    assert found.noise_std == pytest.approx(0.7)
+    shuffled = bias_repeatability(MEANS_deg_h[::-1], [0.7] * 6, STARTS_s[::-1], LENGTHS_s)
+    np.testing.assert_array_equal(shuffled.means, found.means)
+
+
+@pytest.mark.parametrize(
+    ("starts", "lengths", "reason"),
+    [
+        (STARTS_s[:5], LENGTHS_s[:5], "5 windows, 6 are due"),
+        ([600.0 * k for k in range(6)], LENGTHS_s, "windows 1 and 2 start 600 s apart, 1200 s are due"),
+        ([*STARTS_s[:5], 5900.0], LENGTHS_s, "windows 5 and 6 start 1100 s apart"),
+        (STARTS_s, [600.0] * 3 + [300.0] + [600.0] * 2, "window 4 is 300 s long"),
+    ],
+)
+def test_windows_that_are_no_repeatability(starts: list[float], lengths: list[float], reason: str) -> None:
+    with pytest.raises(FitError, match=reason) as caught:
+        bias_repeatability(MEANS_deg_h[: len(starts)], [0.7] * len(starts), starts, lengths)
+    assert caught.value.code == "B-FIT-093"
+
+
+def test_intervals_of_the_repeatability_cover() -> None:
+    rng = np.random.default_rng(106)
+    found = [bias_repeatability(rng.normal(0, 3, 6).tolist(), [0.1] * 6, STARTS_s, LENGTHS_s) for _ in range(1000)]
+    assert 0.92 < np.mean([one.low <= 3.0 <= one.high for one in found]) < 0.98
+
+
+# --- bias of minutes -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.validates(
+    "95 % intervals of a bias of 3 min",
+    against="300 simulated records of white noise, and the random walk by the package allantools",
+)
+def test_bias_of_three_minutes(record_property: Callable[[str, object], None]) -> None:
+    rng = np.random.default_rng(107)
+    records = 40.0 + rng.normal(size=(300, 3600)) * WHITE_deg_h * np.sqrt(20.0)
+    found = [mean_bias(one, 0.05) for one in records]
+    inside = float(np.mean([abs(one.value - 40.0) <= one.expanded for one in found]))
+    record_property("obtained", f"{100 * inside:.1f} %")
+    assert 0.91 <= inside <= 0.99
+    assert np.median([one.std for one in found]) == pytest.approx(WHITE_deg_h / np.sqrt(180.0), rel=0.05)
+    _, deviation, _, _ = allantools.oadev(records[0], rate=20.0, data_type="freq", taus=[1.0])
+    assert found[0].random_walk == pytest.approx(float(deviation[0]), rel=1e-9)
+
+
+def test_slow_noise_widens_the_bias() -> None:
+    rng = np.random.default_rng(108)
+    walk = np.cumsum(rng.normal(size=3600)) * 0.5
+    found = mean_bias(walk + rng.normal(size=3600) * 10.0, 0.05)
+    assert found.slow_std > 3.0 * found.random_walk / np.sqrt(180.0)
+    assert found.dof < 50.0
+
+
+def test_coarse_steps_without_noise() -> None:
+    """A quiet sensor that stays within one step of its output is not known better than the step."""
+    found = mean_bias(np.full(3600, 3.0), 0.05, resolution=1.0)
+    assert found.value == 3.0
+    assert found.std == pytest.approx(1.0 / np.sqrt(12.0))
+    dithered = mean_bias(np.round(np.random.default_rng(109).normal(size=3600)), 0.05, resolution=1.0)
+    assert dithered.resolution_std == 0.0
+
+
+def test_less_than_a_minute_is_refused() -> None:
+    with pytest.raises(FitError, match=r"59\.9 s of samples") as caught:
+        mean_bias(np.zeros(1198), 0.05)
+    assert caught.value.code == "B-FIT-092"
+
+
+# --- flip ------------------------------------------------------------------------------------------------------------
+
+
+def level(axis: str, up: np.ndarray, bias_mg: float, rng: np.random.Generator) -> BiasMean:
+    """Readings of one axis in mg where ``up`` is the upward direction in the unit's axes."""
+    return mean_bias(1000.0 * up["xyz".index(axis)] + bias_mg + rng.normal(size=3600) * 1.4, 0.05)
+
+
+def test_a_flip_about_x_takes_the_tilt_out_and_one_about_y_does_not() -> None:
+    rng = np.random.default_rng(110)
+    tilt = np.deg2rad(1.0 / 60.0)
+    up = np.array([0.0, np.sin(tilt), np.cos(tilt)])  # the table leans: +y of the unit points up by 1 arcminute
+    about_x, about_y = up * [1.0, -1.0, -1.0], up * [-1.0, 1.0, -1.0]
+    first = level("y", up, 10.0, rng)
+    found = flip_bias(first, level("y", about_x, 10.0, rng), axis="y", about="x")
+    assert abs(found.value - 10.0) < 4.0 * found.std
+    assert found.std < 0.03
+    wrong = (first.value + level("y", about_y, 10.0, rng).value) / 2.0
+    assert wrong - 10.0 == pytest.approx(0.29, abs=0.08)
+    with pytest.raises(FitError, match="does not reverse axis y") as caught:
+        flip_bias(first, first, axis="y", about="y")
+    assert caught.value.code == "B-FIT-094"
+
+
+def test_uncertainty_of_a_flip() -> None:
+    one = BiasMean(1.0, 0.3, 20.0, 4.0, 0.0, 0.0, 3600, 0)
+    found = flip_bias(one, one, axis="y", about="x", turn_std=0.8)
+    assert found.std == pytest.approx(np.sqrt(0.15**2 * 2 + 0.4**2))
+    assert found.samples == 7200
+    assert flip_bias(one, one, axis="z", about="x").dof == pytest.approx(40.0)

@@ -1,0 +1,198 @@
+"""Ellipse of two magnetometer axes: against a published fit, other formulas, and units whose errors are known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import magnetometer_simulation as sim
+import numpy as np
+import pytest
+from scipy import optimize
+
+from bench.model.errors import FitError
+from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters, corrected, fit_ellipse
+from bench.systems.gnc.estimators.magnetometer.quadric import fit_quadric
+from bench.systems.gnc.estimators.roll import roll_deg, roll_uncertainty
+
+POINTS = np.array([(1, 7), (2, 6), (5, 8), (7, 7), (9, 5), (3, 7), (6, 2), (8, 4)], float)
+
+
+@pytest.mark.validates(
+    "ellipse of least orthogonal distance through eight points",
+    against="the published best fit of Gander, Golub and Strebel (BIT 34, 1994): centre, axes, norm of the residual",
+)
+def test_published_best_fit(record_property: Callable[[str, object], None]) -> None:
+    fit = fit_quadric(POINTS)
+    axes = np.sort(1.0 / np.linalg.svd(fit.shape)[1])
+    found = [*fit.centre, *axes, float(np.linalg.norm(fit.distance))]
+    record_property("obtained", " ".join(f"{one:.4f}" for one in found))
+    np.testing.assert_allclose(found, [2.6996, 3.8160, 3.0319, 6.5187, 1.1719], atol=6e-5)
+
+
+def test_distances_are_those_of_a_search_along_the_curve() -> None:
+    fit = fit_quadric(POINTS)
+    inverse = np.linalg.inv(fit.shape)
+
+    def distance(angle: float, point: np.ndarray) -> float:
+        return float(np.linalg.norm(fit.centre + inverse @ [np.cos(angle), np.sin(angle)] - point))
+
+    for point, found in zip(POINTS, fit.distance, strict=True):
+        start = min(np.linspace(0.0, 2 * np.pi, 720), key=lambda angle, p=point: distance(angle, p))
+        best = optimize.minimize_scalar(distance, (start - 0.01, start + 0.01), args=(point,), tol=1e-12)
+        assert abs(found) == pytest.approx(best.fun, abs=1e-7)
+
+
+@pytest.mark.validates(
+    "zero, gain and non-orthogonality of two magnetometer axes",
+    against="the direct ellipse by the formulas of Halir and Flusser, solved by numpy.linalg.eig",
+)
+def test_direct_ellipse_by_other_formulas(record_property: Callable[[str, object], None]) -> None:
+    """Both see the same readings, so they differ by far less than the uncertainty; without noise not at all."""
+    rng = np.random.default_rng(61)
+    unit = sim.PlaneUnit()
+    clean = sim.turned(unit, sim.Turn(noise=0.0, step=0.0, length_s=2.0, clock=1e-3), rng)
+    np.testing.assert_allclose(fit_ellipse(*clean).parameters.values, unit.truth, rtol=1e-9)
+    np.testing.assert_allclose(sim.conic_parameters(sim.halir_flusser(*clean)), unit.truth, rtol=1e-8)
+    noisy = sim.turned(unit, sim.Turn(length_s=30.0, clock=1e-5), rng)
+    fit = fit_ellipse(*noisy)
+    other = sim.conic_parameters(sim.halir_flusser(*noisy))
+    score = np.abs(fit.parameters.values - other) / fit.parameters.std
+    record_property("obtained", f"worst of five parameters {score.max():.2f} of its standard uncertainty apart")
+    assert score.max() < 0.5
+
+
+def test_signs_and_roll() -> None:
+    """Turned right-handed about +z by the angle that was put in."""
+    unit, turn = sim.PlaneUnit(alpha_deg=4.0), sim.Turn(15.0, length_s=60.0, begin_deg=30.0, noise=0.0, step=0.0)
+    readings = sim.turned(unit, turn, np.random.default_rng(0))
+    x, y = fit_ellipse(*readings).parameters.corrected(*readings)
+    expected = 30.0 + 15.0 * np.arange(x.size) / 200.0
+    np.testing.assert_allclose((roll_deg(x, y) - expected + 180.0) % 360.0 - 180.0, 0.0, atol=1e-7)
+
+
+def fits(units: int, rate_deg_s: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Errors and standard uncertainties of the five parameters, (units, 5) each."""
+    rng = np.random.default_rng(seed)
+    errors, stds = [], []
+    for _ in range(units):
+        unit = sim.drawn_unit(rng)
+        turn = sim.Turn(rate_deg_s, begin_deg=rng.uniform(0, 360), clock=rng.normal(0.0, 2e-5))
+        found = fit_ellipse(*sim.turned(unit, turn, rng)).parameters
+        errors.append(found.values - unit.truth)
+        stds.append(found.std)
+    return np.array(errors), np.array(stds)
+
+
+def check(errors: np.ndarray, stds: np.ndarray) -> str:
+    rms = np.sqrt(np.mean(errors**2, axis=0))
+    inside = float(np.mean(np.abs(errors) < 1.96 * stds))
+    text = (
+        f"offset {1e6 * rms[:2].max():.1f} ugauss, K_y {1e6 * rms[2]:.0f} ppm, alpha {rms[3]:.4f} degrees, "
+        f"covered {100 * inside:.1f} %"
+    )
+    print(text)
+    assert np.abs(errors[:, 3]).max() < 0.005
+    few = len(errors) < 20  # five parameters of eight units scatter that much more
+    assert rms[:2].max() < (9e-6 if few else 5e-6)
+    assert rms[2] < 30e-6
+    assert inside > (0.8 if few else 0.91)
+    return text
+
+
+@pytest.mark.parametrize("rate_deg_s", [sim.QUICK_deg_s, sim.SLOW_deg_s])
+def test_few_units(rate_deg_s: float) -> None:
+    check(*fits(8, rate_deg_s, seed=62))
+
+
+@pytest.mark.sweep
+@pytest.mark.validates(
+    "magnetometer ellipse of 50 units, RMS errors and coverage of 95 % intervals",
+    against="the errors that were put into simulated readings (0.43 gauss, 0.5 mgauss noise, 3 min at 200 Hz)",
+)
+@pytest.mark.parametrize(("name", "rate_deg_s"), [("15 r/s", sim.QUICK_deg_s), ("15 deg/s", sim.SLOW_deg_s)])
+def test_fifty_units(record_property: Callable[[str, object], None], name: str, rate_deg_s: float) -> None:
+    record_property("obtained", f"{name}: {check(*fits(50, rate_deg_s, seed=63))}")
+
+
+def test_roll_uncertainty_is_that_of_drawn_parameters() -> None:
+    rng = np.random.default_rng(64)
+    unit = sim.PlaneUnit()
+    found = fit_ellipse(*sim.turned(unit, sim.Turn(length_s=20.0), rng)).parameters
+    clean = sim.turned(unit, sim.Turn(15.0, length_s=24.0, noise=0.0, step=0.0), rng)
+    draws = rng.multivariate_normal(found.values, found.covariance, 400)
+    base = roll_deg(*found.corrected(*clean))
+    spread = np.array([(roll_deg(*corrected(one, *clean)) - base + 180) % 360 - 180 for one in draws]).std(axis=0)
+    stated = roll_uncertainty(found, 0.5e-3)
+    assert np.sqrt(np.mean(spread**2)) == pytest.approx(stated.rms_deg, rel=0.1)
+    assert spread.max() == pytest.approx(stated.worst_deg, rel=0.15)
+    assert stated.noise_deg == pytest.approx(np.rad2deg(0.5e-3 / 0.43), rel=0.01)
+
+
+def test_a_field_that_wanders_widens_the_intervals() -> None:
+    """One mgauss of slow change in the room: intervals from the residuals alone would be several times too narrow."""
+    rng = np.random.default_rng(65)
+    unit = sim.PlaneUnit()
+    x, y = sim.turned(unit, sim.Turn(clock=1e-5), rng)
+    drift = 1e-3 * np.sin(np.arange(x.size) / x.size * 9.0)
+    still, moving = fit_ellipse(x, y), fit_ellipse(x + drift, y)
+    assert still.wander < 2.2
+    assert moving.wander > 10.0
+    assert moving.parameters.std[0] > 20.0 * still.parameters.std[0]
+    assert abs(moving.parameters.offset[0] - unit.offset[0]) < 3.0 * moving.parameters.std[0]
+
+
+def test_points_that_are_no_ellipse_are_noticed() -> None:
+    rng = np.random.default_rng(66)
+    x, y = sim.turned(sim.PlaneUnit(), sim.Turn(clock=1e-5), rng)
+    angle = np.arctan2(y, x)
+    wave = 2e-4 * np.cos(4 * angle)
+    bent = fit_ellipse(x + wave * np.cos(angle), y + wave * np.sin(angle))
+    assert fit_ellipse(x, y).shape_misfit < 2.5
+    assert bent.shape_misfit > 10.0
+
+
+@pytest.mark.parametrize(("turn_deg", "gap"), [(290.0, "70"), (180.0, "180")])
+def test_part_of_a_turn_is_refused(turn_deg: float, gap: str) -> None:
+    rng = np.random.default_rng(67)
+    readings = sim.turned(sim.PlaneUnit(), sim.Turn(1.0, length_s=turn_deg, rate_Hz=20.0), rng)
+    with pytest.raises(FitError, match=f"leave {gap} degrees of the turn empty") as caught:
+        fit_ellipse(*readings)
+    assert caught.value.code == "B-FIT-091"
+
+
+@pytest.mark.parametrize(
+    ("x", "y"),
+    [
+        (np.full(100, 0.2), np.full(100, 0.1)),
+        (np.array([0.0, 1.0, 0.0, -1.0]), np.array([1.0, 0.0, -1.0, 0.0])),
+        (np.array([0.0, 1.0, 0.0, -1.0, np.nan, 1.0]), np.arange(6.0)),
+    ],
+    ids=["still", "four points", "not a number"],
+)
+def test_no_ellipse(x: np.ndarray, y: np.ndarray) -> None:
+    with pytest.raises(FitError) as caught:
+        fit_ellipse(x, y)
+    assert caught.value.code == "B-FIT-090"
+
+
+def test_a_line_is_refused() -> None:
+    """Turned about an axis in the plane, both axes see one component of the field."""
+    rng = np.random.default_rng(68)
+    component = 0.4 * np.cos(np.linspace(0.0, 50.0, 4000))
+    with pytest.raises(FitError) as caught:
+        fit_ellipse(component + rng.normal(0, 5e-4, 4000), 0.5 * component + rng.normal(0, 5e-4, 4000))
+    assert caught.value.code in ("B-FIT-090", "B-FIT-091")
+
+
+def test_roll_uncertainty_of_a_large_angle_between_the_axes() -> None:
+    """Each parameter moved by one standard uncertainty at a time, at readings of a turn; alpha of 35 degrees."""
+    values, stds = np.array([0.02, -0.01, 1.1, 35.0, 0.4]), np.array([1e-7, 2e-7, 3e-7, 4e-5, 0.0])
+    unit = PlaneParameters(values[:2], values[2], values[3], values[4], np.diag(stds**2), np.zeros(5))
+    angle, skew = np.deg2rad(np.arange(0.0, 360.0, 5.0)), np.deg2rad(35.0)
+    x, y = 0.4 * np.cos(angle), -0.4 * np.sin(angle)
+    x_out, y_out = 0.02 + x * np.cos(skew) + y * np.sin(skew), -0.01 + y / 1.1
+    moved = [roll_deg(*corrected(values + one, x_out, y_out)) - roll_deg(x, y) for one in np.diag(stds)]
+    spread = np.linalg.norm((np.array(moved) + 180.0) % 360.0 - 180.0, axis=0)
+    stated = roll_uncertainty(unit, 0.0)
+    assert stated.rms_deg == pytest.approx(np.sqrt(np.mean(spread**2)), rel=1e-4)
+    assert stated.worst_deg == pytest.approx(spread.max(), rel=1e-4)

@@ -1,0 +1,351 @@
+"""Gyroscope triad from turns: recovery, intervals, the equations as printed, both mounts, damaged records."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from imu_fit_simulation import Unit, draw, rotation, rotations
+
+from bench.maths.verdict import coverage_factor
+from bench.model.errors import FitError
+from bench.systems.gnc.estimators.earth_rate import Site
+from bench.systems.gnc.estimators.records import RotationRecord, tick_seconds
+from bench.systems.gnc.estimators.rotation_inputs import Declared
+from bench.systems.gnc.estimators.rotations import RotationFit, fit_rotations
+
+Keep = Callable[[str, object], None]
+SITE = Site(34.2, 90.0)
+STEP = Declared(resolution_deg_s=0.005)
+
+
+def unit_of(seed: int) -> Unit:
+    return draw(np.random.default_rng([41, seed]), 0.01, 0.003, 0.1)
+
+
+def fitted(seed: int, mount: str | None = "earth_axis", declared: Declared = STEP, **more: object) -> RotationFit:
+    records = rotations(unit_of(seed), np.random.default_rng([42, seed]), mount, **more)
+    return fit_rotations(records, SITE if mount else None, declared)
+
+
+def errors(fit: RotationFit, unit: Unit) -> np.ndarray:
+    """(12,) of K row by row and of the bias, deg/s."""
+    matrix, bias = fit.triad.matrix - np.linalg.inv(unit.sensitivity), fit.triad.bias - unit.bias
+    return np.concatenate([matrix.ravel(), bias])
+
+
+def printed(records: list[RotationRecord]) -> tuple[np.ndarray, np.ndarray]:
+    """Equations (3) and (4) as they stand in the paper, N = 3, radians: K = (k_ij), epsilon."""
+    sums = {r.name: np.radians(r.rate.sum(axis=0) / 200.0) for r in records}
+    forth, back = ([sums[f"{axis}{turn}"] for axis in "XYZ"] for turn in ("+1080", "-1080"))
+    matrix = (np.array(forth) - np.array(back)) / (4.0 * np.pi * 3.0)  # k_gxy: sensor y in the turn about x
+    both = np.array(forth) + np.array(back)
+    return matrix, np.array([both[[1, 2], 0].sum(), both[[0, 2], 1].sum(), both[[0, 1], 2].sum()]) / (8.0 * np.pi * 3.0)
+
+
+@pytest.mark.parametrize("length_s", [15.3, 25.0])
+@pytest.mark.parametrize("mount", ["earth_axis", "vertical", None])
+def test_without_noise_the_truth_comes_back(length_s: float, mount: str | None) -> None:
+    fit = fitted(3, mount, Declared(), length_s=length_s, walk_deg_sqrt_h=0.0, resolution=0.0)
+    off = errors(fit, unit_of(3))
+    assert np.abs(off[:9]).max() < 1e-9
+    assert np.abs(off[9:]).max() * 3600.0 < 1e-4  # deg/h
+
+
+@pytest.mark.validates(
+    "GNC paper (3) and (4), corrected: gyroscope triad of 50 units, 1080 degrees forth and back",
+    against="the simulated truth: scale 1 %, cross coupling 0.3 %, bias 0.1 deg/s, 0.3 deg/sqrt(h), steps 0.005 deg/s",
+)
+@pytest.mark.parametrize("length_s", [15.3, 25.0])
+def test_fifty_units(record_property: Keep, length_s: float) -> None:
+    fits = [fitted(seed, length_s=length_s) for seed in range(50)]
+    off_ppm = 1e6 * np.array([f.triad.sensitivity - unit_of(k).sensitivity for k, f in enumerate(fits)])
+    bias_deg_h = 3600.0 * np.array([f.triad.bias - unit_of(k).bias for k, f in enumerate(fits)])
+    theory = 0.3 * 60.0 / np.sqrt(4.0 * length_s)  # angle random walk over the root of 4 T
+    rms = float(np.sqrt(np.mean(bias_deg_h**2)))
+    scale, cross = off_ppm[:, range(3), range(3)], off_ppm[:, ~np.eye(3, dtype=bool)]
+    figure = (
+        f"rms scale {np.std(scale):.1f}, cross {np.std(cross):.1f}, worst {np.abs(off_ppm).max():.1f} ppm (limit 50)"
+    )
+    worst = np.abs(bias_deg_h).max() / theory
+    record_property(
+        "obtained", f"T {length_s:g} s: {figure}, bias rms {rms:.2f} of {theory:.2f} deg/h, worst {worst:.1f} sigma"
+    )
+    assert np.abs(off_ppm).max() < 50.0
+    assert rms == pytest.approx(theory, rel=0.17)
+    assert worst < 4.5
+    assert np.mean([f.noise for f in fits]) * 60.0 == pytest.approx(0.3, rel=0.02)
+    assert sum(f.triad.inflated for f in fits) <= 1
+
+
+@pytest.mark.validates(
+    "GNC paper (3) and (4) as printed are noticed",
+    against="the simulated truth of a unit with scale errors of 1 % and more and asymmetric cross coupling",
+)
+def test_the_printed_equations_fail(record_property: Keep) -> None:
+    matrix = np.array([[1.0102, 0.003, -0.001], [-0.002, 0.985, 0.004], [0.0005, -0.0035, 1.013]])
+    unit = Unit(matrix, np.array([0.1, -0.07, 0.05]))
+    for length_s in (15.3, 25.0, 18.85):
+        records = rotations(unit, np.random.default_rng(7), length_s=length_s)
+        wrong, bias = printed(records)
+        right = fit_rotations(records, None, STEP).triad
+        left = 100.0 * (wrong @ matrix - np.eye(3))
+        assert left.diagonal() == pytest.approx(100.0 * (matrix.diagonal() ** 2 - 1.0), abs=0.01)
+        assert left[0, 0] == pytest.approx(2.05, abs=0.01)
+        assert np.abs(right.matrix @ matrix - np.eye(3)).max() < 50e-6
+        ratio = np.degrees(bias) / (matrix @ unit.bias)
+        record_property(
+            "obtained", f"T {length_s:g} s: printed scale left {left[0, 0]:.2f} %, bias times {ratio.mean():.3f}"
+        )
+        accidental = length_s == 18.85
+        assert (np.abs(ratio - 1.0).max() < 0.03) == accidental  # 2 pi N = 18.85: the factor is right by accident
+        assert np.abs(right.bias - unit.bias).max() * 3600.0 < 8.0
+
+
+def test_the_transpose_alone_is_noticed() -> None:
+    unit = unit_of(11)
+    right = fitted(11).triad.sensitivity
+    assert np.abs(right - unit.sensitivity).max() < 60e-6
+    assert np.abs(right.T - unit.sensitivity).max() > 1e-3
+
+
+@pytest.mark.validates(
+    "a vertical turntable gives the bias of the mount along the Earth's axis",
+    against="the simulated truth of 20 units, each in both mounts with the same noise; site 34.2 N",
+)
+def test_vertical_table_after_compensation(record_property: Keep) -> None:
+    apart, left = [], []
+    for seed in range(20):
+        one, two = fitted(seed, "earth_axis"), fitted(seed, "vertical")
+        records = rotations(unit_of(seed), np.random.default_rng([42, seed]), "vertical")
+        plain = fit_rotations(records, None, STEP).triad.bias
+        apart.append(3600.0 * (two.triad.bias - one.triad.bias))
+        left.append(3600.0 * (plain - unit_of(seed).bias))
+        assert np.all(np.abs(two.triad.bias - one.triad.bias) < 0.1 * one.triad.bias_std)
+    rms = float(np.sqrt(np.mean(np.square(left))))
+    record_property(
+        "obtained", f"apart at most {np.abs(apart).max():.3f} deg/h; without compensation {rms:.1f} deg/h rms off"
+    )
+    assert np.abs(apart).max() < 0.2
+    assert rms > 4.0
+
+
+def coverage(count: int, tilt_deg: float) -> tuple[np.ndarray, float]:
+    """Per cent of intervals that hold the truth for each of the twelve, and rms error of cross coupling, ppm."""
+    declared = replace(STEP, tilt_std_deg=tilt_deg)
+    inside, cross_ppm, mount = [], [], None if tilt_deg else "vertical"
+    for seed in range(count):
+        more = {"tilt_deg": tilt_deg} if tilt_deg else {}
+        fit = fitted(seed, mount, declared, rate_Hz=100.0, **more)
+        std = np.sqrt(fit.triad.covariance.diagonal())
+        inside.append(np.abs(errors(fit, unit_of(seed))) <= coverage_factor(fit.triad.dof) * std)
+        cross_ppm.append(1e6 * (fit.triad.sensitivity - unit_of(seed).sensitivity)[~np.eye(3, dtype=bool)])
+    return 100.0 * np.mean(inside, axis=0), float(np.std(cross_ppm))
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 1.0 / 60.0])
+def test_intervals_cover_in_short(tilt_deg: float) -> None:
+    """60 units, 720 intervals: 95 +- 4 % of all of them."""
+    assert abs(coverage(60, tilt_deg)[0].mean() - 95.0) <= 4.0
+
+
+@pytest.mark.sweep
+@pytest.mark.validates(
+    "gyroscope triad: 95 % intervals of the twelve parameters, 500 units",
+    against="the simulated truth, without tilt on a vertical table, and with 1 arcmin of tilt of each axis of turn",
+)
+@pytest.mark.parametrize("tilt_deg", [0.0, 1.0 / 60.0])
+def test_intervals_cover(record_property: Keep, tilt_deg: float) -> None:
+    share, cross_ppm = coverage(500, tilt_deg)
+    record_property(
+        "obtained", f"tilt {60 * tilt_deg:g}': {share.min():.1f} to {share.max():.1f} %, all {share.mean():.1f} %"
+    )
+    if tilt_deg:
+        record_property("obtained", f"cross coupling then off by {cross_ppm:.0f} ppm rms")
+        assert 200.0 < cross_ppm < 400.0
+    assert np.all(np.abs(share - 95.0) <= 4.0)
+    assert abs(share.mean() - 95.0) <= 1.5
+
+
+def test_turns_that_are_not_exact_are_in_the_interval_if_declared() -> None:
+    rng = np.random.default_rng(77)
+    scores = []
+    for seed in range(25):
+        records = [
+            replace(r, rate=r.rate * (1.0 + rng.normal() * 0.02 / 1080.0 * (np.abs(r.rate) > 2.0)))
+            for r in rotations(unit_of(seed), rng)
+        ]
+        triad = fit_rotations(records, None, replace(STEP, turn_std_deg=0.02)).triad
+        scores.append((triad.sensitivity - unit_of(seed).sensitivity).diagonal() / triad.sensitivity_std.diagonal())
+    assert 0.8 < np.sqrt(np.mean(np.square(scores))) < 1.25
+
+
+def test_bias_that_wanders_unsaid_is_noticed() -> None:
+    rng = np.random.default_rng(78)
+    for seed in range(8):
+        records = [replace(r, rate=r.rate + rng.normal(size=3) * 0.02) for r in rotations(unit_of(seed), rng)]
+        found = fit_rotations(records, None, STEP)
+        assert 0.01 < found.drift_deg_s < 0.03
+        assert found.triad.bias_std.min() > 0.005
+        assert found.triad.dof == 15.0
+        stated = fit_rotations(records, None, replace(STEP, drift_deg_s=0.02)).triad
+        assert not stated.inflated
+        assert stated.bias_std.min() > 0.005
+
+
+def test_outputs_that_are_off_in_the_turns_alone_are_noticed() -> None:
+    rng, found = np.random.default_rng(79), []
+    for seed in range(8):
+        records = [
+            replace(r, rate=r.rate + rng.normal(size=3) * 0.02 * (np.abs(r.rate).max(axis=1) > 10.0)[:, None])
+            for r in rotations(unit_of(seed), rng)
+        ]
+        found.append(fit_rotations(records, None, STEP).triad)
+    assert sum(triad.inflated for triad in found) >= 7
+    assert {triad.dof for triad in found if triad.inflated} <= {15.0, 24.0}  # 36 integrals less 12 parameters
+
+
+def test_latitude_and_azimuth_go_into_the_bias_of_a_vertical_table() -> None:
+    records = rotations(unit_of(1), np.random.default_rng(1), "vertical")
+    plain = fit_rotations(records, SITE, STEP).triad
+    vague = fit_rotations(records, replace(SITE, latitude_std_deg=5.0, azimuth_std_deg=20.0), STEP).triad
+    assert np.all(vague.bias_std > 1.02 * plain.bias_std)
+
+
+def test_correlated_noise_at_rest_is_taken_in_full() -> None:
+    """A two-point mean halves what single samples scatter, but not what their integral does."""
+    rng = np.random.default_rng(3)
+    smooth = []
+    for r in rotations(unit_of(2), rng, walk_deg_sqrt_h=0.6):
+        rate = r.rate.copy()
+        rate[1:] = 0.5 * (r.rate[1:] + r.rate[:-1])
+        smooth.append(replace(r, rate=rate))
+    noise = fit_rotations(smooth, None, STEP).noise * 60.0
+    assert noise == pytest.approx(0.6, rel=0.15)
+
+
+def test_quiet_sensor_keeps_its_quantisation() -> None:
+    """Without noise a resting output may be half a step off for good, and the bias with it."""
+    fits = [fitted(seed, None, walk_deg_sqrt_h=0.0, resolution=0.005) for seed in range(20)]
+    off = np.array([errors(fit, unit_of(seed))[9:] for seed, fit in enumerate(fits)])
+    stated = float(np.mean([fit.triad.bias_std for fit in fits]))
+    assert stated == pytest.approx(0.005 / np.sqrt(12.0) * 10.5 / 15.3, rel=0.05)  # 10.5 s of 15.3 s are rest
+    assert 0.7 < np.sqrt(np.mean(off**2)) / stated < 1.3
+
+
+# --- records ---------------------------------------------------------------------------------------------------------
+
+
+def good() -> list[RotationRecord]:
+    return rotations(unit_of(5), np.random.default_rng(5))
+
+
+def test_longer_record_is_cut_at_its_end_and_told() -> None:
+    records = good()
+    longer = rotation(unit_of(5), "y", 1080.0, np.random.default_rng(9), length_s=19.0)
+    fit = fit_rotations([*records[:2], longer, *records[3:]], None, STEP)
+    assert fit.trimmed_s["Y+1080"] == pytest.approx(3.7)
+    assert fit.used["Y+1080"] == fit.used["Y-1080"] == 3060
+    assert fit.trimmed_s["X+1080"] == 0.0
+    assert fit.duration_s == pytest.approx(15.3)
+
+
+def test_duplicates_are_dropped_and_counted() -> None:
+    records = good()
+    twice = np.sort(np.concatenate([np.arange(3060), [100, 700, 701]]))
+    r = records[4]
+    again = replace(r, counter=r.counter[twice], time_s=r.time_s[twice], rate=r.rate[twice])
+    fit = fit_rotations([*records[:4], again, records[5]], None, STEP)
+    assert fit.duplicates == {"X+1080": 0, "X-1080": 0, "Y+1080": 0, "Y-1080": 0, "Z+1080": 3, "Z-1080": 0}
+    assert np.array_equal(fit.triad.matrix, fit_rotations(records, None, STEP).triad.matrix)
+
+
+def test_irregular_time_stamps_are_integrated_as_they_are() -> None:
+    """Samples are means over intervals of any length: a clock that hurries by turns does not matter."""
+    unit, rng = unit_of(6), np.random.default_rng(6)
+    records = []
+    for r in rotations(unit, rng, walk_deg_sqrt_h=0.0, resolution=0.0, rate_Hz=800.0):
+        ends = np.cumsum(np.tile([3, 5, 4, 4], 765))
+        ends = ends[ends <= len(r.rate)]
+        total = np.concatenate([[[0.0] * 3], np.cumsum(r.rate, axis=0)])
+        rate = np.diff(total[np.concatenate([[0], ends])], axis=0) / np.diff(ends, prepend=0)[:, None]
+        records.append(replace(r, counter=np.arange(len(ends)), time_s=r.time_s[ends - 1], rate=rate))
+    assert np.abs(errors(fit_rotations(records, None), unit)).max() < 2e-5
+
+
+@pytest.mark.parametrize("lost", [1, 40])
+def test_gap_is_refused_with_its_counter(lost: int) -> None:
+    records = good()
+    kept = np.delete(np.arange(3060), np.arange(500, 500 + lost))
+    r = records[1]
+    holed = replace(r, counter=r.counter[kept], time_s=r.time_s[kept], rate=r.rate[kept])
+    with pytest.raises(FitError, match=rf"X-1080.*counter 499: the next one is {500 + lost}") as refused:
+        fit_rotations([records[0], holed, *records[2:]], None)
+    assert refused.value.code == "B-FIT-080"
+
+
+def test_missing_doubled_and_misnamed_records_are_refused() -> None:
+    records = good()
+    for wrong in (records[:5], [*records, records[0]]):
+        with pytest.raises(FitError, match="1 is due") as refused:
+            fit_rotations(wrong, None)
+        assert refused.value.code == "B-FIT-081"
+    mounted = rotations(unit_of(5), np.random.default_rng(5), "earth_axis")
+    first = mounted[0]
+    assert first.pose is not None
+    crooked = replace(first, pose=replace(first.pose, mounting="y"))
+    with pytest.raises(FitError, match="does not turn about body axis x") as refused:
+        fit_rotations([crooked, *mounted[1:]], SITE)
+    assert refused.value.code == "B-FIT-081"
+
+
+def test_another_turn_than_named_is_refused() -> None:
+    records = good()
+    half = rotation(unit_of(5), "x", 540.0, np.random.default_rng(5))
+    for wrong in (replace(half, turn_deg=1080.0), replace(records[1], turn_deg=1080.0)):
+        with pytest.raises(FitError, match=r"add up to .* deg, the turn is \+1080 deg") as refused:
+            fit_rotations([wrong, *records[1:]], None)
+        assert refused.value.code == "B-FIT-082"
+
+
+def test_record_without_rest_is_refused() -> None:
+    records = [rotation(unit_of(5), r.axis, r.turn_deg, np.random.default_rng(5), length_s=6.5) for r in good()]
+    with pytest.raises(FitError, match="too few to tell the noise") as refused:
+        fit_rotations(records, None)
+    assert refused.value.code == "B-FIT-083"
+    r = records[0]
+    alone = replace(r, counter=r.counter[:1], time_s=r.time_s[:1], rate=r.rate[:1])
+    with pytest.raises(FitError) as refused:
+        fit_rotations([alone, *records[1:]], None)
+    assert refused.value.code == "B-FIT-083"
+
+
+def test_tick_wraps() -> None:
+    ticks = (np.arange(5, dtype=np.uint64) * 5000 + (1 << 32) - 12_000) % (1 << 32)
+    assert tick_seconds(ticks.astype(np.uint32)) == pytest.approx(np.arange(5) * 0.005)
+
+
+def test_a_bias_that_wanders_from_record_to_record_is_in_the_interval() -> None:
+    """By 5 deg/h, about the white noise of one record: what slow noise, or a unit that was switched off, leaves."""
+    inside, wide = [], []
+    for seed in range(60):
+        rng = np.random.default_rng([43, seed])
+        steady = rotations(unit_of(seed), rng, "earth_axis")
+        records = [replace(record, rate=record.rate + rng.normal(0.0, 5.0 / 3600.0, 3)) for record in steady]
+        fit = fit_rotations(records, SITE, STEP)
+        off = errors(fit, unit_of(seed))
+        inside.append(np.abs(off) <= coverage_factor(fit.triad.dof) * np.sqrt(fit.triad.covariance.diagonal()))
+        wide.append(float(np.mean(fit.triad.bias_std)) * 3600.0)
+    assert 100.0 * np.mean(np.array(inside)[:, 9:]) > 91.0
+    assert 100.0 * np.mean(inside) == pytest.approx(95.0, abs=3.0)
+    assert np.mean(wide) == pytest.approx(np.hypot(0.3 * 60.0 / np.sqrt(4 * 16.3), 5.0 / 2.0), rel=0.25)
+
+
+def test_an_uncertain_clock_is_in_every_scale_factor_and_in_no_ratio_of_two() -> None:
+    plain, with_clock = fitted(3), fitted(3, declared=replace(STEP, time_std=40e-6))
+    extra = with_clock.triad.covariance - plain.triad.covariance
+    matrix = plain.triad.matrix
+    np.testing.assert_allclose(np.sqrt(extra[:9, :9].diagonal()).reshape(3, 3), 40e-6 * np.abs(matrix), rtol=1e-3)
+    assert extra[0, 4] == pytest.approx(1.6e-9 * matrix[0, 0] * matrix[1, 1], rel=1e-3)

@@ -1,0 +1,249 @@
+"""Samples that are wrong before anybody fits them: each fault put in by hand, and none seen where there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bench.systems.gnc.estimators.sample_checks import (
+    FROZEN,
+    GAP,
+    REPEATED,
+    SATURATED,
+    SampleChecks,
+    check_samples,
+    longest_equal_run,
+    value_likelihood,
+)
+from bench.systems.gnc.estimators.sample_clock import (
+    BACKWARDS,
+    BURST,
+    CLOCK,
+    IRREGULAR,
+    RATE,
+    check_ticks,
+    unwrapped_ticks_s,
+)
+
+COUNT, INTERVAL_s = 4000, 0.005
+LIMITS = {"gyro": 80_000.0, "accel": 50_000.0}
+
+
+def record(seed: int = 121) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    gyro = np.round(rng.normal(0.0, 14.0, (COUNT, 3))).astype(np.int64)
+    accel = np.round(np.array([0, 0, 1000]) + rng.normal(0.0, 1.4, (COUNT, 3))).astype(np.int64)
+    return {"gyro": gyro, "accel": accel}
+
+
+def ticks_s(seed: int = 122) -> np.ndarray:
+    return np.asarray(np.arange(COUNT) * INTERVAL_s + np.random.default_rng(seed).normal(0, 2e-6, COUNT))
+
+
+def checked(columns: dict[str, np.ndarray], counter: np.ndarray | None = None, **more: np.ndarray) -> SampleChecks:
+    number = np.arange(COUNT) if counter is None else counter
+    return check_samples(columns, number, limits=LIMITS, interval_s=INTERVAL_s, **more)
+
+
+def kinds(checks: SampleChecks) -> set[str]:
+    return {finding.kind for finding in checks.findings}
+
+
+def test_nothing_wrong() -> None:
+    found = checked(record(), tick_s=ticks_s())
+    assert found.clean
+    assert found.sentences == ()
+    assert (found.samples, found.missing, found.gaps) == (COUNT, 0, 0)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.3, 1.0, 4.0])
+@pytest.mark.parametrize("turns", [0.0, 0.4, 7.5, 2700.0])
+def test_no_false_alarm_while_a_field_turns(noise: float, turns: float) -> None:
+    """A sine stands still at its turning points, and a quiet sensor at one value; neither is a fault."""
+    rng = np.random.default_rng([123, int(10 * noise)])
+    angle = np.linspace(0.0, 2.0 * np.pi * turns, 36_000)
+    sine = np.round(3583.0 * np.cos(angle) + 0.3 + rng.normal(0.0, noise, angle.size)).astype(np.int64)
+    if noise == 0.0 and turns == 0.0:
+        sine[5] += 1  # a channel that never moves at all is told
+    found = check_samples({"mag": sine}, np.arange(angle.size), limits={"mag": 50_000}, interval_s=INTERVAL_s)
+    assert found.clean, found.sentences
+
+
+def test_false_alarms_of_many_records() -> None:
+    """2,000 records of noise near a step of the output: with one alarm in a hundred asked for, 1 in 100 at most."""
+    rng = np.random.default_rng(124)
+    alarms = 0
+    for _ in range(2000):
+        values = np.round(rng.normal(0.0, 1.2, 500))
+        longest = longest_equal_run([value_likelihood(values)], values.size, false_alarm=0.01)
+        edges = np.flatnonzero(np.concatenate(([1], np.diff(values), [1])))
+        alarms += np.diff(edges).max() - 1 > longest
+    assert alarms <= 35  # binomial, 1 % of 2,000 and four standard deviations
+
+
+def test_likelihood_of_one_value() -> None:
+    rng = np.random.default_rng(125)
+    for noise in (1.0, 4.0, 14.0):
+        expected = stats.norm.cdf(0.5 / noise) - stats.norm.cdf(-0.5 / noise)
+        values = np.round(rng.normal(0.0, noise, 36_000))
+        assert 0.98 * expected < value_likelihood(values) < 1.15 * expected
+        values[10_000:20_000] = values[10_000]
+        assert value_likelihood(values) > 0.9 * expected
+    assert value_likelihood(np.zeros(100)) == 1.0
+    assert longest_equal_run([0.5], 1000, 1e-3) == 19  # 1000 x 0.5^20 = 9.5e-4
+    assert longest_equal_run([0.01], 1000, 1e-3) == 2  # 1000 x 1e-6 / sqrt(4) = 5e-4, with two pairs 0.058
+    assert longest_equal_run([0.01, 0.01], 1000, 1e-3) == 1
+    assert longest_equal_run([1.0], 100) == 100
+    assert longest_equal_run([0.0], 100) == 0
+
+
+def test_saturation_at_the_end_of_the_range() -> None:
+    columns = record()
+    columns["gyro"][500:520, 1] = 80_000
+    columns["gyro"][600, 1] = -80_000
+    found = checked(columns)
+    finding = next(one for one in found.findings if one.kind == SATURATED)
+    assert (finding.channel, finding.count, finding.first) == ("gyro y", 21, 500)
+    assert "at the end of the range" in finding.sentence
+    assert found.count(SATURATED) == 21
+
+
+def test_saturation_inside_the_range() -> None:
+    """An amplifier that clips holds the output at an extreme that is not the end of the range."""
+    columns = record()
+    columns["gyro"][:, 0] = np.minimum(columns["gyro"][:, 0], 15)
+    found = checked(columns)
+    finding = next(one for one in found.findings if one.kind == SATURATED)
+    assert finding.channel == "gyro x"
+    assert "held at their extreme 15" in finding.sentence
+
+
+def test_a_sensor_that_hangs() -> None:
+    columns = record()
+    columns["accel"][1000:1040, 2] = columns["accel"][1000, 2]
+    found = checked(columns)
+    finding = next(one for one in found.findings if one.kind == FROZEN)
+    assert finding.channel == "accel z"
+    assert finding.first in (999, 1000)
+    assert finding.count >= 39
+    assert kinds(found) == {FROZEN}
+
+
+def test_a_sensor_that_hangs_for_most_of_the_record() -> None:
+    columns = record()
+    columns["gyro"][500:3500, 0] = 7
+    found = checked(columns)
+    assert [(one.kind, one.channel) for one in found.findings] == [(FROZEN, "gyro x")]
+    assert found.findings[0].first in (499, 500)
+
+
+@pytest.mark.parametrize("rate_steps", [43_200, 43_203.3])
+def test_a_turn_without_noise_is_no_fault(rate_steps: float) -> None:
+    """Rest, ramp, steady rate, ramp, rest: long stretches of one value where a simulated sensor has no noise."""
+    profile = np.interp(np.arange(COUNT), [0, 800, 1000, 1600, 1800, COUNT], [0, 0, rate_steps, rate_steps, 0, 0])
+    turning = np.stack((np.round(profile), np.round(0.002 * profile), np.round(-0.003 * profile)), axis=1)
+    found = checked({"gyro": turning.astype(np.int64)}, tick_s=ticks_s())
+    assert found.clean, found.sentences
+
+
+def test_a_channel_that_never_moves() -> None:
+    columns = record()
+    columns["gyro"][:, 2] = 0
+    assert [(one.kind, one.channel) for one in checked(columns).findings] == [(FROZEN, "gyro z")]
+
+
+def test_repeated_samples() -> None:
+    columns = record()
+    for values in columns.values():
+        values[301] = values[300]
+        values[900:903] = values[899]
+    found = checked(columns)
+    finding = next(one for one in found.findings if one.kind == REPEATED)
+    assert (finding.count, finding.first) == (4, 301)
+    assert kinds(found) == {REPEATED}
+
+
+def test_two_samples_with_one_counter() -> None:
+    counter = np.arange(COUNT)
+    counter[700:] -= 1
+    found = checked(record(), counter)
+    assert "1 of them with its counter" in found.sentences[0]
+    assert kinds(found) == {REPEATED}
+
+
+def test_gaps() -> None:
+    counter = np.arange(COUNT)
+    counter[100:] += 7
+    counter[2000:] += 1
+    found = checked(record(), counter)
+    assert (found.missing, found.gaps, kinds(found)) == (8, 2, {GAP})
+    assert "8 of 4008 samples are missing in 2 gaps, the first before counter 107, the longest of 7" in found.sentences
+    assert checked(record(), counter, tick_s=counter * INTERVAL_s).count(IRREGULAR) == 0
+
+
+@pytest.mark.parametrize(
+    ("where", "change_s", "expected"),
+    [
+        (slice(50, 51), 0.002, {IRREGULAR}),
+        (slice(50, 51), -0.006, {IRREGULAR, BACKWARDS}),
+        (slice(50, None), 0.05, {IRREGULAR}),
+    ],
+)
+def test_time_stamps_beside_their_place(where: slice, change_s: float, expected: set[str]) -> None:
+    stamps = ticks_s()
+    stamps[where] += change_s
+    found = checked(record(), tick_s=stamps)
+    assert kinds(found) == expected
+    assert next(one for one in found.findings if one.kind == IRREGULAR).first in (50, 51)
+
+
+def test_stamps_in_bursts() -> None:
+    """A log that was written ten samples at a time."""
+    stamps = np.repeat(np.arange(COUNT // 10) * 0.05, 10) + np.tile(np.arange(10) * 1e-4, COUNT // 10)
+    found = check_samples(record(), np.arange(COUNT), limits=LIMITS, interval_s=INTERVAL_s, tick_s=stamps)
+    assert found.ticks is not None
+    assert {IRREGULAR, RATE} <= kinds(found)
+    uneven = np.arange(COUNT) * INTERVAL_s
+    uneven[100:110] = uneven[110] - np.arange(10, 0, -1) * 1e-4
+    assert {IRREGULAR, BURST} == kinds(checked(record(), tick_s=uneven))
+
+
+def test_a_wrong_rate_is_told() -> None:
+    """204.8 Hz taken for a recording of 102.4 Hz turns it by twice the angle."""
+    found = check_ticks(np.arange(1000) / 102.4, np.arange(1000), 1.0 / 204.8)
+    assert found.rate_error == pytest.approx(-0.5)
+    assert [fault[0] for fault in found.faults] == [RATE]
+    assert "9.766 ms" in found.faults[0][3]
+
+
+def test_a_clock_that_runs_off() -> None:
+    rng = np.random.default_rng(126)
+    device = np.arange(COUNT) * INTERVAL_s
+    chunks = np.ceil(device * 50.0) / 50.0  # the bench sees chunks
+    delay = rng.exponential(1e-3, COUNT)
+    good = check_ticks(device, np.arange(COUNT), INTERVAL_s, chunks / (1.0 + 20e-6) + delay)
+    assert good.faults == ()
+    assert abs(good.clock_error - 20e-6) < 1e-3
+    bad = check_ticks(device, np.arange(COUNT), INTERVAL_s, chunks / 1.005 + delay)
+    assert [fault[0] for fault in bad.faults] == [CLOCK]
+    assert bad.clock_error == pytest.approx(0.005, abs=5e-4)
+    assert np.isnan(check_ticks(device[:100], np.arange(100), INTERVAL_s, chunks[:100]).clock_error)
+
+
+def test_ticks_begin_again_at_two_to_the_32() -> None:
+    true_us = 2**32 - 12_000 + np.arange(10) * 5000
+    np.testing.assert_allclose(unwrapped_ticks_s(true_us % 2**32), np.arange(10) * 0.005, atol=1e-12)
+    backwards = unwrapped_ticks_s(np.array([1000, 6000, 4000]))
+    np.testing.assert_allclose(backwards, [0.0, 0.005, 0.003])
+
+
+def test_noise_of_which_the_middle_step_does_not_occur() -> None:
+    """Noise far wider than a step: half of the second differences are 1,000 steps, half are 1,004, none is between."""
+    rng = np.random.default_rng(9)
+    second = np.where(np.arange(1000) % 2, 1000, 1004) * rng.choice((-1, 1), 1000)
+    values = np.cumsum(np.cumsum(np.concatenate(([0, 1], second))))
+    assert np.median(np.abs(np.diff(values, 2))) == 1002.0
+    assert 0.0 < value_likelihood(values) < 0.002
+    noisy = np.random.default_rng(10).integers(-3000, 3000, 400)
+    assert check_samples({"mag": noisy}, np.arange(400), limits={}, interval_s=0.005).clean

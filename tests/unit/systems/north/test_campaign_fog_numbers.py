@@ -1,0 +1,231 @@
+"""Numbers that a reader of a north finder's report sees, each against its own definition; flags of the records."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from fog_material import AZIMUTH_DEG, LATITUDE_DEG, Gyro, NorthRig, campaign
+from scipy import stats
+
+from bench.analysis.analysis import Analysis
+from bench.analysis.numbers import with_uncertainty
+from bench.model.quality import Quality
+from bench.systems.north.accuracy import accuracies
+from bench.systems.north.analysis import analyse
+from bench.systems.north.sets import NorthSet, north_sets
+from bench.systems.north.solution import METHODS, Azimuths, Site, Solution
+
+SEED = 705
+GYRO = Gyro(noise_V=0.2, placement_deg=(4.0, -7.0), gains=(1.1, 0.9), lock_in_offset_V=(0.01, -0.02))
+SAMPLES = 20_000  # of a set
+
+
+@pytest.fixture(scope="module")
+def clockwise() -> Analysis:
+    return analyse(campaign(NorthRig(SEED, GYRO), (0.0, 90.0), 2, -360.0).material())
+
+
+def of(analysis: Analysis, quantity: str, **conditions: Any) -> list[dict[str, Any]]:
+    wanted = conditions.items()
+    return [one for one in analysis.estimates if one["quantity"] == quantity and wanted <= one["conditions"].items()]
+
+
+def table(analysis: Analysis, title: str) -> list[list[Any]]:
+    (found,) = (one for one in analysis.tables if one["title"] == title)
+    return found["rows"]
+
+
+def drawn(analysis: Analysis, title: str) -> dict[str, Any]:
+    (found,) = (one for one in analysis.figures if one["title"] == title)
+    return {one["label"]: one for one in found["series"]}
+
+
+def known_errors(errors_deg: np.ndarray, noise_deg: float, common_deg: float) -> Solution:
+    """Tests with these errors by every method, 5 s of records each, bounds of 0.3 and 0.4 degrees by turns."""
+    n = len(errors_deg)
+    window = SimpleNamespace(t_start_ns=1_000_000_000, t_end_ns=6_000_000_000)
+    sets = [NorthSet("test", "mark", 0.0, k, 360.0, rows={1: SimpleNamespace(window=window)}) for k in range(n)]  # type: ignore[dict-item]
+    raw: Any = [SimpleNamespace(bound_deg=0.3 if k % 2 else 0.4) for k in range(n)]
+    known_deg, nothing = np.full(n, 170.0), np.full((n, 4), np.nan)
+    found = Solution(sets, Site(37.0, 170.0), known_deg, np.zeros(n), np.ones(n, bool), nothing, nothing, raw)
+    azimuths = Azimuths(known_deg + errors_deg, noise_deg, 4.0, common_deg, 10.0)
+    found.by_method = dict.fromkeys(METHODS, azimuths)
+    return found
+
+
+def test_accuracy_of_known_errors() -> None:
+    errors_deg = np.array([0.6, 0.1, -0.2, 0.5, 0.3, 0.05])
+    (one, *_) = accuracies(known_errors(errors_deg, 0.2, 0.1), 0.5)
+    assert one.rms_deg == pytest.approx(np.sqrt(np.mean(errors_deg**2)))
+    assert (one.used, one.gross, one.worst_deg) == (6, 0, pytest.approx(0.6))
+    assert one.mean_deg == pytest.approx(errors_deg.mean())
+    assert one.scatter_deg == pytest.approx(np.std(errors_deg, ddof=1))
+    assert one.ratio == pytest.approx(np.std(errors_deg, ddof=1) / np.sqrt((0.3**2 + 0.4**2) / 2.0))
+    assert one.time_s == pytest.approx(5.0 * 0.2**2 / ((0.5 / 1.96) ** 2 - 0.1**2))
+
+
+def test_the_swing_of_the_table_is_a_floor_for_the_lock_ins_alone() -> None:
+    """At the index of the calibration and at that of the test; the encoder sees it."""
+    found = known_errors(np.array([0.1, -0.1, 0.2, -0.2]), 0.2, 0.1)
+    found.swing_deg = 0.06
+    by_samples, by_waveform, *_ = accuracies(found, 0.5)
+    assert by_samples.time_s == pytest.approx(5.0 * 0.2**2 / ((0.5 / 1.96) ** 2 - 0.1**2 - 2.0 * 0.06**2))
+    assert by_waveform.time_s == pytest.approx(5.0 * 0.2**2 / ((0.5 / 1.96) ** 2 - 0.1**2))
+
+
+def test_a_branch_that_is_wrong_once_takes_for_ever() -> None:
+    (one, *_) = accuracies(known_errors(np.array([0.1, -0.1, 91.0]), 0.2, 0.0), 0.5)
+    assert (one.gross, one.time_s) == (1, np.inf)
+
+
+def test_degrees_of_freedom_of_a_mean() -> None:
+    """Welch and Satterthwaite by hand: 0.4 with 8 over four repeats, and 0.1 with 2 in common."""
+    found = Azimuths(np.zeros(4), 0.4, 8.0, 0.1, 2.0)
+    assert found.dof_of_mean(4) == pytest.approx((0.2**2 + 0.1**2) ** 2 / (0.2**4 / 8.0 + 0.1**4 / 2.0))
+
+
+def test_calibration_of_a_table_that_turns_clockwise(clockwise: Analysis) -> None:
+    for letter, role, placement_deg, gain, offset_mV in (
+        ("a", "lock_in_2", 4.0, 0.9, -20.0), ("b", "lock_in_1", -7.0, 1.1, 10.0),
+    ):  # fmt: skip
+        (place,) = of(clockwise, "index_placement", index=letter, rotation="clockwise")
+        assert place["value"] == pytest.approx(placement_deg, abs=4.0 * place["std_uncertainty"])
+        (scale,) = of(clockwise, "scale", source=role)
+        assert scale["value"] == pytest.approx(gain, abs=4.0 * scale["std_uncertainty"])
+        (row,) = (one for one in table(clockwise, "Calibration of the index") if one[1].lower().startswith(letter))
+        factor = stats.t.ppf(0.975, place["dof"])
+        assert row[2] == with_uncertainty(place["value"], factor * place["std_uncertainty"])
+        volts_rms, std = scale["value"] / np.sqrt(2.0), scale["std_uncertainty"] / np.sqrt(2.0)
+        assert row[3] == with_uncertainty(volts_rms, factor * std)
+        assert float(row[4].replace("−", "-")) == pytest.approx(
+            offset_mV, abs=4.0
+        )  # of the lock-in, whichever way it turns
+    stds = [of(clockwise, "index_placement", index=letter)[0]["std_uncertainty"] for letter in "ab"]
+    assert stds[0] / stds[1] == pytest.approx(1.1 / 0.9, rel=0.05)
+
+
+def test_noise_amplitude_and_time_know_how_well_they_are_known(clockwise: Analysis) -> None:
+    used = 6 * SAMPLES  # two calibrations, four tests, and the searches
+    (noise,), (scale,) = of(clockwise, "noise"), of(clockwise, "scale", source="waveform")
+    assert noise["n"] >= used
+    assert noise["value"] == pytest.approx(0.2, abs=4.0 * noise["std_uncertainty"])
+    assert noise["std_uncertainty"] == pytest.approx(0.2 / np.sqrt(2.0 * noise["n"]), rel=0.01)
+    assert scale["std_uncertainty"] == pytest.approx(0.2 * np.sqrt(2.0 / scale["n"]), rel=0.01)
+    (time,) = of(clockwise, "time_to_accuracy", method="likelihood")
+    assert time["n"] == 4
+    assert time["std_uncertainty"] == pytest.approx(time["value"] * np.sqrt(2.0 / 4.0))
+
+
+def test_nothing_is_claimed_of_harmonics_that_noise_explains(clockwise: Analysis) -> None:
+    """Limit of 95 % of the mean power of noise: a gamma distribution with as many sets; 4 sigma^2/n in the mean."""
+    sets = of(clockwise, "noise")[0]["n"] // SAMPLES
+    limit = 100.0 * np.sqrt(4.0 * 0.2**2 / SAMPLES * stats.gamma.ppf(0.95, sets) / sets)
+    below = [row for row in table(clockwise, "Harmonics of the waveform") if row[1].startswith("below ")]
+    assert len(below) >= 3  # one in twenty is above by chance
+    for _, part, error in below:
+        assert float(part.removeprefix("below ")) == pytest.approx(limit, rel=0.05)
+        assert error == "–"
+    (literal,) = (row for row in table(clockwise, "Methods") if row[0] == "literal")
+    assert literal[-1] == "never"
+
+
+def test_the_lead_table_has_intervals_of_95_per_cent(clockwise: Analysis) -> None:
+    for row, azimuth, error in zip(
+        table(clockwise, "North")[:2],
+        of(clockwise, "azimuth", item="test"),
+        of(clockwise, "azimuth_error"),
+        strict=True,
+    ):
+        factor = stats.t.ppf(0.975, azimuth["dof"])
+        assert row[4] == with_uncertainty(azimuth["value"], factor * azimuth["std_uncertainty"])
+        assert row[5] == with_uncertainty(error["value"], factor * error["std_uncertainty"])
+        assert 0.0 <= azimuth["value"] < 360.0
+    rows = dict(table(clockwise, "From index to north: convention index_to_north"))
+    assert rows["table clockwise"] == "H0 = phi - 90 deg"
+
+
+def test_readings_lie_on_the_curves_that_are_drawn_through_them(clockwise: Analysis) -> None:
+    for title in ("Lock-in 1, reference: index B", "Lock-in 2, reference: index A"):
+        parts = drawn(clockwise, title)
+        curve_V = np.interp(parts["read"]["x"], parts["calibration"]["x"], parts["calibration"]["y"])
+        assert np.abs(curve_V - parts["read"]["y"]).max() < 0.02  # of 0.7; one output scatters by 0.003
+    parts = drawn(clockwise, "Earth signal")
+    curve_V = np.interp(parts["mean of 5 deg"]["x"], parts["fit"]["x"], parts["fit"]["y"])
+    assert np.abs(curve_V - parts["mean of 5 deg"]["y"]).max() < 0.06
+    parts = drawn(clockwise, "Residual of the waveform")
+    mean_mV, reach_mV = np.array(parts["mean of 5 deg"]["y"]), np.array(parts["95 % of the noise"]["high"])
+    samples = of(clockwise, "noise")[0]["n"]
+    np.testing.assert_allclose(reach_mV, 1e3 * 1.96 * 0.2 / np.sqrt(samples / 72), rtol=0.1)
+    assert np.mean(np.abs(mean_mV) < reach_mV) > 0.8
+    parts = drawn(clockwise, "Phasors")
+    mean_V = np.array(parts["mean of the four"]["x"]) + 1j * np.array(parts["mean of the four"]["y"])
+    for k in range(1, 5):
+        each_V = np.array(parts[f"k = {k}"]["x"]) + 1j * np.array(parts[f"k = {k}"]["y"])
+        assert np.abs(each_V - mean_V).max() < 0.2  # placements and gains are not taken out here
+
+
+def test_errors_over_time_and_their_lines(clockwise: Analysis) -> None:
+    parts = drawn(clockwise, "Errors over time")
+    bound_deg = of(clockwise, "azimuth_bound")[0]["value"]
+    x, y = np.array(parts["bound"]["x"]), np.array(parts["bound"]["y"])
+    np.testing.assert_allclose(y, bound_deg * np.sqrt(20.0 / x), rtol=1e-3)
+    np.testing.assert_allclose(parts["limit / 1.96"]["y"], 0.5 / 1.96)
+    assert parts["least_squares"]["x"] == pytest.approx([20.0, 40.0], rel=1e-3)
+    assert parts["least_squares"]["y"][0] != parts["least_squares"]["y"][1]
+    means_deg = [one["value"] for one in of(clockwise, "azimuth_error")]
+    assert parts["least_squares"]["y"][1] == pytest.approx(np.sqrt(np.mean(np.square(means_deg))), rel=1e-6)
+    band = drawn(clockwise, "Errors")["95 % at the bound"]
+    assert band["high"][0] == pytest.approx(1.96 * bound_deg, rel=1e-6)
+
+
+def test_repeats_are_counted_and_those_that_fell_out() -> None:
+    rig = campaign(NorthRig(SEED, Gyro(noise_V=0.05)), (0.0,), 2)
+    rig.set("test", AZIMUTH_DEG, repeat=3, overload=True)
+    (found,) = of(analyse(rig.material()), "azimuth_error")
+    assert (found["n"], found["dropped"]) == (2, 1)
+
+
+@pytest.mark.parametrize(
+    ("quality", "word", "by_samples", "by_waveform"),
+    [(Quality.SUSPECT, "suspect", 2, 1), (Quality.OVER_RANGE, "over range", 1, 1), (Quality.STALE, "", 2, 2)],
+)
+def test_a_flagged_record_is_left_out(quality: Quality, word: str, by_samples: int, by_waveform: int) -> None:
+    """Frames in doubt cost the waveform; a signal out of range is the lock-ins' too; links may lose."""
+    rig = campaign(NorthRig(SEED, Gyro(noise_V=0.05)), (0.0, 90.0), 1)
+    rig.rows[5] = replace(rig.rows[5], quality=quality)
+    analysis = analyse(rig.material())
+    assert len(of(analysis, "azimuth_error")) == by_samples
+    assert len(of(analyse(rig.material(), "likelihood"), "azimuth_error")) == by_waveform
+    told = [one for one in analysis.missing if "flagged" in one]
+    assert bool(told) == bool(word)
+    assert all(f"record at index position 2 flagged {word}" in one for one in told)
+
+
+def test_the_level_of_the_same_head_next_in_time_counts() -> None:
+    rig = NorthRig(SEED)
+    rig.readings.clear()
+    rig.gyro = replace(rig.gyro, tilt_mrad=(1.0, 2.0))
+    rig.level(item="test", head_deg=0.0)
+    rig.t_s += 500.0
+    rig.gyro = replace(rig.gyro, tilt_mrad=(3.0, 4.0))
+    rig.level(item="test", head_deg=0.0)
+    rig.gyro = replace(rig.gyro, tilt_mrad=(5.0, 6.0))
+    rig.level(item="test", head_deg=90.0)
+    rig.set("test", AZIMUTH_DEG)
+    (one,) = north_sets(rig.material())
+    assert one.tilt_mrad == (3.0, 4.0)
+
+
+def test_tilt_about_the_axis_of_the_bench() -> None:
+    """Heading 110: the y axis points to 200 degrees; a tilt about it leans by -cos(20) about north."""
+    rig = NorthRig(SEED, Gyro(tilt_mrad=(0.0, 1.0)))
+    rig.level(item="test", head_deg=90.0)
+    rig.set("test", AZIMUTH_DEG + 90.0, head_deg=90.0)
+    (row,) = table(analyse(rig.material(), "likelihood"), "Tilt")
+    due_deg = np.rad2deg(1e-3) * np.cos(np.deg2rad(20.0)) * np.tan(np.deg2rad(LATITUDE_DEG))
+    assert row[2:4] == ["0.000", "1.000"]
+    assert float(row[4]) == pytest.approx(due_deg, abs=1e-4)

@@ -1,0 +1,48 @@
+"""Do the intervals of a north finder hold the truth as often as they say? Campaigns by hand, noise of the paper."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from fog_material import AZIMUTH_DEG, Gyro, NorthRig
+
+from bench.maths.verdict import coverage_factor
+from bench.systems.north.estimators.phasors import wrapped_deg
+from bench.systems.north.sets import north_sets
+from bench.systems.north.solve import site_of, solve
+
+GYRO = Gyro(noise_V=np.sqrt(0.5), placement_deg=(0.3, -0.2), gains=(1.01, 0.99))
+
+
+def covered(campaigns: int, method: str) -> tuple[int, int, float]:
+    """Intervals that hold the true azimuth, intervals, RMS of the errors in standard uncertainties."""
+    hits, scores = 0, []
+    for seed in range(campaigns):
+        rig = NorthRig(seed, GYRO)
+        truth = {}
+        for repeat in (1, 2):
+            rig.set("calibration", AZIMUTH_DEG, repeat=repeat)
+        for item, place, head_deg in (("test", "mark", 90.0), ("test", "mark", 225.0), ("search", "field", 0.0)):
+            truth[item, head_deg] = AZIMUTH_DEG + head_deg if item == "test" else float(rig.rng.uniform(0.0, 360.0))
+            for repeat in (1, 2):
+                rig.set(item, truth[item, head_deg], head_deg=head_deg, repeat=repeat, place=place)
+        material = rig.material()
+        for mean in solve(north_sets(material), site_of(material.campaign)).means(method):
+            error_deg = float(wrapped_deg(mean.azimuth_deg - truth[mean.item, mean.head_deg]))
+            hits += abs(error_deg) <= coverage_factor(mean.dof) * mean.std_deg
+            scores.append(error_deg / mean.std_deg)
+    print(method, hits, len(scores), np.sqrt(np.mean(np.square(scores))))
+    return hits, len(scores), float(np.sqrt(np.mean(np.square(scores))))
+
+
+@pytest.mark.parametrize("method", ["least_squares", "likelihood"])
+@pytest.mark.parametrize(
+    ("campaigns", "least_percent"), [(8, 75.0), pytest.param(400, 93.0, marks=pytest.mark.sweep)]
+)  # fmt: skip
+def test_intervals_hold_the_truth(campaigns: int, least_percent: float, method: str) -> None:
+    """Eight campaigns catch an uncertainty that is wrong by a factor of two; 400 an interval that is 2 % short."""
+    hits, count, rms = covered(campaigns, method)
+    assert 100.0 * hits / count >= least_percent
+    assert rms == pytest.approx(1.0, abs=0.45 if campaigns < 100 else 0.08)
+    if campaigns >= 100:
+        assert 100.0 * hits / count <= 97.0

@@ -1,0 +1,367 @@
+"""North from records and readings made by hand: every method at every azimuth, what excludes a set, what is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fog_material import AZIMUTH_DEG, LATITUDE_DEG, Gyro, NorthRig, campaign
+
+from bench.analysis.results import build_results
+from bench.model.errors import FitError
+from bench.systems.north.accuracy import accuracies, rms_std_deg
+from bench.systems.north.analysis import METHODS, analyse
+from bench.systems.north.sets import north_sets
+from bench.systems.north.solve import site_of, solve
+
+SEED = 702
+CARDINAL = tuple((azimuth - AZIMUTH_DEG) % 360.0 for azimuth in (0.0, 90.0, 180.0, 270.0))
+NOISY = Gyro(noise_V=np.sqrt(0.5))
+PROVENANCE = {"simulated": True, "plan_sha256": "a", "frame_sha256": "b", "session_sha256": "c", "software": "x 1"}
+FULL_NAMES = {"North", "From index to north: convention index_to_north", "Methods"}
+
+
+def of(analysis, quantity: str, **conditions):
+    return [
+        one
+        for one in analysis.estimates
+        if one["quantity"] == quantity and conditions.items() <= one["conditions"].items()
+    ]
+
+
+def table(analysis, title: str):
+    (found,) = (one for one in analysis.tables if one["title"] == title)
+    return found
+
+
+def solved(rig: NorthRig, **more):
+    material = rig.material(**more)
+    return solve(north_sets(material), site_of(material.campaign))
+
+
+@pytest.mark.parametrize("rate_deg_s", [360.0, -360.0])
+def test_without_noise_every_azimuth_is_found_whichever_way_the_table_turns(rate_deg_s: float) -> None:
+    """Rotation matrices in the rig, formulas in the product; pulses, lock-ins, level and waveform all off."""
+    gyro = Gyro(
+        placement_deg=(0.4, -0.7), gains=(1.02, 0.97), lock_in_offset_V=(0.01, -0.02), tilt_mrad=(0.5, -0.3),
+        harmonics={2: 0.02, 3: 0.01},
+    )  # fmt: skip
+    rig = campaign(NorthRig(SEED, gyro), (*CARDINAL, 33.0, 251.0), 1, rate_deg_s, field_deg=213.4)
+    found = solved(rig)
+    for method in ("least_squares", "likelihood", "quadrant"):
+        errors_deg = found.error_deg(method)
+        assert np.isfinite(errors_deg).sum() == 6
+        assert np.nanmax(np.abs(errors_deg)) < 1e-3
+        (search,) = (one for one in found.means(method) if one.item == "search")
+        assert search.azimuth_deg % 360.0 == pytest.approx(213.4, abs=1e-3)
+    placement = {one["conditions"]["index"]: one["value"] for one in of(analyse(rig.material()), "index_placement")}
+    assert placement == {"a": pytest.approx(0.4, abs=1e-3), "b": pytest.approx(-0.7, abs=1e-3)}
+
+
+def test_the_level_is_what_takes_the_tilt_out() -> None:
+    rig = campaign(NorthRig(SEED, Gyro(tilt_mrad=(2.0, -1.0))), (0.0, 90.0), 1)
+    rig.readings = [one for one in rig.readings if one.role != "level"]
+    found = solved(rig)
+    tilted_deg = np.rad2deg(2e-3) * np.tan(np.deg2rad(LATITUDE_DEG))
+    errors_deg = found.error_deg("likelihood")[found.of("test")]
+    assert 0.3 * tilted_deg < np.abs(errors_deg).max() < 1.2 * tilted_deg
+    assert any("not measured" in note for note in analyse(rig.material()).notes)
+
+
+def test_the_literal_formulas_are_half_a_turn_off_on_half_of_the_circle() -> None:
+    heads = tuple(float(head) for head in range(5, 365, 30))
+    analysis = analyse(campaign(NorthRig(SEED), heads, 1).material())
+    (literal,) = (row for row in table(analysis, "Methods")["rows"] if row[0] == "literal")
+    assert literal[7] == 6
+    assert of(analysis, "azimuth_rms_error", method="literal")[0]["value"] == pytest.approx(180.0 / np.sqrt(2), abs=0.1)
+    (failed,) = (row for row in table(analysis, "Failures of the literal formulas")["rows"] if "half a turn" in row[0])
+    assert failed[1] >= 6
+    assert any("literal: 6 of 12 tests are more than 90 deg off" in note for note in analysis.notes)
+    (figure,) = (one for one in analysis.figures if one["title"] == "Error of the literal formulas")
+    assert max(map(abs, figure["series"][0]["y"])) == pytest.approx(180.0, abs=0.1)  # folded into one turn, not half
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    return analyse(campaign(NorthRig(SEED, NOISY), repeats=3).material())
+
+
+def test_results_with_noise_have_the_form_of_the_contract(noisy) -> None:
+    build_results("one", noisy, {}, PROVENANCE)
+    assert noisy.missing == []
+    errors = of(noisy, "azimuth_error")
+    assert len(errors) == 5
+    assert {one["limit"] for one in errors} == {0.5}
+    assert max(abs(one["value"]) / one["std_uncertainty"] for one in errors) < 3.5
+    assert 0.2 < errors[0]["std_uncertainty"] < 0.5
+    assert {one["conditions"]["method"] for one in of(noisy, "azimuth", item="search")} == set(METHODS)
+    assert of(noisy, "scale", source="waveform")[0]["value"] == pytest.approx(1.0, abs=0.01)
+    assert of(noisy, "scale", source="lock_in_1")[0]["value"] == pytest.approx(1.0, abs=0.03)
+    assert of(noisy, "noise")[0]["value"] == pytest.approx(np.sqrt(0.5), rel=0.01)
+    bound_deg = np.rad2deg(np.sqrt(2.0 * 0.5 / 20_000))  # design figure 0.405 deg: 20 s at 1 kHz
+    assert of(noisy, "azimuth_bound")[0]["value"] == pytest.approx(bound_deg, rel=0.01)
+
+
+def test_the_report_has_the_figures_of_the_paper_and_says_the_convention(noisy) -> None:
+    titles = [one["title"] for one in noisy.figures]
+    assert titles == [
+        "Earth signal", "Lock-in 1, reference: index B", "Lock-in 2, reference: index A", "Phasors",
+        "Residual of the waveform", "Errors", "Error of the literal formulas", "Histogram of the errors",
+        "Errors over time",
+    ]  # fmt: skip
+    band = noisy.figures[5]["series"][-1]
+    assert band["high"][0] == pytest.approx(1.96 * 0.405, rel=0.02)
+    times = noisy.figures[-1]["series"][0]
+    assert times["x"] == pytest.approx([1.25, 2.5, 5.0, 20.0], rel=1e-3)
+    slope = np.polyfit(np.log(times["x"]), np.log(times["y"]), 1)[0]
+    assert slope == pytest.approx(-0.5, abs=0.25)
+    rows = dict(table(noisy, "From index to north: convention index_to_north")["rows"])
+    assert rows["table counter-clockwise"] == "H0 = 90 deg - phi"
+    assert {one["title"] for one in noisy.tables if one.get("lead")} == FULL_NAMES
+
+
+def test_the_method_chosen_is_the_one_that_is_judged() -> None:
+    rig = campaign(NorthRig(SEED, NOISY), (0.0, 90.0), 1)
+    for method in METHODS:
+        errors = of(analyse(rig.material(), method), "azimuth_error")
+        assert {one["conditions"]["method"] for one in errors} == {method}
+        assert all(one["verdict"] != "none" for one in errors)
+    wide = analyse(rig.material(limits={"azimuth_error": {"value": 240.0, "unit": "arcmin"}}), "likelihood")
+    assert {one["limit"] for one in of(wide, "azimuth_error")} == {4.0}
+    assert {one["verdict"] for one in of(wide, "azimuth_error")} == {"pass"}
+
+
+def test_an_azimuth_that_is_stated_wrong_fails() -> None:
+    rig = NorthRig(SEED, Gyro(noise_V=0.05))
+    rig.set("calibration", AZIMUTH_DEG)
+    for repeat in (1, 2):
+        rig.set("test", AZIMUTH_DEG + 91.0, head_deg=90.0, repeat=repeat)  # the head stands a degree off
+    assert [one["verdict"] for one in of(analyse(rig.material()), "azimuth_error")] == ["fail"]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"overload": True}, "lock_in_1 at index position 1: overload"),
+        ({"unlocked": True}, "lock_in_1 at index position 1: unlocked"),
+        ({"x_V": float("nan")}, "lock_in_1 at index position 1: no number"),
+        ({"frequency_Hz": 1.01}, "reference at 1.0100 Hz, the table turns at 1.0000 Hz"),
+    ],
+)
+def test_a_flag_excludes_its_set_and_is_told(wrong: dict[str, object], said: str) -> None:
+    rig = campaign(NorthRig(SEED, Gyro(noise_V=0.05)), (0.0, 90.0), 1)
+    rig.set("test", AZIMUTH_DEG + 45.0, head_deg=45.0, repeat=1, **({"x_V": 9.9} | wrong))
+    analysis = analyse(rig.material())
+    (sentence,) = analysis.missing
+    assert said in sentence
+    assert sentence.startswith("test at head 45 deg, repeat 1")
+    assert [one["conditions"]["head_deg"] for one in of(analysis, "azimuth_error")] == [0.0, 90.0]
+    assert any(said in note for note in analysis.notes)
+    assert len(of(analyse(rig.material(), "likelihood"), "azimuth_error")) == 3  # the waveform is sound
+
+
+def test_a_missing_index_position_excludes_its_set() -> None:
+    rig = campaign(NorthRig(SEED), (0.0, 90.0), 1)
+    gone = next(
+        one for one in rig.readings
+        if one.role == "lock_in_2" and one.conditions["item"] == "test" and one.conditions["index"] == 3
+    )  # fmt: skip
+    rig.readings.remove(gone)
+    analysis = analyse(rig.material())
+    assert analysis.missing == ["test at head 0 deg, repeat 1: no reading of lock_in_2 at index position 3"]
+    assert len(of(analysis, "azimuth_error")) == 1
+
+
+def test_lost_samples_cost_the_waveform_and_not_the_eight_samples() -> None:
+    rig = campaign(NorthRig(SEED), (0.0, 90.0), 1)
+    rig.rows[5] = replace(rig.rows[5], lost=3)
+    analysis = analyse(rig.material())
+    assert analysis.missing == ["test at head 0 deg, repeat 1, raw waveform: 3 samples lost at index position 2"]
+    assert len(of(analysis, "azimuth_error")) == 2
+    assert len(of(analyse(rig.material(), "likelihood"), "azimuth_error")) == 1
+
+
+def test_a_gyroscope_that_was_off_costs_the_eight_samples_too() -> None:
+    """A lock-in averages over the dark time without a word; only the samples that are missing tell it."""
+    rig = campaign(NorthRig(SEED), (0.0, 90.0), 1)
+    row = rig.rows[5]
+    seconds = 1e-9 * (row.window.t_end_ns - row.window.t_start_ns)
+    rig.rows[5] = replace(row, lost=row.frames)  # every other one: half of the time
+    analysis = analyse(rig.material())
+    (told,) = [one for one in analysis.missing if "waveform" not in one]
+    assert f"{seconds / 2:.2f} s of samples lost at index position 2" in told
+    assert len(of(analysis, "azimuth_error")) == 1
+
+
+def test_a_waveform_of_a_table_that_stands_is_no_waveform() -> None:
+    rig = campaign(NorthRig(SEED), (0.0, 90.0), 1)
+    for row in rig.rows[4:8]:
+        row.samples.columns["encoder"][:] = 77
+    (sentence,) = analyse(rig.material()).missing
+    assert "B-FIT-112" in sentence
+
+
+def test_a_table_that_stops_in_one_record_costs_the_waveform() -> None:
+    rig = campaign(NorthRig(SEED), (0.0, 90.0), 1)
+    rig.rows[6].samples.columns["encoder"][:] = 77
+    analysis = analyse(rig.material())
+    assert analysis.missing == ["test at head 0 deg, repeat 1, raw waveform: the table stopped at index position 3"]
+
+
+def test_a_reading_that_was_taken_again_counts_as_it_was_taken_last() -> None:
+    rig = campaign(NorthRig(SEED), (0.0,), 1)
+    first = next(one for one in rig.readings if one.role == "lock_in_1" and one.conditions["item"] == "test")
+    rig.readings.insert(0, replace(first, t_s=first.t_s - 0.001, value=first.value | {"x_V": 55.0}))
+    assert np.nanmax(np.abs(solved(rig).error_deg("least_squares"))) < 1e-3
+
+
+def test_a_reading_without_conditions_belongs_to_the_record_before_it() -> None:
+    rig = campaign(NorthRig(SEED), (0.0,), 1)
+    rig.readings = [
+        one if one.role == "level" else replace(one, conditions={}, t_s=one.t_s - 0.005) for one in rig.readings
+    ]
+    assert np.nanmax(np.abs(solved(rig).error_deg("least_squares"))) < 1e-3
+
+
+def test_without_a_calibration_the_pulses_are_taken_to_stand_where_they_should() -> None:
+    rig = NorthRig(SEED, Gyro(placement_deg=(0.5, 0.5)))
+    rig.set("test", AZIMUTH_DEG)
+    analysis = analyse(rig.material())
+    assert any(one.startswith("calibration at a known azimuth: none") for one in analysis.missing)
+    assert of(analysis, "index_placement") == []
+    assert of(analysis, "azimuth_error")[0]["value"] == pytest.approx(-0.5, abs=1e-3)
+
+
+def test_a_calibration_of_the_other_sense_is_not_used() -> None:
+    rig = NorthRig(SEED, Gyro(placement_deg=(0.5, 0.5)))
+    rig.set("calibration", AZIMUTH_DEG, rate_deg_s=360.0)
+    rig.set("test", AZIMUTH_DEG, rate_deg_s=-360.0)
+    analysis = analyse(rig.material())
+    assert any("No calibration for a table that turns clockwise" in note for note in analysis.notes)
+    assert of(analysis, "azimuth_error")[0]["value"] == pytest.approx(-0.5, abs=1e-3)
+
+
+def test_a_swinging_table_is_seen_by_the_encoder_and_counted() -> None:
+    """0.05 degrees at 60 times the turn: 0.035 RMS, at the index of the calibration and at that of the test."""
+    found = solved(campaign(NorthRig(SEED, Gyro(swing_deg=0.05)), (0.0,), 1))
+    assert found.swing_deg == pytest.approx(0.05 / np.sqrt(2), rel=0.01)
+    by_method = {method: found.means(method)[0].std_deg for method in METHODS}
+    assert by_method["least_squares"] == pytest.approx(0.05, rel=0.05)
+    assert by_method["likelihood"] < 1e-3
+
+
+def test_what_the_site_states_is_in_the_uncertainty() -> None:
+    """The azimuth of the mark calibrates the pulses; likelihood knows it only as what its error is taken against."""
+    site = {"latitude_deg": 45.0, "azimuth_deg": AZIMUTH_DEG, "azimuth_std_deg": 0.3, "tilt_std_deg": 0.04}
+    found = solved(campaign(NorthRig(SEED), (0.0,), 1), site=site)
+    stds = {method: (found.means(method)[0].std_deg, found.means(method)[0].error_std_deg) for method in METHODS[:2]}
+    both = np.hypot(0.3, 0.04)
+    assert stds["least_squares"] == (pytest.approx(both, rel=1e-3), pytest.approx(0.04, rel=1e-2))
+    assert stds["likelihood"] == (pytest.approx(0.04, rel=1e-2), pytest.approx(both, rel=1e-3))
+
+
+def test_pulses_apart_are_no_noise_of_the_paper_s_formulas() -> None:
+    """Index B 2 degrees off: what the calibration knows of is not found again in the uncertainty of another method."""
+    found = solved(campaign(NorthRig(SEED, Gyro(placement_deg=(0.0, 2.0), noise_V=0.01)), (0.0, 90.0), 1))
+    stds_deg = [found.by_method[method].noise_deg for method in ("least_squares", "quadrant")]
+    assert 1.0 < stds_deg[1] / stds_deg[0] < 3.0
+
+
+def test_placement_knows_the_swing_and_the_mark_and_the_bound_its_amplitude() -> None:
+    site = {"latitude_deg": 45.0, "azimuth_deg": AZIMUTH_DEG, "azimuth_std_deg": 0.3, "tilt_std_deg": 0.04}
+    analysis = analyse(campaign(NorthRig(SEED, Gyro(swing_deg=0.05, noise_V=0.01)), (0.0,), 1).material(site=site))
+    due_deg = np.sqrt(0.3**2 + 0.04**2 + 0.05**2 / 2.0)
+    placements = of(analysis, "index_placement")
+    assert [one["std_uncertainty"] for one in placements] == pytest.approx([due_deg] * 2, rel=0.01)
+    (bound,) = of(analyse(campaign(NorthRig(SEED, NOISY), (0.0,), 1).material()), "azimuth_bound")
+    # Monte Carlo: relative scatter of noise / amplitude, each of 20,000 samples at noise = amplitude / sqrt 2
+    rng = np.random.default_rng(SEED)
+    sizes = rng.normal(1.0, np.sqrt(1.0 / 20_000), 4000)
+    noises = np.sqrt(rng.chisquare(20_000, 4000) / 20_000)
+    due = float(np.std(noises / sizes)) / np.sqrt(bound["n"] / 20_000)
+    assert bound["std_uncertainty"] / bound["value"] == pytest.approx(due, rel=0.05)
+
+
+def test_the_rms_error_shares_the_error_of_the_calibration() -> None:
+    """40 tests behind one calibration of half their noise: how far their RMS scatters, drawn."""
+    rng = np.random.default_rng(SEED)
+    errors_deg = rng.normal(0.0, 0.5, (5000, 1)) + rng.normal(0.0, 1.0, (5000, 40))
+    rms_deg = np.sqrt(np.mean(errors_deg**2, axis=1))
+    assert rms_std_deg(np.sqrt(1.25), 1.0, 0.5, 40) == pytest.approx(np.std(rms_deg), rel=0.1)
+    assert rms_std_deg(1e-6, 1e-7, 0.02, 5) < 1e-6  # a mark that is better than it says
+    accuracy = accuracies(solved(campaign(NorthRig(SEED, NOISY), (0.0, 90.0), 1)), 0.5)
+    assert accuracy[0].rms_std_deg > 1.2 * accuracy[0].rms_deg / np.sqrt(2.0 * accuracy[0].used)
+
+
+@pytest.mark.parametrize(
+    ("doubt", "said"),
+    [
+        ("weak", "hardly stronger than its noise"),
+        ("level", "3 of 4 sets have no reading of the level"),
+        ("rate", "The table turned at 180, 360 deg/s"),
+        ("head", "least_squares finds azimuths -90 deg beside those of likelihood"),
+    ],
+)
+def test_what_no_uncertainty_can_know_is_said(doubt: str, said: str) -> None:
+    rig = NorthRig(SEED, Gyro(noise_V=15.0 if doubt == "weak" else 0.01))
+    if doubt == "level":
+        rig.level(item="calibration", head_deg=0.0)
+    rig.set("calibration", AZIMUTH_DEG + (90.0 if doubt == "head" else 0.0))
+    for head_deg in (0.0, 90.0):
+        rig.set("test", AZIMUTH_DEG + head_deg, head_deg=head_deg, rate_deg_s=180.0 if doubt == "rate" else 360.0)
+    rig.set("search", 213.4, place="field")
+    assert any(said in note for note in analyse(rig.material()).notes)
+    quiet = analyse(campaign(NorthRig(SEED, NOISY), (0.0, 90.0), 1).material())
+    assert not any(said[-20:] in note for note in quiet.notes)
+
+
+def test_pulses_exchanged_cost_the_eight_samples_and_not_the_waveform() -> None:
+    rig = campaign(NorthRig(SEED, Gyro(placement_deg=(0.0, 180.0), noise_V=0.01)), (0.0,), 1)
+    analysis = analyse(rig.material(), "likelihood")
+    assert of(analysis, "azimuth_error")[0]["value"] == pytest.approx(0.0, abs=0.05)
+    assert "B-FIT-111" in analysis.missing[0]
+    assert of(analysis, "azimuth", method="least_squares") == []
+    with pytest.raises(FitError, match="B-FIT-111") as caught:
+        analyse(rig.material())
+    assert caught.value.code == "B-FOG-005"
+
+
+def drifting(rig: NorthRig) -> NorthRig:
+    """Amplitudes of a campaign, one record after the other, from -20 to +20 %."""
+    shares = dict(enumerate(np.linspace(0.8, 1.2, len(rig.rows))))
+    for k, row in enumerate(rig.rows):
+        row.samples.columns["output"] = np.rint(row.samples.columns["output"] * shares[k]).astype(np.int32)
+    lock_ins = [k for k, one in enumerate(rig.readings) if one.role != "level"]
+    for place, k in enumerate(lock_ins):
+        one = rig.readings[k]
+        rig.readings[k] = replace(one, value=one.value | {"x_V": one.value["x_V"] * shares[place // 2]})
+    return rig
+
+
+def test_an_amplitude_that_drifts_moves_north_little_and_is_told() -> None:
+    analysis = analyse(drifting(campaign(NorthRig(SEED, Gyro(noise_V=0.02)), (0.0, 90.0, 200.0), 1)).material())
+    assert max(abs(one["value"]) for one in of(analysis, "azimuth_error")) < 0.2
+    assert any("The amplitude changes between index positions" in note for note in analysis.notes)
+    (scale,) = of(analysis, "scale", source="waveform")
+    assert abs(scale["value"] - 1.0) < scale["expanded_uncertainty"]
+    assert scale["std_uncertainty"] > 0.03
+    steady = analyse(campaign(NorthRig(SEED, Gyro(noise_V=0.02)), (0.0, 90.0, 200.0), 1).material())
+    assert not any("The amplitude changes" in note for note in steady.notes)
+
+
+def test_harmonics_are_named_with_what_a_square_reference_makes_of_them() -> None:
+    rows = table(analyse(campaign(NorthRig(SEED, Gyro(harmonics={3: 0.01})), (0.0,), 1).material()),
+                 "Harmonics of the waveform")["rows"]  # fmt: skip
+    assert rows[1] == [3, "1.000", "0.191"]  # design figure: 1 % of the third harmonic
+
+
+def test_the_time_to_an_accuracy_is_that_of_white_noise_above_the_calibration() -> None:
+    """0.2 V a sample: 0.1146 deg after 20 s (bound), half of its variance in a calibration of two sets."""
+    analysis = analyse(campaign(NorthRig(SEED, Gyro(noise_V=0.2))).material())
+    wanted_deg, noise_deg = 0.5 / 1.96, np.rad2deg(0.2 * np.sqrt(2.0 / 20_000))
+    due_s = 20.0 * noise_deg**2 / (wanted_deg**2 - np.array([noise_deg**2 / 2.0, 0.0]))
+    times_s = [of(analysis, "time_to_accuracy", method=method)[0]["value"] for method in METHODS[:2]]
+    assert times_s[1] == pytest.approx(due_s[1], rel=0.03)
+    assert 0.7 < times_s[0] / due_s[0] < 2.0  # what two sets calibrate wrong is left over in every set
+    assert of(analysis, "time_to_accuracy", method="literal") == []  # no time turns a wrong branch
