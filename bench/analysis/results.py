@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from importlib import resources
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -14,7 +13,6 @@ from bench.analysis.estimates import judged, rule_of
 from bench.maths.decision import Rule
 from bench.model.errors import InputError
 
-SCHEMA_FILE = "results.schema.json"
 INCOMPLETE = "Incomplete: the run has not ended. These are the records so far; nothing is judged."
 _Count = Annotated[int, Field(ge=0)]
 _Plain = str | bool | int | float | None
@@ -176,8 +174,3 @@ def results_json(document: Mapping[str, Any]) -> str:
 def results_schema() -> dict[str, Any]:
     """JSON Schema of results.json, made from the same declarations that check it."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Results.model_json_schema(by_alias=True)}
-
-
-def shipped_schema() -> str:
-    """Text of the JSON Schema file that ships with the package."""
-    return resources.files("bench.analysis").joinpath(SCHEMA_FILE).read_text(encoding="utf-8")

@@ -51,7 +51,7 @@ def resume(folder: Path, sequence: str | None, history: str | None, as_json: boo
     _tell(stopped, plan, resumed.start, resumed.fields["away_s"], out)
     seed = int(stopped.manifest.get("seed") or 0)
     done = conduct_watched(plan, clock, seed=seed, out=folder.parent, errors=out, resumed=resumed)
-    return _ended(done, plan, url, as_json)
+    return _ended(done, url, as_json)
 
 
 def _given(stopped: Stopped, sequence: str) -> Plan:
@@ -83,7 +83,7 @@ def _tell(stopped: Stopped, plan: Plan, start: int, away_s: float | None, out: C
         out.print("prompts are not asked again: if the calibrator was off, stop now and let it warm up first")
 
 
-def _ended(done: Conducted, plan: Plan, url: str, as_json: bool) -> int:
+def _ended(done: Conducted, url: str, as_json: bool) -> int:
     """As at the end of ``bench run``, but from the session: memory knows its last part only."""
     out, errors = console(stderr=as_json), console(stderr=True)
     for failure in done.outcome.unsafe:

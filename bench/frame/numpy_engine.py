@@ -92,7 +92,7 @@ class NumpyDecoder:
         accepted = 0
         for index, message in enumerate(self._layout.messages):
             starts, lengths = _starts(found, index, message.length)
-            rows = _rows(buffer, found, starts, message)
+            rows = _rows(buffer, starts, message)
             rest = None
             if message.rest is not None:
                 size = self._layout.check.size
@@ -134,8 +134,7 @@ def _starts(found: list[Run | Found], index: int, length: int) -> tuple[NDArray[
     return np.concatenate([_NONE, *starts]), np.concatenate([_NONE, *lengths])
 
 
-def _rows(buffer: NDArray[np.uint8], found: list[Run | Found], starts: NDArray[np.int64],
-          message: Message) -> NDArray[np.uint8]:  # fmt: skip
+def _rows(buffer: NDArray[np.uint8], starts: NDArray[np.int64], message: Message) -> NDArray[np.uint8]:
     """Frame bytes (n, body): a view of the stream where it is one unbroken lattice, else gathered."""
     if not len(starts):
         return np.empty((0, message.body), np.uint8)

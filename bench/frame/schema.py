@@ -118,8 +118,3 @@ class FrameSpec(StrictModel):
     crc: CheckSpec
     golden: str | None = None
     expect: Annotated[dict[str, Any], Limits(min_length=1)] | None = None
-
-
-def frame_schema() -> dict[str, Any]:
-    """JSON Schema of a frame file, for editors."""
-    return FrameSpec.model_json_schema()

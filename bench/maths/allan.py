@@ -50,16 +50,6 @@ class AllanDeviation:
     exponents: Int64
 
 
-def rates_of_angle(angle: Array, interval_s: float) -> Array:
-    """Mean rates between successive readings of an angle or of a count of pulses.
-
-    Args:    angle: (n + 1,), any unit; NaN where a reading is missing.   interval_s: time between readings.
-    Returns: (n,), that unit per second; NaN on both sides of a missing reading.
-    Source:  NIST SP 1065 section 5.2.1.
-    """
-    return np.asarray(np.diff(np.asarray(angle, np.float64)) / interval_s)
-
-
 def allan_deviation(
     rate: Array,
     interval_s: float,

@@ -79,17 +79,6 @@ class Budgets:
     correlation: Array
 
 
-def combine(components: Sequence[Component]) -> Budget:
-    """Budget of one result from its components, which are independent of each other.
-
-    Args:    components: in the order in which a table shows them; contributions in the unit of the result.
-    Returns: Budget with combined standard uncertainty and effective degrees of freedom.
-    Raises:  FitError B-FIT-040 for a component that is negative, not finite or has no degrees of freedom.
-    Source:  JCGM 100:2008 equations (10), (G.2b).
-    """
-    return combine_all({"": components}).budgets[""]
-
-
 def combine_all(results: Mapping[str, Sequence[Component]]) -> Budgets:
     """Budgets of several results, with the correlation that their common components cause.
 

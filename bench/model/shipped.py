@@ -57,3 +57,9 @@ def _is_file(path: Path) -> bool:
         return path.is_file()
     except (OSError, ValueError):
         return False
+
+
+def find_beside(source: Path, kind: Kind, name: str) -> Path:
+    """A file beside the source's folder wins over a shipped one of the same name. Raises InputError."""
+    beside = source.parent.parent / kind / f"{name}.yaml"
+    return beside if beside.is_file() else find_shipped(kind, name)

@@ -10,8 +10,8 @@ from pathlib import Path
 from bench.frame import load_frame
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
+from bench.model.shipped import find_beside
 from bench.model.units import read_quantity
-from bench.plan.beside import find_beside
 from bench.plan.check_register import check_register
 from bench.plan.drivers import driver_actions
 from bench.plan.findings import Findings, suggestion

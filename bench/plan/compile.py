@@ -10,9 +10,8 @@ from typing import Any
 
 from bench.frame import FrameDefinition, load_frame
 from bench.model.errors import InputError, InputErrors
-from bench.model.shipped import find_shipped
+from bench.model.shipped import find_beside, find_shipped
 from bench.model.yamlio import Document
-from bench.plan.beside import find_beside
 from bench.plan.bus_time import with_bus_time
 from bench.plan.channels import campaign_channels, check_declared, declared_channels
 from bench.plan.check import check_steps

@@ -8,13 +8,25 @@ from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, 
 
 from bench.model.units import quantity, read_quantity
 from bench.model.yamlio import StrictModel
-from bench.plan.early_language import Early
 from bench.plan.interlock_language import Interlock
 from bench.plan.language_steps import Step_, TimelineEntry
 from bench.plan.templated import Name, Scalar
 
 Title = Annotated[str, StringConstraints(max_length=200)]
 ChannelNumbers = int | str
+Share = Annotated[float, *quantity("1", 0.0, 1.0)]
+
+
+class Early(StrictModel):
+    """The section ``early`` of a sequence. Durations in second, shares as numbers."""
+
+    after: Annotated[float, *quantity("s", 1.0, 1e6)] = Field(3600.0, description="first verdict after this time")
+    every: Annotated[float, *quantity("s", 1.0, 1e6)] = Field(3600.0, description="then one each")
+    on_fail: Literal["warn", "hold", "abort"] = "warn"
+    max_lost: Share = Field(0.001, description="largest share of frames that may be missing")
+    max_bad: Share = Field(0.001, description="largest share of frames that may be damaged")
+    max_dispersion: float = Field(5.0, gt=0, description="largest change of a repeated point, in its own sigma")
+    max_residual: float = Field(6.0, gt=0, description="largest residual of a partial fit, in its own sigma")
 
 
 def _sensor(text: str) -> str:

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TypeVar
 
 from bench.model.errors import InputError, InputErrors
+from bench.model.shipped import find_beside
 from bench.model.yamlio import Document, load_yaml
-from bench.plan.beside import find_beside
 from bench.plan.check_station import check_station
 from bench.plan.findings import Findings
 from bench.plan.language import Sequence

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from bench.model.errors import InputError
-from bench.plan.early_language import Early
 from bench.plan.interlock_language import InterlockRule
+from bench.plan.language import Early
 from bench.plan.station import Station
 
 Phase = Literal["prepare", "campaign", "finally"]

@@ -289,10 +289,6 @@ class Station:
             if entry.standard is not None
         }
 
-    def range_that_holds_A(self, role: str, current_A: float) -> float | None:
-        """Lowest range of a role's standard that holds a current, ampere; None if none does."""
-        return next((limit for limit in self.ranges_A(role) if abs(current_A) <= limit), None)
-
     def ranges_A(self, role: str) -> tuple[float, ...]:
         """Ranges a role's standard has an uncertainty for, ampere, lowest first."""
         entry = self.instruments.get(role)

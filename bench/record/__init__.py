@@ -1,11 +1,10 @@
 """Floor 2: the session container: write, read, recover; records cut from frames; the step journal."""
 
 from bench.record.cut import RecordCutter
-from bench.record.journal import Journal, JournalEntry, JournalState, read_journal
+from bench.record.journal import Journal, JournalEntry, read_journal
 from bench.record.layout import Message, canonical_json
 from bench.record.packed import PackedList, PackedRows
 from bench.record.reader import SessionReader
-from bench.record.resume import resume_session
 from bench.record.samples import Samples
 from bench.record.scan import Damage
 from bench.record.window import RecordRow
@@ -15,7 +14,6 @@ __all__ = [
     "Damage",
     "Journal",
     "JournalEntry",
-    "JournalState",
     "Message",
     "PackedList",
     "PackedRows",
@@ -27,5 +25,4 @@ __all__ = [
     "SessionWriter",
     "canonical_json",
     "read_journal",
-    "resume_session",
 ]

@@ -142,11 +142,6 @@ class SessionReader:
         """Channel numbers and topics of the last segment."""
         return self._walked().topics
 
-    def require_sound(self) -> None:
-        """Raise SessionDamaged B-REC-011 if anything is damaged."""
-        if self.damage:
-            raise _damaged(self.folder, self.damage)
-
     def _missing_segments(self, walk: Walk) -> None:
         present = {int(path.name.split(".")[1]) for path in self.segments}
         for number in sorted(set(range(1, max(present) + 1)) - present):

@@ -1,7 +1,8 @@
-"""What a damaged or unfinished session still holds, and a clean copy of it."""
+"""What a damaged or unfinished session still holds, a clean copy of it, and how a run goes on with it."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from bench.record.journal import read_journal
 from bench.record.reader import SessionReader
 from bench.record.scan import Damage
 from bench.record.segment import Channel, ChunkBuffer, SegmentWriter
-from bench.record.writer import CHUNK_BYTES
+from bench.record.writer import CHUNK_BYTES, SessionWriter
 
 _SALVAGE_SEGMENT_BYTES = 64_000_000
 
@@ -167,3 +168,29 @@ class _Copy:
         self._segment.finish()
         self._segment.file.sync()
         self._segment.file.close()
+
+
+def resume_session(
+    folder: Path, *, t_mono_ns: int, fields: Mapping[str, Any], files: Files | None = None
+) -> SessionWriter:
+    """Open a session for more messages; the first one is a "resume" event with ``fields``.
+
+    The running number goes on behind the last good message and the hash chain behind the last whole record.
+    Counters of the links and monotonic time may start anew behind the event.
+    Raises: InputError B-REC-010 (no session there), RecordError B-REC-001.
+    """
+    reader = SessionReader(folder)
+    last = int(reader.segments[-1].name.split(".")[1])
+    topics = tuple(reader.topics.values()) if list(reader.topics) == list(range(1, len(reader.topics) + 1)) else ()
+    writer = SessionWriter(
+        folder,
+        files or OsFiles(),
+        t_mono_ns=t_mono_ns,
+        segment=last + 1,
+        chain=bytes.fromhex(reader.sha256),
+        sequence=reader.next_sequence,
+        topics=topics,
+    )
+    writer.event("resume", t_mono_ns, {**fields, "segment": last + 1})
+    writer.flush()
+    return writer

@@ -29,7 +29,7 @@ class RecordError(RunError):
 class SessionWriter:
     """Implements bench.model.ports.SessionSink. Thread-safe; only ``sync`` waits for the disk.
 
-    Create one with ``SessionWriter.create`` (new session) or bench.record.resume.resume_session (a stopped one).
+    Create one with ``SessionWriter.create`` (new session) or bench.record.recover.resume_session (a stopped one).
     After a RecordError nothing is lost: what was given is held in memory (64 MB at most) and the next ``tick`` tries
     again in a new segment.
     """

@@ -1,8 +1,6 @@
-"""Floor 3: a recorded session decoded again, compared, or served as the ports of a bench."""
+"""Floor 3: a recorded session decoded again and compared."""
 
-from bench.replay.compare import Difference, compare
-from bench.replay.recorded_link import RecordedLink
-from bench.replay.rows import Replayed, replay_rows
-from bench.replay.windows import RecordedWindow, recorded_windows
+from bench.replay.compare import compare
+from bench.replay.rows import replay_rows
 
-__all__ = ["Difference", "RecordedLink", "RecordedWindow", "Replayed", "compare", "recorded_windows", "replay_rows"]
+__all__ = ["compare", "replay_rows"]

@@ -1,11 +1,10 @@
-"""Manifest and texts of a session, read once for whoever asks often."""
+"""Frame definitions of a session, read once for whoever asks often."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 from bench.frame import FrameDefinition
 from bench.record import SessionReader
@@ -14,16 +13,11 @@ from bench.replay.session_signals import frames_of
 KEPT = 16
 
 
-def session_head(folder: Path) -> tuple[Mapping[str, Any], Mapping[str, str]]:
-    """Manifest and texts; they are written before anything else and never change.
+def session_frames(folder: Path) -> Mapping[str, FrameDefinition]:
+    """Frame definitions by link, as ``frames_of`` gives them; a session's texts never change.
 
     Raises: InputError B-REC-010 (no session); SessionDamaged B-REC-012, B-REC-014.
     """
-    return _head(folder, _first_file(folder))
-
-
-def session_frames(folder: Path) -> Mapping[str, FrameDefinition]:
-    """Frame definitions by link, as ``frames_of`` gives them. Raises: see ``session_head``."""
     return _frames(folder, _first_file(folder))
 
 
@@ -33,12 +27,7 @@ def _first_file(folder: Path) -> int:
 
 
 @lru_cache(maxsize=KEPT)
-def _head(folder: Path, first_segment: int) -> tuple[Mapping[str, Any], Mapping[str, str]]:
+def _frames(folder: Path, first_segment: int) -> Mapping[str, FrameDefinition]:
     del first_segment
     reader = SessionReader(folder)
-    return reader.manifest, reader.texts
-
-
-@lru_cache(maxsize=KEPT)
-def _frames(folder: Path, first_segment: int) -> Mapping[str, FrameDefinition]:
-    return frames_of(*_head(folder, first_segment))
+    return frames_of(reader.manifest, reader.texts)

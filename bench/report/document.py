@@ -29,8 +29,3 @@ class Report:
     def pages(self, dots_per_inch: float = 100.0) -> list[bytes]:
         """The pages of the PDF as PNG pictures. Raises: InputError B-REP-001."""
         return png_pages(self._model, self.sections, self._words, dots_per_inch)
-
-
-def build_report(model: ReportModel, language: str = ENGLISH) -> str:
-    """The report as one HTML document that needs no other file, no network and no script."""
-    return Report(model, language).html()

@@ -9,7 +9,7 @@ from typing import Any
 from bench.analysis.numbers import cell, decimals_for, number, unit_text, with_uncertainty
 from bench.model.texts import Texts
 from bench.report.model import ReportModel
-from bench.report.tables import Table
+from bench.report.tables import Table, documents_table
 from bench.report.words import column, kind_of
 
 _SCALE_FACTOR = ("dsf_n", "dsf_p", "dsf_asymmetry")
@@ -231,3 +231,12 @@ def _span(words: Texts, values: Sequence[float | None], factor: float) -> str:
         return "–"
     low, high = (number(float(f"{one:.3g}")) for one in (min(known), max(known)))
     return low if low == high else words("coverage.span", low=low, high=high)
+
+
+def components_table(model: ReportModel, words: Texts) -> Table | None:
+    """Components with three significant digits: more of an uncertainty says nothing."""
+    rounded = [
+        {name: float(f"{value:.3g}") if isinstance(value, float) else value for name, value in one.items()}
+        for one in model.components
+    ]
+    return documents_table(words, words("components.table"), rounded)

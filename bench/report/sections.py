@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 from bench.model.texts import Texts
 from bench.report.across_tables import across_tables
-from bench.report.budget_tables import components_table
 from bench.report.current_plots import current_picture, residual_picture
 from bench.report.estimate_tables import (
     channel_table,
     coefficient_table,
+    components_table,
     coverage_table,
     other_table,
     pivot_tables,
@@ -31,9 +31,8 @@ from bench.report.run_tables import (
 )
 from bench.report.standards_tables import identities_table, standards_table
 from bench.report.style import Picture
-from bench.report.surroundings import surroundings_picture
 from bench.report.tables import Table, analysis_tables, on_uncertainty, pairs_table, sentence
-from bench.report.temperature_plots import asymmetry_picture, bias_picture, dsf_picture
+from bench.report.temperature_plots import asymmetry_picture, bias_picture, dsf_picture, surroundings_picture
 from bench.report.verdict_tables import verdict_table
 
 _ROLES = ("prepared", "checked", "approved")

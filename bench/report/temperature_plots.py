@@ -8,17 +8,20 @@ from dataclasses import dataclass
 from typing import Any
 
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from bench.model.texts import Texts
 from bench.report.estimate_tables import readable
+from bench.report.figures import thin
 from bench.report.model import ReportModel
 from bench.report.multiples import channels_of, legend_of, panels_of
-from bench.report.style import BLUE, VERMILION, Picture, drawing, inline_svg
+from bench.report.style import BLUE, VERMILION, Picture, drawing, inline_svg, look
 from bench.report.words import channel_title
 
 _APART = 0.008  # of the span of temperatures, to each side
 _LEAST_SPAN_degC = 1.0  # of the axis: a campaign at one temperature differs by hundredths between its records
 Row = Mapping[str, Any]
+_LEAST_SPAN_degC = 2.0
 
 
 @dataclass(frozen=True)
@@ -90,3 +93,25 @@ def _error_bars(axes: Axes, rows: Sequence[Row], one: _Series, words: Texts, shi
         temperature, value, expanded, fmt=one.drawn, label=words(f"series.{one.quantity}"), color=one.colour,
         linewidth=0.7, capsize=2.0,
     )  # fmt: skip
+
+
+def surroundings_picture(model: ReportModel, words: Texts) -> Picture | None:
+    """Temperature of the laboratory against time from hour 0; None if it was not logged."""
+    shown = [one for one in model.run.surroundings if one.laboratory and one.t_s.size]
+    if not shown:
+        return None
+    with drawing():
+        figure = Figure(figsize=(7.2, 1.9), layout="constrained")
+        axes = figure.subplots()
+        for index, one in enumerate(shown):
+            t_s, degC = thin(one.t_s, one.degC)
+            axes.plot(t_s / 3600.0, degC, label=words("environment.laboratory", channel=one.name), **look(index))
+        low, high = axes.get_ylim()
+        short = max(0.0, _LEAST_SPAN_degC - (high - low)) / 2.0
+        axes.set_ylim(low - short, high + short)
+        axes.set_xlabel(words("axis.time", unit="h"))
+        axes.set_ylabel(words("axis.temperature"))
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+        axes.margins(x=0.01)
+        svg = inline_svg(figure, "surroundings")
+    return Picture("surroundings", svg, words("environment.caption"), words("environment.description"))

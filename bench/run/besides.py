@@ -11,8 +11,7 @@ from bench.run.control.asking import WaitingOperator
 from bench.run.control.channel import control
 from bench.run.control.early import early_verdicts
 from bench.run.control.following import Following
-from bench.run.control.notify import notifications
-from bench.run.control.notify_file import user_notify
+from bench.run.control.notify import notifications, user_notify
 from bench.run.control.systemd import service_notice
 from bench.run.feed.live import live_feed
 from bench.run.session import Beside

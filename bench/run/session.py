@@ -17,7 +17,7 @@ from bench.model.clock import NS, Clock
 from bench.model.errors import BenchError, InputError, RunError
 from bench.plan import Plan
 from bench.record import Journal, PackedList, RecordCutter, RecordError, SessionWriter
-from bench.record.resume import resume_session
+from bench.record.recover import resume_session
 from bench.run.bench.beginning import begin_safely, check_space, identities_of
 from bench.run.bench.opener import OpenBench, open_bench
 from bench.run.bench.transcript import HeldTranscript, new_folder

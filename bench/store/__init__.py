@@ -1,7 +1,7 @@
 """Floor 4: the calibration history, an SQL database of results, reports and approvals."""
 
 from bench.store.address import check_history_url, chosen_url
-from bench.store.approval import Approved, approve
+from bench.store.approval import approve
 from bench.store.comparison import Comparison, ParameterHistory, compare_unit
 from bench.store.due import Due, dues_of
 from bench.store.errors import StoreError
@@ -12,7 +12,6 @@ from bench.store.recording import Recorded, record_calibration
 from bench.store.selection import Filters
 
 __all__ = [
-    "Approved",
     "Comparison",
     "Due",
     "Filters",

@@ -13,7 +13,6 @@ from typing import Any
 from bench.model.clock import NS
 from bench.store.errors import StoreError
 from bench.store.shared import shared_components
-from bench.store.units import documents_of_units
 
 Row = dict[str, Any]
 
@@ -26,6 +25,7 @@ _STORED = (
     "quantity", "unit", "conditions", "value", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "n",
     "dropped", "limit", "verdict",
 )  # fmt: skip
+OF_UNIT = ":"  # between the name of a session and the serial number of one of its units
 
 
 @dataclass(frozen=True)
@@ -158,4 +158,32 @@ def _change_limits(manifest: Mapping[str, Any]) -> dict[tuple[str, Any], float]:
         for quantity, key in _CHANGES.items()
         for channel in manifest["campaign"].get("channels", ())
         if channel.get(key) is not None
+    }
+
+
+def documents_of_units(document: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """One document per unit if every estimate names the unit it is of (condition ``unit``), else the document itself.
+
+    The serial number is the unit's, the condition is gone: the same unit in another session has the same parameters.
+    """
+    estimates = document["estimates"]
+    serials = dict.fromkeys(one["conditions"].get("unit") for one in estimates)
+    if not serials or not all(isinstance(serial, str) for serial in serials):
+        return [document]
+    return [_of(document, str(serial)) for serial in serials]
+
+
+def _of(document: Mapping[str, Any], serial: str) -> Mapping[str, Any]:
+    estimates = [
+        {**one, "conditions": {name: value for name, value in one["conditions"].items() if name != "unit"}}
+        for one in document["estimates"]
+        if one["conditions"]["unit"] == serial
+    ]
+    provenance = document["provenance"]
+    return {
+        **document,
+        "session": f"{document['session']}{OF_UNIT}{serial}",
+        "uut": {**document["uut"], "serial": serial},
+        "provenance": {**provenance, "session_sha256": f"{provenance['session_sha256']}{OF_UNIT}{serial}"},
+        "estimates": estimates,
     }

@@ -9,9 +9,9 @@ from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, Select, and_, func, or_, select
 
+from bench.store.contents import OF_UNIT
 from bench.store.errors import StoreError
 from bench.store.tables import calibrations, estimates, parameters, report_revisions, result_sets
-from bench.store.units import OF_UNIT
 
 _LEAST_HASH = 6
 _SHOWN = 5

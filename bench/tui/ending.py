@@ -1,4 +1,4 @@
-"""How a session ended for which nobody answers any more, from its folder."""
+"""What a session for which nobody answers any more says from its folder: how it ended, and what its guard did."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from typing import Any
 from bench.model.errors import BenchError
 from bench.record import SessionReader
 from bench.record.writer import OPEN_MARKER
+from bench.run.guard.diary import read_diary
+
+DIARY = "guard.jsonl"
 
 
 def ending(folder: Path) -> Mapping[str, Any] | None:
@@ -35,4 +38,18 @@ def _outcome(folder: Path) -> Mapping[str, Any] | None:
         elif kind == "end":
             code = fields.get("error")
             found = {"error": code, "text": text if code else ""}
+    return found
+
+
+def guard_word(folder: Path) -> Mapping[str, Any] | None:
+    """``{"reason", "safe": True, False or None (at it), "unsafe": roles}``; None if the guard did not act."""
+    found: dict[str, Any] | None = None
+    for entry in read_diary(folder / DIARY):
+        what = entry.get("what")
+        if what in ("ready", "dismissed"):
+            found = None
+        elif what == "act":
+            found = {"reason": str(entry.get("text", "")), "safe": None, "unsafe": []}
+        elif what in ("safe", "unsafe") and found is not None:
+            found |= {"safe": what == "safe", "unsafe": [str(role) for role in entry.get("instruments") or ()]}
     return found

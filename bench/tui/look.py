@@ -10,7 +10,6 @@ from pathlib import Path
 from bench.model.texts import Texts
 from bench.tui.glyphs import ASCII, Glyphs
 
-DAY_S = 86_400.0
 HOUR_S = 3600.0
 MINUTE_S = 60.0
 _FOLDER = Path(__file__).parent

@@ -11,13 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.clock import NS, Clock
-from bench.tui.guard_word import guard_word
+from bench.model.errors import BenchError
+from bench.record.trend_reader import TrendReader
+from bench.tui.ending import guard_word
 from bench.tui.plot import Range
 
 AIR, UNIT = "bench.air", "bench.unit"
 OLD_S = 3.0  # a run that has said nothing for so long is called lost
 HOUR_S = 3600.0
 BUCKET_S = 30.0
+POINTS = 400  # of the last hour, from the trend beside the session
 
 
 class Points(Protocol):
@@ -177,3 +180,15 @@ class Watch:
             self.seen.last[name] = (float(low[newest]) + float(high[newest])) / 2
         if name == UNIT:
             self.seen.keep_trend(reply.t_utc_s, low, high)
+
+
+def remember_earlier(seen: Seen, folder: Path) -> None:
+    """Fill the last hour of the trend; a session without one, or one that cannot be read, begins now."""
+    now = seen.document.get("t_utc_s")
+    if now is None:
+        return
+    try:
+        found = TrendReader(folder).window([UNIT], now - HOUR_S, now, POINTS)
+    except (BenchError, OSError, ValueError):
+        return
+    seen.keep_trend(found.t_utc_s, found.low[:, 0], found.high[:, 0])

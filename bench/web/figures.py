@@ -25,7 +25,6 @@ from bokeh.models import (
     WheelZoomTool,
 )
 
-THEMES = ("dark", "light")
 DASHES: tuple[tuple[int, ...], ...] = ((), (7, 4))
 CURVES = 10
 

@@ -19,7 +19,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from bench.web.browser_rules import rules_for
 from bench.web.cookie import Login
-from bench.web.login_page import login_page
+from bench.web.login import login_page
 from bench.web.refusal import Refusal
 from bench.web.serving import Serving
 

@@ -6,7 +6,6 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from bench.web.patch import merge_patch
 from bench.web.points import LastPoints, Points
 from bench.web.viewer import Outgoing, Viewer
 
@@ -75,3 +74,22 @@ class Room:
 
 def _text(document: Mapping[str, Any]) -> str:
     return json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+
+
+def merge_patch(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the merge patch that turns ``old`` into ``new``; empty if nothing has changed.
+
+    A null in a patch takes a key away, so null and absent count as the same; lists are sent whole.
+    Source: RFC 7386 (JSON Merge Patch).
+    """
+    patch: dict[str, Any] = {key: None for key, value in old.items() if value is not None and new.get(key) is None}
+    for key, value in new.items():
+        before = old.get(key)
+        if value is None or value == before:
+            continue
+        if isinstance(value, Mapping) and isinstance(before, Mapping):
+            if inner := merge_patch(before, value):
+                patch[key] = inner
+        else:
+            patch[key] = value
+    return patch

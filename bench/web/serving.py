@@ -15,12 +15,11 @@ from starlette.applications import Starlette
 
 from bench.model.clock import Clock
 from bench.web.audit import Audit
+from bench.web.command_request import SentCommands
 from bench.web.connections import PatientHttp, PatientSocket
 from bench.web.cookie import Cookies
-from bench.web.login_limit import LoginLimit
 from bench.web.operator import Lease
-from bench.web.sent import SentCommands
-from bench.web.tokens import Tokens
+from bench.web.tokens import LoginLimit, Tokens
 
 MOST_CONNECTIONS = 256
 LARGEST_MESSAGE = 65_536  # bytes of a WebSocket message from a page

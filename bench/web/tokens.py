@@ -2,7 +2,8 @@
 
 The file is ``serve.json`` in ``$XDG_CONFIG_HOME/inertial-bench`` (``~/.config/inertial-bench``), mode 0600. It holds a
 salt, the SHA-256 of salt and token for each role, and the key that signs cookies. A token has 192 random bits, so a
-plain hash is enough: nobody tries 2**192 of them. The only file of the project that draws without a seed.
+plain hash is enough: nobody tries 2**192 of them. Wrong ones may be tried a few times a minute. The only file of the
+project that draws without a seed.
 """
 
 from __future__ import annotations
@@ -13,15 +14,20 @@ import json
 import os
 import secrets
 import stat
+from collections import deque
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from bench.model.clock import NS, Clock
 from bench.model.errors import InputError
 
 VIEWER, OPERATOR = "viewer", "operator"
 FILE = "serve.json"
 TOKEN_BYTES = 24
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+WINDOW_S = 60
+MOST_OF_ADDRESS = 5
+MOST_IN_ALL = 30
 
 
 @dataclass(frozen=True)
@@ -130,3 +136,25 @@ def _unusable(path: Path, why: str) -> InputError:
     return InputError(
         "B-WEB-007", f"the tokens of the page cannot be kept here: {why}", where=str(path), next_step=advice
     )
+
+
+class LoginLimit:
+    """Counts failures of the last minute, by address and in all; holds at most ``MOST_IN_ALL`` of them."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._failures: deque[tuple[int, str]] = deque(maxlen=MOST_IN_ALL)
+
+    def wait_s(self, address: str) -> int:
+        """Seconds until this address may try again, 0 for now."""
+        now_ns = self._clock.now_ns()
+        while self._failures and now_ns - self._failures[0][0] > WINDOW_S * NS:
+            self._failures.popleft()
+        own = [t_ns for t_ns, who in self._failures if who == address]
+        times = [t_ns for t_ns, _ in self._failures]
+        until = [found[-most] for found, most in ((own, MOST_OF_ADDRESS), (times, MOST_IN_ALL)) if len(found) >= most]
+        return max((1 + int(WINDOW_S - (now_ns - t_ns) / NS) for t_ns in until), default=0)
+
+    def failed(self, address: str) -> None:
+        """A wrong token came from this address."""
+        self._failures.append((self._clock.now_ns(), address))

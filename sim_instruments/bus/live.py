@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from sim_instruments.worlds.common.world import World
 
 MESSAGE_AVAILABLE = 16
-REQUESTED_SERVICE = 64
 _EOM_CLASSES = ("GPIB INSTR", "ASRL INSTR", "TCPIP INSTR", "TCPIP SOCKET", "USB INSTR")
 
 

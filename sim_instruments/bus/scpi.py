@@ -12,7 +12,6 @@ from sim_instruments.bus.live import LiveDevice
 
 UNDEFINED_HEADER = (-113, "Undefined header")
 MISSING_PARAMETER = (-109, "Missing parameter")
-NOT_ALLOWED = (-108, "Parameter not allowed")
 BAD_NUMBER = (-104, "Data type error")
 BAD_WORD = (-224, "Illegal parameter value")
 SETTINGS_CONFLICT = (-221, "Settings conflict")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from calibrator_trip import trip_calibrator
 from rehearsal import SEED, Rehearsal, tiny_plan
 
 from bench.analysis.material import Material
@@ -79,7 +80,7 @@ def test_a_trip_during_a_dwell_takes_the_point_again(tmp_path: Path, rehearse: S
 
     def trip(world: World, step: Step) -> None:
         if records_begun(step, TRIPPED_POINT, seen):
-            world.trip_calibrator_at(world.clock.now_ns() + 5 * NS)
+            trip_calibrator(world, world.clock.now_ns() + 5 * NS)
 
     found = rehearse(tiny_plan(tmp_path), act=trip)
     outcome = found.run.outcome

@@ -18,7 +18,9 @@ from bench.plan import Plan
 from bench.record import SessionReader
 from bench.run.besides import besides
 from bench.run.control.operator import SimulatedOperator
-from bench.run.feed import FeedClient, FeedGone, RunState, steps_of
+from bench.run.feed.client import FeedClient, FeedGone
+from bench.run.feed.planned import steps_of
+from bench.run.feed.state import RunState
 from bench.run.session import Conducted, conduct
 from bench.run.stop import StopSwitch
 

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.clock import NS
-from bench.record import Journal, SessionWriter, resume_session
+from bench.record import Journal, SessionWriter
+from bench.record.recover import resume_session
 from bench.run.hold.patience import patient
 
 MANIFEST = {"schema": 1, "session": "recorded", "links": {"port_a": "frames/ngu_a.yaml"}, "measurement_link": "port_a"}

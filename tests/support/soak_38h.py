@@ -17,12 +17,12 @@ import tracemalloc
 from pathlib import Path
 from typing import Any
 
+import fault_schedule
 import soak_campaign
 from soak_campaign import ROOT, soak_one, watchers
 
 from bench.model.clock import NS, VirtualClock
 from bench.plan import check_plan, compile_sequence
-from sim_instruments.faults import schedule as fault_schedule
 
 HOUR_S = 3600.0
 MEAN_INTERVAL_S = 1800.0

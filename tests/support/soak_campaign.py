@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+from fault_schedule import TimedFault, random_schedule, schedule
+
 from bench.commands.run import view_of
 from bench.model.clock import VirtualClock
 from bench.model.errors import FitError
@@ -25,7 +27,6 @@ from bench.run.control.operator import SimulatedOperator
 from bench.run.guard.guarding import guard_beside
 from bench.run.session import Conducted, conduct
 from bench.session.view import KEPT_EVENTS, analyse_view
-from sim_instruments.faults.schedule import TimedFault, random_schedule, schedule
 from sim_instruments.served.state import OutputWatch, bench_state
 from sim_instruments.worlds import simulation
 from sim_instruments.worlds.common.world import World

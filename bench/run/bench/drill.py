@@ -41,7 +41,6 @@ READ_BACK_S = 4.0  # the drill reads back by then, whatever the guard says
 SIGNALS = (signal.SIGKILL, signal.SIGSTOP)
 RESULT = "drill.json"
 _BEATING_S = 1.2  # a few heartbeats
-_START_S = 120.0
 _END_S = 90.0
 _LOOK_S = 0.02
 

@@ -17,7 +17,7 @@ from typing import IO, Any
 
 from bench.model.clock import NS
 from bench.model.errors import RunError
-from bench.plan.early_language import Early
+from bench.plan.language import Early
 from bench.run.context import RunContext
 from bench.run.control.channel import EARLY
 from bench.run.hold.holds import HOLD_LIMIT_S

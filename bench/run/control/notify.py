@@ -12,10 +12,12 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from bench.model.clock import NS
 from bench.model.errors import BenchError
+from bench.model.yamlio import load_yaml
 from bench.plan.notify_language import Notify
 from bench.run.context import RunContext
 from bench.run.control.following import Following
@@ -144,3 +146,15 @@ def notifications(context: RunContext, notify: Notify, following: Following) -> 
         if periodic is not None:
             periodic.cancel()
         notifier.close()
+
+
+def user_notify(environment: Mapping[str, str]) -> Notify | None:
+    """What ``inertial-bench/notify.yaml`` in the user's configuration folder says; None if there is no such file.
+
+    Raises: InputErrors with every mistake and its position.
+    Source: XDG Base Directory Specification: XDG_CONFIG_HOME, else ~/.config.
+    """
+    base = environment.get("XDG_CONFIG_HOME", "")
+    folder = Path(base) if Path(base).is_absolute() else Path(environment.get("HOME", "/")) / ".config"
+    path = folder / "inertial-bench" / "notify.yaml"
+    return load_yaml(path, Notify).model if path.is_file() else None

@@ -11,8 +11,6 @@ import tempfile
 from pathlib import Path
 
 CONTROL, LIVE = "control", "live"
-SOCKET = "control.sock"
-POINTER = "control.path"  # holds the path of the socket, if it is elsewhere
 LONGEST_PATH = 107
 
 

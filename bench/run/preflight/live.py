@@ -18,10 +18,9 @@ from bench.run.guard.lock import BenchLock, bus_keys
 from bench.run.preflight.context import PreflightContext, Surroundings
 from bench.run.preflight.finding import Finding, Report, Status
 from bench.run.preflight.host import Host
-from bench.run.preflight.limited import OverdueError, within
 from bench.run.preflight.of_disk import write_speed
 from bench.run.preflight.of_links import line_settings, quiet
-from bench.run.preflight.survey import ALWAYS, MACHINE, ON_THE_MACHINE, survey
+from bench.run.preflight.survey import ALWAYS, MACHINE, ON_THE_MACHINE, OverdueError, survey, within
 
 OPEN_LIMIT_S = 5.0  # for each instrument and port
 SEED = 1  # of a bench that is simulated in this process

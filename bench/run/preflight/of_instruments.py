@@ -185,3 +185,16 @@ def laboratory(context: PreflightContext) -> Finding:
 def _logger(context: PreflightContext) -> Any:
     candidates: list[Instrument] = list(context.instruments.values())
     return next((one for one in candidates if hasattr(one, "scan")), None)
+
+
+def wiring(context: PreflightContext) -> Finding:
+    """The preparation proves by small known currents that every wire goes where it should."""
+    checks = [step for step in context.plan.phase("prepare") if step.arguments.get("purpose") == "wiring"]
+    channels = sorted({int(step.conditions["channel"]) for step in checks if "channel" in step.conditions})
+    if checks:
+        return Finding("wiring check", Status.OK, f"{len(checks)} records, {len(channels)} channels", "in 'prepare'")
+    driven = any(step.name == "operate" for step in context.plan.steps)
+    if not driven:
+        return Finding("wiring check", Status.SKIPPED, "none", "in 'prepare'", "the plan drives no current")
+    text = "no record in 'prepare' has the purpose wiring: a swapped wire would show only in the results"
+    return Finding("wiring check", Status.WARN, "none", "in 'prepare'", text)

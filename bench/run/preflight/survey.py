@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from bench.model.clock import Clock
 from bench.model.errors import BenchError
 from bench.plan import Plan
 from bench.run.bench.opener import OpenBench
-from bench.run.preflight import of_bench, of_disk, of_instruments, of_links, of_machine, of_plan
+from bench.run.preflight import of_bench, of_disk, of_instruments, of_links, of_machine
 from bench.run.preflight.context import PreflightContext
 from bench.run.preflight.finding import Finding, Report, Status, told
 from bench.run.preflight.host import Host
-from bench.run.preflight.limited import OverdueError, within
 
 BUS_LIMIT_S = 60.0
 LIMIT_S = 20.0
 
 Looked = Finding | Sequence[Finding]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Check:
 ALWAYS = (
     Check("identities", of_instruments.identities, on_bus=True),
     Check("calibration dates", of_instruments.standards),
-    Check("wiring check", of_plan.wiring),
+    Check("wiring check", of_instruments.wiring),
     Check("room on the disk", of_disk.space),
 )
 ON_THE_BUS = (
@@ -139,3 +140,28 @@ class Preflight:
         if refusal is not None:
             raise refusal
         return {} if clock.virtual else report.fields()
+
+
+class OverdueError(Exception):
+    """The call has not come to an end in its time; it may still."""
+
+
+def within(limit_s: float, call: Callable[[], T]) -> T:
+    """What the call returns or raises. Raises: OverdueError after ``limit_s`` (second)."""
+    returned: list[T] = []
+    raised: list[Exception] = []
+
+    def work() -> None:
+        try:
+            returned.append(call())
+        except Exception as error:
+            raised.append(error)
+
+    thread = threading.Thread(target=work, daemon=True)
+    thread.start()
+    thread.join(limit_s)
+    if raised:
+        raise raised[0]
+    if not returned:
+        raise OverdueError(f"over {limit_s:g} s")
+    return returned[0]

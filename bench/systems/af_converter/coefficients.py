@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from importlib import resources
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -13,7 +12,6 @@ from bench.model.errors import InputError
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.group_fit import QUANTITIES, Fitted
 
-SCHEMA_FILE = "coefficients.schema.json"
 BIAS_CAMPAIGN = "bias_ramp"  # the bias of any other campaign is diagnostic (paper, end of section 3.3)
 UNITS = {"dsf_n": "ppm", "dsf_p": "ppm", "bias": "A", "master_clock": "ppm"}
 SIGNS = {
@@ -240,8 +238,3 @@ def validate_coefficients(document: object, where: str, form: type[BaseModel] = 
 def coefficients_schema() -> dict[str, Any]:
     """JSON Schema of coefficients.json, made from the same declarations that check it."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Coefficients.model_json_schema(by_alias=True)}
-
-
-def shipped_schema() -> str:
-    """Text of the JSON Schema file that ships with the package."""
-    return resources.files("bench.systems.af_converter").joinpath(SCHEMA_FILE).read_text(encoding="utf-8")

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.model.errors import FitError
 from bench.systems.af_converter.constants import Campaign, Standards
@@ -15,7 +14,6 @@ from bench.systems.af_converter.estimators.scale_factor import Referral, ScaleFa
 from bench.systems.af_converter.estimators.temperature import TemperaturePolynomial, fit_temperature
 from bench.systems.af_converter.groups import Group, place_name
 
-Array = NDArray[np.float64]
 QUANTITIES = ("dsf_n", "dsf_p")
 
 

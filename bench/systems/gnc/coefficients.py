@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
     from bench.systems.gnc.estimators.triad import TriadFit
 
-SCHEMA_FILE = "imu_coefficients.schema.json"
 SECTION = "section"
 SIGNS = {
     "axes": "x, y, z of the body, right-handed; rows of a matrix are outputs, columns are indicated axes",

@@ -161,8 +161,3 @@ def temperature_span(rows: Sequence[SampledRow]) -> tuple[float, float]:
     """Lowest and highest mean temperature of the records, degC."""
     means = [float(np.mean(row.temperature_degC)) for row in rows]
     return min(means), max(means)
-
-
-def axis_name(number: int) -> str:
-    """x, y or z."""
-    return AXES[number]

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from bench.maths.verdict import coverage_factor
@@ -17,7 +16,6 @@ from bench.systems.lock_in.estimators.random_walk import RandomWalk, expected_ra
 from bench.systems.lock_in.events import Events, record_events
 from bench.systems.lock_in.records import LaserRecord
 
-Floats = NDArray[np.float64]
 _ONE_SIDED = 1.645  # 95 % of a normal distribution lie below
 _PROBABILITY = 1e-4  # that a record without any other noise is called off
 # The fit's shapes are of first order in the jumps. Measured for jumps of 0.07 to 0.14 rad, backscatter phases of 0, 40

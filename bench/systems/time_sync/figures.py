@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from bench.maths.verdict import coverage_factor
 from bench.systems.north.figures import band, figure, series
 from bench.systems.time_sync.estimates import SyncResult
-from bench.systems.time_sync.estimators.sar.figures import levels_dB
+from bench.systems.time_sync.estimators.sar.image import levels_dB
 from bench.systems.time_sync.filtering import COMPENSATED, GROUPS, METHODS, NONE
 from bench.systems.time_sync.image import Image
 from bench.systems.time_sync.tables import LABELS

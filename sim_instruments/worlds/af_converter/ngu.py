@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 
-from bench.model.clock import NS, Clock, VirtualClock
+from bench.model.clock import Clock, VirtualClock
 from sim_instruments.faults.switchboard import LinkFaults
 from sim_instruments.worlds.af_converter.commands import CommandReader, Request
 from sim_instruments.worlds.af_converter.core import AHEAD_NS, UnitCore
@@ -120,25 +120,3 @@ class Ngu:
                 if not port.listened:
                     port.discard(now_ns)
         return now_ns
-
-    # --- the truth ---------------------------------------------------------------------------------------------
-
-    def dsf_n(self, channel: int, temperature_degC: float) -> float:
-        """Scale-factor error of the N pulses (positive currents), ppm, positive = more current per pulse."""
-        return float(self.truth.dsf_n_ppm(channel, temperature_degC))
-
-    def dsf_p(self, channel: int, temperature_degC: float) -> float:
-        """Scale-factor error of the P pulses (negative currents), ppm, positive = more current per pulse."""
-        return float(self.truth.dsf_p_ppm(channel, temperature_degC))
-
-    def dsf_tc(self, channel: int, side: str, temperature_degC: float) -> tuple[float, float]:
-        """Coefficients of side "n" or "p" about a temperature: ppm/degC and ppm/degC^2."""
-        return self.truth.tc_ppm(channel, side, temperature_degC)
-
-    def bias(self, channel: int, temperature_degC: float, t_ns: int) -> float:
-        """Centre of the loop of i_AFbias, ampere, at a bench time: the negative of the open-input reading."""
-        return float(self.truth.bias_A(channel, temperature_degC, t_ns / NS))
-
-    def master_clock_error(self, temperature_degC: float) -> float:
-        """Frequency error of the master oscillator, ppm."""
-        return float(self.truth.master_error_ppm(temperature_degC))

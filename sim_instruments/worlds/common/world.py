@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from pyvisa_sim.devices import Devices
 
-from bench.model.clock import Clock, to_ns
+from bench.model.clock import Clock
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
 from sim_instruments.bus import registry
@@ -176,7 +176,3 @@ class World:
 
         handle = self.clock.every(max(seconds, 1e-9), fire, observer=False)
         started.set()
-
-    def trip_calibrator_at(self, t_mono_ns: int) -> None:
-        """Fault: whatever instrument can trip (the calibrator) drops to standby at that time."""
-        self.after((t_mono_ns - self.clock.now_ns()) / to_ns(1), self.wiring.on_lost_path)

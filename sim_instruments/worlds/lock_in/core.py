@@ -1,4 +1,4 @@
-"""A dithered ring laser without a bench: what it is, and its edges over some seconds, as pure functions.
+"""A dithered ring laser without a bench: what it is and what drives its phase, as pure functions.
 
     dpsi/dt = K [W_in + W_D(t) - W_L (sin(psi + beta) + e sin(2 psi + beta_2))],    W_D(t) = A_k cos(w_D t)
 
@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_instruments.worlds.lock_in.crossings import Crossings, crossings
-from sim_instruments.worlds.lock_in.half_cycles import Drive, integrate
+from sim_instruments.worlds.lock_in.crossings import Crossings
+from sim_instruments.worlds.lock_in.half_cycles import Drive
 
 Float = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
@@ -119,44 +119,6 @@ class RingLaser:
             second_phase_rad=self.second_phase_rad,
         )
 
-    def simulate(self, seconds: float, rng: np.random.Generator, psi_rad: float = 0.0) -> Edges:
-        """Edges of the comparators from a maximum of the velocity on, over whole half cycles of the dither.
-
-        Args: seconds: how long, rounded to half cycles.   rng: of all noise.   psi_rad: phase at t = 0.
-        """
-        total, parts = round(seconds / self.half_s), []
-        for first in range(0, total, AT_ONCE):
-            n = min(AT_ONCE, total - first)
-            dither_deg_s = self.dither_deg_s * (1.0 + self.dither_noise * rng.standard_normal(n))
-            noise = rng.standard_normal((n, self.steps)) if self.quantum_deg_rt_h else None
-            drive = self.drive(dither_deg_s, 1 - 2 * (first % 2), noise, self.beta_rad)
-            motion = integrate(drive, psi_rad)
-            disturbed = self.beat_noise * rng.standard_normal((n, self.steps)) if self.beat_noise else None
-            found = crossings(drive, motion, disturbed)
-            parts.append(_edges(self, first, dither_deg_s, motion.start_rad, found))
-            psi_rad = motion.end_rad
-        return _joined(parts, psi_rad)
-
-
-@dataclass(frozen=True)
-class Edges:
-    """Edges in order of time, and what nobody can measure.
-
-    ``t_s``: (n,) seconds.   ``channel``: BEAT or PICK_OFF.   ``level``: of that channel behind the edge, 1 = risen; the
-    pick-off is high while the dither's angle is positive, so it rises where the rate is most positive.
-    ``cosine``: level of the comparator of cos(psi).   ``count``: floor(psi / pi) behind the edge, truth.
-    ``phase_rad``: psi at the pick-off's edges and at the end, (halves + 1,), truth.
-    ``dither_deg_s``: amplitude of each half cycle, (halves,), truth.
-    """
-
-    t_s: Float
-    channel: UInt8
-    level: UInt8
-    cosine: UInt8
-    count: NDArray[np.int64]
-    phase_rad: Float
-    dither_deg_s: Float
-
 
 def quantum_deg_rt_h(path_m: float) -> float:
     """Angle random walk of the quantum noise, deg/rt-h: 1.15e-4 at 28 cm, falls with the square of the path.
@@ -166,33 +128,8 @@ def quantum_deg_rt_h(path_m: float) -> float:
     return QUANTUM_DEG_RT_H * (QUANTUM_PATH_M / path_m) ** 2
 
 
-def _edges(laser: RingLaser, first: int, dither_deg_s: Float, start_rad: Float, found: Crossings) -> Edges:
-    halves = np.arange(len(start_rad))
-    half, order = ordered(halves, found)
-    t_s = (first + half) * laser.half_s + np.concatenate([np.zeros(len(halves)), found.since_s])[order]
-    channel = np.concatenate([np.full(len(halves), PICK_OFF), np.full(len(found.half), BEAT)]).astype(np.uint8)
-    level, cosine = levels((first + halves) % 2 == 0, start_rad, found)
-    count = np.concatenate([np.floor(start_rad / np.pi).astype(np.int64), found.count])
-    return Edges(t_s, channel[order], level[order], cosine[order], count[order], start_rad, dither_deg_s)
-
-
-def ordered(halves: NDArray[np.int64], found: Crossings) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Half cycle of each edge in order of time, and the order: pick-off edges stand before the beat's at first."""
-    half = np.concatenate([halves, found.half])
-    since_s = np.concatenate([np.zeros(len(halves)), found.since_s])
-    order = np.lexsort((since_s, half))
-    return half[order], order
-
-
 def levels(rises: NDArray[np.bool_], start_rad: Float, found: Crossings) -> tuple[UInt8, UInt8]:
     """Level of the own channel behind the edge and of the cosine comparator: pick-off edges first, then the beat's."""
     level = np.concatenate([rises, found.count % 2 == 0])
     even = (found.count + (found.sense < 0)) % 2 == 0  # the multiple of pi that was crossed
     return level.astype(np.uint8), np.concatenate([np.cos(start_rad) > 0.0, even]).astype(np.uint8)
-
-
-def _joined(parts: list[Edges], end_rad: float) -> Edges:
-    names = ("t_s", "channel", "level", "cosine", "count")
-    whole = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
-    phase_rad = np.append(np.concatenate([part.phase_rad for part in parts]), end_rad)
-    return Edges(**whole, phase_rad=phase_rad, dither_deg_s=np.concatenate([part.dither_deg_s for part in parts]))

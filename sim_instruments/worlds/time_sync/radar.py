@@ -13,7 +13,6 @@ from sim_instruments.worlds.time_sync.flight import Flight
 from sim_instruments.worlds.time_sync.sar_echo import Radar, echoes, scene
 from sim_instruments.worlds.time_sync.stream import Numbered
 
-Float = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 PERIOD_S = 0.001

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from laser_edges import simulated_edges
 from numpy.typing import NDArray
 
 from bench.systems.lock_in.estimators.angle import cycle_increments, net_angle
@@ -70,7 +71,7 @@ def chain(
 
 def simulated(laser: RingLaser, seconds: float, seed: int, *clocks_Hz: float) -> list[Chain]:
     """The bench's simulated laser, seen by taggers of several clocks."""
-    found = laser.simulate(seconds, np.random.default_rng(seed))
+    found = simulated_edges(laser, seconds, np.random.default_rng(seed))
     beat, rises = found.channel == BEAT, found.level.astype(bool)
     of_beat = found.t_s[beat], rises[beat], found.cosine[beat].astype(bool)
     return [chain(laser.path_m, clock, of_beat, (found.t_s[~beat], rises[~beat])) for clock in clocks_Hz]

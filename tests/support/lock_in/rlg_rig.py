@@ -9,12 +9,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from laser_edges import Edges
 
 from bench.analysis.material import Material
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record import RecordRow, Samples
-from sim_instruments.worlds.lock_in.core import Edges, RingLaser, quantum_deg_rt_h
+from sim_instruments.worlds.lock_in.core import RingLaser, quantum_deg_rt_h
 
 SITE = {"latitude_deg": 37.0}
 BLOCK_s = 0.01

@@ -10,12 +10,13 @@ from collections.abc import Callable, Iterator
 from functools import cache
 
 import numpy as np
+from single_north import single_north
 
 from bench.systems.north.estimators.eight_samples import eight_sample_north
 from bench.systems.north.estimators.likelihood import likelihood_north
 from bench.systems.north.estimators.literal import literal_north
 from bench.systems.north.estimators.phasors import wrapped_deg
-from bench.systems.north.estimators.quadrant import quadrant_north, single_north
+from bench.systems.north.estimators.quadrant import quadrant_north
 
 SIGMA_V = 0.5**0.5
 TURNS = 20

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from bench.model.quality import Quality
-from bench.report import ReportModel, RunStory, Surrounding, TemperatureTrace, report_model
+from bench.report import RunStory, Surrounding, TemperatureTrace, report_model
+from bench.report.model import ReportModel
 
 TEMPERATURES_degC = (-10.0, 5.0, 20.0, 35.0, 50.0)
 LEVELS_A = {

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 LEVEL_UNTIL_S, TURN_UNTIL_S, END_S = 2.0, 4.0, 6.0
 SEED = 20
+BASE = (1.0, 0.2, 0.01)  # measurement noise: position m, velocity m/s, attitude deg
 
 
 def turning() -> FlightPath:

@@ -15,7 +15,8 @@ from rehearsal import ROOT, Rehearsal, Watched, bench
 from bench.model.clock import NS, WallClock
 from bench.plan import Plan, check_plan, compile_sequence
 from bench.record import RecordRow
-from bench.replay import Replayed, replay_rows
+from bench.replay import replay_rows
+from bench.replay.rows import Replayed
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct
 

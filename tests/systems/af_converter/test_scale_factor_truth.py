@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ngu_counts import count_windows
 
 from bench.analysis.material import Material
 from bench.analysis.registry import analyse
@@ -17,7 +18,6 @@ from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record import RecordRow
 from sim_instruments.worlds.af_converter.constants import KINDS
-from sim_instruments.worlds.af_converter.counts import count_windows
 from sim_instruments.worlds.af_converter.unit_constants import NguTruth
 
 FLOOR_A = {2.2e-4: 6e-9, 2.2e-3: 7e-9, 2.2e-2: 40e-9, 2.2e-1: 0.7e-6}

@@ -7,8 +7,9 @@ import crcmod.crcmod
 import numpy as np
 import pytest
 
-from bench.frame import CATALOGUE, CHECKSUMS, Crc, CrcModel, find_model
-from bench.frame.crc import require_fast_crc
+from bench.frame.catalogue import CATALOGUE, CrcModel, find_model
+from bench.frame.checksums import CHECKSUMS
+from bench.frame.crc import Crc, require_fast_crc
 from bench.model.errors import InputError
 
 CHECK_TEXT = b"123456789"

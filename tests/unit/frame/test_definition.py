@@ -8,7 +8,8 @@ import jsonschema
 import pytest
 from crccheck.crc import Crc8Smbus, Crc16Modbus, Crc32
 
-from bench.frame import FrameDefinition, frame_schema, parse_frame
+from bench.frame import FrameDefinition, parse_frame
+from bench.frame.schema import FrameSpec
 from bench.model.errors import InputErrors
 
 HEAD = "frame: sample\nendian: big\nsync: [0xA5, 0x5A]\n"
@@ -290,7 +291,7 @@ def test_wrong_names_get_a_proposal() -> None:
 
 
 def test_schema_accepts_the_sample_and_refuses_unknown_keys() -> None:
-    checker = jsonschema.Draft202012Validator(frame_schema())
+    checker = jsonschema.Draft202012Validator(FrameSpec.model_json_schema())
     good = {
         "frame": "sample", "endian": "big", "sync": [165], "rate": "10 Hz", "fields": [{"name": "v", "type": "u24"}],
         "crc": {"name": "crc-8", "over": ["v", "end"]}, "golden": "a5 00", "expect": {"v": 1},

@@ -11,7 +11,9 @@ import pytest
 from hypothesis import given, seed
 from hypothesis import strategies as st
 
-from bench.frame import FrameDefinition, PayloadLayout, frame_schema, load_frame, parse_frame
+from bench.frame import FrameDefinition, load_frame, parse_frame
+from bench.frame.commands import PayloadLayout
+from bench.frame.schema import FrameSpec
 from bench.model.errors import InputError, InputErrors
 
 FRAMES = Path(__file__).resolve().parents[3] / "frames"
@@ -225,7 +227,7 @@ def test_hashes_of_formats_that_sessions_hold_do_not_change(name: str, sha256: s
 
 
 def test_the_schema_for_editors_knows_the_new_keys() -> None:
-    schema = frame_schema()
+    schema = FrameSpec.model_json_schema()
     assert {"silence", "commands"} <= set(schema["properties"])
     field = schema["$defs"]["FieldSpec"]["properties"]
     assert "default" in field

@@ -1,4 +1,4 @@
-"""One link: queue, stamps, counters, counts; cumulative counts."""
+"""One link: queue, stamps, counters, counts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from crccheck.crc import Crc8Smbus
 
-from bench.frame import CumulativeCount, FrameDefinition, LinkDecoder, load_frame, parse_frame
+from bench.frame import FrameDefinition, LinkDecoder, load_frame, parse_frame
 
 FRAMES = Path(__file__).resolve().parents[3] / "frames"
 LENGTH = 57
@@ -188,23 +188,3 @@ def test_a_counter_shared_by_all_messages() -> None:
     assert batch.messages["one"].counter.tolist() == [254, 258]  # type: ignore[union-attr]
     assert batch.messages["two"].counter.tolist() == [255, 256, 259]  # type: ignore[union-attr]
     assert batch.lost == 1
-
-
-def test_cumulative_counts_wrap_but_never_cross_a_gap() -> None:
-    definition = shared()
-    link, count = LinkDecoder(definition), CumulativeCount("total")
-    values, valid = [], []
-    for part in ([(1, 250), (2, 4)], [(3, 5), (4, 5), (6, 9), (7, 8)], [(8, 9)]):
-        for counter, total in part:
-            link.push(counter * 10**8, definition.encode_one({"counter": counter, "total": total}, "one"))
-        result = count.feed(link.flush().messages["one"])
-        values += result.value.tolist()
-        valid += result.valid.tolist()
-    assert values == [0, 10, 1, 0, 0, 255, 1]
-    assert valid == [False, True, True, True, False, True, True]
-
-
-def test_cumulative_counts_need_a_counter() -> None:
-    batch = ngu_a().decoder().feed(frames(ngu_a(), [1]).tobytes()).messages["frame"]
-    with pytest.raises(ValueError, match="needs a counter"):
-        CumulativeCount("npp").feed(batch)

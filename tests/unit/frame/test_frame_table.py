@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.frame import decode_file, load_frame, write_csv
+from bench.frame import load_frame
+from bench.frame.table import decode_file, write_csv
 from bench.model.errors import InputError
 
 FRAMES = Path(__file__).resolve().parents[3] / "frames"

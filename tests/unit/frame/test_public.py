@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from bench.commands.decode import decode
-from bench.frame import FrameDefinition, decode_file, load_frame, parse_frame
+from bench.frame import FrameDefinition, load_frame, parse_frame
 from bench.frame.stream import LinkDecoder
+from bench.frame.table import decode_file
 from bench.model.errors import InputErrors
 
 ROOT = Path(__file__).resolve().parents[3]

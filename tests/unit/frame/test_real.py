@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.frame import decode_file, load_frame
+from bench.frame import load_frame
+from bench.frame.table import decode_file
 
 ROOT = Path(__file__).resolve().parents[3]
 RECORDINGS = Path(os.environ.get("BENCH_REAL_DATA", ROOT.parent / "shared" / "data")) / "vn100"

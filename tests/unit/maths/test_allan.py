@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from allan_simulation import kasdin
 
-from bench.maths.allan import allan_deviation, confidence_limits, rates_of_angle
+from bench.maths.allan import allan_deviation, confidence_limits
 from bench.maths.allan_confidence import degrees_of_freedom
 from bench.model.errors import FitError
 
@@ -96,11 +96,6 @@ def test_a_gap_costs_differences_and_nothing_else() -> None:
     assert whole.differences[0] - broken.differences[0] == 9 + 8
     assert broken.dof[0] == pytest.approx(degrees_of_freedom(4, int(broken.differences[0]), int(broken.exponents[0])))
     assert broken.dof[0] < whole.dof[0]
-
-
-def test_angles_give_the_rates_between_them() -> None:
-    angle = np.array([0.0, 3.0, np.nan, 8.0, 10.0])
-    np.testing.assert_array_equal(rates_of_angle(angle, 2.0), [1.5, np.nan, np.nan, 1.0])
 
 
 def test_a_large_mean_costs_no_digits() -> None:

@@ -1,13 +1,19 @@
 """Budgets against the worked examples of the guide, closed forms and drawn numbers."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
 
-from bench.maths.budget import Component, combine, combine_all
+from bench.maths.budget import Budget, Component, combine_all
 from bench.model.errors import FitError
+
+
+def combined(components: Sequence[Component]) -> Budget:
+    """Return the budget of one result alone."""
+    return combine_all({"": components}).budgets[""]
+
 
 # JCGM 100:2008 annex H.1, calibration of an end gauge, table H.1: contributions in nm and degrees of freedom
 END_GAUGE = [
@@ -26,7 +32,7 @@ END_GAUGE = [
 )
 def test_end_gauge_of_the_guide(record_property: Callable[[str, object], None]) -> None:
     """Published: u = 32 nm, 16 effective degrees of freedom (16.7 before rounding), U = 93 nm for 99 %."""
-    budget = combine(END_GAUGE)
+    budget = combined(END_GAUGE)
     record_property("obtained", f"u = {budget.std_uncertainty:.1f} nm (32), dof {budget.dof:.1f} (16.7)")
     assert budget.std_uncertainty == pytest.approx(31.7, abs=0.05)
     assert budget.dof == pytest.approx(16.7, abs=0.1)
@@ -83,9 +89,9 @@ def test_correlation_is_that_of_drawn_errors(record_property: Callable[[str, obj
 
 def test_one_component_alone_keeps_its_degrees_of_freedom() -> None:
     """Table G.2: 10 degrees of freedom, k = 2.23; as a tenth of the variance they hardly count any more."""
-    alone = combine([Component("noise", 1.0, dof=10, evaluation="A")])
+    alone = combined([Component("noise", 1.0, dof=10, evaluation="A")])
     assert (alone.dof, round(alone.coverage_factor, 2)) == (pytest.approx(10.0), 2.23)
-    within = combine([Component("noise", 1.0, dof=10, evaluation="A"), Component("gain", 3.0)])
+    within = combined([Component("noise", 1.0, dof=10, evaluation="A"), Component("gain", 3.0)])
     assert within.dof == pytest.approx(10.0 * 10.0**2, rel=1e-9)
     assert within.coverage_factor == pytest.approx(1.962, abs=0.001)
 
@@ -100,7 +106,7 @@ def test_stated_interval_of_a_mean_of_few_readings_covers() -> None:
     error = readings.mean(axis=1) + 0.1 * generator.normal(size=20_000)
     inside, careless = [], []
     for one, std in zip(error, readings.std(axis=1, ddof=1) / np.sqrt(6.0), strict=True):
-        budget = combine([Component("readings", float(std), dof=5, evaluation="A"), Component("standard", 0.1)])
+        budget = combined([Component("readings", float(std), dof=5, evaluation="A"), Component("standard", 0.1)])
         inside.append(abs(one) <= budget.expanded_uncertainty)
         careless.append(abs(one) <= 1.96 * budget.std_uncertainty)
     print(f"covered {np.mean(inside):.4f}, with k = 1.96 {np.mean(careless):.4f}")
@@ -109,7 +115,7 @@ def test_stated_interval_of_a_mean_of_few_readings_covers() -> None:
 
 
 def test_nothing_uncertain() -> None:
-    budget = combine([Component("not stated", 0.0, "ppm")])
+    budget = combined([Component("not stated", 0.0, "ppm")])
     assert (budget.std_uncertainty, budget.dof, budget.expanded_uncertainty) == (0.0, math.inf, 0.0)
     assert budget.share(budget.components[0]) == 0.0
     found = combine_all({"a": [], "b": [Component("gain", 1.0, common="gain")]})

@@ -7,10 +7,11 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from polynomial_columns import polynomial_columns
 from strd_linear import PROBLEMS, Problem
 
 import bench.maths.least_squares as core
-from bench.maths.extended import Extended, polynomial_columns
+from bench.maths.extended import Extended
 from bench.maths.least_squares import solve
 from bench.model.errors import FitError
 

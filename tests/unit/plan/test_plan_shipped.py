@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from bench.plan import Plan, Step, check_plan, compile_sequence, summarise
+from bench.plan import Plan, Step, check_plan, compile_sequence
+from bench.plan.summary import summarise
 
 TEMPERATURES_DEGC = (-10.0, 5.0, 20.0, 35.0, 50.0)
 GYRO_A = (30e-6, 100e-6, 1e-3, 10e-3, 100e-3, 200e-3)

@@ -12,7 +12,7 @@ from plan_sample import FLAT, SEQUENCE, changed
 from pydantic import RootModel
 
 from bench.model.yamlio import load_yaml, parse_yaml
-from bench.plan import json_schemas, vscode_settings
+from bench.plan.schemas import json_schemas, vscode_settings
 
 ROOT = Path(__file__).resolve().parents[3]
 FILES = [

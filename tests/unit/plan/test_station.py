@@ -45,16 +45,12 @@ def test_the_register_of_standards_is_in_si_units(station: Station) -> None:
     assert all(c["gain"] == c["offset_A"] == 0.0 for c in calibrator["corrections"])
 
 
-@pytest.mark.parametrize(
-    ("current_A", "range_A"),
-    [(0.0, 2.2e-4), (2.2e-4, 2.2e-4), (2.3e-4, 2.2e-3), (-0.1, 0.22), (2.2, 2.2), (2.3, None)],
-)
-def test_the_lowest_range_that_holds(station: Station, current_A: float, range_A: float | None) -> None:
-    assert station.range_that_holds_A("calibrator", current_A) == range_A
+def test_ranges_of_a_standard_come_lowest_first(station: Station) -> None:
+    assert station.ranges_A("calibrator") == (2.2e-4, 2.2e-3, 2.2e-2, 0.22, 2.2)
 
 
-def test_a_role_without_a_standard_holds_nothing(station: Station) -> None:
-    assert station.range_that_holds_A("nobody", 1.0) is None
+def test_a_role_without_a_standard_has_no_ranges(station: Station) -> None:
+    assert station.ranges_A("nobody") == ()
 
 
 def test_options_left_to_the_world_are_absent_until_they_are_set(station: Station) -> None:

@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 from record_sample import MANIFEST, NS, TEXTS, FaultyFiles, io_error, no_space, write_sample
 
-from bench.record import RecordError, SessionReader, SessionWriter, resume_session
+from bench.record import RecordError, SessionReader, SessionWriter
 from bench.record import writer as writer_module
 from bench.record.files import OsFiles
+from bench.record.recover import resume_session
 
 SECONDS = 12
 

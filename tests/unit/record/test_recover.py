@@ -9,9 +9,9 @@ import pytest
 from record_sample import MANIFEST, NS, TEXTS, write_sample
 
 from bench.model.errors import InputError
-from bench.record import Journal, SessionReader, SessionWriter, resume_session
+from bench.record import Journal, SessionReader, SessionWriter
 from bench.record import recover as recover_module
-from bench.record.recover import recover_session, salvage
+from bench.record.recover import recover_session, resume_session, salvage
 
 
 def damage_middle(session: Path) -> None:

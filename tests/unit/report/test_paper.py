@@ -15,8 +15,9 @@ from matplotlib.image import imread
 from report_sample import sample_model, sample_results
 
 from bench.model.errors import InputError
-from bench.report import Report, ReportModel
+from bench.report import Report
 from bench.report.fonts import missing
+from bench.report.model import ReportModel
 from bench.report.pdf import document_files
 from bench.report.words import words_of
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from report_sample import small_model
 
-from bench.report import build_report
+from bench.report import Report
 from bench.report.estimate_tables import coefficient_table
 from bench.report.graphs import analysis_pictures
 from bench.report.words import words_of
@@ -72,12 +72,12 @@ def test_figures_and_tables_are_in_the_page_and_the_bytes_repeat() -> None:
     rows = [["gain", 10.0], ["E_n", -0.0151768]]
     table = {"title": "Budget", "caption": "Channel 1.", "headers": ["component", "u / ppm"], "rows": rows}
     model = replace(small_model(), figures=(figure("Bias of channel 1"),), tables=(table,))
-    page = build_report(model)
+    page = Report(model).html()
     assert "Bias of channel 1" in page
     assert "Budget. Channel 1." in page
     assert ">gain</th><td>10.00</td>" in page
     assert ">E_n</th><td>−0.01518</td>" in page
-    assert page == build_report(model)
+    assert page == Report(model).html()
 
 
 @pytest.mark.parametrize("probability", [0.99999, 1.0])
@@ -98,7 +98,7 @@ def test_a_probability_is_never_rounded_up_to_certainty(probability: float) -> N
         "conformance_probability": probability,
     }
     results = {**model.results, "estimates": [judged, {**judged, "value": -5e-9}], "decision_rule": "non_binary"}
-    page = build_report(replace(model, results=results))
+    page = Report(replace(model, results=results)).html()
     assert "&gt; 99.99 %" in page
     assert "−5.00 ± 0.20" in page  # the one nearer to the limit stands for the channel
     assert "2 pass" in page

@@ -11,7 +11,8 @@ import pytest
 from report_sample import sample_model, sample_results, small_model
 
 from bench.model.quality import Quality
-from bench.report import ReportModel, build_report
+from bench.report import Report
+from bench.report.model import ReportModel
 from bench.report.style import GREY, INK, MARKERS, PALETTE
 from bench.report.verdict_tables import verdict_counts
 
@@ -61,7 +62,7 @@ def model() -> ReportModel:
 
 @pytest.fixture(scope="module")
 def page(model: ReportModel) -> str:
-    return build_report(model)
+    return Report(model).html()
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +79,7 @@ def small() -> ReportModel:
 
 
 def test_same_numbers_same_bytes(small: ReportModel) -> None:
-    assert build_report(small_model()) == build_report(small)
+    assert Report(small_model()).html() == Report(small).html()
 
 
 def by_key(value: Any) -> Any:
@@ -92,13 +93,13 @@ def test_order_of_keys_in_the_session_does_not_matter(small: ReportModel) -> Non
     stored = {name: by_key(getattr(small, name)) for name in ("campaign", "standards", "identities")}
     listed = {name: tuple(by_key(one) for one in getattr(small, name)) for name in ("prompts", "components")}
     origin = {name: by_key(value) for name, value in small.origin.items()}
-    assert build_report(replace(small, origin=origin, **stored, **listed)) == build_report(small)
+    assert Report(replace(small, origin=origin, **stored, **listed)).html() == Report(small).html()
 
 
 def test_another_number_another_page(small: ReportModel) -> None:
     results = sample_results()
     results["estimates"][0]["value"] += 1.0
-    assert build_report(replace(small, results=results)) != build_report(small)
+    assert Report(replace(small, results=results)).html() != Report(small).html()
 
 
 def test_page_needs_nothing_else(page: str, outline: Outline) -> None:
@@ -128,7 +129,7 @@ def test_every_section_is_there(outline: Outline) -> None:
 
 def test_sections_without_content_are_left_out() -> None:
     results = {"session": "s", "campaign": "c", "uut": {}, "estimates": [], "quality": {}, "provenance": {}}
-    text = build_report(ReportModel(title="Empty", results=results))
+    text = Report(ReportModel(title="Empty", results=results)).html()
     assert '<section id="summary">' in text
     assert '<section id="residuals">' not in text
     assert "<svg" not in text
@@ -194,7 +195,7 @@ def test_provenance_names_everything(outline: Outline) -> None:
 def test_standards_show_what_was_applied(small: ReportModel) -> None:
     register = {"calibrator": {**small.standards["calibrator"], "corrections": [{"range_A": 2.2e-4, "gain": 1e-6}]}}
     parser = Outline()
-    parser.feed(build_report(replace(small, standards=register)))
+    parser.feed(Report(replace(small, standards=register)).html())
     row = next(row for row in parser.rows if row[0] == "calibrator")
     assert row[1:6] == ["5720A", "SIM-5720", "SIM-0001", "1999-11-01", "2000-11-01"]
     assert row[6:] == ["305", "range / A 0.00022, gain 1e−06"]
@@ -203,7 +204,7 @@ def test_standards_show_what_was_applied(small: ReportModel) -> None:
 def test_a_standard_that_was_overdue_says_so(small: ReportModel) -> None:
     register = {"calibrator": {**small.standards["calibrator"], "due": "1999-12-25"}, "counter": {"due": "soon"}}
     parser = Outline()
-    parser.feed(build_report(replace(small, standards=register)))
+    parser.feed(Report(replace(small, standards=register)).html())
     assert next(row for row in parser.rows if row[:2] == ["calibrator", "5720A"])[6] == "overdue by 7 days"
     assert next(row for row in parser.rows if row[:1] == ["counter"] and "soon" in row)[6] == "–"
 
@@ -211,7 +212,7 @@ def test_a_standard_that_was_overdue_says_so(small: ReportModel) -> None:
 @pytest.mark.parametrize(("simulated", "marked"), [(True, True), (None, True), (False, False)])
 def test_simulated_is_said_unless_provenance_denies_it(simulated: bool | None, marked: bool) -> None:
     results = {**sample_results(), "provenance": {} if simulated is None else {"simulated": simulated}}
-    text = build_report(ReportModel(title="T", results=results))
+    text = Report(ReportModel(title="T", results=results)).html()
     assert (text.count(WATERMARK) >= 3) is marked
     assert (WATERMARK in text) is marked
 
@@ -232,7 +233,7 @@ def test_verdict(verdicts: list[str], kind: str, words: str) -> None:
     for row, verdict in zip(results["estimates"], verdicts, strict=True):
         row["verdict"], row["limit"] = verdict, 100.0
     model = ReportModel(title="T", results=results)
-    text = build_report(model)
+    text = Report(model).html()
     assert f'class="verdict {kind}"' in text
     assert words in text
     assert sum(verdict_counts(model).values()) == sum(verdict != "none" for verdict in verdicts)
@@ -240,7 +241,7 @@ def test_verdict(verdicts: list[str], kind: str, words: str) -> None:
 
 def test_what_comes_from_a_file_is_escaped(small: ReportModel) -> None:
     nasty = replace(small, title="<b>x</b>", notes=("<script>alert(1)</script>",))
-    text = build_report(nasty)
+    text = Report(nasty).html()
     assert "<script" not in text
     assert "&lt;b&gt;x&lt;/b&gt;" in text
 

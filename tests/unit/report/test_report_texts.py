@@ -9,7 +9,8 @@ from pathlib import Path
 
 import bench.report
 from bench.model.texts import Texts, languages
-from bench.report import ReportModel, build_report
+from bench.report import Report
+from bench.report.model import ReportModel
 from bench.report.words import FOLDER, words_of
 
 SOURCES = sorted(Path(bench.report.__file__).parent.glob("*.py"))
@@ -60,7 +61,7 @@ def test_no_text_is_left_over() -> None:
 
 def test_language_of_the_page() -> None:
     model = ReportModel(title="T", results={"session": "s", "estimates": []})
-    assert '<html lang="en">' in build_report(model)
+    assert '<html lang="en">' in Report(model).html()
 
 
 def test_another_language_needs_no_code(tmp_path: Path) -> None:

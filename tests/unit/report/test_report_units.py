@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from report_sample import estimate, small_model
 
-from bench.report import ReportModel, TemperatureTrace, build_report
+from bench.report import Report, TemperatureTrace
 from bench.report.across_tables import across_tables
 from bench.report.estimate_tables import coverage_table, other_table
 from bench.report.figures import timetable_picture
 from bench.report.graphs import analysis_pictures
-from bench.report.model import Bar, Timetable
+from bench.report.model import Bar, ReportModel, Timetable
 from bench.report.sections import sections_of
 from bench.report.verdict_tables import verdict_table
 from bench.report.words import words_of
@@ -102,12 +102,12 @@ def test_a_table_that_leads_stands_before_the_verdicts_and_once() -> None:
     assert list(sections)[:3] == ["summary", "results", "verdicts"]
     assert sections["results"] == ["Units tested"]
     assert sections["explanations"] == ["Samples"]
-    assert build_report(model).count("Units tested") == 1
+    assert Report(model).html().count("Units tested") == 1
 
 
 def test_a_short_cell_of_words_is_not_broken() -> None:
     words = {"title": "T", "caption": "", "headers": ["a", "b"], "rows": [["x" * 50, "not tested"]], "prose": True}
-    assert '<td class="short">not tested</td>' in build_report(model_of(tables=(words,)))
+    assert '<td class="short">not tested</td>' in Report(model_of(tables=(words,))).html()
 
 
 @pytest.mark.parametrize("trace", [TemperatureTrace(), TemperatureTrace(*(np.full(9, np.nan),) * 3)])

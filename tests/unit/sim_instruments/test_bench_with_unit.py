@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import pyvisa
 import serial
+from calibrator_trip import trip_calibrator
 from sim_bench import Bench, station
 
 from bench.frame import LinkDecoder, load_frame
@@ -101,7 +102,7 @@ def test_trip_during_a_record_leaves_frames_up_to_it_untouched(session: Session)
     bench.send("calibrator", "OUT 1.0E-02 A, 0 HZ", "OPER")
     bench.clock.sleep(10.0)
     trip_ns = bench.clock.now_ns() + 5_500_000_000
-    session.world.trip_calibrator_at(trip_ns)
+    trip_calibrator(session.world, trip_ns)
     npp = session.frames(10.0).raw("npp")[:, 0]
     assert np.count_nonzero(npp > 70) == pytest.approx(550, abs=2)
     assert npp[:545].min() >= 79

@@ -15,7 +15,7 @@ from top_sample import NOW_S, FakeFeed, SetClock, document
 from bench.commands import top as command
 from bench.model.errors import ExitStatus, InputError
 from bench.run.feed.client import FeedGone
-from bench.tui import earlier
+from bench.tui import watch
 from bench.tui.watch import Seen
 
 
@@ -115,14 +115,14 @@ def test_the_hour_before_comes_from_the_trend(tmp_path: Path, monkeypatch: pytes
             times = np.array([NOW_S - 1800, NOW_S - 900])
             return SimpleNamespace(t_utc_s=times, low=np.array([[20.0], [np.nan]]), high=np.array([[21.0], [np.nan]]))
 
-    monkeypatch.setattr(earlier, "TrendReader", Reader)
+    monkeypatch.setattr(watch, "TrendReader", Reader)
     seen = Seen(document(), "")
-    earlier.remember_earlier(seen, tmp_path)
+    watch.remember_earlier(seen, tmp_path)
     assert list(seen.trend.buckets.values()) == [(20.0, 21.0)]
 
 
 def test_a_session_without_a_trend_begins_now(tmp_path: Path) -> None:
     seen = Seen(document(), "")
-    earlier.remember_earlier(seen, tmp_path)
-    earlier.remember_earlier(Seen(document(t_utc_s=None), ""), tmp_path)
+    watch.remember_earlier(seen, tmp_path)
+    watch.remember_earlier(Seen(document(t_utc_s=None), ""), tmp_path)
     assert seen.trend.buckets == {}

@@ -13,9 +13,8 @@ from feed_stand_in import T0, first_state
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench.web.patch import merge_patch
 from bench.web.points import KEPT, LastPoints, Points, binned, no_points
-from bench.web.room import Room
+from bench.web.room import Room, merge_patch
 from bench.web.viewer import LONGEST_QUEUE, Viewer
 
 

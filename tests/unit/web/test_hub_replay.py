@@ -14,7 +14,7 @@ from record_sample import MANIFEST
 
 from bench.model.clock import NS, VirtualClock
 from bench.record import SessionWriter
-from bench.record.resume import resume_session
+from bench.record.recover import resume_session
 from bench.web import replaying
 from bench.web.points import Points
 from bench.web.recorded import RecordedState, scenery_of

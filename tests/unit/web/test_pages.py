@@ -67,7 +67,7 @@ def test_contrast_is_that_of_the_recommendation() -> None:
     assert contrast("#777777", "#ffffff") == pytest.approx(4.48, abs=0.005)
 
 
-@pytest.mark.parametrize("theme", figures.THEMES)
+@pytest.mark.parametrize("theme", ["dark", "light"])
 def test_every_curve_stands_out_from_its_card(theme: str) -> None:
     palette = figures.PALETTES[theme]
     looks = figures.looks()
@@ -78,7 +78,7 @@ def test_every_curve_stands_out_from_its_card(theme: str) -> None:
     assert min(contrast(palette.ink, palette.card), contrast(palette.soft, palette.card)) >= 4.5
 
 
-@pytest.mark.parametrize("theme", figures.THEMES)
+@pytest.mark.parametrize("theme", ["dark", "light"])
 def test_texts_stand_out_and_cards_are_those_of_the_figures(theme: str) -> None:
     css = (HERE / "static" / "page.css").read_text(encoding="utf-8")
     block = css.split(':root[data-theme="light"]')[theme == "light"].split("}")[0]

@@ -12,8 +12,7 @@ import pytest
 from bench.model.clock import VirtualClock
 from bench.model.errors import InputError
 from bench.web.audit import Audit
-from bench.web.login_limit import MOST_IN_ALL, LoginLimit
-from bench.web.tokens import FILE, OPERATOR, VIEWER, obtain_tokens, private_folder
+from bench.web.tokens import FILE, MOST_IN_ALL, OPERATOR, VIEWER, LoginLimit, obtain_tokens, private_folder
 
 
 def mode(path: Path) -> int:

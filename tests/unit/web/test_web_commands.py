@@ -13,9 +13,9 @@ from web_rig import RUN, Answer, Page, served
 from bench.model.clock import VirtualClock, WallClock
 from bench.run.control.place import socket_path
 from bench.run.control.server import ControlServer
+from bench.web.command_request import MOST_KEPT
 from bench.web.cookie import Login
 from bench.web.operator import AWAY_S, Lease
-from bench.web.sent import MOST_KEPT
 from bench.web.tokens import OPERATOR, VIEWER
 
 KIM, LEE = Login("kim", OPERATOR, "1"), Login("lee", OPERATOR, "2")

@@ -28,11 +28,9 @@ _WALK = {False: 1.0 / 3.0, True: 13.0 / 35.0}  # variance of the mean of a walk 
 class Whitener:
     """V^-1/2 of a series of m readings: the inverse of the lower Cholesky factor of V, never formed.
 
-    ``difference_band``: lower diagonals (3, m) of the covariance of [y_0, y_1 - y_0, ...]; ``factor``: those of its
-    Cholesky factor.
+    ``factor``: lower diagonals (3, m) of the Cholesky factor of the covariance of [y_0, y_1 - y_0, ...].
     """
 
-    difference_band: Array
     factor: Array
 
     def whiten(self, x: Array) -> Array:
@@ -40,15 +38,6 @@ class Whitener:
         steps = np.diff(x, axis=0, prepend=np.zeros_like(x[:1]))
         white, _ = lapack.dtbtrs(self.factor, steps, uplo="L")
         return np.asarray(white, dtype=np.float64).reshape(x.shape)
-
-    def dense(self) -> Array:
-        """V itself, (m, m), in the unit of the readings squared."""
-        band = self.difference_band
-        matrix = np.diag(band[0])
-        for offset in range(1, min(3, band.shape[1])):
-            side = band[offset, : band.shape[1] - offset]
-            matrix += np.diag(side, -offset) + np.diag(side, offset)
-        return np.asarray(np.cumsum(np.cumsum(matrix, axis=0), axis=1))
 
 
 def series_covariance(
@@ -70,7 +59,7 @@ def series_covariance(
              white_A_rtHz: one-sided density.   walk_A_rth: standard deviation of the walk after one hour.
              contiguous: True where a reading begins with the very cut that ended the one before it, (m,) or one for
              all; the first one of the series counts as False. Missing readings are left out: a gap is seen in times.
-    Returns: Whitener: ``whiten(x)`` for (m,) or (m, p), ``dense()``.
+    Returns: Whitener: ``whiten(x)`` for (m,) or (m, p).
     Raises:  FitError B-FIT-025 if the times do not rise or a gate is not positive; B-FIT-002 if nothing is uncertain.
     Source:  see the module.
     """
@@ -88,7 +77,7 @@ def series_covariance(
     linked = joined[1:] & ~parabolic[1:] & ~parabolic[:-1]
     band = _quantisation_and_white(gate, quantum, linked, white_A_rtHz * np.sqrt(_choose(_WHITE, parabolic)))
     band += _walk(times, gate, _choose(_WALK, parabolic), walk_A_rth**2 / 3600.0)
-    return Whitener(band, _factor(band))
+    return Whitener(_factor(band))
 
 
 def _choose(by_shape: dict[bool, float], parabolic: NDArray[np.bool_]) -> Array:

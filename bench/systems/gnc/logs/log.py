@@ -43,10 +43,10 @@ def imu_log(material: Material) -> ImuLog:
     Raises: FitError B-GNC-006 if it has no accelerometer of three axes, no gravity or values that are missing.
     """
     t_s = material.series.get("t_s")
-    accel, accel_unit = _triad(material, "accelerometer", "accel")
+    accel, accel_unit = _triad(material, "accelerometer")
     if t_s is None or accel is None:
         raise _unusable("there is no imported log with accelerometers of three axes")
-    gyro, gyro_unit = _triad(material, "gyro", "gyro")
+    gyro, gyro_unit = _triad(material, "gyro")
     whole = np.isfinite(accel).all() and (gyro is None or np.isfinite(gyro).all())
     if len(t_s) < 2 or not whole:
         raise _unusable("a value is missing in the columns of the sensors")
@@ -67,7 +67,7 @@ def imu_log(material: Material) -> ImuLog:
     )
 
 
-def _triad(material: Material, role: str, word: str) -> tuple[Floats | None, str]:
+def _triad(material: Material, role: str) -> tuple[Floats | None, str]:
     columns = {str(one.get("axis")): one for one in material.campaign.get("columns", ()) if one.get("role") == role}
     if set(columns) != set(AXES):
         return None, ""

@@ -1,4 +1,4 @@
-"""North by the paper's algebra with the quadrants kept, and by one lock-in alone; for comparison with least squares.
+"""North by the paper's algebra with the quadrants kept; for comparison with least squares.
 
 With s = (U11 - U13)/2, c = (U12 - U14)/2, c' = (U21 - U23)/2, s' = (U24 - U22)/2: phi + f2 = atan2(s, c),
 phi + f5 = atan2(s', c'), d = f2 - f5 their difference, and
@@ -30,7 +30,7 @@ from bench.systems.north.estimators.phasors import (
     wrapped_deg,
 )
 
-METHOD, SINGLE = "quadrant", "single"
+METHOD = "quadrant"
 _STEP = 1e-6  # of the amplitude, for derivatives
 
 
@@ -50,20 +50,6 @@ def quadrant_north(u1: ArrayLike, u2: ArrayLike, *, f5_deg: float = 0.0) -> Nort
     noise, std_deg = propagated(_quadrant, first, second)
     std_deg = np.where(np.isfinite(phasor), std_deg, np.nan)
     return North(METHOD, angle_deg(phasor), std_deg, DOF, phasor, noise, first.mean(-1), second.mean(-1))
-
-
-def single_north(u1: ArrayLike, u2: ArrayLike, *, f2_deg: float = 0.0) -> North:
-    """Phase by (17) with atan2: lock-in 1 alone, as a scheme with one lock-in has it.
-
-    Args:    u1, u2: oriented samples, (..., 4); lock-in 2 only for the noise.   f2_deg: placement of its index pulse.
-    Returns: North.
-    Raises:  FitError B-FIT-110 for another shape.
-    Source:  see the head of this file.
-    """
-    first, second = eight(u1, u2)
-    phasor = np.asarray(lock_in_phasors(first, second)[0] * np.exp(-1j * np.deg2rad(f2_deg)))
-    noise, std_deg = propagated(lambda a, b: lock_in_phasors(a, b)[0], first, second)
-    return North(SINGLE, angle_deg(phasor), std_deg, DOF, phasor, noise, first.mean(-1), second.mean(-1))
 
 
 def propagated(phasor_of: Callable[[Array, Array], Complex], u1: Array, u2: Array) -> tuple[Array, Array]:

@@ -7,9 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from bench.systems.time_sync.study.paper import ACCELERATION_m_s2, MANOEUVRE_s, SPEED_m_s, VELOCITY_m_s, YAW_deg
 from bench.systems.time_sync.study.results import FlightResult, Results
-from bench.systems.time_sync.study.study import BASE, TIGHT, UNAUGMENTED, Group, SETTLED_s
+from bench.systems.time_sync.study.study import (
+    BASE,
+    TIGHT,
+    UNAUGMENTED,
+    ACCELERATION_m_s2,
+    Group,
+    MANOEUVRE_s,
+    SETTLED_s,
+    SPEED_m_s,
+    VELOCITY_m_s,
+    YAW_deg,
+)
 from bench.systems.time_sync.study.tolerance import measured, rms_std
 
 Documents = list[dict[str, Any]]

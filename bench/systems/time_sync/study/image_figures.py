@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bench.systems.time_sync.estimators.sar.figures import levels_dB
+from bench.systems.time_sync.estimators.sar.image import levels_dB
 from bench.systems.time_sync.study.documents import Documents, curve, drawn, milliseconds, picture, scattered
 from bench.systems.time_sync.study.images import figures_of, image_group
 from bench.systems.time_sync.study.results import Results

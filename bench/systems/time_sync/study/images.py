@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from bench.systems.time_sync.study.image import FIGURES, IMAGED
-from bench.systems.time_sync.study.paper import IMAGE_SPEED_m_s
 from bench.systems.time_sync.study.results import Floats, Results
-from bench.systems.time_sync.study.study import AUGMENTED, ERRORLESS, UNAUGMENTED, Group
+from bench.systems.time_sync.study.study import AUGMENTED, ERRORLESS, UNAUGMENTED, Group, IMAGE_SPEED_m_s
 from bench.systems.time_sync.study.tolerance import measured
 
 Documents = list[dict[str, Any]]

@@ -6,9 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from bench.systems.time_sync.study.paper import MANOEUVRE_s
 from bench.systems.time_sync.study.results import FlightResult, Results
-from bench.systems.time_sync.study.study import AUGMENTED, BASE, LOOSE, TIGHT, Group, RECOVERED_ms, SHORT_s, SHOWN_ms
+from bench.systems.time_sync.study.study import (
+    AUGMENTED,
+    BASE,
+    LOOSE,
+    TIGHT,
+    Group,
+    MANOEUVRE_s,
+    RECOVERED_ms,
+    SHORT_s,
+    SHOWN_ms,
+)
 from bench.systems.time_sync.study.tolerance import measured, rms_std
 
 Documents = list[dict[str, Any]]

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bench.model.errors import InputError
-from bench.systems.time_sync.study.paper import OFFSETS_ms
 
 NAME = "time_sync"
 RUNS, FEWEST_RUNS, MOST_RUNS = 50, 2, 1000
@@ -26,6 +25,14 @@ BASE, TIGHT, LOOSE = "base", "tight", "loose"
 SIGMA_R = {BASE: (1.0, 0.2, 0.01), TIGHT: (1.0, 0.05, 0.01), LOOSE: (10.0, 2.0, 0.05)}  # m, m/s, deg
 AUGMENTED, UNAUGMENTED, ERRORLESS = "augmented", "unaugmented", "none"
 NARROW_P0_m, WIDE_P0_m = 1.0, 10.0
+# numbers that the paper prints, and the flight they belong to
+OFFSETS_ms = (0.0, 10.0, 20.0, 30.0)
+POSITION_m = dict(zip(OFFSETS_ms, (0.3219, 1.045, 2.019, 3.01), strict=True))  # Table 5, latitude
+VELOCITY_m_s = dict(zip(OFFSETS_ms, (0.03439, 0.08124, 0.1467, 0.2143), strict=True))  # Table 6, V_N
+YAW_deg = dict(zip(OFFSETS_ms, (0.01347, 0.04958, 0.09429, 0.1396), strict=True))  # Table 7
+SPEED_m_s, ACCELERATION_m_s2, RATE_deg_s = 100.0, 5.0, 4.5  # Table 4; 90 deg in 20 s
+MANOEUVRE_s = (20.0, 40.0)
+IMAGE_SPEED_m_s = 250.0  # 100 m/s and 10 s of 15 m/s2
 
 
 @dataclass(frozen=True)

@@ -8,17 +8,22 @@ from typing import Any
 from bench.analysis.numbers import number, with_uncertainty
 from bench.systems.time_sync.study.documents import Document, Documents, table
 from bench.systems.time_sync.study.errors import over_time, unaugmented
-from bench.systems.time_sync.study.paper import (
+from bench.systems.time_sync.study.results import Results
+from bench.systems.time_sync.study.study import (
+    AUGMENTED,
+    BASE,
+    LOOSE,
+    TIGHT,
+    UNAUGMENTED,
     ACCELERATION_m_s2,
     MANOEUVRE_s,
     POSITION_m,
     RATE_deg_s,
+    RECOVERED_ms,
     SPEED_m_s,
     VELOCITY_m_s,
     YAW_deg,
 )
-from bench.systems.time_sync.study.results import Results
-from bench.systems.time_sync.study.study import AUGMENTED, BASE, LOOSE, TIGHT, UNAUGMENTED, RECOVERED_ms
 
 Row = Mapping[str, Any]
 _DASH = "–"

@@ -24,9 +24,9 @@ from bench.record import RecordError
 from bench.run.context import RunContext
 from bench.run.control.channel import MOST_REFUSED, Control, control
 from bench.run.control.following import Following
-from bench.run.control.place import LONGEST_PATH, POINTER, SOCKET, find_socket, socket_path
+from bench.run.control.place import LONGEST_PATH, find_socket, socket_path
 from bench.run.control.server import IDLE_S, LONGEST_LINE, MOST_CLIENTS, ControlServer
-from bench.run.feed import RunState
+from bench.run.feed.state import RunState
 
 WAIT_S = 20.0
 
@@ -142,7 +142,7 @@ def test_a_run_that_ends_is_not_paused(tmp_path: Path) -> None:
 
 def test_the_commands_reach_the_run_and_say_who_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with served(tmp_path) as (rig, context):
-        path = tmp_path / SOCKET
+        path = tmp_path / "control.sock"
         assert stat.S_IMODE(path.stat().st_mode) == 0o600
         assert command.pause(tmp_path, "door") == ExitStatus.PASS
         (reason,) = context.stop.holds.reasons.values()
@@ -162,7 +162,7 @@ def test_the_commands_reach_the_run_and_say_who_asked(tmp_path: Path, capsys: py
 
 def test_a_dead_run_says_so(tmp_path: Path) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as left_behind:
-        left_behind.bind(str(tmp_path / SOCKET))
+        left_behind.bind(str(tmp_path / "control.sock"))
     for folder in (tmp_path, tmp_path / "nowhere"):
         for ask in (command.pause, command.abort):
             with pytest.raises(InputError) as caught:
@@ -175,7 +175,7 @@ def test_a_dead_run_says_so(tmp_path: Path) -> None:
 def test_a_run_that_does_not_answer_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(command, "ANSWER_S", 0.2)
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as mute:
-        mute.bind(str(tmp_path / SOCKET))
+        mute.bind(str(tmp_path / "control.sock"))
         mute.listen(1)
         with pytest.raises(InputError) as caught:
             command.pause(tmp_path, "x")
@@ -187,14 +187,14 @@ def test_a_long_path_gets_a_short_socket(tmp_path: Path, monkeypatch: pytest.Mon
     folder = tmp_path / ("x" * 120)
     folder.mkdir()
     with served(folder):
-        assert find_socket(folder) == Path((folder / POINTER).read_text())
+        assert find_socket(folder) == Path((folder / "control.path").read_text())
         assert len(os.fsencode(find_socket(folder))) <= LONGEST_PATH
-        assert not (folder / SOCKET).exists()
+        assert not (folder / "control.sock").exists()
         assert command.pause(folder, "door") == ExitStatus.PASS
-    assert not (folder / POINTER).exists()
+    assert not (folder / "control.path").exists()
     parent = find_socket(folder).parent
     assert parent == folder
-    exact = tmp_path / ("y" * (LONGEST_PATH - len(os.fsencode(tmp_path.resolve())) - len(SOCKET) - 2))
+    exact = tmp_path / ("y" * (LONGEST_PATH - len(os.fsencode(tmp_path.resolve())) - len("control.sock") - 2))
     exact.mkdir()
     assert len(os.fsencode(socket_path(exact))) == LONGEST_PATH
     with served(exact):
@@ -214,13 +214,13 @@ def test_a_hundred_clients_with_garbage_do_nothing(tmp_path: Path) -> None:
         clients = []
         for number in range(100):
             client = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-            client.connect(str(tmp_path / SOCKET))
+            client.connect(str(tmp_path / "control.sock"))
             client.settimeout(WAIT_S)
             with suppress(OSError):  # it may be dropped already
                 client.sendall(kinds[number % len(kinds)]())
             clients.append(client)
             if number % 20 == 19:
-                (reply,) = talk(tmp_path / SOCKET, b'{"command": "status"}\n')
+                (reply,) = talk(tmp_path / "control.sock", b'{"command": "status"}\n')
                 assert reply["ok"]
         assert threading.active_count() <= before + 4  # acquisition and control; none per client
         assert context.stop.holds.reasons == {}
@@ -248,11 +248,11 @@ def test_the_longest_reason_fits_in_any_script_and_a_longer_one_is_told(
 
 def test_lines_may_come_in_pieces_and_together(tmp_path: Path) -> None:
     with served(tmp_path) as (_, context):
-        replies = talk(tmp_path / SOCKET, b'{"command": "pause", "reason": "a"}\n', b'{"command": "resume"}\n')
+        replies = talk(tmp_path / "control.sock", b'{"command": "pause", "reason": "a"}\n', b'{"command": "resume"}\n')
         assert [reply["ok"] for reply in replies] == [True, True]
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
             client.settimeout(WAIT_S)
-            client.connect(str(tmp_path / SOCKET))
+            client.connect(str(tmp_path / "control.sock"))
             for byte in b'{"command": "pause", "reason": "slow"}\n':
                 client.sendall(bytes([byte]))
             assert json.loads(client.recv(LONGEST_LINE))["ok"]

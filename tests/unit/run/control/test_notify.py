@@ -20,8 +20,7 @@ from bench.model.errors import InputErrors
 from bench.plan.notify_language import Mail, Notify, Webhook
 from bench.run.context import RunContext
 from bench.run.control.following import Following
-from bench.run.control.notify import LONGEST_QUEUE, Notifier, notifications, occasion
-from bench.run.control.notify_file import user_notify
+from bench.run.control.notify import LONGEST_QUEUE, Notifier, notifications, occasion, user_notify
 from bench.run.control.notify_ways import NotSent, by_command, by_mail, by_webhook
 
 MESSAGE = {"kind": "hold", "session": "a", "utc": "2000-01-01T00:00:00Z"}

@@ -24,8 +24,8 @@ from bench.model.errors import ExitStatus
 from bench.run.control.following import Following
 from bench.run.control.place import LIVE, LONGEST_PATH, socket_path
 from bench.run.control.server import ControlServer
-from bench.run.feed import FeedClient, FeedGone
 from bench.run.feed import server as served_by
+from bench.run.feed.client import FeedClient, FeedGone
 from bench.run.feed.live import live_feed
 from bench.run.feed.points import PointBatch
 from bench.run.feed.server import LONGEST_LINE, MOST_CLIENTS, FeedServer

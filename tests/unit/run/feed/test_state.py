@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 from feed_plan import MANIFEST, START_S, small_plan
 
-from bench.run.feed import RunState
 from bench.run.feed.eta import MARGIN_S, SHARE, Remaining, end_of_run
 from bench.run.feed.planned import PlannedRun
+from bench.run.feed.state import RunState
 
 KEYS = {
     "proto", "run", "boot_id", "title", "sequence", "station", "uut", "simulated", "clock", "source", "state",

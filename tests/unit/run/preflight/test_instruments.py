@@ -12,7 +12,8 @@ from preflight_bench import Instrument, Machine, calls, clock_at_noon, context, 
 
 from bench.model.clock import NS, VirtualClock
 from bench.model.ports import Identity
-from bench.run.preflight import Finding, PreflightContext, Status
+from bench.run.preflight import Finding, Status
+from bench.run.preflight.context import PreflightContext
 from bench.run.preflight.of_instruments import (
     generators,
     identities,
@@ -21,8 +22,8 @@ from bench.run.preflight.of_instruments import (
     self_calibration,
     standards,
     warm_up,
+    wiring,
 )
-from bench.run.preflight.of_plan import wiring
 
 DAY_NS = 86_400 * NS
 

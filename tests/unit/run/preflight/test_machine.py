@@ -25,8 +25,8 @@ from bench.plan.served import served_station
 from bench.plan.summary import summarise
 from bench.run.bench.drill import RESULT
 from bench.run.bench.opener import open_port
-from bench.run.preflight import Host, Status
-from bench.run.preflight.host import KernelClock
+from bench.run.preflight import Status
+from bench.run.preflight.host import Host, KernelClock
 from bench.run.preflight.of_bench import drill, guard
 from bench.run.preflight.of_disk import space, try_disk, write_speed
 from bench.run.preflight.of_links import latency_timers, line_settings, quiet

@@ -17,9 +17,10 @@ from bench.model.errors import ExitStatus, InputError, InstrumentError
 from bench.report.tables import analysis_tables
 from bench.run.bench.opener import OpenBench, open_bench
 from bench.run.guard.lock import BenchLock, bus_keys
-from bench.run.preflight import Check, Finding, Preflight, Report, Status, live, report_table, survey
+from bench.run.preflight import Finding, Preflight, Report, Status, live, report_table
 from bench.run.preflight.inhibit import stay_awake
 from bench.run.preflight.live import examine
+from bench.run.preflight.survey import Check, survey
 
 OK = Finding("one", Status.OK, "1", "2", "fine")
 WARN = Finding("two", Status.WARN, "", "", "not so fine")

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import pyvisa
 import serial
+from fault_schedule import DRAWS, TimedFault, random_schedule, schedule
 from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
 from sim_bench import DRIVERS, Bench, open_bench, station
@@ -18,7 +19,6 @@ from bench.model.clock import VirtualClock
 from bench.model.errors import InputError
 from bench.model.shipped import find_shipped
 from sim_instruments.faults.named import FAULTS, listing
-from sim_instruments.faults.schedule import DRAWS, TimedFault, random_schedule, schedule
 from sim_instruments.worlds.simulation import open_world
 
 NS = 1_000_000_000

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from calibrator_trip import trip_calibrator
 from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
 from sim_bench import open_bench
@@ -117,7 +118,7 @@ def test_calibrator_trips_at_the_given_time() -> None:
     with open_bench() as bench:
         bench.send("switch", ":CLOS (@1!1!1)")
         bench.send("calibrator", "OUT 1.0E-03 A, 0 HZ", "OPER")
-        bench.world.trip_calibrator_at(100 * NS)
+        trip_calibrator(bench.world, 100 * NS)
         bench.clock.sleep_until_ns(99 * NS)
         assert bench.ask("calibrator", "ISR?") == "4097"
         bench.clock.sleep_until_ns(101 * NS)
@@ -128,7 +129,7 @@ def test_calibrator_trips_at_the_given_time() -> None:
 def test_coming_trip_bounds_the_quiet_time() -> None:
     with open_bench() as bench:
         seen = []
-        bench.world.trip_calibrator_at(100 * NS)
+        trip_calibrator(bench.world, 100 * NS)
         bench.clock.every(40.0, lambda: seen.append(bench.clock.quiet_until_ns()))
         bench.clock.sleep_until_ns(150 * NS)
         assert seen == [100 * NS, 100 * NS, 150 * NS]

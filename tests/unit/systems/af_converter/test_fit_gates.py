@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from pulse_simulation import K0_C, WHITE_A_rtHz
+from whitened_covariance import covariance_of
 
 from bench.model.errors import FitError
 from bench.systems.af_converter.estimators.gates import series_covariance
@@ -45,7 +46,7 @@ def test_whitening_is_that_of_the_dense_cholesky_factor(m, white, walk) -> None:
     names, times, gate, quantum, linked = series(m, m)
     expected = dense(times, gate, quantum, white, walk, linked, names == "omega")
     whitener = series_covariance(names, times, gate, quantum, white, walk, linked)
-    np.testing.assert_allclose(whitener.dense(), expected, rtol=1e-10, atol=1e-12 * expected.max())
+    np.testing.assert_allclose(covariance_of(whitener), expected, rtol=1e-10, atol=1e-12 * expected.max())
     x = np.random.default_rng(m).standard_normal((m, 4))
     by_hand = np.linalg.solve(np.linalg.cholesky(expected), x)
     scale = np.abs(by_hand).max()
@@ -98,14 +99,14 @@ def test_contiguous_gates_telescope(record_property: Callable[[str, object], Non
     lag_1 = np.mean(error[:, 1:] * error[:, :-1]) / np.mean(error**2)
     hour = float(np.std(error.mean(axis=1)))
     whitener = series_covariance("gated", (np.arange(windows) + 0.5) * GATE_s, GATE_s, K0_C, WHITE_A_rtHz, 0.0)
-    stated = float(np.sqrt(whitener.dense().mean()))
-    white_A = float(np.sqrt(np.trace(whitener.dense())) / windows)
+    stated = float(np.sqrt(covariance_of(whitener).mean()))
+    white_A = float(np.sqrt(np.trace(covariance_of(whitener))) / windows)
     print(f"lag-1 {lag_1:.3f}; mean of an hour: sd {hour * 1e9:.3f} nA, stated {stated * 1e9:.3f}, "
           f"as if white {white_A * 1e9:.3f}")  # fmt: skip
     record_property(
         "obtained", f"scatter {hour * 1e9:.3f} nA, stated {stated * 1e9:.3f}, as white noise {white_A * 1e9:.3f}"
     )
-    assert np.std(error) == pytest.approx(np.sqrt(whitener.dense()[0, 0]), rel=0.05)
+    assert np.std(error) == pytest.approx(np.sqrt(covariance_of(whitener)[0, 0]), rel=0.05)
     assert lag_1 == pytest.approx(-0.5, abs=0.05)
     assert hour == pytest.approx(stated, rel=0.1)  # 400 trials: 3.5 %
     assert white_A > 4 * hour
@@ -153,7 +154,7 @@ def test_a_reciprocal_series_shares_its_pulses() -> None:
     lag_1 = np.mean(error[:, 1:] * error[:, :-1]) / np.mean(error**2)
     whitener = series_covariance("reciprocal", np.arange(windows) * GATE_s, GATE_s, current * frame_s, 0.0, 0.0)
     print(f"reciprocal: sd {np.std(error) * 1e9:.3f} nA, lag-1 {lag_1:.3f}")
-    assert np.std(error) == pytest.approx(np.sqrt(whitener.dense()[0, 0]), rel=0.05)
+    assert np.std(error) == pytest.approx(np.sqrt(covariance_of(whitener)[0, 0]), rel=0.05)
     assert lag_1 == pytest.approx(-0.5, abs=0.05)
 
 

@@ -10,6 +10,7 @@ import pytest
 from bias_coverage import WIDTH_AT, fit_ramp, scores, truths
 from bias_simulation import K0_C, Ramp, covariance, draw, flow, heat, ramp, slack
 from scipy.optimize import least_squares
+from whitened_covariance import covariance_of
 
 from bench.systems.af_converter.estimators.gates import series_covariance
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG, HysteresisFit, fit_hysteresis
@@ -28,7 +29,7 @@ def test_covariance_of_the_gates_is_that_of_the_physics(kind: str) -> None:
     times_s = np.arange(900) * 100.0 + 50.0
     noise = series_covariance("gated", times_s, 100.0, K0_C[kind], 2e-9, 3e-10)
     dense = covariance(kind)
-    assert np.abs(noise.dense() - dense).max() < 1e-10 * dense.max()
+    assert np.abs(covariance_of(noise) - dense).max() < 1e-10 * dense.max()
 
 
 @pytest.mark.validates(

@@ -20,7 +20,7 @@ from pulse_simulation import (
     white,
 )
 
-from bench.systems.af_converter.estimators.record_rate.omega import slope
+from bench.systems.af_converter.estimators.record_rate.estimate import slope
 from bench.systems.af_converter.estimators.record_rate.pulses import PulseConverters, PulseRecords, stack_records
 from bench.systems.af_converter.estimators.record_rate.rate import GATED, OMEGA, RECIPROCAL, RecordRates, record_rates
 

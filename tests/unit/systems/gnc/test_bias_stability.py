@@ -7,12 +7,13 @@ from collections.abc import Callable
 import allantools
 import numpy as np
 import pytest
+from expected_stability import expected_stability
 from scipy import signal
 
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.bias_mean import BiasMean, flip_bias, mean_bias
 from bench.systems.gnc.estimators.bias_repeatability import bias_repeatability
-from bench.systems.gnc.estimators.bias_stability import averages_of, bias_stability, expected_stability, on_the_counter
+from bench.systems.gnc.estimators.bias_stability import averages_of, bias_stability, on_the_counter
 from bench.systems.gnc.estimators.mean_noise import mean_noise
 
 RATE_Hz, HOUR_s = 200.0, 3600.0

@@ -17,7 +17,6 @@ from bench.analysis.results import build_results, results_json
 from bench.commands.coefficients import merged_documents, write_coefficients
 from bench.model.errors import InputError
 from bench.systems.gnc.coefficients import (
-    SCHEMA_FILE,
     imu_coefficients_of,
     imu_coefficients_schema,
     magnetometer_section,
@@ -66,7 +65,9 @@ def both(calibration: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_document_is_valid_by_the_shipped_schema(both: dict[str, Any]) -> None:
-    schema = json.loads((Path(__file__).parents[4] / "bench" / "campaigns" / SCHEMA_FILE).read_text(encoding="utf-8"))
+    schema = json.loads(
+        (Path(__file__).parents[4] / "bench" / "campaigns" / "imu_coefficients.schema.json").read_text(encoding="utf-8")
+    )
     assert schema == imu_coefficients_schema()
     jsonschema.Draft202012Validator.check_schema(schema)
     jsonschema.validate(json.loads(results_json(both)), schema)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from laser_edges import simulated_edges
 from rlg_rig import SITE, laser, material, row_of, without
 
 from bench.analysis.results import build_results
@@ -30,7 +31,7 @@ LIMIT = {"alignment_time": {"value": 60.0, "unit": "s"}}
 @pytest.fixture(scope="module")
 def edges() -> dict[float, Any]:
     rng = np.random.default_rng(SEED)
-    return {path_m: laser(path_m).simulate(SECONDS, rng) for path_m in (0.15, 0.28)}
+    return {path_m: simulated_edges(laser(path_m), SECONDS, rng) for path_m in (0.15, 0.28)}
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +76,9 @@ def test_constants_of_the_lock_in_are_those_of_the_laser(whole: Any) -> None:
 def test_uncertainty_of_large_lock_in_counts_what_the_fit_neglects() -> None:
     """Jumps of 0.14 rad: the lock-in rate is off by 0.2 %, ten times what the scatter of the turnarounds says."""
     strong = laser(0.15, lock_in_deg_s=0.35)
-    analysis = analyse(material(row_of(strong.simulate(1.6, np.random.default_rng(7)), FAST_HZ, path_length_m=0.15)))
+    analysis = analyse(
+        material(row_of(simulated_edges(strong, 1.6, np.random.default_rng(7)), FAST_HZ, path_length_m=0.15))
+    )
     rate = of(analysis, "lock_in_rate")
     assert abs(rate["value"] - 0.35) < 2.5 * rate["std_uncertainty"]
     assert rate["std_uncertainty"] < 0.005 * 0.35
@@ -162,7 +165,7 @@ def test_gaps_are_not_bridged(rows: list[Any]) -> None:
 
 def test_harm_is_said_aloud() -> None:
     """Backscatter phase 20 deg: parabolas make it worse, and the first note and the lead table say so."""
-    edges = laser(0.28, 20.0).simulate(SECONDS, np.random.default_rng(SEED + 1))
+    edges = simulated_edges(laser(0.28, 20.0), SECONDS, np.random.default_rng(SEED + 1))
     analysis = analyse(material(row_of(edges, SLOW_HZ, path_length_m=0.28)))
     assert of(analysis, "random_walk_ratio", method="parabolas")["value"] > 1.3
     assert "parabolas, 4 a side makes the gyroscope WORSE" in analysis.notes[0]
@@ -172,14 +175,14 @@ def test_harm_is_said_aloud() -> None:
 
 
 def test_a_second_backscatter_is_seen_in_what_the_fit_leaves() -> None:
-    edges = laser(0.28, second_harmonic=0.2).simulate(1.6, np.random.default_rng(SEED + 2))
+    edges = simulated_edges(laser(0.28, second_harmonic=0.2), 1.6, np.random.default_rng(SEED + 2))
     analysis = analyse(material(row_of(edges, FAST_HZ, path_length_m=0.28)))
     assert float(analysis.tables[2]["rows"][0][-1]) > 5.0
     assert any("not of one constant size and phase" in one for one in analysis.notes)
 
 
 def test_a_dither_that_hardly_scatters_is_told(whole: Any) -> None:
-    edges = laser(0.28, dither_noise=0.0).simulate(1.2, np.random.default_rng(SEED + 3))
+    edges = simulated_edges(laser(0.28, dither_noise=0.0), 1.2, np.random.default_rng(SEED + 3))
     analysis = analyse(material(row_of(edges, SLOW_HZ, path_length_m=0.28)))
     assert any("dynamic lock-in" in one for one in analysis.notes)
     assert not any("dynamic lock-in" in one for one in whole.notes)
@@ -187,7 +190,7 @@ def test_a_dither_that_hardly_scatters_is_told(whole: Any) -> None:
 
 def test_turnarounds_that_cannot_be_compensated_are_told(whole: Any) -> None:
     """A dither of 10 deg/s has 16 crossings a side in one turnaround of thirteen."""
-    edges = laser(0.28, dither_deg_s=10.0).simulate(2.4, np.random.default_rng(SEED + 4))
+    edges = simulated_edges(laser(0.28, dither_deg_s=10.0), 2.4, np.random.default_rng(SEED + 4))
     analysis = analyse(material(row_of(edges, FAST_HZ, path_length_m=0.28)))
     assert any("turnarounds could be compensated" in one for one in analysis.notes)
     assert not any("turnarounds could be compensated" in one for one in whole.notes)

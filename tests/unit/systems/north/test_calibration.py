@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy import optimize
+from single_north import single_north
 
 from bench.model.errors import FitError
 from bench.systems.north.estimators.calibration import IndexCalibration, calibrate_index
 from bench.systems.north.estimators.eight_samples import eight_sample_north
 from bench.systems.north.estimators.phasors import wrapped_deg
-from bench.systems.north.estimators.quadrant import quadrant_north, single_north
+from bench.systems.north.estimators.quadrant import quadrant_north
 
 PHI_deg = 33.0
 TRUE = (1.6, 1.5, 0.3, 0.7, -2.0, -0.2)  # f1, f2 deg, f3, f4, f5 deg, f6

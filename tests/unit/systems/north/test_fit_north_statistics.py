@@ -7,14 +7,14 @@ from collections.abc import Callable
 import north_simulation as sim
 import numpy as np
 import pytest
+from fog_signal import FogParameters, eight_records, eight_samples, in_parts
+from north_repeats import average_north
 
 from bench.systems.north.estimators.bound import SQUARE_PENALTY, north_bound_deg
 from bench.systems.north.estimators.calibration import calibrate_index
 from bench.systems.north.estimators.eight_samples import eight_sample_north
 from bench.systems.north.estimators.likelihood import likelihood_north
 from bench.systems.north.estimators.phasors import wrapped_deg
-from bench.systems.north.estimators.repeats import average_north
-from sim_instruments.worlds.north.signal import FogParameters, eight_records, eight_samples, in_parts
 
 QUICK_Hz = 200
 QUICK_V = sim.SIGMA_V * (QUICK_Hz / 1000.0) ** 0.5  # the noise per root hertz of 1 kHz

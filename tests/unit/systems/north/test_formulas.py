@@ -7,13 +7,14 @@ from collections.abc import Callable
 import north_simulation as sim
 import numpy as np
 import pytest
+from single_north import single_north
 
 from bench.model.errors import FitError
 from bench.systems.north.estimators.calibration import calibrate_index
 from bench.systems.north.estimators.eight_samples import eight_sample_north
 from bench.systems.north.estimators.literal import literal_north
 from bench.systems.north.estimators.phasors import North, heading_deg, oriented, phase_deg, wrapped_deg
-from bench.systems.north.estimators.quadrant import quadrant_north, single_north
+from bench.systems.north.estimators.quadrant import quadrant_north
 
 EVERY = np.concatenate((np.arange(-179.5, 180.0, 0.5), [0.0, 90.0, 180.0, -90.0]))
 STEPS = np.arange(4) * 90.0

@@ -6,11 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from north_repeats import average_north
+from single_north import single_north
 
 from bench.systems.north.estimators.literal import literal_north
 from bench.systems.north.estimators.phasors import North, wrapped_deg
-from bench.systems.north.estimators.quadrant import quadrant_north, single_north
-from bench.systems.north.estimators.repeats import average_north
+from bench.systems.north.estimators.quadrant import quadrant_north
 
 STEPS_deg = np.arange(4) * 90.0
 

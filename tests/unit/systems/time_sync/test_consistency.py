@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from chi_square import chi_square_interval, nees
 from numpy.typing import NDArray
 from scipy import stats
-from sync_flights import LEVEL_UNTIL_S, LaneOffsets, flight, level_matrices
+from sync_flights import BASE, LEVEL_UNTIL_S, LaneOffsets, flight, level_matrices
 
 from bench.systems.time_sync.estimators.kalman import filter as sync_filter
-from bench.systems.time_sync.estimators.kalman.consistency import (
-    chi_square_interval,
-    nees,
-    nees_of_offset,
-    nis_summary,
-    state_errors,
-)
+from bench.systems.time_sync.estimators.kalman.consistency import nees_of_offset, nis_summary, state_errors
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
 from bench.systems.time_sync.estimators.kalman.innovation import NIS_BOUNDS, NIS_DOF
 from bench.systems.time_sync.estimators.kalman.observability import observability
-from bench.systems.time_sync.estimators.kalman.setup import BASE, FilterRun, FilterSetup, ImuSamples
+from bench.systems.time_sync.estimators.kalman.setup import FilterRun, FilterSetup, ImuSamples
 from sim_instruments.worlds.time_sync.flight_imu import imu_runs
 from sim_instruments.worlds.time_sync.flight_path import FlightPath
 

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from sync_flights import END_S, LEVEL_UNTIL_S, TURN_UNTIL_S, Flight, flight, setup
+from sync_flights import BASE, END_S, LEVEL_UNTIL_S, TURN_UNTIL_S, Flight, flight, setup
 
 from bench.systems.time_sync.estimators.kalman import filter as sync_filter
 from bench.systems.time_sync.estimators.kalman import innovation as sync_innovation
 from bench.systems.time_sync.estimators.kalman.consistency import nis_summary
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
-from bench.systems.time_sync.estimators.kalman.setup import BASE, LOOSE, TIGHT, FilterRun, FilterSetup
+from bench.systems.time_sync.estimators.kalman.setup import LOOSE, TIGHT, FilterRun, FilterSetup
 from sim_instruments.worlds.time_sync.flight_runs import EgiRuns
 
 Array = NDArray[np.float64]

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from sync_flights import END_S, Flight, flight, setup
+from sync_flights import BASE, END_S, Flight, flight, setup
 
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.kalman import innovation as sync_innovation
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
-from bench.systems.time_sync.estimators.kalman.setup import BASE, LOOSE, TIGHT, FilterRun, ImuSamples
+from bench.systems.time_sync.estimators.kalman.setup import LOOSE, TIGHT, FilterRun, ImuSamples
 from bench.systems.time_sync.estimators.kalman.stream import filled_noise
 from sim_instruments.worlds.time_sync.flight_imu import imu_runs
 from sim_instruments.worlds.time_sync.flight_path import FlightPath

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bench.systems.time_sync.estimators.sar.figures import FLOOR_dB, levels_dB
+from bench.systems.time_sync.estimators.sar.image import FLOOR_dB, levels_dB
 
 
 def test_levels_are_decibels_against_a_reference_down_to_a_floor() -> None:

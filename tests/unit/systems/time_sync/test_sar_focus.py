@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from focusing import focus
 from sar_rig import ALONG, EDGE, RADAR, SIGHT, MIDDLE_m, TRACK_m, by_sums, pulses
 
-from bench.systems.time_sync.estimators.sar.focus import focus, focus_sums
+from bench.systems.time_sync.estimators.sar.focus import focus_sums
 from bench.systems.time_sync.estimators.sar.pulses import Pulses, at_places, finer, sums_of
 
 AZIMUTH_m = np.linspace(-3.0, 3.0, 61)

@@ -1,6 +1,6 @@
 """Current of each record by the best of three estimators, whose name goes with the value.
 
-Source: AF-converter paper equation (1) (gated count); estimators.record_rate.omega, estimators.record_rate.reciprocal.
+Source: AF-converter paper equation (1) (gated count); ``estimate`` for the other two.
 """
 
 from __future__ import annotations
@@ -10,13 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.systems.af_converter.estimators.record_rate.estimate import RateEstimate
-from bench.systems.af_converter.estimators.record_rate.gated import gated
-from bench.systems.af_converter.estimators.record_rate.omega import omega
+from bench.systems.af_converter.estimators.record_rate.estimate import RateEstimate, gated, omega, reciprocal
 from bench.systems.af_converter.estimators.record_rate.pulses import PulseConverters, PulseRecords
-from bench.systems.af_converter.estimators.record_rate.reciprocal import reciprocal
 
-Array = NDArray[np.float64]
 GATED, OMEGA, RECIPROCAL = "gated", "omega", "reciprocal"
 ESTIMATORS = {GATED: gated, OMEGA: omega, RECIPROCAL: reciprocal}
 
@@ -26,7 +22,7 @@ class RecordRates(RateEstimate):
     """Best estimate of each record and channel, (m, c); ``estimator`` names it ("gated", "omega", "reciprocal").
 
     ``joined``: the interval begins with the very cut that ended the one before, so that their quantisation errors
-    telescope. For one channel ``estimators.gates.series_covariance`` takes the columns ``estimator``, ``middle_s``,
+    telescope. For one channel ``bench.systems.af_converter.estimators.gates.series_covariance`` takes the columns ``estimator``, ``middle_s``,
     ``length_s``, ``quantum_C`` and ``joined``; times there are those of the records plus these.
     """
 

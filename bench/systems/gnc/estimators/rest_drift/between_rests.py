@@ -47,11 +47,6 @@ class BetweenRestsFit:
         """(3,) indicated unit per deg/s: 1 / K_ii."""
         return np.asarray(1.0 / self.matrix.diagonal())
 
-    @property
-    def residual_rms_deg(self) -> float:
-        """Root mean square angle between gravity carried on and measured, degrees."""
-        return float(np.degrees(np.sqrt(np.mean(np.sum(self.residual**2, axis=1)))))
-
 
 def fit_between_rests(
     step_s: Array, gyro: Array, rests: StaticIntervals, force: Array, counts_per_deg_s: float

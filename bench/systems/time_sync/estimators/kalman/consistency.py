@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from bench.systems.time_sync.estimators.kalman.history import rotation_between
 from bench.systems.time_sync.estimators.kalman.setup import OFFSET, FilterRun
@@ -64,17 +63,6 @@ def state_errors(
     return np.concatenate(parts, axis=-1)
 
 
-def nees(errors: Array, covariance: Array) -> Array:
-    """Normalised error squared of the states given.
-
-    Args:    errors: (..., R, n).   covariance: (..., n, n), positive; take the offset out where it is not a state.
-    Returns: (..., R), with n degrees of freedom each.
-    Source:  see the head of this file.
-    """
-    solved = np.linalg.solve(covariance, np.swapaxes(errors, -1, -2))
-    return np.asarray(np.sum(errors * np.swapaxes(solved, -1, -2), axis=-1))
-
-
 def nees_of_offset(errors_s: Array, covariance: Array) -> Array:
     """The same of the offset alone: ``errors_s`` (..., R), ``covariance`` (..., 16, 16); one degree of freedom each.
 
@@ -82,13 +70,3 @@ def nees_of_offset(errors_s: Array, covariance: Array) -> Array:
     """
     variance = covariance[..., OFFSET, OFFSET][..., None]
     return np.asarray(errors_s**2 / np.where(variance > 0.0, variance, np.nan))
-
-
-def chi_square_interval(dof: float, runs: int, probability: float = 0.95) -> tuple[float, float]:
-    """Interval of the mean over ``runs`` independent runs of a chi-square with ``dof`` degrees of freedom, two-sided.
-
-    Source: quantiles by the inverse of the incomplete gamma function, chi-square(k) = 2 gamma(k / 2).
-    """
-    half = 0.5 * dof * runs
-    low, high = special.gammaincinv(half, [0.5 - 0.5 * probability, 0.5 + 0.5 * probability])
-    return 2.0 * float(low) / runs, 2.0 * float(high) / runs

@@ -84,7 +84,6 @@ class ImuDensities:
 
 
 TIGHT = (1.0, 0.05, 0.01)  # measurement noise: position m, velocity m/s, attitude deg
-BASE = (1.0, 0.2, 0.01)
 LOOSE = (10.0, 2.0, 0.05)
 
 

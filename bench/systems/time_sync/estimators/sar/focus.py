@@ -10,31 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.systems.time_sync.estimators.sar.pulses import Array, Complex, Pulses, Sums, at_places, sums_of, turns
+from bench.systems.time_sync.estimators.sar.pulses import Array, Sums, at_places, turns
 
 Complex128 = NDArray[np.complex128]
 
 _ELEMENTS_AT_ONCE = 1 << 15  # pulses times pixels that stay in the processor's cache
-
-
-def focus(
-    gates: Complex,
-    near_range_m: float | Array,
-    spacing_m: float,
-    wavelength_m: float,
-    positions_m: Array,
-    pixels_m: Array,
-) -> Complex128:
-    """Image of points, each of all pulses one by one: the mean over the pulses, so that a target keeps its amplitude.
-
-    Args:    gates: (n, g).   near_range_m: slant range of the first gate, one for all or (n,).   spacing_m: of gates.
-             wavelength_m: of the carrier.   positions_m: (n, 3) antenna at the pulses as navigation knows it.
-             pixels_m: (q, 3).
-    Returns: (q,), unit of the gates.
-    Source:  Carrara, Goodman, Majewski, Spotlight Synthetic Aperture Radar (1995), appendix on backprojection.
-    """
-    pulses = Pulses(gates, near_range_m, spacing_m, wavelength_m)
-    return focus_sums(sums_of(pulses, positions_m, np.mean(pixels_m, axis=0), 0.0), pixels_m)
 
 
 def focus_sums(sums: Sums, pixels_m: Array) -> Complex128:
@@ -42,7 +22,7 @@ def focus_sums(sums: Sums, pixels_m: Array) -> Complex128:
 
     Args:    sums: of the pulses.   pixels_m: (q, 3).
     Returns: (q,), unit of the gates.
-    Source:  as `focus`.
+    Source:  Carrara, Goodman, Majewski, Spotlight Synthetic Aperture Radar (1995), appendix on backprojection.
     """
     offset = np.asarray(pixels_m, np.float64) - sums.reference_m
     offset_2 = np.einsum("ij,ij->i", offset, offset)

@@ -15,6 +15,7 @@ from bench.systems.time_sync.estimators.sar.focus import Complex128, focus_sums
 from bench.systems.time_sync.estimators.sar.pulses import Array, Pulses, Sums, sums_of
 
 BLOCK_PHASE_rad = 0.07  # over a block of pulses at the edge of a cut or chip: costs 0.002 dB there
+FLOOR_dB = -80.0
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def chip_of(sums: Sums, axes: Axes, azimuth_m: Array, range_m: Array) -> Chip:
 
     Args:    sums: of pulses, about a point in the grid.   axes.   azimuth_m: (a,).   range_m: (r,).
     Returns: Chip.
-    Source:  as `bench.systems.time_sync.estimators.sar.focus.focus`.
+    Source:  as `bench.systems.time_sync.estimators.sar.focus.focus_sums`.
     """
     along, out = np.meshgrid(azimuth_m, range_m, indexing="ij")
     value = focus_sums(sums, axes.points(along.ravel(), out.ravel()))
@@ -111,7 +112,7 @@ def image_chip(
              chip.   cells: step of the grid in resolution cells.
     Returns: Chip; offsets count from the target.
     Raises:  FitError B-FIT-120 if pulses and positions do not belong together or the antenna does not move.
-    Source:  as `bench.systems.time_sync.estimators.sar.focus.focus`.
+    Source:  as `bench.systems.time_sync.estimators.sar.focus.focus_sums`.
     """
     axes = image_axes(pulses, positions_m, target_m)
     block_m = axes.block_m(half_azimuth_m, 4 * BLOCK_PHASE_rad)
@@ -136,3 +137,14 @@ def _check(pulses: Pulses, positions_m: Array) -> None:
         + (" that never change" if finite else ", some of which are not numbers"),
         next_step="give one position (north, east, down) of the moving antenna for each pulse",
     )
+
+
+def levels_dB(value: Complex128 | Array, reference: float, floor_dB: float = FLOOR_dB) -> Array:
+    """Levels of a cut or a piece of an image: the paper's figures 8, 9, 12 and 13.
+
+    Args:    value: of any shape, complex or its magnitude.   reference: magnitude that is 0 dB, > 0.   floor_dB: what
+             is lower is drawn there.
+    Returns: decibels, of the shape of ``value``.
+    Source:  20 log10 of the magnitude.
+    """
+    return np.asarray(20.0 * np.log10(np.maximum(np.abs(value) / reference, 10.0 ** (floor_dB / 20.0))))

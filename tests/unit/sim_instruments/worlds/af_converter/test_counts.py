@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from ngu_counts import count_windows
 
 from bench.model.clock import NS
 from sim_instruments.worlds.af_converter.block import BlockFactory
 from sim_instruments.worlds.af_converter.constants import KINDS
-from sim_instruments.worlds.af_converter.counts import count_windows
 from sim_instruments.worlds.af_converter.gates import Drive, GateMachine
 from sim_instruments.worlds.af_converter.unit_constants import NguTruth
 

@@ -27,10 +27,9 @@ def test_equation_1_holds_for_counts_of_100_s(clocks):
     for channel, current_A in enumerate(inputs_A, start=1):
         k0_C = KINDS[channel - 1].k0_C
         n, p = (frames.raw(name)[window, channel - 1].astype(np.int64).sum() for name in ("npp", "ppp"))
-        reading_A = (
-            k0_C * rates * ((1 + 1e-6 * unit.dsf_n(channel, 31.0)) * n - (1 + 1e-6 * unit.dsf_p(channel, 31.0)) * p)
-        )
-        truth_A = current_A - unit.bias(channel, 31.0, 0)
+        dsf_n, dsf_p = (1e-6 * of(channel, 31.0) for of in (unit.truth.dsf_n_ppm, unit.truth.dsf_p_ppm))
+        reading_A = k0_C * rates * ((1 + dsf_n) * n - (1 + dsf_p) * p)
+        truth_A = current_A - unit.truth.bias_A(channel, 31.0, 0.0)
         assert reading_A == pytest.approx(truth_A, abs=2 * k0_C / 100 + 5e-8 * abs(current_A)), channel
 
 
@@ -41,7 +40,9 @@ def test_open_inputs_read_the_negative_bias():
     for channel in range(1, 11):
         n, p = (frames.raw(name)[2000:12_000, channel - 1].astype(np.int64).sum() for name in ("npp", "ppp"))
         reading_A = KINDS[channel - 1].k0_C / 100 * (int(n) - int(p))
-        assert reading_A == pytest.approx(-unit.bias(channel, 31.0, 60 * NS), abs=1.1 * KINDS[channel - 1].k0_C / 100)
+        assert reading_A == pytest.approx(
+            -unit.truth.bias_A(channel, 31.0, 60.0), abs=1.1 * KINDS[channel - 1].k0_C / 100
+        )
 
 
 def test_master_clock_error_follows_from_the_function_generator_count():
@@ -50,7 +51,7 @@ def test_master_clock_error_follows_from_the_function_generator_count():
     clock.sleep(102)
     frames = gate_frames(unit.read("port_a", 10**9))
     counted = frames.raw("fg_count")[:10_000].astype(np.int64).sum()
-    assert (1e9 * (1 + 2e-6) / counted - 1) * 1e6 == pytest.approx(unit.master_clock_error(31.0), abs=0.002)
+    assert (1e9 * (1 + 2e-6) / counted - 1) * 1e6 == pytest.approx(unit.truth.master_error_ppm(31.0), abs=0.002)
     assert set(frames.raw("master_count").tolist()) == {100_000}
 
 

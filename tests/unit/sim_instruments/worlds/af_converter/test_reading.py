@@ -122,7 +122,9 @@ def test_a_trip_ends_the_pulses_at_its_time():
     npp = gate_frames(b"".join(received)).raw("npp")[:, 0].astype(np.int64)
     last = int(np.flatnonzero(npp > 10)[-1])
     assert last == int((33.333 - 1.0) * 100)
-    assert npp.sum() == pytest.approx(0.1 * (33.333 - 1.0) / (1.25e-6 * (1 + 1e-6 * unit.dsf_n(1, 31.0))), rel=1e-4)
+    assert npp.sum() == pytest.approx(
+        0.1 * (33.333 - 1.0) / (1.25e-6 * (1 + 1e-6 * unit.truth.dsf_n_ppm(1, 31.0))), rel=1e-4
+    )
 
 
 # --- faults of the link ----------------------------------------------------------------------------------------------

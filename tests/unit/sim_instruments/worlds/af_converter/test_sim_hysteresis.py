@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from ngu_counts import count_windows
 from sim_bench import station
 
 from bench.model.clock import NS, VirtualClock
@@ -11,7 +12,6 @@ from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
 from sim_instruments.worlds.af_converter.block import BlockFactory
 from sim_instruments.worlds.af_converter.constants import KINDS
-from sim_instruments.worlds.af_converter.counts import count_windows
 from sim_instruments.worlds.af_converter.gates import Drive, GateMachine
 from sim_instruments.worlds.af_converter.ngu import Ngu
 from sim_instruments.worlds.af_converter.truth import estimates

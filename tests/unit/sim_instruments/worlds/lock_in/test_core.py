@@ -6,6 +6,7 @@ from dataclasses import replace
 import allantools
 import numpy as np
 import pytest
+from laser_edges import simulated_edges
 from scipy.integrate import solve_ivp
 from scipy.special import j0
 
@@ -16,7 +17,7 @@ PATHS_M = (0.15, 0.28, 0.34)
 
 
 def simulated(laser, seconds, seed=1, psi_rad=0.0):
-    return laser.simulate(seconds, np.random.default_rng(seed), psi_rad)
+    return simulated_edges(laser, seconds, np.random.default_rng(seed), psi_rad)
 
 
 def beat(edges):

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from laser_edges import Edges, simulated_edges
 
-from sim_instruments.worlds.lock_in.core import BEAT, PICK_OFF, Edges, RingLaser
+from sim_instruments.worlds.lock_in.core import BEAT, PICK_OFF, RingLaser
 
 
 def simulated(laser, seconds, seed=1, psi_rad=0.0):
-    return laser.simulate(seconds, np.random.default_rng(seed), psi_rad)
+    return simulated_edges(laser, seconds, np.random.default_rng(seed), psi_rad)
 
 
 def counted(edges: Edges, start_rad: float) -> np.ndarray:

@@ -2,10 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.signal import periodogram
-from scipy.special import jv
-
-from sim_instruments.worlds.north.signal import (
+from fog_signal import (
     FogParameters,
     density_V_rtHz,
     earth_signal,
@@ -15,6 +12,8 @@ from sim_instruments.worlds.north.signal import (
     mid_samples_s,
     sample_sigma_V,
 )
+from scipy.signal import periodogram
+from scipy.special import jv
 
 FS_HZ, TAU_S = 1000.0, 5.0
 QUIET = {"random_walk_V": 0.0, "vibration_V": 0.0}

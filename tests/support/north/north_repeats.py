@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bench.model.errors import FitError
 from bench.systems.north.estimators.phasors import Array, Complex, angle_deg, half_width_deg
 
 FEWEST = 2
@@ -48,17 +47,13 @@ def average_north(phasors: ArrayLike) -> MeanNorth:
 
     Args:    phasors: of any method, (repeats, ...), at least two repeats; NaN makes its column NaN.
     Returns: MeanNorth; the scatter is of the components across the mean, so changes of amplitude do not enter.
-    Raises:  FitError B-FIT-113 for fewer than two repeats.
+    Raises:  ValueError for fewer than two repeats.
     Source:  see the head of this file.
     """
     each = np.asarray(phasors, np.complex128)
     repeats = len(each) if each.ndim else 1
     if repeats < FEWEST:
-        raise FitError(
-            "B-FIT-113",
-            f"{repeats} repeat of a north finding has no scatter (at least {FEWEST})",
-            next_step="take more repeats, or use the uncertainty of the single set",
-        )
+        raise ValueError(f"{repeats} repeat of a north finding has no scatter (at least {FEWEST})")
     mean = each.mean(0)
     length = np.abs(mean)
     with np.errstate(divide="ignore", invalid="ignore"):
