@@ -103,7 +103,7 @@ def resume(
 @app.command(epilog="Example: bench replay sessions/20000101T000000Z_scale_factor_38h_SIM-1")
 def replay(session: SessionFolder, json: AsJson = False) -> None:
     """Decode the raw bytes again through today's decoder and fits; says whether every number is identical."""
-    from bench.session import service as session_command
+    from bench.commands import session as session_command
 
     raise typer.Exit(session_command.replay(session, json))
 
@@ -118,7 +118,7 @@ def fit(
     json: AsJson = False,
 ) -> None:
     """Results of a session by a method of your choice; nothing is written."""
-    from bench.session import service as session_command
+    from bench.commands import session as session_command
 
     raise typer.Exit(session_command.fit(session, method, json, make_up or []))
 
@@ -137,7 +137,7 @@ def report(
         from bench.commands import verify as verify_command
 
         raise typer.Exit(verify_command.verify(session, json))
-    from bench.session import service as session_command
+    from bench.commands import session as session_command
 
     raise typer.Exit(session_command.report(session, pdf))
 

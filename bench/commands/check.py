@@ -11,10 +11,11 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from bench.commands.console import console, hours
+from bench.commands.console import console
 from bench.commands.loading import checked_plan
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import ExitStatus
+from bench.model.units import hours
 from bench.plan import Plan
 from bench.plan.summary import Summary, summarise
 from bench.session.output import writing

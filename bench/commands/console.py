@@ -37,9 +37,3 @@ def console(stderr: bool = False) -> Console:
     elif not stderr:
         found.width = max(found.width, PLAIN_COLUMNS)
     return found
-
-
-def hours(seconds: float) -> str:
-    """Seconds as ``H:MM:SS``."""
-    whole = round(seconds)
-    return f"{whole // 3600}:{whole % 3600 // 60:02d}:{whole % 60:02d}"

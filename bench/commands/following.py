@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.commands.console import hours
+from bench.model.units import hours
 from bench.run.feed.client import FeedClient, FeedGone
 
 Document = Mapping[str, Any]

@@ -11,7 +11,7 @@ from typing import Any
 
 from bench.analysis.registry import analysis_module
 from bench.commands.console import console
-from bench.commands.tables import print_results
+from bench.commands.tables import print_results, print_written
 from bench.model.clock import NS
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.yamlio import Document
@@ -85,7 +85,7 @@ def _results(folder: Path, out: Path) -> None:
     """Results and report from the session alone, as ``bench fit`` and ``bench report`` make them later."""
     finished = finish(folder, read_view(folder), chosen_url(None, out, os.environ))
     print_results(console(), finished.results, finished.analysis)
-    finished.tell(console(), console(stderr=True))
+    print_written(finished, console(), console(stderr=True))
 
 
 def _write(document: Document[LogMapping], file: Path, found: Survey, out: Path) -> Path:

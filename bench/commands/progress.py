@@ -11,9 +11,9 @@ from rich.console import Console, RenderableType
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-from bench.commands.console import hours
 from bench.commands.following import Follower, doing, ends, losses
 from bench.model.clock import NS, Clock, WallClock
+from bench.model.units import hours
 from bench.plan import Plan, Step
 from bench.record import RecordRow
 from bench.run.context import RunContext

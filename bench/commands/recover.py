@@ -6,8 +6,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from bench.commands.console import console, hours
+from bench.commands.console import console
 from bench.model.errors import BenchError, ExitStatus, InputError, InputErrors
+from bench.model.units import hours
 from bench.plan import Plan, check_plan, compile_sequence
 from bench.record import SessionReader
 from bench.record.recover import Survey, recover_session

@@ -14,7 +14,7 @@ from bench.commands.conducting import conduct_watched
 from bench.commands.console import console
 from bench.commands.control import release
 from bench.commands.run import verdict_status
-from bench.commands.tables import print_results
+from bench.commands.tables import print_results, print_without_results, print_written
 from bench.model.clock import Clock, VirtualClock, WallClock
 from bench.model.errors import BenchError, ExitStatus, FitError, InputError
 from bench.model.shipped import find_shipped
@@ -22,7 +22,7 @@ from bench.plan import Plan, compile_sequence
 from bench.run.frozen import changed_files
 from bench.run.resume import Stopped, read_stopped, resumption, same_plan
 from bench.run.session import Conducted
-from bench.session.finish import finish, without_results
+from bench.session.finish import finish
 from bench.session.happenings import happenings
 from bench.session.service import read_view
 from bench.store import check_history_url, chosen_url
@@ -107,12 +107,12 @@ def _results(folder: Path, url: str, as_json: bool) -> int:
     try:
         finished = finish(folder, view, url)
     except FitError as error:
-        return without_results(error, folder, out, console(stderr=True))
+        return print_without_results(error, folder, out, console(stderr=True))
     if as_json:
         sys.stdout.write(results_json(finished.results))
     else:
         print_results(out, finished.results, finished.analysis)
-    finished.tell(out, console(stderr=True))
+    print_written(finished, out, console(stderr=True))
     return verdict_status(finished.results, finished.analysis.missing)
 
 

@@ -16,12 +16,12 @@ from bench.analysis.results import results_json
 from bench.commands.conducting import conduct_watched
 from bench.commands.console import console
 from bench.commands.loading import checked_plan
-from bench.commands.tables import print_results
+from bench.commands.tables import print_results, print_without_results, print_written
 from bench.model.clock import Clock, VirtualClock, WallClock
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.plan import Plan
 from bench.run.session import Conducted
-from bench.session.finish import finish, without_results
+from bench.session.finish import finish
 from bench.session.happenings import happenings
 from bench.session.output import make_folder, write_file
 from bench.session.view import SessionView
@@ -89,13 +89,13 @@ def _results(view: SessionView, done: Conducted, request: Request, out: Console)
         finished = finish(done.folder, view, url)
     except FitError as error:
         _say_happenings(view, out)
-        return without_results(error, done.folder, out, console(stderr=True))
+        return print_without_results(error, done.folder, out, console(stderr=True))
     _say_happenings(view, out)
     if request.json:
         sys.stdout.write(results_json(finished.results))
     else:
         print_results(out, finished.results, finished.analysis)
-    finished.tell(out, console(stderr=True))
+    print_written(finished, out, console(stderr=True))
     return verdict_status(finished.results, finished.analysis.missing)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from rich import box
@@ -13,6 +14,8 @@ from rich.table import Table
 from bench.analysis.analysis import Analysis
 from bench.commands.lead_tables import lead_tables, print_lead_tables
 from bench.commands.summary_table import print_summary
+from bench.model.errors import ExitStatus, FitError
+from bench.session.finish import Finished
 
 WIDTH = 110
 _COLUMNS = (
@@ -51,6 +54,24 @@ def print_results(out: Console, results: Mapping[str, Any], analysis: Analysis) 
         f"{quality['records']} records, {quality['frames']} frames, {quality['frames_bad']} bad, "
         f"{quality['frames_lost']} lost, {quality['retaken']} retaken"
     )
+
+
+def print_written(finished: Finished, out: Console, errors: Console) -> None:
+    """Name the files that were written, then the trouble."""
+    for kind, where in finished.written:
+        out.print(f"{kind:<8} {where}")
+    for text in finished.trouble:
+        errors.print(text)
+
+
+def print_without_results(error: FitError, folder: Path, out: Console, errors: Console) -> int:
+    """Tell where a whole session without any result is and what is left to do; return the exit status."""
+    errors.print(str(error))
+    out.print(
+        f"Every step was done, the bench is safe; no result can be computed from {folder}: "
+        f"'bench recover {folder}' says which records are not valid and can write a sequence for them"
+    )
+    return ExitStatus.VERDICT_FAIL
 
 
 def _print_verdicts(out: Console, estimates: Sequence[Mapping[str, Any]]) -> None:

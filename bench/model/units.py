@@ -148,3 +148,9 @@ def format_quantity(value: float, unit: str, digits: int = 6) -> str:
         if abs(value) >= 10.0**exponent * (1 - 1e-12):
             return f"{value / 10.0**exponent:.{digits}g} {prefix}{unit}"
     return f"{value:.{digits}g} {unit}"
+
+
+def hours(seconds: float) -> str:
+    """Return seconds as ``H:MM:SS``."""
+    whole = round(seconds)
+    return f"{whole // 3600}:{whole % 3600 // 60:02d}:{whole % 60:02d}"

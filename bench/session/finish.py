@@ -12,12 +12,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from bench.analysis.analysis import Analysis
 from bench.analysis.results import results_json
 from bench.commands.coefficients import write_coefficients
-from bench.model.errors import ExitStatus, FitError
 from bench.session.output import write_attachments, write_file
 from bench.session.view import SessionView, analyse_view, report_html
 from bench.store import StoreError, record_calibration
@@ -31,23 +28,6 @@ class Finished:
     analysis: Analysis
     written: list[tuple[str, str]] = field(default_factory=list)
     trouble: list[str] = field(default_factory=list)
-
-    def tell(self, out: Console, errors: Console) -> None:
-        """Name the files, then the trouble."""
-        for kind, where in self.written:
-            out.print(f"{kind:<8} {where}")
-        for text in self.trouble:
-            errors.print(text)
-
-
-def without_results(error: FitError, folder: Path, out: Console, errors: Console) -> int:
-    """Tell where a whole session is that determines no result at all, and what is left to do; the exit status."""
-    errors.print(str(error))
-    out.print(
-        f"Every step was done, the bench is safe; no result can be computed from {folder}: "
-        f"'bench recover {folder}' says which records are not valid and can write a sequence for them"
-    )
-    return ExitStatus.VERDICT_FAIL
 
 
 def finish(folder: Path, view: SessionView, history: str) -> Finished:

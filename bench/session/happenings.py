@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Protocol
 
-from bench.commands.console import hours
 from bench.model.clock import NS
+from bench.model.units import hours
 
 Fields = Mapping[str, Any]
 

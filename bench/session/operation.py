@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from bench.commands.console import hours
 from bench.model.clock import NS
 from bench.model.errors import InputError
+from bench.model.units import hours
 from bench.model.yamlio import parse_yaml
 from bench.plan.station import StationFile
 from bench.report import Surrounding

@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 import json
 import resource
-import sys
 from collections import OrderedDict
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from bench.model.clock import NS, Clock, pause
+from bench.model.processes import PARTIAL_RESULTS, own_process
 
 SHORTEST_S = 60.0  # between two fits
 SHARE = 30  # of a core: a fit that costs 10 s of processor is not repeated before 300 s are over
@@ -21,6 +21,7 @@ KEPT_IN_ALL = 6000  # points of all rows: a page that opens must not be sent meg
 KEPT_RUNS = 8
 MEASURED = "unit_temperature_degC"  # a condition that says nothing of which estimate it is
 _LOOK_S = 1.0
+_FITTER = tuple(own_process(PARTIAL_RESULTS))
 
 Estimates = dict[str, Any]
 
@@ -28,9 +29,7 @@ Estimates = dict[str, Any]
 class PartialFits:
     """Estimates of living runs by the name of the run; at most one fit at a time, whatever the number of runs."""
 
-    def __init__(
-        self, clock: Clock, command: tuple[str, ...] = (sys.executable, "-P", "-m", "bench.session.partial")
-    ) -> None:
+    def __init__(self, clock: Clock, command: tuple[str, ...] = _FITTER) -> None:
         self._clock = clock
         self._command = command
         self._found: OrderedDict[str, Estimates] = OrderedDict()

@@ -6,12 +6,12 @@ import hashlib
 import os
 import shutil
 import subprocess
-import sys
 from contextlib import suppress
 from pathlib import Path
 from threading import Lock
 
 from bench.model.errors import InputError
+from bench.model.processes import TREND, own_process
 from bench.record.trend_format import FOLDER
 from bench.replay.history import needs_build, trend_place
 
@@ -55,7 +55,7 @@ class Trends:
                 self._building.kill()
 
     def _build(self, folder: Path, cache: Path) -> None:
-        words = [sys.executable, "-P", "-m", "bench.replay.build_trend", str(folder), str(cache / folder.name)]
+        words = own_process(TREND, str(folder), str(cache / folder.name))
         failed = "the page server ends"
         if not self._stopped:
             with subprocess.Popen(words, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:

@@ -10,12 +10,13 @@ import pytest
 from soak_campaign import Quiet, soak_plan
 
 from bench.commands.resume import resume
+from bench.commands.session import replay
 from bench.model.clock import VirtualClock
 from bench.model.errors import ExitStatus, InputError
 from bench.record import SessionReader, SessionWriter
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct
-from bench.session.service import read_view, replay
+from bench.session.service import read_view
 from bench.session.view import analyse_view
 
 

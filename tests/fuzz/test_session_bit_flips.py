@@ -11,6 +11,7 @@ from record_sample import write_sample
 from rehearsal import ROOT, Watched
 
 from bench.commands.recover import recover
+from bench.commands.session import fit
 from bench.model.clock import VirtualClock
 from bench.model.errors import ExitStatus
 from bench.plan import compile_sequence
@@ -19,7 +20,6 @@ from bench.record.recover import recover_session
 from bench.record.walk import Walk
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct
-from bench.session.service import fit
 
 SEED = 5
 NAME = "session.0001.mcap"

@@ -16,6 +16,7 @@ from rehearsal import SEED, Rehearsal, Watched, tiny_plan
 from bench.analysis.results import results_json
 from bench.commands.recover import recover
 from bench.commands.resume import resume
+from bench.commands.session import fit, replay
 from bench.model.clock import VirtualClock
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.plan import Step
@@ -26,7 +27,7 @@ from bench.run.control.operator import SimulatedOperator
 from bench.run.resume import read_stopped, resumption
 from bench.run.session import conduct
 from bench.run.steps.setpoints import expected_of
-from bench.session.service import fit, read_view, replay
+from bench.session.service import read_view
 from bench.session.splices import splice_tables
 from bench.session.view import SessionView, analyse_view, report_html
 from sim_instruments.worlds.af_converter import core as ngu_core

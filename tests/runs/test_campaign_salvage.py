@@ -12,6 +12,7 @@ import pytest
 from rehearsal import SEED, Rehearsal, Watched, tiny_plan
 
 from bench.commands.recover import recover
+from bench.commands.session import fit
 from bench.model.clock import VirtualClock
 from bench.model.errors import ExitStatus, InputError
 from bench.plan import Plan, Step, check_plan, compile_sequence
@@ -21,7 +22,7 @@ from bench.run.session import conduct
 from bench.session.makeup import make_up_sequence
 from bench.session.merge import merged
 from bench.session.record_states import record_states
-from bench.session.service import fit, read_view
+from bench.session.service import read_view
 from bench.session.view import SessionView, analyse_view
 from sim_instruments.worlds.common.world import World
 

@@ -17,10 +17,10 @@ from rehearsal import ROOT
 
 from bench.commands import run as run_command
 from bench.commands.certificate import Request, certificate
+from bench.commands.session import report
 from bench.commands.verify import verify
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
 from bench.session import verification
-from bench.session.service import report
 
 GOLDEN = ROOT / "tests" / "golden" / "sessions"
 SEGMENT = "session.0001.mcap"

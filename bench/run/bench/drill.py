@@ -10,7 +10,6 @@ import math
 import os
 import signal
 import subprocess
-import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
@@ -22,6 +21,7 @@ from bench.model.clock import NS, Clock, VirtualClock, to_ns
 from bench.model.drivers import driver_class
 from bench.model.errors import BenchError, RunError
 from bench.model.ports import Instrument
+from bench.model.processes import DRILL_CONTROLLER, own_process
 from bench.plan import Station
 from bench.run.bench.beginning import begin_safely, identities_of
 from bench.run.bench.drill_controller import source_of, stimulate, stimulated
@@ -134,7 +134,7 @@ def _trial(
 def _controller(station_path: Path, folder: Path) -> Iterator[tuple[subprocess.Popen[str], dict[str, Any]]]:
     """A controller in the stimulus, and what it said. Raises: RunError B-RUN-096."""
     places = [str(station_path.absolute()), str(folder.absolute())]
-    command = [sys.executable, "-P", "-m", "bench.run.bench.drill_controller", *places]
+    command = own_process(DRILL_CONTROLLER, *places)
     pipe = subprocess.PIPE
     with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True) as process:
         try:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,13 +16,13 @@ from typing import IO, Any
 
 from bench.model.clock import NS
 from bench.model.errors import RunError
+from bench.model.processes import EARLY_VERDICT, own_process
 from bench.plan.language import Early
 from bench.run.context import RunContext
 from bench.run.control.channel import EARLY
 from bench.run.hold.holds import HOLD_LIMIT_S
 from bench.run.stop import guarded
 
-JUDGE = "bench.session.early"  # by name: the run imports no fit
 LIMITS = ("max_lost", "max_bad", "max_dispersion", "max_residual")
 TIMEOUT_S = 900.0
 POLL_S = 1.0
@@ -33,7 +32,7 @@ MOST_OUTPUT = 1_000_000
 def judge_command(folder: Path, early: Early) -> list[str]:
     """The process that judges a session."""
     limits = {name: getattr(early, name) for name in LIMITS}
-    return [sys.executable, "-P", "-m", JUDGE, str(folder), json.dumps(limits)]
+    return own_process(EARLY_VERDICT, str(folder), json.dumps(limits))
 
 
 class EarlyVerdicts:

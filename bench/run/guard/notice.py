@@ -12,6 +12,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from bench.model.processes import NOTICE, own_process
 from bench.plan.notify_language import Notify
 from bench.run.control.notify_ways import NotSent, by_command, by_mail, by_webhook
 
@@ -24,7 +25,7 @@ def notice_command(notify: Notify | None) -> tuple[str, ...]:
     if notify is None or "alarm" not in notify.on:
         return ()
     document = notify.model_dump_json(exclude={"heartbeat"}, exclude_none=True)
-    return (sys.executable, "-P", "-m", "bench.run.guard.notice", document)
+    return tuple(own_process(NOTICE, document))
 
 
 def main(document: str) -> int:

@@ -6,7 +6,6 @@ import json
 import os
 import select
 import subprocess
-import sys
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -16,6 +15,7 @@ from typing import Any
 import bench
 from bench.model.clock import NS, Clock
 from bench.model.errors import RunError
+from bench.model.processes import GUARD, own_process
 from bench.run.guard.brief import Brief
 from bench.run.guard.health import CHAMBER_AIR, LINKS, SEQUENCER, WRITER, Health
 from bench.run.guard.process import READY
@@ -51,7 +51,7 @@ class GuardProcess:
         self._begun_ns = clock.now_ns()
 
     def __enter__(self) -> GuardProcess:
-        command = [sys.executable, "-P", "-m", "bench.run.guard"]
+        command = own_process(GUARD)
         pipe = subprocess.PIPE
         self._process = subprocess.Popen(
             command, stdin=pipe, stdout=pipe, stderr=pipe, start_new_session=True, env=_environment()

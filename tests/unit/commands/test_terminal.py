@@ -12,11 +12,12 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from bench.commands.console import PLAIN_COLUMNS, console, hours
+from bench.commands.console import PLAIN_COLUMNS, console
 from bench.commands.loading import settings_of
 from bench.commands.progress import PlainLines, ProgressBar
 from bench.commands.terminal import TerminalOperator
 from bench.model.errors import BenchError
+from bench.model.units import hours
 from bench.run.control.operator import Question
 from bench.session.output import write_file
 

@@ -22,7 +22,7 @@ class RecordRates(RateEstimate):
     """Best estimate of each record and channel, (m, c); ``estimator`` names it ("gated", "omega", "reciprocal").
 
     ``joined``: the interval begins with the very cut that ended the one before, so that their quantisation errors
-    telescope. For one channel ``bench.systems.af_converter.estimators.gates.series_covariance`` takes the columns ``estimator``, ``middle_s``,
+    telescope. For one channel ``gates.series_covariance`` takes the columns ``estimator``, ``middle_s``,
     ``length_s``, ``quantum_C`` and ``joined``; times there are those of the records plus these.
     """
 

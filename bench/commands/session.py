@@ -1,0 +1,109 @@
+"""``bench replay``, ``bench fit``, ``bench report``: commands that read a recorded session and nothing else."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from bench.analysis.results import INCOMPLETE, results_json
+from bench.commands.console import console
+from bench.commands.tables import print_results
+from bench.model.errors import ExitStatus, InputError, SessionDamaged
+from bench.replay import compare
+from bench.replay.compare import ABSENT, Difference
+from bench.session.output import write_file
+from bench.session.service import analysed
+from bench.session.verification import SOFTWARE_PATH, software_of
+from bench.session.view import SessionView, report_of
+
+SHOWN_DIFFERENCES = 20
+
+
+def replay(folder: Path, as_json: bool) -> int:
+    """Decode the raw bytes again and compare every number with results.json; exit 5 if one differs."""
+    results, analysis, view = analysed(folder, None, strict=True)
+    stored = _stored_results(folder)
+    differences, added = _differences(stored, json.loads(results_json(results)))
+    if as_json:
+        sys.stdout.write(results_json({"identical": not differences, "results": results}))
+    else:
+        print_results(console(), results, analysis)
+        for note in view.notes:
+            console().print(note)
+    if differences:
+        for one in differences[:SHOWN_DIFFERENCES]:
+            console(stderr=True).print(f"  {one}")
+        raise SessionDamaged(
+            "B-CLI-009",
+            f"{len(differences)} values differ between results.json and the replay, the first are listed above",
+            where=str(folder),
+            next_step=_why(stored, results),
+        )
+    if added:
+        console(stderr=as_json).print(f"{added} values are new: the software of the run did not give them")
+    console(stderr=as_json).print(f"replay of {folder}: every number is identical")
+    return ExitStatus.PASS
+
+
+def _differences(stored: Any, now: Any) -> tuple[list[Difference], int]:
+    """What the run wrote and is not the same now, and how many values only today's software gives."""
+    found = [one for one in compare(stored, now) if one.path != SOFTWARE_PATH]
+    added = sum(one.first == ABSENT for one in found)
+    return [one for one in found if one.first != ABSENT], added
+
+
+def _why(stored: Mapping[str, Any], results: Mapping[str, Any]) -> str:
+    """What to look at first: the recording, the software, or else the file of results."""
+    recordings = [one.get("provenance", {}).get("session_sha256") for one in (stored, results)]
+    if recordings[0] != recordings[1]:
+        return "results.json is of another recording, or this one is not whole: 'bench recover' says which"
+    if software_of(stored) != software_of(results):
+        return f"compare the software: stored {software_of(stored)}, now {software_of(results)}"
+    return "the recording and the software are the same, so results.json was changed, or made on another machine"
+
+
+def fit(folder: Path, method: str | None, as_json: bool, make_up: Sequence[Path] = ()) -> int:
+    """Print the results of a session by a method, together with sessions that make up for it; nothing is written."""
+    results, analysis, view = analysed(folder, method, make_up=make_up)
+    if as_json:
+        sys.stdout.write(results_json(results))
+        return _status(view)
+    print_results(console(), results, analysis)
+    for note in [*([INCOMPLETE] if view.incomplete else []), *analysis.notes, *view.notes]:
+        console().print(note)
+    return _status(view)
+
+
+def report(folder: Path, pdf: bool = False) -> int:
+    """Write report.html again, and report.pdf if asked for."""
+    results, analysis, view = analysed(folder, None)
+    drawn = report_of(view, results, analysis)
+    path = folder / "report.html"
+    write_file(path, drawn.html())
+    console().print(f"report   {path}")
+    if pdf:
+        paper = folder / "report.pdf"
+        write_file(paper, drawn.pdf())
+        console().print(f"report   {paper}")
+    return _status(view)
+
+
+def _status(view: SessionView) -> int:
+    return ExitStatus.SESSION_DAMAGED if view.damaged else ExitStatus.PASS
+
+
+def _stored_results(folder: Path) -> Mapping[str, Any]:
+    path = folder / "results.json"
+    try:
+        stored: dict[str, Any] = json.loads(path.read_text())
+    except (OSError, ValueError) as error:
+        raise InputError(
+            "B-CLI-010",
+            f"cannot be read ({error}), so there is nothing to compare with",
+            where=str(path),
+            next_step="'bench fit' prints the results of the session",
+        ) from error
+    return stored
