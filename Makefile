@@ -5,12 +5,13 @@ PY = $(VENV)/bin/python
 PIP_INSTALL = $(PY) -m pip install --quiet --disable-pip-version-check --no-input
 OUT ?= sessions
 SEED ?= 1
+BASE ?= 8ff4cd9
 
 # One thread for the linear algebra, as `bench` itself sets it: small matrices, results that do not depend on the cores.
 export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: demo test sweep faults soak validate bench lint wheel lock
+.PHONY: demo test sweep faults soak compare validate bench lint wheel lock
 
 demo: $(VENV)/.run
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
@@ -28,6 +29,10 @@ faults: $(VENV)/.dev
 
 soak: $(VENV)/.dev
 	$(PY) -m pytest -n 2 --dist worksteal -rP -m sweep tests/soak
+
+# Every analysis in an earlier revision and in this one, side by side (docs/history.md).
+compare: $(VENV)/.dev
+	$(PY) tests/comparison --base $(BASE)
 
 validate: $(VENV)/.dev
 	PYTHONPATH=tests $(PY) -m pytest -q -p validation_record --validation-record docs/validation.md

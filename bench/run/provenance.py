@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import platform
 import subprocess
+import tomllib
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import bench
+
+DISTRIBUTION = "inertial-bench"
 PACKAGES = (
-    "inertial-bench",
+    DISTRIBUTION,
     "numpy",
     "scipy",
     "pydantic",
@@ -34,8 +38,8 @@ def software() -> dict[str, Any]:
 
 
 def _revision() -> str:
-    root = Path(__file__).resolve().parents[2]
-    if not (root / ".git").exists():
+    root = Path(bench.__file__).resolve().parents[1]
+    if not ((root / ".git").exists() and _is_this_project(root / "pyproject.toml")):
         return "not a checkout"
     try:
         revision = _git(root, "rev-parse", "HEAD")
@@ -48,3 +52,12 @@ def _revision() -> str:
 def _git(root: Path, *words: str) -> str:
     command = ["git", "-C", str(root), *words]
     return subprocess.run(command, capture_output=True, text=True, timeout=5, check=True).stdout.strip()
+
+
+def _is_this_project(pyproject: Path) -> bool:
+    """Return False for a package that was installed into somebody else's repository: its revision is not ours."""
+    try:
+        project = tomllib.loads(pyproject.read_text(encoding="utf-8")).get("project", {})
+    except (OSError, ValueError):
+        return False
+    return bool(project.get("name") == DISTRIBUTION)

@@ -1,59 +1,123 @@
-"""A session recorded by an earlier release is read, replayed, and gives the results it gave then."""
+"""A session recorded by an earlier release is read, replayed and gives the results it gave then; a stopped one goes on.
+
+Everything is done by commands: modules move, commands and files stay.
+"""
 
 from __future__ import annotations
 
 import json
 import math
+import shutil
 from pathlib import Path
 from typing import Any
 
 import pytest
+from jsonschema import Draft202012Validator
+from typer.testing import CliRunner
 
-from bench.analysis.results import validate_results
-from bench.session.service import read_view
-from bench.session.view import analyse_view, report_html
+from bench.cli import app
 
-GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "sessions"
-SESSIONS = sorted(path.parent for path in GOLDEN.glob("*/*/session.0001.mcap"))
+GOLDEN = Path(__file__).resolve().parents[1] / "golden"
+SESSIONS = sorted(path.parent for path in GOLDEN.glob("sessions/*/*/session.0001.mcap"))
+STOPPED = sorted(path.parent for path in GOLDEN.glob("stopped/*/*/session.0001.mcap"))
+ANALYSES = {"scale_factor", "gnc_unit_test", "fog_north", "rlg_lock_in", "time_sync"}
 MOST_BYTES = 300_000
 REL_TOL = 1e-9
 LEFT_OUT = {"provenance", "notes"}  # they name the software and may say more than they did
 
 
-def differences(stored: Any, found: Any, path: str = "") -> list[str]:
-    """What was stored and is not found again; fields that are new are no difference."""
-    if isinstance(stored, dict) and isinstance(found, dict):
-        return [one for key in stored for one in differences(stored[key], found.get(key, "(absent)"), f"{path}.{key}")]
-    if isinstance(stored, list) and isinstance(found, list) and len(stored) == len(found):
-        return [
-            one for i, pair in enumerate(zip(stored, found, strict=True)) for one in differences(*pair, f"{path}[{i}]")
-        ]
-    numbers = all(isinstance(one, int | float) and not isinstance(one, bool) for one in (stored, found))
-    same = math.isclose(stored, found, rel_tol=REL_TOL, abs_tol=1e-300) if numbers else stored == found
-    return [] if same else [f"{path}: {stored!r} != {found!r}"]
+def release_and_name(folder: Path) -> str:
+    return f"{folder.parent.name}/{folder.name}"
 
 
-def test_there_is_one() -> None:
-    assert SESSIONS
+def bench(*words: str | Path) -> Any:
+    """Give a command in this process; return the JSON document it prints, None if it prints none."""
+    output = CliRunner().invoke(app, [str(word) for word in words])
+    assert output.exit_code in (0, 1), output.output
+    return json.loads(output.stdout) if output.stdout.startswith("{") else None
+
+
+def copy_of(folder: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(folder, tmp_path / folder.name))
+
+
+def stored_in(folder: Path) -> Any:
+    return json.loads((folder / "results.json").read_text(encoding="utf-8"))
+
+
+def differences(stored: Any, now: Any, path: str = "") -> list[str]:
+    """List what was stored and is not given again; fields that are new are no difference."""
+    if isinstance(stored, dict) and isinstance(now, dict):
+        return [text for key in stored for text in differences(stored[key], now.get(key, "(absent)"), f"{path}.{key}")]
+    if isinstance(stored, list) and isinstance(now, list) and len(stored) == len(now):
+        pairs = enumerate(zip(stored, now, strict=True))
+        return [text for index, pair in pairs for text in differences(*pair, f"{path}[{index}]")]
+    numbers = all(isinstance(value, int | float) and not isinstance(value, bool) for value in (stored, now))
+    same = math.isclose(stored, now, rel_tol=REL_TOL, abs_tol=1e-300) if numbers else stored == now
+    return [] if same else [f"{path}: {stored!r} != {now!r}"]
+
+
+def test_each_system_has_one() -> None:
+    assert {stored_in(folder)["campaign"] for folder in SESSIONS} >= ANALYSES
+    assert STOPPED
+
+
+@pytest.fixture(scope="module")
+def schema(tmp_path_factory: pytest.TempPathFactory) -> Draft202012Validator:
+    folder = tmp_path_factory.mktemp("schemas")
+    bench("schema", "--out", folder)
+    (path,) = folder.glob("results*.json")
+    return Draft202012Validator(json.loads(path.read_text(encoding="utf-8")))
 
 
 @pytest.mark.validates(
     "results of a recorded session, limit 1e-9",
     against="the results stored with it by release 0.1.0",
 )
-@pytest.mark.parametrize("folder", SESSIONS, ids=lambda path: f"{path.parent.name}/{path.name}")
-def test_an_earlier_release_stays_readable(folder: Path) -> None:
-    stored = json.loads((folder / "results.json").read_text(encoding="utf-8"))
-    validate_results(stored, str(folder))
-    view = read_view(folder, strict=True)
-    assert view.session_sha256 == stored["provenance"]["session_sha256"]
-    results, analysis = analyse_view(view, stored["method"])
+@pytest.mark.parametrize("folder", SESSIONS, ids=release_and_name)
+def test_an_earlier_release_stays_readable(folder: Path, tmp_path: Path, schema: Draft202012Validator) -> None:
+    stored = stored_in(folder)
+    schema.validate(stored)
+    again = bench("fit", folder, "--method", stored["method"], "--json")
+    assert again["provenance"]["session_sha256"] == stored["provenance"]["session_sha256"]
     kept = {name: value for name, value in stored.items() if name not in LEFT_OUT}
-    assert differences(kept, results) == []
-    assert "<html" in report_html(view, results, analysis)
+    assert differences(kept, again) == []
+    copy = copy_of(folder, tmp_path)
+    bench("report", copy)
+    assert "<html" in (copy / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize("folder", SESSIONS, ids=lambda path: f"{path.parent.name}/{path.name}")
+@pytest.mark.parametrize("folder", STOPPED, ids=release_and_name)
+def test_a_stopped_session_goes_on_to_its_end(folder: Path, tmp_path: Path) -> None:
+    """Every record is there once, the splice is counted, a replay says the same, and the whole run agrees."""
+    copy = copy_of(folder, tmp_path)
+    results = bench("resume", copy, "--json")
+    assert sorted(path.name for path in copy.glob("session.*.mcap")) == ["session.0001.mcap", "session.0002.mcap"]
+    assert not (copy / "journal.jsonl").exists()
+    whole = stored_in(GOLDEN / "sessions" / folder.parent.name / folder.name)
+    assert results["quality"]["records"] == whole["quality"]["records"]
+    assert (results["quality"]["splices"], results["quality"]["frames_lost"]) == (1, 0)
+    assert bench("replay", copy, "--json")["identical"] is True
+    assert worst_sigma(results, whole) < 3.0
+
+
+def worst_sigma(results: Any, whole: Any) -> float:
+    """Return the largest difference of the scale-factor errors of two runs in their combined standard uncertainty."""
+    pairs = [
+        (resumed, planned)
+        for resumed, planned in zip(results["estimates"], whole["estimates"], strict=True)
+        if planned["quantity"] in ("dsf_n", "dsf_p")
+    ]
+    assert len(pairs) == 4
+    for name in ("channel", "kind", "temperature_degC"):
+        assert all(resumed["conditions"][name] == planned["conditions"][name] for resumed, planned in pairs)
+    return max(
+        abs(resumed["value"] - planned["value"]) / math.hypot(resumed["std_uncertainty"], planned["std_uncertainty"])
+        for resumed, planned in pairs
+    )
+
+
+@pytest.mark.parametrize("folder", [*SESSIONS, *STOPPED], ids=release_and_name)
 def test_a_golden_session_is_small(folder: Path) -> None:
     assert sum(path.stat().st_size for path in folder.iterdir()) < MOST_BYTES
 

@@ -1,0 +1,144 @@
+"""Two folders of files, compared by their formats: sessions message by message, JSON field by field, texts by line."""
+
+from __future__ import annotations
+
+import json
+import re
+import sqlite3
+import struct
+import tomllib
+from collections.abc import Iterator, Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+from mcap.stream_reader import StreamReader
+
+ABSENT = "(absent)"
+_SEALED = struct.Struct("<IQQ")  # in front of each payload: CRC, running number, time
+_REVISION = re.compile(r"\b[0-9a-f]{40}\b( with local modifications)?")
+
+
+@dataclass(frozen=True)
+class Difference:
+    """One place of one file; ``place`` is a path in a document, or a line of a text."""
+
+    file: str
+    place: str
+    base: str
+    new: str
+
+
+@dataclass(frozen=True)
+class Named:
+    """Differences that are expected, by patterns of file and place, and why."""
+
+    files: str
+    place: str
+    reason: str
+
+    def covers(self, difference: Difference) -> bool:
+        """Return whether it explains this difference."""
+        return fnmatchcase(difference.file, self.files) and fnmatchcase(difference.place, self.place)
+
+
+def named_differences(path: Path) -> list[Named]:
+    """Read the list of expected differences."""
+    entries = tomllib.loads(path.read_text(encoding="utf-8")).get("difference", [])
+    return [Named(entry["files"], entry["place"], entry["reason"]) for entry in entries]
+
+
+def compare_folders(base: Path, new: Path) -> Iterator[Difference]:
+    """Yield every difference between the files of two folders of one case, by name."""
+    folders = (base, new)
+    names = [{str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()} for folder in folders]
+    marks = [_session_marks(folder.parent) for folder in folders]
+    for name in sorted(names[0] | names[1]):
+        if name not in names[0] or name not in names[1]:
+            yield Difference(name, "file", *("there" if name in files else ABSENT for files in names))
+        elif (base / name).read_bytes() != (new / name).read_bytes():
+            first, second = (_document(folder / name, mark) for folder, mark in zip(folders, marks, strict=True))
+            yield from (Difference(name, *found) for found in _differences(first, second))
+
+
+def _session_marks(folder: Path) -> dict[str, str]:
+    """Map the hash of each session of a side to a word: it covers the manifest, which names the revision."""
+    marks = {}
+    for path in sorted(folder.rglob("results.json")):
+        value = json.loads(path.read_text(encoding="utf-8")).get("provenance", {}).get("session_sha256")
+        if value:
+            marks[value] = "<hash of the session>"
+    return marks
+
+
+def _document(path: Path, marks: Mapping[str, str]) -> Any:
+    """Read a file as the JSON-like document in which it is compared."""
+    if path.suffix == ".mcap":
+        return _messages(path)
+    if path.suffix == ".sqlite":
+        return _tables(path)
+    content = path.read_bytes()
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError:
+        return {"bytes": content.hex()}
+    return json.loads(text) if path.suffix == ".json" else _lines(text, marks)
+
+
+def _tables(path: Path) -> dict[str, Any]:
+    """Return the rows of each table of a database, by table and column."""
+    with closing(sqlite3.connect(path)) as connection:
+        connection.row_factory = sqlite3.Row
+        names = [row["name"] for row in connection.execute("select name from sqlite_master where type = 'table'")]
+        return {name: [dict(row) for row in connection.execute(f'select * from "{name}"')] for name in names}
+
+
+def _lines(text: str, marks: Mapping[str, str]) -> dict[str, str]:
+    for value, word in marks.items():
+        text = text.replace(value, word)
+    text = _REVISION.sub("<revision>", text)
+    return {f"line {number}": line for number, line in enumerate(text.splitlines(), 1)}
+
+
+def _messages(path: Path) -> dict[str, Any]:
+    """Return the messages of a segment by topic, in order, with their times; and the order of the topics."""
+    topics: dict[int, str] = {}
+    document: dict[str, Any] = {"order": []}
+    with path.open("rb") as stream:
+        for record in StreamReader(stream).records:
+            if type(record).__name__ == "Channel":
+                topics[record.id] = record.topic
+            elif type(record).__name__ == "Message":
+                topic = topics[record.channel_id]
+                _, number, t_ns = _SEALED.unpack_from(record.data)
+                payload = record.data[_SEALED.size :]
+                document["order"].append([number, topic])
+                document.setdefault(topic, []).append({"t_ns": t_ns, "payload": _payload(payload)})
+    return document
+
+
+def _payload(payload: bytes) -> Any:
+    try:
+        return json.loads(payload)
+    except ValueError:
+        return payload.hex()
+
+
+def _differences(base: Any, new: Any, place: str = "") -> Iterator[tuple[str, str, str]]:
+    """Yield place, base and new of what is not the same to the last bit."""
+    if isinstance(base, dict) and isinstance(new, dict):
+        for key in sorted({*base, *new}):
+            yield from _differences(base.get(key, ABSENT), new.get(key, ABSENT), f"{place}.{key}" if place else key)
+    elif isinstance(base, list) and isinstance(new, list):
+        for index, (first, second) in enumerate(zip_longest(base, new, fillvalue=ABSENT)):
+            yield from _differences(first, second, f"{place}[{index}]")
+    elif type(base) is not type(new) or repr(base) != repr(new):
+        yield place, _short(base), _short(new)
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 100 else f"{text[:97]}..."
