@@ -1,20 +1,27 @@
-"""Agilent 34970A data acquisition unit: thermocouples (laboratory ambient first, then the chamber's).
+"""Agilent 34970A data acquisition unit: thermocouples (laboratory ambient first, then the chamber's), resistances.
 
-Source: 34970A User's Guide (CONFigure:TEMPerature, ROUTe:SCAN, READ?, UNIT:TEMPerature). Not confirmed on hardware: the
-time a scan takes (10 s is allowed).
+Resistance is measured with four wires through a 34901A: channel n carries the current, channel n+10 is its pair and
+senses, so that only channels 1 to 10 of a slot can be named.
+
+Source: 34970A User's Guide (CONFigure:TEMPerature, CONFigure:FRESistance, FRESistance:NPLC, ROUTe:SCAN, READ?,
+UNIT:TEMPerature; tutorial, four-wire multiplexers). Not confirmed on hardware: the time a scan takes (10 s is allowed).
 """
 
 from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from bench.model.ports import action
+from bench.model.ports import Parameter, action
+from instruments.ohms import RANGES_OHM, is_range
 from instruments.readback import either
 from instruments.scpi import ScpiInstrument
-from instruments.values import read_number
+from instruments.values import exponent_form, read_number, read_text
 
 _SCAN_LIMIT_S = 10.0
 _THERMOCOUPLES = "BEJKNRST"
+_NONE = "none"
+_PAIRED = 10  # a channel's partner in a 34901A
+_FOUR_WIRE = tuple(100 * slot + channel for slot in (1, 2, 3) for channel in range(1, _PAIRED + 1))
 
 
 def read_scan_list(reply: str) -> str:
@@ -23,7 +30,11 @@ def read_scan_list(reply: str) -> str:
 
 
 class Agilent34970A(ScpiInstrument):
-    """Measurement of temperatures; options ``channels`` (101 = slot 1, channel 1 ...) and ``thermocouple`` (type)."""
+    """Measurement of temperatures and resistances.
+
+    Options: ``channels`` of the thermocouples (101 = slot 1, channel 1 ...) and their type, ``thermocouple``; a unit
+    without them has an empty list and the type "none".
+    """
 
     identity_pattern = r"(HEWLETT-PACKARD|HP|AGILENT.*|KEYSIGHT.*),34970A"
     safe_state = "scan aborted (ABOR); the logger drives nothing"
@@ -31,15 +42,44 @@ class Agilent34970A(ScpiInstrument):
 
     @action(bus_s=3.0, returns="degC")
     def scan(self) -> list[float]:
-        """Measure every channel of the scan list once, degC, in its order.
+        """Measure every thermocouple once, degC, in the order of the option ``channels``.
 
-        Raises: InstrumentError B-INST-007 if a thermocouple is open, B-INST-004 if readings are missing.
+        Raises: InstrumentError B-INST-007 if a thermocouple is open, B-INST-004 if readings are missing, B-INST-008 if
+        the unit has none.
         """
         channels = self._channel_list()
+        if not self.options["channels"]:
+            raise self.error("B-INST-008", "scan: the station gives the unit no thermocouples; nothing was sent")
         self.set(f"ROUT:SCAN {channels}", either(lambda: self.ask("ROUT:SCAN?", read_scan_list), channels))
         temperatures_degC = self.ask("READ?", self._read_scan, patience_s=_SCAN_LIMIT_S)
         self.check_errors("READ?")
         return temperatures_degC
+
+    @action(
+        Parameter("channel", choices=_FOUR_WIRE),
+        Parameter("range", "ohm", RANGES_OHM[0], RANGES_OHM[-1], values=RANGES_OHM),
+        Parameter("cycles", choices=(1, 10)),
+        bus_s=1.0,
+        returns="ohm",
+    )
+    def measure_resistance(self, channel: int, range: float, cycles: int) -> float:  # noqa: A002 - as in sequences
+        """Measure the resistance at one channel with four wires, ohm, integrated over so many power-line cycles.
+
+        Raises: InstrumentError B-INST-008 (also for a channel that has a thermocouple), B-INST-007 on overload (above
+        120 % of the range) and with open leads.
+        """
+        given = {"channel": channel, "range": range, "cycles": cycles}
+        channel, range_ohm, cycles = self.checked("measure_resistance", **given)
+        if taken := {channel, channel + _PAIRED} & set(self.options["channels"]):
+            raise self.error("B-INST-008", f"channel {taken.pop()} has a thermocouple; nothing was sent")
+        at = f"(@{channel})"
+        configured = either(lambda: is_range(self.ask(f"CONF? {at}", read_text), range_ohm), True)
+        self.set(f"CONF:FRES {exponent_form(range_ohm)},{at}", configured)
+        self.set(f"FRES:NPLC {cycles},{at}", self.number(f"FRES:NPLC? {at}", cycles, 0.0))
+        self.set(f"ROUT:SCAN {at}", either(lambda: self.ask("ROUT:SCAN?", read_scan_list), at))
+        resistance_ohm = self.ask("READ?", read_number, patience_s=_SCAN_LIMIT_S)
+        self.check_errors("READ?")
+        return resistance_ohm
 
     def _read_scan(self, reply: str) -> list[float]:
         readings = [read_number(reading) for reading in reply.split(",")]
@@ -55,13 +95,17 @@ class Agilent34970A(ScpiInstrument):
         valid = isinstance(channels, list) and all(
             type(channel) is int and 101 <= channel <= 320 for channel in channels
         )
-        if not (valid and channels):
+        if not valid or (not channels and kind != _NONE):
             raise self.bad_option(f"channels {channels!r} must be a list of numbers 101 to 320")
-        if kind not in tuple(_THERMOCOUPLES):
-            raise self.bad_option(f"thermocouple {kind!r} is none of {', '.join(_THERMOCOUPLES)}")
+        if channels and kind == _NONE:
+            raise self.bad_option(f"thermocouple {_NONE} goes with 'channels: []', not with {channels!r}")
+        if kind not in (*_THERMOCOUPLES, _NONE):
+            raise self.bad_option(f"thermocouple {kind!r} is none of {', '.join(_THERMOCOUPLES)}, {_NONE}")
 
     def _prepare(self) -> None:
         channels = self._channel_list()
+        if not self.options["channels"]:
+            return
         self.set(f"CONF:TEMP TC,{self.options['thermocouple']},{channels}")
         self.set(f"UNIT:TEMP C,{channels}")
 

@@ -1,9 +1,12 @@
 """Simulated Agilent 34970A data logger with thermocouples: 101 laboratory, 102 chamber air, 103 the unit's case.
 
-Any other channel hangs in the laboratory's air. A channel that was not configured as a thermocouple measures its
-voltage (0.04 mV per degC against the terminal block).
+Any other channel hangs in the laboratory's air, but for those that the world wires to a source. A channel that was not
+configured measures its voltage (of a thermocouple 0.04 mV per degC against the terminal block). Each slot holds a
+34901A: with four wires channel n (source leads) is paired with n+10 (sense leads), so that n is 1 to 10.
 
-Source: 34970A User's Guide (CONFigure:TEMPerature, ROUTe:SCAN, READ?, UNIT:TEMPerature, channel lists).
+Source: 34970A User's Guide (CONFigure:TEMPerature, CONFigure:FRESistance, FRESistance:NPLC, ROUTe:SCAN,
+ROUTe:CHANnel:DELay, READ?, UNIT:TEMPerature, channel lists; tutorial, four-wire multiplexers).
+Placeholder: number of the error of a channel that cannot have four wires.
 """
 
 from __future__ import annotations
@@ -11,25 +14,42 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from sim_instruments.bus.scpi import MISSING_PARAMETER, OUT_OF_RANGE, ScpiDevice, ScpiError, command, words
+from sim_instruments.bus.ohms import Ohmmeter, OhmsSetting
+from sim_instruments.bus.scpi import (
+    MISSING_PARAMETER,
+    OUT_OF_RANGE,
+    SETTINGS_CONFLICT,
+    ScpiDevice,
+    ScpiError,
+    command,
+    words,
+)
 
 OFFSET_SIGMA_DEGC, NOISE_SIGMA_DEGC = 0.2, 0.02
 CHANNEL_S = 0.25
+SWITCH_S = 0.02  # opening and closing of a channel's relays
+TWO_WIRE_OHM = 4.0
+CYCLES = (0.02, 0.2, 1.0, 2.0, 10.0, 20.0, 100.0, 200.0)
+CHANNELS, PAIRS = 20, 10  # of a 34901A
+NO_FOUR_WIRES = (308, "Channel not able to perform requested operation")
 _LIST = re.compile(r"\(@([\d,: ]*)\)")
 
 
 class Agilent34970A(ScpiDevice):
-    """Multiplexer with temperature measurement; each thermocouple has an offset drawn once."""
+    """Multiplexer with temperature and resistance measurement; each thermocouple has an offset drawn once."""
 
     identity = "HEWLETT-PACKARD,34970A,0,13-2-2"
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
+        self._ohmmeter = Ohmmeter(self, "34970A", TWO_WIRE_OHM)
         self._noise = self.world.rng("34970A noise")
 
     def reset(self) -> None:
         self.scan_list: list[int] = []
         self.thermocouples: set[int] = set()
+        self.ohms: dict[int, OhmsSetting] = {}
+        self.delays_s: dict[int, float] = {}
 
     def _listed_channels(self, text: str) -> list[int]:
         match = _LIST.fullmatch(text.strip())
@@ -39,7 +59,7 @@ class Agilent34970A(ScpiDevice):
         for item in filter(None, match.group(1).replace(" ", "").split(",")):
             first, _, last = item.partition(":")
             channels += range(int(first), int(last or first) + 1)
-        if not all(channel // 100 in (1, 2, 3) and 1 <= channel % 100 <= 20 for channel in channels):
+        if not all(channel // 100 in (1, 2, 3) and 1 <= channel % 100 <= CHANNELS for channel in channels):
             raise ScpiError(*OUT_OF_RANGE)
         return channels
 
@@ -50,6 +70,11 @@ class Agilent34970A(ScpiDevice):
         return float(true + offset + self._noise.normal(0.0, NOISE_SIGMA_DEGC))
 
     def _reading(self, channel: int) -> str:
+        source = self.world.terminals.source(self.role, channel)
+        if channel in self.ohms:
+            return self.reading(self._ohmmeter.reading(self.ohms[channel], source))
+        if source is not None and channel not in self.thermocouples:
+            return self.reading(f"{source.voltage_V(self.now_ns):+.8E}")
         degC = self._degC(channel)
         return self.reading(f"{degC if channel in self.thermocouples else (degC - 23.0) * 4e-5:+.8E}")
 
@@ -61,8 +86,66 @@ class Agilent34970A(ScpiDevice):
         self.word(parameters[0], "TCouple", "TC")
         self.word(parameters[1], "B", "E", "J", "K", "N", "R", "S", "T")
         channels = self._listed_channels(parameters[-1])
+        self._is_now(channels)
         self.thermocouples |= set(channels)
+
+    def _is_now(self, channels: list[int]) -> None:
+        """``CONFigure`` resets the channels and makes them the scan list."""
+        self.thermocouples -= set(channels)
+        for channel in channels:
+            self.ohms.pop(channel, None)
+            self.delays_s.pop(channel, None)
         self.scan_list = channels
+
+    def _configure_ohms(self, wires: int, text: str) -> None:
+        parameters = words(text)
+        channels = self._listed_channels(parameters[-1] if parameters else "")
+        if wires == 4 and any(channel % 100 > PAIRS for channel in channels):
+            raise ScpiError(*NO_FOUR_WIRES)
+        settings = {channel: self._ohmmeter.configured(wires, parameters[:-1], 1.0) for channel in channels}
+        self._is_now(channels)
+        self.ohms |= settings
+
+    @command(":CONFigure:FRESistance")
+    def _configure_four_wires(self, text: str) -> None:
+        self._configure_ohms(4, text)
+
+    @command(":CONFigure:RESistance")
+    def _configure_two_wires(self, text: str) -> None:
+        self._configure_ohms(2, text)
+
+    @command("[:SENSe]:FRESistance:NPLCycles")
+    def _set_ohms_cycles(self, text: str) -> None:
+        first, channels = (*words(text), "", "")[:2]
+        cycles = self._ohmmeter.cycles_of(first, CYCLES)
+        for channel in self._listed_channels(channels):
+            if channel not in self.ohms:
+                raise ScpiError(*SETTINGS_CONFLICT)
+            self.ohms[channel].cycles = cycles
+
+    @command("[:SENSe]:FRESistance:NPLCycles?")
+    def _get_ohms_cycles(self, text: str) -> str:
+        known = [self.ohms.get(channel) for channel in self._listed_channels(text)]
+        return ",".join(f"{1.0 if setting is None else setting.cycles:+.8E}" for setting in known)
+
+    @command(":CONFigure?")
+    def _get_configuration(self, text: str) -> str:
+        told = []
+        for channel in self._listed_channels(text):
+            setting = self.ohms.get(channel)
+            name = "TEMP TC,T,+1.000000E+00" if channel in self.thermocouples else "VOLT +1.000000E+01"
+            told.append(f'"{name if setting is None else f"{setting.name} {setting.range_ohm or 100.0:+.6E}"}"')
+        return ",".join(told)
+
+    @command(":ROUTe:CHANnel:DELay")
+    def _set_delay(self, text: str) -> None:
+        first, channels = (*words(text), "", "")[:2]
+        delay_s = self.number(first, 0.0, 60.0)
+        self.delays_s |= dict.fromkeys(self._listed_channels(channels), delay_s)
+
+    @command(":ROUTe:CHANnel:DELay?")
+    def _get_delay(self, text: str) -> str:
+        return ",".join(f"{self.delays_s.get(channel, 0.0):+.8E}" for channel in self._listed_channels(text))
 
     @command(":UNIT:TEMPerature")
     def _set_unit(self, text: str) -> None:
@@ -85,9 +168,14 @@ class Agilent34970A(ScpiDevice):
     @command(":READ?")
     def _read(self, _: str) -> str | None:
         if not self.scan_list:
-            raise ScpiError(-221, "Settings conflict")
-        self.reply_after(CHANNEL_S * len(self.scan_list))
+            raise ScpiError(*SETTINGS_CONFLICT)
+        self.reply_after(sum(self._takes_s(channel) for channel in self.scan_list))
         return ",".join(self._reading(channel) for channel in self.scan_list)
+
+    def _takes_s(self, channel: int) -> float:
+        setting = self.ohms.get(channel)
+        measured_s = CHANNEL_S if setting is None else SWITCH_S + setting.reading_s
+        return measured_s + self.delays_s.get(channel, 0.0)
 
     @command(":ABORt")
     def _abort(self, _: str) -> None:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.model.clock import NS
+
 if TYPE_CHECKING:
     from bench.frame import CommandLayout
     from bench.record import RecordRow
@@ -34,7 +36,10 @@ class Trace:
 
 @dataclass(frozen=True)
 class Reading:
-    """A value that an instrument returned to a step; ``value`` is None if it gave none."""
+    """A value that an instrument returned to a step; ``value`` is None if it gave none.
+
+    ``arguments`` of the action are known of the readings that a record is made of.
+    """
 
     t_s: float
     step: int
@@ -42,6 +47,7 @@ class Reading:
     name: str
     value: Any
     conditions: Mapping[str, Any] = field(default_factory=dict)
+    arguments: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -88,3 +94,10 @@ class Material:
     utc_offset_s: float | None = None
     series: Mapping[str, Floats] = field(default_factory=dict)
     line_s: Mapping[str, float] = field(default_factory=dict)
+
+    def readings_of(self, row: RecordRow) -> list[Reading]:
+        """Return the readings that a record is made of, in order of time; those without a value are among them."""
+        if row.window.link:
+            return []
+        first_s, last_s = row.window.t_start_ns / NS, row.window.t_end_ns / NS
+        return [reading for reading in self.readings if first_s < reading.t_s <= last_s]

@@ -150,6 +150,8 @@ class SessionSink(Protocol):
 class RecordWindow:
     """One record: ``frames`` frames of a link from an unwrapped counter on, with the conditions it was taken under.
 
+    A record that is made of readings of instruments belongs to no link ("") and has no frames.
+
     ``conditions`` holds the loop variables and set-points by field name with unit suffix, for example
     {"channel": 1, "kind": "gyro", "temperature_degC": -10.0, "current_A": 3e-5, "polarity": 1, "range_A": 2.2e-4,
      "route": "closed"}; ``polarity`` is +1 or -1, ``route`` is "open" or "closed".

@@ -14,7 +14,7 @@ from datetime import UTC, date, datetime, timedelta
 
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import InputError
-from bench.plan.bus_time import ON_THE_BUS
+from bench.plan.bus_time import ON_THE_BUS, bus_s
 from bench.plan.check_actions import ActionCheck
 from bench.plan.check_analysis import check_asked
 from bench.plan.check_pose import check_poses
@@ -26,7 +26,8 @@ from bench.plan.check_station import check_station
 from bench.plan.check_windows import check_windows
 from bench.plan.expand import DURATION
 from bench.plan.findings import Findings
-from bench.plan.plan import Plan
+from bench.plan.plan import Plan, Step
+from bench.plan.readings import EVERY, reading_calls, roles_of
 from bench.plan.station import Station
 
 
@@ -66,11 +67,23 @@ def check_steps(
         state.take(step, actions.check(step))
         if step.kind == "record":
             check_record(plan, step, state, findings)
+            _check_readings(step, actions, state, station, findings)
     _bus_time(plan, findings, doubtful)
     check_windows(plan, station, findings, doubtful)
     check_poses(plan, station, findings)
     check_sets(plan, station, findings)
     return state
+
+
+def _check_readings(step: Step, actions: ActionCheck, state: BenchState, station: Station, findings: Findings) -> None:
+    """What a record reads must be readings, and one round of them over before the next one is due (B-PLAN-060)."""
+    calls = reading_calls(step)
+    for index, call in enumerate(calls):
+        state.take(call, actions.check_reading(step, index, call))
+    takes_s, every_s = sum(bus_s(call, station) for call in calls), step.arguments.get(EVERY)
+    if every_s is not None and takes_s > every_s:
+        message = f"one round of the record's readings takes up to {takes_s:g} s; one is due each {every_s:g} s"
+        findings.add("B-PLAN-060", step.where, message, "read less often, or less")
 
 
 def _bus_time(plan: Plan, findings: Findings, doubtful: Collection[int]) -> None:
@@ -80,9 +93,9 @@ def _bus_time(plan: Plan, findings: Findings, doubtful: Collection[int]) -> None
         if step.kind in ON_THE_BUS:
             first = step if first is None else first
         elif step.kind == "settle":
-            bus_s = float(step.arguments["bus_s"])
-            if bus_s > step.duration_s and step.number not in doubtful:
-                message = f"the calls before it take up to {bus_s:g} s; it lasts {step.duration_s:g} s"
+            takes_s = float(step.arguments["bus_s"])
+            if takes_s > step.duration_s and step.number not in doubtful:
+                message = f"the calls before it take up to {takes_s:g} s; it lasts {step.duration_s:g} s"
                 origin = plan.origins[step.number].get(DURATION, "")
                 findings.add("B-PLAN-060", step.where, message, "settle longer, or call less", origin)
             first = None
@@ -96,7 +109,7 @@ def _bus_time(plan: Plan, findings: Findings, doubtful: Collection[int]) -> None
 
 
 def _due_dates(plan: Plan, station: Station, start_utc_ns: int, findings: Findings) -> None:
-    used = {step.role for step in plan.steps if step.role in station.instruments}
+    used = roles_of(plan.steps) & station.instruments.keys()
     length_s = plan.prepare_s + plan.duration_s + plan.finally_s
     end = datetime.fromtimestamp(start_utc_ns / NS, UTC) + timedelta(seconds=length_s)
     for role in sorted(used):

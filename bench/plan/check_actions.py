@@ -14,6 +14,7 @@ from bench.model.units import read_quantity
 from bench.plan.drivers import driver_actions
 from bench.plan.findings import Findings, suggestion
 from bench.plan.plan import Plan, Step
+from bench.plan.readings import argument_dimensions, is_reading
 from bench.plan.station import InstrumentEntry, Station
 
 SOAK_ACTIONS = ("set_temperature", "run")
@@ -37,16 +38,25 @@ class ActionCheck:
         self._findings = findings
         self._seen: dict[Any, Judged] = {}
 
+    def check_reading(self, record: Step, index: int, call: Step) -> Judged:
+        """Declared action of one of a record's readings; one that is no reading is noted (B-PLAN-096)."""
+        dimensions = argument_dimensions(self._plan.dimensions[record.number], index)
+        judged = Judged(*self._fresh(call, dimensions))
+        if judged.action is not None and not is_reading(judged.action):
+            message = f"{call.role}.{call.name} is no reading: it gives no value, or it changes the bench"
+            self._add("B-PLAN-096", record, message, "read an action that returns a value, and call this one before")
+        return judged
+
     def check(self, step: Step) -> Judged:
         """Declared action of a call or verify step; if it names none a mistake was noted."""
         if step.kind not in ("call", "verify", "send", "soak"):
             return Judged(None, step.arguments)
         key = (step.where, step.role, step.name, tuple((n, _hashable(v)) for n, v in step.arguments.items()))
         if key not in self._seen:
-            self._seen[key] = Judged(*self._fresh(step))
+            self._seen[key] = Judged(*self._fresh(step, self._plan.dimensions[step.number]))
         return self._seen[key]
 
-    def _fresh(self, step: Step) -> tuple[Action | None, Mapping[str, Any]]:
+    def _fresh(self, step: Step, dimensions: Mapping[str, str]) -> tuple[Action | None, Mapping[str, Any]]:
         entry = self._station.instruments.get(step.role)
         if entry is None:
             known = suggestion(step.role, self._station.instruments)
@@ -70,7 +80,7 @@ class ActionCheck:
             known = suggestion(step.name, actions)
             self._add("B-PLAN-050", step, f"{step.role} ({entry.driver}) has no action {step.name!r}{known}")
             return None, {}
-        usable = self._arguments(step, action, entry)
+        usable = self._arguments(step, action, entry, dimensions)
         if step.kind == "verify" and (action.effect is not Effect.NONE or action.returns):
             self._add("B-PLAN-054", step, f"{step.role}.{step.name} does not answer true or false")
         return action, usable
@@ -85,8 +95,9 @@ class ActionCheck:
             if step.arguments.get(parameter.name) is not None:
                 self._limits(step, parameter, step.arguments[parameter.name], entry)
 
-    def _arguments(self, step: Step, action: Action, entry: InstrumentEntry) -> dict[str, Any]:
-        dimensions = self._plan.dimensions[step.number]
+    def _arguments(
+        self, step: Step, action: Action, entry: InstrumentEntry, dimensions: Mapping[str, str]
+    ) -> dict[str, Any]:
         usable: dict[str, Any] = {}
         parameters = {parameter.name: parameter for parameter in action.parameters}
         for name, value in step.arguments.items():

@@ -36,6 +36,7 @@ ASKED = {
 }  # fmt: skip
 ASKED_OF_OPEN = ("channel", "temperature_degC", "route", "branch")  # an open input needs no level, polarity or range
 METER = "measure_current"
+OF_READINGS: set[str] = set()  # analyses of records that are made of readings of instruments
 
 
 def check_named(document: Document[Sequence], findings: Findings) -> None:
@@ -62,6 +63,9 @@ def check_asked(plan: Plan, findings: Findings) -> None:
         message = f"the analysis {name} needs readings of the meter, and no step calls {METER}"
         findings.add("B-PLAN-078", records[0].where, message, "read the meter before each record with a closed route")
 
+    if name in ASKED and name not in OF_READINGS and not plan.frames:
+        message = f"the analysis {name} is made of frames of a unit, and the sequence names no link"
+        findings.add("B-PLAN-078", plan.steps[0].where, message, "name the link under 'frame', or another analysis")
     if name == OF_TESTS and not any(step.kind == "unit" and "item" in step.arguments for step in plan.steps):
         message = f"the analysis {name} is made of 'test' steps, and there is none"
         findings.add("B-PLAN-078", plan.steps[0].where, message, "add 'test' steps; docs/gnc-module.md describes them")

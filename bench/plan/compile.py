@@ -75,7 +75,7 @@ class _Compiler:
         check_limits(document, findings)
         channels = declared_channels(document, findings)
         constants = campaign_channels(document, channels, findings)
-        link = next(iter(document.model.frame))
+        link = next(iter(document.model.frame), "")
         rate_Hz = (frames[link].rate_Hz if link in frames else None) or math.nan
         expander = Expander(document, self.station, channels, rate_Hz, frames, findings)
         scope = Scope(self._variables(expander), expander.role_attribute, {})
@@ -222,7 +222,7 @@ class _Compiler:
         campaign: dict[str, Any] = {
             "analysis": model.analysis,
             "reference_temperature_degC": model.reference_temperature,
-            "rate_Hz": rate_Hz,
+            "rate_Hz": rate_Hz if model.frame else None,
             "channels": channels,
             "decision": {"rule": model.decision.rule},
         }

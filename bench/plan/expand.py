@@ -48,9 +48,10 @@ class Expander:
         self.station = station
         self.channels = channels
         self.rate_Hz = rate_Hz
-        counted = frames.get(next(iter(document.model.frame)))  # one that cannot be read forbids nothing
-        self.counts_pulses = counted is None or counts_pulses(counted)
-        self.has_samples = counted is None or has_samples(counted)
+        link = next(iter(document.model.frame), None)
+        counted = None if link is None else frames.get(link)  # one that cannot be read forbids nothing
+        self.counts_pulses = link is not None and (counted is None or counts_pulses(counted))
+        self.has_samples = link is not None and (counted is None or has_samples(counted))
         self.command_links = [n for n in document.model.frame if n not in frames or COMMAND in frames[n].messages]
         self.layouts = {link: definition.commands for link, definition in frames.items()}
         self.findings = findings
@@ -60,7 +61,7 @@ class Expander:
         self.levels_A: dict[str, float | None] = {}
         self.ranges_A: dict[str, float | None] = {}
         self.settle_band_degC: float | None = None
-        self.dimensions: list[Mapping[str, str]] = []
+        self.dimensions: list[dict[str, str]] = []
         self.origins: list[Mapping[str, str]] = []
         self.doubtful: set[int] = set()
         self.retry_step: int | None = None
@@ -100,6 +101,11 @@ class Expander:
             origins if duration is None or not duration.origin else {**origins, DURATION: duration.origin}
         )
         self.at_s = round(self.at_s + duration_s, 9)
+
+    def keep_dimensions(self, quantities: Mapping[str, Quantity], steps: int) -> None:
+        """Keep the dimensions of quantities that stand inside other arguments of the newest steps."""
+        for dimensions in self.dimensions[-steps:] if quantities else ():
+            dimensions.update({name: value.dimension for name, value in quantities.items()})
 
     def _too_many(self, path: Path) -> NoReturn:
         self.fail("B-PLAN-036", path, f"the plan has more than {MAX_STEPS} steps or turns of its loops", "shorten them")

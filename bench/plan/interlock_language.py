@@ -47,6 +47,7 @@ SIGNALS: Mapping[str, Signal] = {
     "rate_step": Signal("Hz", meaning="difference of the pulse rates in the two halves of a record"),
     "disk_time": Signal("s", meaning="how long the free space lasts at the planned rate of bytes; wall clock only"),
 }
+OF_UNIT = ("unit_temperature", "unit_slope", "supply_current", "supply_voltage", "rate_step")  # told over its links
 AFTER_THE_FACT = ("rate_step",)  # known when its record is complete: the point under way is another one by then
 
 

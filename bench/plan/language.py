@@ -176,7 +176,7 @@ class Sequence(StrictModel):
     sequence: Name
     title: Title = ""
     station: Name
-    frame: dict[Name, Name] = Field(min_length=1, description="link: frame definition; records count the first link")
+    frame: dict[Name, Name] = Field({}, description="link: frame definition; records count the first link")
     analysis: Name = "none"
     reference_temperature: Annotated[float, *quantity("degC", -273.15, 1000.0)] = 20.0
     decision: Decision = Decision()

@@ -82,10 +82,40 @@ class Soak(StrictModel):
     hold_limit: Duration | None = None
 
 
+def _named_call(value: object) -> object:
+    return {value: None} if isinstance(value, str) else value
+
+
+def _call_schema(pattern: str) -> WithJsonSchema:
+    values = {"type": ["string", "number", "boolean"]}
+    arguments = {"anyOf": [{"type": "object", "additionalProperties": values}, {"type": "null"}]}
+    named = {"type": "object", "patternProperties": {pattern: arguments}, "additionalProperties": False}
+    return WithJsonSchema({"anyOf": [{"type": "string", "pattern": pattern}, {**named, "maxProperties": 1}]})
+
+
+class CallStep(RootModel[Annotated[dict[ActionName, Arguments | None], _call_schema(f"^{ACTION_PATTERN}$")]]):
+    """An action of an instrument: ``calibrator.standby`` or ``switch.route: {channel: 1, polarity: +}``."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _word(cls, value: object) -> object:
+        return _named_call(value)
+
+    @model_validator(mode="after")
+    def _single(self) -> CallStep:
+        _one_entry(self.root)
+        return self
+
+
 class Record(StrictModel):
-    """Take a record of the counted link; taken again up to ``retry`` times when more than ``max_lost`` is lost."""
+    """Take a record of the counted link, or of readings where there is no link.
+
+    It is taken again up to ``retry`` times when more than ``max_lost`` of its frames or readings is lost.
+    """
 
     seconds: Duration
+    readings: list[CallStep] = Field(default_factory=list, description="actions that measure, read one after another")
+    every: Duration | None = Field(None, description="all of 'readings' are taken again after this time")
     windows: int | None = Field(None, strict=True, ge=1, le=10_000, description="this many records without a gap")
     follows: bool = Field(False, strict=True, description="begins with the frame behind the record before it")
     pulse_timing: bool = Field(False, strict=True, description="keep when in the record the pulses came")
@@ -207,31 +237,6 @@ class ForStep(StrictModel):
     for_: Name = Field(alias="for")
     in_: str | ChannelPick | list[Scalar] = Field(alias="in")
     do: list[Step_] = Field(min_length=1)
-
-
-def _named_call(value: object) -> object:
-    return {value: None} if isinstance(value, str) else value
-
-
-def _call_schema(pattern: str) -> WithJsonSchema:
-    values = {"type": ["string", "number", "boolean"]}
-    arguments = {"anyOf": [{"type": "object", "additionalProperties": values}, {"type": "null"}]}
-    named = {"type": "object", "patternProperties": {pattern: arguments}, "additionalProperties": False}
-    return WithJsonSchema({"anyOf": [{"type": "string", "pattern": pattern}, {**named, "maxProperties": 1}]})
-
-
-class CallStep(RootModel[Annotated[dict[ActionName, Arguments | None], _call_schema(f"^{ACTION_PATTERN}$")]]):
-    """An action of an instrument: ``calibrator.standby`` or ``switch.route: {channel: 1, polarity: +}``."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _word(cls, value: object) -> object:
-        return _named_call(value)
-
-    @model_validator(mode="after")
-    def _single(self) -> CallStep:
-        _one_entry(self.root)
-        return self
 
 
 _PROCEDURE = f"^(?!(?:{'|'.join(VERBS)})$){NAME_PATTERN}$"

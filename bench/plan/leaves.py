@@ -28,6 +28,7 @@ from bench.plan.language_steps import (
     UnitStep,
     VerifyStep,
 )
+from bench.plan.readings import expand_readings
 from bench.plan.templated import REFERENCE
 from bench.plan.unit_commands import expand_test, expand_unit
 from bench.plan.values import Quantity, Scope, named, plain
@@ -117,7 +118,7 @@ def _record(plan: Expander, step: RecordStep, path: Path, scope: Scope) -> None:
 
 
 def take_record(plan: Expander, record: Record, path: Path, scope: Scope) -> None:
-    """Append one record step, or one for each of its windows: a whole number of frames, with its conditions."""
+    """Append one record step, or one for each of its windows: whole frames or rounds of readings, and conditions."""
     seconds = _duration(plan, record.seconds, scope, (*path, "seconds"))
     if seconds is not None and not math.isnan(plan.rate_Hz):
         _whole_frames(plan, seconds, (*path, "seconds"))
@@ -134,6 +135,8 @@ def take_record(plan: Expander, record: Record, path: Path, scope: Scope) -> Non
         "purpose": record.purpose,
         "retry_step": len(plan.steps) if plan.retry_step is None else plan.retry_step,
     }
+    read, quantities = expand_readings(plan, record, seconds, path, scope)
+    arguments |= read
     if record.label is not None:
         conditions["label"] = record.label
     if record.pulse_timing:
@@ -146,13 +149,14 @@ def take_record(plan: Expander, record: Record, path: Path, scope: Scope) -> Non
         message = f"{record.windows} windows without a gap cannot be taken again (retry {record.retry})"
         plan.fail("B-PLAN-068", (*path, "retry"), message, "leave 'retry' out; lost frames are counted in each window")
     _windows(plan, record, arguments, conditions, path, scope, seconds)
+    plan.keep_dimensions(quantities, record.windows or 1)
 
 
 def _windows(
     plan: Expander, record: Record, arguments: Mapping[str, Any], conditions: Mapping[str, Any], path: Path,
     scope: Scope, seconds: Quantity | None,
 ) -> None:  # fmt: skip
-    link = next(iter(plan.document.model.frame))
+    link = next(iter(plan.document.model.frame), "")
     for index in range(record.windows or 1):
         follows = {"follows": True} if record.follows or index else {}
         numbered = {} if record.windows is None else {"window_index": index}
@@ -188,8 +192,9 @@ _SAMPLES = _Kept(
 def _can_keep(plan: Expander, kept: _Kept, carried: bool, seconds: Quantity | None, path: Path) -> None:
     """Note what keeps a record from keeping more than its sums (B-PLAN-069, -092)."""
     if not carried:
-        frame = next(iter(plan.document.model.frame.values()))
-        plan.fail(kept.code, path, f"frame {frame!r} has {kept.lacks}", kept.advice)
+        frame = next(iter(plan.document.model.frame.values()), None)
+        counted = "a record of readings" if frame is None else f"frame {frame!r}"
+        plan.fail(kept.code, path, f"{counted} has {kept.lacks}", kept.advice)
     elif seconds is not None and seconds.value * plan.rate_Hz > kept.most:
         message = f"{kept.what.format(round(seconds.value * plan.rate_Hz))} do not fit; {kept.most} are allowed"
         plan.fail(kept.code, path, message, "take shorter records; 'windows' makes many without a gap")
@@ -211,6 +216,9 @@ def soak(plan: Expander, step: Soak, path: Path, scope: Scope) -> None:
     _role(plan, step.chamber, (*path, "chamber"))
     slot_s = _duration(plan, step.slot, scope, (*path, "slot"))
     stable = step.stable
+    if stable.sensor == "unit" and not plan.document.model.frame:
+        message = "the soak waits for the temperature that the unit tells, and the sequence names no link to it"
+        plan.fail("B-PLAN-097", (*path, "stable"), message, "write 'sensor: air'")
     for_s = plan.quantity(stable.for_, "s", scope, (*path, "stable", "for"))
     if for_s is not None and slot_s is not None and for_s.value > slot_s.value:
         message = f"stable for {for_s.value:g} s does not fit in a slot of {slot_s.value:g} s"

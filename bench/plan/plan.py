@@ -45,11 +45,12 @@ class Plan:
 
     ``duration_s`` is the campaign phase and ``prepare_s`` the preparation before it. ``texts`` holds every YAML file
     the plan was made of, by "folder/name.yaml". ``campaign`` holds the constants the analysis needs (JSON values).
-    ``frames`` maps each link to the name of its frame definition; records count the frames of ``measurement_link``;
-    ``link_bytes_s`` is what all links together send, byte per second. ``dimensions`` holds, per step, the base unit
-    of each argument that was written with a unit; ``origins`` where the argument (or the "duration") was written, if
-    not at the step itself. ``remarks`` are mistakes that did not keep the plan from being
-    made; the static check reports them with its own. ``interlocks`` are those of the station and of the sequence;
+    ``frames`` maps each link to the name of its frame definition; records count the frames of ``measurement_link``, or
+    are made of readings where there is no link (""); ``link_bytes_s`` is what all links together send, byte per second.
+    ``dimensions`` holds, per step, the base unit of each argument that was written with a unit (``bench.plan.readings``
+    names those of a record's readings); ``origins`` where the argument (or the "duration") was written, if not at the
+    step itself. ``remarks`` are mistakes that did not keep the plan from being made; the static check reports them with
+    its own. ``interlocks`` are those of the station and of the sequence;
     ``early`` says when early verdicts are given, None for none. ``files`` says where the texts were read, by their
     names; ``settings`` are the ``--set`` values it was compiled with.
     """

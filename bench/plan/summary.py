@@ -12,9 +12,11 @@ from bench.plan.check_actions import Judged
 from bench.plan.check_state import BenchState
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
+from bench.plan.readings import reading_calls, round_count
 
 STEP_BYTES = 400  # events, commands and replies of a step, with their envelopes
 SECOND_BYTES = 150  # chunk and message indexes of a second
+READING_BYTES = 1_500  # a reading of a record: its event, commands and replies, with their envelopes
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,8 @@ class Summary:
 def summarise(plan: Plan, start_utc_ns: int = VIRTUAL_START_UTC_NS) -> Summary:
     """Key figures of a plan that starts at ``start_utc_ns``."""
     total_s = plan.prepare_s + plan.duration_s + plan.finally_s
+    readings = sum(len(calls) * round_count(step) for step in plan.steps if (calls := reading_calls(step)))
+    bytes_s = plan.link_bytes_s + SECOND_BYTES
     return Summary(
         steps=len(plan.steps),
         records=plan.record_count,
@@ -46,7 +50,7 @@ def summarise(plan: Plan, start_utc_ns: int = VIRTUAL_START_UTC_NS) -> Summary:
         duration_s=plan.duration_s,
         finally_s=plan.finally_s,
         finish_utc_ns=start_utc_ns + round(total_s * NS),
-        disk_bytes=round(total_s * (plan.link_bytes_s + SECOND_BYTES) + STEP_BYTES * len(plan.steps)),
+        disk_bytes=round(total_s * bytes_s + STEP_BYTES * len(plan.steps) + READING_BYTES * readings),
         hazards=tuple(line for told in _HAZARDS for line in told(plan)),
     )
 

@@ -42,7 +42,7 @@ def expand_unit(plan: Expander, step: UnitStep, path: Path, scope: Scope) -> Non
 def expand_test(plan: Expander, step: TestStep, path: Path, scope: Scope) -> None:
     """Append a command whose outcome is judged when the session is analysed."""
     test: Test = step.test
-    link = test.link or next(iter(plan.document.model.frame))
+    link = test.link or next(iter(plan.document.model.frame), "")
     here = (*path, "test", "command")
     if not _takes_commands(plan, link, here):
         return
@@ -58,6 +58,9 @@ def expand_test(plan: Expander, step: TestStep, path: Path, scope: Scope) -> Non
 
 def _takes_commands(plan: Expander, link: str, path: Path) -> bool:
     frames = plan.document.model.frame
+    if not frames:
+        plan.fail("B-PLAN-097", path, "the step sends a command to the unit, and the sequence names no link to it")
+        return False
     if link not in frames:
         plan.fail("B-PLAN-041", path, f"there is no link {link!r}{suggestion(link, frames)}")
         return False

@@ -75,6 +75,8 @@ class RecordRow:
         samples: every sample of the record, if that was asked for and the frames carry samples.
         beside: samples that other links sent until the last good frame of the record was received, by link; where the
             record follows another one they begin ``OVERLAP_NS`` early, so that none is missing at the joint.
+        readings, unread: of a record without frames how many readings of instruments it holds, and how many gave no
+            value; they are events of the session between the start and the end of its window.
     """
 
     window: RecordWindow
@@ -89,6 +91,8 @@ class RecordRow:
     timing: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
     samples: Samples | None = None
     beside: Mapping[str, Samples] = field(default_factory=dict)
+    readings: int = 0
+    unread: int = 0
 
 
 @dataclass

@@ -10,6 +10,7 @@ from typing import Any
 from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, parse_frame
 from bench.model.errors import InputError, SessionDamaged
 from bench.record import Damage, Message, RecordCutter, RecordRow, SessionReader, layout
+from bench.record.readings import RecordedReadings
 from bench.replay.parts import Part, Splice, moved_rows, splices_of, time_shifts_ns
 from bench.replay.windows import RESUME, RecordedWindow, recorded_windows
 
@@ -70,7 +71,7 @@ def replay_rows(folder: Path, *, strict: bool = False) -> Replayed:
     definitions = _definitions(folder, manifest, texts)
     windows = recorded_windows(reader.select(frozenset({"/event"})))
     for item in windows:
-        if item.window.link not in definitions:
+        if item.window.link and item.window.link not in definitions:
             raise InputError(
                 "B-RPL-001",
                 f"record {item.window.number} is on the link {item.window.link!r}, which has no frame",
@@ -82,6 +83,7 @@ def replay_rows(folder: Path, *, strict: bool = False) -> Replayed:
     for message in reader.messages(topics):
         replay.take(message)
     replay.end_part()
+    replay.keep_readings()
     shifts_ns = time_shifts_ns(replay.parts)
     events = [(kind, t_ns + shifts_ns[part], fields) for part, (kind, t_ns, fields) in replay.events]
     return Replayed(
@@ -145,8 +147,8 @@ class _Replay:
         self._decoders = {link: LinkDecoder(definition) for link, definition in self.definitions.items()}
         self._cutters: dict[str, RecordCutter] = {}
         for item in self.windows:
-            if item.part == len(self.parts) - 1:
-                link = item.window.link
+            link = item.window.link
+            if item.part == len(self.parts) - 1 and link:
                 if link not in self._cutters:
                     self._cutters[link] = RecordCutter(self.definitions[link])
                 self._cutters[link].open(
@@ -194,6 +196,16 @@ class _Replay:
                     self._keep(cutter.finished())
                 else:
                     cutter.feed_context(batch, link)
+
+    def keep_readings(self) -> None:
+        """Keep the records that are made of readings; every event is known by now."""
+        for part in {item.part for item in self.windows if not item.window.link}:
+            recorded = RecordedReadings(event for found, event in self.events if found == part)
+            self.rows |= {
+                item.window.number: (part, recorded.row(item.window))
+                for item in self.windows
+                if item.part == part and not item.window.link
+            }
 
     def _keep(self, rows: list[RecordRow]) -> None:
         self.rows.update({row.window.number: (len(self.parts) - 1, row) for row in rows})

@@ -42,7 +42,10 @@ class InUse:
     """Which instruments the steps are talking to right now, so that nobody cuts into a sequence of commands.
 
     Thread-safe: a step and somebody who waits for an instrument to come back may use the same one.
+    ``newest`` is the role that was taken last: of a step that uses several, the one that failed.
     """
+
+    newest = ""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -53,6 +56,7 @@ class InUse:
         """Use an instrument for one step."""
         with self._lock:
             self._users[role] += 1
+            self.newest = role
         try:
             yield
         finally:
@@ -67,6 +71,7 @@ class InUse:
 class RunContext:
     """State of one run; the flat plan plus these few values are the whole position.
 
+    ``cutter`` cuts the records out of the frames of ``measurement_link``; None and "" where a plan names no link.
     ``settled`` is False from a soak that was left before the temperature was stable (policy skip) to the next soak.
     ``folder`` is the session's.
     ``unit_answer`` is who the unit said it was before a run that is gone on with was stopped.
@@ -80,7 +85,7 @@ class RunContext:
     plan: Plan
     instruments: dict[str, Instrument]
     acquisition: Acquisition
-    cutter: RecordCutter
+    cutter: RecordCutter | None
     clock: Clock
     sink: SessionSink
     operator: Operator
@@ -111,9 +116,16 @@ class RunContext:
 
     def drop_open_records(self, count: int) -> None:
         """Forget the windows that are open, and every number given since ``count`` records were taken."""
-        self.cutter.close_all()
+        if self.cutter is not None:
+            self.cutter.close_all()
         self.ahead.clear()
         self.record_count = count
+
+    @property
+    def frames_cutter(self) -> RecordCutter:
+        """The cutter, for a record that is made of frames."""
+        assert self.cutter is not None, "a plan without a link has no record of frames"
+        return self.cutter
 
     def event(self, kind: str, **fields: object) -> None:
         """Write an event with the time of now."""

@@ -135,7 +135,8 @@ class Sequencer:
                 except RunError as error:
                     position = self._again(error, steps, position, attempts)
                 except InstrumentError as error:
-                    wish = self._waited_for(error, steps[position].role, steps[position], holds)
+                    role = steps[position].role or context.in_use.newest  # a record of readings has several
+                    wish = self._waited_for(error, role, steps[position], holds)
                     context.drop_open_records(count)
                     position = self._interrupted(wish, steps, position, holds)
                 else:

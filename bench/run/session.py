@@ -253,7 +253,8 @@ class _Run:
 
     def __post_init__(self) -> None:
         self.utc_offset_ns: int | None = None
-        self.cutter = RecordCutter(self.frames[self.plan.measurement_link])
+        link = self.plan.measurement_link
+        self.cutter = RecordCutter(self.frames[link]) if link else None
         self.readers = self._readers()
 
     def sequence(self, operator: Operator, listener: SafeListener) -> Outcome:
@@ -338,10 +339,12 @@ class _Run:
         }
 
     def _readers(self) -> dict[str, LinkReader]:
-        readers = {}
-        measured = self.plan.measurement_link
+        readers: dict[str, LinkReader] = {}
+        cutter, measured = self.cutter, self.plan.measurement_link
+        if cutter is None:
+            return readers
         for link in sorted(self.plan.frames, key=lambda name: name == measured):
-            feed = self.cutter.feed if link == measured else partial(self.cutter.feed_context, link=link)
+            feed = cutter.feed if link == measured else partial(cutter.feed_context, link=link)
             readers[link] = LinkReader(
                 link, self.bench.links[link], self.frames[link], self.clock, self.sink, [feed],
                 poll_s=self.plan.station.links[link].poll,

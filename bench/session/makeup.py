@@ -17,6 +17,7 @@ from bench.model.errors import InputError
 from bench.model.ports import Action, Parameter
 from bench.plan import Plan, Step
 from bench.plan.bus_time import declared_action
+from bench.plan.readings import reading_calls
 from bench.session.record_states import VALID, RecordState, of_samples
 
 _DROPPED = ("sequence", "title", "duration", "records", "prepare", "steps", "timeline", "finally", "procedures")
@@ -59,17 +60,18 @@ def make_up_sequence(plan: Plan, states: Sequence[RecordState]) -> tuple[str, in
         f"title: {json.dumps(f'{plan.title}: make-up'[:200], ensure_ascii=False)}",
         *_head(plan),
         "",
-        "prepare:",
-        *(f"  - {_written(plan, step)}" for step in plan.phase("prepare")),
-        "",
+        *_section("prepare", plan, plan.phase("prepare")),
         "steps:",
         *_steps(plan, chosen),
         "",
     ]
-    if ending := plan.phase("finally"):
-        lines += ["finally:", *(f"  - {_written(plan, step)}" for step in ending), ""]
+    lines += _section("finally", plan, plan.phase("finally"))
     lines += ["procedures:", *_procedures(plan, chosen)]
     return "\n".join(lines) + "\n", len(again), len(overlap)
+
+
+def _section(name: str, plan: Plan, steps: Sequence[Step]) -> list[str]:
+    return [f"{name}:", *(f"  - {_written(plan, step)}" for step in steps), ""] if steps else []
 
 
 def _overlap(plan: Plan, states: Sequence[RecordState], again: Sequence[RecordState]) -> list[RecordState]:
@@ -189,16 +191,21 @@ def _written(plan: Plan, step: Step) -> str:
     if step.kind == "call":
         return _call(declared_action(plan.station, step.role, step.name), step)
     if step.kind == "record":
-        return _flow({"record": _record(step)})
+        return _flow({"record": _record(plan, step)})
     return _flow(_PLAIN[step.kind](step))
 
 
 def _call(declared: Action | None, step: Step) -> str:
+    called = _called(declared, step)
+    return called if isinstance(called, str) else _flow(called)
+
+
+def _called(declared: Action | None, step: Step) -> str | dict[str, Any]:
     called = f"{step.role}.{step.name}"
     if not step.arguments:
         return called
     parameters = {one.name: one for one in declared.parameters} if declared is not None else {}
-    return _flow({called: {name: _argument(value, parameters.get(name)) for name, value in step.arguments.items()}})
+    return {called: {name: _argument(value, parameters.get(name)) for name, value in step.arguments.items()}}
 
 
 def _argument(value: Any, parameter: Parameter | None) -> Any:
@@ -211,9 +218,12 @@ def _quantity(value: float, unit: str) -> str:
     return f"{Decimal(repr(float(value))) * 100:f} %" if unit == "1" else f"{value!r} {unit}"
 
 
-def _record(step: Step) -> dict[str, Any]:
+def _record(plan: Plan, step: Step) -> dict[str, Any]:
     arguments = step.arguments
     record: dict[str, Any] = {"seconds": _quantity(arguments["seconds"], "s")}
+    if calls := reading_calls(step):
+        record["every"] = _quantity(arguments["every"], "s")
+        record["readings"] = [_called(declared_action(plan.station, call.role, call.name), call) for call in calls]
     if arguments.get("retry"):
         record["retry"] = arguments["retry"]
     if arguments.get("max_lost"):

@@ -100,7 +100,7 @@ def _overlap_notes(rows: Iterable[RecordRow], again: Iterable[RecordRow]) -> lis
 def _change_ppm(before: RecordRow, after: RecordRow) -> float | None:
     """Relative change of the net pulse rate of a point, ppm; None without a current."""
     channel = before.window.conditions.get("channel")
-    if channel is None or not before.window.conditions.get("current_A"):
+    if channel is None or not before.window.link or not before.window.conditions.get("current_A"):
         return None
     rates = []
     for row in (before, after):

@@ -88,8 +88,8 @@ def sample_problem(row: RecordRow) -> str:
 
 
 def row_problem(row: RecordRow) -> str:
-    """Why every analysis leaves a record out, "" if its counts are good."""
-    return count_problem(row)
+    """Why every analysis leaves a record out, "" if its counts are good, or if something was read."""
+    return count_problem(row) if row.window.link else flag_problem(row)
 
 
 def summary_lines(states: Sequence[RecordState]) -> list[str]:

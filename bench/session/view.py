@@ -85,7 +85,7 @@ def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str
     provenance = {
         "simulated": manifest["simulated"],
         "plan_sha256": manifest["plan_sha256"],
-        "frame_sha256": manifest["frame_sha256"][manifest["measurement_link"]],
+        "frame_sha256": manifest["frame_sha256"].get(manifest["measurement_link"], ""),
         "session_sha256": view.session_sha256,
         "software": SOFTWARE,
     }
@@ -152,6 +152,7 @@ def _reading(t_ns: int, fields: Mapping[str, Any]) -> Reading:
         name=str(fields["name"]),
         value=fields["value"],
         conditions=dict(fields.get("conditions", {})),
+        arguments=dict(fields.get("arguments", {})),
     )
 
 

@@ -62,6 +62,7 @@ def records(seen: Seen, look: Look) -> list[Text]:
     for one in (seen.document.get("records") or {}).get("last") or ():
         lost, bad, flags = one.get("lost") or 0, one.get("bad") or 0, one.get("flags")
         parts = [f"  {one.get('number')}", look.time(one.get("t_utc_s"), now), _conditions(one, look)]
+        parts.append(look.texts("record.readings", count=one["readings"]) if one.get("readings") is not None else "")
         parts.append(look.texts("record.lost", lost=lost, bad=bad) if lost or bad else "")
         parts.append(look.texts("record.flags", flags=_flags(flags, look)) if flags else "")
         lines += joined(parts, look.width, "yellow" if lost or bad or flags else "", rest="    ")

@@ -1,6 +1,6 @@
 """Draw the two pictures of the README from a real run: the live page of a session, and the first page of its report.
 
-Run by ``make pictures``. Needs Chromium; everything shown comes from ``bench run scale_factor_38h`` on the simulated bench.
+Run by ``make pictures``. Needs Chromium; everything shown comes from a run on the simulated bench.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Exact exchanges of the rail multimeter."""
+"""Exact exchanges of the rail multimeter, which measures resistance too."""
 
 import pytest
 from known_drivers import IDENTIFY, NO_ERROR, after, slow
-from scripted import scripted
+from scripted import CLEAR, POLL, TIMEOUT, scripted
 
 from bench.model.errors import InstrumentError
 
@@ -19,3 +19,44 @@ def test_an_error_of_the_reading_is_told() -> None:
     with scripted("agilent_34401a", script) as meter, pytest.raises(InstrumentError, match="531") as caught:
         meter.measure_voltage()
     assert caught.value.code == "B-INST-005"
+
+
+FOUR_WIRES = [*IDENTIFY["agilent_34401a"], *after(b"CONF:FRES 1.0E+03\n"), *after(b"FRES:NPLC 10\n")]
+
+
+def test_resistance() -> None:
+    script = [*FOUR_WIRES, *slow(b"READ?\n", b"+1.09735210E+02\n"), NO_ERROR]
+    with scripted("agilent_34401a", script) as meter:
+        assert meter.measure_resistance(1000.0, 10) == 109.73521
+
+
+def test_open_leads_and_too_large_a_resistance_are_no_reading() -> None:
+    script = [*FOUR_WIRES, *slow(b"READ?\n", b"+9.90000000E+37\n")]
+    with scripted("agilent_34401a", script) as meter, pytest.raises(InstrumentError) as caught:
+        meter.measure_resistance(1000.0, 10)
+    assert caught.value.code == "B-INST-007"
+
+
+@pytest.mark.parametrize(("range_ohm", "cycles"), [(10.0, 10), (2e8, 10), (1000.0, 2), (1000.0, 0.02)])
+def test_what_the_meter_cannot_do_is_not_sent(range_ohm: float, cycles: float) -> None:
+    with scripted("agilent_34401a", []) as meter, pytest.raises(InstrumentError) as caught:
+        meter.measure_resistance(range_ohm, cycles)
+    assert caught.value.code == "B-INST-008"
+
+
+def test_a_configuration_in_doubt_is_read_back() -> None:
+    """A command that was not taken is looked for: four wires on this range are set, nothing is sent again."""
+    doubt = [(b"CONF:FRES 1.0E+02\n", None), (b"SYST:ERR?\n", TIMEOUT), (POLL, 0), (CLEAR, None)]
+    seen = [(b"CONF?\n", b'"FRES +1.000000E+02,+1.000000E-04"\n')]
+    script = [*IDENTIFY["agilent_34401a"], *doubt, *seen, *after(b"FRES:NPLC 1\n")]
+    script += [*slow(b"READ?\n", b"+1.0E+02\n"), NO_ERROR]
+    with scripted("agilent_34401a", script) as meter:
+        assert meter.measure_resistance(100.0, 1) == 100.0
+
+
+def test_volts_follow_ohms() -> None:
+    read = [*slow(b"READ?\n", b"+1.0E+00\n"), NO_ERROR]
+    script = [*FOUR_WIRES, *read, *after(b"CONF:VOLT:DC\n"), *read]
+    with scripted("agilent_34401a", script) as meter:
+        meter.measure_resistance(1000.0, 10)
+        assert meter.measure_voltage() == 1.0

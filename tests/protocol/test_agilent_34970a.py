@@ -41,9 +41,60 @@ def test_missing_readings() -> None:
 
 
 @pytest.mark.parametrize(
-    "options", [{"channels": []}, {"channels": [1]}, {"channels": ["101"]}, {"channels": 101}, {"thermocouple": "TT"}]
+    "options",
+    [
+        {"channels": []},
+        {"channels": [1]},
+        {"channels": ["101"]},
+        {"channels": 101},
+        {"thermocouple": "TT"},
+        {"thermocouple": ""},
+        {"thermocouple": "none"},
+    ],
 )
 def test_options(options: dict[str, object]) -> None:
     with pytest.raises(InputError) as caught, scripted("agilent_34970a", [], **options):
         pass
     assert caught.value.code == "B-INST-020"
+
+
+def four_wires(start: list[tuple[bytes, bytes | None]]) -> list[tuple[bytes, bytes | None]]:
+    settings = [b"CONF:FRES 1.0E+02,(@103)\n", b"FRES:NPLC 10,(@103)\n", b"ROUT:SCAN (@103)\n"]
+    return [*start, *(pair for setting in settings for pair in after(setting))]
+
+
+def test_resistance_of_one_channel() -> None:
+    script = [*four_wires(START), *slow(b"READ?\n", b"+1.00003270E+02\n"), NO_ERROR]
+    with scripted("agilent_34970a", script) as logger:
+        assert logger.measure_resistance(103, 100.0, 10) == 100.00327
+
+
+def test_open_leads() -> None:
+    script = [*four_wires(START), *slow(b"READ?\n", b"+9.90000000E+37\n")]
+    with scripted("agilent_34970a", script) as logger, pytest.raises(InstrumentError) as caught:
+        logger.measure_resistance(103, 100.0, 10)
+    assert caught.value.code == "B-INST-007"
+
+
+@pytest.mark.parametrize("channel", [100, 111, 120, 411])
+def test_a_channel_that_senses_for_another_is_not_sent(channel: int) -> None:
+    with scripted("agilent_34970a", []) as logger, pytest.raises(InstrumentError) as caught:
+        logger.measure_resistance(channel, 100.0, 10)
+    assert caught.value.code == "B-INST-008"
+
+
+@pytest.mark.parametrize("thermocouple", [103, 113])
+def test_a_channel_of_a_thermocouple_is_not_taken_for_a_resistance(thermocouple: int) -> None:
+    with scripted("agilent_34970a", [], channels=[thermocouple]) as logger, pytest.raises(InstrumentError) as caught:
+        logger.measure_resistance(103, 100.0, 10)
+    assert caught.value.code == "B-INST-008"
+
+
+def test_a_unit_without_thermocouples() -> None:
+    """Nothing is configured for them, and there is nothing to scan."""
+    script = [*four_wires(START[:2]), *slow(b"READ?\n", b"+1.0E+02\n"), NO_ERROR]
+    with scripted("agilent_34970a", script, thermocouple="none", channels=[]) as logger:
+        assert logger.measure_resistance(103, 100.0, 10) == 100.0
+        with pytest.raises(InstrumentError) as caught:
+            logger.scan()
+        assert caught.value.code == "B-INST-008"

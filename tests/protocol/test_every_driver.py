@@ -20,7 +20,7 @@ from bench.model.units import parse_quantity
 
 MODULES = [module.name for module in pkgutil.iter_modules(instruments.__path__)]
 DRIVERS = [name for name in MODULES if hasattr(importlib.import_module(f"instruments.{name}"), "DRIVER")]
-SHARED = {"base", "block", "bus", "commands", "ladder", "readback", "scpi", "values", "wire"}
+SHARED = {"base", "block", "bus", "commands", "ladder", "ohms", "readback", "scpi", "values", "wire"}
 VERBS = ("Set", "Get", "Control", "Measure")
 QUESTIONS = ("*IDN?", "IDEN?", "END ALWAYS", "ID?", "OUTX 1", "V", "N1C1 RB I")  # who is there
 LATER = ("hp_3458a", "srs_sr830")  # their question is the second thing that is sent

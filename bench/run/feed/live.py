@@ -112,7 +112,9 @@ class LiveFeed:
     def record(self, row: RecordRow) -> None:
         """A record is complete."""
         flags = [str(flag.name).lower().replace("_", " ") for flag in Quality if flag & row.quality]
-        counts = {"frames": row.frames, "lost": row.lost, "bad": row.bad, "flags": flags}
+        counts: dict[str, Any] = {"frames": row.frames, "lost": row.lost, "bad": row.bad, "flags": flags}
+        if not row.window.link:
+            counts |= {"frames": None, "readings": row.readings, "lost": row.unread, "bad": None}
         now_s = self._utc_s(self._context.clock.now_ns())
         self.state.on_record(row.window.number, now_s, row.window.conditions, counts)
 

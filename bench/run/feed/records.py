@@ -32,7 +32,7 @@ class Records:
         """Count what is taken, and taken back."""
         if kind == "record" and is_measurement(fields.get("conditions") or {}):
             self._begun = True
-            self._take(int(fields["number"]), t_utc_s, fields.get("conditions") or {}, {"frames": fields.get("frames")})
+            self._take(int(fields["number"]), t_utc_s, fields.get("conditions") or {}, _recorded(fields))
         elif kind == "retake":
             self._retaken += 1
             self._withdraw(int(fields["record"]))
@@ -63,3 +63,10 @@ class Records:
                 self._flagged -= bool(line["flags"])
                 self._last.remove(line)
                 return
+
+
+def _recorded(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """What the event of a record says it is made of: frames, or readings of instruments."""
+    if "readings" in fields:
+        return {"frames": None, "readings": fields["readings"], "lost": fields.get("unread")}
+    return {"frames": fields.get("frames")}

@@ -11,6 +11,7 @@ from bench.model.clock import NS, VIRTUAL_START_UTC_NS, Clock
 from bench.model.errors import BenchError
 from bench.model.ports import ByteLink, Instrument
 from bench.plan import Plan, Station
+from bench.plan.readings import roles_of
 from bench.run.preflight.host import Host
 
 
@@ -48,7 +49,7 @@ class PreflightContext(Surroundings):
     @property
     def used_roles(self) -> set[str]:
         """Roles of instruments that a step of the plan talks to."""
-        return {step.role for step in self.plan.steps if step.role in self.station.instruments}
+        return roles_of(self.plan.steps) & self.station.instruments.keys()
 
     @property
     def length_s(self) -> float:

@@ -5,60 +5,29 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from bench.model.clock import NS, to_ns
-from bench.model.errors import InstrumentError, LinkError, RunError
-from bench.model.ports import Effect, Instrument, actions_of
-from bench.model.quality import Quality
+from bench.model.errors import LinkError, RunError
 from bench.plan import Step
 from bench.run.context import RunContext
 from bench.run.control.operator import Question, answer_fields, judge
 from bench.run.links.reader import LinkReader, UnitAnswer
 from bench.run.steps.exchange import ATTEMPTS, TIMEOUT_S, exchange
+from bench.run.steps.readings import act, call_or_flag
 from bench.run.steps.recording import take_record
 from bench.run.steps.soak import soak
 
 ANSWER_S = 2.0
 PROMPT_SLIP_NS = NS  # a person takes longer; the simulated one takes no time
 DONE = 0  # status of an answer
-OVERLOAD = "B-INST-007"
-NO_READING = (OVERLOAD, "B-INST-001", "B-INST-004")  # overload, silence, a reply that is not understood
 
 
 def call(context: RunContext, step: Step) -> None:
-    """Call a declared action of an instrument; its reading, if any, becomes an event.
-
-    An action that only measures and gets no reading is a flagged reading: it is no reason to end a run.
-    """
-    try:
-        _act(context, step)
-    except InstrumentError as error:
-        if error.code not in NO_READING or not _only_measures(context.instruments[step.role], step.name):
-            raise
-        flag = Quality.OVERLOAD if error.code == OVERLOAD else Quality.NOT_FINITE
-        context.event(
-            "reading", step=step.number, role=step.role, name=step.name, value=None,
-            conditions=dict(step.conditions), quality=int(flag), code=error.code, text=error.message,
-        )  # fmt: skip
-        context.listener.message(f"{error.where}: {error.message}; the reading is flagged, the run goes on")
-
-
-def _act(context: RunContext, step: Step) -> object:
-    method = getattr(context.instruments[step.role], step.name)
-    with context.in_use.take(step.role):
-        result = method(**step.arguments)
-    if result is not None:
-        conditions = dict(step.conditions)
-        context.event("reading", step=step.number, role=step.role, name=step.name, value=result, conditions=conditions)
-    return result
-
-
-def _only_measures(instrument: Instrument, name: str) -> bool:
-    declared = actions_of(type(instrument)).get(name)
-    return declared is not None and declared.effect is Effect.NONE and bool(declared.returns)
+    """Call a declared action of an instrument; its reading, if any, becomes an event."""
+    call_or_flag(context, step)
 
 
 def verify(context: RunContext, step: Step) -> None:
     """The action must return True; otherwise the record before it is not valid. Raises: RunError B-RUN-030."""
-    if _act(context, step) is not True:
+    if act(context, step) is not True:
         raise RunError(
             "B-RUN-030",
             f"{step.name} is not true after the dwell",

@@ -1,4 +1,4 @@
-"""The record step: a window of frames cut by the unwrapped counter, taken again when too much was lost."""
+"""The record step: a window of frames cut by the unwrapped counter, or of readings; again when too much was lost."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from bench.plan import Step
 from bench.record import RecordRow
 from bench.run.bench.wiring import check_wiring
 from bench.run.context import RunContext
+from bench.run.steps.readings import take_readings
 from bench.run.steps.windows import begin_window, is_chained, is_sampled, is_timed, patience_s, silent
 
 MEASUREMENT = "measurement"
@@ -25,19 +26,32 @@ def take_record(context: RunContext, step: Step) -> None:
     attempts = 1 + int(step.arguments.get("retry", 0))
     max_lost = float(step.arguments.get("max_lost", 0.0))
     for attempt in range(attempts):
-        row = _take(context, step, number)
-        lost = row.lost / row.window.frames
-        if lost <= max_lost or attempt == attempts - 1:
+        row = _take(context, step, number) if context.measurement_link else _read(context, step, number)
+        lost, due, what = _losses(row)
+        if lost / due <= max_lost or attempt == attempts - 1:
             break
-        context.event("retake", record=number, reason=f"{row.lost} of {row.window.frames} frames lost")
+        context.event("retake", record=number, reason=f"{lost} of {due} {what} lost")
         context.retaken += 1
         context.timeline.add_slip(to_ns(float(step.arguments["seconds"])))
-    if row.frames == 0 and not (is_chained(context, step) and _goes_on(context, row)):
+    if row.window.link and row.frames == 0 and not (is_chained(context, step) and _goes_on(context, row)):
         raise silent(context, f"no good frame during record {number}")
     context.rows[number] = row
     context.listener.record(row)
     if step.arguments.get("purpose", MEASUREMENT) == "wiring":
         check_wiring(row, context.plan.campaign, step.where)
+
+
+def _losses(row: RecordRow) -> tuple[int, int, str]:
+    """How many frames or readings of a record are lost, of how many, and what they are called."""
+    if not row.window.link:
+        return row.unread, row.readings + row.unread, "readings"
+    return row.lost, row.window.frames, "frames"
+
+
+def _read(context: RunContext, step: Step, number: int) -> RecordRow:
+    row = take_readings(context, step, number)
+    context.event("record", **window_fields(row.window), readings=row.readings, unread=row.unread)
+    return row
 
 
 def _goes_on(context: RunContext, row: RecordRow) -> bool:
@@ -58,7 +72,7 @@ def _take(context: RunContext, step: Step, number: int) -> RecordRow:
         timed = {"pulse_timing": True} if is_timed(step) else {}
         sampled = {"samples": True} if is_sampled(step) else {}
         context.event("record", **window_fields(window), **timed, **sampled)
-        return context.cutter.close(number)
+        return context.frames_cutter.close(number)
 
 
 def window_fields(window: RecordWindow) -> dict[str, object]:

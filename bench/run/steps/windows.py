@@ -124,7 +124,7 @@ def _followers(steps: Sequence[Step], step: Step) -> Iterator[Step]:
 
 
 def _open(context: RunContext, step: Step, window: RecordWindow, chained: bool = False) -> None:
-    context.cutter.open(window, timed=is_timed(step), sampled=is_sampled(step), chained=chained)
+    context.frames_cutter.open(window, timed=is_timed(step), sampled=is_sampled(step), chained=chained)
 
 
 def _frames(context: RunContext, step: Step) -> int:

@@ -18,6 +18,7 @@ from bench.model.clock import NS
 from bench.model.errors import InstrumentError
 from bench.model.ports import Instrument
 from bench.plan.interlock_language import InterlockRule
+from bench.plan.summary import SECOND_BYTES
 from bench.run.bench.safety import hurried
 from bench.run.context import CHAMBER, RunContext
 from bench.run.guard.health import CHAMBER_AIR
@@ -113,7 +114,7 @@ class WatchedSignals:
         self._housekeeping()
         if "disk_time" in self._wanted and not self._context.clock.virtual:
             free = shutil.disk_usage(self._context.folder).free
-            self.put("disk_time", free / (OVERHEAD * self._context.plan.link_bytes_s))
+            self.put("disk_time", free / (OVERHEAD * (self._context.plan.link_bytes_s or SECOND_BYTES)))
 
     def ask(self) -> None:
         """Read the instruments that are idle."""

@@ -41,11 +41,12 @@ function links() {
 function records() {
   const { records: all } = page.state;
   say(byId("record-counts"), all ? t("record.counts", { done: all.done ?? 0, planned: all.planned ?? "\u2013", retaken: all.retaken ?? 0, flagged: all.flagged ?? 0 }) : "");
-  const columns = heads("record", { number, time: fixed, conditions: {}, frames: number, lost: number, bad: number, flags: {} });
+  const counted = (all?.last ?? []).some((one) => one.readings !== undefined) ? "readings" : "frames";
+  const columns = heads("record", { number, time: fixed, conditions: {}, [counted]: number, lost: number, bad: number, flags: {} });
   const rows = (all?.last ?? []).map((one) => ({
     key: one.number,
     class: one.flags?.length ? "warn" : "",
-    cells: [one.number, stamp(one.t_utc_s, page.state.started_utc_s), conditions({ ...one.conditions, kind: null }), one.frames ?? "", one.lost ?? "", one.bad ?? "",
+    cells: [one.number, stamp(one.t_utc_s, page.state.started_utc_s), conditions({ ...one.conditions, kind: null }), one[counted] ?? "", one.lost ?? "", one.bad ?? "",
       Array.isArray(one.flags) ? one.flags.join(", ") : one.flags ?? ""],
   }));
   fillTable(byId("records"), columns, rows, t("record.none"));

@@ -20,6 +20,7 @@ from sim_instruments.faults.switchboard import Faults
 from sim_instruments.hp_6632b import UNIT_CURRENT_A, UNIT_START_V
 from sim_instruments.worlds.af_converter.truth import estimates
 from sim_instruments.worlds.common.seeds import generator
+from sim_instruments.worlds.common.terminals import Terminals
 from sim_instruments.worlds.common.thermal import Thermal
 from sim_instruments.worlds.common.unit_truth import UnitTruth
 from sim_instruments.worlds.common.wiring import UnitInputs, Wiring
@@ -39,13 +40,31 @@ class Unit(UnitInputs, Protocol):
         """True frequency at the unit's function-generator input, hertz; 0 without a signal."""
 
 
+class NoUnit:
+    """What stands at the unit's place on a bench that measures sources at the terminals of its meters alone."""
+
+    truth: UnitTruth  # there is none
+
+    def set_input(self, channel: int, current_A: float, t_ns: int) -> None:
+        """Nothing takes the current."""
+
+    def set_open(self, channel: int, t_ns: int) -> None:
+        """Nothing is connected anyway."""
+
+    def set_power(self, on: bool, t_ns: int, voltage_V: float) -> None:
+        """Nothing is supplied."""
+
+    def set_fg(self, frequency_Hz: float, t_ns: int) -> None:
+        """Nothing counts."""
+
+
 class World:
     """One simulated bench. Everything that changes it runs under ``lock``, at a time of ``clock``.
 
     Args:
         clock: clock of the run; virtual clocks are advanced by bus operations and timeouts.
         seed: seed of every draw.
-        unit: the simulated unit under test.
+        unit: the simulated unit under test, None on a bench without one.
         thermal: temperatures; the unit reads its own from it.
         options: checked options of the world (sim_instruments.worlds.simulation.WORLD_OPTIONS).
     """
@@ -57,19 +76,20 @@ class World:
         *,
         clock: Clock,
         seed: int,
-        unit: Unit,
+        unit: Unit | None,
         thermal: Thermal,
         options: Mapping[str, bool | float] | None = None,
     ) -> None:
         self.clock = clock
         self.seed = seed
-        self.unit = unit
+        self.unit: Unit = NoUnit() if unit is None else unit
         self.thermal = thermal
         self.options = dict(options or {})
         self.lock = threading.RLock()
         self.faults = Faults(seed)
         self.switches = FaultSwitches(self, self.ports)
-        self.wiring = Wiring(unit, seed)
+        self.wiring = Wiring(self.unit, seed)
+        self.terminals = Terminals()
         self.devices = Devices()
         self.instruments: dict[str, LiveDevice] = {}
         self.id = registry.add(self)
@@ -108,7 +128,7 @@ class World:
 
     def truth(self, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
         """True values of what the campaign estimates, in the form of the contract's ``estimates``."""
-        return estimates(self.unit.truth, self.thermal, windows)
+        return [] if isinstance(self.unit, NoUnit) else estimates(self.unit.truth, self.thermal, windows)
 
     operations: ClassVar[tuple[str, ...]] = ()  # what ``operate`` knows
 

@@ -205,7 +205,9 @@ NO_NUMBERS = [
     "1_0",
 ]
 READINGS = [
+    ("agilent_34401a", "measure_resistance", {"range": 100.0, "cycles": 1}),
     ("agilent_34401a", "measure_voltage", {}),
+    ("agilent_34970a", "measure_resistance", {"channel": 103, "range": 100.0, "cycles": 1}),
     ("agilent_34970a", "scan", {}),
     ("agilent_53230a", "measure_frequency", {"gate": 0.1}),
     ("agilent_e3631a", "measure_voltage", {"rail": 1}),

@@ -1,0 +1,96 @@
+"""Records that are made of readings: calls that only measure, taken one after another, again after each period."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from bench.model.ports import Action, Effect
+from bench.plan.language_steps import Record
+from bench.plan.plan import Step
+from bench.plan.values import Quantity, Scope, plain
+
+if TYPE_CHECKING:
+    from bench.plan.expand import Expander, Path
+
+READINGS, EVERY, SECONDS = "readings", "every", "seconds"
+WIRING = "wiring"
+_WHOLE = 1e-6  # of a round
+
+
+def reading_calls(step: Step) -> tuple[Step, ...]:
+    """Return what a record reads as call steps, in order; none if it is made of frames."""
+    return tuple(replace(step, kind="call", **reading) for reading in step.arguments.get(READINGS, ()))
+
+
+def roles_of(steps: Iterable[Step]) -> set[str]:
+    """Return the roles and links that steps use, those that records read among them."""
+    return {call.role for step in steps for call in (step, *reading_calls(step))}
+
+
+def reading_place(index: int, argument: str) -> str:
+    """Return the name under which a record's step keeps the dimension of an argument of one of its readings."""
+    return f"{READINGS}.{index}.{argument}"
+
+
+def round_count(step: Step) -> int:
+    """Return how many times a record takes its readings."""
+    return round(float(step.arguments[SECONDS]) / float(step.arguments[EVERY]))
+
+
+def is_reading(action: Action) -> bool:
+    """Return whether an action measures something and changes nothing."""
+    return action.effect is Effect.NONE and bool(action.returns)
+
+
+def expand_readings(
+    plan: Expander, record: Record, seconds: Quantity | None, path: Path, scope: Scope
+) -> tuple[dict[str, Any], dict[str, Quantity]]:
+    """Return the arguments of a record that say what is read, and the quantities in them by ``reading_place``.
+
+    Findings: B-PLAN-096 (a record of neither frames nor readings, or of both), B-PLAN-042 (part of a round).
+    """
+    link = next(iter(plan.document.model.frame), None)
+    if not record.readings:
+        if link is None:
+            advice = "write 'readings: [role.action]' and 'every', or name the link under 'frame'"
+            _refuse(plan, path, "the record has neither frames nor readings: the sequence names no link", advice)
+        elif record.every is not None:
+            _refuse(plan, (*path, EVERY), "'every' says when readings are taken, and the record has none")
+        return {}, {}
+    if link is not None:
+        _refuse(plan, (*path, READINGS), f"the record counts frames of {link}, so it cannot be made of readings")
+    elif record.purpose == WIRING:
+        _refuse(plan, path, "a wiring check counts frames; it cannot be made of readings")
+    every = seconds if record.every is None else plan.quantity(record.every, "s", scope, (*path, EVERY))
+    _whole_rounds(plan, seconds, every, path)
+    calls: list[dict[str, Any]] = []
+    quantities: dict[str, Quantity] = {}
+    for index, reading in enumerate(record.readings):
+        called, given = next(iter(reading.root.items()))
+        role, name = called.split(".")
+        here = (*path, READINGS, index, called)
+        values = {key: plan.resolve(raw, scope, (*here, key)) for key, raw in (given or {}).items()}
+        calls.append({"role": role, "name": name, "arguments": {key: plain(value) for key, value in values.items()}})
+        quantities |= {reading_place(index, key): v for key, v in values.items() if isinstance(v, Quantity)}
+    return {READINGS: calls, EVERY: every}, quantities
+
+
+def argument_dimensions(dimensions: Mapping[str, str], index: int) -> dict[str, str]:
+    """Return the dimensions of the arguments of one reading of a record, by name."""
+    before = reading_place(index, "")
+    return {name.removeprefix(before): unit for name, unit in dimensions.items() if name.startswith(before)}
+
+
+def _whole_rounds(plan: Expander, seconds: Quantity | None, every: Quantity | None, path: Path) -> None:
+    if seconds is None or every is None:
+        return
+    rounds = seconds.value / every.value if every.value > 0 else 0.0
+    if rounds < 1 or abs(rounds - round(rounds)) > _WHOLE:
+        message = f"{seconds.value:g} s is not a whole number of rounds of readings, one each {every.value:g} s"
+        plan.fail("B-PLAN-042", path, message, origin=seconds.origin)
+
+
+def _refuse(plan: Expander, path: Path, message: str, advice: str = "") -> None:
+    plan.fail("B-PLAN-096", path, message, advice)

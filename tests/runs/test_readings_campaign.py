@@ -1,0 +1,361 @@
+"""A campaign without a serial unit: records of readings in run, page, fit, replay, resume, history and certificate."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import Any
+
+import pytest
+from crashes import Crashes, crashed_at, go_on, nobody_in
+from probe_bench import OHM_AT_0, OHM_PER_DEGC, RECORD, TEMPERATURES_DEGC, installed, probe_plan, written
+from rehearsal import SEED, Rehearsal
+from typer.testing import CliRunner
+
+from bench.cli import app
+from bench.commands.run import view_of
+from bench.model.clock import NS, VirtualClock
+from bench.model.errors import InstrumentError
+from bench.model.quality import Quality
+from bench.plan.summary import summarise
+from bench.replay import replay_rows
+from bench.run.besides import besides
+from bench.run.context import RunContext
+from bench.run.control.following import Following
+from bench.run.control.operator import SimulatedOperator
+from bench.run.feed import FeedClient
+from bench.run.hold.holds import Wish
+from bench.run.session import conduct
+from bench.session.early import verdict
+from bench.session.merge import merged
+from bench.session.record_states import INVALID, VALID, record_states
+from bench.session.service import read_view
+from bench.session.view import KEPT_EVENTS, analyse_view, material_of
+from bench.tui.glyphs import UNICODE
+from bench.tui.look import Look, catalogue
+from bench.tui.tables import records as record_lines
+from bench.tui.watch import Seen
+from bench.web.past import Past
+from sim_instruments.worlds.common.terminals import Source
+from sim_instruments.worlds.common.world import World
+
+NAME = "20000101T000000Z_probes_P-1"
+ROUNDS, READINGS, RECORDS = 3, 4, 4
+SESSION = tuple[Path, Path]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _probes() -> Iterator[None]:
+    with installed():
+        yield
+
+
+def command(*words: object) -> str:
+    """What a command says; it must succeed."""
+    done = CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory, _probes: None) -> SESSION:
+    """The sequence's file, and the session of its run."""
+    folder = tmp_path_factory.mktemp("probes")
+    sequence = written(folder)
+    command("run", sequence, "--out", folder / "out", "--seed", SEED, "--truth")
+    return sequence, folder / "out" / NAME
+
+
+def results_of(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / "results.json").read_text())
+    return found
+
+
+# --- check and run ---------------------------------------------------------------------------------------------------
+
+
+def test_the_check_knows_steps_duration_and_disk_use(tmp_path: Path) -> None:
+    plan = probe_plan(tmp_path)
+    summary = summarise(plan)
+    assert (plan.measurement_link, dict(plan.frames), plan.link_bytes_s) == ("", {}, 0.0)
+    assert (summary.records, summary.duration_s) == (RECORDS, 2 * (3600.0 + 2 * 60.0))
+    less = summarise(probe_plan(tmp_path / "less", ("every: 20 s", "every: 60 s"))).disk_bytes
+    assert summary.disk_bytes - less == 1500 * RECORDS * READINGS * (ROUNDS - 1)
+    assert "no mistake found" in command("check", written(tmp_path / "again"))
+    assert " 0 fail" in command("check", written(tmp_path / "live"), "--live")
+
+
+def test_results_of_a_run(session: SESSION) -> None:
+    """Each probe follows the chamber within the meter's one-year accuracy; its leads, 2 x 1.5 ohm, do not show."""
+    results = results_of(session[1])
+    frames = {"frames": 0, "frames_bad": 0, "frames_lost": 0}
+    assert results["quality"] == {**frames, "records": RECORDS, "retaken": 0, "splices": 0}
+    assert results["provenance"]["frame_sha256"] == ""
+    read = {(one["conditions"]["probe"], one["conditions"]["temperature_degC"]): one for one in results["estimates"]}
+    for probe in ("scanner 101", "scanner 102", "meter 0"):
+        for degC in TEMPERATURES_DEGC:
+            assert read[probe, degC]["value"] == pytest.approx(OHM_AT_0 + OHM_PER_DEGC * degC, abs=0.7)
+            assert read[probe, degC]["n"] == 2 * ROUNDS
+        rise_ohm = read[probe, 40.0]["value"] - read[probe, 23.0]["value"]
+        assert rise_ohm == pytest.approx(OHM_PER_DEGC * 17.0, abs=0.7)
+    assert read["scanner 101", 40.0]["value"] != read["scanner 102", 40.0]["value"]  # each reading has its own noise
+    assert (session[1] / "report.html").stat().st_size > 10_000
+
+
+def test_material_has_each_reading_with_time_arguments_and_conditions(session: SESSION) -> None:
+    """What an analysis needs: readings by channel, when they came, at which temperature, and the chamber's air."""
+    material = material_of(read_view(session[1]))
+    assert len(material.rows) == RECORDS
+    for row in material.rows:
+        readings = material.readings_of(row)
+        assert (row.readings, row.unread, row.frames, row.quality) == (ROUNDS * READINGS, 0, 0, Quality.GOOD)
+        assert [reading.arguments.get("channel") for reading in readings] == [101, 102, None, None] * ROUNDS
+        roles = [f"{reading.role}.{reading.name}" for reading in readings[:READINGS]]
+        assert roles == ["scanner.measure_resistance"] * 2 + ["meter.measure_resistance", "chamber.measure_air"]
+        assert all(reading.conditions == row.window.conditions for reading in readings)
+        assert all(reading.step == row.window.step for reading in readings)
+        first_s = row.window.t_start_ns / NS
+        for turn in range(ROUNDS):
+            times_s = [reading.t_s - first_s for reading in readings[turn * READINGS : (turn + 1) * READINGS]]
+            assert times_s == sorted(times_s)
+            assert 20.0 * turn < times_s[0] < 20.0 * turn + 1.5
+            assert times_s[-1] < 20.0 * turn + 6.5
+        inside = (material.trace.t_s >= first_s) & (material.trace.t_s <= row.window.t_end_ns / NS)
+        degC = row.window.conditions["temperature_degC"]
+        assert material.trace.air_degC[inside] == pytest.approx([degC] * int(inside.sum()), abs=1.0)
+
+
+# --- what reads a session --------------------------------------------------------------------------------------------
+
+
+def test_every_reader_of_a_session_takes_it(session: SESSION) -> None:
+    folder = session[1]
+    assert "every number is identical" in command("replay", folder)
+    assert "4 records, 0 frames" in command("fit", folder)
+    assert "identical" in command("report", folder, "--verify")
+    assert "4 valid, 0 missing, 0 invalid" in command("recover", folder)
+    history = f"sqlite:///{folder.parent / 'history.sqlite'}"
+    assert NAME in command("history", "list", "--history", history)
+    assert "resistance" in command("history", "show", NAME, "--history", history)
+    assert "unchanged" in command("history", "import", folder, "--history", history)
+    assert "certificate.specimen.xml" in command("certificate", folder, "--specimen")
+    (folder / "certificate.specimen.xml").unlink()
+    early = verdict(folder, {"max_lost": 0.0, "max_bad": 0.0, "max_dispersion": 5.0, "max_residual": 6.0})
+    assert (early["ok"], early["records"]) == (None, RECORDS)  # no frames, so nothing that could be judged early
+
+
+def test_a_sequence_that_only_records(tmp_path: Path) -> None:
+    sequence = written(tmp_path, ("analysis: probe_means\n", ""))
+    assert "4 records in" in command("run", sequence, "--out", tmp_path / "out")
+    assert len(replay_rows(tmp_path / "out" / NAME).rows) == RECORDS
+
+
+def test_the_page_and_the_terminal_show_readings(tmp_path: Path) -> None:
+    """The state that a run tells while it goes on, and the one of its recording, say the same of its last record."""
+    plan = probe_plan(tmp_path)
+    documents: list[dict[str, Any]] = []
+
+    class Watcher:
+        def step(self, step: object, at_s: float) -> None: ...
+
+        def message(self, text: str) -> None: ...
+
+        def record(self, row: object) -> None:
+            client = FeedClient(next((tmp_path / "out").iterdir()))
+            documents.append(client.poll(0).header["state"])
+            client.close()
+
+    done = conduct(
+        plan, clock=VirtualClock(), seed=SEED, out=tmp_path / "out", operator=SimulatedOperator(), listener=Watcher(),
+        beside=besides(plan, {}, virtual=True),
+    )  # fmt: skip
+    assert done.outcome.error is None
+    recorded = Past().final(done.folder)
+    for document in (documents[-1], recorded):
+        newest = document["records"]["last"][0]
+        assert (newest["frames"], newest["readings"], newest["lost"]) == (None, ROUNDS * READINGS, 0)
+        assert document["links"] in ({}, None)
+        lines = record_lines(Seen(document, NAME), Look(catalogue(), UNICODE, 100, False))
+        assert any("12 readings" in line.plain for line in lines)
+    assert (recorded["records"]["done"], recorded["records"]["planned"]) == (RECORDS, RECORDS)
+    assert documents[-1]["records"]["done"] >= RECORDS - 1  # what is told is up to a second old
+
+
+# --- stopped and gone on with ----------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def crashes(tmp_path_factory: pytest.TempPathFactory, _probes: None) -> Crashes:
+    folder = tmp_path_factory.mktemp("crashes")
+    return crashed_at(probe_plan(folder), folder, {1, 2, 3, 5})
+
+
+def counted(folder: Path) -> dict[str, int]:
+    results, _ = analyse_view(read_view(folder))
+    return {json.dumps(one["conditions"], sort_keys=True): one["n"] for one in results["estimates"]}
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 5])
+def test_a_killed_run_is_gone_on_with(
+    crashes: Crashes, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = crashes.at(number)
+    folder = Path(shutil.copytree(source, tmp_path / source.name))
+    done = go_on(folder, nobody_in(monkeypatch), away_s=600.0)
+    assert done.outcome.error is None
+    view = read_view(folder)
+    assert not view.incomplete
+    assert [row.window.number for row in view.rows] == list(range(1, RECORDS + 1))
+    assert [row.readings for row in view.rows] == [ROUNDS * READINGS] * RECORDS
+    assert counted(folder) == counted(crashes.whole.run.folder)
+
+
+def test_a_run_that_is_killed_inside_a_record_takes_it_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The readings of the record that was cut off stay in the session and belong to no record."""
+    readings: list[str] = []
+
+    def copy_beside(context: RunContext) -> AbstractContextManager[None]:
+        def heard(kind: str, fields: Mapping[str, Any]) -> None:
+            readings.extend([kind] if kind == "reading" else [])
+            if kind == "reading" and len(readings) == ROUNDS * READINGS + 6:
+                shutil.copytree(context.folder, tmp_path / "crash" / context.folder.name)
+
+        Following(context).heard.append(heard)
+        return nullcontext()
+
+    plan, watched = probe_plan(tmp_path), nobody_in(monkeypatch)
+    conduct(
+        plan, clock=VirtualClock(), seed=SEED, out=tmp_path / "out", operator=SimulatedOperator(), listener=watched,
+        beside=[copy_beside],
+    )  # fmt: skip
+    folder = tmp_path / "crash" / NAME
+    assert go_on(folder, watched).outcome.error is None
+    view = read_view(folder)
+    assert [row.readings for row in view.rows] == [ROUNDS * READINGS] * RECORDS
+    assert len(material_of(view).readings) > RECORDS * ROUNDS * READINGS
+    assert set(counted(folder).values()) == {2 * ROUNDS}
+
+
+class Trouble:
+    """Does something to the run at its nth call of the meter; a Beside of ``conduct``."""
+
+    def __init__(self, nth: int, act: Callable[[RunContext], None]) -> None:
+        self._left, self._act = nth, act
+
+    def __call__(self, context: RunContext) -> AbstractContextManager[None]:
+        meter: Any = context.instruments["meter"]
+        plain = meter.measure_resistance
+
+        def measure(**arguments: Any) -> float:
+            self._left -= 1
+            if self._left == 0:
+                self._act(context)
+            return float(plain(**arguments))
+
+        meter.measure_resistance = measure
+        return nullcontext()
+
+
+def bus_failed(context: RunContext) -> None:
+    raise InstrumentError("B-INST-003", "the bus failed", where="meter")
+
+
+def wished_again(context: RunContext) -> None:
+    context.stop.holds.wish(Wish("retake", "interlock air", "too warm"))
+
+
+@pytest.mark.parametrize("act", [bus_failed, wished_again])
+def test_a_record_that_is_interrupted_is_taken_again(
+    act: Callable[[RunContext], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An instrument is waited for, or an interlock asks for it: the readings before belong to no record."""
+    done = conduct(
+        probe_plan(tmp_path), clock=VirtualClock(), seed=SEED, out=tmp_path / "out", operator=SimulatedOperator(),
+        listener=nobody_in(monkeypatch), beside=[Trouble(ROUNDS + 2, act)], keep_events=KEPT_EVENTS,
+    )  # fmt: skip
+    assert done.outcome.error is None
+    holds = [str(fields["by"]) for kind, _, fields in done.events if kind == "hold"]
+    assert holds == (["instrument meter"] if act is bus_failed else [])
+    rows = read_view(done.folder).rows
+    assert [row.window.number for row in rows] == list(range(1, RECORDS + 1))
+    assert [row.readings for row in rows] == [ROUNDS * READINGS] * RECORDS
+    assert rows == list(done.outcome.rows)
+
+
+# --- readings without a value ----------------------------------------------------------------------------------------
+
+
+def open_leads(world: World) -> None:
+    world.terminals.connect(Source(resistance_ohm=lambda t_ns: 1e9), "scanner", 101)
+
+
+def test_a_reading_without_a_value_is_flagged_and_the_run_goes_on(
+    tmp_path: Path, rehearse: Callable[..., Rehearsal]
+) -> None:
+    done = rehearse(
+        probe_plan(tmp_path, ("seconds: 60 s", "seconds: 60 s\n          max_lost: 30 %")), arrange=open_leads
+    )
+    assert done.run.outcome.error is None
+    assert [(row.readings, row.unread, row.quality) for row in done.run.outcome.rows] == [
+        (9, 3, Quality.GOOD)
+    ] * RECORDS
+    flags = {one["quality"] for one in done.events("reading") if one["value"] is None}
+    assert flags == {int(Quality.OVERLOAD)}
+    again = replay_rows(done.run.folder)
+    assert [(row.readings, row.unread) for row in again.rows] == [(9, 3)] * RECORDS
+    assert not done.events("retake")
+
+
+def test_a_record_that_lost_too_many_readings_is_taken_again(
+    tmp_path: Path, rehearse: Callable[..., Rehearsal]
+) -> None:
+    plan = probe_plan(tmp_path, ("seconds: 60 s", "seconds: 60 s\n          retry: 1"))
+    done = rehearse(plan, act=lambda world, step: open_leads(world) if step.number == plan.steps[-1].number else None)
+    assert [one["reason"] for one in done.events("retake")] == ["3 of 12 readings lost"]
+    assert done.run.outcome.retaken == 1
+    assert [row.unread for row in replay_rows(done.run.folder).rows] == [0, 0, 0, 3]
+
+
+def test_a_record_in_which_nothing_was_read_is_invalid_and_can_be_made_up(
+    tmp_path: Path, rehearse: Callable[..., Rehearsal]
+) -> None:
+    folder = tmp_path / "first"
+    plan = probe_plan(folder, (RECORD[RECORD.index("            - scanner.measure_resistance: {channel: 102") :], ""))
+    done = rehearse(plan, act=lambda world, step: open_leads(world) if step.number == plan.steps[-1].number else None)
+    assert done.run.outcome.error is None
+    replayed = replay_rows(done.run.folder)
+    assert [one.state for one in record_states(plan.steps, replayed)] == [VALID] * 3 + [INVALID]
+    sequence = folder / "sequences" / "probes_make_up.yaml"
+    command("recover", done.run.folder, "--make-up", sequence)
+    command("run", sequence, "--out", tmp_path / "again")
+    (made_up,) = (found for found in (tmp_path / "again").iterdir() if found.is_dir())
+    whole = merged(read_view(done.run.folder), [read_view(made_up)])
+    assert not whole.incomplete
+    rows = material_of(whole)
+    assert sum(len([one for one in rows.readings_of(row) if one.value is not None]) for row in rows.rows) == ROUNDS * 5
+
+
+def test_a_record_behind_a_soak_that_stayed_unstable_says_so(
+    tmp_path: Path, rehearse: Callable[..., Rehearsal]
+) -> None:
+    late = ("slot: 60 min", "slot: 5 min\n          late: skip"), ("for: 5 min", "for: 4 min")
+    plan = probe_plan(tmp_path, *late)
+    done = rehearse(plan)
+    assert [row.quality for row in done.run.outcome.rows][-2:] == [Quality.NOT_SETTLED] * 2
+    states = record_states(plan.steps, replay_rows(done.run.folder))
+    assert [one.state for one in states][-2:] == [INVALID] * 2
+
+
+def test_records_of_readings_without_a_gap(tmp_path: Path, rehearse: Callable[..., Rehearsal]) -> None:
+    windows = ("seconds: 60 s", "seconds: 60 s\n          windows: 2"), ("records: 4", "records: 8")
+    plan = probe_plan(tmp_path, *windows)
+    done = rehearse(plan)
+    rows = done.run.outcome.rows
+    assert [row.window.conditions["window_index"] for row in rows] == [0, 1] * RECORDS
+    assert [row.readings for row in replay_rows(done.run.folder).rows] == [ROUNDS * READINGS] * 8
+    material = material_of(view_of(plan, done.run))
+    times_s = [reading.t_s for row in rows for reading in material.readings_of(row)]
+    assert len(set(times_s)) == len(times_s) == 8 * ROUNDS * READINGS
