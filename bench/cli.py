@@ -11,11 +11,12 @@ from typing import Annotated, NoReturn
 import typer
 from typer.exceptions import Abort, TyperException
 
-from bench import __version__
+import bench
 from bench.commands.batch_app import batch
 from bench.commands.history_app import app as history_app
 from bench.commands.study_app import study
 from bench.model.errors import BenchError, ExitStatus
+from bench.model.installed import OWN, checked_package
 
 app = typer.Typer(
     name="bench",
@@ -363,7 +364,7 @@ def doctor(
 @app.command()
 def version() -> None:
     """Print the version."""
-    typer.echo(__version__)
+    typer.echo(bench.__version__)
 
 
 def _tell(text: str) -> None:
@@ -376,6 +377,7 @@ def main() -> NoReturn:
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # read when numpy is imported, which is later
         os.environ.setdefault(variable, "1")  # the matrices are small, and no result may depend on the cores
     try:
+        checked_package("bench", OWN)
         status = app(sys.argv[1:] or ["--help"], standalone_mode=False)
     except BenchError as error:
         for line in (str(error), *getattr(error, "__notes__", ())):

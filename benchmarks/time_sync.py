@@ -72,7 +72,7 @@ def workers() -> str:
     walls_s, gave = [], []
     for count in (1, 2):
         began_s = perf_counter()
-        gave.append([pickle.dumps(one) for one in run_on_cluster(f"local:{count}", tasks, _Silent())])
+        gave.append([pickle.dumps(one) for one in run_on_cluster(f"local:{count}", tasks, run_task, _Silent())])
         walls_s.append(perf_counter() - began_s)
     same = "the same bytes" if gave[0] == gave[1] else "NOT the same bytes"
     one_s, two_s = walls_s

@@ -2,3 +2,5 @@
 
 Nothing of ``bench`` imports this package statically; a simulated station names it (docs/decisions/0003).
 """
+
+__bench__ = "inertial-bench"

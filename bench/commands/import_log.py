@@ -9,13 +9,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.analysis.registry import analysis_module
+from bench.analysis.registry import declared_analysis
 from bench.commands.console import console
 from bench.commands.tables import print_results, print_written
 from bench.model.clock import NS
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.yamlio import Document
-from bench.plan.check_analysis import ASKED, OF_LOGS
+from bench.plan.check_analysis import names_made_of_logs
 from bench.plan.mapping import LogMapping, load_mapping
 from bench.record import SessionWriter
 from bench.replay.delimited import LogParser
@@ -54,15 +54,15 @@ def import_log(mapping_file: Path, file: Path, out: Path) -> int:
 def _known_analysis(document: Document[LogMapping]) -> None:
     """Refuse a name that is unknown, or of records instead of logs, before anything is written, with its position."""
     name = document.model.analysis
-    if name in ASKED:
+    if name in names_made_of_logs(False):
         raise InputError(
             "B-FIT-011",
             f"the analysis {name!r} is made of a bench's records, not of a log",
             where=document.where(("analysis",)),
-            next_step=f"write one of: {', '.join((*OF_LOGS, NO_ANALYSIS))}",
+            next_step=f"write one of: {', '.join((*names_made_of_logs(True), NO_ANALYSIS))}",
         )
     try:
-        analysis_module(name)
+        declared_analysis(name)
     except FitError as error:
         raise InputError(
             error.code, error.message, where=document.where(("analysis",)), next_step=error.next_step
@@ -70,15 +70,10 @@ def _known_analysis(document: Document[LogMapping]) -> None:
 
 
 def _segments_inside(document: Document[LogMapping], found: Survey) -> None:
-    rows = found.counts.rows
-    for label, one in document.model.segments.items():
-        if one.rows[1] >= rows:
-            raise InputError(
-                "B-IMP-008",
-                f"the segment {label!r} ends at row {one.rows[1]}, the last row of the log is {rows - 1}",
-                where=document.where(("segments", label, "rows")),
-                next_step="count rows from 0, without the line of column names; both ends are included",
-            )
+    outside = document.model.beyond(found.counts.rows)
+    if outside is not None:
+        place, message, cure = outside
+        raise InputError("B-IMP-008", message, where=document.where(place), next_step=cure)
 
 
 def _results(folder: Path, out: Path) -> None:

@@ -11,15 +11,14 @@ from bench.commands.console import console
 from bench.model.errors import ExitStatus, InputError
 from bench.plan.mapping import mapping_schema
 from bench.plan.schemas import json_schemas, vscode_settings
+from bench.session.coefficients import all_modules
 from bench.session.output import write_file
-from bench.systems.af_converter.coefficients import coefficients_schema
-from bench.systems.gnc.coefficients import imu_coefficients_schema
 
 
 def schema(folder: Path, vscode: bool) -> int:
     """Write one schema file per kind of file; with ``vscode`` also register them in .vscode/settings.json."""
-    kinds: dict[str, Any] = {**json_schemas(), "results": results_schema(), "coefficients": coefficients_schema()}
-    kinds |= {"imu_coefficients": imu_coefficients_schema(), "mapping": mapping_schema()}
+    kinds: dict[str, Any] = {**json_schemas(), "results": results_schema(), "mapping": mapping_schema()}
+    kinds |= {module.NAME: module.coefficients_schema() for module in all_modules()}
     for kind, content in kinds.items():
         write_file(folder / f"{kind}.schema.json", json.dumps(content, indent=1, sort_keys=True) + "\n")
     console().print(f"{len(kinds)} schemas written to {folder}")

@@ -3,23 +3,52 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from bench.commands.console import console
 from bench.model.errors import ExitStatus, InputError
+from bench.model.systems import named, systems
 from bench.report.study import study_html
 from bench.session.output import make_folder, write_file
 from bench.session.view import SOFTWARE
-from bench.systems.time_sync.study.document import results_of, study_document, study_json
-from bench.systems.time_sync.study.page import study_chapters
-from bench.systems.time_sync.study.study import NAME, StudyOptions, Task, checked_options, tasks_of
-from bench.systems.time_sync.study.tasks import run_task
 
 JSON_NAME, PAGE_NAME = "study.json", "report.html"
-STUDIES = (NAME,)
+
+
+class Task(Protocol):
+    """One part of a study, computed by itself."""
+
+    @property
+    def name(self) -> str:
+        """What a person reads while it runs."""
+
+
+class Study(Protocol):
+    """What a system offers to be a study; its options, its results and their form are its own."""
+
+    def checked_options(self, runs: int | None, seed: int, offsets: str, quick: bool) -> Any:
+        """Return the options as a person gives them. Raises: InputError B-STUDY-002."""
+
+    def tasks_of(self, options: Any) -> Sequence[Task]:
+        """Return all tasks, the longest first."""
+
+    def run_task(self, task: Any) -> Any:
+        """Compute one task; it depends on nothing but the task."""
+
+    def results_of(self, options: Any, gave: Sequence[Any]) -> Any:
+        """Put together what the tasks gave, in their order."""
+
+    def study_document(self, options: Any, found: Any, software: str) -> dict[str, Any]:
+        """Return the document of the study."""
+
+    def study_json(self, document: Mapping[str, Any]) -> str:
+        """Return the text of the document."""
+
+    def study_chapters(self, options: Any, document: Mapping[str, Any], found: Any) -> list[dict[str, Any]]:
+        """Return the chapters of the page."""
 
 
 @dataclass(frozen=True)
@@ -43,23 +72,25 @@ def study(request: Request) -> int:
     Raises:  InputError B-STUDY-001 to B-STUDY-006 before anything is computed, B-CLI-007 if a file cannot be written;
              RunError B-STUDY-007 if the cluster fails.
     """
-    if request.name not in STUDIES:
-        known = f"known: {', '.join(STUDIES)}"
+    offered = {name: module for system in systems() for name, module in system.studies.items()}
+    if request.name not in offered:
+        known = f"known: {', '.join(offered)}"
         raise InputError("B-STUDY-001", f"there is no study {request.name!r}", next_step=known)
-    options = checked_options(request.runs, request.seed, request.offsets, request.quick)
+    chosen: Study = named(offered[request.name])
+    options = chosen.checked_options(request.runs, request.seed, request.offsets, request.quick)
     make_folder(request.out)
-    results = _computed(tasks_of(options), request.dask)
-    return _written(request, options, results)
+    results = _computed(chosen, chosen.tasks_of(options), request.dask)
+    return _written(request, chosen, options, results)
 
 
-def _computed(tasks: Sequence[Task], where: str | None) -> list[Any]:
+def _computed(chosen: Study, tasks: Sequence[Task], where: str | None) -> list[Any]:
     """The result of each task, in the order of the tasks, wherever they ran."""
     progress = Progress(len(tasks))
     if where is None:
-        return [progress.done(task, run_task(task)) for task in tasks]
+        return [progress.done(task, chosen.run_task(task)) for task in tasks]
     from bench.commands.study_cluster import run_on_cluster
 
-    return run_on_cluster(where, tasks, progress)
+    return run_on_cluster(where, tasks, chosen.run_task, progress)
 
 
 class Progress:
@@ -79,11 +110,11 @@ class Progress:
         self._out.print(text)
 
 
-def _written(request: Request, options: StudyOptions, results: Sequence[Any]) -> int:
-    found = results_of(options, results)
-    document = study_document(options, found, SOFTWARE)
-    text = study_json(document)
-    page = study_html(document, study_chapters(options, document, found), SOFTWARE)
+def _written(request: Request, chosen: Study, options: Any, results: Sequence[Any]) -> int:
+    found = chosen.results_of(options, results)
+    document = chosen.study_document(options, found, SOFTWARE)
+    text = chosen.study_json(document)
+    page = study_html(document, chosen.study_chapters(options, document, found), SOFTWARE)
     written = [(request.out / JSON_NAME, text), (request.out / PAGE_NAME, page)]
     for path, content in written:
         write_file(path, content)

@@ -9,7 +9,7 @@ import typer
 
 
 def study(
-    name: Annotated[str, typer.Argument(help="which study: time_sync")],
+    name: Annotated[str, typer.Argument(help="which study; a wrong one lists those that are installed")],
     runs: Annotated[
         int | None, typer.Option("--runs", help="Monte Carlo runs of each case; default 50, with --quick 6")
     ] = None,

@@ -12,15 +12,14 @@ import os
 import platform
 import re
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from typing import Any, Protocol
 
 from bench import __version__
+from bench.commands.study import Task
 from bench.model.errors import BenchError, InputError, RunError
-from bench.systems.time_sync.study.study import Task
-from bench.systems.time_sync.study.tasks import run_task
 
 EXTRA = "cluster"
 CONNECT_s, WORKERS_s = 15, 60
@@ -38,7 +37,7 @@ class Listener(Protocol):
     def said(self, text: str) -> None: ...
 
 
-def run_on_cluster(where: str, tasks: Sequence[Task], listener: Listener) -> list[Any]:
+def run_on_cluster(where: str, tasks: Sequence[Task], run_task: Callable[[Any], Any], listener: Listener) -> list[Any]:
     """Results of the tasks, in their order.
 
     Args:    where: ``tcp://host:port`` or ``local:N``.
@@ -56,7 +55,7 @@ def run_on_cluster(where: str, tasks: Sequence[Task], listener: Listener) -> lis
         raise InputError("B-STUDY-004", text, where="--dask", next_step=step) from error
     with _connected(distributed, where) as client:
         _check(where, client)
-        return _shared_out(distributed, client, tasks, listener)
+        return _shared_out(distributed, client, tasks, run_task, listener)
 
 
 @contextmanager
@@ -141,7 +140,7 @@ def _other_software(where: str, text: str) -> InputError:
     return InputError("B-STUDY-006", text, where=where, next_step=step)
 
 
-def run_there(task: Task) -> tuple[Any, str]:
+def run_there(run_task: Callable[[Any], Any], task: Task) -> tuple[Any, str]:
     """Result of a task, or what went wrong in words: an error of the bench need not travel as an object."""
     try:
         return run_task(task), ""
@@ -149,8 +148,10 @@ def run_there(task: Task) -> tuple[Any, str]:
         return None, str(error)
 
 
-def _shared_out(distributed: Any, client: Any, tasks: Sequence[Task], listener: Listener) -> list[Any]:
-    futures = [client.submit(run_there, task, pure=False) for task in tasks]
+def _shared_out(
+    distributed: Any, client: Any, tasks: Sequence[Task], run_task: Callable[[Any], Any], listener: Listener
+) -> list[Any]:
+    futures = [client.submit(run_there, run_task, task, pure=False) for task in tasks]
     by_key = {future.key: task for future, task in zip(futures, tasks, strict=True)}
     for future in distributed.as_completed(futures):
         listener.done(by_key[future.key], None)

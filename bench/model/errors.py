@@ -65,6 +65,12 @@ class InputErrors(InputError):
         return "\n".join(str(error) for error in self.errors)
 
 
+class InstallationError(BenchError):
+    """A package that the bench needs is missing, foreign, damaged or offered twice; where = its file."""
+
+    exit_status = ExitStatus.BAD_INPUT
+
+
 class InstrumentError(BenchError):
     """An instrument refused, failed, timed out or is not the one expected; where = role and resource."""
 

@@ -12,10 +12,10 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Generic, NoReturn, TypeVar
+from typing import Annotated, Any, Generic, NoReturn, TypeVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, StringConstraints, ValidationError
 
 from bench.model.errors import InputError, InputErrors
 
@@ -34,6 +34,10 @@ _MAX_DIGITS = 300
 
 Path_ = tuple[str | int, ...]
 ModelT = TypeVar("ModelT", bound=BaseModel)
+
+
+NAME_PATTERN = r"[a-z][a-z0-9_]{0,39}"
+Name = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$")]
 
 
 class StrictModel(BaseModel):

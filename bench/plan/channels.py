@@ -5,17 +5,16 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from bench.model.declaration import ChannelKind
 from bench.model.errors import InputError
+from bench.model.systems import analysis_declaration, systems
 from bench.model.units import format_quantity, read_quantity
 from bench.model.yamlio import Document
 from bench.plan.findings import Findings, suggestion
-from bench.plan.language import Kind, Sequence
+from bench.plan.language import Sequence, UnitUnderTest
 from bench.plan.values import Channel, Quantity, read_text, traced
 
 MAX_CHANNEL = 64
-NEED_DATA_SHEET = ("scale_factor", "bias_ramp", "dmm_method")  # analyses whose uncertainty needs the declared noise
-DATA_SHEET = ("af_clock", "master_clock", "function_generator", "temperature_sensor_uncertainty")
-NOISE = ("white_noise_per_rtHz", "bias_walk_per_rth")
 _RANGE = re.compile(r"(\d{1,4})\s*-\s*(\d{1,4})")
 
 
@@ -81,7 +80,7 @@ def campaign_channels(
     uut = document.model.uut
     entries = []
     for index, group in enumerate(document.model.channels if uut is not None else ()):
-        kind = None if uut is None else uut.kinds.get(group.kind)
+        kind = _kind(uut, group.kind)
         if kind is None:
             where = document.where(("channels", index, "kind"))
             findings.add("B-PLAN-023", where, f"uut.kinds does not describe {group.kind!r}")
@@ -90,6 +89,16 @@ def campaign_channels(
         _check_noise(document, group.kind, kind, findings)
         entries += [_constants(c, kind) for c in channels.values() if c.group == index]
     return sorted(entries, key=lambda entry: int(entry["number"]))
+
+
+def _kind(uut: UnitUnderTest | None, name: str) -> ChannelKind | None:
+    """Return what the data sheet says of a kind of channel, in the section of whichever system has it."""
+    for system in systems():
+        if uut is not None and system.unit is not None and isinstance(uut, system.unit):
+            kind = system.unit.channel_kind(uut, name)
+            if kind is not None:
+                return kind
+    return None
 
 
 def _check_levels(document: Document[Sequence], index: int, full_scale_A: float, findings: Findings) -> None:
@@ -105,10 +114,11 @@ def _check_levels(document: Document[Sequence], index: int, full_scale_A: float,
             )
 
 
-def _check_noise(document: Document[Sequence], name: str, kind: Kind, findings: Findings) -> None:
-    """The uncertainty of these analyses rests on the declared noise; there is no default for it (B-PLAN-026)."""
+def _check_noise(document: Document[Sequence], name: str, kind: ChannelKind, findings: Findings) -> None:
+    """Note what the analysis needs of a kind of channel and the data sheet does not say (B-PLAN-026)."""
     analysis = document.model.analysis
-    for key in NOISE if analysis in NEED_DATA_SHEET else ():
+    asked = analysis_declaration(analysis)
+    for key in () if asked is None else asked.of_channel:
         if getattr(kind, key) is None:
             where = document.where(("uut", "kinds", name))
             message = f"the analysis {analysis} needs {key} of {name!r}"
@@ -118,32 +128,19 @@ def _check_noise(document: Document[Sequence], name: str, kind: Kind, findings: 
 def check_declared(document: Document[Sequence], findings: Findings) -> None:
     """Note what the analysis needs of the unit under test and the sequence does not say (B-PLAN-026)."""
     uut, analysis = document.model.uut, document.model.analysis
-    if analysis not in NEED_DATA_SHEET:
+    asked = analysis_declaration(analysis)
+    if asked is None or not asked.of_unit:
         return
     if uut is None:
         message = f"the analysis {analysis} needs 'uut', the data sheet of the unit under test"
         findings.add("B-PLAN-026", document.where(("analysis",)), message, "describe the unit under 'uut'")
     else:
-        for name in DATA_SHEET:
+        for name in asked.of_unit:
             if getattr(uut, name) is None:
                 message = f"the analysis {analysis} needs {name} of the unit"
                 findings.add("B-PLAN-026", document.where(("uut",)), message, "take it from the unit's data sheet")
 
 
-def _constants(channel: Channel, kind: Kind) -> dict[str, Any]:
-    full_scale, unit = read_quantity(kind.sensor_full_scale) or (0.0, "")
-    entry: dict[str, Any] = {
-        "number": channel.number,
-        "kind": channel.kind,
-        "k0_C": kind.k0,
-        "full_scale_A": kind.full_scale,
-        "sensor_full_scale": full_scale,
-        "sensor_unit": unit,
-        "levels_A": [level.value for level in channel.levels],
-        "stability_limit_ppm": round(kind.stability_limit * 1e6, 6),
-    }
-    if kind.bias_stability_limit is not None:
-        entry["bias_stability_limit_A"] = kind.bias_stability_limit
-    if kind.white_noise_per_rtHz is not None and kind.bias_walk_per_rth is not None:
-        entry["noise"] = {"white_A_rtHz": kind.white_noise_per_rtHz, "walk_A_rth": kind.bias_walk_per_rth}
-    return entry
+def _constants(channel: Channel, kind: ChannelKind) -> dict[str, Any]:
+    levels_A = [level.value for level in channel.levels]
+    return {"number": channel.number, "kind": channel.kind, **kind.channel_constants(levels_A)}

@@ -1,106 +1,132 @@
-"""Static check of what the analysis will ask of the records: it asks only when the campaign is over.
+"""Static check of what the analysis will ask of the records and of the data sheet: it asks when the campaign is over.
 
-The analyses themselves live floors above; a test holds these names to theirs.
+The analyses themselves live floors above; what they ask stands in the declarations of the systems.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from difflib import get_close_matches
 
+from bench.model.declaration import AnalysisDeclaration, Limit
+from bench.model.systems import analyses, analysis_declaration, systems
+from bench.model.units import parse_quantity
 from bench.model.yamlio import Document
 from bench.plan.findings import Findings, suggestion
 from bench.plan.language import Sequence
 from bench.plan.plan import Plan, Step
 
 NONE = "none"
-OF_LOGS = (
-    "temperature_ramp",
-    "imu_six_position",
-    "imu_multi_position",
-    "imu_strapdown",
-)  # made of imported logs, not of records
-OF_TESTS = "gnc_unit_test"  # made of commands to the unit and their answers
-POSE = ("item", "mounting", "outer_deg", "middle_deg", "inner_deg")
-OF_SAMPLES = {
-    "imu_calibration": POSE, "imu_bias": POSE, "magnetometer": (*POSE, "rate_deg_s"),
-    "fog_north": ("item", "head_deg", "index", "repeat", "rate_deg_s"),
-    "rlg_lock_in": ("path_length_m", "clock_Hz"),
-    "time_sync": ("item", "manoeuvre"),
-}  # fmt: skip
-BESIDE = {"time_sync": "egi"}  # link whose samples the analysis needs beside those that are recorded
-ITEMS = ("supply", "identify", "cpu", "timer", "memory", "imu", "gps", "ad", "io", "spi", "sci", "can")
-BRANCHES = ("hold_start", "up", "hold_top", "down", "hold_end")
-_POINT = ("channel", "temperature_degC", "current_A", "polarity", "range_A")
-ASKED = {
-    "scale_factor": _POINT, "dmm_method": _POINT, "bias_ramp": ("route", "branch"), OF_TESTS: (), **OF_SAMPLES,
-}  # fmt: skip
-ASKED_OF_OPEN = ("channel", "temperature_degC", "route", "branch")  # an open input needs no level, polarity or range
-METER = "measure_current"
-OF_READINGS: set[str] = set()  # analyses of records that are made of readings of instruments
+
+
+def names_made_of_logs(logs: bool) -> list[str]:
+    """Return the names of the analyses that are made of imported logs, or of all others."""
+    return [name for name, (analysis, _, _) in analyses().items() if (analysis.made_of == "logs") == logs]
 
 
 def check_named(document: Document[Sequence], findings: Findings) -> None:
     """Note an analysis that does not exist or is not made of records (B-PLAN-077)."""
-    name = document.model.analysis
-    if name not in (NONE, *ASKED):
+    name, known = document.model.analysis, names_made_of_logs(False)
+    if name not in (NONE, *known):
         where = document.where(("analysis",))
-        if name in OF_LOGS:
+        if name in names_made_of_logs(True):
             message = f"the analysis {name!r} is made of imported logs, not of records"
         else:
-            message = f"there is no analysis {name!r}{suggestion(name, (NONE, *ASKED))}"
-        findings.add("B-PLAN-077", where, message, f"write one of: {', '.join((*ASKED, NONE))}")
+            message = f"there is no analysis {name!r}{suggestion(name, (NONE, *known))}"
+        findings.add("B-PLAN-077", where, message, f"write one of: {', '.join((*known, NONE))}")
+
+
+def check_limits(document: Document[Sequence], findings: Findings) -> None:
+    """Note limits that no analysis knows, with the unit of something else, or of errors not above 0 (B-PLAN-093)."""
+    uut, declared = document.model.uut, analysis_declaration(document.model.analysis)
+    shared = {name: limit for system in systems() for name, limit in system.limits.items()}
+    known: Mapping[str, Limit] = declared.limits if declared is not None and declared.limits else shared
+    for name, text in ({} if uut is None else uut.limits).items():
+        where = document.where(("uut", "limits", name))
+        if name not in known:
+            message = f"no analysis knows the limit {name!r}{suggestion(name, known)}"
+            if declared is not None and declared.limits:
+                message = f"the analysis {declared.name} knows no limit {name!r}{suggestion(name, known)}"
+            findings.add("B-PLAN-093", where, message, f"use one of: {', '.join(known)}")
+            continue
+        try:
+            value = parse_quantity(text, known[name].dimension)
+        except ValueError as error:
+            findings.add("B-PLAN-093", where, f"limit {name}: {error}")
+            continue
+        if known[name].above_zero and not value > 0.0:
+            findings.add("B-PLAN-093", where, f"limit {name}: {text} is not above zero")
 
 
 def check_asked(plan: Plan, findings: Findings) -> None:
     """Note what an analysis would leave out or take for something else (B-PLAN-078)."""
-    name = str(plan.campaign.get("analysis", NONE))
+    asked = analysis_declaration(str(plan.campaign.get("analysis", NONE)))
+    if asked is None or asked.made_of == "logs":
+        return
     records = [step for step in plan.phase("campaign") if step.kind == "record"]
-    for step in records if name in ASKED else ():
+    for step in records:
         if step.conditions.get("purpose", "measurement") == "measurement":
-            _check_conditions(name, step, findings)
-    read = any(step.kind == "call" and step.name == METER for step in plan.phase("campaign"))
-    if name == "dmm_method" and records and not read:
-        message = f"the analysis {name} needs readings of the meter, and no step calls {METER}"
-        findings.add("B-PLAN-078", records[0].where, message, "read the meter before each record with a closed route")
-
-    if name in ASKED and name not in OF_READINGS and not plan.frames:
-        message = f"the analysis {name} is made of frames of a unit, and the sequence names no link"
+            _check_conditions(asked, step, findings)
+    if asked.made_of != "readings" and not plan.frames:
+        message = f"the analysis {asked.name} is made of frames of a unit, and the sequence names no link"
         findings.add("B-PLAN-078", plan.steps[0].where, message, "name the link under 'frame', or another analysis")
-    if name == OF_TESTS and not any(step.kind == "unit" and "item" in step.arguments for step in plan.steps):
-        message = f"the analysis {name} is made of 'test' steps, and there is none"
-        findings.add("B-PLAN-078", plan.steps[0].where, message, "add 'test' steps; docs/gnc-module.md describes them")
-    for step in plan.steps if name == OF_TESTS else ():
-        _check_item(step, findings)
-    if name in ASKED and name != OF_TESTS and not records:
-        message = f"the analysis {name} is made of records, and there is none"
+    if asked.reading:
+        _check_reading(asked, plan, records, findings)
+    if asked.made_of == "tests":
+        _check_tests(asked, plan, findings)
+    elif not records:
+        message = f"the analysis {asked.name} is made of records, and there is none"
         findings.add("B-PLAN-078", plan.steps[0].where, message, "add 'record' steps, or name another analysis")
-    for step in records if name in OF_SAMPLES else ():
+    for step in records if asked.made_of == "samples" else ():
         if not step.arguments.get("samples"):
-            message = f"the analysis {name} needs the samples of each record"
+            message = f"the analysis {asked.name} needs the samples of each record"
             findings.add("B-PLAN-078", step.where, message, "write 'samples: true'")
-    if name in BESIDE and records and BESIDE[name] not in {*plan.frames} - {plan.measurement_link}:
-        message = f"the analysis {name} needs the link {BESIDE[name]!r} beside the one that is recorded, the first one"
+    if asked.beside and records and asked.beside not in {*plan.frames} - {plan.measurement_link}:
+        message = (
+            f"the analysis {asked.name} needs the link {asked.beside!r} beside the one that is recorded, the first one"
+        )
         findings.add("B-PLAN-078", records[0].where, message, "name both links in 'frame', the recorded one first")
 
 
-def _check_item(step: Step, findings: Findings) -> None:
-    """An item of another name is reported and not judged: one that is nearly known is a slip of the pen."""
-    item = str(step.arguments.get("item", ITEMS[0]))
-    if step.kind == "unit" and item not in ITEMS and get_close_matches(item, ITEMS, n=1):
-        message = f"the analysis {OF_TESTS} does not judge the item {item!r}{suggestion(item, ITEMS)}"
-        findings.add("B-PLAN-078", step.where, message, "use that name, or one that is not nearly the same")
+def _check_reading(asked: AnalysisDeclaration, plan: Plan, records: list[Step], findings: Findings) -> None:
+    read = any(step.kind == "call" and step.name == asked.reading for step in plan.phase("campaign"))
+    if records and not read:
+        message = f"the analysis {asked.name} needs readings of the meter, and no step calls {asked.reading}"
+        findings.add("B-PLAN-078", records[0].where, message, "read the meter before each record with a closed route")
 
 
-def _check_conditions(name: str, step: Step, findings: Findings) -> None:
-    of_open = name not in OF_SAMPLES and step.conditions.get("route") == "open"
-    asked = [one for one in ASKED[name] if one in ASKED_OF_OPEN or not of_open]
-    branch = step.conditions.get("branch", "up")
-    if missing := [one for one in asked if one not in step.conditions]:
-        message = f"the analysis {name} asks for the condition {', '.join(missing)}, which the record does not have"
-        findings.add("B-PLAN-078", step.where, message, "docs/sequences.md says what each analysis asks for")
-    elif name == "bias_ramp" and branch not in BRANCHES:
-        message = f"the analysis {name} knows no branch {branch!r}{suggestion(str(branch), BRANCHES)}"
-        findings.add("B-PLAN-078", step.where, message, f"write one of: {', '.join(BRANCHES)}")
-    elif name == "bias_ramp" and (step.conditions["route"] != "open" or "channel" in step.conditions):
-        message = f"the analysis {name} asks for an open input and for all channels at once"
-        findings.add("B-PLAN-078", step.where, message, "write 'route: open' and no channel")
+def _check_tests(asked: AnalysisDeclaration, plan: Plan, findings: Findings) -> None:
+    tests = [step for step in plan.steps if step.kind == "unit" and "item" in step.arguments]
+    if not tests:
+        message = f"the analysis {asked.name} is made of 'test' steps, and there is none"
+        findings.add("B-PLAN-078", plan.steps[0].where, message, f"add 'test' steps; {asked.page} describes them")
+    for step in tests:
+        item = str(step.arguments["item"])
+        if item not in asked.items and get_close_matches(item, asked.items, n=1):  # a slip of the pen
+            message = f"the analysis {asked.name} does not judge the item {item!r}{suggestion(item, asked.items)}"
+            cure = "use that name, or one that is not nearly the same"
+            findings.add("B-PLAN-078", step.where, message, cure)
+
+
+def _check_conditions(asked: AnalysisDeclaration, step: Step, findings: Findings) -> None:
+    stated, where = step.conditions, step.where
+    conditions, rule = asked.conditions, asked.rule
+    if asked.conditions_of_open is not None and stated.get("route") == "open":
+        conditions = asked.conditions_of_open
+    if missing := [name for name in conditions if name not in stated]:
+        message = (
+            f"the analysis {asked.name} asks for the condition {', '.join(missing)}, which the record does not have"
+        )
+        findings.add("B-PLAN-078", where, message, "docs/sequences.md says what each analysis asks for")
+        return
+    for name, words in asked.words.items():
+        if stated[name] not in words:
+            message = (
+                f"the analysis {asked.name} knows no {name} {stated[name]!r}{suggestion(str(stated[name]), words)}"
+            )
+            findings.add("B-PLAN-078", where, message, f"write one of: {', '.join(words)}")
+            return
+    if rule is not None:
+        kept = all(stated[name] == value for name, value in rule.fixed.items())
+        if not kept or any(name in stated for name in rule.absent):
+            findings.add("B-PLAN-078", where, f"the analysis {asked.name} asks for {rule.asks}", rule.cure)

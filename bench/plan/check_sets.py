@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import Any
 
 from bench.model.errors import InputError
+from bench.model.installed import offers
 from bench.plan.check_station import SIMULATION
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan
@@ -30,9 +31,9 @@ def check_sets(plan: Plan, station: Station, findings: Findings) -> None:
 
 
 def _possible(world: str, name: str, value: Any, where: str, findings: Findings) -> None:
-    simulation = import_module(SIMULATION)
-    if world not in simulation.WORLDS:
+    if world not in offers("worlds"):
         return  # the check of the station says so
+    simulation = import_module(SIMULATION)
     try:
         simulation.check_operation(world, name, value)
     except InputError as error:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 
 from bench.frame import load_frame
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
+from bench.model.installed import offers, simulator_module
 from bench.model.shipped import find_beside
 from bench.model.units import read_quantity
 from bench.plan.check_register import check_register
@@ -115,7 +115,7 @@ def _driver(station: Station, role: str, entry: InstrumentEntry, findings: Findi
             where = station.document.where(("instruments", role, "options", option))
             message = f"{role} ({entry.driver}) has no option {option!r}{suggestion(option, known)}"
             findings.add("B-INST-020", where, message, "correct the station file")
-    if station.simulated and find_spec(f"sim_instruments.{entry.driver}") is None:
+    if station.simulated and simulator_module(entry.driver) is None:
         message = f"there is no simulator of the driver {entry.driver!r}"
         findings.add("B-PLAN-016", station.document.where(place), message, "use a driver that has one")
 
@@ -137,9 +137,11 @@ def _world(station: Station, findings: Findings) -> None:
     world = station.file.world
     assert world is not None
     simulation = import_module(SIMULATION)
-    if world.name not in simulation.WORLDS:
-        known = suggestion(world.name, simulation.WORLDS)
+    worlds = offers("worlds")
+    if world.name not in worlds:
+        known = suggestion(world.name, worlds)
         findings.add("B-PLAN-014", station.document.where(("world", "name")), f"no world {world.name!r}{known}")
+        return
     options = simulation.options_of(world.name)
     before = len(findings.all())
     for name, value in world.options.items():
@@ -148,7 +150,7 @@ def _world(station: Station, findings: Findings) -> None:
             findings.add("B-PLAN-004", where, f"the world has no option {name!r}{suggestion(name, options)}")
         elif value is not None and (due := wrong_option(name, option_text(value))):
             findings.add("B-PLAN-015", where, f"world option {name} is {value!r}; {due}")
-    if world.name in simulation.WORLDS and len(findings.all()) == before:
+    if len(findings.all()) == before:
         given = {name: option_text(value) for name, value in world.options.items() if value is not None}
         try:
             simulation.check_options(world.name, given)

@@ -14,9 +14,8 @@ from pydantic import Field, StringConstraints
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.model.units import parse_quantity, quantity
-from bench.model.yamlio import StrictModel
+from bench.model.yamlio import Name, StrictModel
 from bench.plan.findings import Findings, suggestion
-from bench.plan.templated import Name
 
 Level = Annotated[str, StringConstraints(min_length=1, max_length=60)]
 Duration = Annotated[float, *quantity("s", 0.0, 86_400.0)]

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, create_model, model_validator
 
+from bench.model.systems import systems, with_sections
 from bench.model.units import quantity, read_quantity
-from bench.model.yamlio import StrictModel
+from bench.model.yamlio import Name, StrictModel
 from bench.plan.interlock_language import Interlock
 from bench.plan.language_steps import Step_, TimelineEntry
-from bench.plan.templated import Name, Scalar
+from bench.plan.templated import Scalar
 
 Title = Annotated[str, StringConstraints(max_length=200)]
 ChannelNumbers = int | str
@@ -29,91 +31,17 @@ class Early(StrictModel):
     max_residual: float = Field(6.0, gt=0, description="largest residual of a partial fit, in its own sigma")
 
 
-def _sensor(text: str) -> str:
-    found = read_quantity(text)
-    if found is None or found[1] not in ("deg/s", "g") or found[0] <= 0:
-        raise ValueError(f"{text!r} is not a positive rate or acceleration, for example '83 deg/s' or '20 g'")
-    return text
-
-
 def _limit(text: object) -> object:
     if not isinstance(text, str) or read_quantity(text) is None:
         raise ValueError(f"{text!r} is not a quantity with its unit, for example '10 deg/h'")
     return text
 
 
-class Imu(StrictModel):
-    """Ranges and resolutions of the sensors of a GNC module, as its data sheet declares them."""
-
-    gyro_range: Annotated[float, *quantity("deg/s", 1e-3, 1e5)]
-    gyro_resolution: Annotated[float, *quantity("deg/s", 0.0, 100.0)]
-    accelerometer_range: Annotated[float, *quantity("g", 1e-3, 1e5)]
-    accelerometer_resolution: Annotated[float, *quantity("g", 0.0, 10.0)]
-    magnetometer_range: Annotated[float, *quantity("gauss", 1e-3, 1e3)]
-    magnetometer_resolution: Annotated[float, *quantity("gauss", 0.0, 10.0)]
-
-
-class Inertial(StrictModel):
-    """Noise and biases of an inertial measurement unit, one sigma, as its data sheet declares them."""
-
-    accelerometer_bias: Annotated[float, *quantity("g", 1e-9, 1.0)]
-    velocity_walk_per_rtHz: Annotated[float, *quantity("g", 1e-9, 1.0)] = Field(description="density of the noise")
-    gyro_bias: Annotated[float, *quantity("deg/s", 1e-9, 10.0)]
-    angle_walk_per_rth: Annotated[float, *quantity("deg", 1e-6, 10.0)] = Field(description="after one hour")
-
-
-class Egi(StrictModel):
-    """Errors of the solution of an EGI, one sigma per axis; that of its position is in its frames."""
-
-    velocity: Annotated[float, *quantity("m/s", 1e-6, 100.0)]
-    level: Annotated[float, *quantity("deg", 1e-6, 10.0)] = Field(description="of roll and pitch")
-    heading: Annotated[float, *quantity("deg", 1e-6, 90.0)]
-    wander: Annotated[float, *quantity("s", 0.1, 1e5)] = Field(description="how long a velocity is off by the same")
-    heading_wander: Annotated[float, *quantity("s", 0.1, 1e5)] = Field(description="how long a heading is")
-
-
-class Latency(StrictModel):
-    """From the validity of a sample to the first byte of its frame, as the makers of both units state it."""
-
-    egi: Annotated[float, *quantity("s", 0.0, 1.0)]
-    imu: Annotated[float, *quantity("s", 0.0, 1.0)]
-    uncertainty: Annotated[float, *quantity("s", 1e-9, 1.0)] = Field(description="standard uncertainty of either")
-
-
-class Kind(StrictModel):
-    """Declared constants of one kind of converter channel (AF-converter design table)."""
-
-    k0: Annotated[float, *quantity("C", 1e-12, 1.0)] = Field(description="nominal charge per pulse")
-    full_scale: Annotated[float, *quantity("A", 1e-9, 10.0)]
-    sensor_full_scale: Annotated[str, AfterValidator(_sensor)] = Field(description="sensor's full scale in deg/s or g")
-    stability_limit: Annotated[float, *quantity("1", 0.0, 1.0)]
-    bias_stability_limit: Annotated[float, *quantity("A", 0.0, 1.0)] | None = Field(
-        None, description="how far the bias may be from what compensates it"
-    )
-    white_noise_per_rtHz: Annotated[float, *quantity("A", 0.0, 1.0)] | None = Field(
-        None, description="white noise of the input current, one sigma, per root hertz"
-    )
-    bias_walk_per_rth: Annotated[float, *quantity("A", 0.0, 1.0)] | None = Field(
-        None, description="random walk of the bias, one sigma, per root hour"
-    )
-
-
 class UnitUnderTest(StrictModel):
-    """The unit under test as its data sheet declares it."""
+    """The unit under test as its data sheet declares it; the systems that are installed add their sections."""
 
     model: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,39}$")]
     serial: Title = Field(description="serial number, or a parameter such as '{serial}'")
-    af_clock: Annotated[float, *quantity("Hz", 1.0, 1e9)] | None = Field(None, description="of an AF converter")
-    master_clock: Annotated[float, *quantity("Hz", 1.0, 1e10)] | None = None
-    function_generator: Annotated[float, *quantity("Hz", 1.0, 1e10)] | None = None
-    temperature_sensor_uncertainty: Annotated[float, *quantity("degC", 0.0, 10.0)] | None = Field(
-        None, description="expanded uncertainty of the unit's own temperature sensor, 95 %"
-    )
-    kinds: dict[Literal["gyro", "accelerometer"], Kind] = Field(default_factory=dict)
-    imu: Imu | None = Field(None, description="inertial measurement unit and magnetometer of a GNC module")
-    inertial: Inertial | None = Field(None, description="what a navigation filter is told of the inertial sensors")
-    egi: Egi | None = Field(None, description="what is known of the errors of an EGI that serves as reference")
-    latency: Latency | None = Field(None, description="of two units that stream side by side")
     limits: dict[Name, Annotated[str, BeforeValidator(_limit)]] = Field(
         default_factory=dict, description="limits of the data sheet by name, each with its unit"
     )
@@ -202,3 +130,16 @@ class Sequence(StrictModel):
         if isinstance(value, dict) and bool(value.get("steps")) == bool(value.get("timeline")):
             raise ValueError("a sequence has either 'steps' (structured form) or 'timeline' (flat form)")
         return value
+
+
+@cache
+def sequence_model() -> type[Sequence]:
+    """Return the language with the sections of the systems that are installed; a key that nobody declares is refused.
+
+    Raises: InstallationError B-PKG-001 if two systems declare one section.
+    """
+    bases = with_sections(UnitUnderTest, [system.unit for system in systems() if system.unit is not None])
+    unit: Any = create_model(
+        "UnitUnderTest", __base__=bases, __doc__="The unit under test as its data sheet declares it."
+    )
+    return create_model("Sequence", __base__=Sequence, __doc__=Sequence.__doc__, uut=(unit | None, None))

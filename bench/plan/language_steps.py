@@ -18,8 +18,8 @@ from pydantic import (
 )
 
 from bench.model.units import parse_quantity
-from bench.model.yamlio import StrictModel
-from bench.plan.templated import ACTION_PATTERN, NAME_PATTERN, ActionName, Name, Scalar, templated, within
+from bench.model.yamlio import NAME_PATTERN, Name, StrictModel
+from bench.plan.templated import ACTION_PATTERN, ActionName, Scalar, templated, within
 
 Duration = Annotated[Any, *templated("s", 0.0, 1e7)]
 Arguments = dict[Name, Scalar]

@@ -11,7 +11,7 @@ from bench.model.shipped import find_beside
 from bench.model.yamlio import Document, load_yaml
 from bench.plan.check_station import check_station
 from bench.plan.findings import Findings
-from bench.plan.language import Sequence
+from bench.plan.language import Sequence, sequence_model
 from bench.plan.names import check_names, driver_names, plain_tree
 from bench.plan.station import Station, load_station
 
@@ -25,7 +25,7 @@ def load_both(source: Path, station: Station | None) -> tuple[Document[Sequence]
     looked at.
     """
     findings = Findings()
-    document = _read(lambda: load_yaml(source, Sequence), findings)
+    document = _read(lambda: load_yaml(source, sequence_model()), findings)
     file = None if station is not None else _station_file(source, document, findings)
     if file is not None:
         station = _read(lambda: load_station(file), findings)

@@ -5,24 +5,18 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
+from functools import cache, reduce
+from operator import or_
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, StringConstraints, model_validator
+from pydantic import AfterValidator, Field, StringConstraints, create_model, model_validator
 
+from bench.model.declaration import LogColumn, LogSections
+from bench.model.systems import systems, with_sections
 from bench.model.units import quantity, read_quantity
-from bench.model.yamlio import Document, StrictModel, load_yaml
-from bench.plan.mapping_imu import (
-    ANALYSES,
-    LogSite,
-    Segment,
-    SensorColumn,
-    check_analysis,
-    check_segments,
-    check_sensors,
-)
+from bench.model.yamlio import Document, Name, StrictModel, load_yaml
 from bench.plan.schemas import DIALECT
-from bench.plan.templated import Name
 
 UnitName = Annotated[str, StringConstraints(min_length=1, max_length=80)]
 Header = Annotated[str, StringConstraints(min_length=1, max_length=200)]
@@ -117,26 +111,12 @@ class TimeColumn(StrictModel):
         return (-1 if sign == "-" else 1) * timedelta(hours=hours, minutes=minutes).total_seconds()
 
 
-class ValueColumn(StrictModel):
+class ValueColumn(LogColumn):
     """A column of numbers that is read."""
 
     role: Role
     quantity: Name = Field(description="its name in results and reports")
     unit: Annotated[str, AfterValidator(_unit)] = Field(description="of the numbers in the file")
-
-    @property
-    def factor(self) -> float:
-        """What a number of the file is multiplied by."""
-        found = read_quantity(f"1 {self.unit}")
-        assert found is not None
-        return found[0]
-
-    @property
-    def dimension(self) -> str:
-        """Base unit of the values."""
-        found = read_quantity(f"1 {self.unit}")
-        assert found is not None
-        return found[1]
 
 
 class IgnoredColumn(StrictModel):
@@ -145,8 +125,7 @@ class IgnoredColumn(StrictModel):
     role: Literal["ignore"]
 
 
-Column = Annotated[TimeColumn | ValueColumn | SensorColumn | IgnoredColumn, Field(discriminator="role")]
-NumberColumn = ValueColumn | SensorColumn
+Column = TimeColumn | LogColumn | IgnoredColumn
 
 
 class FileForm(StrictModel):
@@ -195,7 +174,7 @@ class UnitOfLog(StrictModel):
 
 
 class LogMapping(StrictModel):
-    """One kind of delimited log."""
+    """One kind of delimited log; the systems that are installed add their columns and sections."""
 
     mapping: Name
     title: Annotated[str, StringConstraints(max_length=200)] = ""
@@ -204,8 +183,6 @@ class LogMapping(StrictModel):
     reference_temperature: Annotated[float, *quantity("degC", -273.15, 1000.0)] = 20.0
     file: FileForm = Field(default_factory=lambda: FileForm.model_validate({}))
     columns: dict[Header, Column]
-    segments: dict[Name, Segment] = Field(default_factory=dict, description="named stretches of rows of an IMU's log")
-    site: LogSite | None = None
     overload: Overload = Field(default_factory=lambda: Overload.model_validate({}))
     bad_rows: Annotated[float, *quantity("1", 0.0, 1.0)] = Field(
         0.0, description="share of rows that may be unreadable before the file is refused, such as '1 %'"
@@ -224,16 +201,16 @@ class LogMapping(StrictModel):
         if twice := [name for name, count in names.items() if count > 1]:
             raise ValueError(f"two columns have the quantity {twice[0]!r}")
         self._check_units()
-        check_sensors(self.sensors)
-        check_segments(self.segments, self.sensors.values(), self.bad_rows)
+        for sections in _sections():
+            if isinstance(self, sections):
+                sections.check_log(self, self)
         self._check_analysis()
         return self
 
     def _check_analysis(self) -> None:
         roles = {column.role for column in self.values.values()}
-        if self.analysis in ANALYSES:
-            check_analysis(self.analysis, self.sensors.values(), self.segments, self.site)
-        elif self.analysis != "none" and not {"temperature", "reading"} <= roles:
+        checked = {"none", *(name for sections in _sections() for name in sections.analyses)}
+        if self.analysis not in checked and not {"temperature", "reading"} <= roles:
             raise ValueError(f"the analysis {self.analysis!r} needs a column of the roles temperature and reading each")
 
     def _check_units(self) -> None:
@@ -251,44 +228,63 @@ class LogMapping(StrictModel):
         return next((header, one) for header, one in self.columns.items() if isinstance(one, TimeColumn))
 
     @property
-    def values(self) -> Mapping[str, NumberColumn]:
+    def values(self) -> Mapping[str, LogColumn]:
         """Columns of numbers, by header."""
-        return {header: one for header, one in self.columns.items() if isinstance(one, NumberColumn)}
+        return {header: column for header, column in self.columns.items() if isinstance(column, LogColumn)}
 
     @property
-    def sensors(self) -> Mapping[str, SensorColumn]:
-        """Columns of gyroscopes and accelerometers, by header."""
-        return {header: one for header, one in self.columns.items() if isinstance(one, SensorColumn)}
+    def rate_Hz(self) -> float | None:
+        """Rate of samples that are numbered."""
+        return self.time[1].rate
 
     def campaign(self) -> dict[str, Any]:
         """The section ``campaign`` of the manifest of an imported session."""
-        return {
+        found = {
             "analysis": self.analysis,
             "reference_temperature_degC": self.reference_temperature,
             "uut": {"model": self.uut.model, "serial": self.uut.serial},
-            "columns": [_column(header, one) for header, one in self.values.items()],
-            **(self._of_imu() if self.sensors else {}),
+            "columns": [_column(header, column) for header, column in self.values.items()],
         }
+        for sections in _sections():
+            if isinstance(self, sections):
+                found |= sections.log_constants(self, self)
+        return found
 
-    def _of_imu(self) -> dict[str, Any]:
-        return {
-            "segments": [segment.campaign(label) for label, segment in self.segments.items()],
-            "site": {} if self.site is None else self.site.campaign(),
-            "rate_Hz": self.time[1].rate,
-        }
+    def beyond(self, rows: int) -> tuple[tuple[str, ...], str, str] | None:
+        """Return what lies outside of a log of so many rows: its place, what is wrong, what to do; else None."""
+        outside = [sections.beyond(self, rows) for sections in _sections() if isinstance(self, sections)]
+        return next((place for place in outside if place is not None), None)
 
 
-def _column(header: str, one: NumberColumn) -> dict[str, str]:
-    found = {"header": header, "name": one.quantity, "role": one.role, "unit": one.dimension}
-    return found | ({"axis": one.axis} if isinstance(one, SensorColumn) else {})
+def _sections() -> list[type[LogSections]]:
+    return [system.log for system in systems() if system.log is not None]
+
+
+@cache
+def mapping_model() -> type[LogMapping]:
+    """Return the language with the columns and sections of the systems that are installed.
+
+    Raises: InstallationError B-PKG-001 if two systems declare one section.
+    """
+    offered = [column for system in systems() for column in system.log_columns]
+    column: Any = reduce(or_, [TimeColumn, ValueColumn, *offered, IgnoredColumn])
+    columns: Any = (dict[Header, Annotated[column, Field(discriminator="role")]], ...)
+    bases = with_sections(LogMapping, _sections())
+    made = create_model("LogMapping", __base__=bases, __doc__="One kind of delimited log.", columns=columns)
+    assert issubclass(made, LogMapping)
+    return made
+
+
+def _column(header: str, column: LogColumn) -> dict[str, str]:
+    return {"header": header, "name": column.quantity, "role": column.role, "unit": column.dimension, **column.more()}
 
 
 def load_mapping(path: Path) -> Document[LogMapping]:
     """Read and check a mapping file. Raises InputErrors with every mistake and its position."""
-    return load_yaml(path, LogMapping)
+    return load_yaml(path, mapping_model())
 
 
 def mapping_schema() -> dict[str, Any]:
     """JSON Schema of a mapping file, for editors."""
-    schema = LogMapping.model_json_schema()
+    schema = mapping_model().model_json_schema()
     return {"$schema": DIALECT, "$id": "mapping.schema.json", **schema, "title": "inertial-bench mapping"}

@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from bench.frame.schema import FrameSpec
-from bench.plan.language import Sequence
+from bench.plan.language import sequence_model
 from bench.plan.station import StationFile
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -16,7 +16,7 @@ FOLDERS = {"sequence": "sequences", "frame": "frames", "station": "stations"}
 
 def json_schemas() -> dict[str, dict[str, Any]]:
     """Schemas of the three kinds of file, by kind: "sequence", "frame", "station"."""
-    models: dict[str, type[BaseModel]] = {"sequence": Sequence, "frame": FrameSpec, "station": StationFile}
+    models: dict[str, type[BaseModel]] = {"sequence": sequence_model(), "frame": FrameSpec, "station": StationFile}
     return {kind: _schema(kind, model) for kind, model in models.items()}
 
 

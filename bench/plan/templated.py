@@ -9,10 +9,9 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, StringConstraints, WithJsonSchema
 
 from bench.model.units import parse_quantity
+from bench.model.yamlio import NAME_PATTERN
 
-NAME_PATTERN = r"[a-z][a-z0-9_]{0,39}"
 ACTION_PATTERN = NAME_PATTERN + r"\." + NAME_PATTERN
-Name = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$")]
 ActionName = Annotated[str, StringConstraints(pattern=f"^{ACTION_PATTERN}$")]
 Scalar = bool | int | float | str
 

@@ -7,9 +7,10 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
+from bench.model.declaration import LogColumn
 from bench.model.errors import InputError
 from bench.plan.findings import suggestion
-from bench.plan.mapping import FileForm, LogMapping, NumberColumn, Overload
+from bench.plan.mapping import FileForm, LogMapping, Overload
 from bench.replay.log_time import TimeReader
 
 MAX_LINE_BYTES = 100_000
@@ -66,7 +67,7 @@ class LogParser:
         self._time_header, column = mapping.time
         self._time = TimeReader(column, mapping.file.decimal)
         self._sentinels = _Sentinels(mapping.overload, mapping.file)
-        self._readers: list[tuple[int, NumberColumn, float]] = []
+        self._readers: list[tuple[int, LogColumn, float]] = []
         self._time_at = 0
         self._width = 0
         self._line = 0

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bench.model.clock import NS
 from bench.model.errors import SessionDamaged
 from bench.model.yamlio import parse_yaml
-from bench.plan.mapping import LogMapping
+from bench.plan.mapping import mapping_model
 from bench.record import SessionReader
 from bench.replay.delimited import LogCounts, LogParser, lines_of
 
@@ -52,7 +52,7 @@ def replay_series(folder: Path) -> ImportedSeries:
             where=str(folder),
             next_step="import the file again, or see 'bench recover' for what the session still holds",
         )
-    mapping = parse_yaml(texts[MAPPING], MAPPING, LogMapping).model
+    mapping = parse_yaml(texts[MAPPING], MAPPING, mapping_model()).model
     names = [column.quantity for column in mapping.values.values()]
     parser, digest = LogParser(mapping, str(manifest.get("log", {}).get("file", folder))), hashlib.sha256()
     held = [array("d") for _ in ("t_s", *names)]

@@ -14,19 +14,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from bench.analysis.early import Check, link_checks
 from bench.analysis.registry import analyse
 from bench.model.errors import BenchError
+from bench.model.systems import named, system_of_analysis
 from bench.session.service import read_view
 from bench.session.view import material_of
-from bench.systems.af_converter.constants import read_campaign
-from bench.systems.af_converter.early import (
-    Check,
-    drift_check,
-    link_checks,
-    repeat_check,
-    residual_check,
-    scatter_check,
-)
 
 NICE = 19
 
@@ -35,14 +28,11 @@ def verdict(folder: Path, limits: Mapping[str, float]) -> dict[str, Any]:
     """All checks of what the session holds so far. ``ok`` is False if one fails; None if nothing can be judged yet."""
     view = read_view(folder)
     checks = link_checks(view.counts, limits["max_lost"], limits["max_bad"])
-    if view.has_analysis:
+    campaign = view.manifest.get("campaign", {})
+    system = system_of_analysis(str(campaign.get("analysis")))
+    if view.has_analysis and system is not None and system.early:
         try:
-            campaign = read_campaign(view.manifest["campaign"])
-            checks.append(repeat_check(view.rows, campaign, limits["max_dispersion"]))
-            checks.append(scatter_check(view.rows, campaign, limits["max_dispersion"]))
-            analysis = analyse(material_of(view))
-            checks.append(residual_check(analysis, limits["max_residual"]))
-            checks.append(drift_check(analysis, limits["max_dispersion"]))
+            checks.extend(named(system.early).checks(view.rows, campaign, lambda: analyse(material_of(view)), limits))
         except BenchError as error:  # most often: too few records yet
             checks.append(Check("partial fit", None, None, 0.0, error.message))
     judged = [check.ok for check in checks if check.ok is not None]

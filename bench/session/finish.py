@@ -14,7 +14,7 @@ from typing import Any
 
 from bench.analysis.analysis import Analysis
 from bench.analysis.results import results_json
-from bench.commands.coefficients import write_coefficients
+from bench.session.coefficients import write_coefficients
 from bench.session.output import write_attachments, write_file
 from bench.session.view import SessionView, analyse_view, report_html
 from bench.store import StoreError, record_calibration

@@ -16,17 +16,17 @@ from typing import Any
 from bench.analysis.registry import analyse
 from bench.analysis.results import results_json
 from bench.model.errors import BenchError
+from bench.model.systems import analysis_declaration
 from bench.session.service import read_view
 from bench.session.view import material_of
 
 NICE = 19
-MAIN = ("dsf_n", "dsf_p", "bias", "hysteresis_width")
 MEASURED = "unit_temperature_degC"
 KEYS = ("quantity", "unit", "conditions", "value", "std_uncertainty")
 
 
 def partial(folder: Path) -> dict[str, Any]:
-    """Estimates that are determined so far, those of ``MAIN`` first; all others only where there is none of these.
+    """Estimates that are determined so far, the main ones of the analysis; others where there is none of these.
 
     Raises: InputError B-REC-010 (no session); SessionDamaged B-REC-012 (no manifest).
     """
@@ -39,7 +39,9 @@ def partial(folder: Path) -> dict[str, Any]:
     except BenchError as error:  # most often: too few records yet
         return {**found, "why": error.message}
     determined = [_row(one) for one in estimates if _is_number(one.get("value"))]
-    rows = [one for one in determined if one["quantity"] in MAIN] or determined
+    declared = analysis_declaration(str(view.manifest["campaign"]["analysis"]))
+    main = () if declared is None else declared.main
+    rows = [row for row in determined if row["quantity"] in main] or determined
     return {**found, "rows": rows} if rows else {**found, "why": "no estimate is determined yet"}
 
 

@@ -8,16 +8,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bench.analysis.problems import count_problem, flag_problem
+from bench.model.systems import analysis_declaration, named
 from bench.plan import Step
 from bench.record import RecordRow
 from bench.replay.rows import Replayed
-from bench.systems.af_converter import groups
-from bench.systems.af_converter.groups import count_problem, flag_problem
-from bench.systems.af_converter.temperatures import UnitTemperature, unit_temperatures
 
 VALID, MISSING, INVALID = "valid", "missing", "invalid"
 MEASUREMENT = "measurement"
-AT_ONE_TEMPERATURE = ("scale_factor", "dmm_method")  # analyses that leave out a record whose temperature is not known
 
 
 @dataclass(frozen=True)
@@ -52,11 +50,11 @@ def record_states(steps: Sequence[Step], replayed: Replayed) -> list[RecordState
 
 def _problems(replayed: Replayed) -> Iterator[tuple[RecordRow, str]]:
     """Why the analysis of the session leaves each record out, "" if it does not."""
-    if replayed.manifest.get("campaign", {}).get("analysis") not in AT_ONE_TEMPERATURE:
+    asked = analysis_declaration(str(replayed.manifest.get("campaign", {}).get("analysis")))
+    if asked is None or not asked.problems:
         yield from ((row, row_problem(row)) for row in replayed.rows)
-        return
-    known: Mapping[int, UnitTemperature] = unit_temperatures(replayed.measurement_rows)
-    yield from ((row, groups.row_problem(row, known.get(row.window.number))) for row in replayed.rows)
+    else:
+        yield from zip(replayed.rows, named(asked.problems)(replayed.rows, replayed.measurement_rows), strict=True)
 
 
 def is_measuring(step: Any) -> bool:

@@ -11,11 +11,11 @@ from typing import Any
 
 from bench.analysis.analysis import Analysis
 from bench.analysis.results import results_json
-from bench.commands.coefficients import NAMES, coefficient_texts, document_of, merged_documents
 from bench.model.errors import InputError
 from bench.replay import compare
 from bench.replay.compare import Difference
 from bench.report import Report
+from bench.session.coefficients import all_files, coefficients_of_session, merged_coefficients
 from bench.session.view import SessionView, report_of
 
 SOFTWARE_PATH = "provenance.software"  # another version may give the same numbers
@@ -160,9 +160,10 @@ def check_coefficients(
     found: Verification, folder: Path, view: SessionView, results: Mapping[str, Any], analysis: Analysis
 ) -> None:
     """Compare the coefficients, JSON and header, byte by byte; an analysis may give none."""
-    texts: dict[str, str | None] = dict.fromkeys(NAMES)
-    if analysis.compensation:
-        texts |= coefficient_texts(merged_documents([document_of(analysis, results, view.manifest["campaign"])]))
+    texts: dict[str, str | None] = dict.fromkeys(all_files())
+    coefficients = coefficients_of_session(analysis, results, view.manifest["campaign"])
+    if coefficients is not None:
+        texts |= merged_coefficients([coefficients]).texts
     for name, text in texts.items():
         if text is None and not (folder / name).exists():
             continue

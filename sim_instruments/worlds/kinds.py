@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from bench.model.clock import Clock
+from bench.model.installed import offers
 from sim_instruments.worlds.common.options import number_of, switch_of, unknown_option, word_of
 from sim_instruments.worlds.common.world import World
 
@@ -18,7 +19,7 @@ class _Offered(NamedTuple):
 
 
 def kind_options(kind: str) -> tuple[str, ...]:
-    """Names of all options of the worlds of one kind, such as "north"."""
+    """Names of all options of the worlds of one kind, such as "fog_north"."""
     offered = _offered(kind)
     return (*offered.switches, *offered.numbers, *offered.words)
 
@@ -41,7 +42,7 @@ def checked_options(kind: str, options: Mapping[str, str]) -> dict[str, Any]:
 
 def world_class(kind: str) -> type[World]:
     """The world of one kind."""
-    module = importlib.import_module(f"sim_instruments.worlds.{kind}.world")
+    module = importlib.import_module(f"{_package(kind)}.world")
     found: type[World] = module.WORLD
     return found
 
@@ -53,6 +54,10 @@ def kind_world(kind: str, clock: Clock, seed: int, options: Mapping[str, str]) -
     return world
 
 
+def _package(kind: str) -> str:
+    return offers("worlds")[kind].package
+
+
 def _offered(kind: str) -> _Offered:
-    module = importlib.import_module(f"sim_instruments.worlds.{kind}.options")
+    module = importlib.import_module(f"{_package(kind)}.options")
     return _Offered(*(getattr(module, group) for group in ("OPTIONS", "NUMBERS", "TEXTS")))

@@ -11,14 +11,14 @@ from pyvisa import rname
 
 from bench.model.clock import Clock
 from bench.model.errors import InputError
+from bench.model.installed import offers, simulator_module
 from sim_instruments.bus.live import LiveDevice
 from sim_instruments.worlds.common.options import number_of, switch_of, unknown_option
 from sim_instruments.worlds.common.thermal import Thermal
 from sim_instruments.worlds.common.world import Unit, World
 from sim_instruments.worlds.kinds import checked_options, kind_options, kind_world, world_class
 
-WORLDS = ("af_converter", "gnc_module", "fog_north", "ring_laser", "time_sync")
-KINDS = {"fog_north": "north", "ring_laser": "lock_in", "time_sync": "time_sync"}  # package of a world
+_OWN_OPTIONS = ("af_converter", "gnc_module")  # worlds whose options stand here
 WORLD_OPTIONS = {
     "calibrator_gain": "common gain error of the calibrator, N(0, 10 ppm)",
     "calibrator_floor": "range offsets and level errors of the calibrator, N(0, floor/2) of Table 2",
@@ -54,7 +54,7 @@ def open_world(
     """Build a simulated bench and register it under an id of its own.
 
     Args:
-        name: kind of world, one of ``WORLDS``.
+        name: of a world that is installed.
         clock: clock of the run.
         seed: seed of every random draw, 0 or positive.
         station: {"instruments": {role: {"driver", "resource", "options"}}, "links": {...}}.
@@ -66,14 +66,14 @@ def open_world(
         InputError: B-SIM-001 unknown world, B-SIM-002 bad option, B-SIM-003 no simulator of that driver,
             B-SIM-004 bad or doubled VISA address.
     """
-    if name not in WORLDS:
-        raise InputError(
-            "B-SIM-001", f"no simulated world is called {name!r}", next_step=f"use one of: {', '.join(WORLDS)}"
-        )
+    worlds = offers("worlds")
+    if name not in worlds:
+        known = ", ".join(worlds)
+        raise InputError("B-SIM-001", f"no simulated world is called {name!r}", next_step=f"use one of: {known}")
     if name == "gnc_module":
         world = _gnc_world(clock, seed, options or {})
-    elif name in KINDS:
-        world = kind_world(KINDS[name], clock, seed, options or {})
+    elif name not in _OWN_OPTIONS:
+        world = kind_world(name, clock, seed, options or {})
     else:
         world = _af_world(clock, seed, options or {}, unit_factory or _simulated_ngu)
     try:
@@ -89,8 +89,8 @@ def options_of(name: str) -> tuple[str, ...]:
     """Names of all options of a kind of world."""
     if name == "gnc_module":
         return (*GNC_OPTIONS, *GNC_NUMBERS, *GNC_TEXTS)
-    if name in KINDS:
-        return kind_options(KINDS[name])
+    if name not in _OWN_OPTIONS:
+        return kind_options(name)
     return (*WORLD_OPTIONS, *WORLD_NUMBERS, *UNIT_OPTIONS)
 
 
@@ -99,8 +99,8 @@ def check_operation(name: str, what: str, value: Any) -> None:
     found: type[World] = World
     if name == "gnc_module":
         found = importlib.import_module("sim_instruments.worlds.gnc.world").GncWorld
-    elif name in KINDS:
-        found = world_class(KINDS[name])
+    elif name not in _OWN_OPTIONS:
+        found = world_class(name)
     found.check_operation(what, value)
 
 
@@ -108,8 +108,8 @@ def check_options(name: str, options: Mapping[str, str]) -> None:
     """Raises: InputError B-SIM-002 if a world of the kind ``name`` cannot be opened with these options."""
     if name == "gnc_module":
         _gnc_options(options)
-    elif name in KINDS:
-        checked_options(KINDS[name], options)
+    elif name not in _OWN_OPTIONS:
+        checked_options(name, options)
     else:
         _split_options(options)
 
@@ -187,14 +187,8 @@ def _with_serial(identity: str, serial: str) -> str:
 
 
 def _simulator(driver: str, role: str) -> type[LiveDevice]:
-    module_name = f"sim_instruments.{driver}"
-    found: Any = None
-    if re.fullmatch("[a-z0-9_]+", driver):
-        try:
-            found = getattr(importlib.import_module(module_name), "SIMULATOR", None)
-        except ModuleNotFoundError as error:
-            if error.name != module_name:
-                raise
+    module = simulator_module(driver) if re.fullmatch("[a-z0-9_]+", driver) else None
+    found: Any = None if module is None else getattr(importlib.import_module(module), "SIMULATOR", None)
     if found is None:
         raise InputError(
             "B-SIM-003",

@@ -26,7 +26,7 @@ from bench.run.besides import besides
 from bench.run.context import RunContext
 from bench.run.control.following import Following
 from bench.run.control.operator import SimulatedOperator
-from bench.run.feed import FeedClient
+from bench.run.feed.client import FeedClient
 from bench.run.hold.holds import Wish
 from bench.run.session import conduct
 from bench.session.early import verdict

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench.analysis.estimates import estimate
+from bench.analysis.problems import count_problem
 from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.estimators.clocks import clock_ratio, count_noise, master_clock_error
-from bench.systems.af_converter.groups import count_problem
 from bench.systems.af_converter.temperatures import unit_temperatures
 
 if TYPE_CHECKING:

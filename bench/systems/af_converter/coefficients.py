@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
 from bench.analysis.analysis import Analysis
+from bench.analysis.coefficients import Closed, Source, UnitUnderTest, same_unit, source_of, validate
 from bench.model.errors import InputError
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.group_fit import QUANTITIES, Fitted
 
+NAME = "coefficients"
+SCHEMA_FILE = "coefficients.schema.json"
 BIAS_CAMPAIGN = "bias_ramp"  # the bias of any other campaign is diagnostic (paper, end of section 3.3)
 UNITS = {"dsf_n": "ppm", "dsf_p": "ppm", "bias": "A", "master_clock": "ppm"}
 SIGNS = {
@@ -25,11 +28,7 @@ SIGNS = {
 _NEXT = "merge one scale-factor and one bias session of the same unit"
 
 
-class _Closed(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
-
-
-class Parameter(_Closed):
+class Parameter(Closed):
     """Polynomial of one parameter of one channel over temperature; channel null: of the whole unit."""
 
     channel: Annotated[int, Field(ge=1)] | None
@@ -50,7 +49,7 @@ class Parameter(_Closed):
         return self
 
 
-class Nominal(_Closed):
+class Nominal(Closed):
     """Nominal constants the errors refer to; ``k0_C``: coulomb per pulse."""
 
     channel: Annotated[int, Field(ge=1)]
@@ -58,26 +57,7 @@ class Nominal(_Closed):
     k0_C: Annotated[float, Field(gt=0)]
 
 
-class Source(_Closed):
-    """A session the coefficients come from, with the worst verdict in it."""
-
-    session: str
-    campaign: str
-    method: str
-    session_sha256: str
-    software: str
-    worst_verdict: Literal["pass", "fail", "conditional_pass", "conditional_fail", "none"]
-    missing: list[str]
-
-
-class UnitUnderTest(_Closed):
-    """The unit the coefficients belong to."""
-
-    model: str
-    serial: str
-
-
-class Coefficients(_Closed):
+class Coefficients(Closed):
     """The document coefficients.json."""
 
     schema_version: Literal[1] = Field(alias="schema")
@@ -135,21 +115,8 @@ def coefficients_of(analysis: Analysis, results: Mapping[str, Any], campaign: Ma
         "parameters": parameters,
         "sources": [source_of(analysis, results)],
     }
-    validate_coefficients(document, session)
+    validate(document, session, Coefficients)
     return document
-
-
-def source_of(analysis: Analysis, results: Mapping[str, Any]) -> dict[str, Any]:
-    """Where coefficients come from: session, method, hashes, the worst verdict and what is missing."""
-    return {
-        "session": str(results["session"]),
-        "campaign": analysis.campaign,
-        "method": analysis.method,
-        "session_sha256": results["provenance"]["session_sha256"],
-        "software": results["provenance"]["software"],
-        "worst_verdict": _worst(one["verdict"] for one in results["estimates"]),
-        "missing": list(analysis.missing),
-    }
 
 
 def merged(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -160,7 +127,7 @@ def merged(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             B-COEF-003 (simulated and real).
     """
     first = documents[0]
-    same_unit(documents)
+    same_unit(documents, _NEXT)
     parameters = [one for document in documents for one in document["parameters"]]
     seen: dict[tuple[str, int], str] = {}
     for one in parameters:
@@ -181,23 +148,6 @@ def merged(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def same_unit(documents: Sequence[Mapping[str, Any]]) -> None:
-    """Refuse documents that do not belong together.
-
-    Raises: InputError B-COEF-001 (another unit), B-COEF-003 (simulated and real).
-    """
-    for other in documents[1:]:
-        _same(documents[0], other, "uut", "B-COEF-001", "belong to different units")
-        _same(documents[0], other, "simulated", "B-COEF-003", "are partly simulated, partly measured")
-
-
-def _same(first: Mapping[str, Any], other: Mapping[str, Any], name: str, code: str, what: str) -> None:
-    if first[name] != other[name]:
-        places = ", ".join(str(one["sources"][0]["session"]) for one in (first, other))
-        both = f"{_words(first[name])} and {_words(other[name])}"
-        raise InputError(code, f"the sessions {what} ({both})", where=places, next_step=_NEXT)
-
-
 def _nominal(documents: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     found: dict[int, tuple[dict[str, Any], str]] = {}
     for document in documents:
@@ -209,30 +159,6 @@ def _nominal(documents: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
                 message = f"the sessions refer to different nominal constants of channel {one['channel']} ({values})"
                 raise InputError("B-COEF-001", message, where=f"{where}, {session}", next_step=_NEXT)
     return [found[number][0] for number in sorted(found)]
-
-
-def _words(value: Any) -> str:
-    return " ".join(value.values()) if isinstance(value, Mapping) else ("simulated" if value else "measured")
-
-
-def _worst(verdicts: Iterable[str]) -> str:
-    found = set(verdicts)
-    return next((one for one in ("fail", "conditional_fail", "conditional_pass", "pass") if one in found), "none")
-
-
-def validate_coefficients(document: object, where: str, form: type[BaseModel] = Coefficients) -> None:
-    """Check a document against its form. Raises InputError B-COEF-006 naming the first wrong field."""
-    try:
-        form.model_validate(document)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise InputError(
-            "B-COEF-006",
-            f"{place}: {first['msg'][:1].lower()}{first['msg'][1:]} (found {str(first['input'])[:60]})",
-            where=where,
-            next_step="correct the analysis that makes these coefficients",
-        ) from error
 
 
 def coefficients_schema() -> dict[str, Any]:

@@ -6,6 +6,8 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from bench.analysis.c_header import comment, preamble, safe
+
 _NAMES = {"dsf_n": "DSF_N_PPM", "dsf_p": "DSF_P_PPM", "bias": "BIAS_A", "master_clock": "MASTER_CLOCK_PPM"}
 
 _TYPE = """\
@@ -61,36 +63,12 @@ def header_text(document: Mapping[str, Any]) -> str:
     return "\n".join([*parts, f"#endif /* {guard} */\n"])
 
 
-def preamble(document: Mapping[str, Any]) -> list[str]:
-    """What a reader of the header must know: unit, simulated or not, signs, sources."""
-    unit = document["uut"]
-    lines = [f"Compensation of {unit['model']}, serial number {unit['serial']}."]
-    if document["simulated"]:
-        lines += ["", "SIMULATED: these numbers come from a simulated bench. They are no calibration of any unit."]
-    lines += ["", "Signs:"] + [f"  {name}: {text}" for name, text in document["signs"].items()]
-    lines += ["", "Sources:"]
-    for source in document["sources"]:
-        lines += [f"  {source['session']}: {source['campaign']}, method {source['method']}, {source['software']}"]
-        lines += [f"    session SHA-256 {source['session_sha256']}", f"    worst verdict: {source['worst_verdict']}"]
-        lines += [f"    MISSING: {one}" for one in source["missing"]]
-    return lines
-
-
-def comment(lines: Sequence[str]) -> str:
-    """A C comment. What a session says goes into it, so nothing in a line may end it or leave ASCII."""
-    return "\n".join(["/*", *(f" * {_safe(line)}".rstrip() for line in lines), " */", ""])
-
-
-def _safe(text: str) -> str:
-    return " ".join(text.replace("*/", "* /").replace("/*", "/ *").encode("ascii", "replace").decode().splitlines())
-
-
 def _nominal(nominal: Sequence[Mapping[str, Any]], last: int) -> str:
     if not nominal:
         return ""
     charges = {int(one["channel"]): one for one in nominal}
     lines = [
-        f"    {float(charges[number]['k0_C'])!r}, /* {number}: {_safe(charges[number]['kind'])} */"
+        f"    {float(charges[number]['k0_C'])!r}, /* {number}: {safe(charges[number]['kind'])} */"
         if number in charges
         else f"    0.0, /* {number}: none */"
         for number in range(last + 1)

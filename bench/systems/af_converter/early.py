@@ -3,44 +3,36 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from bench.analysis.analysis import Analysis
+from bench.analysis.early import Check
 from bench.model.clock import NS
 from bench.record import RecordRow
-from bench.systems.af_converter.constants import Campaign
+from bench.systems.af_converter.constants import Campaign, read_campaign
 
 POINT = ("channel", "temperature_degC", "current_A", "polarity", "route", "range_A")
 _ENOUGH = 8  # neighbours from which a scatter is judged
 _MAD = 0.6745  # median of the absolute value of a standard normal variable
 
 
-@dataclass(frozen=True)
-class Check:
-    """One verdict: ``ok`` None if there is too little to judge yet."""
+def checks(
+    rows: Sequence[RecordRow], campaign: Mapping[str, Any], fit: Callable[[], Analysis], limits: Mapping[str, float]
+) -> Iterator[Check]:
+    """Yield all checks of what is recorded so far; ``campaign``: that section of the manifest; ``fit``: a partial fit.
 
-    name: str
-    ok: bool | None
-    value: float | None
-    limit: float
-    text: str
-
-
-def link_checks(counts: Mapping[str, int], max_lost: float, max_bad: float) -> list[Check]:
-    """Share of the frames of all links that are missing, and that are damaged."""
-    due = counts["frames"] + counts["frames_lost"]
-    shares = (("frames lost", "frames_lost", max_lost, due), ("frames damaged", "frames_bad", max_bad, due))
-    found = []
-    for name, key, limit, of in shares:
-        share = counts[key] / of if of else None
-        ok = None if share is None else share <= limit
-        found.append(Check(name, ok, share, limit, f"{counts[key]} of {of} frames"))
-    return found
+    Raises: BenchError after the checks that can be made; most often there are too few records yet.
+    """
+    constants = read_campaign(campaign)
+    yield repeat_check(rows, constants, limits["max_dispersion"])
+    yield scatter_check(rows, constants, limits["max_dispersion"])
+    analysis = fit()
+    yield residual_check(analysis, limits["max_residual"])
+    yield drift_check(analysis, limits["max_dispersion"])
 
 
 def repeat_check(rows: Sequence[RecordRow], campaign: Campaign, limit: float) -> Check:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bench.analysis.problems import count_problem
 from bench.model.errors import FitError
-from bench.model.quality import Quality
 from bench.record.window import is_off_target
 from bench.systems.af_converter.estimators.noise import Readings
 from bench.systems.af_converter.temperatures import UnitTemperature, unit_temperatures
@@ -19,10 +19,6 @@ if TYPE_CHECKING:
     from bench.record import RecordRow
 
 _PURPOSE = "measurement"
-_LINK_FLAGS = Quality.LOST | Quality.BAD_FRAMES | Quality.DUPLICATE
-_MOST_LOST = 1e-3  # of the frames of a record; a few lost frames take their share of counts and of the gate with them
-_NEEDED_CLOCKS = ("af_clock", "master_count")
-_COUNTS = {"npp", "ppp"}
 _NOT_SETTLED = "not settled"
 Place = tuple[int, float, int]  # channel, nominal temperature, repeat
 
@@ -87,31 +83,18 @@ def _belongs(conditions: Mapping[str, Any]) -> bool:
     return conditions.get("purpose", _PURPOSE) == _PURPOSE and {"channel", "temperature_degC"} <= conditions.keys()
 
 
-def flag_problem(row: RecordRow) -> str:
-    """What is wrong with a record whatever it holds, "" if nothing is."""
-    flags = Quality(row.quality) & ~_LINK_FLAGS & ~Quality.STALE
-    return ", ".join(str(flag.name).lower().replace("_", " ") for flag in flags)
-
-
-def count_problem(row: RecordRow) -> str:
-    """Why the counts of a record may not enter an estimate, "" if they may.
-
-    Rates are taken over the frames that did arrive, so a loss of up to 0.1 % costs resolution, not truth.
-    """
-    if problem := flag_problem(row):
-        return problem
-    if row.lost > _MOST_LOST * row.window.frames:
-        return "frames lost"
-    complete = all(np.any(row.sums.get(name, 0)) for name in _NEEDED_CLOCKS) and row.sums.keys() >= _COUNTS
-    return "" if complete else "without clock counts"
-
-
 def row_problem(row: RecordRow, temperature: UnitTemperature | None) -> str:
     """Why a record may not enter a group at one temperature, "" if it may."""
     problem = count_problem(row)
     if problem or temperature is None:
         return problem or "without a unit temperature"
     return _NOT_SETTLED if is_off_target(row.window.conditions, temperature.value_degC) else ""
+
+
+def record_problems(rows: Sequence[RecordRow], measuring: Iterable[RecordRow]) -> Iterator[str]:
+    """Yield of each record why a campaign of points at one temperature leaves it out, "" if it does not."""
+    known = unit_temperatures(measuring)
+    yield from (row_problem(row, known.get(row.window.number)) for row in rows)
 
 
 def group_rows(rows: Sequence[RecordRow], master_Hz: float) -> list[Group]:

@@ -5,19 +5,21 @@ A document of its own beside coefficients.json, which is about converters: docs/
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from bench.analysis.analysis import Analysis
+from bench.analysis.coefficients import Closed, Source, UnitUnderTest, same_unit, source_of, validate
 from bench.model.errors import InputError
-from bench.systems.af_converter.coefficients import Source, UnitUnderTest, same_unit, source_of, validate_coefficients
 
 if TYPE_CHECKING:
     from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
     from bench.systems.gnc.estimators.triad import TriadFit
 
+NAME = "imu_coefficients"
+SCHEMA_FILE = "imu_coefficients.schema.json"
 SECTION = "section"
 SIGNS = {
     "axes": "x, y, z of the body, right-handed; rows of a matrix are outputs, columns are indicated axes",
@@ -31,11 +33,7 @@ _Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 _Two = Annotated[list[float], Field(min_length=2, max_length=2)]
 
 
-class _Closed(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
-
-
-class TriadSection(_Closed):
+class TriadSection(Closed):
     """Matrix and bias of three sensors; standard uncertainties beside them."""
 
     section: Literal["accelerometer", "gyro"]
@@ -48,7 +46,7 @@ class TriadSection(_Closed):
     session: str
 
 
-class MagnetometerSection(_Closed):
+class MagnetometerSection(Closed):
     """Offset, gain and non-orthogonality of the two axes across the roll axis."""
 
     section: Literal["magnetometer"]
@@ -64,7 +62,7 @@ class MagnetometerSection(_Closed):
     session: str
 
 
-class ImuCoefficients(_Closed):
+class ImuCoefficients(Closed):
     """The document imu_coefficients.json."""
 
     schema_version: Literal[1] = Field(alias="schema")
@@ -105,12 +103,7 @@ def magnetometer_section(method: str, found: PlaneParameters, span_degC: tuple[f
     }
 
 
-def is_imu(compensation: Iterable[Mapping[str, Any]]) -> bool:
-    """True for the compensation of an IMU, not of converters."""
-    return any(SECTION in one for one in compensation)
-
-
-def imu_coefficients_of(analysis: Analysis, results: Mapping[str, Any]) -> dict[str, Any]:
+def coefficients_of(analysis: Analysis, results: Mapping[str, Any], campaign: Mapping[str, Any]) -> dict[str, Any]:
     """The document of one session. Raises: InputError B-COEF-006 for a section that is not in the form."""
     session = str(results["session"])
     document = {
@@ -121,16 +114,16 @@ def imu_coefficients_of(analysis: Analysis, results: Mapping[str, Any]) -> dict[
         "sections": [dict(one) | {"session": session} for one in analysis.compensation],
         "sources": [source_of(analysis, results)],
     }
-    validate_imu_coefficients(document, session)
+    validate(document, session, ImuCoefficients)
     return document
 
 
-def merged_imu(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def merged(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """One document of the sessions of one unit: calibration and magnetometer.
 
     Raises: InputError B-COEF-001 (another unit), B-COEF-002 (a section twice), B-COEF-003 (simulated and real).
     """
-    same_unit(documents)
+    same_unit(documents, "merge one scale-factor and one bias session of the same unit")
     sections = [one for document in documents for one in document["sections"]]
     seen: dict[str, str] = {}
     for one in sections:
@@ -149,12 +142,7 @@ def merged_imu(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def validate_imu_coefficients(document: object, where: str) -> None:
-    """Check a document against its form. Raises InputError B-COEF-006 naming the first wrong field."""
-    validate_coefficients(document, where, ImuCoefficients)
-
-
-def imu_coefficients_schema() -> dict[str, Any]:
+def coefficients_schema() -> dict[str, Any]:
     """JSON Schema of imu_coefficients.json, made from the same declarations that check it."""
     schema = ImuCoefficients.model_json_schema(by_alias=True)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.systems.af_converter.coefficients_header import comment, preamble
+from bench.analysis.c_header import comment, preamble
 
 _TYPE = """\
 /* Sections that were measured: 1, else 0; a function for what was not measured is not there. */
@@ -50,7 +50,7 @@ static inline void imu_compensate_magnetometer(const double indicated[2], double
 """
 
 
-def imu_header_text(document: Mapping[str, Any]) -> str:
+def header_text(document: Mapping[str, Any]) -> str:
     """The header of a checked document; the same document gives the same bytes.
 
     Numbers are the shortest text that gives the same double back.

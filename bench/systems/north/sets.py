@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis.material import Material, Reading
+from bench.analysis.problems import flag_problem
 from bench.model.errors import FitError
 from bench.model.quality import Quality
-from bench.systems.af_converter.groups import flag_problem
 
 if TYPE_CHECKING:
     from bench.record import RecordRow

@@ -5,29 +5,20 @@ Probe 1 and 2 hang at channels 101 and 102 of the scanner, the reference at the 
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from types import ModuleType, SimpleNamespace
-from typing import Any
 
-import numpy as np
 import pytest
 
-from bench.analysis import registry
-from bench.analysis.analysis import Analysis
-from bench.analysis.estimates import estimate
-from bench.analysis.material import Material
-from bench.plan import Plan, check_analysis, check_plan, compile_sequence
-from sim_instruments.worlds import simulation
-from sim_instruments.worlds.common.terminals import Source
-from sim_instruments.worlds.common.thermal import Thermal
-from sim_instruments.worlds.common.world import World
+from bench.model import installed as installed_module
+from bench.model import systems
+from bench.plan import Plan, compile_sequence
+from bench.plan.check import check_plan
 
+STRANGERS = Path(__file__).resolve().parents[1] / "strangers"
 ANALYSIS = "probe_means"
 OHM_AT_0, OHM_PER_DEGC = 100.0, 0.39
-LEAD_OHM = 1.5
 TEMPERATURES_DEGC = (23.0, 40.0)
 
 STATION = """\
@@ -96,55 +87,22 @@ steps:
 {RECORD}{RECORD}"""
 
 
-class ProbeWorld(World):
-    """Probes in the chamber; nothing is supplied and nothing sends frames."""
-
-    ports = ()
-
-    def __init__(self, *, clock: Any, seed: int, options: Mapping[str, Any]) -> None:
-        super().__init__(clock=clock, seed=seed, unit=None, thermal=Thermal(), options=options)
-        probe = Source(resistance_ohm=self._ohm, lead_ohm=LEAD_OHM)
-        self.terminals.connect(probe, "scanner", 101)
-        self.terminals.connect(probe, "scanner", 102)
-        self.terminals.connect(probe, "meter")
-
-    def _ohm(self, t_ns: int) -> float:
-        return OHM_AT_0 + OHM_PER_DEGC * float(self.thermal.unit_degC(t_ns))
-
-
-def analyse(material: Material, method: str = "mean") -> Analysis:
-    """Mean resistance of each probe at each temperature, and the air's mean beside it."""
-    assert method == "mean"
-    found: dict[tuple[float, str], list[float]] = {}
-    for row in material.rows:
-        for reading in material.readings_of(row):
-            name = f"{reading.role} {reading.arguments.get('channel', 0)}"
-            found.setdefault((reading.conditions["temperature_degC"], name), []).append(reading.value)
-    estimates = [
-        estimate(
-            "air" if name.startswith("chamber") else "resistance", "degC" if name.startswith("chamber") else "ohm",
-            float(np.mean(values)), 0.01, {"temperature_degC": temperature_degC, "probe": name}, n=len(values),
-        )
-        for (temperature_degC, name), values in found.items()
-    ]  # fmt: skip
-    return Analysis(ANALYSIS, method, material.campaign["uut"], estimates)
-
-
 @contextmanager
 def installed() -> Iterator[None]:
-    """The world, its options and the analysis are known while the context is open."""
-    world, options = ModuleType("sim_instruments.probe_world"), ModuleType("sim_instruments.probe_options")
-    vars(world)["ProbeWorld"] = ProbeWorld
-    vars(options).update(PROBE_OPTIONS={}, PROBE_NUMBERS={}, PROBE_TEXTS={})
-    with pytest.MonkeyPatch.context() as patch:
-        for module in (world, options):
-            patch.setitem(sys.modules, module.__name__, module)
-        patch.setattr(simulation, "WORLDS", (*simulation.WORLDS, "probes"))
-        patch.setitem(simulation.KINDS, "probes", "probe")
-        patch.setitem(check_analysis.ASKED, ANALYSIS, ("temperature_degC",))
-        patch.setattr(check_analysis, "OF_READINGS", {ANALYSIS})
-        patch.setitem(registry.ANALYSES, ANALYSIS, SimpleNamespace(METHODS=("mean",), analyse=analyse))
-        yield
+    """A distribution of somebody else is installed while the context is open: its system and its world."""
+    try:
+        with pytest.MonkeyPatch.context() as patch:
+            patch.syspath_prepend(STRANGERS)
+            _forget()
+            yield
+    finally:
+        _forget()
+
+
+def _forget() -> None:
+    """Let what is installed be looked up again."""
+    for cached in (installed_module.offers, systems.systems, systems._offered, systems.analyses):
+        cached.cache_clear()
 
 
 def written(folder: Path, *changes: tuple[str, str]) -> Path:

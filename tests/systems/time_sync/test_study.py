@@ -49,7 +49,7 @@ def test_workers_give_the_same_bytes_even_if_one_dies() -> None:
     ) as cluster:
         victim = cluster.workers[0].pid
         listener = Listener(victim)
-        together = run_on_cluster(cluster.scheduler_address, TASKS, listener)
+        together = run_on_cluster(cluster.scheduler_address, TASKS, run_task, listener)
     assert [pickle.dumps(one) for one in together] == alone
     assert sorted(listener.done_tasks, key=TASKS.index) == TASKS
 

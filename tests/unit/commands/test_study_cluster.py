@@ -40,7 +40,7 @@ class FakeClient:
 
 def fails_with(code: str, where: str) -> BenchError:
     with pytest.raises(BenchError) as caught:
-        run_on_cluster(where, [TASK], Silent())
+        run_on_cluster(where, [TASK], str, Silent())
     assert caught.value.code == code
     assert caught.value.next_step
     return caught.value
@@ -100,12 +100,11 @@ def test_a_task_that_fails_is_named() -> None:
     assert "MemoryError: too large" in caught.value.message
 
 
-def test_an_error_of_the_bench_travels_as_words(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_of_the_bench_travels_as_words() -> None:
     def refuse(_: Task) -> None:
         raise InputError("B-STUDY-002", "impossible", next_step="correct it")
 
-    monkeypatch.setattr(study_cluster, "run_task", refuse)
-    result, wrong = run_there(TASK)
+    result, wrong = run_there(refuse, TASK)
     assert result is None
     assert wrong.startswith("error B-STUDY-002: impossible")
     future: Future[Any] = Future()

@@ -7,9 +7,9 @@ from pathlib import Path
 import plan_sample
 import pytest
 
-from bench.analysis.registry import ANALYSES
+from bench.analysis.registry import analysis_module
+from bench.model.systems import analyses
 from bench.plan import check_plan, compile_sequence, load_station
-from bench.plan.check_analysis import ASKED, OF_LOGS
 
 ROOT = Path(__file__).resolve().parents[3]
 REGISTER_LINE = "        - {range: 10 mA, relative: 20 ppm, floor: 50 nA}\n"
@@ -26,8 +26,9 @@ def mistakes(folder: Path, shipped: str, *changes: tuple[str, str]) -> list[tupl
     return [(one.code, one.message) for one in plan_sample.mistakes(path)]
 
 
-def test_the_names_are_those_of_the_registry() -> None:
-    assert {*ASKED, *OF_LOGS} == set(ANALYSES)
+@pytest.mark.parametrize("name", analyses())
+def test_what_is_declared_is_what_the_analysis_has(name: str) -> None:
+    assert analyses()[name][0].methods == analysis_module(name).METHODS
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from pydantic import RootModel
 
 from bench.model.errors import InputErrors
 from bench.model.yamlio import load_yaml, parse_yaml
-from bench.plan.mapping import LogMapping, load_mapping, mapping_schema
+from bench.plan.mapping import load_mapping, mapping_model, mapping_schema
 
 ROOT = Path(__file__).resolve().parents[3]
 SHIPPED = sorted((ROOT / "docs" / "mappings").glob("*.yaml"))
@@ -60,7 +60,7 @@ def test_a_mistake_in_any_key_is_named_where_it_stands(old: str, new: str, word:
     assert old in SHORT
     text = SHORT.replace(old, new, 1)
     with pytest.raises(InputErrors) as raised:
-        parse_yaml(text, "m.yaml", LogMapping)
+        parse_yaml(text, "m.yaml", mapping_model())
     said = [str(error) for error in raised.value.errors]
     assert any(word in one for one in said), said
     line = text[: text.index(new) if new else text.index("T: {role")].count("\n") + 1
@@ -81,21 +81,21 @@ def test_a_mistake_in_any_key_is_named_where_it_stands(old: str, new: str, word:
 def test_columns_must_fit_together(old: str, new: str, word: str) -> None:
     text = SHORT.replace(old, new, 1)
     if not word:  # a valid one
-        assert parse_yaml(text, "m.yaml", LogMapping).model.analysis == "temperature_ramp"
+        assert parse_yaml(text, "m.yaml", mapping_model()).model.analysis == "temperature_ramp"
         return
     with pytest.raises(InputErrors, match="B-YAML-012") as raised:
-        parse_yaml(text, "m.yaml", LogMapping)
+        parse_yaml(text, "m.yaml", mapping_model())
     assert word in str(raised.value)
 
 
 def test_an_analysis_needs_temperature_and_reading() -> None:
     text = SHORT.replace("role: reading", "role: reference").replace("uut:", "analysis: temperature_ramp\nuut:")
     with pytest.raises(InputErrors, match="of the roles temperature and reading"):
-        parse_yaml(text, "m.yaml", LogMapping)
+        parse_yaml(text, "m.yaml", mapping_model())
 
 
 def test_what_the_manifest_gets() -> None:
-    campaign = parse_yaml(RAMP, "m.yaml", LogMapping).model.campaign()
+    campaign = parse_yaml(RAMP, "m.yaml", mapping_model()).model.campaign()
     assert campaign["analysis"] == "temperature_ramp"
     assert campaign["reference_temperature_degC"] == 25.0
     assert campaign["uut"] == {"model": "M", "serial": "7"}

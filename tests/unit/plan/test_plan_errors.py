@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -234,7 +235,7 @@ def test_a_module_without_a_driver_b_plan_011(name: str) -> None:
 def plant(monkeypatch: pytest.MonkeyPatch, name: str, driver: type) -> None:
     """A driver of this name for one test."""
     module: Any = ModuleType(f"instruments.{name}")
-    module.DRIVER = driver
+    module.DRIVER, module.__spec__ = driver, ModuleSpec(module.__name__, None)
     monkeypatch.setitem(sys.modules, f"instruments.{name}", module)
 
 
@@ -247,7 +248,7 @@ def test_no_way_to_the_safe_state_b_plan_075_and_no_raw_text_b_plan_053(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plant(monkeypatch, "test_heater", Heater)
-    monkeypatch.setattr("bench.plan.check_station.find_spec", lambda name: name)
+    monkeypatch.setattr("bench.plan.check_station.simulator_module", lambda name: name)
     text = changed("call: switch.open_all", "call: aux_supply.output_on", FLAT)
     text = changed("record: 10 s", 'send: {aux_supply: "ON"}', text)
     found = mistakes(make_bench(tmp_path, text, ("driver: agilent_e3631a", "driver: test_heater")))

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from bench.model.errors import InputErrors
+from bench.model.systems import analyses
 from bench.plan import Plan, check_plan, compile_sequence
-from bench.plan.check_analysis import ITEMS
-from bench.plan.limits import DIMENSIONS, OF_ANALYSES
+from bench.systems.gnc.declaration import DECLARATION
 from bench.systems.gnc.limits import SPECIFIED
 from bench.systems.gnc.unit_test.units import IDENTITY, SUPPLY
 from bench.systems.gnc.unit_test.units import ITEMS as JUDGED
@@ -150,7 +150,7 @@ def test_an_item_that_is_nearly_one_is_a_slip_of_the_pen(tmp_path: Path, item: s
 
 
 def test_the_items_are_those_of_the_analysis() -> None:
-    assert set(ITEMS) == {SUPPLY, IDENTITY, *JUDGED}
+    assert set(analyses()["gnc_unit_test"][0].items) == {SUPPLY, IDENTITY, *JUDGED}
 
 
 def test_an_analysis_of_records_needs_one(tmp_path: Path) -> None:
@@ -160,10 +160,14 @@ def test_an_analysis_of_records_needs_one(tmp_path: Path) -> None:
 
 
 def test_the_limits_are_those_of_the_analyses() -> None:
-    assert {name: dimension for name, (dimension, _) in SPECIFIED.items()} == dict(DIMENSIONS)
+    shared = {name: limit.dimension for name, limit in DECLARATION.limits.items()}
+    assert {name: dimension for name, (dimension, _) in SPECIFIED.items()} == shared
     of_fog = {name: dimension for name, (dimension, _) in fog_limits.SPECIFIED.items()}
     of_sync = {name: dimension for name, (dimension, _) in time_sync_limits.SPECIFIED.items()}
-    assert dict(OF_ANALYSES) == {"fog_north": of_fog, "rlg_lock_in": rlg_limits.DIMENSIONS, "time_sync": of_sync}
+    declared = {name: analysis.limits for name, (analysis, _, _) in analyses().items() if analysis.limits}
+    dimensions = {name: {key: limit.dimension for key, limit in limits.items()} for name, limits in declared.items()}
+    assert dimensions == {"fog_north": of_fog, "rlg_lock_in": rlg_limits.DIMENSIONS, "time_sync": of_sync}
+    assert all(limit.above_zero for limits in declared.values() for limit in limits.values())
 
 
 def test_samples_of_frames_that_count_b_plan_092(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from import_sample import LOG, SHORT
 
 from bench.model.errors import InputError
 from bench.model.yamlio import parse_yaml
-from bench.plan.mapping import LogMapping
+from bench.plan.mapping import LogMapping, mapping_model
 from bench.replay.delimited import MAX_LINE_BYTES, LogParser, LogRow, lines_of
 from bench.replay.survey import Survey, survey
 
@@ -22,7 +22,7 @@ def mapped(*changes: tuple[str, str]) -> LogMapping:
     for old, new in changes:
         assert old in text
         text = text.replace(old, new, 1)
-    return parse_yaml(text, "m.yaml", LogMapping).model
+    return parse_yaml(text, "m.yaml", mapping_model()).model
 
 
 def read(content: bytes, mapping: LogMapping) -> tuple[list[LogRow], LogParser]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis.problems import count_problem
 from bench.model.errors import FitError
 from bench.record.window import UNIT_TEMPERATURE
 from bench.systems.af_converter.constants import Campaign, Channel
@@ -17,7 +18,6 @@ from bench.systems.af_converter.estimators.gates import Whitener, series_covaria
 from bench.systems.af_converter.estimators.hysteresis.model import Gates
 from bench.systems.af_converter.estimators.record_rate.pulses import PulseConverters, PulseRecords, stack_records
 from bench.systems.af_converter.estimators.record_rate.rate import RecordRates, record_rates
-from bench.systems.af_converter.groups import count_problem
 
 if TYPE_CHECKING:
     from bench.record import RecordRow

@@ -14,12 +14,13 @@ import pytest
 from hold_rig import HoldRig
 
 from bench.analysis.analysis import Analysis
+from bench.analysis.early import link_checks
 from bench.model.clock import WallClock
 from bench.plan.language import Early
 from bench.run.context import RunContext
 from bench.run.control.early import EarlyVerdicts, judge_command
 from bench.systems.af_converter.constants import Campaign
-from bench.systems.af_converter.early import drift_check, link_checks, repeat_check, residual_check, scatter_check
+from bench.systems.af_converter.early import drift_check, repeat_check, residual_check, scatter_check
 
 GOOD = {"ok": True, "records": 3, "checks": []}
 BAD = {

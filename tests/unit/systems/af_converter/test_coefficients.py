@@ -18,8 +18,8 @@ from bench.analysis.analysis import Analysis
 from bench.analysis.material import Material
 from bench.analysis.registry import analyse
 from bench.analysis.results import build_results, results_json
-from bench.commands.coefficients import write_coefficients
 from bench.model.errors import InputError
+from bench.session.coefficients import write_coefficients
 from bench.systems.af_converter.coefficients import coefficients_of, coefficients_schema, merged
 from bench.systems.af_converter.coefficients_header import header_text
 

@@ -11,12 +11,13 @@ import pytest
 from bias_simulation import MASTER_ppm, Ramp, Row, campaign, draw, ramp, rows
 
 from bench.analysis.analysis import Analysis
+from bench.analysis.coefficients import validate
 from bench.analysis.material import Material, Trace
 from bench.analysis.results import build_results
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.systems.af_converter.bias_ramp import analysis as bias_ramp
-from bench.systems.af_converter.coefficients import coefficients_of, validate_coefficients
+from bench.systems.af_converter.coefficients import Coefficients, coefficients_of
 
 Entry = dict[str, Any]
 
@@ -196,7 +197,7 @@ def test_documents_are_valid(analysis: Analysis, ramps: dict[int, Ramp]) -> None
     }  # fmt: skip
     results = build_results("s", analysis, {}, provenance)
     document = coefficients_of(analysis, results, campaign(ramps))
-    validate_coefficients(document, "s")
+    validate(document, "s", Coefficients)
     bias = next(one for one in document["parameters"] if one["parameter"] == "bias" and one["channel"] == 1)
     entry = one_of(analysis, "bias", channel=1, temperature_degC=35.0)
     assert np.polynomial.polynomial.polyval(15.0, bias["coefficients"]) == pytest.approx(entry["value"], rel=1e-12)

@@ -14,7 +14,7 @@ from bench.analysis.analysis import Analysis
 from bench.analysis.material import Material
 from bench.model.errors import FitError
 from bench.model.yamlio import parse_yaml
-from bench.plan.mapping import LogMapping
+from bench.plan.mapping import mapping_model
 from bench.systems.af_converter.estimators.drift_ramp import block_means, drift_columns, fit_drift
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
 from bench.systems.af_converter.estimators.hysteresis.model import Gates, HysteresisModel, ModelShape
@@ -24,7 +24,7 @@ from bench.systems.af_converter.temperature_ramp.analysis import analyse
 from bench.systems.af_converter.temperature_ramp.columns import minute_means, ramp_columns
 
 NAMES = {"set": "set_point", "s1": "sensor_1", "s2": "sensor_2", "ref": "standard", "dmm": "meter"}
-CAMPAIGN = parse_yaml(RAMP, "m.yaml", LogMapping).model.campaign()
+CAMPAIGN = parse_yaml(RAMP, "m.yaml", mapping_model()).model.campaign()
 
 
 def material(rows: Mapping[str, np.ndarray], campaign: Mapping[str, Any] = CAMPAIGN) -> Material:

@@ -14,16 +14,18 @@ import pytest
 
 from bench.analysis.analysis import Analysis
 from bench.analysis.results import build_results, results_json
-from bench.commands.coefficients import merged_documents, write_coefficients
 from bench.model.errors import InputError
+from bench.model.systems import systems
+from bench.session.coefficients import Coefficients, merged_coefficients, write_coefficients
 from bench.systems.gnc.coefficients import (
-    imu_coefficients_of,
-    imu_coefficients_schema,
+    SCHEMA_FILE,
+    coefficients_of,
+    coefficients_schema,
     magnetometer_section,
-    merged_imu,
+    merged,
     triad_section,
 )
-from bench.systems.gnc.coefficients_header import imu_header_text
+from bench.systems.gnc.coefficients_header import header_text
 from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
 from bench.systems.gnc.estimators.triad import TriadFit
 
@@ -51,7 +53,7 @@ def analysis(*sections: dict[str, Any], serial: str = "GNC-07") -> Analysis:
 
 def document(name: str, *sections: dict[str, Any], serial: str = "GNC-07", **provenance: Any) -> dict[str, Any]:
     one = analysis(*sections, serial=serial)
-    return imu_coefficients_of(one, build_results(name, one, {}, PROVENANCE | provenance))
+    return coefficients_of(one, build_results(name, one, {}, PROVENANCE | provenance), {})
 
 
 @pytest.fixture
@@ -61,14 +63,14 @@ def calibration() -> dict[str, Any]:
 
 @pytest.fixture
 def both(calibration: dict[str, Any]) -> dict[str, Any]:
-    return merged_imu([document("mag", magnetometer_section("ellipse", PLANE, SPAN)), calibration])
+    return merged([document("mag", magnetometer_section("ellipse", PLANE, SPAN)), calibration])
 
 
 def test_document_is_valid_by_the_shipped_schema(both: dict[str, Any]) -> None:
     schema = json.loads(
-        (Path(__file__).parents[4] / "bench" / "campaigns" / "imu_coefficients.schema.json").read_text(encoding="utf-8")
+        (Path(__file__).parents[4] / "bench" / "systems" / "gnc" / SCHEMA_FILE).read_text(encoding="utf-8")
     )
-    assert schema == imu_coefficients_schema()
+    assert schema == coefficients_schema()
     jsonschema.Draft202012Validator.check_schema(schema)
     jsonschema.validate(json.loads(results_json(both)), schema)
     assert [one["section"] for one in both["sections"]] == ["accelerometer", "gyro", "magnetometer"]
@@ -84,11 +86,12 @@ def test_sessions_that_do_not_belong_together_are_refused(calibration: dict[str,
         (document("real", simulated=False), "B-COEF-003"),
     ):
         with pytest.raises(InputError) as caught:
-            merged_imu([calibration, second])
+            merged([calibration, second])
         assert caught.value.code == code
+    af, imu = (system.coefficients for system in systems() if system.coefficients is not None)
     converters = {"parameters": [], "sources": [{"session": "af"}]}
     with pytest.raises(InputError, match="converters, others of an IMU") as caught:
-        merged_documents([calibration, converters])
+        merged_coefficients([Coefficients(imu, calibration), Coefficients(af, converters)])
     assert caught.value.code == "B-COEF-007"
 
 
@@ -151,7 +154,7 @@ def compiler() -> str:
     against="numpy with the matrices of imu_coefficients.json",
 )
 def test_header_compiles_and_gives_the_same_numbers(tmp_path: Path, both: dict[str, Any]) -> None:
-    (tmp_path / "imu_coefficients.h").write_text(imu_header_text(both))
+    (tmp_path / "imu_coefficients.h").write_text(header_text(both))
     (tmp_path / "main.c").write_text(PROGRAM)
     command = [compiler(), *FLAGS, "main.c", "-o", "main"]
     built = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -171,7 +174,7 @@ def test_header_compiles_and_gives_the_same_numbers(tmp_path: Path, both: dict[s
 
 
 def test_header_of_one_section_compiles(tmp_path: Path, calibration: dict[str, Any]) -> None:
-    (tmp_path / "imu_coefficients.h").write_text(imu_header_text(calibration | {"sections": []}))
+    (tmp_path / "imu_coefficients.h").write_text(header_text(calibration | {"sections": []}))
     (tmp_path / "main.c").write_text('#include "imu_coefficients.h"\nint main(void) { return IMU_HAS_GYRO; }\n')
     command = [compiler(), *FLAGS, "-fsyntax-only", "main.c"]
     built = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)

@@ -11,7 +11,7 @@ import pytest
 from bench.commands.import_log import import_log
 from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import parse_yaml
-from bench.plan.mapping import LogMapping
+from bench.plan.mapping import mapping_model
 from bench.record import SessionReader
 from bench.replay.series import ImportedSeries, replay_series
 
@@ -95,7 +95,7 @@ def test_a_log_of_temperatures_says_nothing_of_imus() -> None:
     text = NUMBERED.partition("segments:")[0].replace("gyro, axis: x", "reading, quantity: a")
     text = text.replace("deg/h", "V").replace("accelerometer, axis: x, unit: mg", "ignore")
     text = text.replace("gyro, axis: z", "reading, quantity: b")
-    campaign = parse_yaml(text, "m.yaml", LogMapping).model.campaign()
+    campaign = parse_yaml(text, "m.yaml", mapping_model()).model.campaign()
     assert set(campaign) == {"analysis", "reference_temperature_degC", "uut", "columns"}
     assert all(set(one) == {"header", "name", "role", "unit"} for one in campaign["columns"])
 
@@ -124,7 +124,7 @@ POSITIONS = NUMBERED.partition("segments:")[0] + SIX + "site: {gravity: 9.81 m/s
 
 def refused(text: str) -> str:
     with pytest.raises(InputErrors) as caught:
-        parse_yaml(text, "m.yaml", LogMapping)
+        parse_yaml(text, "m.yaml", mapping_model())
     return str(caught.value)
 
 
@@ -157,20 +157,20 @@ def test_a_strapdown_needs_both_triads() -> None:
                for axis in "xyz"]  # fmt: skip
     head = ROWS.partition('  "gyro')[0].replace("none", "imu_strapdown")
     text = head + "".join(columns) + "site: {gravity: 9.81 m/s2}\n"
-    assert parse_yaml(text, "m.yaml", LogMapping).model.analysis == "imu_strapdown"
+    assert parse_yaml(text, "m.yaml", mapping_model()).model.analysis == "imu_strapdown"
     assert "needs a gyro column of the axis y" in refused(text.replace(columns[1], ""))
     assert "needs an accelerometer column of the axis z" in refused(text.replace(columns[5], ""))
 
 
 def test_what_an_analysis_of_positions_needs() -> None:
-    assert parse_yaml(POSITIONS, "m.yaml", LogMapping).model.analysis == "imu_six_position"
+    assert parse_yaml(POSITIONS, "m.yaml", mapping_model()).model.analysis == "imu_six_position"
     assert "'up: -y'" in refused(POSITIONS.replace("up: -y", "up: +y"))
     assert "needs an accelerometer column of the axis z" in refused(
         POSITIONS.replace("az: {role: accelerometer, axis: z, unit: mg}", "az: {role: ignore}")
     )
     assert "needs 'site' with the local gravity" in refused(POSITIONS.replace("site: {gravity: 9.81 m/s2}\n", ""))
     several = POSITIONS.replace("six", "multi").replace("up: -y", "up: +y")
-    assert parse_yaml(several, "m.yaml", LogMapping).model.analysis == "imu_multi_position"
+    assert parse_yaml(several, "m.yaml", mapping_model()).model.analysis == "imu_multi_position"
 
 
 @pytest.mark.parametrize(

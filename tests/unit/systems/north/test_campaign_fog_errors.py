@@ -8,8 +8,8 @@ import pytest
 from fog_material import AZIMUTH_DEG, NorthRig, campaign
 
 from bench.model.errors import FitError
-from bench.plan.limits import OF_ANALYSES
 from bench.systems.north.analysis import analyse
+from bench.systems.north.declaration import DECLARATION
 from bench.systems.north.limits import SPECIFIED
 
 SEED = 703
@@ -45,7 +45,9 @@ def test_a_limit_that_is_none_of_a_north_finder(rig: NorthRig, limits: dict[str,
 
 
 def test_the_limits_are_those_the_check_of_a_sequence_knows() -> None:
-    assert {name: dimension for name, (dimension, _) in SPECIFIED.items()} == dict(OF_ANALYSES["fog_north"])
+    (declared,) = DECLARATION.analyses
+    dimensions = {name: limit.dimension for name, limit in declared.limits.items()}
+    assert {name: dimension for name, (dimension, _) in SPECIFIED.items()} == dimensions
 
 
 def test_no_reading_of_a_lock_in(rig: NorthRig) -> None:

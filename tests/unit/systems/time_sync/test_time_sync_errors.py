@@ -12,7 +12,7 @@ from time_sync_material import Pair, campaign
 from bench.analysis.material import Material
 from bench.analysis.registry import analyse
 from bench.model.errors import BenchError
-from bench.plan.limits import OF_ANALYSES
+from bench.systems.time_sync.declaration import DECLARATION
 from bench.systems.time_sync.estimators.kalman.trials import EgiSpread
 from bench.systems.time_sync.estimators.sar.pulses import Pulses
 from bench.systems.time_sync.estimators.sar.scene import point_targets
@@ -99,7 +99,10 @@ def test_limits(limits: dict[str, Any]) -> None:
 
 
 def test_limits_are_those_of_the_plan() -> None:
-    assert {name: unit for name, (unit, _) in SPECIFIED.items()} == OF_ANALYSES["time_sync"]
+    (declared,) = DECLARATION.analyses
+    assert {name: unit for name, (unit, _) in SPECIFIED.items()} == {
+        name: limit.dimension for name, limit in declared.limits.items()
+    }
     found = demands_of({"limits": {"time_offset_uncertainty": {"value": 3.0, "unit": "ms"}}})
     assert (found.uncertainty_s, found.difference_s) == (3e-3, 5e-3)
 

@@ -9,9 +9,10 @@ from gnc_rig import DMM, STATION, STREAM, SUPPLY, frames_in, open_host
 
 from bench.model.clock import VirtualClock
 from bench.model.errors import InputError
+from bench.model.installed import offers
 from bench.model.ports import RecordWindow
 from sim_instruments.worlds.gnc.roll import Correction
-from sim_instruments.worlds.simulation import WORLDS, open_world, options_of
+from sim_instruments.worlds.simulation import open_world, options_of
 
 
 def imu_means(host):
@@ -148,7 +149,7 @@ def test_options_that_are_none_of_this_world_are_refused(options):
 def test_every_world_tells_its_options():
     assert set(options_of("gnc_module")) == {"imu_errors", "noise", "tilt_arcmin", "faults"}
     assert "calibrator_gain" in options_of("af_converter")
-    assert {"af_converter", "gnc_module", "fog_north", "ring_laser", "time_sync"} == set(WORLDS)
+    assert {"af_converter", "gnc_module", "fog_north", "ring_laser", "time_sync"} == set(offers("worlds"))
 
 
 def test_truth_is_told_by_unit():

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field
 
+from bench.model.declaration import Log, LogColumn, LogSections
 from bench.model.units import quantity, read_quantity
-from bench.model.yamlio import StrictModel
+from bench.model.yamlio import Name, StrictModel
 
 AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 UPS: tuple[str, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
@@ -25,7 +26,7 @@ def _unit(text: str) -> str:
     return text
 
 
-class SensorColumn(StrictModel):
+class SensorColumn(LogColumn):
     """A column of numbers of one axis of a gyroscope or an accelerometer triad."""
 
     role: Literal["gyro", "accelerometer"]
@@ -33,19 +34,13 @@ class SensorColumn(StrictModel):
     unit: Annotated[str, AfterValidator(_unit)] = Field(description="of the numbers in the file; 1 for raw counts")
 
     @property
-    def factor(self) -> float:
-        """What a number of the file is multiplied by."""
-        return _read(self.unit)[0]
-
-    @property
-    def dimension(self) -> str:
-        """Base unit of the values."""
-        return _read(self.unit)[1]
-
-    @property
     def quantity(self) -> str:
         """Name of the column in series and results, such as ``gyro_x_deg_s`` or ``accel_z_counts``."""
         return f"{_WORDS[self.role]}_{self.axis}_{_IN_NAMES.get(self.dimension, self.dimension)}"
+
+    def more(self) -> dict[str, str]:
+        """Return what the manifest says of the column beside header, quantity, role and unit."""
+        return {"axis": self.axis}
 
 
 class Segment(StrictModel):
@@ -82,24 +77,64 @@ class LogSite(StrictModel):
         return {"gravity_m_s2": self.gravity, "latitude_deg": self.latitude, "azimuth_deg": self.azimuth}
 
 
-def check_sensors(sensors: Mapping[str, SensorColumn]) -> None:
-    """Whether the sensors fit together. Raises ValueError."""
-    for header, one in sensors.items():
-        if one.dimension not in _UNITS[one.role]:
-            due = ", ".join(_UNITS[one.role])
-            raise ValueError(f"column {header!r}: a {one.role} needs a unit of {due}, not {one.unit!r}")
+class SensorLog(LogSections):
+    """Sections of a mapping."""
+
+    analyses: ClassVar[tuple[str, ...]] = ANALYSES
+
+    segments: dict[Name, Segment] = Field(default_factory=dict, description="named stretches of rows of an IMU's log")
+    site: LogSite | None = None
+
+    def check_log(self, log: Log) -> None:
+        """Check that sensors and segments fit together, and that the analysis has what it needs. Raises: ValueError."""
+        sensors = _sensors(log)
+        _check_sensors(sensors)
+        _check_segments(self.segments, sensors.values(), log.bad_rows)
+        if log.analysis in ANALYSES:
+            _check_needs(self, log.analysis, sensors.values())
+
+    def log_constants(self, log: Log) -> dict[str, Any]:
+        """Return entries of the manifest's section "campaign", none for a log without sensors."""
+        if not _sensors(log):
+            return {}
+        return {
+            "segments": [segment.campaign(label) for label, segment in self.segments.items()],
+            "site": {} if self.site is None else self.site.campaign(),
+            "rate_Hz": log.rate_Hz,
+        }
+
+    def beyond(self, rows: int) -> tuple[tuple[str, ...], str, str] | None:
+        """Return the first segment that ends outside of a log of so many rows: its place, what is wrong, what to do."""
+        for label, segment in self.segments.items():
+            if segment.rows[1] >= rows:
+                message = f"the segment {label!r} ends at row {segment.rows[1]}, the last row of the log is {rows - 1}"
+                cure = "count rows from 0, without the line of column names; both ends are included"
+                return ("segments", label, "rows"), message, cure
+        return None
+
+
+def _sensors(log: Log) -> Mapping[str, SensorColumn]:
+    return {header: column for header, column in log.values.items() if isinstance(column, SensorColumn)}
+
+
+def _check_sensors(sensors: Mapping[str, SensorColumn]) -> None:
+    for header, sensor in sensors.items():
+        if sensor.dimension not in _UNITS[sensor.role]:
+            due = ", ".join(_UNITS[sensor.role])
+            raise ValueError(f"column {header!r}: a {sensor.role} needs a unit of {due}, not {sensor.unit!r}")
     for role in _WORDS:
-        units = {one.dimension for one in sensors.values() if one.role == role}
+        units = {sensor.dimension for sensor in sensors.values() if sensor.role == role}
         if len(units) > 1:
             raise ValueError(f"the columns of the role {role} have different units: {', '.join(sorted(units))}")
 
 
-def check_segments(segments: Mapping[str, Segment], sensors: Collection[SensorColumn], bad_rows: float) -> None:
-    """Whether segments can be meant as they are written. Raises ValueError."""
-    for label, one in segments.items():
-        if one.rows[1] < one.rows[0]:
-            raise ValueError(f"segment {label!r}: the last row {one.rows[1]} stands before the first one {one.rows[0]}")
-        if (one.up is None) == (one.axis is None) or (one.axis is None) != (one.turn is None) or one.turn == 0.0:
+def _check_segments(segments: Mapping[str, Segment], sensors: Collection[SensorColumn], bad_rows: float) -> None:
+    for label, segment in segments.items():
+        first, last = segment.rows
+        if last < first:
+            raise ValueError(f"segment {label!r}: the last row {last} stands before the first one {first}")
+        turned = segment.axis is not None
+        if turned == (segment.up is not None) or turned != (segment.turn is not None) or segment.turn == 0.0:
             raise ValueError(f"segment {label!r} needs either 'up', or 'axis' and a 'turn' other than 0 deg")
     if segments and not sensors:
         raise ValueError("segments need columns of the role gyro or accelerometer")
@@ -107,24 +142,15 @@ def check_segments(segments: Mapping[str, Segment], sensors: Collection[SensorCo
         raise ValueError("segments count rows, so no row may be left out; remove 'bad_rows'")
 
 
-def check_analysis(
-    name: str, sensors: Collection[SensorColumn], segments: Mapping[str, Segment], site: LogSite | None
-) -> None:
-    """Whether an analysis of an IMU has what it needs. Raises ValueError."""
+def _check_needs(log: SensorLog, name: str, sensors: Collection[SensorColumn]) -> None:
     for role in _WORDS if name == STRAPDOWN else ("accelerometer",):
-        there = {one.axis for one in sensors if one.role == role}
+        there = {sensor.axis for sensor in sensors if sensor.role == role}
         if missing := [axis for axis in AXES if axis not in there]:
             what = f"{'a gyro' if role == 'gyro' else 'an accelerometer'} column of the axis {missing[0]}"
             raise ValueError(f"the analysis {name!r} needs {what}")
-    if site is None:
+    if log.site is None:
         raise ValueError(f"the analysis {name!r} needs 'site' with the local gravity")
     if name == SIX_POSITION:
-        ups = {one.up for one in segments.values()}
+        ups = {segment.up for segment in log.segments.values()}
         if absent := [up for up in UPS if up not in ups]:
             raise ValueError(f"the analysis {name!r} needs a segment with 'up: {absent[0]}'")
-
-
-def _read(unit: str) -> tuple[float, str]:
-    found = read_quantity(f"1 {unit}")
-    assert found is not None
-    return found

@@ -1,0 +1,36 @@
+"""Why a record may not enter any estimate: what was noted of it, frames that are lost, counts that are not there."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bench.model.quality import Quality
+
+if TYPE_CHECKING:
+    from bench.record import RecordRow
+
+_LINK_FLAGS = Quality.LOST | Quality.BAD_FRAMES | Quality.DUPLICATE
+_MOST_LOST = 1e-3  # of the frames of a record; a few lost frames take their share of counts and of the gate with them
+_NEEDED_CLOCKS = ("af_clock", "master_count")
+_COUNTS = {"npp", "ppp"}
+
+
+def flag_problem(row: RecordRow) -> str:
+    """What is wrong with a record whatever it holds, "" if nothing is."""
+    flags = Quality(row.quality) & ~_LINK_FLAGS & ~Quality.STALE
+    return ", ".join(str(flag.name).lower().replace("_", " ") for flag in flags)
+
+
+def count_problem(row: RecordRow) -> str:
+    """Why the counts of a record may not enter an estimate, "" if they may.
+
+    Rates are taken over the frames that did arrive, so a loss of up to 0.1 % costs resolution, not truth.
+    """
+    if problem := flag_problem(row):
+        return problem
+    if row.lost > _MOST_LOST * row.window.frames:
+        return "frames lost"
+    complete = all(np.any(row.sums.get(name, 0)) for name in _NEEDED_CLOCKS) and row.sums.keys() >= _COUNTS
+    return "" if complete else "without clock counts"

@@ -1,0 +1,198 @@
+"""What a system declares of itself, so that the engine need not name it: plain values, nothing of its analyses loaded.
+
+Each system has a module ``declaration`` with a ``DECLARATION``. What is named there as text, ``package.module`` or
+``package.module:function``, is imported when it is asked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
+
+from bench.model.units import read_quantity
+from bench.model.yamlio import StrictModel
+
+MadeOf = Literal["records", "samples", "readings", "tests", "logs"]
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A limit that a data sheet may state: its base unit, and whether it must be above zero."""
+
+    dimension: str
+    above_zero: bool = False
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What the conditions of each record must be: ``fixed`` values, ``absent`` names; ``asks`` says it in words."""
+
+    fixed: Mapping[str, str]
+    absent: tuple[str, ...]
+    asks: str
+    cure: str
+
+
+@dataclass(frozen=True)
+class AnalysisDeclaration:
+    """One analysis.
+
+    ``module``: it has ``METHODS`` and ``analyse``.   ``conditions``: what each measuring record must state;
+    ``conditions_of_open``: what one with an open input must, None for the same.   ``words``: what a condition may be.
+    ``reading``: action whose readings it needs.   ``items``: test items it judges, ``page`` describes them.
+    ``beside``: link whose samples it needs beside those recorded.   ``of_unit``, ``of_channel``: what the data sheet
+    must state of the unit, and of each kind of channel.   ``main``: quantities that are shown while it is recorded.
+    ``problems``: function that says of each record why the analysis leaves it out; "" for what holds for all records.
+    """
+
+    name: str
+    module: str
+    methods: tuple[str, ...]
+    made_of: MadeOf
+    conditions: tuple[str, ...] = ()
+    conditions_of_open: tuple[str, ...] | None = None
+    words: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    rule: Rule | None = None
+    reading: str = ""
+    items: tuple[str, ...] = ()
+    page: str = ""
+    beside: str = ""
+    limits: Mapping[str, Limit] = field(default_factory=dict)
+    of_unit: tuple[str, ...] = ()
+    of_channel: tuple[str, ...] = ()
+    main: tuple[str, ...] = ()
+    problems: str = ""
+
+
+class ChannelKind(StrictModel):
+    """Declared constants of one kind of channel."""
+
+    if TYPE_CHECKING:
+
+        @property
+        def full_scale(self) -> float:
+            """Largest current, ampere."""
+
+    def channel_constants(self, levels_A: list[float]) -> dict[str, Any]:
+        """Return the constants of one channel for the manifest."""
+        raise NotImplementedError
+
+
+class UnitSections(StrictModel):
+    """The sections of ``uut`` that belong to one system."""
+
+    def constants(self) -> dict[str, Any]:
+        """Return entries of the manifest's section "campaign", in base units; what is not stated is left out."""
+        raise NotImplementedError
+
+    def channel_kind(self, name: str) -> ChannelKind | None:
+        """Return what the data sheet says of a kind of channel, None if it says nothing."""
+        return None
+
+
+class LogColumn(StrictModel):
+    """A column of numbers of an imported log."""
+
+    if TYPE_CHECKING:
+
+        @property
+        def role(self) -> str:
+            """What the column is."""
+
+        @property
+        def quantity(self) -> str:
+            """Its name in results and reports."""
+
+        @property
+        def unit(self) -> str:
+            """Unit of the numbers in the file."""
+
+    @property
+    def factor(self) -> float:
+        """What a number of the file is multiplied by."""
+        return unit_of(self.unit)[0]
+
+    @property
+    def dimension(self) -> str:
+        """Base unit of the values."""
+        return unit_of(self.unit)[1]
+
+    def more(self) -> dict[str, str]:
+        """Return what the manifest says of the column beside header, quantity, role and unit."""
+        return {}
+
+
+class Log(Protocol):
+    """A mapping of a log, as far as the sections of a system look at it."""
+
+    analysis: str
+    bad_rows: float
+
+    @property
+    def values(self) -> Mapping[str, LogColumn]:
+        """Columns of numbers, by header."""
+
+    @property
+    def rate_Hz(self) -> float | None:
+        """Rate of samples that are numbered."""
+
+
+class LogSections(StrictModel):
+    """The sections of a mapping that belong to one system; ``analyses`` are those whose needs it checks itself."""
+
+    analyses: ClassVar[tuple[str, ...]] = ()
+
+    def check_log(self, log: Log) -> None:
+        """Check that the sections fit to the columns, and that the analysis has what it needs. Raises: ValueError."""
+
+    def log_constants(self, log: Log) -> dict[str, Any]:
+        """Return entries of the manifest's section "campaign"."""
+        return {}
+
+    def beyond(self, rows: int) -> tuple[tuple[str, ...], str, str] | None:
+        """Return what lies outside of a log of so many rows: its place, what is wrong, what to do; else None."""
+        return None
+
+
+@dataclass(frozen=True)
+class CoefficientsDeclaration:
+    """A document of coefficients: ``of`` names what it compensates, ``module`` makes and merges it.
+
+    ``header``: function that writes it as a C header.
+    """
+
+    of: str
+    module: str
+    header: str
+
+
+@dataclass(frozen=True)
+class System:
+    """A published system.
+
+    ``limits``: those that any sequence may state, whatever its analysis is.   ``early``: module of early checks.
+    ``studies``: modules by the name of the study.
+    """
+
+    name: str
+    analyses: tuple[AnalysisDeclaration, ...]
+    limits: Mapping[str, Limit] = field(default_factory=dict)
+    unit: type[UnitSections] | None = None
+    log: type[LogSections] | None = None
+    log_columns: tuple[type[LogColumn], ...] = ()
+    coefficients: CoefficientsDeclaration | None = None
+    early: str = ""
+    studies: Mapping[str, str] = field(default_factory=dict)
+
+
+def unit_of(unit: str) -> tuple[float, str]:
+    """Return factor and base unit of a unit that is known to be one."""
+    known = read_quantity(f"1 {unit}")
+    assert known is not None
+    return known
+
+
+def stated(constants: Mapping[str, float | None]) -> dict[str, float]:
+    """Return the constants that are stated."""
+    return {name: value for name, value in constants.items() if value is not None}

@@ -1,0 +1,69 @@
+"""What the engine is told of GNC modules and inertial measurement units."""
+
+from __future__ import annotations
+
+from bench.model.declaration import AnalysisDeclaration, CoefficientsDeclaration, Limit, System
+from bench.systems.gnc.log_sections import SensorColumn, SensorLog
+from bench.systems.gnc.sections import ModuleUnit
+
+_HERE = "bench.systems.gnc"
+_POSE = ("item", "mounting", "outer_deg", "middle_deg", "inner_deg")
+_ITEMS = ("supply", "identify", "cpu", "timer", "memory", "imu", "gps", "ad", "io", "spi", "sci", "can")
+_DIMENSIONS = {
+    "width": "m",
+    "depth": "m",
+    "height": "m",
+    "supply_voltage": "V",
+    "supply_voltage_deviation": "1",
+    "supply_current": "A",
+    "supply_current_deviation": "1",
+    "timer_interval_error": "1",
+    "timer_ticks": "1",
+    "gyro_at_rest": "deg/s",
+    "acceleration_error": "g",
+    "imu_temperature_low": "degC",
+    "imu_temperature_high": "degC",
+    "horizontal_error": "m",
+    "height_error": "m",
+    "gps_satellites": "1",
+    "ad_tolerance": "1",
+    "ad_ground": "V",
+    "ad_field_low": "gauss",
+    "ad_field_high": "gauss",
+    "gyro_bias_stability": "deg/s",
+    "accel_bias_stability": "g",
+    "gyro_cross_coupling": "1",
+    "accel_cross_coupling": "1",
+    "roll_error": "deg",
+}
+
+DECLARATION = System(
+    name="gnc",
+    analyses=(
+        AnalysisDeclaration(
+            "gnc_unit_test",
+            f"{_HERE}.unit_test.analysis",
+            ("exchanges",),
+            made_of="tests",
+            items=_ITEMS,
+            page="docs/gnc-module.md",
+        ),
+        AnalysisDeclaration("imu_calibration", f"{_HERE}.calibration.analysis", ("least_squares",), "samples", _POSE),
+        AnalysisDeclaration("imu_bias", f"{_HERE}.bias.analysis", ("ten_second_means",), "samples", _POSE),
+        AnalysisDeclaration(
+            "magnetometer",
+            f"{_HERE}.magnetometer.analysis",
+            ("ellipse", "extremes"),
+            made_of="samples",
+            conditions=(*_POSE, "rate_deg_s"),
+        ),
+        AnalysisDeclaration("imu_six_position", f"{_HERE}.logs.six_position", ("least_squares",), "logs"),
+        AnalysisDeclaration("imu_multi_position", f"{_HERE}.logs.multi_position", ("norm",), "logs"),
+        AnalysisDeclaration("imu_strapdown", f"{_HERE}.logs.strapdown", ("indicated", "calibrated"), "logs"),
+    ),
+    limits={name: Limit(dimension) for name, dimension in _DIMENSIONS.items()},
+    unit=ModuleUnit,
+    log=SensorLog,
+    log_columns=(SensorColumn,),
+    coefficients=CoefficientsDeclaration("an IMU", f"{_HERE}.coefficients", f"{_HERE}.coefficients_header:header_text"),
+)

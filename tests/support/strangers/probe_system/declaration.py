@@ -1,0 +1,14 @@
+"""What the engine is told of the probes."""
+
+from __future__ import annotations
+
+from bench.model.declaration import AnalysisDeclaration, System
+
+DECLARATION = System(
+    name="probes",
+    analyses=(
+        AnalysisDeclaration(
+            "probe_means", "probe_system.analysis", ("mean",), made_of="readings", conditions=("temperature_degC",)
+        ),
+    ),
+)
