@@ -15,12 +15,13 @@ from __future__ import annotations
 import math
 import re
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 from bench.model.clock import to_ns
 from sim_instruments.bus.live import LiveDevice
+from sim_instruments.faults.fault import Fault
 from sim_instruments.worlds.common.motion import AxisMotion
 
 INTERLOCK_EVENT, ERROR_EVENT, SERVICE = 1, 128, 64
@@ -37,6 +38,7 @@ BAD_ARGUMENT = (102, "ARGUMENT OUT OF RANGE")
 LIMIT_EXCEEDED = (103, "LIMIT EXCEEDED")
 INTERLOCK_FAULT = (104, "INTERLOCK FAULT")
 _QUEUE = 20
+_AXIS = ("AXIS", 1, len(ABSOLUTE))
 _UNIT = re.compile(r"(:?)([A-Z]+(?::[A-Z]+)*)(\??)(?:\s+(.*))?")
 
 
@@ -103,15 +105,20 @@ class Acutrol3000(LiveDevice):
 
     # --- faults ------------------------------------------------------------------------------------------------
 
-    def stall(self, number: int, stalled: bool) -> None:
-        """Fault: an axis comes to rest where it is and obeys nothing, or does again."""
-        self.axes[number - 1].stalled = stalled
-        self.axes[number - 1].obey(self.now_ns)
+    def stall(self, *numbers: int) -> None:
+        """Fault: these axes come to rest where they are and obey nothing; without a number all axes obey again."""
+        for axis in self._chosen(numbers):
+            axis.stalled = bool(numbers)
+            axis.obey(self.now_ns)
 
-    def offset(self, number: int, offset_deg: float) -> None:
-        """Fault: an axis stands that far from its position demands."""
-        self.axes[number - 1].offset_deg = offset_deg
-        self.axes[number - 1].obey(self.now_ns)
+    def offset(self, *given: float) -> None:
+        """Fault: the axis of this number stands so many degrees from its position demands; without both none does."""
+        for axis in self._chosen(given[:1]):
+            axis.offset_deg = given[1] if given else 0.0
+            axis.obey(self.now_ns)
+
+    def _chosen(self, numbers: Sequence[float]) -> list[Axis]:
+        return [axis for axis in self.axes if not numbers or axis.number in numbers]
 
     def drop_interlock(self) -> None:
         """Fault: the safety chain opens; closed interlocks are in fault until they are reset."""
@@ -120,6 +127,16 @@ class Acutrol3000(LiveDevice):
                 axis.interlock = "Fault"
                 self._events |= INTERLOCK_EVENT
                 axis.obey(self.now_ns)
+
+    named_faults: ClassVar[Mapping[str, Fault]] = {
+        "table_stall": Fault(
+            "table", (_AXIS,), "an axis of the turntable stops where it is and obeys nothing", stall, stall),
+        "table_offset": Fault(
+            "table", (_AXIS, ("DEG", -10.0, 10.0)),
+            "an axis of the turntable stands that far from where it is sent", offset, offset),
+        "table_interlock": Fault(
+            "table", (), "the safety chain of the turntable opens: it is braked to rest", drop_interlock),
+    }  # fmt: skip
 
     # --- messages ----------------------------------------------------------------------------------------------
 

@@ -6,10 +6,12 @@ bit 10 = reference). Placeholders: without a signal the measurement ends 1 s aft
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 from sim_instruments.agilent_33250a import Agilent33250A
 from sim_instruments.bus.scpi import ScpiDevice, command, words
+from sim_instruments.faults.fault import Fault, becomes
 
 NOT_A_NUMBER = 9.91e37
 REFERENCE_BIT = 1 << 10
@@ -21,6 +23,12 @@ _NO_SIGNAL_S = 1.0
 class Agilent53230A(ScpiDevice):
     """Frequency counter; its reading has the error of the reference in use and noise of its resolution."""
 
+    named_faults: ClassVar[Mapping[str, Fault]] = {
+        "reference_lost": Fault(
+            "counter", (), "the counters' external 10 MHz is gone",
+            becomes(reference_lost=True), becomes(reference_lost=False)),
+    }  # fmt: skip
+    reference_lost = False
     identity = "Agilent Technologies,53230A,SIM53230,02.05-1519.666-1.19-4.15-127-155-35"
 
     def __init__(self, *arguments: Any) -> None:
@@ -39,9 +47,8 @@ class Agilent53230A(ScpiDevice):
         if frequency_Hz == 0.0:
             self.reply_after(self.gate_s + _NO_SIGNAL_S)
             return f"{NOT_A_NUMBER:+.15E}"
-        lost = self.world.faults.reference_lost
-        self._event |= REFERENCE_BIT if lost and self.reference == "EXT" else 0
-        error = self._external if self.reference == "EXT" and not lost else self._internal
+        self._event |= REFERENCE_BIT if self.reference_lost and self.reference == "EXT" else 0
+        error = self._external if self.reference == "EXT" and not self.reference_lost else self._internal
         noise = self._noise.normal(0.0, RESOLUTION_S / self.gate_s)
         self.reply_after(self.gate_s)
         return self.reading(f"{frequency_Hz * (1.0 - error + noise):+.15E}")
@@ -75,7 +82,7 @@ class Agilent53230A(ScpiDevice):
     @command("[:SENSe]:ROSCillator:SOURce")
     def _set_reference(self, text: str) -> None:
         self.reference = self.word(text, "INTernal", "EXTernal")
-        if self.reference == "EXT" and self.world.faults.reference_lost:
+        if self.reference == "EXT" and self.reference_lost:
             self._event |= REFERENCE_BIT
 
     @command("[:SENSe]:ROSCillator:SOURce?")
@@ -88,7 +95,7 @@ class Agilent53230A(ScpiDevice):
 
     @command(":STATus:QUEStionable[:EVENt]?")
     def _questionable(self, _: str) -> str:
-        if self.reference == "EXT" and self.world.faults.reference_lost:
+        if self.reference == "EXT" and self.reference_lost:
             self._event |= REFERENCE_BIT
         value, self._event = self._event, 0
         return str(value)

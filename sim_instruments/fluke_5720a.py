@@ -12,19 +12,21 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 
 from bench.model.clock import NS, to_ns
 from sim_instruments.bus.live import LiveDevice
 from sim_instruments.bus.ranges import CURRENT_RANGES, lowest_range
+from sim_instruments.faults.fault import Fault
 from sim_instruments.worlds.common.wiring import TRIP_CURRENT_A
 
 OPERATING_BIT, SETTLED_BIT = 1 << 0, 1 << 12
 FAULT_AVAILABLE = 8  # status byte
 QUEUE_LENGTH = 16
+LOST_PATH = 502
 SETTLE_S = 3.0  # divided, like the next, by the world's option time_constants
 RANGE_CHANGE_S = 2.0
 UNSETTLED_PART = 1e-3  # how far the current is from its value until it has settled
@@ -82,7 +84,7 @@ class Fluke5720A(LiveDevice):
         self._round = 0  # numbers the settling in progress; a newer one makes the older end without effect
         gain_on = self.world.options.get("calibrator_gain", True)
         self.gain = float(self.world.rng("calibrator gain").normal(0.0, GAIN_SIGMA)) if gain_on else 0.0
-        self.world.wiring.on_lost_path = lambda: self.trip(502)
+        self.world.wiring.on_lost_path = self.trip
         self._power_on_state()
 
     def _power_on_state(self) -> None:
@@ -116,7 +118,7 @@ class Fluke5720A(LiveDevice):
             level_A = float(np.sign(self.value)) * rng.normal(0.0, sigma_A)
         return float(self.value * (1.0 + gain) + offset_A + level_A)
 
-    def trip(self, number: int) -> None:
+    def trip(self, number: int = LOST_PATH) -> None:
         """Drop to standby and queue a fault, as the protection does; nothing happens in standby."""
         if self.operating:
             self._fault(number)
@@ -126,6 +128,12 @@ class Fluke5720A(LiveDevice):
         """Fault: the output is off and its setting lost, and the calibrator reports nothing; only readback tells."""
         self._standby()
         self.value = 0.0
+
+    named_faults: ClassVar[Mapping[str, Fault]] = {
+        "trip": Fault("calibrator", (), "the calibrator trips to standby and queues a fault", trip),
+        "calibrator_drops": Fault(
+            "calibrator", (), "the calibrator's output goes off without a word; readback disagrees", drop),
+    }  # fmt: skip
 
     def outputs(self) -> dict[str, Any]:
         return {"operating": self.operating, "set": self.value, "unit": self.unit}

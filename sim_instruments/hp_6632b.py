@@ -9,13 +9,14 @@ protections act at once.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 from sim_instruments.bus.scpi import ScpiDevice, command
+from sim_instruments.faults.fault import Fault
 
 HIGHEST_V, HIGHEST_A, HIGHEST_TRIP_V = 20.475, 5.1188, 22.0
-UNIT_START_V = 12.0
-UNIT_CURRENT_A = 1.25
+RESTART_S = 0.3  # the unit's supply is away
 _READ_S = 0.05
 _QUESTIONABLE = {"OV": 1, "OC": 2}
 
@@ -60,7 +61,22 @@ class Hp6632B(ScpiDevice):
         supplied_V = voltage_V if voltage_V >= start_V else 0.0
         if supplied_V != self.supplied_V:
             self.supplied_V = supplied_V
-            self.world.unit.set_power(supplied_V > 0, self.now_ns, supplied_V)
+            self.world.supply(supplied_V)
+
+    def restart_unit(self) -> None:
+        """Fault: the unit loses its supply for ``RESTART_S``, if it has one."""
+        if self.is_first and self.supplied_V > 0.0:
+            self.world.unit.set_power(False, self.now_ns, 0.0)
+            self.world.after(RESTART_S, self._back)
+
+    def _back(self) -> None:
+        if self.supplied_V > 0.0:
+            self.world.unit.set_power(True, self.now_ns, self.supplied_V)
+
+    named_faults: ClassVar[Mapping[str, Fault]] = {
+        "unit_restart": Fault(
+            "supply", (), f"the unit loses its supply for {RESTART_S:g} s; its counter starts anew", restart_unit),
+    }  # fmt: skip
 
     @command("[:SOURce]:VOLTage[:LEVel]")
     def _set_voltage(self, text: str) -> None:

@@ -11,11 +11,12 @@ set-point range, deviation band of the alarm, the speed without a ramp.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
 
 from bench.model.clock import NS
 from sim_instruments.bus.live import LiveDevice
+from sim_instruments.faults.fault import Fault
 
 PAUSE_NS = NS
 LOW_DEGC, HIGH_DEGC = -70.0, 180.0
@@ -37,6 +38,7 @@ class Thermotron3800(LiveDevice):
         self.mode = EDIT_STOP
         self.setpoint_degC, self.rate_degC_min = 23.0, 0.0
         self._deaf_until_ns = -1
+        self._runaway_degC_min = self._shortfall_degC = 0.0
         rng = self.world.rng("chamber sensor offset")
         self._offset_degC = float(rng.normal(0.0, SENSOR_OFFSET_SIGMA_DEGC))
 
@@ -77,9 +79,28 @@ class Thermotron3800(LiveDevice):
         air_degC = self._air_degC()
         return (LOW_PROCESS if air_degC < LOW_DEGC else 0) | (HIGH_PROCESS if air_degC > HIGH_DEGC else 0)
 
-    def fault_changed(self) -> None:
-        """A fault of the chamber was switched: whatever it does now, it does with that fault."""
-        if self.mode == MANUAL_RUN or (self.mode & MANUAL_RUN and self.world.faults.chamber_runaway_degC_min):
+    def run_away(self, rate_degC_min: float = 0.0) -> None:
+        """Fault: a running chamber follows no set-point but rises at that rate; STOP ends it, HOLD does not."""
+        self._runaway_degC_min = rate_degC_min
+        self._fault_changed()
+
+    def fall_short(self, shortfall_degC: float = 0.0) -> None:
+        """Fault: the chamber stops that far from each set-point it is sent from now on, so it never settles."""
+        self._shortfall_degC = shortfall_degC
+        self._fault_changed()
+
+    named_faults: ClassVar[Mapping[str, Fault]] = {
+        "chamber_runaway": Fault(
+            "chamber", (("RATE", -20.0, 20.0),),
+            "a running chamber leaves its set-point, degC/min; only STOP ends it", run_away, run_away),
+        "chamber_shortfall": Fault(
+            "chamber", (("DEGC", -50.0, 50.0),),
+            "the chamber stays that far from its set-point and never settles", fall_short, fall_short),
+    }  # fmt: skip
+
+    def _fault_changed(self) -> None:
+        """Go on with what the chamber does now, with that fault."""
+        if self.mode == MANUAL_RUN or (self.mode & MANUAL_RUN and self._runaway_degC_min):
             self._apply()
         elif self.mode & MANUAL_RUN:
             self.world.thermal.hold(self.now_ns)
@@ -91,14 +112,13 @@ class Thermotron3800(LiveDevice):
     def _apply(self) -> None:
         """Send the chamber to its set-point, short of it by the fault's shortfall; a runaway knows no set-point."""
         thermal, now_ns = self.world.thermal, self.now_ns
-        if runaway_degC_min := self.world.faults.chamber_runaway_degC_min:
+        if runaway_degC_min := self._runaway_degC_min:
             thermal.run_away(runaway_degC_min, now_ns)
             return
         rate_degC_min = self.rate_degC_min or FASTEST_DEGC_MIN
         start_degC = thermal.setpoint_degC(now_ns)
-        shortfall_degC = self.world.faults.chamber_shortfall_degC
-        target_degC = self.setpoint_degC - (shortfall_degC if self.setpoint_degC > start_degC else -shortfall_degC)
-        thermal.ramp(target_degC, rate_degC_min, now_ns)
+        short_degC = self._shortfall_degC if self.setpoint_degC > start_degC else -self._shortfall_degC
+        thermal.ramp(self.setpoint_degC - short_degC, rate_degC_min, now_ns)
 
     def _set_point(self, channel: str, text: str) -> int:
         value = _number(text)
@@ -127,7 +147,7 @@ class Thermotron3800(LiveDevice):
         if self.mode != MANUAL_RUN:
             return NOT_NOW
         self.mode = MANUAL_RUN | EDIT_HOLD
-        if not self.world.faults.chamber_runaway_degC_min:
+        if not self._runaway_degC_min:
             self.world.thermal.hold(self.now_ns)
         return DONE
 

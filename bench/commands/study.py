@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
+from bench.analysis.study import Study, Task
 from bench.commands.console import console
 from bench.model.errors import ExitStatus, InputError
 from bench.model.systems import named, systems
@@ -16,39 +17,6 @@ from bench.session.output import make_folder, write_file
 from bench.session.view import SOFTWARE
 
 JSON_NAME, PAGE_NAME = "study.json", "report.html"
-
-
-class Task(Protocol):
-    """One part of a study, computed by itself."""
-
-    @property
-    def name(self) -> str:
-        """What a person reads while it runs."""
-
-
-class Study(Protocol):
-    """What a system offers to be a study; its options, its results and their form are its own."""
-
-    def checked_options(self, runs: int | None, seed: int, offsets: str, quick: bool) -> Any:
-        """Return the options as a person gives them. Raises: InputError B-STUDY-002."""
-
-    def tasks_of(self, options: Any) -> Sequence[Task]:
-        """Return all tasks, the longest first."""
-
-    def run_task(self, task: Any) -> Any:
-        """Compute one task; it depends on nothing but the task."""
-
-    def results_of(self, options: Any, gave: Sequence[Any]) -> Any:
-        """Put together what the tasks gave, in their order."""
-
-    def study_document(self, options: Any, found: Any, software: str) -> dict[str, Any]:
-        """Return the document of the study."""
-
-    def study_json(self, document: Mapping[str, Any]) -> str:
-        """Return the text of the document."""
-
-    def study_chapters(self, options: Any, document: Mapping[str, Any], found: Any) -> list[dict[str, Any]]:
-        """Return the chapters of the page."""
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,7 @@ from bench.plan.overrides import apply_parameters, split_overrides
 from bench.plan.plan import Phase, Plan, Step, steps_sha256
 from bench.plan.station import Station
 from bench.plan.unit_constants import unit_constants
+from bench.plan.unroll import Unroller
 from bench.plan.values import Scope, plain, traced
 
 
@@ -162,16 +163,17 @@ class _Compiler:
             ("campaign", model.steps, "steps"),
             ("finally", model.finally_, "finally"),
         ]
+        unroller = Unroller(expander)
         try:
             for phase, steps, key in phases:
                 expander.begin(phase)
-                expander.run(steps, (key,), scope)
+                unroller.run(steps, (key,), scope)
                 if phase == "campaign":
-                    expander.timeline(model.timeline, ("timeline",), scope)
+                    unroller.timeline(model.timeline, ("timeline",), scope)
                 lengths[phase] = expander.at_s
         except TooManySteps:
             return lengths
-        expander.report_unused()
+        unroller.report_unused()
         return lengths
 
     def _variables(self, expander: Expander) -> dict[str, Any]:

@@ -1,29 +1,25 @@
-"""Unrolls a sequence into its flat list of steps: loops, procedures, variables, and the planned time of each step."""
+"""The plan as far as it is expanded: steps with their planned times, variables resolved, mistakes noted."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import PurePath
 from typing import Any, NoReturn
 
 from bench.frame import FrameDefinition
 from bench.model.yamlio import Document
-from bench.plan import language, leaves
-from bench.plan.channels import channel_numbers
+from bench.plan import language
 from bench.plan.drivers import range_after
 from bench.plan.findings import Findings, suggestion
-from bench.plan.language_steps import ChannelPick, ForStep, ProcedureStep, TimelineEntry
 from bench.plan.plan import Phase, Step, StepKind
 from bench.plan.station import Station
-from bench.plan.values import Channel, Quantity, Scope, UnknownVariable, named, plain, traced
+from bench.plan.values import Channel, Quantity, Scope, UnknownVariable, plain
 
 Path = tuple[str | int, ...]
 MAX_STEPS = 50_000
-MAX_CALLS = 20
+TIMED = ("npp", "ppp")  # counts whose pulses can be timed
 COMMAND = "command"  # the message of a frame definition that carries commands to the unit
 MAY_END = ("call", "verify", "send", "unit", "soak")  # kinds of step that 'finally' may hold
-REQUIRED = "required"
 NO_TIME = Quantity(0.0, "s")
 DURATION = "duration"  # its key among the origins of a step
 
@@ -33,7 +29,7 @@ class TooManySteps(Exception):
 
 
 class Expander:
-    """State of one expansion: the steps so far, planned time, and the mistakes found."""
+    """State of one expansion, and what each kind of step needs to append itself."""
 
     def __init__(
         self,
@@ -65,12 +61,7 @@ class Expander:
         self.origins: list[Mapping[str, str]] = []
         self.doubtful: set[int] = set()
         self.retry_step: int | None = None
-        self._calls: list[str] = []
-        self._turns = 0
         self._short = PurePath(document.name).name
-        self._unused = set(document.model.procedures)
-
-    # -- what a leaf step needs ------------------------------------------------------------------------------
 
     def add(
         self, kind: StepKind, role: str, name: str, arguments: Mapping[str, Any], scope: Scope, path: Path,
@@ -82,7 +73,7 @@ class Expander:
         check. An argument that is None could not be read.
         """
         if len(self.steps) >= MAX_STEPS:
-            self._too_many(path)
+            self.too_many(path)
         if self.phase == "finally" and kind not in MAY_END:
             message = f"a {kind} step cannot stand in 'finally': only calls and a soak leave the bench in order"
             self.fail("B-PLAN-037", path, message)
@@ -107,7 +98,8 @@ class Expander:
         for dimensions in self.dimensions[-steps:] if quantities else ():
             dimensions.update({name: value.dimension for name, value in quantities.items()})
 
-    def _too_many(self, path: Path) -> NoReturn:
+    def too_many(self, path: Path) -> NoReturn:
+        """Note that the plan grows without end, and give it up. Raises: TooManySteps."""
         self.fail("B-PLAN-036", path, f"the plan has more than {MAX_STEPS} steps or turns of its loops", "shorten them")
         raise TooManySteps
 
@@ -167,128 +159,11 @@ class Expander:
         self.phase = phase
         self.at_s = 0.0
 
-    def report_unused(self) -> None:
-        """A procedure that nothing calls is a mistake: nothing in it was checked (B-PLAN-038)."""
-        for name in sorted(self._unused):
-            if self.findings and len(re.findall(rf"\b{name}\b", self.document.text)) > 1:
-                continue  # what would have used it may be what is wrong
-            self.fail("B-PLAN-038", ("procedures", name), f"procedure {name!r} is never used", "use it or remove it")
-
-    # -- structure -------------------------------------------------------------------------------------------
-
-    def run(self, steps: Sequence[Any], path: Path, scope: Scope) -> None:
-        """Expand a list of steps."""
-        for index, step in enumerate(steps):
-            here = (*path, index)
-            if isinstance(step, ForStep):
-                self._loop(step, here, scope)
-            elif isinstance(step, ProcedureStep):
-                self._procedure(step, here, scope)
-            else:
-                leaves.expand(self, step, here, scope)
-
-    def timeline(self, entries: Sequence[TimelineEntry], path: Path, scope: Scope) -> None:
-        """Expand the flat form; the time between two entries becomes a settle step."""
-        for index, entry in enumerate(entries):
-            here = (*path, index)
-            wait_s = round(entry.at - self.at_s, 9)
-            if wait_s < 0:
-                message = f"at {entry.at:g} s: what stands before ends only at {self.at_s:g} s"
-                self.fail("B-PLAN-035", (*here, "at"), message, "give it a later time")
-            elif wait_s > 0:
-                self.add("settle", "", "", {}, scope, here, Quantity(wait_s, "s"))
-            self.retry_step = len(self.steps)
-            leaves.expand_entry(self, entry, here, scope)
-
-    def _loop(self, step: ForStep, path: Path, scope: Scope) -> None:
-        for index, value in enumerate(self._values(step.in_, (*path, "in"), scope)):
-            self._turns += 1
-            if self._turns > MAX_STEPS:
-                self._too_many(path)
-            if value is None:
-                continue
-            context = {named(step.for_, value): plain(value)}
-            inner = scope.extended({step.for_: value, f"{step.for_}_index": index}, context)
-            self.run(step.do, (*path, "do"), inner)
-
-    def _values(self, raw: Any, path: Path, scope: Scope) -> Sequence[Any]:
-        if isinstance(raw, ChannelPick):
-            return self._pick(raw, (*path, "channels"))
-        if isinstance(raw, list):
-            places = [(item, (*path, index)) for index, item in enumerate(raw)]
-            return [traced(self.resolve(item, scope, at), f"the list, {self.line(at)}") for item, at in places]
-        if raw == "channels":
-            return [self.channels[number] for number in sorted(self.channels)]
-        if raw in self.document.model.tables:
-            table = self.document.model.tables[raw]
-            return [self._entry(raw, index, item, scope) for index, item in enumerate(table)]
-        value = self.resolve(raw, scope, path)
-        if isinstance(value, tuple):
-            return value
-        if value is not None:
-            known = suggestion(raw, ["channels", *self.document.model.tables])
-            self.fail("B-PLAN-032", path, f"{raw!r} is not a list to loop over{known}")
-        return ()
-
-    def _entry(self, table: str, index: int, raw: Any, scope: Scope) -> Any:
-        path = ("tables", table, index)
-        return traced(self.resolve(raw, scope, path), f"{table}[{index}], {self.line(path)}")
-
-    def _pick(self, pick: ChannelPick, path: Path) -> list[Channel]:
-        try:
-            numbers = channel_numbers(pick.channels)
-        except ValueError as error:
-            self.fail("B-PLAN-020", path, str(error))
-            return []
-        for number in numbers:
-            if number not in self.channels:
-                self.fail("B-PLAN-020", path, f"channel {number} is not declared under 'channels'")
-        return [self.channels[number] for number in numbers if number in self.channels]
-
-    def _procedure(self, step: ProcedureStep, path: Path, scope: Scope) -> None:
-        name, arguments = next(iter(step.root.items()))
-        procedure = self.document.model.procedures.get(name)
-        if procedure is None:
-            known = suggestion(name, [*self.document.model.procedures, *leaves.WORDS])
-            self.fail("B-PLAN-033", path, f"there is no procedure or step {name!r}{known}")
-            return
-        if name in self._calls or len(self._calls) >= MAX_CALLS:
-            self.fail("B-PLAN-034", path, f"procedure {name!r} calls itself: {' > '.join([*self._calls, name])}")
-            return
-        values = self._arguments(procedure, name, arguments or {}, (*path, name), scope)
-        self._unused.discard(name)
-        outer, self.retry_step = self.retry_step, len(self.steps)
-        self._calls.append(name)
-        self.run(procedure.do, ("procedures", name, "do"), scope.extended(values))
-        self._calls.pop()
-        self.retry_step = outer
-
-    def _arguments(
-        self, procedure: language.Procedure, name: str, given: Mapping[str, Any], path: Path, scope: Scope
-    ) -> dict[str, Any]:
-        for key in given:
-            if key not in procedure.arguments:
-                known = suggestion(key, procedure.arguments)
-                self.fail("B-PLAN-033", (*path, key), f"procedure {name!r} has no argument {key!r}{known}")
-        values: dict[str, Any] = {}
-        for key, default in procedure.arguments.items():
-            if key not in given and default == REQUIRED:
-                self.fail("B-PLAN-033", path, f"procedure {name!r} needs the argument {key!r}")
-                values[key] = None
-            elif key in given:
-                values[key] = self._argument(key, given[key], (*path, key), scope)
-            else:
-                values[key] = self._argument(key, default, ("procedures", name, "arguments", key), scope)
-        return values
-
-    def _argument(self, key: str, raw: Any, path: Path, scope: Scope) -> Any:
-        return traced(self.resolve(raw, scope, path), f"argument {key}, {self.line(path)}")
-
 
 def counts_pulses(definition: FrameDefinition) -> bool:
     """Whether a message of these frames holds what the pulses of a record are timed by."""
     messages = definition.layout.messages
-    return any({item.name for item in one.fields if item.per == "frame"}.issuperset(leaves.TIMED) for one in messages)
+    return any({item.name for item in one.fields if item.per == "frame"}.issuperset(TIMED) for one in messages)
 
 
 def has_samples(definition: FrameDefinition) -> bool:

@@ -6,11 +6,12 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from bench.model.ports import Effect
 from bench.model.units import parse_quantity, plain_quantity
 from bench.plan.bus_time import declared_action
+from bench.plan.expand import TIMED, Expander, Path
 from bench.plan.findings import suggestion
 from bench.plan.language_steps import (
     VERBS,
@@ -33,11 +34,7 @@ from bench.plan.templated import REFERENCE
 from bench.plan.unit_commands import expand_test, expand_unit
 from bench.plan.values import Quantity, Scope, named, plain
 
-if TYPE_CHECKING:
-    from bench.plan.expand import Expander, Path
-
 WORDS = VERBS
-TIMED = ("npp", "ppp")  # counts whose pulses can be timed
 MOST_SAMPLES = 2_000_000  # of one record: it is held in memory until the analysis
 MOST_TIMED_FRAMES = 100_000  # the square of the frame's number times its pulses still sums up exactly
 

@@ -8,17 +8,15 @@ the run.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from bench.frame import CommandLayout
 from bench.model.errors import InputError
 from bench.plan.bus_time import TAKES
+from bench.plan.expand import Expander, Path
 from bench.plan.findings import suggestion
 from bench.plan.language_steps import Test, TestStep, UnitStep
 from bench.plan.values import Quantity, Scope, named, plain
-
-if TYPE_CHECKING:
-    from bench.plan.expand import Expander, Path
 
 
 def expand_unit(plan: Expander, step: UnitStep, path: Path, scope: Scope) -> None:

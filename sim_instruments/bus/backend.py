@@ -17,9 +17,9 @@ from pyvisa_sim.highlevel import SimVisaLibrary
 from pyvisa_sim.sessions.session import Session
 
 from bench.model.clock import NS
-from sim_instruments.bus import registry
 from sim_instruments.bus.live import LiveDevice
 from sim_instruments.bus.locks import ResourceLocks
+from sim_instruments.worlds.common.world import live_world
 
 _DEFAULT_TIMEOUT_MS = 2000
 _LINE_FEED = 10
@@ -29,7 +29,7 @@ class BenchVisaLibrary(SimVisaLibrary):
     """pyvisa-sim's library; sessions on live devices are served here, all others by pyvisa-sim."""
 
     def _init(self) -> None:
-        self._world = registry.find(str(self.library_path))
+        self._world = live_world(str(self.library_path))
         self._live: dict[int, tuple[Session, LiveDevice]] = {}
         self._locks = ResourceLocks()
         if self._world is None:
@@ -56,7 +56,7 @@ class BenchVisaLibrary(SimVisaLibrary):
         """Open a session; raises VI_ERROR_RSRC_NFOUND if nothing is at that address, or the world was closed."""
         if self._world is None:
             return super().open(session, resource_name, access_mode, open_timeout)
-        if registry.find(self._world.id) is None:
+        if live_world(self._world.id) is None:
             raise errors.VisaIOError(StatusCode.error_resource_not_found)
         try:
             handle, status = super().open(session, resource_name, access_mode, open_timeout)

@@ -9,15 +9,14 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar
 
 import numpy as np
 from pyvisa_sim.devices import Device
 
 from bench.model.clock import to_ns
-
-if TYPE_CHECKING:
-    from sim_instruments.worlds.common.world import World
+from sim_instruments.faults.fault import Fault
+from sim_instruments.worlds.common.world import World
 
 MESSAGE_AVAILABLE = 16
 _EOM_CLASSES = ("GPIB INSTR", "ASRL INSTR", "TCPIP INSTR", "TCPIP SOCKET", "USB INSTR")
@@ -46,6 +45,7 @@ class LiveDevice(Device):
         options: the station's options of this instrument.
     """
 
+    named_faults: ClassVar[Mapping[str, Fault]] = {}  # what can go wrong with this model only
     identity = ""
     latency_s = 0.002  # one bus operation: addressing, handshake, parsing
     not_a_number = "+9.91000000E+37"  # SCPI-99 vol. 1, 7.2.1.5

@@ -13,7 +13,7 @@ from serial.serialutil import PortNotOpenError, SerialBase, SerialException, to_
 
 from bench.model.clock import NS, to_ns
 from bench.model.errors import ExitStatus, LinkError
-from sim_instruments.bus import registry
+from sim_instruments.worlds.common.world import live_world
 
 _POLL_NS = NS // 1000
 
@@ -37,7 +37,7 @@ class Serial(SerialBase):
         if self.is_open:
             raise SerialException("the port is already open")
         parts = urlsplit(str(self._port))
-        self._world = registry.find(parts.netloc)
+        self._world = live_world(parts.netloc)
         self._name = parts.path.strip("/")
         if self._world is None or not self._world.unit.has_port(self._name):
             raise SimulatedPortError(

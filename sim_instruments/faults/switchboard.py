@@ -1,14 +1,18 @@
-"""Switches of the simulated faults, seeded: of one instrument, of one serial link, of the whole bench."""
+"""Switches of the simulated faults, seeded: of one serial link, of the interface of one instrument."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
-from sim_instruments.worlds.common.seeds import generator
+from sim_instruments.faults.fault import LINK, ROLE, Fault, becomes, takes
+from sim_instruments.seeds import generator
 
+_RATE = ("RATE", 0.0, 1.0)
+_COUNT = ("COUNT", 1, 1_000_000)
 _BLOCK = 4096  # frames whose faults are drawn together; frame indexes are absolute, so reads may be cut anywhere
 
 
@@ -32,6 +36,28 @@ class LinkFaults:
     plugs: int = 1
     _masks: dict[tuple[int, int, float], np.ndarray] = field(default_factory=dict, repr=False)
     _drawn: dict[int, np.ndarray] = field(default_factory=dict, repr=False)
+
+    named_faults: ClassVar[Mapping[str, Fault]] = {
+        "bit_errors": Fault(
+            LINK, (("RATE", 0.0, 0.1),), "bits turned over, per bit",
+            takes("bit_error_rate"), becomes(bit_error_rate=0.0)),
+        "drop": Fault(
+            LINK, (_RATE,), "frames that never arrive, per frame", takes("drop_rate"), becomes(drop_rate=0.0)),
+        "duplicate": Fault(
+            LINK, (_RATE,), "frames that arrive twice, per frame",
+            takes("duplicate_rate"), becomes(duplicate_rate=0.0)),
+        "silent": Fault(
+            LINK, (), "the cable is off: nothing arrives", becomes(silent=True), becomes(silent=False)),
+        "unplug": Fault(
+            LINK, (), "the port is gone, with its name",
+            lambda link: link.unplug(True), lambda link: link.unplug(False)),
+        "replug": Fault(
+            LINK, (), "a new port comes under the same name", lambda link: link.unplug(False), ends="unplug"),
+        "stuck": Fault(
+            LINK, (("BYTES", 0, 0),),
+            "these bytes (hexadecimal, such as 55 or AA55) instead of frames, without end",
+            takes("stuck"), becomes(stuck=b"")),
+    }  # fmt: skip
 
     @property
     def active(self) -> bool:
@@ -120,6 +146,28 @@ class InstrumentFaults:
     hang: bool = False
     _rng: np.random.Generator | None = field(default=None, repr=False)
 
+    named_faults: ClassVar[Mapping[str, Fault]] = {
+        "mute": Fault(ROLE, (), "takes commands and answers no query", becomes(mute=True), becomes(mute=False)),
+        "late": Fault(
+            ROLE, (("SECONDS", 0.0, 3600.0), _COUNT), "the next COUNT replies come so much later",
+            takes("late_s", "late_replies"), becomes(late_replies=0), default=(1,), counted="late_replies"),
+        "garbled": Fault(
+            ROLE, (_COUNT,), "the next COUNT replies have damaged characters",
+            takes("garbled_replies"), becomes(garbled_replies=0), default=(1,), counted="garbled_replies"),
+        "identity": Fault(
+            ROLE, (("TEXT", 0, 0),), "answers the identity question with TEXT",
+            takes("identity"), becomes(identity="")),
+        "nan": Fault(
+            ROLE, (_COUNT,), "the next COUNT readings are 'not a number'",
+            takes("nan_readings"), becomes(nan_readings=0), default=(1,), counted="nan_readings"),
+        "overload": Fault(
+            ROLE, (_COUNT,), "the next COUNT readings are overload",
+            takes("overload_readings"), becomes(overload_readings=0), default=(1,), counted="overload_readings"),
+        "hang": Fault(
+            ROLE, (), "takes what is sent and answers nothing, neither serial poll nor device clear",
+            becomes(hang=True), becomes(hang=False)),
+    }  # fmt: skip
+
     def take_delay_s(self) -> float:
         """Extra delay of the reply being made, seconds; counts it."""
         if self.late_replies <= 0:
@@ -152,17 +200,9 @@ class InstrumentFaults:
 
 @dataclass
 class Faults:
-    """All fault switches of one simulated world; everything is off at the start.
-
-    ``reference_lost``: the counter's external 10 MHz is gone. ``chamber_shortfall_degC``: the chamber stops that far
-    from each set-point it is sent from now on, so it never settles. ``chamber_runaway_degC_min``: a running chamber
-    follows no set-point any more but rises at that rate; stopping it ends that, holding it does not.
-    """
+    """The fault switches of all links and instruments of one simulated world; everything is off at the start."""
 
     seed: int = 0
-    reference_lost: bool = False
-    chamber_shortfall_degC: float = 0.0
-    chamber_runaway_degC_min: float = 0.0
     _links: dict[str, LinkFaults] = field(default_factory=dict, repr=False)
     _instruments: dict[str, InstrumentFaults] = field(default_factory=dict, repr=False)
 

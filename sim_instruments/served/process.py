@@ -17,7 +17,7 @@ from sim_instruments.served.control_socket import ControlSocket
 from sim_instruments.served.instrument_servers import InstrumentServers
 from sim_instruments.served.pty_links import PUMP_S, PtyLink
 from sim_instruments.served.state import WATCH_S, OutputWatch, bench_state
-from sim_instruments.worlds.simulation import open_world
+from sim_instruments.worlds.simulation import open_world, possible_faults
 
 LOCK, CONTROL, STATION = "sim.lock", "control.sock", "station.yaml"
 STOPPING = (signal.SIGINT, signal.SIGTERM)
@@ -109,8 +109,8 @@ class ServedBench:
 
 
 def fault_listing() -> list[str]:
-    """One line for each fault that can be switched."""
-    return listing()
+    """Return one line for each fault that can be switched."""
+    return listing(possible_faults())
 
 
 def _listen_again() -> None:

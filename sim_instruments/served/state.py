@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from bench.model.clock import NS
-from sim_instruments.hp_6632b import Hp6632B
 from sim_instruments.worlds.common.world import World
 
 WATCH_S = 0.02
@@ -41,7 +40,6 @@ def bench_state(world: World, watch: OutputWatch) -> dict[str, Any]:
     watch.look()
     with world.lock:
         now_ns = world.clock.now_ns()
-        supply = world.instrument(Hp6632B)
         roles = {
             role: {"model": type(device).__name__, **device.outputs(), "unchanged_s": watch.unchanged_s(role)}
             for role, device in world.instruments.items()
@@ -52,7 +50,7 @@ def bench_state(world: World, watch: OutputWatch) -> dict[str, Any]:
             "loop_current_A": world.wiring.loop_current_A,
             "chamber_air_degC": float(world.thermal.air_degC(now_ns)),
             "unit": {
-                "powered": supply is not None and supply.supplied_V > 0.0,
+                "powered": world.supplied_V > 0.0,
                 "temperature_degC": float(world.thermal.unit_degC(now_ns)),
                 "inputs_A": {str(channel): value for channel, value in world.wiring.channel_inputs_A().items()},
             },

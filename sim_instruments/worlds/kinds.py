@@ -1,63 +1,50 @@
-"""Worlds that are found by their kind: what each offers in its ``options``, and how its ``world`` is opened."""
+"""Kinds of simulated benches: in which package each lives, what its ``options`` offer, the class of its ``world``."""
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from bench.model.clock import Clock
 from bench.model.installed import offers
-from sim_instruments.worlds.common.options import number_of, switch_of, unknown_option, word_of
+from sim_instruments.worlds.common.options import Check, number_of, switch_of, text_of, unknown_option
 from sim_instruments.worlds.common.world import World
 
 
 class _Offered(NamedTuple):
     switches: Mapping[str, str]
     numbers: Mapping[str, tuple[str, float, float]]  # text, least, most
-    words: Mapping[str, tuple[str, tuple[str, ...]]]  # text, choices
+    texts: Mapping[str, tuple[str, Sequence[str] | Check]]  # text, what is possible
 
 
-def kind_options(kind: str) -> tuple[str, ...]:
-    """Names of all options of the worlds of one kind, such as "fog_north"."""
-    offered = _offered(kind)
-    return (*offered.switches, *offered.numbers, *offered.words)
+def kind_options(name: str) -> tuple[str, ...]:
+    """Return the names of all options of a kind of world."""
+    offered = _offered(name)
+    return (*offered.switches, *offered.numbers, *offered.texts)
 
 
-def checked_options(kind: str, options: Mapping[str, str]) -> dict[str, Any]:
-    """Options as the world takes them, only those that are given. Raises: InputError B-SIM-002."""
-    offered = _offered(kind)
-    found: dict[str, Any] = {}
+def checked_options(name: str, options: Mapping[str, str]) -> dict[str, Any]:
+    """Return the options as the world takes them, only those that are given. Raises: InputError B-SIM-002."""
+    offered = _offered(name)
+    checked: dict[str, Any] = {}
     for key, value in options.items():
         if key in offered.switches:
-            found[key] = switch_of(key, value)
+            checked[key] = switch_of(key, value)
         elif key in offered.numbers:
-            found[key] = number_of(key, value, *offered.numbers[key][1:])
-        elif key in offered.words:
-            found[key] = word_of(key, value, offered.words[key][1])
+            checked[key] = number_of(key, value, *offered.numbers[key][1:])
+        elif key in offered.texts:
+            checked[key] = text_of(key, value, offered.texts[key][1])
         else:
-            raise unknown_option(key, kind_options(kind))
-    return found
+            raise unknown_option(key, kind_options(name))
+    return checked
 
 
-def world_class(kind: str) -> type[World]:
-    """The world of one kind."""
-    module = importlib.import_module(f"{_package(kind)}.world")
-    found: type[World] = module.WORLD
-    return found
+def world_class(name: str) -> type[World]:
+    """Return the world of one kind; it is made from (clock, seed, options)."""
+    kind: type[World] = importlib.import_module(f"{offers('worlds')[name].package}.world").WORLD
+    return kind
 
 
-def kind_world(kind: str, clock: Clock, seed: int, options: Mapping[str, str]) -> World:
-    """Open a world of one kind. Raises: InputError B-SIM-002."""
-    make: Any = world_class(kind)
-    world: World = make(clock=clock, seed=seed, options=checked_options(kind, options))
-    return world
-
-
-def _package(kind: str) -> str:
-    return offers("worlds")[kind].package
-
-
-def _offered(kind: str) -> _Offered:
-    module = importlib.import_module(f"{_package(kind)}.options")
+def _offered(name: str) -> _Offered:
+    module = importlib.import_module(f"{offers('worlds')[name].package}.options")
     return _Offered(*(getattr(module, group) for group in ("OPTIONS", "NUMBERS", "TEXTS")))

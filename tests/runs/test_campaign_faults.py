@@ -241,7 +241,7 @@ def test_swapped_wires_are_found_before_hour_0(tmp_path: Path, rehearse: Start, 
 
 def test_a_chamber_that_never_settles_is_held_for_and_then_given_up(tmp_path: Path, rehearse: Start) -> None:
     def short_of(world: World) -> None:
-        world.faults.chamber_shortfall_degC = 1.5
+        world.switches.switch("chamber_shortfall", 1.5)
 
     found = rehearse(tiny_plan(tmp_path), arrange=short_of)
     ended_with(found, "B-RUN-031")
@@ -254,7 +254,7 @@ def test_a_chamber_that_never_settles_is_held_for_and_then_given_up(tmp_path: Pa
 
 def test_the_flag_of_a_skipped_soak_survives_a_replay(tmp_path: Path, rehearse: Start) -> None:
     def short_of(world: World) -> None:
-        world.faults.chamber_shortfall_degC = 1.5
+        world.switches.switch("chamber_shortfall", 1.5)
 
     found = rehearse(tiny_plan(tmp_path, ("late: hold", "late: skip")), arrange=short_of)
     assert found.run.outcome.error is None

@@ -15,7 +15,7 @@ from served_bench import CLOCK, Served, powered_rack
 
 from bench.frame import LinkDecoder, load_frame
 from bench.model.shipped import find_shipped
-from sim_instruments.faults.named import FAULTS
+from sim_instruments.worlds.simulation import possible_faults
 
 
 @pytest.fixture(scope="module")
@@ -186,7 +186,9 @@ def test_the_unit_restarts(served: Served) -> None:
 
 
 def test_every_fault_is_in_the_list_and_has_a_test(served: Served) -> None:
+    faults = possible_faults()
     listed = bench("sim", "fault", "--dir", str(served.folder)).stdout.splitlines()
-    assert [line.split()[0] for line in listed] == [*FAULTS, "clear", "state"]
-    text = Path(__file__).read_text() + (Path(__file__).parents[1] / "unit" / "test_sim_table.py").read_text()
-    assert {name for name in FAULTS if f'"{name}"' not in text} == set()
+    assert [line.split()[0] for line in listed] == [*faults, "clear", "state"]
+    tables = Path(__file__).parents[1] / "unit/sim_instruments/test_sim_table.py"
+    text = Path(__file__).read_text() + tables.read_text()
+    assert {name for name in faults if f'"{name}"' not in text} == set()

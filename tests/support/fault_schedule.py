@@ -8,9 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.model.clock import NS
-from sim_instruments.faults.named import FAULTS, OFF, Value
-from sim_instruments.worlds.common.seeds import generator
+from sim_instruments.faults.fault import Value
+from sim_instruments.faults.named import OFF
+from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.world import World
+from sim_instruments.worlds.simulation import possible_faults
 
 MEAN_INTERVAL_S = 900.0
 
@@ -123,11 +125,11 @@ def random_schedule(
     """
     rng = generator(seed, "fault schedule")
     at_s = np.sort(rng.uniform(0.0, duration_s, rng.poisson(duration_s / mean_interval_s)))
-    names = sorted(DRAWS)
+    names, faults = sorted(DRAWS), possible_faults()
     entries = []
     for moment_s in at_s:
         name = names[int(rng.integers(len(names)))]
-        known = {"link": links, "role": roles}.get(FAULTS[name].target, ("",))
+        known = {"link": links, "role": roles}.get(faults[name].target, ("",))
         target = known[int(rng.integers(len(known)))]
         values, for_s = DRAWS[name](rng)
         entries.append(TimedFault(float(moment_s), name, target, values, for_s))

@@ -11,7 +11,7 @@ from bench.systems.gnc.rows import AXES, Floats
 from bench.systems.gnc.sets import rotation_record
 
 if TYPE_CHECKING:
-    from bench.systems.gnc.calibration.analysis import Calibration
+    from bench.systems.gnc.calibration.fitted import Calibration
     from bench.systems.gnc.estimators.triad import TriadFit
 
 Documents = list[dict[str, Any]]

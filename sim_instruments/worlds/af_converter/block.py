@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.clock import NS
+from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.constants import AF_CLOCK_HZ, CHANNELS, GATE_S, KINDS, WHITE_A_RTHZ
 from sim_instruments.worlds.af_converter.unit_constants import NguTruth
-from sim_instruments.worlds.common.seeds import generator
 from sim_instruments.worlds.common.thermal import TemperatureFunction, UnitTemperature
 
 Int64 = NDArray[np.int64]

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame import FrameDefinition
+from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.framer import Mode
 from sim_instruments.worlds.af_converter.gates import GateRows
 from sim_instruments.worlds.common.port import Port
-from sim_instruments.worlds.common.seeds import generator
 from sim_instruments.worlds.common.thermal import TemperatureFunction
 
 GATES_PER_FRAME = 10

@@ -10,8 +10,9 @@ import numpy as np
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
 from sim_instruments.worlds.af_converter.truth_bias import bias_estimates, bias_windows
+from sim_instruments.worlds.af_converter.unit_truth import REFERENCE_TEMPERATURE_DEGC, UnitTruth, times_ns
 from sim_instruments.worlds.common.thermal import Thermal
-from sim_instruments.worlds.common.unit_truth import REFERENCE_TEMPERATURE_DEGC, UnitTruth, entry, times_ns
+from sim_instruments.worlds.common.world import entry
 
 
 def estimates(truth: UnitTruth, thermal: Thermal, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:

@@ -7,7 +7,8 @@ from typing import Any
 
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
-from sim_instruments.worlds.common.unit_truth import REFERENCE_TEMPERATURE_DEGC, UnitTruth, entry, per_degC, times_ns
+from sim_instruments.worlds.af_converter.unit_truth import REFERENCE_TEMPERATURE_DEGC, UnitTruth, per_degC, times_ns
+from sim_instruments.worlds.common.world import entry
 
 TEMPERATURES_DEGC = (-10.0, 5.0, 20.0, 35.0, 50.0)
 _ORDERS = 4

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bench.model.errors import InputError
+from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.constants import CHANNELS, KINDS, REFERENCE_DEGC
 from sim_instruments.worlds.af_converter.walk import BiasWalk
 from sim_instruments.worlds.common.play import follow, play_after
-from sim_instruments.worlds.common.seeds import generator
 
 Float = NDArray[np.float64]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.constants import CHANNELS, WALK_A_RTH
-from sim_instruments.worlds.common.seeds import generator
 
 Float = NDArray[np.float64]
 Int64 = NDArray[np.int64]

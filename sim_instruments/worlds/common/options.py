@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from bench.model.errors import InputError
+
+Check = Callable[[str], object]  # raises InputError B-SIM-002 if the text cannot be
 
 
 def unknown_option(key: str, known: Sequence[str]) -> InputError:
@@ -33,10 +35,17 @@ def number_of(key: str, value: str, least: float, most: float) -> float:
     return number
 
 
-def word_of(key: str, value: str, choices: Sequence[str]) -> str:
-    """The word of an option. Raises: InputError B-SIM-002 if it is none of ``choices``."""
-    if value not in choices:
+def text_of(key: str, value: str, possible: Sequence[str] | Check) -> str:
+    """Return the text of an option. Raises: InputError B-SIM-002 if it is not one of the words, or cannot be."""
+    if callable(possible):
+        possible(value)
+    elif value not in possible:
         raise InputError(
-            "B-SIM-002", f"world option {key} is {value!r}", next_step=f"write one of: {', '.join(choices)}"
+            "B-SIM-002", f"world option {key} is {value!r}", next_step=f"write one of: {', '.join(possible)}"
         )
     return value
+
+
+def any_text(value: str) -> None:
+    """Take any text: whoever uses it checks it."""
+    del value

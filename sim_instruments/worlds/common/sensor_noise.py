@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.clock import NS
-from sim_instruments.worlds.common.seeds import generator
+from sim_instruments.seeds import generator
 
 Float = NDArray[np.float64]
 Int64 = NDArray[np.int64]

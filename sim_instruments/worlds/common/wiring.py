@@ -1,4 +1,4 @@
-"""The wires of the AF-converter bench: calibrator, relay matrix, channels of the unit.
+"""The wires of a bench: calibrator, relay matrix, channels of the unit.
 
 The matrix is a two-pole 4 x 10 card: column = channel, row 1 joins the calibrator's HI and LO to the channel
 directly, row 2 crossed. Rows 3 and 4 go nowhere. Every current is piecewise constant between switching events.
@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from sim_instruments.worlds.common.seeds import generator
+from sim_instruments.seeds import generator
 
 CHANNELS = 10
 DIRECT_ROW, REVERSED_ROW = 1, 2

@@ -1,8 +1,13 @@
-"""The world of the AF-converter bench: clock, lock, wires, temperatures, faults, instruments and the unit."""
+"""What every simulated bench is: clock, lock, wires, temperatures, faults, instruments and a unit under test.
+
+Live worlds are found by id: that is how the VISA backend and the serial handler reach the one that was opened for
+them. Ids are handed out in order and name a world inside this process only; they never reach a record or a report.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import itertools
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Protocol
@@ -13,25 +18,20 @@ from pyvisa_sim.devices import Devices
 from bench.model.clock import Clock
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
-from sim_instruments.bus import registry
-from sim_instruments.bus.live import LiveDevice
+from sim_instruments.faults.fault import Fault
 from sim_instruments.faults.named import FaultSwitches
 from sim_instruments.faults.switchboard import Faults
-from sim_instruments.hp_6632b import UNIT_CURRENT_A, UNIT_START_V
-from sim_instruments.worlds.af_converter.truth import estimates
-from sim_instruments.worlds.common.seeds import generator
+from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.terminals import Terminals
 from sim_instruments.worlds.common.thermal import Thermal
-from sim_instruments.worlds.common.unit_truth import UnitTruth
 from sim_instruments.worlds.common.wiring import UnitInputs, Wiring
 
-PORTS = ("port_a", "port_b")  # of the unit under test
+_numbers = itertools.count(1)
+_worlds: dict[str, World] = {}
 
 
 class Unit(UnitInputs, Protocol):
     """The simulated unit under test, as the world knows it."""
-
-    truth: UnitTruth
 
     def set_power(self, on: bool, t_ns: int, voltage_V: float) -> None:
         """Supply of the unit on or off, and its voltage; a new voltage while on changes nothing else."""
@@ -42,8 +42,6 @@ class Unit(UnitInputs, Protocol):
 
 class NoUnit:
     """What stands at the unit's place on a bench that measures sources at the terminals of its meters alone."""
-
-    truth: UnitTruth  # there is none
 
     def set_input(self, channel: int, current_A: float, t_ns: int) -> None:
         """Nothing takes the current."""
@@ -58,18 +56,32 @@ class NoUnit:
         """Nothing counts."""
 
 
+class Instrument(Protocol):
+    """A simulated instrument, as the world knows it."""
+
+    role: str
+    named_faults: Mapping[str, Fault]
+
+    def outputs(self) -> dict[str, Any]:
+        """What the instrument puts out or switches at this moment."""
+
+
 class World:
     """One simulated bench. Everything that changes it runs under ``lock``, at a time of ``clock``.
+
+    A system's world is made from (clock, seed, options), and gives this one its unit.
 
     Args:
         clock: clock of the run; virtual clocks are advanced by bus operations and timeouts.
         seed: seed of every draw.
         unit: the simulated unit under test, None on a bench without one.
         thermal: temperatures; the unit reads its own from it.
-        options: checked options of the world (sim_instruments.worlds.simulation.WORLD_OPTIONS).
+        options: checked options of the world.
+    Attributes: ports: links of the unit.   supplied_V: voltage of the unit's supply, 0 = off.
     """
 
-    ports: tuple[str, ...] = PORTS
+    ports: ClassVar[tuple[str, ...]]
+    operations: ClassVar[tuple[str, ...]] = ()  # what ``operate`` knows
 
     def __init__(
         self,
@@ -78,21 +90,23 @@ class World:
         seed: int,
         unit: Unit | None,
         thermal: Thermal,
-        options: Mapping[str, bool | float] | None = None,
+        options: Mapping[str, Any],
     ) -> None:
         self.clock = clock
         self.seed = seed
         self.unit: Unit = NoUnit() if unit is None else unit
         self.thermal = thermal
-        self.options = dict(options or {})
+        self.options = dict(options)
         self.lock = threading.RLock()
         self.faults = Faults(seed)
-        self.switches = FaultSwitches(self, self.ports)
+        self.switches = FaultSwitches(self)
         self.wiring = Wiring(self.unit, seed)
         self.terminals = Terminals()
         self.devices = Devices()
-        self.instruments: dict[str, LiveDevice] = {}
-        self.id = registry.add(self)
+        self.instruments: dict[str, Instrument] = {}
+        self.supplied_V = 0.0
+        self.id = f"w{next(_numbers)}"
+        _worlds[self.id] = self
         self._closed = False
 
     @property
@@ -106,10 +120,10 @@ class World:
         return f"{self.id}@bench"
 
     def link_url(self, name: str) -> str:
-        """pySerial URL of one of the unit's ports, "port_a" or "port_b"."""
+        """pySerial URL of one of the unit's ports."""
         return f"sim://{self.id}/{name}"
 
-    def connect(self, resource: str, device: LiveDevice) -> None:
+    def connect(self, resource: str, device: Instrument) -> None:
         """Put an instrument at a VISA address."""
         self.devices.add_device(resource, device)
         self.instruments[device.role] = device
@@ -128,9 +142,7 @@ class World:
 
     def truth(self, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
         """True values of what the campaign estimates, in the form of the contract's ``estimates``."""
-        return [] if isinstance(self.unit, NoUnit) else estimates(self.unit.truth, self.thermal, windows)
-
-    operations: ClassVar[tuple[str, ...]] = ()  # what ``operate`` knows
+        raise NotImplementedError
 
     def operate(self, name: str, value: Any) -> None:
         """What a person does at the bench. Raises: what ``check_operation`` raises."""
@@ -149,17 +161,22 @@ class World:
     @property
     def load(self) -> tuple[float, float]:
         """The unit at its supply: volt from which it draws current, ampere."""
-        return UNIT_START_V, UNIT_CURRENT_A
+        raise NotImplementedError
 
     @property
     def rail_V(self) -> float:
         """Voltage at the multimeter's leads on a bench without an auxiliary supply, volt."""
         return 0.0
 
+    def supply(self, voltage_V: float) -> None:
+        """Supply the unit with a voltage from now on, 0 = off."""
+        self.supplied_V = voltage_V
+        self.unit.set_power(voltage_V > 0.0, self.clock.now_ns(), voltage_V)
+
     def close(self) -> None:
         """Forget the world: its id opens nothing any more and pending events do nothing."""
         self._closed = True
-        registry.remove(self.id)
+        _worlds.pop(self.id, None)
 
     # --- time --------------------------------------------------------------------------------------------------
 
@@ -196,3 +213,13 @@ class World:
 
         handle = self.clock.every(max(seconds, 1e-9), fire, observer=False)
         started.set()
+
+
+def live_world(world_id: str) -> World | None:
+    """Return the live world with this id, None if there is none (any more)."""
+    return _worlds.get(world_id)
+
+
+def entry(quantity: str, unit: str, value: Any, conditions: Mapping[str, Any]) -> dict[str, Any]:
+    """Return one line of a list of true values, as the contract's ``estimates`` have it."""
+    return {"quantity": quantity, "unit": unit, "value": float(value), "conditions": dict(conditions)}

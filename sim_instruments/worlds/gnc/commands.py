@@ -9,7 +9,7 @@ import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
@@ -19,12 +19,10 @@ from sim_instruments.worlds.gnc.faults import BY_CODE
 from sim_instruments.worlds.gnc.imu import MAG_LSB_GAUSS
 from sim_instruments.worlds.gnc.lines import LINES, can_test, io_test, sci_test, spi_test
 from sim_instruments.worlds.gnc.memory import FLASH, SIZE, WORD, MemoryResult, Operation, Region
+from sim_instruments.worlds.gnc.module import GncModule
 from sim_instruments.worlds.gnc.processor import OPERATIONS, TICKS
 from sim_instruments.worlds.gnc.roll import Correction
 from sim_instruments.worlds.gnc.stream import HIGHEST_HZ
-
-if TYPE_CHECKING:
-    from sim_instruments.worlds.gnc.board import GncBoard
 
 PROTOCOL, FIRMWARE, BOARD_SERIAL = 1, 0x0102, "GNC-TB-SIM"
 ANSWER_S = 0.002  # any command that does nothing slow
@@ -75,7 +73,25 @@ class Job:
     finish: Callable[[int, int], Outcome]
 
 
-Handler = Callable[["GncBoard", bytes], Job]
+class Board(Protocol):
+    """The test board, as its commands reach it."""
+
+    module: GncModule
+    correction: Correction
+    dip_switch: Callable[[], int]
+
+    @property
+    def board_V(self) -> float:
+        """Voltage at the 5 V test point."""
+
+    def start_stream(self, sensors: int, rate_Hz: int, samples: int, t_ns: int) -> None:
+        """Send samples from now on."""
+
+    def stop_stream(self) -> int:
+        """End the stream; returns how many samples it has sent."""
+
+
+Handler = Callable[[Board, bytes], Job]
 
 
 def _unpack(form: str, payload: bytes) -> tuple[int, ...]:
@@ -93,14 +109,14 @@ def _judged(good: bool) -> Status:
     return Status.PASS if good else Status.FAIL
 
 
-def identify(board: GncBoard, payload: bytes) -> Job:
+def identify(board: Board, payload: bytes) -> Job:
     _require(not payload)
     serials = (text.encode("ascii", "replace")[:12].ljust(12) for text in (BOARD_SERIAL, board.module.serial))
     answer = struct.pack("<B12s12sH", PROTOCOL, *serials, FIRMWARE)
     return Job(ANSWER_S, lambda _begin, _end: (Status.PASS, answer))
 
 
-def cpu(board: GncBoard, payload: bytes) -> Job:
+def cpu(board: Board, payload: bytes) -> Job:
     (seed,) = _unpack("<I", payload)
 
     def finish(_begin_ns: int, _end_ns: int) -> Outcome:
@@ -111,7 +127,7 @@ def cpu(board: GncBoard, payload: bytes) -> Job:
     return Job(CPU_S, finish)
 
 
-def timer(board: GncBoard, payload: bytes) -> Job:
+def timer(board: Board, payload: bytes) -> Job:
     setting_us, ticks = _unpack("<IB", payload)
     _require(100 <= setting_us <= 10_000 and 1 <= ticks <= TICKS)
 
@@ -123,7 +139,7 @@ def timer(board: GncBoard, payload: bytes) -> Job:
     return Job(TIMER_S + ticks * setting_us * 1e-6, finish)
 
 
-def memory(board: GncBoard, payload: bytes) -> Job:
+def memory(board: Board, payload: bytes) -> Job:
     number, pattern, what, start, length = _unpack("<3B2I", payload)
     _require(number in tuple(Region) and what in tuple(Operation) and pattern <= 2)
     region, operation = Region(number), Operation(what)
@@ -139,7 +155,7 @@ def memory(board: GncBoard, payload: bytes) -> Job:
     return Job(ANSWER_S + MEMORY_S[region, operation] * length / SIZE[region], finish)
 
 
-def imu(board: GncBoard, payload: bytes) -> Job:
+def imu(board: Board, payload: bytes) -> Job:
     (samples,) = _unpack("<B", payload)
     _require(samples >= 1)
     duration_s = IMU_S + samples / IMU_RATE_HZ
@@ -159,7 +175,7 @@ def imu(board: GncBoard, payload: bytes) -> Job:
     return Job(duration_s, finish)
 
 
-def gps(board: GncBoard, payload: bytes) -> Job:
+def gps(board: Board, payload: bytes) -> Job:
     _require(not payload)
     fix = board.module.receiver.hot_start()
     status = Status.PASS if fix.fix == 3 else Status.TIMEOUT if fix.fix == 0 else Status.FAIL
@@ -171,7 +187,7 @@ def gps(board: GncBoard, payload: bytes) -> Job:
     return Job(min(fix.time_to_fix_s, GIVE_UP_S), lambda _begin, _end: (status, answer))
 
 
-def ad(board: GncBoard, payload: bytes) -> Job:
+def ad(board: Board, payload: bytes) -> Job:
     (dip,) = _unpack("<B", payload)
     _require(dip <= 5)
 
@@ -184,13 +200,13 @@ def ad(board: GncBoard, payload: bytes) -> Job:
     return Job(AD_S, finish)
 
 
-def io(board: GncBoard, payload: bytes) -> Job:
+def io(board: Board, payload: bytes) -> Job:
     output, source, level = _unpack("<3B", payload)
     _require(output in LINES and source in LINES and output != source and level <= 1)
     return Job(IO_S, lambda _begin, _end: (Status.PASS, bytes(io_test(board.module.faults, output, source, level))))
 
 
-def spi(board: GncBoard, payload: bytes) -> Job:
+def spi(board: Board, payload: bytes) -> Job:
     (word,) = _unpack("<H", payload)
 
     def finish(_begin_ns: int, _end_ns: int) -> Outcome:
@@ -200,7 +216,7 @@ def spi(board: GncBoard, payload: bytes) -> Job:
     return Job(SPI_S, finish)
 
 
-def sci(board: GncBoard, payload: bytes) -> Job:
+def sci(board: Board, payload: bytes) -> Job:
     def finish(_begin_ns: int, _end_ns: int) -> Outcome:
         echo = sci_test(board.module.faults, payload)
         return Status.TIMEOUT if payload and not echo else _judged(echo == payload), echo
@@ -208,7 +224,7 @@ def sci(board: GncBoard, payload: bytes) -> Job:
     return Job(ANSWER_S + len(payload) * 10 / SCI_BAUD, finish)
 
 
-def can(board: GncBoard, payload: bytes) -> Job:
+def can(board: Board, payload: bytes) -> Job:
     _require(4 <= len(payload) <= 4 + MOST_CAN_BYTES)
     (identifier,) = struct.unpack("<I", payload[:4])
     _require(identifier < 1 << 29)
@@ -223,7 +239,7 @@ def can(board: GncBoard, payload: bytes) -> Job:
     return Job(CAN_S, finish)
 
 
-def stream_start(board: GncBoard, payload: bytes) -> Job:
+def stream_start(board: Board, payload: bytes) -> Job:
     sensors, rate_Hz, samples = _unpack("<BHI", payload)
     _require(1 <= sensors <= 7 and 1 <= rate_Hz <= HIGHEST_HZ)
 
@@ -234,12 +250,12 @@ def stream_start(board: GncBoard, payload: bytes) -> Job:
     return Job(ANSWER_S, finish)
 
 
-def stream_stop(board: GncBoard, payload: bytes) -> Job:
+def stream_stop(board: Board, payload: bytes) -> Job:
     _require(not payload)
     return Job(ANSWER_S, lambda _begin, _end: (Status.PASS, struct.pack("<I", board.stop_stream())))
 
 
-def roll(board: GncBoard, payload: bytes) -> Job:
+def roll(board: Board, payload: bytes) -> Job:
     _require(not payload)
 
     def finish(_begin_ns: int, end_ns: int) -> Outcome:
@@ -249,7 +265,7 @@ def roll(board: GncBoard, payload: bytes) -> Job:
     return Job(ANSWER_S, finish)
 
 
-def set_magnetometer(board: GncBoard, payload: bytes) -> Job:
+def set_magnetometer(board: Board, payload: bytes) -> Job:
     x, y, z, gain, sin_alpha = _unpack("<5h", payload)
     _require(gain > 0 and abs(sin_alpha) <= 30_000)
 
@@ -260,7 +276,7 @@ def set_magnetometer(board: GncBoard, payload: bytes) -> Job:
     return Job(ANSWER_S, finish)
 
 
-def inject(board: GncBoard, payload: bytes) -> Job:
+def inject(board: Board, payload: bytes) -> Job:
     (code,) = _unpack("<B", payload)
     _require(code in BY_CODE)
 

@@ -6,7 +6,7 @@ import zlib
 
 import numpy as np
 
-from sim_instruments.worlds.common.seeds import generator
+from sim_instruments.seeds import generator
 
 
 class ModuleDraws:

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.clock import NS
+from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.attitude import OnTheBench, Site, Surroundings
-from sim_instruments.worlds.common.seeds import generator
 from sim_instruments.worlds.common.sensor_noise import SlowNoise, WhiteNoise
 from sim_instruments.worlds.common.thermal import LAB_DEGC
 from sim_instruments.worlds.gnc.imu_errors import (

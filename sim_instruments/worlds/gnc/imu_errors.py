@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.attitude import Tilt
-from sim_instruments.worlds.common.seeds import generator
 
 Float = NDArray[np.float64]
 

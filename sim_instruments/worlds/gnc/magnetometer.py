@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.attitude import AxisMotion, Site, Tilt, angles_deg, in_body_axes, in_inner_axes
-from sim_instruments.worlds.common.seeds import generator
 from sim_instruments.worlds.gnc.imu_errors import drawn
 
 Float = NDArray[np.float64]

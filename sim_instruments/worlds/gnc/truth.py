@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
-from sim_instruments.worlds.common.unit_truth import entry
+from sim_instruments.worlds.common.world import entry
 from sim_instruments.worlds.gnc.imu import ACCEL_LSB_G, GYRO_LSB_DEG_S, SAMPLE_NS, GncImu
 from sim_instruments.worlds.gnc.imu_errors import (
     MEAN_INTERVAL_S,

@@ -30,7 +30,7 @@ SWITCHES = 5
 class GncWorld(World):
     """One simulated GNC bench.
 
-    Args: clock, seed: as of every world.   options: checked ones of simulation.GNC_OPTIONS.
+    Args: clock, seed: as of every world.   options: checked ones; switches that are not given are on.
     Attributes: motion: of the table's axes outer, middle, inner.   mounting: body axis along the inner axis.
         table: what the board lies on.   dip_switch: the one that is on, 0 for none.
     Raises: InputError B-SIM-002, a fault that does not exist.
@@ -112,3 +112,6 @@ class GncWorld(World):
 def _require(possible: bool, name: str, value: Any, due: str) -> None:
     if not possible:
         raise InputError("B-SIM-019", f"{name} cannot be {value!r}", where="sets of a prompt", next_step=f"give {due}")
+
+
+WORLD = GncWorld

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_instruments.worlds.common.seeds import generator
+from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.thermal import LAB_DEGC
 from sim_instruments.worlds.lock_in.core import (
     DITHER_DEG_S,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bench.model.ports import RecordWindow
-from sim_instruments.worlds.common.unit_truth import entry
+from sim_instruments.worlds.common.world import entry
 from sim_instruments.worlds.lock_in.core import RingLaser
 from sim_instruments.worlds.lock_in.unit import Life
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.clock import NS
+from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.motion import AxisMotion
-from sim_instruments.worlds.common.seeds import generator
 from sim_instruments.worlds.common.sensor_noise import WhiteNoise
 from sim_instruments.worlds.north.options import FogOptions
 from sim_instruments.worlds.north.projection import earth_rate_rad_s, sensed_rad_s, tilted

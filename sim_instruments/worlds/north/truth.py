@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.ports import RecordWindow
-from sim_instruments.worlds.common.unit_truth import entry
+from sim_instruments.worlds.common.world import entry
 from sim_instruments.worlds.north.sensor import FogSensor
 
 _PLACE = ("item", "place", "head_deg")

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from bench.model.clock import Clock
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
+from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.attitude import Site
 from sim_instruments.worlds.common.motion import AxisMotion
-from sim_instruments.worlds.common.seeds import generator
 from sim_instruments.worlds.common.thermal import Thermal
 from sim_instruments.worlds.common.world import World
 from sim_instruments.worlds.north.options import FogOptions

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.clock import NS
-from sim_instruments.worlds.common.seeds import generator
+from sim_instruments.seeds import generator
 from sim_instruments.worlds.time_sync.options import SyncOptions
 
 Float = NDArray[np.float64]

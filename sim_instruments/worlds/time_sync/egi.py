@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_instruments.worlds.common.seeds import generator
+from sim_instruments.seeds import generator
 from sim_instruments.worlds.time_sync.clocks import TICK_S, UnitClock
-from sim_instruments.worlds.time_sync.flight import Flight, Flights
-from sim_instruments.worlds.time_sync.flight_earth import LATITUDE_DEG
-from sim_instruments.worlds.time_sync.flight_egi import EgiErrorStepper
-from sim_instruments.worlds.time_sync.flight_path import FlightPath, PathState
+from sim_instruments.worlds.time_sync.flight.earth import LATITUDE_DEG
+from sim_instruments.worlds.time_sync.flight.egi import EgiErrorStepper
+from sim_instruments.worlds.time_sync.flight.flights import Flight, Flights
+from sim_instruments.worlds.time_sync.flight.path import FlightPath, PathState
 from sim_instruments.worlds.time_sync.geodesy import TangentPlane
 
 Float = NDArray[np.float64]

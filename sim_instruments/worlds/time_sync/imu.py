@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_instruments.worlds.time_sync.clocks import TICK_S, UnitClock
-from sim_instruments.worlds.time_sync.flight import Flight, Flights
-from sim_instruments.worlds.time_sync.flight_imu import exact_increments
+from sim_instruments.worlds.time_sync.flight.flights import Flight, Flights
+from sim_instruments.worlds.time_sync.flight.imu import exact_increments
 
 Float = NDArray[np.float64]
 Int64 = NDArray[np.int64]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sim_instruments.worlds.common.seeds import generator
+from sim_instruments.seeds import generator
 
 MOST_OFFSET_S, MOST_DRIFT_PPM, MOST_CLOCK_PPM = 0.03, 5.0, 20.0  # of the draws
 

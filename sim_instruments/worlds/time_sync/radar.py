@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_instruments.worlds.time_sync.clocks import TICK_S, UnitClock
-from sim_instruments.worlds.time_sync.flight import Flight
+from sim_instruments.worlds.time_sync.flight.flights import Flight
 from sim_instruments.worlds.time_sync.sar_echo import Radar, echoes, scene
 from sim_instruments.worlds.time_sync.stream import Numbered
 

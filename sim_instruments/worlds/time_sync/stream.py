@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from bench.frame import load_frame
 from bench.model.clock import NS
 from bench.model.shipped import find_shipped
+from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.port import Port
-from sim_instruments.worlds.common.seeds import generator
 from sim_instruments.worlds.time_sync.clocks import UnitClock
 
 Float = NDArray[np.float64]

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from bench.model.ports import RecordWindow
-from sim_instruments.worlds.common.unit_truth import entry
+from sim_instruments.worlds.common.world import entry
 from sim_instruments.worlds.time_sync.clocks import Clocks
-from sim_instruments.worlds.time_sync.flight import Flight, Flights
-from sim_instruments.worlds.time_sync.flight_earth import STANDARD_GRAVITY_M_S2
+from sim_instruments.worlds.time_sync.flight.earth import STANDARD_GRAVITY_M_S2
+from sim_instruments.worlds.time_sync.flight.flights import Flight, Flights
 
 ITEM = "time_sync"  # condition of the records that count
 S_PER_H = 3600.0

@@ -21,7 +21,7 @@ from sim_instruments.worlds.time_sync import imu as sync_imu
 from sim_instruments.worlds.time_sync import radar as sync_radar
 from sim_instruments.worlds.time_sync.clocks import Clocks
 from sim_instruments.worlds.time_sync.egi import EgiSamples
-from sim_instruments.worlds.time_sync.flight import Flights
+from sim_instruments.worlds.time_sync.flight.flights import Flights
 from sim_instruments.worlds.time_sync.imu import ImuSamples
 from sim_instruments.worlds.time_sync.options import SyncOptions
 from sim_instruments.worlds.time_sync.radar import RadarPulses, receiver_noise

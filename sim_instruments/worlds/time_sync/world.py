@@ -14,7 +14,7 @@ from bench.model.units import parse_quantity
 from sim_instruments.worlds.common.motion import AxisMotion
 from sim_instruments.worlds.common.thermal import Thermal
 from sim_instruments.worlds.common.world import World
-from sim_instruments.worlds.time_sync.flight import Flight, Flights, TableAxis
+from sim_instruments.worlds.time_sync.flight.flights import Flight, Flights, TableAxis
 from sim_instruments.worlds.time_sync.options import SyncOptions
 from sim_instruments.worlds.time_sync.truth import estimates
 from sim_instruments.worlds.time_sync.unit import PORTS, SyncUnit

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.block import quanta
 from sim_instruments.worlds.af_converter.charge_balance import ChargeBalance
 from sim_instruments.worlds.af_converter.constants import AF_CLOCK_HZ, CHANNELS, MASTER_HZ, WHITE_A_RTHZ
 from sim_instruments.worlds.af_converter.unit_constants import NguTruth
-from sim_instruments.worlds.common.seeds import generator
 
 Int64 = NDArray[np.int64]
 Float = NDArray[np.float64]

@@ -17,9 +17,9 @@ from bench.analysis.material import Material
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record import RecordRow, Samples
-from sim_instruments.worlds.time_sync.flight_egi import egi_error_runs
-from sim_instruments.worlds.time_sync.flight_imu import ImuErrors, exact_increments
-from sim_instruments.worlds.time_sync.flight_path import MANOEUVRES, FlightPath
+from sim_instruments.worlds.time_sync.flight.egi import egi_error_runs
+from sim_instruments.worlds.time_sync.flight.imu import ImuErrors, exact_increments
+from sim_instruments.worlds.time_sync.flight.path import MANOEUVRES, FlightPath
 
 Array = Any
 LATITUDE_DEG, LONGITUDE_DEG = 37.5, 126.95

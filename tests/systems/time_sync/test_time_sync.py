@@ -24,7 +24,7 @@ from bench.systems.time_sync.estimators.kalman.setup import LOOSE, TIGHT, Filter
 from bench.systems.time_sync.image import first_pulse_s
 from bench.systems.time_sync.records import recording
 from sim_instruments.worlds.common.world import World
-from sim_instruments.worlds.time_sync.flight_imu import exact_increments
+from sim_instruments.worlds.time_sync.flight.imu import exact_increments
 from sim_instruments.worlds.time_sync.world import SyncWorld
 
 SHORT = {"warm_up": "30 s", "straight": "5 s", "manoeuvre": "6 s", "rate": "15 deg/s"}

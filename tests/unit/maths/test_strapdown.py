@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from bench.maths.strapdown import Strapdown, Track, navigate, small_rotation
 from bench.maths.strapdown_earth import earth_rate, gradient, normal_gravity
-from sim_instruments.worlds.time_sync.flight_imu import exact_increments
-from sim_instruments.worlds.time_sync.flight_path import MANOEUVRES
+from sim_instruments.worlds.time_sync.flight.imu import exact_increments
+from sim_instruments.worlds.time_sync.flight.path import MANOEUVRES
 
 Array = NDArray[np.float64]
 

@@ -254,9 +254,9 @@ def test_lost_reference_shows_in_bit_10_once() -> None:
     with open_bench() as bench:
         bench.send("counter", "ROSC:SOUR EXT")
         assert bench.ask("counter", "STAT:QUES:EVEN?") == "0"
-        bench.world.faults.reference_lost = True
+        bench.world.switches.switch("reference_lost")
         assert bench.ask("counter", "STAT:QUES:EVEN?") == "1024"
-        bench.world.faults.reference_lost = False
+        bench.world.switches.switch("reference_lost", "off")
         assert bench.ask("counter", "STAT:QUES:EVEN?") == "0"
 
 

@@ -7,7 +7,6 @@ and hysteresis that the bias campaign uses, with the same drift terms.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,34 +21,17 @@ from bench.systems.af_converter.estimators.drift_ramp import (
     DRIFT_NAMES,
     TEMPERATURE_NAMES,
     Blocks,
-    BranchDifference,
-    DriftFit,
     block_means,
-    branch_differences,
-    fit_drift,
 )
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
-from bench.systems.af_converter.estimators.ramp_hysteresis import RampHysteresis, fit_ramp_hysteresis
-from bench.systems.af_converter.estimators.thermal_lag import usable_drive
-from bench.systems.af_converter.temperature_ramp.columns import RampColumns, minute_means, plain_campaign, ramp_columns
+from bench.systems.af_converter.temperature_ramp.columns import RampColumns, plain_campaign, ramp_columns
+from bench.systems.af_converter.temperature_ramp.fits import ReadingFit, fit_reading
 from bench.systems.af_converter.temperature_ramp.report import figures, tables
 
 METHODS: tuple[str, ...] = ("joint", "drift")
 MOST_BLOCKS = 240
 Floats = NDArray[np.float64]
 Estimates = list[dict[str, Any]]
-
-
-@dataclass(frozen=True)
-class ReadingFit:
-    """Everything fitted to one reading; ``differences`` and ``after_drift`` by name of the sensor."""
-
-    name: str
-    readings: Floats  # block means
-    drift: DriftFit
-    differences: dict[str, list[BranchDifference]]
-    after_drift: dict[str, DriftFit]
-    joint: RampHysteresis | None
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -63,7 +45,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     uut, reference_degC = plain_campaign(material.campaign)
     columns = ramp_columns(material)
     blocks = block_means(columns.t_s, min(MOST_BLOCKS, columns.t_s.size // 2))
-    fits = [_fit(name, columns, blocks, reference_degC, method) for name in columns.readings]
+    fits = [fit_reading(name, columns, blocks, reference_degC, method) for name in columns.readings]
     return Analysis(
         campaign="temperature_ramp",
         method=method,
@@ -74,38 +56,6 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         figures=figures(columns, blocks, fits),
         tables=tables(columns, fits),
     )
-
-
-def _fit(name: str, columns: RampColumns, blocks: Blocks, reference_degC: float, method: str) -> ReadingFit:
-    readings, branch = blocks.mean(columns.readings[name]), blocks.mean(columns.branch / 2.0)
-    sensors = {sensor: blocks.mean(values) for sensor, values in columns.sensors.items()}
-    main = next(iter(sensors.values()))
-    drift = fit_drift(blocks, main, readings, branch, reference_degC)
-    others = {
-        sensor: drift if values is main else fit_drift(blocks, values, readings, branch, reference_degC, drift.noise)
-        for sensor, values in sensors.items()
-    }
-    ramps = columns.main_ramps()
-    indices = tuple(
-        np.flatnonzero((blocks.start_s >= ramps[kind].start_s) & (blocks.end_s <= ramps[kind].end_s))
-        for kind in ("up", "down")
-    )
-    differences = {
-        sensor: branch_differences(drift, values, readings, (indices[0], indices[1]), _whole_degrees(values, indices))
-        for sensor, values in sensors.items()
-    }
-    joint = None
-    if method == "joint":
-        drive = usable_drive(*minute_means(columns.t_s, columns.temperature_degC))
-        joint = fit_ramp_hysteresis(blocks, readings, drive, drift.noise, reference_degC)
-    return ReadingFit(name, readings, drift, differences, others, joint)
-
-
-def _whole_degrees(values: Floats, ramps: tuple[NDArray[np.int64], ...]) -> list[float]:
-    """Whole degrees that both ramps reach."""
-    low = max(float(values[ramp].min()) for ramp in ramps if ramp.size)
-    high = min(float(values[ramp].max()) for ramp in ramps if ramp.size)
-    return [float(at) for at in range(int(np.ceil(low)), int(np.floor(high)) + 1)]
 
 
 def _estimates(fit: ReadingFit, columns: RampColumns, reference_degC: float) -> Estimates:

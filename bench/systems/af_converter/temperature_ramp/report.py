@@ -13,7 +13,7 @@ from bench.systems.af_converter.estimators.hysteresis.fit import LAG
 from bench.systems.af_converter.temperature_ramp.columns import RampColumns
 
 if TYPE_CHECKING:
-    from bench.systems.af_converter.temperature_ramp.analysis import ReadingFit
+    from bench.systems.af_converter.temperature_ramp.fits import ReadingFit
 
 Floats = NDArray[np.float64]
 Documents = list[dict[str, Any]]

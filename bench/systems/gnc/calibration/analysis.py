@@ -7,8 +7,6 @@ Source: GNC-module paper section 4.2 1), equations (1) to (4) as corrected in ``
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,19 +15,18 @@ from bench.analysis.analysis import Analysis
 from bench.analysis.material import Material
 from bench.model.errors import FitError
 from bench.systems.gnc.calibration.files import rotation_files
+from bench.systems.gnc.calibration.fitted import Calibration
 from bench.systems.gnc.calibration.notes import calibration_notes
 from bench.systems.gnc.calibration.triad_estimates import ACCELEROMETER, GYRO, checked_coupling, triad_estimates
 from bench.systems.gnc.coefficients import triad_section
 from bench.systems.gnc.estimators.earth_rate import Site
 from bench.systems.gnc.estimators.rotation_inputs import Declared
-from bench.systems.gnc.estimators.rotations import RotationFit, fit_rotations
+from bench.systems.gnc.estimators.rotations import fit_rotations
 from bench.systems.gnc.estimators.triad import TriadFit
-from bench.systems.gnc.estimators.unit_clock import UnitClock
 from bench.systems.gnc.limits import Limits
 from bench.systems.gnc.report import matrix_table, position_figure, rotation_figures
 from bench.systems.gnc.rows import (
     Floats,
-    SampledRow,
     clock_of,
     gravity_g,
     power_on_of,
@@ -38,31 +35,11 @@ from bench.systems.gnc.rows import (
     temperature_span,
 )
 from bench.systems.gnc.sample_checks import check_notes, check_table, checked, usable
-from bench.systems.gnc.sets import TURNS, UPS, Sets, position_fit, rotation_record, sets_of
+from bench.systems.gnc.sets import TURNS, UPS, position_fit, rotation_record, sets_of
 from bench.systems.gnc.table3 import table_3
 
 METHODS: tuple[str, ...] = ("least_squares",)
 _OF_ONE_PART = ("B-FIT-001", "B-FIT-080", "B-FIT-081", "B-FIT-082", "B-FIT-083")
-
-
-@dataclass
-class Calibration:
-    """What was fitted, and why the rest was not. ``power_on``: its number by the number of the record."""
-
-    sets: Sets
-    clock: UnitClock
-    power_on: Mapping[int, int]
-    tilt_deg: float = 0.0
-    accelerometer: TriadFit | None = None
-    gyro: RotationFit | None = None
-    accelerometer_check: TriadFit | None = None
-    gyro_check: RotationFit | None = None
-    missing: list[str] = field(default_factory=list)
-    refused: list[FitError] = field(default_factory=list)
-
-    def one_power_on(self, rows: Collection[SampledRow]) -> bool:
-        """Whether the unit was not switched off between these records."""
-        return len({self.power_on[row.number] for row in rows}) <= 1
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:

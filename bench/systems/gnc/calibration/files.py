@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from io import StringIO
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bench.systems.gnc.calibration.fitted import Calibration
 from bench.systems.gnc.folders import folder_name
 from bench.systems.gnc.sets import rotation_record
-
-if TYPE_CHECKING:
-    from bench.systems.gnc.calibration.analysis import Calibration
 
 _HEAD = "counter,time_s,gyro_x_deg_s,gyro_y_deg_s,gyro_z_deg_s"
 

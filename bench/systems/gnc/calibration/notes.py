@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
+from bench.systems.gnc.calibration.fitted import Calibration
+from bench.systems.gnc.estimators.rotations import RotationFit
 from bench.systems.gnc.rows import SampledRow, temperature_span
-
-if TYPE_CHECKING:
-    from bench.systems.gnc.calibration.analysis import Calibration
-    from bench.systems.gnc.estimators.rotations import RotationFit
 
 WARM_degC = 0.5  # over the records of a set; sensors of this class drift by some 30 ppm and 3 deg/h per degree
 

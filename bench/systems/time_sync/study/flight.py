@@ -51,13 +51,13 @@ def fly(task: Task) -> Flown:
 
     The errors of a run are the same for all offsets and filters, and in every task; they differ between runs.
     """
-    path = simulated("flight_path").MANOEUVRES[task.manoeuvre]
-    runs = simulated("flight_runs")
-    errors = simulated("flight_egi").egi_error_runs(path, task.duration_s, task.runs, task.seed)
+    path = simulated("flight.path").MANOEUVRES[task.manoeuvre]
+    runs = simulated("flight.runs")
+    errors = simulated("flight.egi").egi_error_runs(path, task.duration_s, task.runs, task.seed)
     noise_s = runs.clock_noise(task.seed, len(errors.t_s), task.runs)
     offsets_s = np.array([group.offset_s for group in task.groups])
     egi = runs.EgiRuns(path, errors, offsets_s, noise_s)
-    imu = simulated("flight_imu").imu_runs(path, task.duration_s, task.runs, task.seed)
+    imu = simulated("flight.imu").imu_runs(path, task.duration_s, task.runs, task.seed)
     samples = ImuSamples(imu.t_s, imu.dv, imu.dtheta, np.zeros(len(imu.t_s), np.bool_))
     return Flown(path, imu, run_filter(samples, egi, setup_of(task)))
 

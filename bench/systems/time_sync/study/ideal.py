@@ -20,7 +20,7 @@ LATITUDE_deg = 37.5
 
 def ideal_result(task: Task) -> IdealResult:
     """Exact increments of the 60-second manoeuvres navigated, and a target focused with true positions."""
-    paths = simulated("flight_path").MANOEUVRES
+    paths = simulated("flight.path").MANOEUVRES
     off = [_distances(paths[name], task.duration_s) for name in FLOWN]
     scene = scene_of(paths["sar"], LONG_s - APERTURE_s)
     found = impulse_response(scene.one, scene.true_m, scene.target_m)
@@ -40,7 +40,7 @@ def _distances(path: Any, duration_s: float) -> tuple[float, float]:
     """Greatest distance of position, m, and velocity, m/s, over the flight."""
     t_s = np.arange(round(duration_s * _IMU_Hz) + 1) / _IMU_Hz
     true = path.state(t_s)
-    dv, dtheta = simulated("flight_imu").exact_increments(path, t_s, LATITUDE_deg)
+    dv, dtheta = simulated("flight.imu").exact_increments(path, t_s, LATITUDE_deg)
     north = np.eye(3)  # where all of them begin to head
     found: Track = navigate(t_s[1:], dv, dtheta, true.p[0], true.v[0], north, LATITUDE_deg)
     return _greatest(found.p - true.p[1:]), _greatest(found.v - true.v[1:])

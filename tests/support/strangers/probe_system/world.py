@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from bench.model.ports import RecordWindow
 from sim_instruments.worlds.common.terminals import Source
 from sim_instruments.worlds.common.thermal import Thermal
 from sim_instruments.worlds.common.world import World
@@ -24,6 +25,9 @@ class ProbeWorld(World):
         self.terminals.connect(probe, "scanner", 101)
         self.terminals.connect(probe, "scanner", 102)
         self.terminals.connect(probe, "meter")
+
+    def truth(self, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
+        return []
 
     def _ohm(self, t_ns: int) -> float:
         return OHM_AT_0 + OHM_PER_DEGC * float(self.thermal.unit_degC(t_ns))

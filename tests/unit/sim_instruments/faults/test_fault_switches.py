@@ -18,8 +18,8 @@ from bench.frame import LinkDecoder, load_frame
 from bench.model.clock import VirtualClock
 from bench.model.errors import InputError
 from bench.model.shipped import find_shipped
-from sim_instruments.faults.named import FAULTS, listing
-from sim_instruments.worlds.simulation import open_world
+from sim_instruments.faults.named import listing
+from sim_instruments.worlds.simulation import open_world, possible_faults
 
 NS = 1_000_000_000
 BAUD = {"port_a": 921_600, "port_b": 115_200}
@@ -63,10 +63,11 @@ def timed_out(call: Any) -> bool:
 
 
 def test_the_list_names_every_fault_once_with_what_it_takes() -> None:
-    lines = listing()
-    assert [line.split()[0] for line in lines] == list(FAULTS)
+    faults = possible_faults()
+    lines = listing(faults)
+    assert [line.split()[0] for line in lines] == list(faults)
     assert any(line.startswith("late ROLE SECONDS [COUNT] ") for line in lines)
-    assert set(DRAWS) == {name for name in FAULTS if not name.startswith("table_")} - {"replug"}
+    assert set(DRAWS) == {name for name in faults if not name.startswith("table_")} - {"replug"}
 
 
 def test_faults_of_a_link_are_seen_by_the_decoder(unit: Bench) -> None:
@@ -263,6 +264,7 @@ def test_a_lost_reference_is_in_the_questionable_status(bench: Bench) -> None:
     ("words", "code", "hint"),
     [
         (("mutt", "dmm"), "B-SIM-010", "did you mean 'mute'"),
+        (("table_stall", 1), "B-SIM-010", "use one of: bit_errors"),  # a fault of an instrument that is not there
         (("mute", "dmmm"), "B-SIM-011", "did you mean 'dmm'"),
         (("mute",), "B-SIM-011", "use one of: calibrator"),
         (("drop", "dmm", 0.1), "B-SIM-011", "use one of: port_a, port_b"),

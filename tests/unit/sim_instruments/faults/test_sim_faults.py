@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,8 +13,9 @@ from pyvisa.errors import VisaIOError
 from sim_bench import open_bench
 
 from bench.model.errors import InputError
+from sim_instruments.faults.fault import Fault
 from sim_instruments.faults.named import FaultSwitches
-from sim_instruments.faults.switchboard import LinkFaults
+from sim_instruments.faults.switchboard import Faults, LinkFaults
 
 NS = 1_000_000_000
 
@@ -137,7 +139,7 @@ def test_coming_trip_bounds_the_quiet_time() -> None:
 
 def test_chamber_with_a_shortfall_never_settles() -> None:
     with open_bench(instruments={"chamber": {"dialect": "8800"}}) as bench:
-        bench.world.faults.chamber_shortfall_degC = 2.0
+        bench.world.switches.switch("chamber_shortfall", 2.0)
         for operation in ("MRMP1,1.0", "SETP1,5", "RUNM"):
             bench.ask("chamber", operation)
         bench.clock.sleep(36_000.0)
@@ -148,4 +150,21 @@ def test_chamber_with_a_shortfall_never_settles() -> None:
 @pytest.mark.parametrize("name", ["clear", "state"])
 def test_clear_and_state_stand_alone(name: str) -> None:
     with pytest.raises(InputError, match=f"B-SIM-012.*stands alone.*bench sim fault {name}"):
-        FaultSwitches(SimpleNamespace(instruments={}), ["port_a"]).switch(name, "x")
+        FaultSwitches(SimpleNamespace(instruments={}, ports=["port_a"])).switch(name, "x")
+
+
+def test_each_model_does_what_it_declares_under_a_name() -> None:
+    done: list[tuple[str, float]] = []
+    models = {
+        role: SimpleNamespace(
+            named_faults={"jam": Fault("mill", (("RATE", 0.0, 9.0),), "it jams", lambda model, rate: model.jam(rate))},
+            jam=lambda rate, role=role: done.append((role, rate)),
+        )
+        for role in ("coarse", "fine")
+    }
+    models["fine"].named_faults["slip"] = Fault("mill", (), "it slips", lambda _: done.append(("slip", 0.0)))
+    bench = SimpleNamespace(lock=contextlib.nullcontext(), faults=Faults(1), instruments=models, ports=())
+    switches = FaultSwitches(bench)
+    switches.switch("jam", "3")
+    switches.switch("slip")
+    assert done == [("coarse", 3.0), ("fine", 3.0), ("slip", 0.0)]

@@ -20,8 +20,8 @@ from bench.systems.time_sync.analysis import METHODS
 from bench.systems.time_sync.filtering import COMPENSATED
 from bench.systems.time_sync.records import recording
 from bench.systems.time_sync.samples import prepared
-from sim_instruments.worlds.time_sync.flight_imu import ImuErrors
-from sim_instruments.worlds.time_sync.flight_path import FlightPath
+from sim_instruments.worlds.time_sync.flight.imu import ImuErrors
+from sim_instruments.worlds.time_sync.flight.path import FlightPath
 
 TURN_s = 16.5
 

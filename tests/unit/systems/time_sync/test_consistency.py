@@ -15,8 +15,8 @@ from bench.systems.time_sync.estimators.kalman.filter import run_filter
 from bench.systems.time_sync.estimators.kalman.innovation import NIS_BOUNDS, NIS_DOF
 from bench.systems.time_sync.estimators.kalman.observability import observability
 from bench.systems.time_sync.estimators.kalman.setup import FilterRun, FilterSetup, ImuSamples
-from sim_instruments.worlds.time_sync.flight_imu import imu_runs
-from sim_instruments.worlds.time_sync.flight_path import FlightPath
+from sim_instruments.worlds.time_sync.flight.imu import imu_runs
+from sim_instruments.worlds.time_sync.flight.path import FlightPath
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from bench.systems.time_sync.estimators.kalman.covariance import first_model, pr
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
 from bench.systems.time_sync.estimators.kalman.history import rotation_between
 from bench.systems.time_sync.estimators.kalman.setup import OFFSET, STATES, FilterSetup, ImuDensities, ImuSamples
-from sim_instruments.worlds.time_sync.flight_imu import ImuClass, imu_runs
+from sim_instruments.worlds.time_sync.flight.imu import ImuClass, imu_runs
 
 Array = NDArray[np.float64]
 

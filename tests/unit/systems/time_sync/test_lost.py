@@ -14,8 +14,8 @@ from bench.systems.time_sync.estimators.kalman import innovation as sync_innovat
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
 from bench.systems.time_sync.estimators.kalman.setup import LOOSE, TIGHT, FilterRun, ImuSamples
 from bench.systems.time_sync.estimators.kalman.stream import filled_noise
-from sim_instruments.worlds.time_sync.flight_imu import imu_runs
-from sim_instruments.worlds.time_sync.flight_path import FlightPath
+from sim_instruments.worlds.time_sync.flight.imu import imu_runs
+from sim_instruments.worlds.time_sync.flight.path import FlightPath
 
 Array = NDArray[np.float64]
 

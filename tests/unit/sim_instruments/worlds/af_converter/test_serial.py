@@ -1,7 +1,5 @@
 """``sim://`` ports through pySerial, as the bench opens them."""
 
-import types
-
 import numpy as np
 import pytest
 import serial
@@ -10,22 +8,22 @@ from bench.frame import load_frame
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import LinkError
 from bench.model.shipped import find_shipped
-from sim_instruments.bus import registry
-from sim_instruments.faults.switchboard import Faults
 from sim_instruments.worlds.af_converter.ngu import Ngu
+from sim_instruments.worlds.af_converter.world import AfWorld
 
 
 @pytest.fixture
 def world(monkeypatch):
     monkeypatch.setattr(serial, "protocol_handler_packages", [*serial.protocol_handler_packages, "sim_instruments.bus"])
-    clock = VirtualClock()
-    unit = Ngu(clock, 1, lambda t_ns: np.full(len(t_ns), 23.0))
-    unit.set_power(True, 0)
-    opened = types.SimpleNamespace(clock=clock, unit=unit, faults=Faults(1))
-    world_id = registry.add(opened)
-    opened.url = f"sim://{world_id}/"
+    opened = AfWorld(clock=VirtualClock(), seed=1, options={}, unit_factory=unit_at_23_degC)
+    opened.unit.set_power(True, 0)
+    opened.url = f"sim://{opened.id}/"
     yield opened
-    registry.remove(world_id)
+    opened.close()
+
+
+def unit_at_23_degC(clock, seed, _thermal, _options):
+    return Ngu(clock, seed, lambda t_ns: np.full(len(t_ns), 23.0))
 
 
 def test_reads_what_has_arrived(world):
@@ -99,7 +97,7 @@ def test_a_port_that_does_not_exist_is_refused(world, place):
 
 
 def test_a_world_that_is_gone_is_refused(world):
-    registry.remove(world.url.split("/")[2])
+    world.close()
     with pytest.raises(serial.SerialException, match="B-NGU-002"):
         serial.serial_for_url(world.url + "port_a")
 

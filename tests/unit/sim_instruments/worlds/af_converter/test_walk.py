@@ -5,9 +5,9 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.constants import CHANNELS, WALK_A_RTH
 from sim_instruments.worlds.af_converter.walk import BiasWalk
-from sim_instruments.worlds.common.seeds import generator
 
 ALL = np.arange(CHANNELS)
 BLOCK_s = 40_960.0  # 4,096 steps of 10 s

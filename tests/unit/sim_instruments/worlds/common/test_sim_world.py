@@ -13,7 +13,7 @@ from sim_bench import Bench, RecordingUnit, open_bench, station
 from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import ExitStatus, InputError
 from bench.model.ports import RecordWindow
-from sim_instruments.bus import registry
+from sim_instruments.worlds.common.world import _worlds, live_world
 from sim_instruments.worlds.simulation import open_world
 
 NS = 1_000_000_000
@@ -50,10 +50,10 @@ def test_mistakes_in_the_station_are_errors_with_a_code(code: str, arguments: di
 
 
 def test_refused_world_is_not_left_registered() -> None:
-    before = set(registry._worlds)
+    before = set(_worlds)
     with pytest.raises(InputError):
         open_plain(changes={"extra": {"driver": "no_such_model", "resource": "GPIB0::20::INSTR"}})
-    assert set(registry._worlds) == before
+    assert set(_worlds) == before
 
 
 def test_unit_gets_its_own_options_only() -> None:
@@ -66,8 +66,8 @@ def test_names_for_visa_and_serial() -> None:
     with open_bench() as bench:
         assert bench.world.visa_library == f"{bench.world.id}@bench"
         assert bench.world.link_url("port_a") == f"sim://{bench.world.id}/port_a"
-        assert registry.find(bench.world.id) is bench.world
-    assert registry.find(bench.world.id) is None
+        assert live_world(bench.world.id) is bench.world
+    assert live_world(bench.world.id) is None
 
 
 def test_two_worlds_stand_side_by_side() -> None:

@@ -8,10 +8,10 @@ from scipy import stats
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from sim_instruments.worlds.common.seeds import generator
-from sim_instruments.worlds.time_sync.flight_egi import EgiClass, EgiErrorStepper, egi_error_runs
-from sim_instruments.worlds.time_sync.flight_egi_filter import EgiErrorFilter, _ErrorModel
-from sim_instruments.worlds.time_sync.flight_path import MANOEUVRES, FlightPath
+from sim_instruments.seeds import generator
+from sim_instruments.worlds.time_sync.flight.egi import EgiClass, EgiErrorStepper, egi_error_runs
+from sim_instruments.worlds.time_sync.flight.egi_filter import EgiErrorFilter, _ErrorModel
+from sim_instruments.worlds.time_sync.flight.path import MANOEUVRES, FlightPath
 
 Array = np.ndarray
 

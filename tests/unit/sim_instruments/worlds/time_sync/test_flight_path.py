@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import spherical_jn
 
-from sim_instruments.worlds.time_sync.flight_path import MANOEUVRES, FlightPath, _bessel
+from sim_instruments.worlds.time_sync.flight.path import MANOEUVRES, FlightPath, _bessel
 
 # begin s, acceleration m/s2, yaw rate deg/s: from 1e-7 deg/s, where closed forms lose digits, to a spinning table
 _PIECES = (

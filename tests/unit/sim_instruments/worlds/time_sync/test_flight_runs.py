@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from sim_instruments.worlds.time_sync.flight_egi import EgiErrors, egi_error_runs
-from sim_instruments.worlds.time_sync.flight_path import MANOEUVRES
-from sim_instruments.worlds.time_sync.flight_runs import EgiRuns, clock_noise
+from sim_instruments.worlds.time_sync.flight.egi import EgiErrors, egi_error_runs
+from sim_instruments.worlds.time_sync.flight.path import MANOEUVRES
+from sim_instruments.worlds.time_sync.flight.runs import EgiRuns, clock_noise
 
 _OFFSETS_S = np.array([-0.02, 0.0, 0.0137, 0.1])
 _PATH = MANOEUVRES["turn"]

@@ -12,9 +12,9 @@ from bench.model.ports import RecordWindow
 from bench.systems.time_sync.estimators.sar.pulses import Pulses
 from bench.systems.time_sync.estimators.sar.response import impulse_response
 from sim_instruments.worlds.simulation import check_operation, options_of
-from sim_instruments.worlds.time_sync.flight_egi import egi_error_runs
-from sim_instruments.worlds.time_sync.flight_imu import exact_increments, imu_runs
-from sim_instruments.worlds.time_sync.flight_path import FlightPath
+from sim_instruments.worlds.time_sync.flight.egi import egi_error_runs
+from sim_instruments.worlds.time_sync.flight.imu import exact_increments, imu_runs
+from sim_instruments.worlds.time_sync.flight.path import FlightPath
 
 PLACE = (37.5, 127.0)  # origin of every flight
 BOOT_S = 4.0  # of the rig, when its flight begins

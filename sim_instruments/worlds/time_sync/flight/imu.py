@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_instruments.worlds.common.seeds import generator
-from sim_instruments.worlds.time_sync.flight_earth import (
+from sim_instruments.seeds import generator
+from sim_instruments.worlds.time_sync.flight.earth import (
     LATITUDE_DEG,
     STANDARD_GRAVITY_M_S2,
     earth_rate_rad_s,
     gravity_m_s2,
 )
-from sim_instruments.worlds.time_sync.flight_path import FlightPath, PathState
+from sim_instruments.worlds.time_sync.flight.path import FlightPath, PathState
 
 Float = NDArray[np.float64]
 

@@ -1,8 +1,8 @@
-"""What the truth lists ask of a simulated unit, and the form of one entry."""
+"""What the truth lists ask of a simulated unit of AF converters."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -42,11 +42,6 @@ class UnitTruth(Protocol):
 
     def master_tc_ppm(self, order: int) -> float:
         """Coefficient of (T - 20 degC)^order of that error, ppm/degC^order."""
-
-
-def entry(quantity: str, unit: str, value: Any, conditions: Mapping[str, Any]) -> dict[str, Any]:
-    """One line of the list, as the contract's ``estimates`` have it."""
-    return {"quantity": quantity, "unit": unit, "value": float(value), "conditions": dict(conditions)}
 
 
 def per_degC(unit: str, order: int) -> str:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_instruments.worlds.common.seeds import generator
-from sim_instruments.worlds.time_sync.flight_egi import EgiErrors
-from sim_instruments.worlds.time_sync.flight_path import FlightPath
+from sim_instruments.seeds import generator
+from sim_instruments.worlds.time_sync.flight.egi import EgiErrors
+from sim_instruments.worlds.time_sync.flight.path import FlightPath
 
 Float = NDArray[np.float64]
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from bench.model.clock import NS
 from sim_instruments.worlds.common.motion import AxisMotion, Piece
 from sim_instruments.worlds.time_sync.clocks import UnitClock
-from sim_instruments.worlds.time_sync.flight_imu import ImuErrors
-from sim_instruments.worlds.time_sync.flight_path import FlightPath
+from sim_instruments.worlds.time_sync.flight.imu import ImuErrors
+from sim_instruments.worlds.time_sync.flight.path import FlightPath
 
 Int64 = NDArray[np.int64]
 

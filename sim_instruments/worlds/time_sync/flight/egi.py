@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_instruments.worlds.common.seeds import generator
-from sim_instruments.worlds.time_sync.flight_earth import LATITUDE_DEG
-from sim_instruments.worlds.time_sync.flight_egi_filter import EgiClass, EgiErrorFilter
-from sim_instruments.worlds.time_sync.flight_path import FlightPath
+from sim_instruments.seeds import generator
+from sim_instruments.worlds.time_sync.flight.earth import LATITUDE_DEG
+from sim_instruments.worlds.time_sync.flight.egi_filter import EgiClass, EgiErrorFilter
+from sim_instruments.worlds.time_sync.flight.path import FlightPath
 
 __all__ = ["EgiClass", "EgiErrorStepper", "EgiErrors", "egi_error_runs"]
 
