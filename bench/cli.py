@@ -14,9 +14,11 @@ from typer.exceptions import Abort, TyperException
 import bench
 from bench.commands.batch_app import batch
 from bench.commands.history_app import app as history_app
+from bench.commands.session_app import AsJson, SessionFolder, fit, replay, report
 from bench.commands.study_app import study
 from bench.model.errors import BenchError, ExitStatus
 from bench.model.installed import OWN, checked_package
+from bench.model.shipped import find_shipped
 
 app = typer.Typer(
     name="bench",
@@ -29,7 +31,6 @@ app = typer.Typer(
 app.add_typer(history_app, name="history")
 
 Sequence = Annotated[str, typer.Argument(help="a sequence file, or the name of a shipped one")]
-SessionFolder = Annotated[Path, typer.Argument(help="the folder of a session")]
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="change a parameter of the sequence or world.<option>"),
@@ -37,8 +38,6 @@ Settings = Annotated[
 StationName = Annotated[
     str | None, typer.Option("--station", help="a station file or name; default: the one the sequence names")
 ]
-AsJson = Annotated[bool, typer.Option("--json", help="print one JSON document on standard output and nothing else")]
-Method = Annotated[str | None, typer.Option("--method", help="a method of the analysis; a wrong one lists them")]
 
 
 @app.command(epilog="Example: bench check scale_factor_38h --plot timetable.svg")
@@ -78,6 +77,7 @@ def run(
     ask: Annotated[bool, typer.Option("--ask", help="put the prompts to a person on a simulated station too")] = False,
 ) -> None:
     """Run a campaign; ends with the result table, results.json and report.html in the session's folder."""
+    find_shipped("sequences", sequence)  # before all that runs and fits is loaded
     from bench.commands import run as run_command
 
     request = run_command.Request(sequence, station, settings or [], clock, seed, out, truth, json, history, ask)
@@ -101,46 +101,9 @@ def resume(
     raise typer.Exit(resume_command.resume(session, sequence, history, json))
 
 
-@app.command(epilog="Example: bench replay sessions/20000101T000000Z_scale_factor_38h_SIM-1")
-def replay(session: SessionFolder, json: AsJson = False) -> None:
-    """Decode the raw bytes again through today's decoder and fits; says whether every number is identical."""
-    from bench.commands import session as session_command
-
-    raise typer.Exit(session_command.replay(session, json))
-
-
-@app.command(epilog="Example: bench fit sessions/20000101T000000Z_scale_factor_38h_SIM-1 --method paper")
-def fit(
-    session: SessionFolder,
-    method: Method = None,
-    make_up: Annotated[
-        list[Path] | None, typer.Option("--with", metavar="SESSION", help="a make-up session that completes this one")
-    ] = None,
-    json: AsJson = False,
-) -> None:
-    """Results of a session by a method of your choice; nothing is written."""
-    from bench.commands import session as session_command
-
-    raise typer.Exit(session_command.fit(session, method, json, make_up or []))
-
-
-@app.command(epilog="Example: bench report sessions/20000101T000000Z_scale_factor_38h_SIM-1 --pdf")
-def report(
-    session: SessionFolder,
-    pdf: Annotated[bool, typer.Option("--pdf", help="write report.pdf too (extra 'pdf')")] = False,
-    verify: Annotated[
-        bool, typer.Option("--verify", help="derive everything again from the raw bytes, compare, write nothing")
-    ] = False,
-    json: AsJson = False,
-) -> None:
-    """Write report.html again from the session alone; or say whether results and report are what it gives."""
-    if verify:
-        from bench.commands import verify as verify_command
-
-        raise typer.Exit(verify_command.verify(session, json))
-    from bench.commands import session as session_command
-
-    raise typer.Exit(session_command.report(session, pdf))
+app.command(epilog="Example: bench replay sessions/20000101T000000Z_scale_factor_38h_SIM-1")(replay)
+app.command(epilog="Example: bench fit sessions/20000101T000000Z_scale_factor_38h_SIM-1 --method paper")(fit)
+app.command(epilog="Example: bench report sessions/20000101T000000Z_scale_factor_38h_SIM-1 --pdf")(report)
 
 
 @app.command(epilog="Example: bench certificate sessions/20260101T180000Z_scale_factor_38h_17 --schema dcc.xsd")

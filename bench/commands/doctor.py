@@ -6,13 +6,16 @@ import json
 import platform
 import sys
 import zipfile
+from dataclasses import asdict
 from pathlib import Path
 
 from bench.commands.console import console
 from bench.commands.preflight_table import print_preflight
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus
+from bench.model.installed import KINDS, driver_packages, offers
 from bench.model.shipped import find_shipped
+from bench.model.systems import systems
 from bench.plan import load_station
 from bench.plan.check_station import check_station
 from bench.plan.findings import Findings
@@ -22,17 +25,18 @@ from bench.session.output import writing
 
 
 def doctor(station: str | None, out: Path, bundle: Path | None, as_json: bool) -> int:
-    """Look at the machine, and at a station file; write a bundle for whoever is to help, if asked.
+    """Look at what is installed, at the machine and at a station file; write a bundle for whoever is to help, if asked.
 
     The bundle holds what was found, versions and the station file; no session, no environment, no name of a user.
-    Raises: InputError B-RUN-080 if something keeps every run from starting.
+    Raises: InstallationError B-PKG-001 to -004 first of all; InputError B-RUN-080 if something keeps every run from
+            starting.
     """
     path = None if station is None else find_shipped("stations", station)
+    installed = _installed()
     found = examine_machine(Surroundings(clock=WallClock(), out=out))
-    if path is not None:
-        found = Report((*_of_station(path), *found.findings))
+    found = Report((*installed, *([] if path is None else _of_station(path)), *found.findings))
     system = {"system": platform.system(), "release": platform.release(), "machine": platform.machine()}
-    document = {"machine": system, "software": software(), "findings": found.fields()}
+    document = {"machine": system, "software": software(), "installed": _offers(), "findings": found.fields()}
     if bundle is not None:
         with writing(bundle), zipfile.ZipFile(bundle, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr("doctor.json", json.dumps(document, indent=1) + "\n")
@@ -47,6 +51,21 @@ def doctor(station: str | None, out: Path, bundle: Path | None, as_json: bool) -
     if (refusal := found.refusal()) is not None:
         raise refusal
     return ExitStatus.PASS
+
+
+def _installed() -> list[Finding]:
+    """Return a line for each distribution that brought systems, worlds or drivers; every declaration is read."""
+    driver_packages()
+    systems()
+    lines: dict[str, list[str]] = {}
+    for kind in KINDS:
+        for offer in offers(kind).values():
+            lines.setdefault(f"{kind} of {offer.release}", []).append(offer.name)
+    return [Finding(kind, Status.OK, ", ".join(names), "read") for kind, names in lines.items()]
+
+
+def _offers() -> list[dict[str, str]]:
+    return [asdict(offer) for kind in KINDS for offer in offers(kind).values()]
 
 
 def _of_station(path: Path) -> list[Finding]:

@@ -140,5 +140,5 @@ def _manifest(document: Document[LogMapping], name: str, file: Path, found: Surv
             "overload_rows": counts.overload_rows,
             "bad_rows": counts.bad_rows,
         },
-        "software": software(),
+        "software": software(mapping.analysis),
     }

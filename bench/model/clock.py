@@ -6,7 +6,6 @@ durations come from the monotonic clock in nanoseconds; UTC is a label recorded 
 
 from __future__ import annotations
 
-import asyncio
 import math
 import threading
 import time
@@ -207,4 +206,6 @@ class WallClock:
 
 async def pause(seconds: float) -> None:
     """Let other tasks of an event loop go on for a while; real time, for whoever serves people and no run."""
+    import asyncio  # not at the top: no command line but those that serve people needs it
+
     await asyncio.sleep(max(0.0, seconds))

@@ -43,7 +43,7 @@ Name = Annotated[str, StringConstraints(pattern=f"^{NAME_PATTERN}$")]
 class StrictModel(BaseModel):
     """Base of all YAML schemas: unknown keys are errors, instances are frozen."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, defer_build=True)
 
 
 @dataclass(frozen=True)
@@ -62,10 +62,13 @@ class Document(Generic[ModelT]):
     text: str
     name: str
     marks: dict[Path_, Mark] = field(repr=False)
+    _places: dict[Path_, str] = field(default_factory=dict, repr=False, compare=False)
 
     def where(self, path: Path_ = ()) -> str:
         """``file:line:column`` of the value at ``path``, or of its nearest parent that stands in the file."""
-        return _where(self.name, self.marks, path)
+        if path not in self._places:  # a loop asks for the same place at every turn
+            self._places[path] = _where(self.name, self.marks, path)
+        return self._places[path]
 
 
 def load_yaml(path: Path, schema: type[ModelT]) -> Document[ModelT]:

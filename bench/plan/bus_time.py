@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import lru_cache
 
 from bench.model.errors import InputError
 from bench.model.ports import Action
@@ -20,9 +21,14 @@ def declared_action(station: Station, role: str, name: str) -> Action | None:
     """Declaration of ``role.name``, or None if the station or the driver has no such thing."""
     entry = station.instruments.get(role)
     try:
-        return None if entry is None else driver_actions(entry.driver).get(name)
+        return None if entry is None else _declared(entry.driver, name)
     except InputError:
         return None
+
+
+@lru_cache(maxsize=1024)
+def _declared(driver: str, name: str) -> Action | None:
+    return driver_actions(driver).get(name)
 
 
 def bus_s(step: Step, station: Station) -> float:

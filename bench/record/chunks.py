@@ -7,7 +7,6 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from bench.record import layout
 from bench.record import mcap_format as mcap
 from bench.record.layout import Message
 from bench.record.scan import SegmentScan, Span
@@ -120,8 +119,3 @@ def _channels_in_front(records: bytes) -> Iterator[tuple[int, str]]:
             yield channel_of(records[begin:at])
         except (ValueError, struct.error):
             continue
-
-
-def segments_of(folder: Path) -> list[Path]:
-    """Segments of a session, in order."""
-    return sorted(path for path in folder.glob("session.*.mcap") if layout.SEGMENT_NAME.fullmatch(path.name))

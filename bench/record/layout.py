@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 import struct
 import zlib
 from collections.abc import Mapping
@@ -29,7 +28,6 @@ EVENT = "/event"
 CLOCK = "/clock"
 CHAIN = "/chain"
 CHAIN_START = bytes(32)
-SEGMENT_NAME = re.compile(r"session\.(\d{4})\.mcap")
 
 _PREFIXES = (LINK, INSTRUMENT, TEXT)
 _EXACT = frozenset({MANIFEST, EVENT, CLOCK, CHAIN})

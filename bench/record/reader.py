@@ -7,7 +7,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from bench.model.errors import InputError, SessionDamaged
+from bench.model.errors import SessionDamaged
+from bench.model.segments import session_segments
 from bench.record import layout
 from bench.record.layout import Message
 from bench.record.scan import Damage
@@ -30,15 +31,7 @@ class SessionReader:
         self.folder = folder
         self._strict = strict
         self._walk: Walk | None = None
-        found = folder.glob("session.*.mcap")
-        self.segments = sorted(path for path in found if layout.SEGMENT_NAME.fullmatch(path.name))
-        if not self.segments:
-            raise InputError(
-                "B-REC-010",
-                "holds no segment (session.0001.mcap ...)",
-                where=str(folder),
-                next_step="name the folder of a recorded session",
-            )
+        self.segments = session_segments(folder)
 
     def messages(self, topics: frozenset[str] | None = None) -> Iterator[Message]:
         """Every message in the order of recording, or those of ``topics`` (a topic ending in "/" means all below it).

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from bench.record.chunks import segments_of
+from bench.model.segments import segment_files
 from bench.record.trend_format import FOLDER, HEAD, read_head
 from bench.record.trend_reader import TrendReader, TrendWindow
 from bench.record.writer import OPEN_MARKER
@@ -47,6 +47,6 @@ def needs_build(folder: Path, trend: Path) -> bool:
         return False
     if read_head(trend / FOLDER) is None:
         return True
-    newest_s = max((path.stat().st_mtime for path in segments_of(folder)), default=0.0)
+    newest_s = max((path.stat().st_mtime for path in segment_files(folder)), default=0.0)
     patience_s = STALE_S if (folder / OPEN_MARKER).exists() else 0.0
     return newest_s - (trend / FOLDER / HEAD).stat().st_mtime > patience_s

@@ -9,8 +9,9 @@ from itertools import islice
 from pathlib import Path
 
 from bench.model.clock import NS
+from bench.model.segments import segment_files
 from bench.record import layout
-from bench.record.chunks import ChunkPlace, SegmentChunks, segments_of
+from bench.record.chunks import ChunkPlace, SegmentChunks
 from bench.record.trend_format import FOLDER, read_head
 from bench.replay.windows import RESUME
 
@@ -35,7 +36,7 @@ def stretches(folder: Path, trend: Path, t0_utc_s: float, t1_utc_s: float, margi
     """
     head = read_head(trend / FOLDER)
     known = () if head is None else head.offsets_ns
-    segments = segments_of(folder)
+    segments = segment_files(folder)
     starts = [_first_chunk(path) for path in segments]
     part, offset_ns = -1, 0
     for index, (path, start) in enumerate(zip(segments, starts, strict=True)):

@@ -33,7 +33,7 @@ def level_errors(model: ReportModel) -> list[tuple[Residual, float]]:
     """Scale-factor error of every level in ppm: that of the fit and what the level alone says beyond it.
 
     A level with N (positive current) says ``dsf_n + residual``, one with P ``dsf_p - residual``: in the model of
-    bench.systems.af_converter.estimators.scale_factor the residual of a negative current counts the other way.
+    the scale-factor fit the residual of a negative current counts the other way.
     """
     fitted = {
         (quantity, row["conditions"]["channel"], row["conditions"].get("temperature_degC")): float(row["value"])

@@ -5,11 +5,14 @@ from __future__ import annotations
 import platform
 import subprocess
 import tomllib
+from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import bench
+from bench.model.installed import package_of_driver
+from bench.model.systems import analyses
 
 DISTRIBUTION = "inertial-bench"
 PACKAGES = (
@@ -26,15 +29,26 @@ PACKAGES = (
 )
 
 
-def software() -> dict[str, Any]:
-    """Versions of everything a number depends on, and the revision of the source if it is a checkout."""
+def software(analysis: str = "", drivers: Iterable[str] = ()) -> dict[str, Any]:
+    """Return versions of everything a number depends on, and the revision of the source if it is a checkout.
+
+    ``distributions``: by package, what brought the system of the analysis and the drivers.
+    """
     versions = {}
     for package in PACKAGES:
         try:
             versions[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
             versions[package] = "not installed as a package"
-    return {"packages": versions, "python": platform.python_version(), "git": _revision()}
+    found = {"packages": versions, "python": platform.python_version(), "git": _revision()}
+    return {**found, "distributions": _distributions(analysis, drivers)}
+
+
+def _distributions(analysis: str, drivers: Iterable[str]) -> dict[str, str]:
+    offers = [analyses()[analysis][2]] if analysis in analyses() else []
+    packages = [package_of_driver(driver) for driver in sorted(drivers)]
+    offers += [package.offer for package in packages if package is not None]
+    return {offer.package: offer.release for offer in offers}
 
 
 def _revision() -> str:

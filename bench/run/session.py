@@ -103,7 +103,7 @@ def manifest_of(
             "records": plan.record_count,
             "steps": len(plan.steps),
         },
-        "software": software(),
+        "software": software(str(plan.campaign["analysis"]), {entry.driver for entry in station.instruments.values()}),
     }
 
 

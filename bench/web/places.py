@@ -10,7 +10,7 @@ import re
 import stat
 from pathlib import Path
 
-from bench.record.layout import SEGMENT_NAME
+from bench.model.segments import SEGMENT_NAME
 
 RUN_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,199}")  # no leading dot, so neither "." nor ".."
 

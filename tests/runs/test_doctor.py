@@ -8,6 +8,8 @@ from pathlib import Path
 
 from rehearsal import bench
 
+from bench import __version__
+
 STATION = "stations/af_bench_sim.yaml"
 
 
@@ -16,7 +18,12 @@ def test_the_machine_and_a_station(tmp_path: Path) -> None:
     assert (done.returncode, done.stderr) == (0, "")
     document = json.loads(done.stdout)
     found = {row["name"]: row for row in document["findings"]["findings"]}
-    assert list(found) == ["station file", "clock", "suspend", "mains", "memory, files", "versions"]
+    installed = [f"{kind} of inertial-bench {__version__}" for kind in ("systems", "worlds", "instruments")]
+    assert list(found) == [*installed, "station file", "clock", "suspend", "mains", "memory, files", "versions"]
+    named = [(offer["kind"], offer["name"], offer["package"]) for offer in document["installed"]]
+    assert ("systems", "north", "bench.systems.north") in named
+    assert ("worlds", "fog_north", "sim_instruments.worlds.north") in named
+    assert named[-1] == ("instruments", "inertial-bench", "instruments")
     assert found["station file"]["value"] == "10 instruments, 2 links"
     assert document["software"]["packages"]["numpy"]
     with zipfile.ZipFile(tmp_path / "bundle.zip") as archive:

@@ -6,7 +6,7 @@ done twice, whichever of the two frames was lost. A refusal and a status other t
 again because of them.
 
 The first command of a run is preceded by an ``identify`` whose answer counts for nothing. The number that the unit has
-answered last is not known then; behind it, it is, and the next one differs (docs/gnc-module.md, "Commands of a run").
+answered last is not known then; behind it, it is, and the next one differs.
 """
 
 from __future__ import annotations

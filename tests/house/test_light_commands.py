@@ -1,0 +1,49 @@
+"""A command loads what it needs: a mistyped name costs no numpy, a check no fit, and no analysis but the one named."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+LOOK = """
+import contextlib, io, json, sys
+from bench import cli
+sys.argv = ["bench", *sys.argv[1:]]
+with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+    try:
+        cli.main()
+    except SystemExit as ended:
+        status = ended.code
+print(json.dumps([int(status), sorted(sys.modules)]))
+"""
+OF_FITS = {"scipy", "matplotlib", "bokeh", "sqlalchemy", "starlette", "uvicorn", "textual", "jinja2", "GTC"}
+OF_FILES = {"numpy", "yaml", "pyvisa", "lz4"}
+ROOMS = ("bench.analysis", "bench.session", "bench.report", "bench.run", "bench.store")
+
+
+def loaded_by(*words: str) -> tuple[int, set[str]]:
+    """Exit status of a command, and all modules that it loaded."""
+    done = subprocess.run([sys.executable, "-c", LOOK, *words], capture_output=True, text=True, check=True)
+    status, modules = json.loads(done.stdout)
+    return status, set(modules)
+
+
+@pytest.mark.parametrize("command", ["run", "replay", "fit", "report"])
+def test_a_name_that_is_none_costs_nothing(command: str) -> None:
+    status, modules = loaded_by(command, "nosuch")
+    assert status == 2
+    assert modules & (OF_FITS | OF_FILES) == set()
+    assert [name for name in modules if name.startswith((*ROOMS, "bench.systems", "bench.plan"))] == []
+
+
+def test_a_check_loads_declarations_and_no_analysis() -> None:
+    status, modules = loaded_by("check", "timeline_example")
+    assert status == 0
+    assert modules & OF_FITS == set()
+    assert "asyncio" not in modules
+    systems = {name for name in modules if name.startswith("bench.systems.") and name.count(".") > 2}
+    assert {name.rpartition(".")[2] for name in systems} <= {"declaration", "sections", "log_sections"}
+    assert [name for name in modules if name.startswith(("bench.analysis.", "bench.report.", "bench.store."))] == []

@@ -1,0 +1,44 @@
+"""The engine runs any bench: below the systems no identifier and no string says the name or a word of one."""
+
+from __future__ import annotations
+
+import re
+import tokenize
+from pathlib import Path
+
+import pytest
+from tree import TOP, name_of, python_files
+
+ROOMS = sorted(
+    path.name for path in (TOP / "bench").iterdir() if (path / "__init__.py").exists() and path.name != "systems"
+)
+WORDS = (
+    "af_converter", "ngu",
+    "gnc", "gnc_module", "imu",
+    "fog", "fog_north", "north_finder",
+    "rlg", "lock_in", "ring_laser",
+    "time_sync", "egi", "sar",
+)  # fmt: skip
+NAMED = re.compile(rf"(?<![A-Za-z0-9])(?:{'|'.join(WORDS)})(?![A-Za-z0-9])", re.IGNORECASE)
+
+
+def words_of(path: Path) -> list[str]:
+    """Identifiers and strings of a file that say a word of a system, with their lines; comments are not looked at."""
+    with path.open("rb") as stream:
+        tokens = [
+            token for token in tokenize.tokenize(stream.readline) if token.type in (tokenize.NAME, tokenize.STRING)
+        ]
+    hits = [(token.start[0], NAMED.search(token.string)) for token in tokens]
+    return [f"{name_of(path)}:{line} {hit[0]}" for line, hit in hits if hit is not None]
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_no_room_of_the_engine_names_a_system(room: str) -> None:
+    assert [word for path in python_files(f"bench/{room}") for word in words_of(path)] == []
+
+
+def test_a_word_in_a_name_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("test_no_system_is_named.name_of", lambda path: path.name)
+    path = tmp_path / "sample.py"
+    path.write_text("limits_of_gnc = {'fog_north': 1}\nsarcasm = 'longitude'\n")
+    assert words_of(path) == ["sample.py:1 gnc", "sample.py:1 fog"]
