@@ -10,16 +10,22 @@ BASE ?= 8ff4cd9
 # One thread for the linear algebra, as `bench` itself sets it: small matrices, results that do not depend on the cores.
 export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1
+# Hundreds of processes are started by the tests: they read compiled modules, whatever the machine says.
+export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test sweep faults soak compare validate bench lint wheel lock
+.PHONY: demo test mutants sweep faults soak compare pictures validate bench lint wheel lock
 
 demo: $(VENV)/.run
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
 	@echo "Report: $$(ls -t $(OUT)/*/report.html | head -n 1)"
 
-# Three workers on two cores: many tests wait for real time, of terminals, browsers and killed processes.
+# Four workers on two cores: two begin with the tests that wait for real time, of terminals, browsers and killed
+# processes, two with those that compute (tests/support/two_ends.py).
 test: $(VENV)/.dev
-	$(PY) -m pytest -n 3 -m "not sweep"
+	$(PY) -m pytest -n 4 --dist loadfile -m "not sweep"
+
+mutants: $(VENV)/.dev
+	$(PY) tests/mutants/run.py
 
 sweep: $(VENV)/.dev
 	$(PY) -m pytest -n 2 -m sweep
@@ -33,6 +39,10 @@ soak: $(VENV)/.dev
 # Every analysis in an earlier revision and in this one, side by side (docs/history.md).
 compare: $(VENV)/.dev
 	$(PY) tests/comparison --base $(BASE)
+
+# The pictures of the README, from a real run; needs Chromium.
+pictures: $(VENV)/.dev
+	PYTHONPATH=tests/support/page $(PY) docs/pictures/draw.py
 
 validate: $(VENV)/.dev
 	PYTHONPATH=tests $(PY) -m pytest -q -p validation_record --validation-record docs/validation.md

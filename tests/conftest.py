@@ -1,56 +1,54 @@
-"""One short campaign for all system tests, and a way to run a plan and reach the simulated world."""
+"""Campaigns for all system tests, recorded once per test run, and a way to run a plan and reach the simulated world."""
 
 from __future__ import annotations
 
+import functools
+import json
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
-from crashes import Crashes, crashed_everywhere
-from rehearsal import SEED, Act, Rehearsal, Watched, run_short
-
-from bench.model.clock import VirtualClock
-from bench.plan import Plan
-from bench.run.control.operator import SimulatedOperator
-from bench.run.session import conduct
-from sim_instruments.worlds import simulation
-from sim_instruments.worlds.common.world import World
+from crashes import Crashes, crashed_everywhere, crashes_in
+from recorded import recorded
+from rehearsal import NAME, SAID, Inside, Rehearsal, main_of, record_ramp, record_short, rehearsed
 
 
 @pytest.fixture(scope="session")
 def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
-    return run_short(tmp_path_factory.mktemp("short"))
+    """Return the folder of the short campaign and what the command said; for reading only."""
+    folder = recorded(tmp_path_factory, "short", record_short)
+    return folder / NAME, subprocess.CompletedProcess(**json.loads((folder / SAID).read_text()))
+
+
+@pytest.fixture(scope="session")
+def ramp(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of the short bias campaign; for reading only."""
+    out = recorded(tmp_path_factory, "ramp", record_ramp)
+    return next(path.parent for path in out.glob("*/results.json"))
 
 
 @pytest.fixture(scope="session")
 def crashes(tmp_path_factory: pytest.TempPathFactory) -> Crashes:
-    return crashed_everywhere(tmp_path_factory.mktemp("crashes"))
+    """Return the tiny campaign, copied at every place where it is killed; for reading only."""
+    return crashes_in(recorded(tmp_path_factory, "crashes", crashed_everywhere))
 
 
 @pytest.fixture
-def rehearse(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Rehearsal]:
+def inside(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Inside:
+    """Run ``bench`` in this process, which saves the start of an interpreter."""
+
+    def run(*words: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+        if cwd is not None:
+            monkeypatch.chdir(cwd)
+        status = main_of(monkeypatch, *words)
+        said = capsys.readouterr()
+        return subprocess.CompletedProcess(words, status, said.out, said.err)
+
+    return run
+
+
+@pytest.fixture
+def rehearse(tmp_path: Path) -> Callable[..., Rehearsal]:
     """Run a plan; ``arrange`` changes the world before anything is opened, ``act`` at each step."""
-
-    plain = simulation.open_world  # not what an earlier run of the same test has put there
-
-    def start(plan: Plan, arrange: Callable[[World], None] | None = None, act: Act | None = None) -> Rehearsal:
-        watched = Watched(act or (lambda world, step: None))
-
-        def open_world(*words: Any, **options: Any) -> World:
-            world = plain(*words, **options)
-            watched.worlds.append(world)
-            if arrange is not None:
-                arrange(world)
-            return world
-
-        monkeypatch.setattr(simulation, "open_world", open_world)
-        kinds = ("retake", "error", "end", "safe", "late", "slip", "record", "reading")
-        run = conduct(
-            plan, clock=VirtualClock(), seed=SEED, out=tmp_path / "out", operator=SimulatedOperator(), listener=watched,
-            keep_events=kinds,
-        )  # fmt: skip
-        return Rehearsal(run, watched)
-
-    return start
+    return functools.partial(rehearsed, tmp_path / "out")

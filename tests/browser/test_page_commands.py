@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import pytest
 from browser_rig import PageServer, until, visiting
 from playwright.sync_api import Browser, Page
 from shown_run import ShownRun, now_utc_s
+
+pytestmark = pytest.mark.waits
 
 FOCUS = "() => [document.activeElement].map((one) => one.id || one.className || one.tagName)[0]"
 MOST_TABS = 200

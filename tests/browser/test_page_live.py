@@ -14,6 +14,8 @@ from matplotlib.image import imread
 from playwright.sync_api import Browser, Page
 from shown_run import GYROS, ShownRun, now_utc_s
 
+pytestmark = pytest.mark.waits
+
 FIRST_POINTS_S = 2.0
 RESUMED_MS = 10_000
 ATTEMPTS = 3  # another process of the machine may be in the way once

@@ -12,6 +12,8 @@ import pytest
 from browser_rig import PageServer, until, visiting
 from playwright.sync_api import Browser, Page
 
+pytestmark = pytest.mark.waits
+
 ZOOM_MS = 300
 FIRST_PLOT_MS = 2000
 ATTEMPTS = 3  # another process of the machine may be in the way once

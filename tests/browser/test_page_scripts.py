@@ -10,6 +10,8 @@ import pytest
 from browser_rig import PageServer, Visitor, visiting
 from playwright.sync_api import Browser
 
+pytestmark = pytest.mark.waits
+
 # RFC 7386, appendix A: original, patch, result.
 RFC_7386: list[tuple[Any, Any, Any]] = [
     ({"a": "b"}, {"a": "c"}, {"a": "c"}),

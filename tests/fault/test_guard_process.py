@@ -22,6 +22,8 @@ from bench.model.errors import RunError
 from bench.plan import load_station
 from bench.run.bench.drill import drill, latest_drill
 
+pytestmark = pytest.mark.waits
+
 SEQUENCE = """\
 sequence: stimulus
 station: af_bench_sim

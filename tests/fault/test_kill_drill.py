@@ -27,6 +27,8 @@ from kill_drill import (
 )
 from served import SAFE_S, Served
 
+pytestmark = pytest.mark.waits
+
 SEED = 20
 BENCHES = 3
 KILLS = 100

@@ -23,6 +23,8 @@ from bench.run.guard.lock import bench_lock
 from bench.run.session import conduct
 from sim_instruments.worlds import simulation
 
+pytestmark = pytest.mark.waits
+
 CYCLES = 1000
 SHORT = 60
 SERVED = 40

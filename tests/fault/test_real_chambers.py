@@ -18,7 +18,7 @@ from bench.run.steps.soak import Stability
 
 FOLDER = Path(os.environ.get("BENCH_REAL_DATA", ROOT.parent / "shared" / "data")) / "tckit"
 FILES = sorted(FOLDER.glob("*tcsweep_1vdc*.dsv"))
-pytestmark = [pytest.mark.real, pytest.mark.skipif(not FILES, reason=f"no recording in {FOLDER}")]
+pytestmark = [pytest.mark.waits, pytest.mark.real, pytest.mark.skipif(not FILES, reason=f"no recording in {FOLDER}")]
 
 HOUR_S = 3600.0
 HOLD_h = (23.0, 23.8)  # the set-point of the file stands still

@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 from served import SAFE_S, Controller, Served
 
+pytestmark = pytest.mark.waits
+
 SEQUENCE = """\
 sequence: spinning
 station: gnc_bench_sim

@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from served import SAFE_S, Controller, Served
 
+pytestmark = pytest.mark.waits
+
 SEQUENCE = """\
 sequence: streaming
 station: rlg_bench_sim

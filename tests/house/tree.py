@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import functools
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,8 +12,7 @@ TOP = Path(__file__).resolve().parents[2]
 PRODUCT = ("bench", "instruments", "sim_instruments")
 PACKAGES = (*PRODUCT, "benchmarks")
 TEXT_SUFFIXES = {".py", ".yaml", ".md", ".toml", ".txt", ".in", ".j2", ".css", ".json", ".hex", ""}
-_SKIP = {".git", "__pycache__", "build", "dist", "sessions", ".ruff_cache", ".mypy_cache", ".pytest_cache"}
-_SKIP |= {".hypothesis", ".import_linter_cache"}
+_SKIP = {"__pycache__", "build", "dist", "sessions"}
 
 
 def python_files(*folders: str) -> list[Path]:
@@ -51,11 +51,12 @@ def imported(tree: ast.Module) -> Iterator[str]:
 
 
 def text_files() -> Iterator[Path]:
-    """Every text file that belongs to the repository, wherever it lies."""
-    for path in sorted(TOP.rglob("*")):
-        parts = path.relative_to(TOP).parts
-        hidden = any(part.startswith(".") and part != ".ci" for part in parts[:-1]) or parts[0].startswith(".venv")
-        if hidden or _SKIP & set(parts) or any(part.endswith(".egg-info") for part in parts):
-            continue
-        if path.is_file() and path.suffix in TEXT_SUFFIXES:
-            yield path
+    """Yield every text file that belongs to the repository, wherever it lies; what a build leaves is not entered."""
+    for place, folders, names in os.walk(TOP):
+        folders[:] = sorted(name for name in folders if name == ".ci" or not (name[0] == "." or _is_left_out(name)))
+        paths = (Path(place, name) for name in sorted(names) if name != ".git")  # a file in a tree beside the first
+        yield from (path for path in paths if path.suffix in TEXT_SUFFIXES and path.is_file())
+
+
+def _is_left_out(folder: str) -> bool:
+    return folder in _SKIP or folder.endswith(".egg-info")

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from calibrator_trip import trip_calibrator
-from rehearsal import SEED, Rehearsal, tiny_plan
+from rehearsal import SEED, Rehearsal, SOAK_s, tiny_plan
 
 from bench.analysis.material import Material
 from bench.analysis.registry import analyse
@@ -248,7 +248,7 @@ def test_a_chamber_that_never_settles_is_held_for_and_then_given_up(tmp_path: Pa
     (late,) = found.events("late")
     assert late["policy"] == "hold"
     assert found.run.outcome.rows == []
-    assert found.run.outcome.slip_s == pytest.approx(3600.0)
+    assert found.run.outcome.slip_s == pytest.approx(SOAK_s)
     assert_safe(found.world)
 
 

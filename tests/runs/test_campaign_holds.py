@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rehearsal import SEED, tiny_plan
+from rehearsal import SEED, SOAK_s, tiny_plan
 
 from bench.commands.run import view_of
 from bench.model.clock import VirtualClock
@@ -102,7 +102,7 @@ def random_moments(seed: int, length_s: float, count: int, kinds: list[str]) -> 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.sweep) for seed in range(2, 12))])
 def test_a_scale_factor_campaign_with_holds(tmp_path: Path, seed: int) -> None:
     plan = tiny_plan(tmp_path)
-    campaign_s = plan.prepare_s + 3600.0  # the soak before it takes an hour
+    campaign_s = plan.prepare_s + SOAK_s
     moments = random_moments(seed, 450.0, 6, ["hold", "retake"])
     moments = [(campaign_s + at_s, length_s, kind) for at_s, length_s, kind in moments]
     print(f"seed {seed}: {moments}")
@@ -124,7 +124,7 @@ def test_nothing_trips_in_an_undisturbed_campaign_and_a_skipped_point_is_missing
     tmp_path: Path,
 ) -> None:
     plan = tiny_plan(tmp_path)
-    run = disturbed(plan, tmp_path, [(plan.prepare_s + 3600.0 + 100.0, 0.0, "skip")])
+    run = disturbed(plan, tmp_path, [(plan.prepare_s + SOAK_s + 100.0, 0.0, "skip")])
     assert run.outcome.error is None
     assert [event for event in run.events if event[0] in ("interlock", "alarm", "hold")] == []
     assert len(run.outcome.rows) == 14

@@ -35,7 +35,7 @@ def small_plan(folder: Path) -> Plan:
     tiny_plan(folder)
     text = (folder / "tiny.yaml").read_text().replace("in: [25 degC]", "in: [23 degC, 25 degC]")
     path = folder / "small.yaml"
-    path.write_text(text.replace("sequence: tiny", "sequence: small").replace("duration: 4050 s\nrecords: 15\n", ""))
+    path.write_text(text.replace("sequence: tiny", "sequence: small").replace("duration: 2250 s\nrecords: 15\n", ""))
     return compile_sequence(path, None, SETTINGS)
 
 

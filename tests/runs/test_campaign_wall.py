@@ -13,6 +13,8 @@ from bench.replay import replay_rows
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct
 
+pytestmark = pytest.mark.waits
+
 SEQUENCE = """\
 sequence: wall
 station: af_bench_sim

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from decimal import Decimal
@@ -16,7 +15,8 @@ import pytest
 from dcc_checker import problems, xsd
 from dcc_sample import EXAMPLE, expected, read_certificate
 from import_sample import RAMP, ramp_rows, write_ramp
-from rehearsal import bench
+from recorded import writable_copy
+from rehearsal import Inside, bench
 
 from bench.commands import certificate as command
 from bench.commands.certificate import Request, certificate
@@ -37,7 +37,7 @@ TOKENS = {
 @pytest.fixture
 def session(short: Short, tmp_path: Path) -> Path:
     """A copy of the short campaign."""
-    return Path(shutil.copytree(short[0], tmp_path / short[0].name))
+    return writable_copy(short[0], tmp_path / short[0].name)
 
 
 def request(session: Path, **more: Any) -> Request:
@@ -62,8 +62,8 @@ def every_estimate_is_in(xml: bytes, folder: Path) -> int:
     return len(found)
 
 
-def test_a_specimen_of_a_simulated_session(session: Path) -> None:
-    done = bench("certificate", str(session), "--specimen")
+def test_a_specimen_of_a_simulated_session(session: Path, inside: Inside) -> None:
+    done = inside("certificate", str(session), "--specimen")
     assert (done.returncode, done.stderr) == (0, "")
     assert "certificate.specimen.xml" in done.stdout
     xml = (session / "certificate.specimen.xml").read_bytes()

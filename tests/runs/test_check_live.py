@@ -17,6 +17,8 @@ from bench.plan import load_station
 from bench.run.bench.served_world import ask
 from bench.run.guard.lock import BenchLock, bus_keys
 
+pytestmark = pytest.mark.waits
+
 Row = dict[str, str]
 
 

@@ -4,30 +4,27 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
 from subprocess import CompletedProcess
 from typing import Any
 
 import pytest
-from rehearsal import ROOT, bench
+from recorded import writable_copy
+from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, bench, main_of
 
 import bench.commands.run as run_command
 import bench.session.finish as finish_command
-from bench import cli
 from bench.commands import conducting
 from bench.model.errors import ExitStatus
 from bench.session.service import read_view
 from bench.session.view import analyse_view
 
 Short = tuple[Path, CompletedProcess[str]]
-Inside = Callable[..., CompletedProcess[str]]
 
 
 def refused(done: CompletedProcess[str], status: int, code: str) -> str:
@@ -37,28 +34,6 @@ def refused(done: CompletedProcess[str], status: int, code: str) -> str:
     lines = [line for line in done.stderr.splitlines() if line.startswith("error B-")]
     assert [line for line in lines if line.startswith(f"error {code}: ")], done.stderr
     return next(line for line in lines if code in line)
-
-
-def main_of(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
-    """Run the command in this process and return its exit status."""
-    monkeypatch.setattr(sys, "argv", ["bench", *words])
-    with pytest.raises(SystemExit) as caught:
-        cli.main()
-    return int(caught.value.code or 0)
-
-
-@pytest.fixture
-def inside(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., CompletedProcess[str]]:
-    """Like ``bench``, but in this process: no start of an interpreter."""
-
-    def run(*words: str, cwd: Path | None = None) -> CompletedProcess[str]:
-        if cwd is not None:
-            monkeypatch.chdir(cwd)
-        status = main_of(monkeypatch, *words)
-        said = capsys.readouterr()
-        return CompletedProcess(words, status, said.out, said.err)
-
-    return run
 
 
 def sequence(folder: Path, *changes: tuple[str, str]) -> Path:
@@ -74,8 +49,8 @@ def sequence(folder: Path, *changes: tuple[str, str]) -> Path:
 # --- 0 and 1 -------------------------------------------------------------------------------------------------------
 
 
-def test_0_a_sequence_without_analysis(tmp_path: Path) -> None:
-    done = bench("run", "timeline_example", "--out", str(tmp_path))
+def test_0_a_sequence_without_analysis(tmp_path: Path, inside: Inside) -> None:
+    done = inside("run", "timeline_example", "--out", str(tmp_path))
     assert done.returncode == 0
     assert "1 records in" in done.stdout
     assert done.stdout.count("\n") == len(done.stdout.splitlines())
@@ -158,9 +133,9 @@ def test_2_a_session_that_asks_for_no_analysis(tmp_path: Path, inside: Inside) -
 # --- 3 -------------------------------------------------------------------------------------------------------------
 
 
-def test_3_the_unit_refuses_a_command(tmp_path: Path) -> None:
+def test_3_the_unit_refuses_a_command(tmp_path: Path, inside: Inside) -> None:
     path = sequence(tmp_path, ("code: 2,", "code: 99,"))
-    done = bench("run", str(path), "--out", str(tmp_path / "out"))
+    done = inside("run", str(path), "--out", str(tmp_path / "out"))
     assert "status 1" in refused(done, 3, "B-RUN-023")
     assert "The bench is safe; 0 of 1 records" in done.stdout
 
@@ -252,8 +227,7 @@ def test_2_an_address_of_the_history_that_is_none_is_refused_before_the_run(tmp_
 
 
 def test_5_numbers_that_differ(short: Short, tmp_path: Path, inside: Inside) -> None:
-    copy = tmp_path / "copy"
-    shutil.copytree(short[0], copy)
+    copy = writable_copy(short[0], tmp_path / "copy")
     stored = json.loads((copy / "results.json").read_text())
     stored["estimates"][0]["value"] += 1e-9
     (copy / "results.json").write_text(json.dumps(stored))
@@ -271,8 +245,7 @@ def test_5_numbers_that_differ(short: Short, tmp_path: Path, inside: Inside) -> 
 
 
 def test_5_a_damaged_session(short: Short, tmp_path: Path, inside: Inside) -> None:
-    copy = tmp_path / "copy"
-    shutil.copytree(short[0], copy)
+    copy = writable_copy(short[0], tmp_path / "copy")
     segment = copy / "session.0002.mcap"
     raw = bytearray(segment.read_bytes())
     raw[len(raw) // 2] ^= 1
@@ -322,7 +295,7 @@ def test_json_is_one_document_and_nothing_else(short: Short, tmp_path: Path, ins
     raw.write_bytes(b"\xeb\x90 noise")
     for words in (
         ["check", "scale_factor_short"], ["fit", session], ["replay", session], ["recover", session],
-        ["decode", "ngu_a", str(raw)], ["run", "scale_factor_short", "--out", str(tmp_path / "out")],
+        ["decode", "ngu_a", str(raw)], ["run", GOLDEN_SEQUENCE, "--out", str(tmp_path / "out")],
     ):  # fmt: skip
         done = inside(*words, "--json")
         assert done.returncode == 0, done.stderr
@@ -330,9 +303,9 @@ def test_json_is_one_document_and_nothing_else(short: Short, tmp_path: Path, ins
         assert "Traceback" not in done.stderr
 
 
-def test_json_of_a_run_that_failed_is_no_document(tmp_path: Path) -> None:
+def test_json_of_a_run_that_failed_is_no_document(tmp_path: Path, inside: Inside) -> None:
     path = sequence(tmp_path, ("code: 2,", "code: 99,"))
-    done = bench("run", str(path), "--out", str(tmp_path / "out"), "--json")
+    done = inside("run", str(path), "--out", str(tmp_path / "out"), "--json")
     refused(done, 3, "B-RUN-023")
     assert done.stdout == ""
 

@@ -17,6 +17,8 @@ from bench.model.clock import WallClock
 from bench.model.errors import BenchError
 from bench.record import SessionReader
 
+pytestmark = pytest.mark.waits
+
 WAIT_S = 120.0
 CLOCK = WallClock()
 

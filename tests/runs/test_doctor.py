@@ -1,4 +1,4 @@
-"""``bench doctor`` as a process of its own."""
+"""``bench doctor`` from the command line, as a process of its own and in this one."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 import zipfile
 from pathlib import Path
 
-from rehearsal import bench
+from rehearsal import Inside, bench
 
 from bench import __version__
 
@@ -32,17 +32,17 @@ def test_the_machine_and_a_station(tmp_path: Path) -> None:
         assert archive.read("af_bench_sim.yaml").startswith(b"#")
 
 
-def test_a_station_with_mistakes_is_an_error(tmp_path: Path) -> None:
+def test_a_station_with_mistakes_is_an_error(tmp_path: Path, inside: Inside) -> None:
     shipped = Path(__file__).resolve().parents[2] / STATION
     path = tmp_path / "station.yaml"
     path.write_text(shipped.read_text(encoding="utf-8").replace("GPIB0::4::INSTR", "nonsense"), encoding="utf-8")
-    done = bench("doctor", "--station", str(path))
+    done = inside("doctor", "--station", str(path))
     assert done.returncode == 2
     assert "B-PLAN-012" in done.stdout
     assert "B-RUN-080" in done.stderr
 
 
-def test_a_bundle_that_cannot_be_written(tmp_path: Path) -> None:
-    done = bench("doctor", "--bundle", str(tmp_path / "none" / "bundle.zip"))
+def test_a_bundle_that_cannot_be_written(tmp_path: Path, inside: Inside) -> None:
+    done = inside("doctor", "--bundle", str(tmp_path / "none" / "bundle.zip"))
     assert done.returncode == 2
     assert "B-CLI-007" in done.stderr

@@ -24,6 +24,8 @@ from bench.run.bench.opener import open_port
 from bench.run.links.port import PortLink
 from bench.run.steps.dispatch import EXECUTORS
 
+pytestmark = pytest.mark.waits
+
 SEED = 11
 DAMAGED = 0.05
 IN_LENGTH = 0.2  # of the damaged frames at least: the worst place

@@ -26,7 +26,7 @@ from bench.run.stop import StopSwitch
 
 SEED = 5
 UTC_S = 946_684_800.0
-LATE = (("slot: 3600 s", "slot: 1200 s"), ("duration: 4050 s", "duration: 1650 s"))  # too short to get warm
+LATE = (("slot: 1800 s", "slot: 1200 s"), ("duration: 2250 s", "duration: 1650 s"))  # too short to get warm
 
 
 class Crowd:

@@ -28,6 +28,8 @@ from bench.run.links.keeper import keep_links
 from bench.run.links.port import PortLink
 from bench.run.stop import StopSwitch
 
+pytestmark = pytest.mark.waits
+
 FRAMES = Path(__file__).resolve().parents[2] / "frames"
 DETECT_S = 1.0
 RESUME_S = 5.0

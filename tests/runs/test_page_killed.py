@@ -17,6 +17,8 @@ from rehearsal import NAME, SEED
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+pytestmark = pytest.mark.waits
+
 TRIES = 1_000
 
 

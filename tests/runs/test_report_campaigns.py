@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import pytest
 import report_boxes
-from rehearsal import NAME, SEED, bench
+from recorded import writable_copy
+from rehearsal import NAME, Inside
 
 from bench.report import Report
 from bench.session.service import read_view
@@ -16,14 +18,15 @@ FIGURES = {"scale_factor": 7, "bias_ramp": 8}
 
 
 @pytest.fixture(scope="module", params=["scale_factor", "bias_ramp"])
-def campaign(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
-    """Name and session folder of a campaign in its short form."""
-    if request.param == "scale_factor":
-        folder, _ = request.getfixturevalue("short")
-        return request.param, folder
-    out = tmp_path_factory.mktemp("ramp")
-    bench("run", "bias_ramp_short", "--seed", str(SEED), "--out", str(out))
-    return request.param, next(path.parent for path in out.glob("*/results.json"))
+def campaign(
+    request: pytest.FixtureRequest,
+    tmp_path_factory: pytest.TempPathFactory,
+    short: tuple[Path, CompletedProcess[str]],
+    ramp: Path,
+) -> tuple[str, Path]:
+    """Name and a copy of the session folder of a campaign in its short form."""
+    folder = short[0] if request.param == "scale_factor" else ramp
+    return request.param, writable_copy(folder, tmp_path_factory.mktemp(request.param) / folder.name)
 
 
 def drawn(folder: Path) -> Report:
@@ -41,10 +44,10 @@ def test_figures_are_legible_on_page_and_paper(campaign: tuple[str, Path], monke
 
 
 @pytest.mark.slow
-def test_page_and_paper_are_written_and_name_what_counts(campaign: tuple[str, Path]) -> None:
+def test_page_and_paper_are_written_and_name_what_counts(campaign: tuple[str, Path], inside: Inside) -> None:
     _, folder = campaign
     before = (folder / "report.html").read_bytes()
-    done = bench("report", str(folder), "--pdf")
+    done = inside("report", str(folder), "--pdf")
     assert done.returncode == 0, done.stderr
     assert (folder / "report.pdf").read_bytes().startswith(b"%PDF-")
     assert (folder / "report.html").read_bytes() == before  # the run and the session say the same

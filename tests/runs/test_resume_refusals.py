@@ -60,7 +60,7 @@ def test_another_plan_is_refused_and_the_same_one_is_not(crashes: Crashes, tmp_p
     (tmp_path / "other").mkdir()
     text = crashes.plan.texts["sequences/tiny.yaml"]
     other = tmp_path / "other.yaml"
-    other.write_text(text.replace("dwell: 10 s", "dwell: 8 s").replace("duration: 4050 s\n", ""))
+    other.write_text(text.replace("dwell: 10 s", "dwell: 8 s").replace("duration: 2250 s\n", ""))
     with pytest.raises(InputError, match="B-RES-005"):
         resume(folder, str(other), None, as_json=False)
     same = tmp_path / "same.yaml"

@@ -21,6 +21,8 @@ from bench.model.shipped import find_shipped
 from bench.plan import load_station
 from sim_instruments.worlds.simulation import open_world
 
+pytestmark = pytest.mark.waits
+
 
 @pytest.fixture(scope="module")
 def process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:

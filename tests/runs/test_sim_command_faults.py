@@ -17,6 +17,8 @@ from bench.frame import LinkDecoder, load_frame
 from bench.model.shipped import find_shipped
 from sim_instruments.worlds.simulation import possible_faults
 
+pytestmark = pytest.mark.waits
+
 
 @pytest.fixture(scope="module")
 def process(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:

@@ -23,6 +23,8 @@ from bench.run.session import Conducted, conduct
 from sim_instruments.worlds import simulation
 from sim_instruments.worlds.common.world import World
 
+pytestmark = pytest.mark.waits
+
 ROOT = Path(__file__).resolve().parents[2]
 SAFE_S = 5.0
 OFF = {"calibrator": "STBY", "switch": ":OPEN ALL", "supply": "OUTP OFF"}

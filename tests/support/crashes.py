@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from rehearsal import SEED, Rehearsal, Watched, tiny_plan
+from recorded import writable_copy
+from rehearsal import SEED, Watched, compiled, tiny_plan
 
 from bench.model.clock import NS, VirtualClock
 from bench.plan import Plan, Step
@@ -24,14 +25,15 @@ from sim_instruments.worlds.common.world import World
 
 @dataclass
 class Crashes:
-    """Copies of a session by the step that was about to begin, and the run that went on to its end."""
+    """Copies of a session by the step that was about to begin, and the session of the run that went on to its end."""
 
     plan: Plan
     folder: Path
-    whole: Rehearsal
+    whole: Path
 
     def at(self, number: int) -> Path:
-        return self.folder / f"step{number}" / self.whole.run.folder.name
+        """Return the session as it was when the step of this number was about to begin."""
+        return self.folder / f"step{number}" / self.whole.name
 
 
 def kinds(plan: Plan) -> dict[str, int]:
@@ -51,10 +53,16 @@ def kinds(plan: Plan) -> dict[str, int]:
     }
 
 
-def crashed_everywhere(folder: Path) -> Crashes:
-    """One run, copied at every place of ``kinds`` and then undisturbed to its end."""
+def crashed_everywhere(folder: Path) -> None:
+    """Record one run, copied at every place of ``kinds`` and then undisturbed to its end."""
     plan = tiny_plan(folder)
-    return crashed_at(plan, folder, set(kinds(plan).values()))
+    crashed_at(plan, folder, set(kinds(plan).values()))
+
+
+def crashes_in(folder: Path) -> Crashes:
+    """Return what ``crashed_everywhere`` left in a folder."""
+    (whole,) = (folder / "out").iterdir()
+    return Crashes(compiled(folder / "tiny.yaml"), folder, whole)
 
 
 def crashed_at(plan: Plan, folder: Path, places: set[int]) -> Crashes:
@@ -72,7 +80,7 @@ def crashed_at(plan: Plan, folder: Path, places: set[int]) -> Crashes:
             plan, clock=VirtualClock(), seed=SEED, out=folder / "out", operator=SimulatedOperator(), listener=watched
         )
     assert run.outcome.error is None
-    return Crashes(plan, folder, Rehearsal(run, watched))
+    return Crashes(plan, folder, run.folder)
 
 
 def watch_worlds(patch: pytest.MonkeyPatch, watched: Watched) -> None:
@@ -105,7 +113,7 @@ def nobody() -> Watched:
 def copied(crashes: Crashes, place: str, tmp_path: Path) -> Path:
     """A copy that a test may write into."""
     source = crashes.at(kinds(crashes.plan)[place])
-    return Path(shutil.copytree(source, tmp_path / source.name))
+    return writable_copy(source, tmp_path / source.name)
 
 
 def crash_of(plan: Plan, folder: Path, number: int) -> Path:

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,13 @@ class Served:
     def state(self) -> dict[str, Any]:
         return dict(ask(self.folder / "control.sock", ["state"])["state"])
 
+    def until(self, true: Callable[[dict[str, Any]], bool], what: str, limit_s: float = 20.0) -> None:
+        """Wait for something the state of the bench will say."""
+        end_ns = CLOCK.now_ns() + round(limit_s * 1e9)
+        while not true(self.state()):
+            assert CLOCK.now_ns() < end_ns, f"never came: {what}"
+            CLOCK.sleep(0.05)
+
     def cpu_s(self) -> float:
         """CPU seconds the process has used."""
         fields = Path(f"/proc/{self.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
@@ -92,5 +100,5 @@ def powered_rack(folder: Path) -> Served:
     for command in ("VOLT 18", "CURR 2", "OUTP ON"):
         served["supply"].write(command)
     served["dmm"].write("END ALWAYS")
-    CLOCK.sleep(1.5)  # the unit boots
+    served.until(lambda state: sum(state["link_bytes"]["port_a"].values()) > 0, "the first frame of the unit")
     return served

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
-from rehearsal import ROOT, Rehearsal, Watched, bench
+from rehearsal import ROOT, SEED, Inside, Rehearsal, Watched, bench
 
 from bench.model.clock import NS, WallClock
 from bench.plan import Plan, check_plan, compile_sequence
@@ -20,7 +19,6 @@ from bench.replay.rows import Replayed
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct
 
-SEED = 12
 KEYS = ("moment1", "moment2", "first", "last", "at_first", "at_last")
 
 
@@ -29,7 +27,6 @@ class Session:
     """A finished run of the short campaign."""
 
     folder: Path
-    said: str
     replayed: Replayed
 
     @property
@@ -37,22 +34,9 @@ class Session:
         return self.replayed.measurement_rows
 
 
-def run_short(out: Path, folder: Path) -> subprocess.CompletedProcess[str]:
-    """The shipped short campaign without its analysis, which has tests of its own."""
-    path = folder / "bias_ramp_short.yaml"
-    shipped = (ROOT / "sequences" / path.name).read_text()
-    assert shipped.count("analysis: bias_ramp") == 1
-    path.write_text(shipped.replace("analysis: bias_ramp", "analysis: none"))
-    return bench("run", str(path), "--seed", str(SEED), "--out", str(out), "--truth")
-
-
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
-    place = tmp_path_factory.mktemp("ramp")
-    done = run_short(place / "out", place)
-    assert done.returncode == 0, done.stderr
-    (folder,) = [path for path in (place / "out").iterdir() if path.is_dir()]
-    return Session(folder, done.stdout, replay_rows(folder, strict=True))
+def session(ramp: Path) -> Session:
+    return Session(ramp, replay_rows(ramp, strict=True))
 
 
 def test_all_windows_are_there_and_nothing_is_lost(session: Session) -> None:
@@ -102,19 +86,8 @@ def test_the_chamber_ramps_as_planned_and_the_unit_lags(session: Session) -> Non
     assert 15.0 < top["air_degC"] - top["unit_degC"] < 25.0
 
 
-@pytest.mark.slow
-def test_same_seed_same_bytes(session: Session, tmp_path: Path) -> None:
-    assert run_short(tmp_path / "out", tmp_path).returncode == 0
-    again = tmp_path / "out" / session.folder.name
-    first, second = (
-        {path.name: path.read_bytes() for path in one.rglob("*") if path.is_file()} for one in (session.folder, again)
-    )
-    assert first.keys() == second.keys()
-    assert {name for name in first if first[name] != second[name]} == set()
-
-
-def test_check_draws_its_timetable(tmp_path: Path) -> None:
-    done = bench("check", "bias_ramp_short", "--plot", str(tmp_path / "plan.svg"))
+def test_check_draws_its_timetable(tmp_path: Path, inside: Inside) -> None:
+    done = inside("check", "bias_ramp_short", "--plot", str(tmp_path / "plan.svg"))
     assert done.returncode == 0, done.stderr
     assert "540 records" in done.stdout
     assert "<svg" in (tmp_path / "plan.svg").read_text()
@@ -155,6 +128,20 @@ def same(first: RecordRow, second: RecordRow) -> None:
     assert dict(first.context) == dict(second.context)
     for one, other in ((first.sums, second.sums), (first.timing, second.timing)):
         assert {k: v.tolist() for k, v in one.items()} == {k: v.tolist() for k, v in other.items()}
+
+
+def test_same_seed_same_bytes(tmp_path: Path, inside: Inside) -> None:
+    """In this process and in one of its own."""
+    tiny_plan(tmp_path)
+    found = []
+    for name, run in (("here", inside), ("there", bench)):
+        done = run("run", str(tmp_path / "tiny.yaml"), "--seed", str(SEED), "--out", str(tmp_path / name), "--truth")
+        assert done.returncode == 0, done.stderr
+        files = [path for path in (tmp_path / name).rglob("*") if path.is_file() and path.suffix != ".sqlite"]
+        found.append({str(path.relative_to(tmp_path / name)): path.read_bytes() for path in files})
+    first, second = found
+    assert first.keys() == second.keys()
+    assert {name for name in first if first[name] != second[name]} == set()
 
 
 @pytest.mark.parametrize("faults", [False, True])

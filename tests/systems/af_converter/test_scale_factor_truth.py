@@ -5,12 +5,14 @@ Table 2; nothing of the fit is used to make them. The full sweep of frames, link
 """
 
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
 from ngu_counts import count_windows
+from trials import without_trials
 
 from bench.analysis.material import Material
 from bench.analysis.registry import analyse
@@ -150,6 +152,12 @@ def errors(estimates: list[dict[str, Any]], truth: NguTruth) -> dict[tuple[str, 
     return found
 
 
+@pytest.fixture(autouse=True, scope="module")
+def _no_trials() -> Iterator[None]:
+    with without_trials():
+        yield
+
+
 @pytest.fixture(scope="module")
 def gain_off() -> list[tuple[dict[tuple[str, str], list[float]], Any]]:
     """Twenty seeds with the gain error off."""
@@ -223,11 +231,9 @@ def test_clock_error_of_50_ppm_does_not_reach_the_scale_factors(option: str) -> 
             assert change.std() < 1.3 * scatter_ppm
 
 
-def test_one_seed() -> None:
-    """Short form of the sweep above: seed 1, gain off."""
-    campaign, standards = manifest()
-    rows, truth = rows_of(1, gain=False)
-    found = errors(analyse(Material(rows, campaign, standards)).estimates, truth)
+def test_one_seed(gain_off: Any) -> None:
+    """Seed 1: both polarities together and all of the estimates."""
+    found, _ = gain_off[0]
     for kind, limit_ppm in LIMIT_ppm.items():
         assert len(found[kind, "dsf_n"]) == (30 if kind == "gyro" else 20)
         assert np.max(np.abs(found[kind, "dsf_n"] + found[kind, "dsf_p"])) < limit_ppm

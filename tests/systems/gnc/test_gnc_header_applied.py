@@ -14,10 +14,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rehearsal import bench
 from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
 
 from bench.analysis.joined import joined
+from bench.cli import app
 from bench.record import RecordRow
 from bench.session.service import read_view
 
@@ -46,8 +47,10 @@ int main(void)
 
 
 def session(out: Path, name: str, *words: str) -> Path:
-    done = bench("run", name, *words, "--clock", "virtual", "--seed", "23", "--out", str(out / name))
-    assert done.returncode in (0, 1), done.stderr[-2000:]
+    done = CliRunner().invoke(
+        app, ["run", name, *words, "--clock", "virtual", "--seed", "23", "--out", str(out / name)]
+    )
+    assert done.exit_code in (0, 1), done.output[-2000:]
     (found,) = (path for path in (out / name).iterdir() if path.is_dir())
     return found
 
@@ -74,8 +77,8 @@ def sessions(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, list[R
     out = tmp_path_factory.mktemp("header")
     calibration = session(out, "gnc_imu_calibration", "--set", "position=20 s", "--set", "check_position=10 s")
     magnetometer = session(out, "gnc_magnetometer", "--set", "record_time=48 s")
-    merged = bench("coefficients", str(calibration), str(magnetometer), "--out", str(out))
-    assert merged.returncode == 0, merged.stderr
+    merged = CliRunner().invoke(app, ["coefficients", str(calibration), str(magnetometer), "--out", str(out)])
+    assert merged.exit_code == 0, merged.output
     (out / "main.c").write_text(PROGRAM)
     flags = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-O1"]
     built = subprocess.run(

@@ -63,7 +63,7 @@ def test_killed_units_are_tested_to_the_end(
     run = go_on(folder, watched)
     assert run.outcome.error is None
     assert run.outcome.unsafe == ()
-    whole, found = results_of(killed.whole.run.folder), results_of(folder)
+    whole, found = results_of(killed.whole), results_of(folder)
     assert found.keys() == whole.keys()
     assert {name: one.get("verdict") for name, one in found.items()} == {
         name: one.get("verdict") for name, one in whole.items()

@@ -13,6 +13,8 @@ import serial
 from rehearsal import bench
 from served_bench import CLOCK, Served
 
+pytestmark = pytest.mark.waits
+
 PATIENCE_S = 10.0
 
 

@@ -5,6 +5,7 @@ The figures of 50 units are in docs/gnc-module.md.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -20,12 +21,15 @@ CROSS = ~np.eye(3, dtype=bool)
 Sessions = Callable[[str, int, float], list[Session]]
 
 
-@pytest.fixture
-def sessions(tmp_path: Path) -> Sessions:
+@pytest.fixture(scope="module")
+def sessions(tmp_path_factory: pytest.TempPathFactory) -> Sessions:
+    """Return a function that gives each unit once, with rotations recorded over some time; it runs nothing twice."""
+
+    @functools.cache
     def start(sequence: str, units: int, length_s: float) -> list[Session]:
-        """Each unit once, with rotations recorded over ``length_s``."""
         turn = f"turn_record={length_s - HEAD_s:g} s"
-        return [run_session(tmp_path, sequence, number, *SHORT, turn) for number in range(units)]
+        out = tmp_path_factory.mktemp("units")
+        return [run_session(out, sequence, number, *SHORT, turn) for number in range(units)]
 
     return start
 

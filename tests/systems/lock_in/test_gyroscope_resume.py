@@ -53,7 +53,7 @@ def test_a_killed_campaign_is_gone_on_with_and_replays_identically(
     killed: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     name = killed.plan.name
-    whole = names_of(killed.whole.run.folder)
+    whole = names_of(killed.whole)
     for number in places(killed.plan, name):
         source = killed.at(number)
         folder = Path(shutil.copytree(source, tmp_path / str(number) / source.name))

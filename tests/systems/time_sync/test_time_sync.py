@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rehearsal import Rehearsal
+from rehearsal import Rehearsal, rehearsed
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -53,9 +53,15 @@ def run(out: Path, sequence: str, *settings: str) -> tuple[Path, list[dict[str, 
     return folder, estimates(folder)
 
 
-def short_turn(rehearse: Callable[..., Rehearsal], arrange: Callable[[World], None] | None = None) -> Rehearsal:
-    """A turn of 90 deg in 6 s between 5 s straight on, through ports."""
-    return rehearse(compile_sequence(find_shipped("sequences", "time_sync_turn"), None, {**SHORT, **EXACT}), arrange)
+def short_turn(out: Path, arrange: Callable[[World], None] | None = None) -> Rehearsal:
+    """Fly a turn of 90 deg in 6 s between 5 s straight on, through ports."""
+    plan = compile_sequence(find_shipped("sequences", "time_sync_turn"), None, {**SHORT, **EXACT})
+    return rehearsed(out, plan, arrange)
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Rehearsal:
+    return short_turn(tmp_path_factory.mktemp("undisturbed"))
 
 
 class Direct:
@@ -100,8 +106,8 @@ def direct_offsets_s(
     return dict(zip(METHODS, (found.offset_s[-1, :, 0] + near_s).tolist(), strict=True))
 
 
-def test_session_is_the_direct_simulation(rehearse: Callable[..., Rehearsal]) -> None:
-    done = short_turn(rehearse)
+def test_session_is_the_direct_simulation(undisturbed: Rehearsal) -> None:
+    done = undisturbed
     assert isinstance(done.world, SyncWorld)
     material = material_of(read_view(done.run.folder))
     session, taken = offsets(analyse(material).estimates), recording(material)
@@ -137,7 +143,7 @@ def test_whole_sessions_are_the_direct_simulation(
         assert session[method]["value"] == pytest.approx(direct_s[method], abs=5e-5)
 
 
-def test_a_bad_link_changes_less_than_the_interval(rehearse: Callable[..., Rehearsal]) -> None:
+def test_a_bad_link_changes_less_than_the_interval(undisturbed: Rehearsal, tmp_path: Path) -> None:
     """One frame in a hundred dropped and one damaged, on both ports."""
 
     def spoil(world: World) -> None:
@@ -146,8 +152,8 @@ def test_a_bad_link_changes_less_than_the_interval(rehearse: Callable[..., Rehea
             faults.drop_rate, faults.bit_error_rate = 0.01, 0.01 / (8 * frame_bytes)
 
     bad, sound = (
-        offsets(analyse(material_of(read_view(short_turn(rehearse, arrange).run.folder))).estimates)
-        for arrange in (spoil, None)
+        offsets(analyse(material_of(read_view(done.run.folder))).estimates)
+        for done in (short_turn(tmp_path, spoil), undisturbed)
     )
     for method in METHODS:
         assert bad[method]["dropped"] > sound[method]["dropped"] == 0

@@ -1,0 +1,17 @@
+"""The Monte Carlo table of the report left out: half a second per campaign, and some tests analyse hundreds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+
+@contextmanager
+def without_trials() -> Iterator[None]:
+    """Replace the table by an empty one; its own tests call it by its own module (test_budget_campaign.py)."""
+    empty = {"title": "Monte Carlo check of dsf_n", "caption": "", "headers": [], "rows": []}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bench.systems.af_converter.scale_factor.budgets.check_table", lambda *_: empty)
+        yield
