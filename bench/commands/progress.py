@@ -14,7 +14,7 @@ from rich.text import Text
 from bench.commands.following import Follower, doing, ends, losses
 from bench.model.clock import NS, Clock, WallClock
 from bench.model.units import hours
-from bench.plan import Plan, Step
+from bench.plan import Plan, PlannedPrompt, PlannedRecord, PlannedSettle, PlannedSoak, Step
 from bench.record import RecordRow
 from bench.run.context import RunContext
 from bench.run.feed.words import in_words
@@ -78,8 +78,8 @@ class PlainLines:
         self._say(f"{when}  {100 * document['progress']:.0f} %  {doing(document)}; {done}{f'; {end}' if end else ''}")
 
     def step(self, step: Step, at_s: float) -> None:
-        if step.kind == "soak" or (step.kind == "prompt" and self._asks):
-            what = f"prompt: {step.arguments['text']}" if step.kind == "prompt" else in_words(step)
+        if isinstance(step, PlannedSoak) or (isinstance(step, PlannedPrompt) and self._asks):
+            what = f"prompt: {step.text}" if isinstance(step, PlannedPrompt) else in_words(step)
             self._say(f"{hours(at_s)}  step {step.number + 1}/{len(self._plan.steps)}  {what}")
 
     def record(self, row: RecordRow) -> None:
@@ -196,7 +196,7 @@ class ProgressBar:
         )
 
     def step(self, step: Step, at_s: float) -> None:
-        if not self._followed and step.kind in ("soak", "record", "settle", "prompt"):
+        if not self._followed and isinstance(step, PlannedSoak | PlannedRecord | PlannedSettle | PlannedPrompt):
             self._progress.what = in_words(step)
             self._progress.update(self._task, completed=at_s, elapsed=hours(at_s))
 

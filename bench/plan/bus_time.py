@@ -11,10 +11,9 @@ from bench.model.ports import Action
 from bench.plan.drivers import driver_actions
 from bench.plan.plan import Step
 from bench.plan.station import Station
+from bench.plan.step_kinds import PlannedCall, PlannedCommand, PlannedRecord, PlannedSettle, PlannedSoak, PlannedVerify
 
 DEFAULT_BUS_S = 0.1
-TAKES = "takes"  # argument of a unit step: time from command to answer as planned, second
-ON_THE_BUS = ("call", "verify", "send", "unit")
 
 
 def declared_action(station: Station, role: str, name: str) -> Action | None:
@@ -33,24 +32,24 @@ def _declared(driver: str, name: str) -> Action | None:
 
 def bus_s(step: Step, station: Station) -> float:
     """Longest time that one call normally takes on the bus, second; the station may say that its bus is faster."""
-    if TAKES in step.arguments:
-        return float(step.arguments[TAKES])
+    if isinstance(step, PlannedCommand) and step.takes_s is not None:
+        return step.takes_s
     action = declared_action(station, step.role, step.name)
-    if action is None and step.kind in ("call", "verify"):
+    if action is None and isinstance(step, PlannedCall | PlannedVerify):
         return 0.0  # a call of nothing is a mistake of its own
     return station.file.bus_time_factor * (DEFAULT_BUS_S if action is None else action.bus_s)
 
 
 def with_bus_time(steps: Iterable[Step], station: Station) -> tuple[Step, ...]:
-    """The same steps; each settle step's argument ``bus_s`` is the bus time of the calls that share it, second."""
+    """The same steps; ``bus_s`` of each settle step is the bus time of the calls that share it, second."""
     done: list[Step] = []
     total_s = 0.0
     for step in steps:
-        if step.kind in ON_THE_BUS:
+        if step.on_the_bus:
             total_s += bus_s(step, station)
-        elif step.kind in ("settle", "soak", "record"):
-            if step.kind == "settle":
-                step = replace(step, arguments={"bus_s": round(total_s, 9)})
+        elif isinstance(step, PlannedSettle | PlannedSoak | PlannedRecord):
+            if isinstance(step, PlannedSettle):
+                step = replace(step, bus_s=round(total_s, 9))
             total_s = 0.0
         done.append(step)
     return tuple(done)

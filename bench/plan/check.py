@@ -14,7 +14,7 @@ from datetime import UTC, date, datetime, timedelta
 
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import InputError
-from bench.plan.bus_time import ON_THE_BUS, bus_s
+from bench.plan.bus_time import bus_s
 from bench.plan.check_actions import ActionCheck
 from bench.plan.check_analysis import check_asked
 from bench.plan.check_pose import check_poses
@@ -27,8 +27,9 @@ from bench.plan.check_windows import check_windows
 from bench.plan.expand import DURATION
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
-from bench.plan.readings import EVERY, reading_calls, roles_of
+from bench.plan.readings import roles_of
 from bench.plan.station import Station
+from bench.plan.step_kinds import PlannedRecord, PlannedSettle, PlannedSoak, PlannedVerify
 
 
 def check_plan(plan: Plan, station: Station | None = None, start_utc_ns: int | None = None) -> list[InputError]:
@@ -65,7 +66,7 @@ def check_steps(
     state = BenchState(plan, station, findings)
     for step in plan.steps:
         state.take(step, actions.check(step))
-        if step.kind == "record":
+        if isinstance(step, PlannedRecord):
             check_record(plan, step, state, findings)
             _check_readings(step, actions, state, station, findings)
     _bus_time(plan, findings, doubtful)
@@ -75,36 +76,36 @@ def check_steps(
     return state
 
 
-def _check_readings(step: Step, actions: ActionCheck, state: BenchState, station: Station, findings: Findings) -> None:
+def _check_readings(
+    record: PlannedRecord, actions: ActionCheck, state: BenchState, station: Station, findings: Findings
+) -> None:
     """What a record reads must be readings, and one round of them over before the next one is due (B-PLAN-060)."""
-    calls = reading_calls(step)
-    for index, call in enumerate(calls):
-        state.take(call, actions.check_reading(step, index, call))
-    takes_s, every_s = sum(bus_s(call, station) for call in calls), step.arguments.get(EVERY)
-    if every_s is not None and takes_s > every_s:
-        message = f"one round of the record's readings takes up to {takes_s:g} s; one is due each {every_s:g} s"
-        findings.add("B-PLAN-060", step.where, message, "read less often, or less")
+    for index, call in enumerate(record.calls):
+        state.take(call, actions.check_reading(record, index, call))
+    takes_s = sum(bus_s(call, station) for call in record.calls)
+    if takes_s > record.every_s:
+        message = f"one round of the record's readings takes up to {takes_s:g} s; one is due each {record.every_s:g} s"
+        findings.add("B-PLAN-060", record.where, message, "read less often, or less")
 
 
 def _bus_time(plan: Plan, findings: Findings, doubtful: Collection[int]) -> None:
     """Calls need a settle time (or a soak) after them that is long enough; a record must not wait for the bus."""
-    first = None
+    first: Step | None = None
     for step in plan.steps:
-        if step.kind in ON_THE_BUS:
+        if step.on_the_bus:
             first = step if first is None else first
-        elif step.kind == "settle":
-            takes_s = float(step.arguments["bus_s"])
-            if takes_s > step.duration_s and step.number not in doubtful:
-                message = f"the calls before it take up to {takes_s:g} s; it lasts {step.duration_s:g} s"
+        elif isinstance(step, PlannedSettle):
+            if step.bus_s > step.duration_s and step.number not in doubtful:
+                message = f"the calls before it take up to {step.bus_s:g} s; it lasts {step.duration_s:g} s"
                 origin = plan.origins[step.number].get(DURATION, "")
                 findings.add("B-PLAN-060", step.where, message, "settle longer, or call less", origin)
             first = None
-        elif step.kind == "record" and first is not None:
-            if first.kind != "verify" and not step.arguments.get("follows"):
+        elif isinstance(step, PlannedRecord) and first is not None:
+            if not isinstance(first, PlannedVerify) and not step.follows:
                 message = f"{first.role}.{first.name} is followed by a record without a settle time"
                 findings.add("B-PLAN-061", step.where, message, "add a settle step before the record")
             first = None
-        elif step.kind == "soak":
+        elif isinstance(step, PlannedSoak):
             first = None
 
 

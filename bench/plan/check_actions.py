@@ -16,6 +16,7 @@ from bench.plan.findings import Findings, suggestion
 from bench.plan.plan import Plan, Step
 from bench.plan.readings import argument_dimensions, is_reading
 from bench.plan.station import InstrumentEntry, Station
+from bench.plan.step_kinds import PlannedCall, PlannedSend, PlannedSoak, PlannedVerify
 
 SOAK_ACTIONS = ("set_temperature", "run")
 _ALIKE = 1e-9  # of two numbers that went through different roundings
@@ -23,7 +24,7 @@ _ALIKE = 1e-9  # of two numbers that went through different roundings
 
 @dataclass(frozen=True)
 class Judged:
-    """A step's declared action (None: it names none) and the arguments whose sort is right."""
+    """A call's declared action (None: it names none) and the arguments whose sort is right."""
 
     action: Action | None
     usable: Mapping[str, Any]
@@ -38,7 +39,7 @@ class ActionCheck:
         self._findings = findings
         self._seen: dict[Any, Judged] = {}
 
-    def check_reading(self, record: Step, index: int, call: Step) -> Judged:
+    def check_reading(self, record: Step, index: int, call: PlannedCall) -> Judged:
         """Declared action of one of a record's readings; one that is no reading is noted (B-PLAN-096)."""
         dimensions = argument_dimensions(self._plan.dimensions[record.number], index)
         judged = Judged(*self._fresh(call, dimensions))
@@ -49,9 +50,9 @@ class ActionCheck:
 
     def check(self, step: Step) -> Judged:
         """Declared action of a call or verify step; if it names none a mistake was noted."""
-        if step.kind not in ("call", "verify", "send", "soak"):
-            return Judged(None, step.arguments)
-        key = (step.where, step.role, step.name, tuple((n, _hashable(v)) for n, v in step.arguments.items()))
+        if not isinstance(step, PlannedCall | PlannedVerify | PlannedSend | PlannedSoak):
+            return Judged(None, {})
+        key = (step.where, step.role, step.name, tuple((n, _hashable(v)) for n, v in step.told().items()))
         if key not in self._seen:
             self._seen[key] = Judged(*self._fresh(step, self._plan.dimensions[step.number]))
         return self._seen[key]
@@ -68,39 +69,41 @@ class ActionCheck:
             where = self._station.document.where(("instruments", step.role, "driver"))
             self._findings.add(error.code, where, error.message)
             return None, {}
-        if step.kind == "soak":
+        if isinstance(step, PlannedSoak):
             self._soak(step, entry)
-            return None, step.arguments
-        if step.kind == "send":
+            return None, {}
+        if isinstance(step, PlannedSend):
             if not hasattr(driver_class(entry.driver), "raw"):
                 self._add("B-PLAN-053", step, f"the driver of {step.role} takes no raw commands", "write a call")
-            return None, step.arguments
+            return None, {}
         action = actions.get(step.name)
         if action is None:
             known = suggestion(step.name, actions)
             self._add("B-PLAN-050", step, f"{step.role} ({entry.driver}) has no action {step.name!r}{known}")
             return None, {}
         usable = self._arguments(step, action, entry, dimensions)
-        if step.kind == "verify" and (action.effect is not Effect.NONE or action.returns):
+        if isinstance(step, PlannedVerify) and (action.effect is not Effect.NONE or action.returns):
             self._add("B-PLAN-054", step, f"{step.role}.{step.name} does not answer true or false")
         return action, usable
 
-    def _soak(self, step: Step, entry: InstrumentEntry) -> None:
+    def _soak(self, step: PlannedSoak, entry: InstrumentEntry) -> None:
         actions = driver_actions(entry.driver)
         missing = [name for name in SOAK_ACTIONS if name not in actions]
         if missing:
             self._add("B-PLAN-050", step, f"{step.role} ({entry.driver}) has no action {missing[0]!r}: it cannot soak")
             return
+        asked = step.told()
         for parameter in actions["set_temperature"].parameters:
-            if step.arguments.get(parameter.name) is not None:
-                self._limits(step, parameter, step.arguments[parameter.name], entry)
+            if not math.isnan(asked.get(parameter.name, math.nan)):
+                self._limits(step, parameter, asked[parameter.name], entry)
 
     def _arguments(
         self, step: Step, action: Action, entry: InstrumentEntry, dimensions: Mapping[str, str]
     ) -> dict[str, Any]:
         usable: dict[str, Any] = {}
         parameters = {parameter.name: parameter for parameter in action.parameters}
-        for name, value in step.arguments.items():
+        given = step.told()
+        for name, value in given.items():
             parameter = parameters.get(name)
             if parameter is None:
                 message = f"{step.role}.{step.name} has no argument {name!r}{suggestion(name, parameters)}"
@@ -109,7 +112,7 @@ class ActionCheck:
                 self._limits(step, parameter, value, entry)
                 usable[name] = value
         for name, parameter in parameters.items():
-            if parameter.required and name not in step.arguments:
+            if parameter.required and name not in given:
                 self._add("B-PLAN-051", step, f"{step.role}.{step.name} needs the argument {name!r}")
         return usable
 

@@ -15,6 +15,7 @@ from bench.model.yamlio import Document
 from bench.plan.findings import Findings, suggestion
 from bench.plan.language import Sequence
 from bench.plan.plan import Plan, Step
+from bench.plan.step_kinds import PlannedCall, PlannedCommand, PlannedRecord
 
 NONE = "none"
 
@@ -63,7 +64,7 @@ def check_asked(plan: Plan, findings: Findings) -> None:
     asked = analysis_declaration(str(plan.campaign.get("analysis", NONE)))
     if asked is None or asked.made_of == "logs":
         return
-    records = [step for step in plan.phase("campaign") if step.kind == "record"]
+    records = [step for step in plan.phase("campaign") if isinstance(step, PlannedRecord)]
     for step in records:
         if step.conditions.get("purpose", "measurement") == "measurement":
             _check_conditions(asked, step, findings)
@@ -78,7 +79,7 @@ def check_asked(plan: Plan, findings: Findings) -> None:
         message = f"the analysis {asked.name} is made of records, and there is none"
         findings.add("B-PLAN-078", plan.steps[0].where, message, "add 'record' steps, or name another analysis")
     for step in records if asked.made_of == "samples" else ():
-        if not step.arguments.get("samples"):
+        if not step.samples:
             message = f"the analysis {asked.name} needs the samples of each record"
             findings.add("B-PLAN-078", step.where, message, "write 'samples: true'")
     if asked.beside and records and asked.beside not in {*plan.frames} - {plan.measurement_link}:
@@ -88,20 +89,20 @@ def check_asked(plan: Plan, findings: Findings) -> None:
         findings.add("B-PLAN-078", records[0].where, message, "name both links in 'frame', the recorded one first")
 
 
-def _check_reading(asked: AnalysisDeclaration, plan: Plan, records: list[Step], findings: Findings) -> None:
-    read = any(step.kind == "call" and step.name == asked.reading for step in plan.phase("campaign"))
+def _check_reading(asked: AnalysisDeclaration, plan: Plan, records: list[PlannedRecord], findings: Findings) -> None:
+    read = any(isinstance(step, PlannedCall) and step.name == asked.reading for step in plan.phase("campaign"))
     if records and not read:
         message = f"the analysis {asked.name} needs readings of the meter, and no step calls {asked.reading}"
         findings.add("B-PLAN-078", records[0].where, message, "read the meter before each record with a closed route")
 
 
 def _check_tests(asked: AnalysisDeclaration, plan: Plan, findings: Findings) -> None:
-    tests = [step for step in plan.steps if step.kind == "unit" and "item" in step.arguments]
+    tests = [step for step in plan.steps if isinstance(step, PlannedCommand) and step.item]
     if not tests:
         message = f"the analysis {asked.name} is made of 'test' steps, and there is none"
         findings.add("B-PLAN-078", plan.steps[0].where, message, f"add 'test' steps; {asked.page} describes them")
     for step in tests:
-        item = str(step.arguments["item"])
+        item = step.item
         if item not in asked.items and get_close_matches(item, asked.items, n=1):  # a slip of the pen
             message = f"the analysis {asked.name} does not judge the item {item!r}{suggestion(item, asked.items)}"
             cure = "use that name, or one that is not nearly the same"

@@ -15,6 +15,7 @@ from bench.plan.bus_time import declared_action
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
 from bench.plan.station import Station
+from bench.plan.step_kinds import PlannedCall, PlannedCommand, PlannedPrompt, PlannedRecord
 
 AXES = {1: "outer_deg", 2: "middle_deg", 3: "inner_deg"}
 _MOVE, _TURN = "move", "turn"
@@ -25,14 +26,14 @@ def check_poses(plan: Plan, station: Station, findings: Findings) -> None:
     angles: dict[str, float | None] = {}
     was_set: dict[str, Any] = {}
     for step in plan.steps:
-        if step.kind == "prompt":
-            was_set |= step.arguments.get("sets") or {}
-        elif step.kind == "call" and _moves(step, station):
+        if isinstance(step, PlannedPrompt):
+            was_set |= step.sets
+        elif isinstance(step, PlannedCall) and _moves(step, station):
             _follow(step, angles)
-        elif step.kind in ("record", "unit"):
+        elif isinstance(step, PlannedRecord | PlannedCommand):
             wrong = [*_poses(step, angles), *_sets(step.conditions, was_set)]
             if wrong:
-                what = "record" if step.kind == "record" else "command"
+                what = "record" if isinstance(step, PlannedRecord) else "command"
                 message = f"the {what} says what the bench does not do: " + "; ".join(wrong)
                 findings.add("B-PLAN-076", step.where, message, "correct the conditions, or the steps before it")
 
@@ -42,14 +43,13 @@ def _moves(step: Step, station: Station) -> bool:
     return declared is not None and declared.effect is Effect.MOTION_ON
 
 
-def _follow(step: Step, angles: dict[str, float | None]) -> None:
+def _follow(step: PlannedCall, angles: dict[str, float | None]) -> None:
     """A move goes to an angle, a turn goes on from the demand before it; behind anything else nobody knows."""
-    name = AXES.get(step.arguments.get("axis", 0))
-    angle = step.arguments.get("angle")
+    name, angle = AXES.get(step.axis or 0), step.quantity("angle")
     if name is None:
         return
     before = angles.get(name)
-    if not isinstance(angle, float) or step.name not in (_MOVE, _TURN):
+    if angle is None or step.name not in (_MOVE, _TURN):
         angles[name] = None
     elif step.name == _MOVE:
         angles[name] = angle
@@ -58,7 +58,7 @@ def _follow(step: Step, angles: dict[str, float | None]) -> None:
 
 
 def _poses(step: Step, angles: Mapping[str, float | None]) -> Iterator[str]:
-    if step.kind != "record" or step.conditions.get("continues"):  # that one begins within the motion
+    if not isinstance(step, PlannedRecord) or step.conditions.get("continues"):  # that one begins within the motion
         return
     for name, angle in angles.items():
         said = step.conditions.get(name)

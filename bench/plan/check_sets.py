@@ -12,6 +12,7 @@ from bench.plan.check_station import SIMULATION
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan
 from bench.plan.station import Station
+from bench.plan.step_kinds import PlannedPrompt
 
 SERIAL = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,39}")  # a folder of the session is named after it
 NO_SERIAL = "is not a serial number: letters, digits, '.', '_' and '-', at most 40"
@@ -21,7 +22,7 @@ _UNIT = "unit"
 def check_sets(plan: Plan, station: Station, findings: Findings) -> None:
     """Note units without a serial number (B-PLAN-025) and what nobody can do at a simulated bench (B-PLAN-094)."""
     for step in plan.steps:
-        for name, value in (step.arguments.get("sets") or {}).items() if step.kind == "prompt" else ():
+        for name, value in step.sets.items() if isinstance(step, PlannedPrompt) else ():
             if value is None:
                 continue  # its mistake is noted already
             if name == _UNIT and not SERIAL.fullmatch(str(value)):

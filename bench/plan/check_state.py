@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -15,6 +16,7 @@ from bench.plan.drivers import driver_actions, driver_ladder_A, range_after
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
 from bench.plan.station import Station
+from bench.plan.step_kinds import PlannedCall, PlannedPrompt, PlannedSend, PlannedSoak
 
 _ENERGY = (Effect.STIMULUS_ON, Effect.POWER, Effect.THERMAL, Effect.MOTION_ON)
 _RELEASES = ("output_off", "stop")
@@ -57,21 +59,21 @@ class BenchState:
 
     def take(self, step: Step, judged: Judged) -> None:
         """Apply one step; note what it breaks."""
-        if step.kind == "soak":
-            self.target_degC = judged.usable.get("temperature")
+        if isinstance(step, PlannedSoak):
+            self.target_degC = None if math.isnan(step.temperature_degC) else step.temperature_degC
             self._energise(step, step.role)
-        elif step.kind == "send":
+        elif isinstance(step, PlannedSend):
             self._raw(step)
             self.motion.raw(step)
-        elif step.kind == "prompt":
+        elif isinstance(step, PlannedPrompt):
             self.motion.prompt(step)
-        elif step.kind == "call" and judged.action is not None:
+        elif isinstance(step, PlannedCall) and judged.action is not None:
             self._call(step, judged.action.effect, judged.usable)
             self.motion.call(step, judged.action, judged.usable)
             self._measure(step.role, judged.usable)
             if judged.action.returns == "A":
                 self._readable(step)
-        elif step.kind == "call":
+        elif isinstance(step, PlannedCall):
             self._forget(step.role)
 
     def _forget(self, role: str) -> None:
@@ -170,7 +172,7 @@ class BenchState:
             origin = self._origins[step.number].get("current", "")
             self._findings.add("B-PLAN-073", step.where, message, origin=origin)
 
-    def _raw(self, step: Step) -> None:
+    def _raw(self, step: PlannedSend) -> None:
         effects = self._effects.get(step.role, frozenset())
         if Effect.STIMULUS_ON in effects:
             if self.switches and not self.closed and not self.untrusted:
@@ -182,7 +184,7 @@ class BenchState:
         if Effect.ROUTE in effects:
             message = f"raw text to {step.role} may close any route, so the plan cannot be proved safe"
             self._findings.add("B-PLAN-074", step.where, message, "write a call instead")
-        if Effect.MOTION_ON in effects and not _only_asks(str(step.arguments.get("text", ""))):
+        if Effect.MOTION_ON in effects and not _only_asks(step.text):
             message = f"raw text to {step.role} may move it, faster and further than its limits allow"
             self._findings.add("B-PLAN-074", step.where, message, "write a call instead")
         if effects & {*_ENERGY, Effect.ROUTE}:

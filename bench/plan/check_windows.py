@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from bench.model.ports import Effect
-from bench.plan.bus_time import ON_THE_BUS, bus_s, declared_action
+from bench.plan.bus_time import bus_s, declared_action
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
 from bench.plan.station import Station
+from bench.plan.step_kinds import PlannedCall, PlannedPrompt, PlannedRecord, PlannedVerify
 
 
 def check_windows(plan: Plan, station: Station, findings: Findings, doubtful: Collection[int]) -> None:
@@ -16,19 +17,19 @@ def check_windows(plan: Plan, station: Station, findings: Findings, doubtful: Co
 
     ``doubtful`` are the numbers of steps whose duration could not be read.
     """
-    before: Step | None = None
+    before: PlannedRecord | None = None
     gap = "no record stands before it"
     calls: list[Step] = []
     for step in plan.steps:
         if before is not None and before.phase != step.phase:
             gap, before = f"the record before it belongs to '{before.phase}'", None
-        if step.kind in ON_THE_BUS:
+        if step.on_the_bus:
             calls.append(step)
-        elif step.kind != "record" and not _act(step):
+        elif not isinstance(step, PlannedRecord) and not _act(step):
             before, gap = None, f"a {step.kind} step stands between it and the record before"
-        if step.kind != "record":
+        if not isinstance(step, PlannedRecord):
             continue
-        if step.arguments.get("follows"):
+        if step.follows:
             _follows(step, before, gap, findings)
             _calls(step, calls if before is not None else [], station, findings, step.number in doubtful)
         before, calls = step, []
@@ -36,18 +37,20 @@ def check_windows(plan: Plan, station: Station, findings: Findings, doubtful: Co
 
 def _act(step: Step) -> bool:
     """A prompt whose act is part of what is measured: the records go on while the person does it."""
-    return step.kind == "prompt" and bool(step.arguments.get("sets"))
+    return isinstance(step, PlannedPrompt) and bool(step.sets)
 
 
-def _follows(step: Step, before: Step | None, gap: str, findings: Findings) -> None:
+def _follows(step: PlannedRecord, before: PlannedRecord | None, gap: str, findings: Findings) -> None:
     if before is None:
         advice = "put it right behind a record, or take 'follows' out"
         findings.add("B-PLAN-067", step.where, f"the record follows nothing: {gap}", advice)
         return
-    for one, role in ((before, "is followed by another one"), (step, "follows another one")):
-        if retry := int(one.arguments["retry"]):
-            message = f"a record that {role} without a gap cannot be taken again (retry {retry})"
-            findings.add("B-PLAN-068", one.where, message, "leave 'retry' out; lost frames are counted in the record")
+    for record, role in ((before, "is followed by another one"), (step, "follows another one")):
+        if record.retry:
+            message = f"a record that {role} without a gap cannot be taken again (retry {record.retry})"
+            findings.add(
+                "B-PLAN-068", record.where, message, "leave 'retry' out; lost frames are counted in the record"
+            )
 
 
 def _calls(step: Step, calls: list[Step], station: Station, findings: Findings, doubtful: bool) -> None:
@@ -65,7 +68,9 @@ def _calls(step: Step, calls: list[Step], station: Station, findings: Findings, 
 
 def _harmless(call: Step, station: Station) -> bool:
     declared = declared_action(station, call.role, call.name)
-    if call.kind not in ("call", "verify") or declared is None:
-        return call.kind in ("call", "verify")  # a call of nothing is a mistake of its own
-    reading = declared.effect is Effect.NONE and (bool(declared.returns) or call.kind == "verify")
+    if not isinstance(call, PlannedCall | PlannedVerify):
+        return False
+    if declared is None:
+        return True  # a call of nothing is a mistake of its own
+    reading = declared.effect is Effect.NONE and (bool(declared.returns) or isinstance(call, PlannedVerify))
     return reading or declared.effect in (Effect.THERMAL, Effect.MOTION_ON, Effect.MOTION_OFF)

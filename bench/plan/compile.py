@@ -27,6 +27,7 @@ from bench.plan.loading import load_both
 from bench.plan.overrides import apply_parameters, split_overrides
 from bench.plan.plan import Phase, Plan, Step, steps_sha256
 from bench.plan.station import Station
+from bench.plan.step_kinds import PlannedRecord
 from bench.plan.unit_constants import unit_constants
 from bench.plan.unroll import Unroller
 from bench.plan.values import Scope, plain, traced
@@ -238,7 +239,7 @@ def _found(source: Path, frame: str) -> Path:
 
 
 def _records(steps: list[Step] | tuple[Step, ...]) -> int:
-    return sum(step.kind == "record" and step.phase == "campaign" for step in steps)
+    return sum(isinstance(step, PlannedRecord) and step.phase == "campaign" for step in steps)
 
 
 def _bytes_s(definition: FrameDefinition) -> float:

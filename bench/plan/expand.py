@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import PurePath
 from typing import Any, NoReturn
@@ -13,6 +14,7 @@ from bench.plan.drivers import range_after
 from bench.plan.findings import Findings, suggestion
 from bench.plan.plan import Phase, Step, StepKind
 from bench.plan.station import Station
+from bench.plan.step_kinds import KINDS
 from bench.plan.values import Channel, Quantity, Scope, UnknownVariable, plain
 
 Path = tuple[str | int, ...]
@@ -70,7 +72,7 @@ class Expander:
         """Append a step at the present planned time and advance it by ``duration`` (None: its mistake is noted).
 
         Arguments may still be Quantity or Channel objects; their dimensions and origins are kept for the static
-        check. An argument that is None could not be read.
+        check. An argument that is None could not be read; a limit of a prompt may be left open.
         """
         if len(self.steps) >= MAX_STEPS:
             self.too_many(path)
@@ -80,11 +82,12 @@ class Expander:
         if duration is None:
             self.doubtful.add(len(self.steps))
         duration_s = 0.0 if duration is None else duration.value
-        numbers = {key: plain(value) for key, value in arguments.items()}
-        place = self._short + self.document.where(path).removeprefix(self.document.name)
+        unread = None if kind in ("call", "prompt") else math.nan
+        numbers = {key: unread if value is None else plain(value) for key, value in arguments.items()}
+        where = self._short + self.document.where(path).removeprefix(self.document.name)
         known = scope.context if conditions is None else conditions
-        step = Step(len(self.steps), self.phase, kind, self.at_s, duration_s, role, name, numbers, known, place)
-        self.steps.append(step)
+        place = len(self.steps), self.phase, self.at_s, duration_s, role, name, known, where
+        self.steps.append(KINDS[kind].read(place, numbers))
         quantities = {k: v for k, v in arguments.items() if isinstance(v, Quantity)}
         self.dimensions.append({k: v.dimension for k, v in quantities.items()})
         origins = {k: v.origin for k, v in quantities.items() if v.origin}

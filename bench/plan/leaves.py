@@ -107,7 +107,7 @@ def _send(plan: Expander, step: SendStep, path: Path, scope: Scope) -> None:
 
 def _settle(plan: Expander, step: SettleStep, path: Path, scope: Scope) -> None:
     seconds = _duration(plan, step.settle, scope, (*path, "settle"))
-    plan.add("settle", "", "", {}, scope, (*path, "settle"), seconds)
+    plan.add("settle", "", "", {"bus_s": 0.0}, scope, (*path, "settle"), seconds)
 
 
 def _record(plan: Expander, step: RecordStep, path: Path, scope: Scope) -> None:

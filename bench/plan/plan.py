@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from dataclasses import dataclass, field, fields
+from typing import Any, ClassVar, Literal, Self
 
 from bench.model.errors import InputError
 from bench.plan.interlock_language import InterlockRule
@@ -17,26 +17,75 @@ Phase = Literal["prepare", "campaign", "finally"]
 StepKind = Literal["call", "settle", "record", "soak", "prompt", "verify", "unit", "send"]
 
 
+Place = tuple[int, Phase, float, float, str, str, Mapping[str, Any], str]  # values of the fields of every step
+PLACE = ("number", "phase", "at_s", "duration_s", "role", "name", "conditions", "where")
+ROW = ("number", "phase", "kind", "at_s", "duration_s", "role", "name", "arguments", "conditions", "where")
+
+
+@dataclass(frozen=True, slots=True)
+class SetPoint:
+    """What a step asks of the air of the chamber."""
+
+    temperature_degC: float
+    ramp_degC_min: float
+
+
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step of a plan.
+    """One step of a plan: a class of its own for each kind, with its arguments (``bench.plan.step_kinds``).
 
     ``number`` is its index in ``Plan.steps``. ``at_s`` is its planned start inside its phase; planned time advances
-    only in settle, record and soak steps (``duration_s``), all others take no planned time. ``arguments`` hold
-    values in SI base units (temperatures in degC, ramps in degC/min); ``conditions`` say under which loop values
-    and set-points the step is done, with unit suffixes. What each kind holds is listed in docs/sequences.md.
+    only in settle, record and soak steps (``duration_s``), all others take no planned time. ``conditions`` say under
+    which loop values and set-points the step is done, with unit suffixes. What each kind holds is listed in
+    docs/sequences.md. Arguments that have a default are left out of the file of a plan where they have it.
     """
+
+    kind: ClassVar[StepKind]
+    on_the_bus: ClassVar[bool] = False  # it says to whom it talks, and takes time there but no planned time
 
     number: int
     phase: Phase
-    kind: StepKind
     at_s: float
     duration_s: float
     role: str
     name: str
-    arguments: Mapping[str, Any]
     conditions: Mapping[str, Any]
     where: str
+
+    @property
+    def set_point(self) -> SetPoint | None:
+        """Return what the step asks of the air of the chamber, None if it asks nothing."""
+        return None
+
+    @classmethod
+    def read(cls, place: Place, arguments: Mapping[str, Any]) -> Self:
+        """Return a step from its arguments in a plan file and what else is in its row."""
+        return cls(*place, **{_FIELDS.get(key, key): value for key, value in arguments.items()})
+
+    def told(self) -> dict[str, Any]:
+        """Return the arguments as they stand in a plan file."""
+        values = [(own, getattr(self, own.name)) for own in fields(self)[len(PLACE) :]]
+        return {_KEYS.get(own.name, own.name): value for own, value in values if value != own.default}
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the row of a plan file."""
+        return {name: self.told() if name == "arguments" else getattr(self, name) for name in ROW}
+
+
+# Arguments of which the field is not called as in a plan file.
+_KEYS = {
+    "temperature_degC": "temperature",
+    "ramp_degC_min": "ramp",
+    "slot_s": "slot",
+    "within_degC": "within",
+    "for_s": "for",
+    "hold_limit_s": "hold_limit",
+    "every_s": "every",
+    "timeout_s": "timeout",
+    "takes_s": "takes",
+    "code": "command",
+}
+_FIELDS = {key: name for name, key in _KEYS.items()}
 
 
 @dataclass(frozen=True)
@@ -97,5 +146,5 @@ def steps_sha256(steps: Iterable[Step]) -> str:
     encode = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=False).encode
     for step in steps:
         row = [step.number, step.phase, step.kind, step.at_s, step.duration_s, step.role, step.name]
-        digest.update(encode([*row, dict(step.arguments), dict(step.conditions)]).encode() + b"\n")
+        digest.update(encode([*row, step.told(), dict(step.conditions)]).encode() + b"\n")
     return digest.hexdigest()

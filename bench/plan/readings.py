@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from bench.model.ports import Action, Effect
 from bench.plan.language_steps import Record
 from bench.plan.plan import Step
+from bench.plan.step_kinds import WIRING, PlannedCall, PlannedRecord
 from bench.plan.values import Quantity, Scope, plain
 
 if TYPE_CHECKING:
     from bench.plan.expand import Expander, Path
 
-READINGS, EVERY, SECONDS = "readings", "every", "seconds"
-WIRING = "wiring"
+READINGS, EVERY = "readings", "every"
 _WHOLE = 1e-6  # of a round
 
 
-def reading_calls(step: Step) -> tuple[Step, ...]:
+def reading_calls(step: Step) -> tuple[PlannedCall, ...]:
     """Return what a record reads as call steps, in order; none if it is made of frames."""
-    return tuple(replace(step, kind="call", **reading) for reading in step.arguments.get(READINGS, ()))
+    return step.calls if isinstance(step, PlannedRecord) else ()
 
 
 def roles_of(steps: Iterable[Step]) -> set[str]:
@@ -34,9 +33,9 @@ def reading_place(index: int, argument: str) -> str:
     return f"{READINGS}.{index}.{argument}"
 
 
-def round_count(step: Step) -> int:
+def round_count(record: PlannedRecord) -> int:
     """Return how many times a record takes its readings."""
-    return round(float(step.arguments[SECONDS]) / float(step.arguments[EVERY]))
+    return round(record.seconds / record.every_s)
 
 
 def is_reading(action: Action) -> bool:

@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS
-from bench.model.ports import Effect
+from bench.model.ports import Action, Effect
 from bench.model.units import format_quantity
 from bench.plan.bus_time import declared_action
 from bench.plan.check_actions import Judged
 from bench.plan.check_state import BenchState
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
-from bench.plan.readings import reading_calls, round_count
+from bench.plan.readings import round_count
+from bench.plan.step_kinds import PlannedCall, PlannedRecord, PlannedSend, PlannedSoak
 
 STEP_BYTES = 400  # events, commands and replies of a step, with their envelopes
 SECOND_BYTES = 150  # chunk and message indexes of a second
@@ -41,7 +42,8 @@ class Summary:
 def summarise(plan: Plan, start_utc_ns: int = VIRTUAL_START_UTC_NS) -> Summary:
     """Key figures of a plan that starts at ``start_utc_ns``."""
     total_s = plan.prepare_s + plan.duration_s + plan.finally_s
-    readings = sum(len(calls) * round_count(step) for step in plan.steps if (calls := reading_calls(step)))
+    records = [step for step in plan.steps if isinstance(step, PlannedRecord) and step.readings]
+    readings = sum(len(record.readings) * round_count(record) for record in records)
     bytes_s = plan.link_bytes_s + SECOND_BYTES
     return Summary(
         steps=len(plan.steps),
@@ -55,21 +57,21 @@ def summarise(plan: Plan, start_utc_ns: int = VIRTUAL_START_UTC_NS) -> Summary:
     )
 
 
-def _calls(plan: Plan, *effects: Effect) -> list[Step]:
-    found = []
-    for step in plan.steps:
-        action = declared_action(plan.station, step.role, step.name) if step.kind == "call" else None
-        if action is not None and action.effect in effects:
-            found.append(step)
-    return found
+def _calls(plan: Plan, effect: Effect) -> list[PlannedCall]:
+    calls = [step for step in plan.steps if isinstance(step, PlannedCall)]
+    return [call for call in calls if (action := _action(plan, call)) is not None and action.effect is effect]
 
 
-def _highest(steps: list[Step], argument: str) -> dict[str, float]:
+def _action(plan: Plan, step: Step) -> Action | None:
+    return declared_action(plan.station, step.role, step.name) if isinstance(step, PlannedCall) else None
+
+
+def _highest(calls: list[PlannedCall], argument: str) -> dict[str, float]:
     highest: dict[str, float] = {}
-    for step in steps:
-        value = step.arguments.get(argument)
-        if isinstance(value, float):
-            highest[step.role] = max(abs(value), highest.get(step.role, 0.0))
+    for call in calls:
+        value = call.quantity(argument)
+        if value is not None:
+            highest[call.role] = max(abs(value), highest.get(call.role, 0.0))
     return highest
 
 
@@ -83,10 +85,12 @@ def _stimulus(plan: Plan) -> list[str]:
 
 def _thermal(plan: Plan) -> list[str]:
     by_role: dict[str, list[float]] = {}
-    for step in [s for s in plan.steps if s.kind == "soak"] + _calls(plan, Effect.THERMAL):
-        value = step.arguments.get("temperature")
-        if isinstance(value, float):
-            by_role.setdefault(step.role, []).append(value)
+    soaks = [step for step in plan.steps if isinstance(step, PlannedSoak)]
+    asked: list[tuple[str, float | None]] = [(soak.role, soak.temperature_degC) for soak in soaks]
+    asked += [(call.role, call.quantity("temperature")) for call in _calls(plan, Effect.THERMAL)]
+    for role, value in asked:
+        if value is not None:
+            by_role.setdefault(role, []).append(value)
     return [f"{role}: {min(values):g} degC to {max(values):g} degC" for role, values in by_role.items()]
 
 
@@ -96,7 +100,7 @@ def _power(plan: Plan) -> list[str]:
 
 
 def _motion(plan: Plan) -> list[str]:
-    closed = [step.role for step in _calls(plan, Effect.MOTION_ON) if "axis" not in step.arguments]
+    closed = [call.role for call in _calls(plan, Effect.MOTION_ON) if call.axis is None]
     rates = _highest(_calls(plan, Effect.MOTION_ON), "rate")
     return [
         f"{role}: moves at up to {rates.get(role, 0.0):g} deg/s, interlock closed {closed.count(role)} times; "
@@ -106,16 +110,16 @@ def _motion(plan: Plan) -> list[str]:
 
 
 def _raw(plan: Plan) -> list[str]:
-    roles = sorted({step.role for step in plan.steps if step.kind == "send"})
+    roles = sorted({step.role for step in plan.steps if isinstance(step, PlannedSend)})
     return [f"{role}: takes raw commands, which the check cannot look into" for role in roles]
 
 
 def _afterwards(plan: Plan) -> list[str]:
     return [
-        f"{step.role}: after the campaign {step.arguments['temperature']:g} degC for {step.duration_s:g} s; "
+        f"{step.role}: after the campaign {step.temperature_degC:g} degC for {step.duration_s:g} s; "
         "only then may it be opened"
         for step in plan.phase("finally")
-        if step.kind == "soak"
+        if isinstance(step, PlannedSoak)
     ]
 
 
@@ -123,8 +127,7 @@ def _left_on(plan: Plan) -> list[str]:
     """What still holds energy after the last step, before every instrument is made safe."""
     state = BenchState(plan, plan.station, Findings())
     for step in plan.steps:
-        declared = declared_action(plan.station, step.role, step.name) if step.kind == "call" else None
-        state.take(step, Judged(declared, step.arguments))
+        state.take(step, Judged(_action(plan, step), step.arguments if isinstance(step, PlannedCall) else {}))
     return [f"{role}: on until it is made safe at the end" for role in sorted(state.energised)]
 
 

@@ -12,7 +12,6 @@ from typing import Any
 
 from bench.frame import CommandLayout
 from bench.model.errors import InputError
-from bench.plan.bus_time import TAKES
 from bench.plan.expand import Expander, Path
 from bench.plan.findings import suggestion
 from bench.plan.language_steps import Test, TestStep, UnitStep
@@ -50,7 +49,7 @@ def expand_test(plan: Expander, step: TestStep, path: Path, scope: Scope) -> Non
         return
     more: dict[str, Any] = {"item": test.item}
     if test.takes is not None:
-        more[TAKES] = plan.quantity(test.takes, "s", scope, (*path, "test", TAKES))
+        more["takes"] = plan.quantity(test.takes, "s", scope, (*path, "test", "takes"))
     _append(plan, link, layout, test.arguments, (*path, "test"), scope, more)
 
 

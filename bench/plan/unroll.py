@@ -56,7 +56,7 @@ class Unroller:
                 message = f"at {entry.at:g} s: what stands before ends only at {self._plan.at_s:g} s"
                 self._plan.fail("B-PLAN-035", (*here, "at"), message, "give it a later time")
             elif wait_s > 0:
-                self._plan.add("settle", "", "", {}, scope, here, Quantity(wait_s, "s"))
+                self._plan.add("settle", "", "", {"bus_s": 0.0}, scope, here, Quantity(wait_s, "s"))
             self._plan.retry_step = len(self._plan.steps)
             leaves.expand_entry(self._plan, entry, here, scope)
 

@@ -13,15 +13,8 @@ from bench.model.clock import NS
 from bench.record.trend_format import HELD_S
 from bench.record.trend_rows import TrendRows
 
-CHAMBER = "chamber"
 _AIR, _UNIT, _SETPOINT = range(len(BENCH_FIELDS))
 _READINGS = {"air_degC": _AIR, "unit_degC": _UNIT}
-
-
-def setpoint_degC(kind: str, role: str, arguments: Mapping[str, Any]) -> float | None:
-    """Air temperature that a step of a plan asks of the chamber, degC; None if it asks none."""
-    asked = arguments.get("temperature") if kind == "soak" or (kind == "call" and role == CHAMBER) else None
-    return None if asked is None else float(asked)
 
 
 class BenchRows:

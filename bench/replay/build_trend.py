@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import sys
@@ -19,6 +18,7 @@ from typing import Any
 from bench.frame import LinkDecoder
 from bench.frame.signals import BENCH
 from bench.model.errors import BenchError
+from bench.plan import steps_of
 from bench.record import Message, SessionReader, layout
 from bench.record.trend import TrendWriter
 from bench.record.trend_bench import BenchRows
@@ -61,7 +61,7 @@ class _Building:
         self._frames = frames_of(manifest, texts)
         self._sources = sources_of(session_signals(manifest, texts), self._frames)
         self._begins, events = _first_look(reader)
-        steps = json.loads(texts.get("plan.json", "[]"))
+        steps = steps_of(texts.get("plan.json", "[]"))
         self._setpoints = list(recorded_setpoints(steps, events))
         self._topics = {f"{layout.LINK}{link}/rx": link for link in self._frames}
 

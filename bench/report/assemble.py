@@ -9,8 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from bench.model.quality import Quality
+from bench.plan import Step
 from bench.report.model import (
-    PlannedStep,
     Record,
     RecordCounts,
     ReportModel,
@@ -27,7 +27,7 @@ _STARTED = re.compile(r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)Z")
 def report_model(
     results: Mapping[str, Any],
     rows: Sequence[Record],
-    plan_steps: Sequence[PlannedStep],
+    plan_steps: Sequence[Step],
     trace: TemperatureTrace | None,
     manifest: Mapping[str, Any],
     *,
@@ -107,7 +107,7 @@ def started_utc(session: str) -> str:
     return "{}-{}-{}T{}:{}:{}Z".format(*found.groups()) if found else ""
 
 
-def _prepare_s(steps: Sequence[PlannedStep]) -> float:
+def _prepare_s(steps: Sequence[Step]) -> float:
     return max((step.at_s + step.duration_s for step in steps if step.phase == "prepare"), default=0.0)
 
 

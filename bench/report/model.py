@@ -9,35 +9,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.plan import Step
+
 Floats = NDArray[np.float64]
 
 
 def _no_floats() -> Floats:
     return np.empty(0)
-
-
-class PlannedStep(Protocol):
-    """The fields of a plan step that the timetable reads; times in seconds from the start of the phase.
-
-    ``arguments`` of a soak and of a chamber's ``set_temperature``: "temperature" (degC) and "ramp" (degC/min).
-    """
-
-    @property
-    def phase(self) -> str: ...
-    @property
-    def kind(self) -> str: ...
-    @property
-    def at_s(self) -> float: ...
-    @property
-    def duration_s(self) -> float: ...
-    @property
-    def role(self) -> str: ...
-    @property
-    def name(self) -> str: ...
-    @property
-    def arguments(self) -> Mapping[str, Any]: ...
-    @property
-    def conditions(self) -> Mapping[str, Any]: ...
 
 
 class Window(Protocol):
@@ -68,7 +46,7 @@ class TimedPlan(Protocol):
     @property
     def title(self) -> str: ...
     @property
-    def steps(self) -> Sequence[PlannedStep]: ...
+    def steps(self) -> Sequence[Step]: ...
     @property
     def prepare_s(self) -> float: ...
 

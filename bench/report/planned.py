@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.report.model import Floats, PlannedStep
+from bench.plan import CHAMBER, PlannedCall, PlannedSoak, SetPoint, Step
+from bench.report.model import Floats
 
 LAB_AIR_degC = 23.0  # where a chamber starts when the plan does not say (reference conditions 23 degC)
-_CHAMBER = "chamber"
 
 
 @dataclass(frozen=True)
@@ -34,26 +34,26 @@ class _Chamber:
 
     def __init__(self, start_degC: float) -> None:
         self._last_degC = start_degC
-        self._asked: tuple[float, float] | None = None  # degC, degC/min
+        self._asked: SetPoint | None = None
         self._move: _Move | None = None
         self.t_s: list[float] = []
         self.degC: list[float] = []
 
-    def soak(self, t_s: float, to_degC: float, ramp_degC_min: float) -> None:
-        """Set-point and run."""
-        self._asked = to_degC, ramp_degC_min
+    def soak(self, t_s: float, asked: SetPoint) -> None:
+        """Take a set-point and run."""
+        self._asked = asked
         self.run(t_s)
 
-    def set_temperature(self, t_s: float, to_degC: float, ramp_degC_min: float) -> None:
-        """A new set-point, at once if the chamber runs."""
-        self._asked = to_degC, ramp_degC_min
+    def set_temperature(self, t_s: float, asked: SetPoint) -> None:
+        """Take a new set-point, at once if the chamber runs."""
+        self._asked = asked
         if self._move is not None:
             self.run(t_s)
 
     def run(self, t_s: float) -> None:
         """Begin to move, or go on."""
         if self._asked is not None:
-            to_degC, ramp_degC_min = self._asked
+            to_degC, ramp_degC_min = self._asked.temperature_degC, self._asked.ramp_degC_min
             self.until(t_s)
             ramp_s = 60.0 * abs(to_degC - self._last_degC) / ramp_degC_min if ramp_degC_min else 0.0
             self._move = _Move(t_s, self._last_degC, to_degC, t_s + ramp_s)
@@ -87,7 +87,7 @@ class _Chamber:
 
 
 def planned_temperature(
-    steps: Sequence[PlannedStep], prepare_s: float = 0.0, start_degC: float = LAB_AIR_degC
+    steps: Sequence[Step], prepare_s: float = 0.0, start_degC: float = LAB_AIR_degC
 ) -> tuple[Floats, Floats]:
     """Corners of the planned air temperature through all phases: it ramps from where it is, then holds.
 
@@ -99,26 +99,26 @@ def planned_temperature(
     end_s = 0.0
     for step, t_s in timed_steps(steps, prepare_s):
         end_s = max(end_s, t_s + step.duration_s)
-        if step.kind == "soak":
-            chamber.soak(t_s, float(step.arguments["temperature"]), float(step.arguments["ramp"]))
-        elif step.kind == "call" and step.role == _CHAMBER:
+        if isinstance(step, PlannedSoak):
+            chamber.soak(t_s, step.set_point)
+        elif isinstance(step, PlannedCall) and step.role == CHAMBER:
             _command(chamber, step, t_s)
     chamber.until(end_s)
     return np.array(chamber.t_s), np.array(chamber.degC)
 
 
-def _command(chamber: _Chamber, step: PlannedStep, t_s: float) -> None:
-    if step.name == "set_temperature":
-        chamber.set_temperature(t_s, float(step.arguments["temperature"]), float(step.arguments["ramp"]))
-    elif step.name == "run":
+def _command(chamber: _Chamber, call: PlannedCall, t_s: float) -> None:
+    if call.set_point is not None:
+        chamber.set_temperature(t_s, call.set_point)
+    elif call.name == "run":
         chamber.run(t_s)
-    elif step.name == "hold":
+    elif call.name == "hold":
         chamber.hold(t_s)
-    elif step.name == "stop":
+    elif call.name == "stop":
         chamber.stop(t_s)
 
 
-def timed_steps(steps: Sequence[PlannedStep], prepare_s: float) -> Iterator[tuple[PlannedStep, float]]:
+def timed_steps(steps: Sequence[Step], prepare_s: float) -> Iterator[tuple[Step, float]]:
     """Each step with its start in seconds from the start of the campaign: preparation before 0, the rest behind."""
     end_s = max((step.at_s + step.duration_s for step in steps if step.phase == "campaign"), default=0.0)
     origin_s = {"prepare": -prepare_s, "finally": end_s}

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.report.model import Bar, PlannedStep, Timetable
+from bench.plan import PlannedRecord, PlannedSettle, PlannedSoak, Step
+from bench.report.model import Bar, Timetable
 from bench.report.planned import planned_temperature, timed_steps
 
 _JOIN_s = 1.0
 
 
-def timetable(steps: Sequence[PlannedStep], prepare_s: float) -> Timetable:
+def timetable(steps: Sequence[Step], prepare_s: float) -> Timetable:
     """Merge the steps of a plan into bars and draw its planned temperature.
 
     Args:
@@ -36,31 +37,31 @@ def timetable(steps: Sequence[PlannedStep], prepare_s: float) -> Timetable:
     return Timetable(tuple(bars), *planned_temperature(steps, prepare_s))
 
 
-def _conditions_served(steps: Sequence[PlannedStep]) -> list[Mapping[str, Any]]:
+def _conditions_served(steps: Sequence[Step]) -> list[Mapping[str, Any]]:
     """The conditions that each step serves: to settle is a part of the record that comes after it."""
     found: list[Mapping[str, Any]] = []
     ahead: Mapping[str, Any] | None = None
     for step in reversed(steps):
-        if step.kind == "record":
+        if isinstance(step, PlannedRecord):
             ahead = step.conditions
-        elif step.kind != "settle" and step.duration_s > 0:
+        elif not isinstance(step, PlannedSettle) and step.duration_s > 0:
             ahead = None
-        found.append(ahead if step.kind == "settle" and ahead is not None else step.conditions)
+        found.append(ahead if isinstance(step, PlannedSettle) and ahead is not None else step.conditions)
     return found[::-1]
 
 
-def _lane(step: PlannedStep, conditions: Mapping[str, Any]) -> str:
+def _lane(step: Step, conditions: Mapping[str, Any]) -> str:
     if step.phase != "campaign":
         return step.phase
     channel = conditions.get("channel")
-    if channel is not None and step.kind != "soak":
+    if channel is not None and not isinstance(step, PlannedSoak):
         return f"channel {channel}"
     return step.kind
 
 
-def _kind(step: PlannedStep, conditions: Mapping[str, Any]) -> str:
+def _kind(step: Step, conditions: Mapping[str, Any]) -> str:
     if step.phase != "campaign":
         return step.phase
-    if step.kind == "soak":
+    if isinstance(step, PlannedSoak):
         return "soak"
     return "repeat" if conditions.get("repeat") else "measure"

@@ -20,7 +20,6 @@ from bench.run.links.acquisition import Acquisition
 from bench.run.steps.timing import Timeline
 from bench.run.stop import StopSwitch
 
-CHAMBER = "chamber"
 Traffic = Callable[[str, str, str, int], None]
 """Takes role, direction ("tx" or "rx"), text and monotonic time in ns."""
 

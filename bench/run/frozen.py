@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,7 +11,7 @@ from typing import Any, Literal
 
 from bench.model.errors import InputError, SessionDamaged
 from bench.model.shipped import shipped_folder
-from bench.plan import Plan, Step, compile_sequence, load_station
+from bench.plan import Plan, compile_sequence, load_station, steps_of
 from bench.plan.plan import steps_sha256
 
 _KINDS: tuple[Literal["sequences", "stations", "frames"], ...] = ("sequences", "stations", "frames")
@@ -33,7 +32,7 @@ def frozen_plan(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, s
             where=str(folder),
             next_step="name the folder of a session that 'bench run' has begun",
         )
-    steps = _steps(folder, texts[PLAN])
+    steps = steps_of(texts[PLAN], str(folder))
     if steps_sha256(steps) != manifest.get("plan_sha256"):
         raise _not_whole(folder, "its plan has another hash than its manifest says")
     try:
@@ -60,13 +59,6 @@ def _compiled(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> Plan:
         station = load_station(next(Path(place, "stations").glob("*.yaml")))
         sequence = Path(place, "sequences", f"{manifest['sequence']}.yaml")
         return compile_sequence(sequence, station, dict(manifest.get("settings", {})))
-
-
-def _steps(folder: Path, text: str) -> tuple[Step, ...]:
-    try:
-        return tuple(Step(**row) for row in json.loads(text))
-    except (ValueError, TypeError) as error:
-        raise _not_whole(folder, f"its plan cannot be read: {error}") from error
 
 
 def _not_whole(folder: Path, why: str) -> SessionDamaged:

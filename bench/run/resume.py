@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.errors import InputError, InstrumentError
-from bench.plan import Plan
+from bench.plan import Plan, PlannedSoak
 from bench.record import JournalEntry, SessionReader, layout, read_journal
 from bench.record.journal import is_being_written
 from bench.record.writer import OPEN_MARKER
@@ -122,7 +122,7 @@ def _unit_answer(events: list[Event]) -> bytes | None:
 
 def _was_settled(stopped: Stopped, start: int) -> bool:
     """False if the soak before a step was left unstable; then records behind it say so until it is done again."""
-    soak = next((step.number for step in reversed(stopped.plan.steps[:start]) if step.kind == "soak"), None)
+    soak = next((step.number for step in reversed(stopped.plan.steps[:start]) if isinstance(step, PlannedSoak)), None)
     late = (fields for kind, _, fields in stopped.events if kind == "late")
     return not any(one.get("step") == soak and one.get("policy") == "skip" for one in late)
 

@@ -9,16 +9,16 @@ from dataclasses import dataclass, field
 from bench.model.clock import NS, to_ns
 from bench.model.errors import BenchError, InstrumentError, OperatorStop, RunError
 from bench.model.ports import actions_of
-from bench.plan import Step
+from bench.plan import CHAMBER, PlannedRecord, PlannedVerify, Step
 from bench.plan.plan import Phase
 from bench.record import Journal, RecordError, RecordRow
 from bench.run.bench.safety import heat_off, make_safe
-from bench.run.context import CHAMBER, RunContext
+from bench.run.context import RunContext
 from bench.run.hold.holds import Interruption, Wish
 from bench.run.hold.instrument import wish_to_wait
 from bench.run.hold.patience import patient
 from bench.run.hold.standing import stand_still
-from bench.run.steps.dispatch import EXECUTORS
+from bench.run.steps.dispatch import execute
 from bench.run.steps.position import in_point, point_start, point_stop, readings_of
 from bench.run.steps.recording import measurement_rows
 from bench.run.steps.reentry import come_back, tables_back
@@ -148,12 +148,12 @@ class Sequencer:
     def _again(self, error: RunError, steps: Sequence[Step], position: int, attempts: dict[int, int]) -> int:
         """Where to go on after a verify step failed: its point is taken again while attempts are left."""
         step = steps[position]
-        record = next((before for before in reversed(steps[:position]) if before.kind == "record"), None)
+        record = next((before for before in reversed(steps[:position]) if isinstance(before, PlannedRecord)), None)
         tried = attempts.get(step.number, 0)
-        if step.kind != "verify" or record is None or tried >= int(record.arguments["retry"]):
+        if not isinstance(step, PlannedVerify) or record is None or tried >= record.retry:
             raise error
         attempts[step.number] = tried + 1
-        first = int(record.arguments["retry_step"]) - steps[0].number
+        first = record.retry_step - steps[0].number
         self._context.listener.message(f"{error.where}: {error.message}; the point is taken again")
         tables_back(self._context, steps[first].number, steps[first:position])
         self._retake(error.message, steps[first:position])
@@ -207,7 +207,7 @@ class Sequencer:
         context.stop.check()
         context.listener.step(step, (context.clock.now_ns() - self._start_ns) / NS)
         context.timeline.reach(step.at_s)
-        EXECUTORS[step.kind](context, step)
+        execute(context, step)
         set_to = setpoint_of(step, context.instruments)
         self._journal_step(step.number, step.phase, context.clock.now_ns(), step.conditions, set_to)
         self._done = step.number + 1
@@ -216,7 +216,7 @@ class Sequencer:
         """Take back every record of the steps that are done again."""
         context = self._context
         for step in again:
-            if step.kind == "record":
+            if isinstance(step, PlannedRecord):
                 context.event("retake", record=context.record_count, reason=reason)
                 context.rows.pop(context.record_count, None)
                 context.record_count -= 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, suppress
@@ -15,7 +14,7 @@ from typing import Any
 from bench.frame import FrameDefinition, parse_frame
 from bench.model.clock import NS, Clock
 from bench.model.errors import BenchError, InputError, RunError
-from bench.plan import Plan
+from bench.plan import Plan, plan_json
 from bench.record import Journal, PackedList, RecordCutter, RecordError, SessionWriter
 from bench.record.recover import resume_session
 from bench.run.bench.beginning import begin_safely, check_space, identities_of
@@ -42,7 +41,6 @@ from bench.run.watch.listening import SafeListener
 
 CLOCK_PAIR_S = 600.0
 SYNC_S = 1.0
-_STEP_FIELDS = ("number", "phase", "kind", "at_s", "duration_s", "role", "name", "arguments", "conditions", "where")
 
 Event = tuple[str, int, Mapping[str, Any]]
 Beside = Callable[[RunContext], AbstractContextManager[object]]
@@ -183,7 +181,7 @@ def _begin(
         return resume_session(resumed.folder, t_mono_ns=clock.now_ns(), fields=fields), resumed.manifest
     name = session_name(plan, clock)
     manifest = manifest_of(plan, name, seed, clock, identities, {k: f.sha256 for k, f in _frames(plan).items()})
-    texts = {**plan.texts, "plan.json": plan_json(plan)}
+    texts = {**plan.texts, "plan.json": plan_json(plan.steps)}
     return SessionWriter.create(new_folder(out, name), manifest, texts, t_mono_ns=clock.now_ns()), manifest
 
 
@@ -207,12 +205,6 @@ def _check_links(plan: Plan) -> None:
         if link not in plan.station.links:
             message = f"station {plan.station.name!r} has no link {link!r}"
             raise InputError("B-RUN-004", message, where=link, next_step="add it to the station file")
-
-
-def plan_json(plan: Plan) -> str:
-    """The compiled steps as they are stored in the session."""
-    steps = [{name: getattr(step, name) for name in _STEP_FIELDS} for step in plan.steps]
-    return json.dumps(steps, separators=(",", ":"), default=dict)
 
 
 class KeepingSink:

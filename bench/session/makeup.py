@@ -9,22 +9,33 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from decimal import Decimal
 from typing import Any
 
 from bench.model.errors import InputError
-from bench.model.ports import Action, Parameter
-from bench.plan import Plan, Step
+from bench.model.ports import Parameter
+from bench.plan import (
+    MEASUREMENT,
+    Plan,
+    PlannedCall,
+    PlannedCommand,
+    PlannedPrompt,
+    PlannedRecord,
+    PlannedSend,
+    PlannedSettle,
+    PlannedSoak,
+    PlannedVerify,
+    Step,
+)
 from bench.plan.bus_time import declared_action
-from bench.plan.readings import reading_calls
-from bench.session.record_states import VALID, RecordState, of_samples
+from bench.session.record_states import VALID, RecordState
 
 _DROPPED = ("sequence", "title", "duration", "records", "prepare", "steps", "timeline", "finally", "procedures")
 _SECTION = re.compile(r"^([a-z_]+):", re.MULTILINE)
 _SUFFIXES = {"_A": "A", "_V": "V", "_Hz": "Hz", "_s": "s", "_C": "C", "_ohm": "ohm", "_W": "W", "_F": "F"}
 _SUFFIXES |= {"_degC": "degC", "_degC_min": "degC/min", "_deg_s": "deg/s"}
-_BETWEEN = ("record", "verify", "soak", "prompt")  # kinds of step that end the point before
+_BETWEEN = (PlannedRecord, PlannedVerify, PlannedSoak, PlannedPrompt)  # they end the point before
 _AUTOMATIC = ("purpose", "label", "settle_band_degC")
 
 
@@ -37,14 +48,14 @@ def make_up_sequence(plan: Plan, states: Sequence[RecordState]) -> tuple[str, in
     if not again:
         raise InputError("B-RES-007", "every record is valid, there is nothing to make up", next_step="'bench fit'")
     for one in again:
-        if of_samples(one.step):
+        if one.step.samples:
             raise InputError(
                 "B-RES-008",
                 "records of samples on a table cannot be taken again one by one: each depends on how it was mounted",
                 where=one.step.where,
                 next_step="'bench resume' goes on with the run; else run the campaign again",
             )
-        if one.step.arguments.get("follows") or "window_index" in one.step.conditions:
+        if one.step.follows or "window_index" in one.step.conditions:
             raise InputError(
                 "B-RES-008",
                 "records without a gap over a changing temperature cannot be taken again one by one",
@@ -95,17 +106,17 @@ def _current_A(one: RecordState) -> float:
     return abs(float(one.step.conditions.get("current_A", 0.0)))
 
 
-def _soak_before(plan: Plan, step: Step) -> Step | None:
-    return next((one for one in reversed(plan.steps[: step.number]) if one.kind == "soak"), None)
+def _soak_before(plan: Plan, step: Step) -> PlannedSoak | None:
+    return next((before for before in reversed(plan.steps[: step.number]) if isinstance(before, PlannedSoak)), None)
 
 
-def _soak_key(soak: Step | None) -> str:
-    return "" if soak is None else json.dumps([soak.role, dict(soak.arguments)], sort_keys=True)
+def _soak_key(soak: PlannedSoak | None) -> str:
+    return "" if soak is None else json.dumps([soak.role, soak.told()], sort_keys=True)
 
 
 def _steps(plan: Plan, chosen: Sequence[RecordState]) -> Iterator[str]:
     """Each temperature once, in the order of the plan; the overlap first, then what is made up."""
-    visits: dict[str, tuple[Step | None, list[RecordState]]] = {}
+    visits: dict[str, tuple[PlannedSoak | None, list[RecordState]]] = {}
     for one in sorted(chosen, key=lambda one: one.step.number):
         soak = _soak_before(plan, one.step)
         visits.setdefault(_soak_key(soak), (soak, []))[1].append(one)
@@ -133,17 +144,19 @@ def _procedures(plan: Plan, chosen: Sequence[RecordState]) -> Iterator[str]:
             yield f"      - {_written(plan, step)}"
 
 
-def _point(plan: Plan, record: Step) -> Sequence[Step]:
+def _point(plan: Plan, record: PlannedRecord) -> Sequence[Step]:
     """Steps of a point, from where it would be taken again to its last verification.
 
     In the flat form a record stands alone: everything since the record before it belongs to the point.
     """
-    first = int(record.arguments.get("retry_step", record.number))
+    first = record.retry_step
     if first == record.number:
-        while first > 0 and plan.steps[first - 1].phase == record.phase and plan.steps[first - 1].kind not in _BETWEEN:
+        while (
+            first > 0 and (before := plan.steps[first - 1]).phase == record.phase and not isinstance(before, _BETWEEN)
+        ):
             first -= 1
     stop = record.number + 1
-    while stop < len(plan.steps) and plan.steps[stop].kind == "verify":
+    while stop < len(plan.steps) and isinstance(plan.steps[stop], PlannedVerify):
         stop += 1
     return plan.steps[first:stop]
 
@@ -187,25 +200,43 @@ def _scalar(text: str) -> str:
 
 
 def _written(plan: Plan, step: Step) -> str:
-    """One step of the plan as a step of the structured form."""
-    if step.kind == "call":
-        return _call(declared_action(plan.station, step.role, step.name), step)
-    if step.kind == "record":
-        return _flow({"record": _record(plan, step)})
-    return _flow(_PLAIN[step.kind](step))
+    """Return a step of the plan as a step of the structured form, in one line; JSON is YAML."""
+    if isinstance(step, PlannedCall) and not step.arguments:
+        return _name_of(step)
+    ((key, value),) = _words(plan, step).items()
+    return f"{key}: {json.dumps(value, ensure_ascii=False)}"
 
 
-def _call(declared: Action | None, step: Step) -> str:
-    called = _called(declared, step)
-    return called if isinstance(called, str) else _flow(called)
+def _words(plan: Plan, step: Step) -> Mapping[str, Any]:
+    words: Mapping[str, Any] = {}
+    match step:
+        case PlannedCall():
+            words = _call(plan, step)
+        case PlannedRecord():
+            words = {"record": _record(plan, step)}
+        case PlannedSettle():
+            words = {"settle": _quantity(step.duration_s, "s")}
+        case PlannedVerify():
+            words = {"verify": _name_of(step)}
+        case PlannedCommand():
+            words = {"unit": {step.role: step.name}}
+        case PlannedSend():
+            words = {"send": {step.role: step.text}}
+        case PlannedSoak():
+            words = {"soak": _soak(step)}
+        case PlannedPrompt():
+            words = {"prompt": _prompt(step)}
+    return words
 
 
-def _called(declared: Action | None, step: Step) -> str | dict[str, Any]:
-    called = f"{step.role}.{step.name}"
-    if not step.arguments:
-        return called
-    parameters = {one.name: one for one in declared.parameters} if declared is not None else {}
-    return {called: {name: _argument(value, parameters.get(name)) for name, value in step.arguments.items()}}
+def _name_of(step: Step) -> str:
+    return f"{step.role}.{step.name}"
+
+
+def _call(plan: Plan, call: PlannedCall) -> dict[str, Any]:
+    declared = declared_action(plan.station, call.role, call.name)
+    parameters = {parameter.name: parameter for parameter in declared.parameters} if declared is not None else {}
+    return {_name_of(call): {name: _argument(value, parameters.get(name)) for name, value in call.arguments.items()}}
 
 
 def _argument(value: Any, parameter: Parameter | None) -> Any:
@@ -218,20 +249,19 @@ def _quantity(value: float, unit: str) -> str:
     return f"{Decimal(repr(float(value))) * 100:f} %" if unit == "1" else f"{value!r} {unit}"
 
 
-def _record(plan: Plan, step: Step) -> dict[str, Any]:
-    arguments = step.arguments
-    record: dict[str, Any] = {"seconds": _quantity(arguments["seconds"], "s")}
-    if calls := reading_calls(step):
-        record["every"] = _quantity(arguments["every"], "s")
-        record["readings"] = [_called(declared_action(plan.station, call.role, call.name), call) for call in calls]
-    if arguments.get("retry"):
-        record["retry"] = arguments["retry"]
-    if arguments.get("max_lost"):
-        record["max_lost"] = _quantity(arguments["max_lost"], "1")
-    if arguments.get("pulse_timing"):
+def _record(plan: Plan, step: PlannedRecord) -> dict[str, Any]:
+    record: dict[str, Any] = {"seconds": _quantity(step.seconds, "s")}
+    if step.readings:
+        record["every"] = _quantity(step.every_s, "s")
+        record["readings"] = [_call(plan, call) if call.arguments else _name_of(call) for call in step.calls]
+    if step.retry:
+        record["retry"] = step.retry
+    if step.max_lost:
+        record["max_lost"] = _quantity(step.max_lost, "1")
+    if step.pulse_timing:
         record["pulse_timing"] = True
-    if arguments.get("purpose", "measurement") != "measurement":
-        record["purpose"] = arguments["purpose"]
+    if step.purpose != MEASUREMENT:
+        record["purpose"] = step.purpose
     if "label" in step.conditions:
         record["label"] = step.conditions["label"]
     record["conditions"] = dict(_condition(*one) for one in step.conditions.items() if one[0] not in _AUTOMATIC)
@@ -246,34 +276,17 @@ def _condition(name: str, value: Any) -> tuple[str, Any]:
     return name, value
 
 
-def _soak(step: Step) -> dict[str, Any]:
-    told = step.arguments
-    stable = {"within": _quantity(told["within"], "degC"), "for": _quantity(told["for"], "s"), "sensor": told["sensor"]}
-    soak = {"chamber": step.role, "temperature": _quantity(told["temperature"], "degC")}
-    soak |= {"ramp": _quantity(told["ramp"], "degC/min"), "slot": _quantity(told["slot"], "s")}
-    return {"soak": {**soak, "stable": stable, "late": told["late"], "hold_limit": _quantity(told["hold_limit"], "s")}}
+def _soak(step: PlannedSoak) -> dict[str, Any]:
+    stable = {"within": _quantity(step.within_degC, "degC"), "for": _quantity(step.for_s, "s"), "sensor": step.sensor}
+    soak = {"chamber": step.role, "temperature": _quantity(step.temperature_degC, "degC")}
+    soak |= {"ramp": _quantity(step.ramp_degC_min, "degC/min"), "slot": _quantity(step.slot_s, "s")}
+    return {**soak, "stable": stable, "late": step.late, "hold_limit": _quantity(step.hold_limit_s, "s")}
 
 
-def _prompt(step: Step) -> dict[str, Any]:
-    told = step.arguments
-    prompt: dict[str, Any] = {"text": told["text"], "confirm": told["confirm"]}
-    if told.get("unit"):
-        limits = {key: _quantity(told[key], told["unit"]) for key in ("low", "high") if told.get(key) is not None}
-        prompt["value"] = {"unit": told["unit"], **limits}
-    return {"prompt": prompt}
-
-
-_PLAIN: dict[str, Callable[[Step], Mapping[str, Any]]] = {
-    "settle": lambda step: {"settle": _quantity(step.duration_s, "s")},
-    "verify": lambda step: {"verify": f"{step.role}.{step.name}"},
-    "unit": lambda step: {"unit": {step.role: step.name}},
-    "send": lambda step: {"send": {step.role: step.arguments["text"]}},
-    "soak": _soak,
-    "prompt": _prompt,
-}
-
-
-def _flow(step: Mapping[str, Any]) -> str:
-    """A step in one line; JSON is YAML."""
-    ((key, value),) = step.items()
-    return f"{key}: {json.dumps(value, ensure_ascii=False)}"
+def _prompt(step: PlannedPrompt) -> dict[str, Any]:
+    prompt: dict[str, Any] = {"text": step.text, "confirm": step.confirm}
+    if step.unit:
+        asked = {"low": step.low, "high": step.high}
+        limits = {key: _quantity(limit, step.unit) for key, limit in asked.items() if limit is not None}
+        prompt["value"] = {"unit": step.unit, **limits}
+    return prompt

@@ -9,7 +9,7 @@ from typing import Any
 from bench.model.errors import InputError
 from bench.record import RecordRow
 from bench.replay.parts import moved_rows
-from bench.session.record_states import condition_key, is_measuring, of_samples, row_problem
+from bench.session.record_states import condition_key, measuring, row_problem
 from bench.session.view import SessionView
 
 _OF_STANDARD = ("model", "serial", "certificate", "uncertainty", "corrections")
@@ -22,8 +22,8 @@ def merged(view: SessionView, others: Sequence[SessionView]) -> SessionView:
     It is complete when every planned record is valid in one of them. The notes name the overlap.
     Raises: InputError B-RES-010 if a session is of another unit, analysis or set of channels, or of other standards.
     """
-    measuring = [step for step in view.plan_steps if is_measuring(step)]
-    if not measuring or any(of_samples(step) for step in measuring):
+    records = measuring(view.plan_steps)
+    if not records or any(record.samples for record in records):
         raise InputError(
             "B-RES-010",
             "its results do not come from records that are made up one by one",
@@ -34,7 +34,7 @@ def merged(view: SessionView, others: Sequence[SessionView]) -> SessionView:
         _compatible(view, other)
         view = _joined(view, other)
     valid = {condition_key(row.window.conditions) for row in view.rows if not row_problem(row)}
-    planned = {condition_key(step.conditions) for step in measuring}
+    planned = {condition_key(record.conditions) for record in records}
     return replace(view, incomplete=bool(planned - valid))
 
 

@@ -10,19 +10,18 @@ from typing import Any
 
 from bench.analysis.problems import count_problem, flag_problem
 from bench.model.systems import analysis_declaration, named
-from bench.plan import Step
+from bench.plan import MEASUREMENT, PlannedRecord, Step
 from bench.record import RecordRow
 from bench.replay.rows import Replayed
 
 VALID, MISSING, INVALID = "valid", "missing", "invalid"
-MEASUREMENT = "measurement"
 
 
 @dataclass(frozen=True)
 class RecordState:
     """One planned record: its step, its number if it was taken, and what became of it."""
 
-    step: Step
+    step: PlannedRecord
     number: int | None
     state: str
     why: str = ""
@@ -39,12 +38,11 @@ def record_states(steps: Sequence[Step], replayed: Replayed) -> list[RecordState
     skips = [fields for kind, _, fields in replayed.events if kind == "skip"]
     reached = max(rows, default=-1)
     problems = {row.window.step: problem for row, problem in _problems(replayed)}
-    sampled = {step.number for step in steps if of_samples(step)}
+    records = measuring(steps)
+    sampled = {record.number for record in records if record.samples}
     problems |= {number: sample_problem(row) for number, row in rows.items() if number in sampled}
     return [
-        _state(step, rows.get(step.number), problems.get(step.number, ""), skips, reached)
-        for step in steps
-        if is_measuring(step)
+        _state(record, rows.get(record.number), problems.get(record.number, ""), skips, reached) for record in records
     ]
 
 
@@ -57,14 +55,14 @@ def _problems(replayed: Replayed) -> Iterator[tuple[RecordRow, str]]:
         yield from zip(replayed.rows, named(asked.problems)(replayed.rows, replayed.measurement_rows), strict=True)
 
 
-def is_measuring(step: Any) -> bool:
-    """A record of the campaign that an analysis sees; ``step`` of a plan, compiled or as a session holds it."""
-    purpose = step.arguments.get("purpose", MEASUREMENT)
-    return bool(step.kind == "record" and step.phase == "campaign" and purpose == MEASUREMENT)
+def measuring(steps: Iterable[Step]) -> list[PlannedRecord]:
+    """Return the records of the campaign that an analysis sees."""
+    records = (step for step in steps if isinstance(step, PlannedRecord))
+    return [record for record in records if record.phase == "campaign" and record.purpose == MEASUREMENT]
 
 
 def _state(
-    step: Step, row: RecordRow | None, problem: str, skips: Iterable[Mapping[str, Any]], reached: int
+    step: PlannedRecord, row: RecordRow | None, problem: str, skips: Iterable[Mapping[str, Any]], reached: int
 ) -> RecordState:
     if row is None:
         skip = next((one for one in skips if one["first"] <= step.number < one["stop"]), None)
@@ -73,11 +71,6 @@ def _state(
         lost = "its record is lost" if step.number < reached else "the run stopped before"
         return RecordState(step, None, MISSING, lost)
     return RecordState(step, row.window.number, INVALID if problem else VALID, problem)
-
-
-def of_samples(step: Any) -> bool:
-    """A record whose samples are evaluated one by one, not the counts of its clocks."""
-    return bool(step.kind == "record" and step.arguments.get("samples"))
 
 
 def sample_problem(row: RecordRow) -> str:

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from bench.analysis.analysis import Analysis
 from bench.model.errors import InputError
+from bench.plan import steps_of
 from bench.record.writer import OPEN_MARKER
 from bench.replay import replay_rows
 from bench.replay.rows import Replayed
 from bench.replay.series import IMPORT, replay_series
 from bench.session.merge import merged
-from bench.session.view import KEPT_EVENTS, SessionView, analyse_view, plan_steps_of
+from bench.session.view import KEPT_EVENTS, SessionView, analyse_view
 
 DAMAGED = "damaged: "  # how the notes of a session begin that name a damaged place
 
@@ -52,7 +53,7 @@ def read_view(folder: Path, strict: bool = False) -> SessionView:
         rows=replayed.measurement_rows,
         counts=replayed.totals,
         session_sha256=replayed.session_sha256,
-        plan_steps=plan_steps_of(replayed.texts),
+        plan_steps=steps_of(replayed.texts.get("plan.json", "[]")),
         events=[event for event in replayed.events if event[0] in KEPT_EVENTS],
         notes=notes,
         damaged=bool(replayed.damage),

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +18,7 @@ from bench.analysis.registry import analyse
 from bench.analysis.results import INCOMPLETE, build_results
 from bench.frame import CommandLayout, parse_frame
 from bench.model.clock import NS
+from bench.plan import Step
 from bench.record import RecordRow
 from bench.replay.parts import Splice
 from bench.report import Report, RunStory, TemperatureTrace, report_model
@@ -51,7 +50,7 @@ class SessionView:
     rows: Sequence[RecordRow]
     counts: Mapping[str, int]
     session_sha256: str
-    plan_steps: Sequence[Any] = ()
+    plan_steps: Sequence[Step] = ()
     events: list[tuple[str, int, Mapping[str, Any]]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     damaged: bool = False
@@ -225,9 +224,3 @@ def _trace(view: SessionView) -> Trace:
 
 def _number(value: float | None) -> float:
     return math.nan if value is None else float(value)
-
-
-def plan_steps_of(texts: Mapping[str, str]) -> Sequence[Any]:
-    """The compiled plan as it was stored in the session, () if there is none."""
-    text = texts.get("plan.json")
-    return () if text is None else tuple(SimpleNamespace(**step) for step in json.loads(text))

@@ -11,11 +11,10 @@ from bench.frame.definition import parse_frame
 from bench.frame.signals import all_signals
 from bench.model.errors import BenchError
 from bench.model.yamlio import parse_yaml
-from bench.plan import Step
+from bench.plan import Step, steps_of
 from bench.plan.graph_language import graphs_of, names_in
 from bench.plan.station import StationFile
 from bench.record import Message, layout
-from bench.run.feed.planned import steps_of
 from bench.run.feed.state import RunState
 from bench.web.recording import Recording
 
@@ -99,7 +98,7 @@ def _tell(state: RunState, message: Message, t_utc_s: float) -> None:
 def _steps(recording: Recording) -> tuple[Step, ...]:
     try:
         return steps_of(recording.texts[_PLAN])
-    except (KeyError, TypeError, ValueError):
+    except (BenchError, KeyError):
         return ()
 
 

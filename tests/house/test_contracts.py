@@ -21,6 +21,7 @@ PLANTED = {
     "declarations-are-plain": ("bench.systems.north.declaration", "bench.plan.language"),
     "estimators": ("bench.systems.north.estimators.tilt", "bench.analysis.numbers"),
     "worlds": ("sim_instruments.worlds.north.world", "sim_instruments.worlds.gnc.world"),
+    "simulated-bench": ("sim_instruments.worlds.common.world", "sim_instruments.bus.live"),
     "no-instruments-in-bench": ("bench.run.bench.opener", "instruments.hp_3458a"),
     "instruments-know-floor-0-and-frames": ("instruments.hp_3458a", "bench.maths.allan"),
     "real-without-simulated": ("instruments.hp_3458a", "sim_instruments.hp_3458a"),

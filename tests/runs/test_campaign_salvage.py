@@ -78,7 +78,7 @@ def test_the_make_up_takes_what_is_missing_and_an_overlap(
     assert len(taken) == 10
     wanted = [step for step in planned.phase("campaign") if step.kind == "record"]
     assert [dict(step.conditions) for step in taken[1:]] == [dict(step.conditions) for step in wanted[21:]]
-    assert {step.arguments["seconds"] for step in taken} == {8.0}
+    assert {step.seconds for step in taken} == {8.0}
     assert taken[0].conditions["temperature_degC"] == 25.0
     assert taken[0].conditions["current_A"] > 0
     with pytest.raises(InputError, match="B-RES-009"):

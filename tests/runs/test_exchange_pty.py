@@ -22,7 +22,7 @@ from exchange_rig import MEMORY, SCI, Board, context_of, events, unit_step
 from bench.model.clock import NS, WallClock
 from bench.run.bench.opener import open_port
 from bench.run.links.port import PortLink
-from bench.run.steps.dispatch import EXECUTORS
+from bench.run.steps.dispatch import execute
 
 pytestmark = pytest.mark.waits
 
@@ -101,7 +101,7 @@ def exchanged(total: int) -> None:
         for number in range(total):
             sent.append(number.to_bytes(4, "little") + rng.bytes(int(rng.integers(0, 60))))
             code = MEMORY if number % 2 else SCI
-            EXECUTORS["unit"](context, unit_step(number, "echo", code, sent[-1], "echo", timeout=TIMEOUT_S))
+            execute(context, unit_step(number, "echo", code, sent[-1], "echo", timeout=TIMEOUT_S))
         seconds = (clock.now_ns() - began_ns) / NS
         context.acquisition.stop()
         context.acquisition.readers["rs422"].link.close()

@@ -14,12 +14,11 @@ import pytest
 from rehearsal import Watched, tiny_plan
 
 from bench.model.clock import VirtualClock
-from bench.plan import Plan
+from bench.plan import Plan, steps_of
 from bench.record import SessionReader
 from bench.run.besides import besides
 from bench.run.control.operator import SimulatedOperator
 from bench.run.feed.client import FeedClient, FeedGone
-from bench.run.feed.planned import steps_of
 from bench.run.feed.state import RunState
 from bench.run.session import Conducted, conduct
 from bench.run.stop import StopSwitch

@@ -26,15 +26,13 @@ COMMANDS = (
 
 
 class Environment:
-    """A virtual environment of its own with the locked requirements and those of the other distribution."""
+    """A virtual environment of its own with the locked requirements."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.python = folder / "venv" / "bin" / "python"
         subprocess.run([sys.executable, "-m", "venv", folder / "venv"], check=True)
         self.pip("install", "--require-hashes", "-r", str(TOP / "requirements" / "run.txt"))
-        self.pip("install", OTHER)
-        self.pip("uninstall", "--yes", OTHER)
         self.pip("install", "setuptools>=77", "wheel")
         self.pip("wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder / "dist"), str(TOP))
         (self.wheel,) = (folder / "dist").glob("*.whl")
@@ -49,7 +47,7 @@ class Environment:
         self.pip("install", "--no-deps", "--force-reinstall", str(self.wheel))
 
     def install_other(self) -> None:
-        """Install the other distribution, whose requirements are there."""
+        """Install the other distribution without what it requires: none of its code is to be executed."""
         self.pip("install", "--no-deps", "--force-reinstall", OTHER)
 
     def run(self, *words: str) -> subprocess.CompletedProcess[str]:

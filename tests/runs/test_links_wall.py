@@ -15,10 +15,10 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from planned_step import planned
 
 from bench.frame import FrameDefinition, LinkDecoder, load_frame
 from bench.model.clock import NS, WallClock, to_ns
-from bench.plan import Step
 from bench.record import SessionReader, SessionWriter
 from bench.record.files import AppendFile, OsFiles
 from bench.run.bench.opener import open_port
@@ -33,7 +33,7 @@ pytestmark = pytest.mark.waits
 FRAMES = Path(__file__).resolve().parents[2] / "frames"
 DETECT_S = 1.0
 RESUME_S = 5.0
-RECORD = Step(7, "campaign", "record", 0.0, 1.0, "", "", {}, {}, "x.yaml:1:1")
+RECORD = planned("record", 7, duration_s=1.0)
 
 
 def frame_bytes(definition: FrameDefinition, counter: int) -> bytes:

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from planned_step import planned
 from run_rig import Listener, Operator, Sink
 
 from bench.frame import load_frame
@@ -166,7 +167,7 @@ def unit_step(number: int, name: str, command: int, payload: bytes = b"", item: 
     """A step as the plan makes it; with an item it is a test."""
     arguments = {"command": command, "payload": tuple(payload), "timeout": more.pop("timeout", 0.2)}
     arguments |= {"item": item} if item else {}
-    return Step(number, "campaign", "unit", 0.0, 0.0, "rs422", name, arguments, more, f"test.yaml:{number}:1")
+    return planned("unit", number, role="rs422", name=name, conditions=more, **arguments)
 
 
 def events(context: RunContext, kind: str) -> list[dict[str, Any]]:

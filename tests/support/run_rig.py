@@ -12,6 +12,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from planned_step import planned
 
 from bench.frame import FrameDefinition, load_frame
 from bench.model.clock import NS, VirtualClock
@@ -256,8 +257,10 @@ class Rig:
             self._at_s = 0.0
         duration_s = float(arguments.pop("duration_s", arguments.get("seconds", arguments.get("slot", 0.0))))
         conditions = arguments.pop("conditions", {})
-        where = f"test.yaml:{len(self.steps) + 1}:1"
-        made = Step(len(self.steps), phase, kind, self._at_s, duration_s, role, name, arguments, conditions, where)
+        made = planned(
+            kind, len(self.steps), phase=phase, at_s=self._at_s, duration_s=duration_s, role=role, name=name,
+            conditions=conditions, **arguments,
+        )  # fmt: skip
         self.steps.append(made)
         self._at_s += duration_s
         return made

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from bench.plan import Step
+from bench.plan import MEASUREMENT, Step
 from bench.record import RecordRow
 from bench.run.context import RunContext
-from bench.run.steps.recording import MEASUREMENT
 
 Heard = Callable[[str, Mapping[str, Any]], None]
 

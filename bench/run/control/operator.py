@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from bench.model.errors import RunError
 from bench.model.units import plain_quantity
-from bench.plan import Step
+from bench.plan import PlannedPrompt, Step
 
 
 @dataclass(frozen=True)
@@ -82,8 +82,8 @@ def changes_of(steps: Iterable[Step]) -> dict[str, Any]:
     """What the prompts among some steps have changed on the bench, by name; of two changes the later counts."""
     changes: dict[str, Any] = {}
     for step in steps:
-        if step.kind == "prompt":
-            changes |= step.arguments.get("sets", {})
+        if isinstance(step, PlannedPrompt):
+            changes |= step.sets
     return changes
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from bench.plan import Step
+from bench.plan import PlannedSoak, Step
 
 SHARE = 0.10
 LOOSE = 0.005
@@ -42,4 +42,4 @@ def end_of_run(t_utc_s: float, left: Remaining, late_shares: Sequence[float]) ->
 def soak_to_come_s(soaks: Sequence[Step], step: Step, inside_s: float) -> float:
     """Planned soak time behind a moment of the plan, second; a soak under way counts from there on."""
     whole = sum(one.duration_s for one in soaks if one.number > step.number)
-    return whole + (max(0.0, step.at_s + step.duration_s - inside_s) if step.kind == "soak" else 0.0)
+    return whole + (max(0.0, step.at_s + step.duration_s - inside_s) if isinstance(step, PlannedSoak) else 0.0)

@@ -18,7 +18,6 @@ from bench.model.quality import Quality
 from bench.plan import Step
 from bench.plan.graph_language import graphs_of, names_in
 from bench.record import RecordRow
-from bench.record.trend_bench import setpoint_degC
 from bench.run.context import RunContext
 from bench.run.control.asking import WaitingOperator
 from bench.run.control.following import Following
@@ -104,9 +103,8 @@ class LiveFeed:
         now_ns = self._context.clock.now_ns()
         self.state.on_timeline(self._utc_s(self._context.timeline.target_ns(0.0)))
         self.state.on_step(step.number, self._utc_s(now_ns))
-        asked_degC = setpoint_degC(step.kind, step.role, step.arguments)
-        if asked_degC is not None:
-            self.points.on_reading(now_ns, {"setpoint": asked_degC})
+        if step.set_point is not None:
+            self.points.on_reading(now_ns, {"setpoint": step.set_point.temperature_degC})
 
     @_harmless
     def record(self, row: RecordRow) -> None:

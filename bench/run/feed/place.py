@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from bench.plan import Step
+from bench.plan import PlannedSoak, Step
 from bench.run.feed.planned import PlannedRun
 from bench.run.steps.position import point_start
 
@@ -31,7 +31,7 @@ class Place:
         self._seen = -1  # number of the last step that is known to be done
         self._next: Step | None = plan.next_telling(-1)
         self._resumed_at = 0
-        self._late: Step | None = None
+        self._late: PlannedSoak | None = None
         self._shares: dict[int, float] = {}  # by number of a soak that is done
         self._starts: dict[int, float] = {}  # of soaks and set-points that have begun
 
@@ -89,7 +89,7 @@ class Place:
 
     def _on_late(self, _: float, fields: Mapping[str, Any]) -> None:
         step = self._numbered(fields)
-        if step is not None and step.kind == "soak" and fields.get("policy") == "hold":
+        if isinstance(step, PlannedSoak) and fields.get("policy") == "hold":
             self._late = step
 
     def _on_slip(self, _: float, fields: Mapping[str, Any]) -> None:
@@ -155,7 +155,7 @@ class Place:
             self.first_degC = air_degC
 
     def _leave(self, step: Step, t: float) -> None:
-        if self.step is not None and self.step.kind == "soak" and step.number > self.step.number:
+        if isinstance(self.step, PlannedSoak) and step.number > self.step.number:
             self._shares.setdefault(self.step.number, 0.0)
         self.step, self.since_utc_s = step, t
         for one in self._plan.thermal:  # a recording may step over some
@@ -193,11 +193,11 @@ class Place:
 
     def late_until(self, step: Step) -> float | None:
         """When the patience with a soak that is late ends; None if it is not late."""
-        if self._late is not step:
+        late = self._late
+        if late is None or late is not step:
             return None
-        limit_s = float(step.arguments.get("hold_limit", step.duration_s))
         since = self._starts.get(step.number, self.since_utc_s or 0.0)
-        return since + step.duration_s + limit_s
+        return since + late.duration_s + late.hold_limit_s
 
     def grace_s(self, t: float) -> float:
         """How much longer a soak that is late may last, second."""

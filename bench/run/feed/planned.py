@@ -2,22 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.plan import Step
-from bench.run.context import CHAMBER
-from bench.run.steps.recording import MEASUREMENT
+from bench.plan import MEASUREMENT, PlannedRecord, PlannedSettle, PlannedSoak, Step
 
 ORDER = ("prepare", "campaign", "finally")
 TELLING = ("prompt", "record", "unit", "verify")  # kinds of step that always leave an event in the session
-
-
-def steps_of(text: str) -> tuple[Step, ...]:
-    """The steps of a session's ``plan.json``. Raises: ValueError, TypeError if it is not one."""
-    return tuple(Step(**row) for row in json.loads(text))
 
 
 def is_measurement(conditions: Mapping[str, Any]) -> bool:
@@ -40,15 +32,15 @@ class PlannedRun:
             self.length_s[step.phase] = max(self.length_s[step.phase], step.at_s + step.duration_s)
         self._until_s = self._ends()
         self.total_s = sum(self.length_s.values())
-        self.soaks = tuple(step for step in self.steps if step.kind == "soak")
-        self.thermal = tuple(step for step in self.steps if step.kind == "soak" or _is_set_point(step))
+        self.soaks = tuple(step for step in self.steps if isinstance(step, PlannedSoak))
+        self.thermal = tuple(step for step in self.steps if step.set_point is not None)
 
     def _ends(self) -> list[float]:
         """Until when a step may last by plan: one without a time of its own shares the settle time behind it."""
         ends = [step.at_s + step.duration_s for step in self.steps]
         for index in range(len(self.steps) - 2, -1, -1):
             step, behind = self.steps[index], self.steps[index + 1]
-            shares = behind.kind == "settle" or not behind.duration_s
+            shares = isinstance(behind, PlannedSettle) or not behind.duration_s
             if not step.duration_s and shares and behind.phase == step.phase and behind.at_s == step.at_s:
                 ends[index] = ends[index + 1]
         return ends
@@ -77,13 +69,9 @@ class PlannedRun:
 
     def measured_before(self, number: int) -> int:
         """Records of the campaign that are planned before a step."""
-        return sum(step.kind == "record" and is_measurement(step.conditions) for step in self.steps[:number])
+        return sum(isinstance(step, PlannedRecord) and is_measurement(step.conditions) for step in self.steps[:number])
 
     def position_s(self, step: Step, seconds: float) -> float:
         """Planned seconds since the start of the run, inside the step under way."""
         inside = min(max(seconds, step.at_s), self._until_s[step.number])
         return self.before_s(step.phase) + inside
-
-
-def _is_set_point(step: Step) -> bool:
-    return step.kind == "call" and step.role == CHAMBER and "temperature" in step.arguments

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
-from bench.plan import Step
+from bench.plan import SetPoint, Step
 
 
 def corners(
@@ -22,21 +21,21 @@ def corners(
     now_degC = first_degC
     starts = [start_of(step) for step in thermal]
     for index, step in enumerate(thermal):
-        target_degC = float(step.arguments["temperature"])
-        before_degC = target_degC if now_degC is None else now_degC
+        asked = step.set_point
+        if asked is None:
+            continue
+        before_degC = asked.temperature_degC if now_degC is None else now_degC
         start = max(starts[index], times[-1] if times else starts[index])
         stop = max(start, starts[index + 1] if index + 1 < len(starts) else end_utc_s)
-        there, now_degC = _ramp(start, stop, before_degC, target_degC, step.arguments)
+        there, now_degC = _ramp(start, stop, before_degC, asked)
         times += [start, there, stop]
         values += [before_degC, now_degC, now_degC]
     return {"t_utc_s": times, "temperature_degC": values}
 
 
-def _ramp(
-    start: float, stop: float, before_degC: float, target_degC: float, arguments: Mapping[str, Any]
-) -> tuple[float, float]:
-    """When the set-point is at its target, or how far it comes until the next one."""
-    rate_degC_s = float(arguments.get("ramp") or 0.0) / 60.0
+def _ramp(start: float, stop: float, before_degC: float, asked: SetPoint) -> tuple[float, float]:
+    """Return when the set-point is at its target, or how far it comes until the next one."""
+    target_degC, rate_degC_s = asked.temperature_degC, asked.ramp_degC_min / 60.0
     if rate_degC_s <= 0.0:
         return start, target_degC
     there = start + abs(target_degC - before_degC) / rate_degC_s

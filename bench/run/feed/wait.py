@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Any
 
-from bench.plan import Step
+from bench.plan import PlannedPrompt, PlannedRecord, PlannedSettle, PlannedSoak, Step
 from bench.run.feed.place import Place
 
 SLOPE_S = 600.0
@@ -39,19 +39,19 @@ class Temperature:
 
 def wait_of(t: float, step: Step, place: Place, unit: Temperature, said: str | None) -> dict[str, Any] | None:
     """What a step waits for; None for one that takes no time worth telling."""
-    if step.kind == "soak":
+    if isinstance(step, PlannedSoak):
         limit = place.late_until(step)
         until = place.time_of(step, step.at_s + step.duration_s) if limit is None else limit
-        reason = f"soak {float(step.arguments['temperature']):g} degC"
+        reason = f"soak {step.temperature_degC:g} degC"
         reason += "" if limit is None else ", later than planned"
         return _wait(reason, place, until, unit.sentence)
-    if step.kind == "settle":
+    if isinstance(step, PlannedSettle):
         return _wait(f"settle {step.duration_s:g} s", place, place.time_of(step, step.at_s + step.duration_s), said)
-    if step.kind == "record":
-        seconds = float(step.arguments.get("seconds", step.duration_s))
-        return _wait(f"record of {seconds:g} s", place, place.time_of(step, step.at_s + step.duration_s), unit.sentence)
+    if isinstance(step, PlannedRecord):
+        until = place.time_of(step, step.at_s + step.duration_s)
+        return _wait(f"record of {step.seconds:g} s", place, until, unit.sentence)
     since = place.since_utc_s
-    if step.kind == "prompt" or since is None or t - since < LONG_CALL_S:
+    if isinstance(step, PlannedPrompt) or since is None or t - since < LONG_CALL_S:
         return None
     return _wait(f"{step.role}.{step.name or step.kind}", place, None, said)
 

@@ -6,9 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bench.model.units import format_quantity
-from bench.plan import Step
-
-NAMED = ("call", "verify", "send", "unit")  # kinds of step that say to whom they talk
+from bench.plan import PlannedSoak, Step
 
 
 def conditions_in_words(conditions: Mapping[str, Any]) -> str:
@@ -31,7 +29,7 @@ def conditions_in_words(conditions: Mapping[str, Any]) -> str:
 def in_words(step: Step) -> str:
     """One line about a step: what is done and under which conditions."""
     conditions = conditions_in_words(step.conditions)
-    if step.kind == "soak" and "temperature_degC" not in step.conditions:
-        conditions = f"{float(step.arguments['temperature']):g} degC {conditions}"
-    what = f"{step.role}.{step.name}" if step.kind in NAMED else step.kind
+    if isinstance(step, PlannedSoak) and "temperature_degC" not in step.conditions:
+        conditions = f"{step.temperature_degC:g} degC {conditions}"
+    what = f"{step.role}.{step.name}" if step.on_the_bus else step.kind
     return f"{what} {conditions}".strip()

@@ -14,7 +14,7 @@ from typing import Literal
 from bench.model.clock import NS, to_ns
 from bench.model.errors import LinkError, RunError
 from bench.model.ports import Effect, actions_of
-from bench.plan import Step
+from bench.plan import PlannedCall, PlannedCommand, PlannedPrompt, PlannedRecord, PlannedSend, PlannedSoak, Step
 from bench.record import RecordRow
 from bench.run.context import Listener, RunContext
 from bench.run.guard.health import LINKS
@@ -89,13 +89,13 @@ class LinkKeeper:
     def step(self, step: Step) -> None:
         """A step begins."""
         self._step = step.number
-        self._commanded = step.role if step.kind == "unit" else ""
-        self._person(step.kind == "prompt" and bool(step.arguments.get("sets")))
-        if step.kind in ("record", "soak"):
+        self._commanded = step.role if isinstance(step, PlannedCommand) else ""
+        self._person(isinstance(step, PlannedPrompt) and bool(step.sets))
+        if isinstance(step, PlannedRecord | PlannedSoak):
             self._needed, self._power_changed = True, False
-        elif step.kind in ("unit", "send") or self._is_power(step):
+        elif isinstance(step, PlannedCommand | PlannedSend) or self._is_power(step):
             self._needed = False
-            self._power_changed = self._power_changed or step.kind != "unit"
+            self._power_changed = self._power_changed or not isinstance(step, PlannedCommand)
 
     def _person(self, asked: bool) -> None:
         """A step begins that is an act of a person on the bench, or another one."""
@@ -106,7 +106,7 @@ class LinkKeeper:
         self._asked = asked
 
     def _is_power(self, step: Step) -> bool:
-        if step.kind != "call" or step.role not in self._context.instruments:
+        if not isinstance(step, PlannedCall) or step.role not in self._context.instruments:
             return False
         declared = actions_of(type(self._context.instruments[step.role])).get(step.name)
         return declared is not None and declared.effect is Effect.POWER

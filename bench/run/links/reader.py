@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -231,9 +231,9 @@ class LinkReader:
             self.on_broken()
             raise
 
-    def command(self, arguments: Mapping[str, Any], number: int = -1) -> bytes:
-        """The frame of a command from the arguments of its step; ``number`` where commands are numbered."""
-        values = {name: arguments[name] for name in ("command", "payload") if name in arguments}
+    def command(self, code: int, payload: Sequence[int], number: int = -1) -> bytes:
+        """Return the frame of a command; ``number`` where commands are numbered."""
+        values: dict[str, Any] = {"command": code, "payload": payload}
         if self.numbered:
             values[SEQUENCE] = number
         return self.definition.encode_one(values, "command")

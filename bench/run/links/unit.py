@@ -9,7 +9,7 @@ from typing import Any, Literal
 from bench.frame import LinkBatch
 from bench.model.clock import NS
 from bench.model.errors import LinkError, RunError
-from bench.plan import Step
+from bench.plan import PlannedCommand
 from bench.run.context import RunContext
 from bench.run.links.reader import ANSWER, LinkReader, UnitAnswer, answers_of
 
@@ -62,7 +62,7 @@ class Unit:
 
     def __init__(self, context: RunContext) -> None:
         self._context = context
-        self._steps = [step for step in context.plan.steps if step.kind == "unit" and "item" not in step.arguments]
+        self._steps = [step for step in context.plan.steps if isinstance(step, PlannedCommand) and not step.item]
         self._identify = next((step for step in self._steps if step.name == IDENTIFY), None)
         self._known: bytes | None = context.unit_answer
         self._asked = False
@@ -135,13 +135,13 @@ class Unit:
                 if self._heard != self._known:
                     self._context.stop.fail(self.other("after the run was stopped", self._identify.role))
 
-    def _is_asked_for(self, identify: Step, answer: UnitAnswer) -> bool:
+    def _is_asked_for(self, identify: PlannedCommand, answer: UnitAnswer) -> bool:
         """The unit says who it is, and was not asked by a test."""
-        if answer.command != int(identify.arguments["command"]) or answer.status != DONE:
+        if answer.command != identify.code or answer.status != DONE:
             return False
         return answer.sequence < 0 or self._readers[identify.role].numbers.asks(answer.sequence)
 
-    def _send(self, step: Step) -> bool:
+    def _send(self, step: PlannedCommand) -> bool:
         reader = self._readers[step.role]
         if reader.lost:
             return False
@@ -149,7 +149,7 @@ class Unit:
         if step is self._identify:
             reader.numbers.ask(number)
         try:
-            reader.send(reader.command(step.arguments, number))
+            reader.send(reader.command(step.code, step.payload, number))
         except LinkError:
             return False
         return True

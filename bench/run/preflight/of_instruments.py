@@ -8,6 +8,7 @@ from typing import Any
 
 from bench.model.errors import BenchError, InstrumentError
 from bench.model.ports import Instrument
+from bench.plan import WIRING, PlannedPrompt, PlannedRecord
 from bench.run.preflight.context import PreflightContext
 from bench.run.preflight.finding import Finding, Status
 
@@ -104,8 +105,8 @@ def _asked_s(context: PreflightContext, role: str) -> float | None:
     """The shortest time on that a prompt of the sequence accepts for an instrument, second; None without a prompt."""
     words = role.replace("_", " ")
     for step in context.plan.steps:
-        if step.kind == "prompt" and step.arguments.get("unit") == "s" and words in str(step.arguments["text"]):
-            return float(step.arguments.get("low") or 0.0)
+        if isinstance(step, PlannedPrompt) and step.unit == "s" and words in step.text:
+            return step.low or 0.0
     return None
 
 
@@ -189,7 +190,8 @@ def _logger(context: PreflightContext) -> Any:
 
 def wiring(context: PreflightContext) -> Finding:
     """The preparation proves by small known currents that every wire goes where it should."""
-    checks = [step for step in context.plan.phase("prepare") if step.arguments.get("purpose") == "wiring"]
+    records = (step for step in context.plan.phase("prepare") if isinstance(step, PlannedRecord))
+    checks = [record for record in records if record.purpose == WIRING]
     channels = sorted({int(step.conditions["channel"]) for step in checks if "channel" in step.conditions})
     if checks:
         return Finding("wiring check", Status.OK, f"{len(checks)} records, {len(channels)} channels", "in 'prepare'")

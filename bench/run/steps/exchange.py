@@ -11,15 +11,14 @@ answered last is not known then; behind it, it is, and the next one differs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
 from bench.frame import FrameDefinition
 from bench.model.clock import NS, to_ns
 from bench.model.errors import LinkError
-from bench.plan import Step
+from bench.plan import PlannedCommand
 from bench.run.context import RunContext
 from bench.run.links.reader import LinkReader, UnitAnswer
 from bench.run.links.unit import IDENTIFY
@@ -43,7 +42,7 @@ class Exchanged:
     ignored: int
 
 
-def exchange(context: RunContext, step: Step) -> Exchanged:
+def exchange(context: RunContext, step: PlannedCommand) -> Exchanged:
     """Send the command of a step and wait for its answer; both become an event ``exchange``.
 
     A stop is obeyed while waiting. A hold waits until the answer is there, because the unit may do already what it was
@@ -57,13 +56,13 @@ def exchange(context: RunContext, step: Step) -> Exchanged:
     try:
         with _not_interrupted(context.stop):
             _open(context, reader)
-            if "item" in step.arguments and reader.numbers.overtaken(step.number):
+            if step.item and reader.numbers.overtaken(step.number):
                 done = _given_up(context, reader, step)
             else:
                 number = reader.numbers.of_step(step.number)
-                if step.name == IDENTIFY and "item" not in step.arguments:
+                if step.name == IDENTIFY and not step.item:
                     reader.numbers.ask(number)
-                done = _exchanged(context, reader, number, step.arguments)
+                done = _exchanged(context, reader, number, step.code, step.payload, timeout_of(step))
     except LinkError:
         context.stop.check()
         raise
@@ -74,7 +73,7 @@ def exchange(context: RunContext, step: Step) -> Exchanged:
     return done
 
 
-def _given_up(context: RunContext, reader: LinkReader, step: Step) -> Exchanged:
+def _given_up(context: RunContext, reader: LinkReader, step: PlannedCommand) -> Exchanged:
     context.listener.message(f"{step.role}: '{step.name}' may be done already and is not sent again; it has no answer")
     now_ns = context.clock.now_ns()
     return Exchanged(reader.numbers.last, 1, now_ns, now_ns, None, 0)
@@ -85,14 +84,19 @@ def _open(context: RunContext, reader: LinkReader) -> None:
     code = code_of(reader.definition, IDENTIFY)
     if reader.numbers.opened or code is None:
         return
-    done = _exchanged(context, reader, reader.numbers.last, {"command": code, "payload": ()})
+    done = _exchanged(context, reader, reader.numbers.last, code, (), TIMEOUT_S)
     reader.numbers.opened = done.answer is not None
 
 
-def _exchanged(context: RunContext, reader: LinkReader, number: int, arguments: Any) -> Exchanged:
-    code, acquisition = int(arguments["command"]), context.acquisition
-    frame = reader.command(arguments, number)
-    timeout_ns = to_ns(float(arguments.get("timeout", TIMEOUT_S)))
+def timeout_of(step: PlannedCommand) -> float:
+    """Return how long the answer to one sending may take, second."""
+    return TIMEOUT_S if step.timeout_s is None else step.timeout_s
+
+
+def _exchanged(
+    context: RunContext, reader: LinkReader, number: int, code: int, payload: Sequence[int], timeout_s: float
+) -> Exchanged:
+    acquisition, frame = context.acquisition, reader.command(code, payload, number)
     with acquisition.lock:
         acquisition.refresh()  # an answer that is there already belongs to somebody else's command
         ignored = len(reader.answers)
@@ -102,7 +106,7 @@ def _exchanged(context: RunContext, reader: LinkReader, number: int, arguments: 
     while answer is None and attempts < ATTEMPTS:
         attempts += 1
         reader.write(frame)
-        answer = _awaited(context, reader, (number, code), context.clock.now_ns() + timeout_ns)
+        answer = _awaited(context, reader, (number, code), context.clock.now_ns() + to_ns(timeout_s))
     with acquisition.lock:
         ignored += len(reader.answers) - (answer is not None)
         reader.answers.clear()
@@ -132,12 +136,12 @@ def _not_interrupted(stop: StopSwitch) -> Iterator[None]:
         stop.deferred = before
 
 
-def _fields(step: Step, done: Exchanged) -> dict[str, object]:
+def _fields(step: PlannedCommand, done: Exchanged) -> dict[str, object]:
     """The exchange as an event of the session."""
     answer = done.answer
     return {
         "step": step.number,
-        "item": str(step.arguments.get("item", "")),
+        "item": step.item,
         "name": step.name,
         "role": step.role,
         "sequence": done.sequence,
@@ -146,7 +150,7 @@ def _fields(step: Step, done: Exchanged) -> dict[str, object]:
         "end_ns": done.end_ns,
         "status": None if answer is None else answer.status,
         "refused": answer is not None and answer.refused,
-        "sent": bytes(step.arguments.get("payload", ())).hex(),
+        "sent": bytes(step.payload).hex(),
         "received": "" if answer is None else answer.payload.hex(),
         "ignored": done.ignored,
         "conditions": dict(step.conditions),

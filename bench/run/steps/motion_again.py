@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 from bench.model.ports import Action, Effect
-from bench.plan import Step
+from bench.plan import PlannedCall, PlannedSettle, Step
 
 _MOVE, _TURN, _SPIN = "move", "turn", "spin"
 _STOP = "stop"
@@ -26,7 +25,7 @@ def can_move(actions: Mapping[str, Action]) -> bool:
 
 def is_motion(step: Step) -> bool:
     """Whether a step of the plan sets an axis of a table moving."""
-    return step.kind == "call" and step.name in (_MOVE, _TURN, _SPIN) and "axis" in step.arguments
+    return isinstance(step, PlannedCall) and step.name in (_MOVE, _TURN, _SPIN) and step.axis is not None
 
 
 def motion_again(steps: Sequence[Step], number: int, drivers: Drivers) -> list[Step]:
@@ -39,7 +38,7 @@ def motion_again(steps: Sequence[Step], number: int, drivers: Drivers) -> list[S
         return []
     again: list[Step] = []
     for role in sorted(role for role, actions in drivers.items() if can_move(actions)):
-        calls = [step for step in steps[:number] if step.kind == "call" and step.role == role]
+        calls = [step for step in steps[:number] if isinstance(step, PlannedCall) and step.role == role]
         closed = _closed(calls, drivers[role])
         if closed is not None:
             again += [closed, *_settle_behind(steps, closed.number, number)]
@@ -49,7 +48,7 @@ def motion_again(steps: Sequence[Step], number: int, drivers: Drivers) -> list[S
 
 def changes_motion(step: Step, drivers: Drivers) -> bool:
     """Whether a step moves a table, or opens or closes its interlock."""
-    effect = _effect(step, drivers.get(step.role, {})) if step.kind == "call" else Effect.NONE
+    effect = _effect(step, drivers.get(step.role, {})) if isinstance(step, PlannedCall) else Effect.NONE
     return effect in (Effect.MOTION_ON, Effect.MOTION_OFF)
 
 
@@ -57,26 +56,28 @@ def _effect(step: Step, actions: Mapping[str, Action]) -> Effect:
     return actions[step.name].effect if step.name in actions else Effect.NONE
 
 
-def _closed(calls: Sequence[Step], actions: Mapping[str, Action]) -> Step | None:
+def _closed(calls: Sequence[PlannedCall], actions: Mapping[str, Action]) -> PlannedCall | None:
     """The call that closed the interlock, if it is closed."""
     closed = None
     for step in calls:
         effect = _effect(step, actions)
         if effect is Effect.MOTION_OFF:
             closed = None
-        elif effect is Effect.MOTION_ON and "axis" not in step.arguments:
+        elif effect is Effect.MOTION_ON and step.axis is None:
             closed = step
     return closed
 
 
-def _axes(steps: Sequence[Step], calls: Sequence[Step], number: int, actions: Mapping[str, Action]) -> list[Step]:
+def _axes(
+    steps: Sequence[Step], calls: Sequence[PlannedCall], number: int, actions: Mapping[str, Action]
+) -> list[Step]:
     """The last motion of each axis as a move or a spin, and the longest settle time that follows one of them."""
-    last: dict[Any, Step] = {}
+    last: dict[int | None, PlannedCall] = {}
     for step in calls:
         if _effect(step, actions) is Effect.MOTION_OFF:  # what was turning came to rest, and stayed so
             last = {axis: one for axis, one in last.items() if one.name == _MOVE}
             continue
-        axis, before = step.arguments.get("axis"), last.get(step.arguments.get("axis"))
+        axis, before = step.axis, last.get(step.axis)
         if step.name in (_MOVE, _SPIN):
             last[axis] = step
         elif step.name == _TURN and before is not None and before.name == _MOVE:
@@ -89,6 +90,6 @@ def _axes(steps: Sequence[Step], calls: Sequence[Step], number: int, actions: Ma
     return [*motions, *sorted(waits, key=lambda step: -step.duration_s)[:1]]
 
 
-def _settle_behind(steps: Sequence[Step], at: int, number: int) -> list[Step]:
+def _settle_behind(steps: Sequence[Step], at: int, number: int) -> list[PlannedSettle]:
     """The first settle step behind step ``at``, before step ``number``."""
-    return [step for step in steps[at + 1 : number] if step.kind == "settle"][:1]
+    return [step for step in steps[at + 1 : number] if isinstance(step, PlannedSettle)][:1]

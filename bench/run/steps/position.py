@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.ports import Action
-from bench.plan import Plan, Step
+from bench.plan import Plan, PlannedCall, PlannedCommand, PlannedPrompt, PlannedRecord, PlannedSoak, PlannedVerify, Step
 from bench.plan.drivers import driver_actions
 from bench.record import JournalEntry
 from bench.run.steps.motion_again import is_motion
@@ -101,7 +101,7 @@ def _next_step(
     last = max(taken.values(), default=-1)
     if last >= number:
         return number if told and entries else last + 1
-    records = (step.number for step in plan.steps[last + 1 : number] if step.kind == "record")
+    records = (step.number for step in plan.steps[last + 1 : number] if isinstance(step, PlannedRecord))
     lost = (one for one in records if not any(one in stretch for stretch in skipped))
     return next(lost, number)
 
@@ -122,9 +122,9 @@ def _first_lost(
 
 def _notes(plan: Plan, step: Step) -> bool:
     """Whether a step leaves something in the session that results are made of; records are looked for by number."""
-    if step.kind == "call":
+    if isinstance(step, PlannedCall):
         return _reads(step, _drivers(plan, [step]))
-    return step.kind == "prompt" or (step.kind == "unit" and "item" in step.arguments)
+    return isinstance(step, PlannedPrompt) or (isinstance(step, PlannedCommand) and bool(step.item))
 
 
 def _reads(step: Step, drivers: Mapping[str, Mapping[str, Action]]) -> bool:
@@ -133,7 +133,7 @@ def _reads(step: Step, drivers: Mapping[str, Mapping[str, Action]]) -> bool:
 
 
 def _drivers(plan: Plan, steps: Sequence[Step]) -> dict[str, Mapping[str, Action]]:
-    roles = {step.role for step in steps if step.kind == "call"}
+    roles = {step.role for step in steps if isinstance(step, PlannedCall)}
     return {role: driver_actions(plan.station.instruments[role].driver) for role in roles}
 
 
@@ -145,14 +145,14 @@ def _item_start(steps: Sequence[Step], index: int) -> int:
 
 
 def _item(step: Step) -> tuple[Any, ...] | None:
-    if step.kind != "unit" or "item" not in step.arguments:
+    if not isinstance(step, PlannedCommand) or not step.item:
         return None
-    return step.role, step.arguments["item"], step.conditions.get("unit")
+    return step.role, step.item, step.conditions.get("unit")
 
 
 def readings_of(steps: Sequence[Step], drivers: Mapping[str, Mapping[str, Action]]) -> frozenset[int]:
     """Numbers of the steps that only read an instrument; ``drivers``: declared actions by role."""
-    return frozenset(step.number for step in steps if step.kind == "call" and _reads(step, drivers))
+    return frozenset(step.number for step in steps if isinstance(step, PlannedCall) and _reads(step, drivers))
 
 
 def point_start(steps: Sequence[Step], index: int, readings: Container[int] = ()) -> int:
@@ -163,20 +163,27 @@ def point_start(steps: Sequence[Step], index: int, readings: Container[int] = ()
     instruments (their step numbers) right behind a record belong to it: they say how things were at its end.
     """
     record = _record_of(steps, index, readings)
-    if record is not None and steps[record].arguments.get("follows"):
+    if record is not None and _follows(steps[record]):
         begun = _recording_start(steps, record)
-        record = begun if any(is_motion(step) or step.kind == "prompt" for step in steps[begun:record]) else None
+        record = (
+            begun if any(is_motion(step) or isinstance(step, PlannedPrompt) for step in steps[begun:record]) else None
+        )
     if record is None:
         return index
     first = _start_of(steps, record)
-    if first > index or any(step.kind == "soak" for step in steps[first : index + 1]):
+    if first > index or any(isinstance(step, PlannedSoak) for step in steps[first : index + 1]):
         return index
     return first
 
 
+def _follows(step: Step) -> bool:
+    """Return whether a step is a record without a gap to the one before it."""
+    return isinstance(step, PlannedRecord) and step.follows
+
+
 def _recording_start(steps: Sequence[Step], record: int) -> int:
     """Index of the first of the records that follow each other without a gap up to this one."""
-    while record > 0 and (steps[record].kind != "record" or steps[record].arguments.get("follows")):
+    while record > 0 and (not isinstance(steps[record], PlannedRecord) or _follows(steps[record])):
         record -= 1
     return record
 
@@ -197,7 +204,7 @@ def point_stop(steps: Sequence[Step], index: int, readings: Container[int] = ())
 
 
 def _closes(steps: Sequence[Step], index: int, record: int | None, readings: Container[int]) -> bool:
-    if steps[index].kind == "verify":
+    if isinstance(steps[index], PlannedVerify):
         return True
     return steps[index].number in readings and record is not None and _record_of(steps, index, readings) == record
 
@@ -208,23 +215,25 @@ def _record_of(steps: Sequence[Step], index: int, readings: Container[int]) -> i
     if steps[index].number in readings and ahead is not None and _start_of(steps, ahead) <= index:
         return ahead  # a reading on the way to it
     at = index
-    while at > 0 and (steps[at].kind == "verify" or steps[at].number in readings):
+    while at > 0 and (isinstance(steps[at], PlannedVerify) or steps[at].number in readings):
         at -= 1
-    behind = steps[at].kind == "record" or steps[index].kind == "verify"
+    behind = isinstance(steps[at], PlannedRecord) or isinstance(steps[index], PlannedVerify)
     return _next_record(steps, at) if behind else ahead
 
 
 def _next_record(steps: Sequence[Step], index: int) -> int | None:
     """Index of the next record before any soak, and before any prompt that does not stand inside a recording."""
     for later in range(index, len(steps)):
-        if steps[later].kind == "record":
-            asked = any(step.kind == "prompt" for step in steps[index:later])
-            return None if asked and not steps[later].arguments.get("follows") else later
-        if steps[later].kind == "soak":
+        if isinstance(steps[later], PlannedRecord):
+            asked = any(isinstance(step, PlannedPrompt) for step in steps[index:later])
+            return None if asked and not _follows(steps[later]) else later
+        if isinstance(steps[later], PlannedSoak):
             return None
     return None
 
 
 def _start_of(steps: Sequence[Step], record: int) -> int:
     """Index of the step from which the point of a record is taken again."""
-    return max(0, int(steps[record].arguments.get("retry_step", steps[record].number)) - steps[0].number)
+    step = steps[record]
+    first = step.retry_step if isinstance(step, PlannedRecord) else step.number
+    return max(0, first - steps[0].number)

@@ -6,8 +6,8 @@ from bench.model.clock import to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Instrument, RecordWindow, actions_of
 from bench.model.quality import Quality
-from bench.plan import Step
-from bench.plan.readings import EVERY, is_reading, reading_calls, round_count
+from bench.plan import PlannedCall, PlannedRecord, PlannedVerify
+from bench.plan.readings import is_reading, round_count
 from bench.record import RecordRow
 from bench.record.readings import row_of_readings
 from bench.run.context import RunContext
@@ -16,11 +16,11 @@ OVERLOAD = "B-INST-007"
 NO_READING = (OVERLOAD, "B-INST-001", "B-INST-004")  # overload, silence, a reply that is not understood
 
 
-def act(context: RunContext, step: Step, **more: object) -> object:
-    """Call an action; what it returns becomes an event, with ``more`` fields."""
+def act(context: RunContext, step: PlannedCall | PlannedVerify, **more: object) -> object:
+    """Call the action of a step; what it returns becomes an event, with ``more`` fields."""
     method = getattr(context.instruments[step.role], step.name)
     with context.in_use.take(step.role):
-        result = method(**step.arguments)
+        result = method(**step.told())
     if result is not None:
         conditions = dict(step.conditions)
         context.event(
@@ -29,7 +29,7 @@ def act(context: RunContext, step: Step, **more: object) -> object:
     return result
 
 
-def call_or_flag(context: RunContext, step: Step, **more: object) -> Quality:
+def call_or_flag(context: RunContext, step: PlannedCall, **more: object) -> Quality:
     """Call an action; one that only measures and gets no reading is a flagged reading: no reason to end a run."""
     try:
         act(context, step, **more)
@@ -46,13 +46,13 @@ def call_or_flag(context: RunContext, step: Step, **more: object) -> Quality:
     return Quality.GOOD
 
 
-def take_readings(context: RunContext, step: Step, number: int) -> RecordRow:
+def take_readings(context: RunContext, step: PlannedRecord, number: int) -> RecordRow:
     """Take the rounds of a record of readings; a round that is late begins at once, and none is left out."""
-    start_ns, every_ns = context.clock.now_ns(), to_ns(float(step.arguments[EVERY]))
+    start_ns, every_ns = context.clock.now_ns(), to_ns(step.every_s)
     flags: list[Quality] = []
     for index in range(round_count(step)):
         context.timeline.wait_until_ns(start_ns + index * every_ns)
-        for call in reading_calls(step):
+        for call in step.calls:
             context.stop.check()
             flags.append(call_or_flag(context, call, arguments=dict(call.arguments)))
     context.timeline.wait_until_ns(start_ns + to_ns(step.duration_s))

@@ -6,38 +6,35 @@ from collections.abc import Mapping
 
 from bench.model.clock import to_ns
 from bench.model.ports import RecordWindow
-from bench.plan import Step
+from bench.plan import MEASUREMENT, WIRING, PlannedRecord
 from bench.record import RecordRow
 from bench.run.bench.wiring import check_wiring
 from bench.run.context import RunContext
 from bench.run.steps.readings import take_readings
-from bench.run.steps.windows import begin_window, is_chained, is_sampled, is_timed, patience_s, silent
-
-MEASUREMENT = "measurement"
+from bench.run.steps.windows import begin_window, is_chained, patience_s, silent
 
 
-def take_record(context: RunContext, step: Step) -> None:
+def take_record(context: RunContext, step: PlannedRecord) -> None:
     """Take one record; retake it while its losses exceed the limit and attempts are left.
 
     Raises: RunError B-RUN-021 if the unit is silent before the record or through all of it.
     """
     context.record_count += 1
     number = context.record_count
-    attempts = 1 + int(step.arguments.get("retry", 0))
-    max_lost = float(step.arguments.get("max_lost", 0.0))
+    attempts = 1 + step.retry
     for attempt in range(attempts):
         row = _take(context, step, number) if context.measurement_link else _read(context, step, number)
         lost, due, what = _losses(row)
-        if lost / due <= max_lost or attempt == attempts - 1:
+        if lost / due <= step.max_lost or attempt == attempts - 1:
             break
         context.event("retake", record=number, reason=f"{lost} of {due} {what} lost")
         context.retaken += 1
-        context.timeline.add_slip(to_ns(float(step.arguments["seconds"])))
+        context.timeline.add_slip(to_ns(step.seconds))
     if row.window.link and row.frames == 0 and not (is_chained(context, step) and _goes_on(context, row)):
         raise silent(context, f"no good frame during record {number}")
     context.rows[number] = row
     context.listener.record(row)
-    if step.arguments.get("purpose", MEASUREMENT) == "wiring":
+    if step.purpose == WIRING:
         check_wiring(row, context.plan.campaign, step.where)
 
 
@@ -48,7 +45,7 @@ def _losses(row: RecordRow) -> tuple[int, int, str]:
     return row.lost, row.window.frames, "frames"
 
 
-def _read(context: RunContext, step: Step, number: int) -> RecordRow:
+def _read(context: RunContext, step: PlannedRecord, number: int) -> RecordRow:
     row = take_readings(context, step, number)
     context.event("record", **window_fields(row.window), readings=row.readings, unread=row.unread)
     return row
@@ -60,7 +57,7 @@ def _goes_on(context: RunContext, row: RecordRow) -> bool:
     return reader.last_counter >= row.window.first_counter + row.window.frames
 
 
-def _take(context: RunContext, step: Step, number: int) -> RecordRow:
+def _take(context: RunContext, step: PlannedRecord, number: int) -> RecordRow:
     reader = context.acquisition.readers[context.measurement_link]
     window = begin_window(context, step, number)
     context.timeline.wait_until_ns(window.t_end_ns)
@@ -69,8 +66,8 @@ def _take(context: RunContext, step: Step, number: int) -> RecordRow:
     context.acquisition.wait_until(lambda: reader.last_counter >= last, deadline)
     with context.acquisition.lock:  # a replay takes the frames received up to the time of the event, no others
         context.acquisition.catch_up()
-        timed = {"pulse_timing": True} if is_timed(step) else {}
-        sampled = {"samples": True} if is_sampled(step) else {}
+        timed = {"pulse_timing": True} if step.pulse_timing else {}
+        sampled = {"samples": True} if step.samples else {}
         context.event("record", **window_fields(window), **timed, **sampled)
         return context.frames_cutter.close(number)
 

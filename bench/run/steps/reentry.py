@@ -14,10 +14,10 @@ from dataclasses import replace
 
 from bench.model.clock import NS, to_ns
 from bench.model.ports import Action, actions_of
-from bench.plan import Step
-from bench.run.context import CHAMBER, RunContext
+from bench.plan import PlannedSend, PlannedSettle, PlannedSoak, SetPoint, Step
+from bench.run.context import RunContext
 from bench.run.control.operator import changes_of
-from bench.run.steps.dispatch import EXECUTORS
+from bench.run.steps.dispatch import execute
 from bench.run.steps.motion_again import changes_motion, motion_again
 from bench.run.steps.setpoints import steps_again, warm_up_s
 from bench.run.steps.soak import soak
@@ -52,7 +52,7 @@ def come_back(context: RunContext, number: int) -> None:
     """
     with _not_interrupted(context):
         _do_again(context, _motion(context, number))
-    if context.plan.steps[number].kind == "soak":
+    if isinstance(context.plan.steps[number], PlannedSoak):
         return
     with _not_interrupted(context):
         _to_temperature(context, number, stopped=False)
@@ -85,11 +85,12 @@ def _drivers(context: RunContext) -> dict[str, Mapping[str, Action]]:
 
 def _do_again(context: RunContext, steps: Sequence[Step]) -> None:
     for step in steps:
-        if step.kind == "settle":
+        if isinstance(step, PlannedSettle):
             context.timeline.wait_until_ns(context.clock.now_ns() + to_ns(step.duration_s))
         else:
-            context.listener.message(f"again: {step.role}.{step.name or step.arguments.get('text', '')}")
-            EXECUTORS[step.kind](context, step)
+            what = step.text if isinstance(step, PlannedSend) else step.name
+            context.listener.message(f"again: {step.role}.{what}")
+            execute(context, step)
 
 
 def _warm_up(context: RunContext, start: int, began_ns: int) -> None:
@@ -101,13 +102,9 @@ def _warm_up(context: RunContext, start: int, began_ns: int) -> None:
         context.timeline.wait_until_ns(context.clock.now_ns() + rest_ns)
 
 
-def thermal_steps(steps: Sequence[Step], number: int) -> list[Step]:
-    """Soaks and set-points of the chamber before a step, oldest first; those of ``finally`` count only inside it."""
-    found = [
-        step
-        for step in steps[:number]
-        if step.kind == "soak" or (step.kind == "call" and step.role == CHAMBER and step.name == "set_temperature")
-    ]
+def thermal_steps(steps: Sequence[Step], number: int) -> list[tuple[Step, SetPoint]]:
+    """Return soaks and set-points of the chamber before a step, oldest first; none inside ``finally``."""
+    found = [(step, step.set_point) for step in steps[:number] if step.set_point is not None]
     return found if number < len(steps) and steps[number].phase != "finally" else []
 
 
@@ -115,52 +112,51 @@ def _to_temperature(context: RunContext, number: int, *, stopped: bool) -> None:
     thermal = thermal_steps(context.plan.steps, number)
     if not thermal:
         return
-    began_ns, newest = context.clock.now_ns(), thermal[-1]
+    began_ns, (newest, asked) = context.clock.now_ns(), thermal[-1]
     unit_degC = _unit_degC(context, newest)
-    if newest.kind == "soak":
-        soaked = not abs(unit_degC - newest.arguments["temperature"]) <= newest.arguments["within"]
+    if isinstance(newest, PlannedSoak):
+        soaked = not abs(unit_degC - newest.temperature_degC) <= newest.within_degC
         _back_to_soak(context, newest, soaked=soaked, stopped=stopped)
     else:
         soaked = True
         _along_the_ramp(context, thermal, context.plan.steps[number])
     context.event(
-        "reentry", step=number, target_degC=newest.arguments["temperature"], soaked=soaked,
+        "reentry", step=number, target_degC=asked.temperature_degC, soaked=soaked,
         unit_degC=None if math.isnan(unit_degC) else unit_degC, seconds=(context.clock.now_ns() - began_ns) / NS,
     )  # fmt: skip
 
 
-def _back_to_soak(context: RunContext, step: Step, *, soaked: bool, stopped: bool) -> None:
+def _back_to_soak(context: RunContext, step: PlannedSoak, *, soaked: bool, stopped: bool) -> None:
     if soaked:
-        target, within = step.arguments["temperature"], step.arguments["within"]
-        context.listener.message(f"the unit has left {target:g} degC +- {within:g} degC: soaking again")
+        band = f"{step.temperature_degC:g} degC +- {step.within_degC:g} degC"
+        context.listener.message(f"the unit has left {band}: soaking again")
         _soak_again(context, step)
     elif stopped:
-        _drive(context, step)
+        _drive(context, step.role, step.set_point)
 
 
-def _along_the_ramp(context: RunContext, thermal: Sequence[Step], step: Step) -> None:
+def _along_the_ramp(context: RunContext, thermal: Sequence[tuple[Step, SetPoint]], step: Step) -> None:
     """Soak where the ramp begins, start it, and wait until the planned time since its start has passed."""
-    newest, before = thermal[-1], thermal[-2] if len(thermal) > 1 else None
-    pattern = next((one for one in reversed(thermal) if one.kind == "soak"), None)
-    if before is not None and pattern is not None:
-        start_degC, stop_degC = before.arguments["temperature"], newest.arguments["temperature"]
-        context.listener.message(f"the ramp from {start_degC:g} degC to {stop_degC:g} degC is done again")
-        there = {**pattern.arguments, "temperature": start_degC, "late": "hold"}
-        _soak_again(context, replace(pattern, arguments=there))
-    _drive(context, newest)
+    newest, asked = thermal[-1]
+    pattern = next((before for before, _ in reversed(thermal) if isinstance(before, PlannedSoak)), None)
+    if pattern is not None:  # so there is one before the newest, which is none
+        start_degC = thermal[-2][1].temperature_degC
+        context.listener.message(f"the ramp from {start_degC:g} degC to {asked.temperature_degC:g} degC is done again")
+        _soak_again(context, replace(pattern, temperature_degC=start_degC, late="hold"))
+    _drive(context, newest.role, asked)
     passed_s = step.at_s - newest.at_s if step.phase == newest.phase else 0.0
     context.timeline.wait_until_ns(context.clock.now_ns() + to_ns(passed_s))
 
 
-def _drive(context: RunContext, step: Step) -> None:
-    """Give the chamber the set-point of a step and let it run."""
-    chamber = context.instruments[step.role]
-    with context.in_use.take(step.role):
-        chamber.set_temperature(step.arguments["temperature"], step.arguments["ramp"])  # type: ignore[attr-defined]
+def _drive(context: RunContext, role: str, asked: SetPoint) -> None:
+    """Give the chamber a set-point and let it run."""
+    chamber = context.instruments[role]
+    with context.in_use.take(role):
+        chamber.set_temperature(asked.temperature_degC, asked.ramp_degC_min)  # type: ignore[attr-defined]
         chamber.run()  # type: ignore[attr-defined]
 
 
-def _soak_again(context: RunContext, step: Step) -> None:
+def _soak_again(context: RunContext, step: PlannedSoak) -> None:
     """The whole slot of a soak, from now on; the timeline of the phase stands still meanwhile."""
     outer = context.timeline
     context.timeline = Timeline(context.clock, context.stop, context.clock.now_ns() - to_ns(step.at_s))
@@ -172,7 +168,7 @@ def _soak_again(context: RunContext, step: Step) -> None:
 
 def _unit_degC(context: RunContext, step: Step) -> float:
     """The temperature a soak is judged by, degC; NaN if the unit says nothing for ``UNIT_SPEAKS_S``."""
-    if step.arguments.get("sensor") == "air":
+    if isinstance(step, PlannedSoak) and step.sensor == "air":
         with context.in_use.take(step.role):
             return float(context.instruments[step.role].measure_air())  # type: ignore[attr-defined]
     deadline_ns = context.clock.now_ns() + to_ns(UNIT_SPEAKS_S)

@@ -11,7 +11,7 @@ from typing import Any
 from bench.model.clock import NS, Clock
 from bench.model.errors import InstrumentError
 from bench.model.ports import Action, Effect, Instrument, actions_of
-from bench.plan import Plan, Step
+from bench.plan import Plan, PlannedCall, PlannedCommand, PlannedSend, PlannedSettle, PlannedSoak, Step
 from bench.record import JournalEntry
 
 READ_BACK_S = 3.0  # looking at the bench must not keep it from being made safe
@@ -30,10 +30,10 @@ Readings = dict[str, dict[str, Any]]
 
 def setpoint_of(step: Step, instruments: Mapping[str, Instrument]) -> dict[str, Any]:
     """What a finished step has set and its instrument has confirmed: {"role.action": arguments}, else empty."""
-    if step.kind == "soak":
-        target = {"temperature": step.arguments["temperature"], "ramp": step.arguments["ramp"]}
+    if isinstance(step, PlannedSoak):
+        target = {"temperature": step.temperature_degC, "ramp": step.ramp_degC_min}
         return {f"{step.role}.set_temperature": target}
-    if step.kind != "call" or step.role not in instruments:
+    if not isinstance(step, PlannedCall) or step.role not in instruments:
         return {}
     declared = actions_of(type(instruments[step.role])).get(step.name)
     if declared is None or not _sets(declared):
@@ -140,16 +140,15 @@ def steps_again(plan: Plan, first: int, drivers: Mapping[str, Mapping[str, Actio
 
 def _key(step: Step, drivers: Mapping[str, Mapping[str, Action]]) -> tuple[Any, ...] | None:
     """Sort and identity of a step that is done again; None for any other."""
-    if step.kind == "unit":
-        return None if "item" in step.arguments else (3, step.role, step.name)  # a test is not done twice
+    if isinstance(step, PlannedCommand):
+        return None if step.item else (3, step.role, step.name)  # a test is not done twice
     declared = drivers.get(step.role, {})
-    if step.kind == "send" and not any(action.effect in _NO_RAW_AGAIN for action in declared.values()):
-        text = str(step.arguments["text"])
-        return None if "?" in text else (2, step.role, text.split(maxsplit=1)[0])
+    if isinstance(step, PlannedSend) and not any(action.effect in _NO_RAW_AGAIN for action in declared.values()):
+        return None if "?" in step.text else (2, step.role, step.text.split(maxsplit=1)[0])
     action = declared.get(step.name)
-    if step.kind != "call" or action is None or action.effect in _NOT_AGAIN or not _sets(action):
+    if not isinstance(step, PlannedCall) or action is None or action.effect in _NOT_AGAIN or not _sets(action):
         return None
-    chosen = tuple(step.arguments.get(one.name) for one in action.parameters if one.choices)
+    chosen = tuple(step.arguments.get(parameter.name) for parameter in action.parameters if parameter.choices)
     name = _SWITCHES if step.name in _SWITCHES else step.name  # what was switched off is not on for a moment
     return (0 if action.parameters else 1), step.role, name, chosen
 
@@ -157,10 +156,10 @@ def _key(step: Step, drivers: Mapping[str, Mapping[str, Action]]) -> tuple[Any, 
 def warm_up_s(plan: Plan, first: int) -> float:
     """The longest settle time of the preparation behind what switched something on, before step ``first``, seconds."""
     before = [step for step in plan.steps[:first] if step.phase == "prepare"]
-    on = next((at for at, step in enumerate(before) if step.kind == "call" and step.name in _ON), len(before))
-    return max((step.duration_s for step in before[on:] if step.kind == "settle"), default=0.0)
+    on = next((at for at, step in enumerate(before) if isinstance(step, PlannedCall) and step.name in _ON), len(before))
+    return max((step.duration_s for step in before[on:] if isinstance(step, PlannedSettle)), default=0.0)
 
 
 def _settles(steps: Sequence[Step], at: int) -> list[Step]:
     """The settle step right behind a step, if there is one."""
-    return [steps[at]] if at < len(steps) and steps[at].kind == "settle" else []
+    return [steps[at]] if at < len(steps) and isinstance(steps[at], PlannedSettle) else []

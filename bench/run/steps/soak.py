@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from bench.model.clock import NS, to_ns
 from bench.model.errors import InstrumentError, RunError
-from bench.plan import Step
+from bench.plan import PlannedSoak
 from bench.run.context import RunContext
 
 POLL_S = 60.0
@@ -51,19 +51,18 @@ class Stability:
         return (last - first) / ((t1 - t0) / NS / 60.0)
 
 
-def soak(context: RunContext, step: Step) -> None:
+def soak(context: RunContext, step: PlannedSoak) -> None:
     """Run one soak slot.
 
     Stable early: the slot is waited out. Not stable at its end: ``late`` decides: hold (wait on, at most
     ``hold_limit_s`` more; the slip is recorded), skip (go on, the records are flagged) or abort.
     Raises: RunError B-RUN-031 when the hold limit is over, or at once with abort.
     """
-    arguments = step.arguments
     chamber = context.instruments[step.role]
     with context.in_use.take(step.role):
-        chamber.set_temperature(arguments["temperature"], arguments["ramp"])  # type: ignore[attr-defined]
+        chamber.set_temperature(step.temperature_degC, step.ramp_degC_min)  # type: ignore[attr-defined]
         chamber.run()  # type: ignore[attr-defined]
-    watch = Stability(arguments["temperature"], arguments["within"], arguments["for"])
+    watch = Stability(step.temperature_degC, step.within_degC, step.for_s)
     end_s = step.at_s + step.duration_s
     moment_s = step.at_s
     while not watch.readings or moment_s < end_s:
@@ -75,8 +74,8 @@ def soak(context: RunContext, step: Step) -> None:
     context.settled = watch.stable
 
 
-def _sensor(context: RunContext, step: Step) -> float:
-    if step.arguments.get("sensor", "unit") == "unit":
+def _sensor(context: RunContext, step: PlannedSoak) -> float:
+    if step.sensor == "unit":
         return context.unit_temperature_degC
     try:
         with context.in_use.take(step.role):
@@ -86,19 +85,17 @@ def _sensor(context: RunContext, step: Step) -> float:
         return math.nan
 
 
-def _late(context: RunContext, step: Step, watch: Stability) -> None:
-    policy = step.arguments.get("late", "hold")
-    limit_s = float(step.arguments.get("hold_limit", step.duration_s))
+def _late(context: RunContext, step: PlannedSoak, watch: Stability) -> None:
     last = watch.readings[-1][1]
     state = f"last {last:.2f} degC, {watch.slope_degC_min:+.3f} degC/min"
-    context.event("late", step=step.number, policy=policy, last_degC=last, slope_degC_min=watch.slope_degC_min)
+    context.event("late", step=step.number, policy=step.late, last_degC=last, slope_degC_min=watch.slope_degC_min)
     context.listener.message(
-        f"{step.role}: {watch.target_degC:g} degC not stable at the end of its slot ({state}): {policy}"
+        f"{step.role}: {watch.target_degC:g} degC not stable at the end of its slot ({state}): {step.late}"
     )
-    if policy == "skip":
+    if step.late == "skip":
         return
     waited_s = 0.0
-    while policy == "hold" and waited_s < limit_s and not watch.stable:
+    while step.late == "hold" and waited_s < step.hold_limit_s and not watch.stable:
         context.timeline.add_slip(to_ns(watch.poll_s))
         context.timeline.wait_until(step.at_s + step.duration_s)
         waited_s += watch.poll_s

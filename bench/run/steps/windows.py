@@ -11,17 +11,16 @@ from collections.abc import Iterator, Sequence
 from bench.model.clock import NS, to_ns
 from bench.model.errors import RunError
 from bench.model.ports import RecordWindow
-from bench.plan import Step
+from bench.plan import PlannedCall, PlannedPrompt, PlannedRecord, PlannedVerify, Step
 from bench.run.context import RunContext
 
 BEHIND_FRAMES = 2  # the newest frame is older than this many periods: the link is behind
 OPEN_GATE = 1  # the gate that is open at the start began before it
 SILENCE_S = 2.0
 AHEAD_S = 100.0  # how late a step between two records may be (a bus that asks again) before a frame is missed
-BETWEEN = ("call", "verify", "prompt")  # kinds of step that may stand between records without a gap
 
 
-def begin_window(context: RunContext, step: Step, number: int) -> RecordWindow:
+def begin_window(context: RunContext, step: PlannedRecord, number: int) -> RecordWindow:
     """The window of a record step, open, and with it those that follow it without a gap.
 
     A step that follows another one begins anew if its first frames have gone by already.
@@ -34,31 +33,21 @@ def begin_window(context: RunContext, step: Step, number: int) -> RecordWindow:
         if window is None:
             window = _anew(context, step, number, start_ns)
             _open(context, step, window)
-            if step.arguments.get("follows"):
+            if step.follows:
                 context.event("gap", step=step.number, record=number, first_counter=window.first_counter)
                 context.listener.message(f"{step.where}: begun anew, frames between it and the record before are lost")
         _open_followers(context, step, window)
     return window
 
 
-def patience_s(context: RunContext, step: Step) -> float:
+def patience_s(context: RunContext, step: PlannedRecord) -> float:
     """How much later than due the last frame of a record may come, second."""
-    return SILENCE_S + 3.0 / float(context.plan.campaign["rate_Hz"]) + 0.001 * float(step.arguments["seconds"])
+    return SILENCE_S + 3.0 / float(context.plan.campaign["rate_Hz"]) + 0.001 * step.seconds
 
 
-def is_timed(step: Step) -> bool:
-    """Whether a record keeps when its pulses came."""
-    return bool(step.arguments.get("pulse_timing"))
-
-
-def is_sampled(step: Step) -> bool:
-    """Whether a record keeps its samples."""
-    return bool(step.arguments.get("samples"))
-
-
-def is_chained(context: RunContext, step: Step) -> bool:
+def is_chained(context: RunContext, step: PlannedRecord) -> bool:
     """Whether a record follows another one without a gap, or is followed by one."""
-    return bool(step.arguments.get("follows")) or next(_followers(context.plan.steps, step), None) is not None
+    return step.follows or next(_followers(context.plan.steps, step), None) is not None
 
 
 def silent(context: RunContext, message: str) -> RunError:
@@ -71,7 +60,7 @@ def silent(context: RunContext, message: str) -> RunError:
     )
 
 
-def _anew(context: RunContext, step: Step, number: int, start_ns: int) -> RecordWindow:
+def _anew(context: RunContext, step: PlannedRecord, number: int, start_ns: int) -> RecordWindow:
     """The first frame is the first whose gate began after ``start_ns``, as far as the bytes received can tell.
 
     A frame of which no byte is here yet (11 us at 921,600 Bd, plus the delay of the port) makes the first gate begin
@@ -85,13 +74,13 @@ def _anew(context: RunContext, step: Step, number: int, start_ns: int) -> Record
     overdue = int((start_ns - reader.last_frame_ns) * rate // NS)
     coming = overdue + 1 if overdue >= BEHIND_FRAMES else int(reader.mid_frame)
     first = reader.last_counter + coming + OPEN_GATE + 1
-    end_ns = start_ns + to_ns(float(step.arguments["seconds"]))
+    end_ns = start_ns + to_ns(step.seconds)
     if is_chained(context, step):
         end_ns = _due_ns(context, first + _frames(context, step))
     return _window(context, step, number, first, start_ns, end_ns)
 
 
-def _open_followers(context: RunContext, step: Step, window: RecordWindow) -> None:
+def _open_followers(context: RunContext, step: PlannedRecord, window: RecordWindow) -> None:
     """Open the next window, and more until the longest wait for this one and AHEAD_S are covered.
 
     Never one that has begun: what was received since is counted already.
@@ -113,22 +102,22 @@ def _open_followers(context: RunContext, step: Step, window: RecordWindow) -> No
             return
 
 
-def _followers(steps: Sequence[Step], step: Step) -> Iterator[Step]:
+def _followers(steps: Sequence[Step], step: PlannedRecord) -> Iterator[PlannedRecord]:
     """Record steps that follow ``step`` without a gap, in order."""
     for number in range(step.number + 1, len(steps)):
         later = steps[number]
-        if later.kind == "record" and later.arguments.get("follows") and later.phase == step.phase:
+        if isinstance(later, PlannedRecord) and later.follows and later.phase == step.phase:
             yield later
-        elif later.kind not in BETWEEN:
+        elif not isinstance(later, PlannedCall | PlannedVerify | PlannedPrompt):  # nothing else may stand between
             return
 
 
-def _open(context: RunContext, step: Step, window: RecordWindow, chained: bool = False) -> None:
-    context.frames_cutter.open(window, timed=is_timed(step), sampled=is_sampled(step), chained=chained)
+def _open(context: RunContext, step: PlannedRecord, window: RecordWindow, chained: bool = False) -> None:
+    context.frames_cutter.open(window, timed=step.pulse_timing, sampled=step.samples, chained=chained)
 
 
-def _frames(context: RunContext, step: Step) -> int:
-    return round(float(step.arguments["seconds"]) * float(context.plan.campaign["rate_Hz"]))
+def _frames(context: RunContext, step: PlannedRecord) -> int:
+    return round(step.seconds * float(context.plan.campaign["rate_Hz"]))
 
 
 def _due_ns(context: RunContext, stop: int) -> int:
@@ -138,7 +127,9 @@ def _due_ns(context: RunContext, stop: int) -> int:
     return reader.last_frame_ns + round((stop - 1 - reader.last_counter) / rate * NS)
 
 
-def _window(context: RunContext, step: Step, number: int, first: int, start_ns: int, end_ns: int) -> RecordWindow:
+def _window(
+    context: RunContext, step: PlannedRecord, number: int, first: int, start_ns: int, end_ns: int
+) -> RecordWindow:
     return RecordWindow(
         number=number,
         link=context.measurement_link,

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 from bench.model.errors import InstrumentError
+from bench.plan import CHAMBER
 from bench.run.bench.safety import QUICK_S, hurried
-from bench.run.context import CHAMBER, RunContext
+from bench.run.context import RunContext
 from bench.run.stop import guarded
 
 PERIOD_S = 60.0

@@ -17,10 +17,11 @@ from dataclasses import dataclass, field
 from bench.model.clock import NS
 from bench.model.errors import InstrumentError
 from bench.model.ports import Instrument
+from bench.plan import CHAMBER
 from bench.plan.interlock_language import InterlockRule
 from bench.plan.summary import SECOND_BYTES
 from bench.run.bench.safety import hurried
-from bench.run.context import CHAMBER, RunContext
+from bench.run.context import RunContext
 from bench.run.guard.health import CHAMBER_AIR
 from bench.run.links.acquisition import STALE_S, TEMPERATURE, LinkReader
 

@@ -9,8 +9,9 @@ from typing import Any, Protocol
 from bench.model.clock import Clock, Periodic, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Instrument
+from bench.plan import CHAMBER
 from bench.run.bench.safety import hurried
-from bench.run.context import CHAMBER, InUse
+from bench.run.context import InUse
 from bench.run.guard.health import CHAMBER_AIR, UNIT, Health
 from bench.run.stop import StopSwitch, guarded
 

@@ -20,7 +20,7 @@ from bench.plan.graph_language import names_in
 from bench.record import RecordRow, read_journal
 from bench.record.files import Files
 from bench.record.trend import TrendWriter
-from bench.record.trend_bench import BenchRows, setpoint_degC
+from bench.record.trend_bench import BenchRows
 from bench.record.trend_format import FOLDER, HEAD, read_head, sources_of
 from bench.record.trend_rows import LinkReduction
 from bench.run.context import RunContext
@@ -63,9 +63,10 @@ class TrendRecorder:
 
     def step(self, step: Step) -> None:
         """A step begins."""
-        asked = setpoint_degC(step.kind, step.role, step.arguments)
+        asked = step.set_point
         if asked is not None:
-            self._heard(lambda writer: writer.add(BENCH, self._bench.setpoint(self._utc_ns(writer), asked)))
+            degC = asked.temperature_degC
+            self._heard(lambda writer: writer.add(BENCH, self._bench.setpoint(self._utc_ns(writer), degC)))
 
     def pump(self) -> None:
         """Write what is complete; only this and ``close`` touch the disk."""

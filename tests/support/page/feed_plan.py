@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from planned_step import planned
+
 from bench.plan import Step
 
 START_S = 1_000_000.0
@@ -30,6 +32,17 @@ def small_plan() -> tuple[Step, ...]:
         ("finally", "call", 100.0, 0.0, "source", "standby", {}, {}),
     ]
     return tuple(
-        Step(number, phase, kind, at_s, duration_s, role, name, arguments, conditions, f"small.yaml:{number + 1}:1")
+        planned(
+            kind,
+            number,
+            phase=phase,
+            at_s=at_s,
+            duration_s=duration_s,
+            role=role,
+            name=name,
+            conditions=conditions,
+            where=f"small.yaml:{number + 1}:1",
+            **arguments,
+        )
         for number, (phase, kind, at_s, duration_s, role, name, arguments, conditions) in enumerate(rows)
     )

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from planned_step import planned
 
 from bench.model.quality import Quality
+from bench.plan import Step
 from bench.report import RunStory, Surrounding, TemperatureTrace, report_model
 from bench.report.model import ReportModel
 
@@ -18,18 +20,6 @@ LEVELS_A = {
     "accelerometer": (5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2),
 }
 _SLOT_s, _POINT_s = 9000.0, 120.0
-
-
-@dataclass(frozen=True)
-class SampleStep:
-    phase: str
-    kind: str
-    at_s: float
-    duration_s: float
-    arguments: Mapping[str, Any] = field(default_factory=dict)
-    conditions: Mapping[str, Any] = field(default_factory=dict)
-    role: str = ""
-    name: str = ""
 
 
 @dataclass(frozen=True)
@@ -49,7 +39,7 @@ class SampleRow:
 @dataclass(frozen=True)
 class SamplePlan:
     title: str
-    steps: tuple[SampleStep, ...]
+    steps: tuple[Step, ...]
     prepare_s: float
 
 
@@ -57,22 +47,22 @@ def kind_of(channel: int) -> str:
     return "gyro" if channel <= 6 else "accelerometer"
 
 
-def sample_steps(temperatures: tuple[float, ...] = TEMPERATURES_degC) -> tuple[SampleStep, ...]:
-    steps = [SampleStep("prepare", "prompt", 0.0, 0.0), SampleStep("prepare", "settle", 0.0, 600.0)]
+def sample_steps(temperatures: tuple[float, ...] = TEMPERATURES_degC) -> tuple[Step, ...]:
+    steps = [planned("prompt", phase="prepare"), planned("settle", phase="prepare", duration_s=600.0)]
     now_s = 0.0
     for index, temperature in enumerate(temperatures):
-        arguments = {"temperature": temperature, "ramp": 0.5}
-        steps.append(SampleStep("campaign", "soak", now_s, _SLOT_s, arguments, {"temperature_degC": temperature}))
+        told = {"temperature": temperature, "ramp": 0.5, "conditions": {"temperature_degC": temperature}}
+        steps.append(planned("soak", at_s=now_s, duration_s=_SLOT_s, **told))
         now_s += _SLOT_s
         rounds = [(channel, 0) for channel in range(1, 11)]
         rounds += [(1, 1)] if index == len(temperatures) - 1 else []
         for channel, repeat in rounds:
             for _ in range(15):
                 conditions = {"channel": channel, "repeat": repeat}
-                steps.append(SampleStep("campaign", "settle", now_s, 20.0, {}, {"channel": channel}))
-                steps.append(SampleStep("campaign", "record", now_s + 20.0, 100.0, {}, conditions))
+                steps.append(planned("settle", at_s=now_s, duration_s=20.0, conditions={"channel": channel}))
+                steps.append(planned("record", at_s=now_s + 20.0, duration_s=100.0, conditions=conditions))
                 now_s += _POINT_s
-    steps.append(SampleStep("finally", "settle", 0.0, 60.0))
+    steps.append(planned("settle", phase="finally", duration_s=60.0))
     return tuple(steps)
 
 

@@ -12,7 +12,7 @@ from crashes import Crashes, crashed_at, go_on, nobody, watch_worlds
 from rehearsal import SEED, Watched
 
 from bench.model.clock import VirtualClock
-from bench.plan import Step, compile_sequence
+from bench.plan import PlannedCommand, Step, compile_sequence
 from bench.record import SessionReader
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct
@@ -68,7 +68,7 @@ def test_killed_units_are_tested_to_the_end(
     assert {name: one.get("verdict") for name, one in found.items()} == {
         name: one.get("verdict") for name, one in whole.items()
     }
-    tests = [step.number for step in killed.plan.steps if "item" in step.arguments]
+    tests = [step.number for step in killed.plan.steps if isinstance(step, PlannedCommand) and step.item]
     noted = [fields["step"] for _, _, fields in SessionReader(folder).events("exchange")]
     assert sorted(set(noted)) == tests
     answered = {fields["step"] for _, _, fields in SessionReader(folder).events("prompt")}

@@ -16,6 +16,7 @@ from bench.commands import study as study_command
 from bench.commands.study import Request, study
 from bench.commands.study_cluster import run_on_cluster
 from bench.model.errors import InputError
+from bench.systems.time_sync import study as published
 from bench.systems.time_sync.study.study import BASE, NAME, TIGHT, Group, StudyOptions, Task
 from bench.systems.time_sync.study.tasks import run_task
 
@@ -74,9 +75,9 @@ def test_files_and_exit_status(
 ) -> None:
     """The tasks are stood in for by results made by formula: what is written, said and returned is looked at here."""
     document = {"runs": 2, "estimates": [_judged("pass"), _judged("fail" if spoilt else "pass")]}
-    monkeypatch.setattr(study_command, "run_task", lambda task: task.name)
-    monkeypatch.setattr(study_command, "study_document", lambda *_: document)
-    monkeypatch.setattr(study_command, "study_chapters", lambda *_: [])
+    monkeypatch.setattr(published, "run_task", lambda task: task.name)
+    monkeypatch.setattr(published, "study_document", lambda *_: document)
+    monkeypatch.setattr(published, "study_chapters", lambda *_: [])
     monkeypatch.setattr(study_command, "study_html", lambda *_: "<html>")
     assert study(request(tmp_path / "out", as_json=True)) == (1 if spoilt else 0)
     said = capsys.readouterr()

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from planned_step import planned
 from rich.console import Console
 from top_sample import NOW_S, FakeFeed, SetClock, document
 
@@ -17,9 +18,7 @@ from bench.commands.progress import PlainLines, ProgressBar
 from bench.run.feed.client import FeedGone
 
 PLAN: Any = SimpleNamespace(steps=(None,) * 9, record_count=100, prepare_s=10.0, duration_s=90.0, finally_s=0.0)
-STEP: Any = SimpleNamespace(
-    kind="record", number=3, role="", name="", conditions={"temperature_degC": 23.0, "channel": 1}, arguments={}
-)
+STEP = planned("record", 3, conditions={"temperature_degC": 23.0, "channel": 1})
 
 
 class Told:

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from planned_step import planned
 from rich.console import Console
 
 from bench.commands.console import PLAIN_COLUMNS, console
@@ -18,6 +19,7 @@ from bench.commands.progress import PlainLines, ProgressBar
 from bench.commands.terminal import TerminalOperator
 from bench.model.errors import BenchError
 from bench.model.units import hours
+from bench.plan import Step
 from bench.run.control.operator import Question
 from bench.session.output import write_file
 
@@ -36,12 +38,9 @@ def test_a_terminal_that_hangs_up_costs_nothing(monkeypatch: pytest.MonkeyPatch)
         assert not gone.isatty()  # closing it flushes what is left, which must not fail either
 
 
-def step(kind: str, **fields: Any) -> Any:
-    given = {
-        "kind": kind, "number": 3, "role": "switch", "name": "route", "conditions": {},
-        "arguments": {"temperature": 50.0},
-    }  # fmt: skip
-    return SimpleNamespace(**{**given, **fields})
+def step(kind: str, **fields: Any) -> Step:
+    arguments = {"temperature": 50.0} if kind == "soak" else {}
+    return planned(kind, 3, **{"role": "switch", "name": "route", **arguments, **fields})
 
 
 def record(lost: int = 0, **conditions: Any) -> Any:
@@ -182,7 +181,7 @@ def test_a_narrow_terminal_cuts_no_number_off(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_a_prompt_is_told_with_its_text_and_only_where_somebody_is_asked(capsys: pytest.CaptureFixture[str]) -> None:
-    asked = step("prompt", arguments={"text": "DIP switch 1 on"})
+    asked = step("prompt", text="DIP switch 1 on")
     PlainLines(PLAN, console()).step(asked, 15.0)
     assert capsys.readouterr().out.split() == ["0:00:15", "step", "4/9", "prompt:", "DIP", "switch", "1", "on"]
     PlainLines(PLAN, console(), asks=False).step(asked, 15.0)

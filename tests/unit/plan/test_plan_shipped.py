@@ -101,8 +101,8 @@ def test_the_campaign_is_38_hours_and_765_records(campaign: Plan) -> None:
     assert sum(step.duration_s for step in records(campaign)) == 76_500.0
     soaks = [step for step in campaign.phase("campaign") if step.kind == "soak"]
     assert [step.duration_s for step in soaks] == [9000.0] * 5
-    assert [step.arguments["temperature"] for step in soaks] == list(TEMPERATURES_DEGC)
-    assert {step.arguments["ramp"] for step in soaks} == {0.5}
+    assert [step.temperature_degC for step in soaks] == list(TEMPERATURES_DEGC)
+    assert {step.ramp_degC_min for step in soaks} == {0.5}
 
 
 def test_every_record_is_where_table_3_puts_it(campaign: Plan) -> None:
@@ -115,7 +115,7 @@ def test_every_record_is_where_table_3_puts_it(campaign: Plan) -> None:
 def test_each_point_is_done_in_the_safe_order(campaign: Plan) -> None:
     steps = campaign.phase("campaign")
     for step in records(campaign):
-        first = step.arguments["retry_step"]
+        first = step.retry_step
         names = [s.name or s.kind for s in campaign.steps[first : step.number]]
         if step.conditions["route"] == "open":
             assert names == ["standby", "open_all", "settle"]
@@ -126,7 +126,7 @@ def test_each_point_is_done_in_the_safe_order(campaign: Plan) -> None:
             assert route.arguments == {key: step.conditions[key] for key in ("channel", "polarity")}
             assert output.arguments == {"current": step.conditions["current_A"], "range": "lowest_that_holds"}
             assert (after.kind, after.role, after.name) == ("verify", "calibrator", "operating")
-    assert all(step.arguments["bus_s"] <= step.duration_s for step in steps if step.kind == "settle")
+    assert all(step.bus_s <= step.duration_s for step in steps if step.kind == "settle")
 
 
 def test_before_hour_0_the_wiring_of_every_channel_is_proved(campaign: Plan) -> None:
@@ -135,23 +135,23 @@ def test_before_hour_0_the_wiring_of_every_channel_is_proved(campaign: Plan) -> 
     assert [(s.conditions["channel"], s.conditions["polarity"]) for s in wiring] == [
         (channel, polarity) for channel in range(1, 11) for polarity in (1, -1)
     ]
-    assert {(s.arguments["purpose"], s.conditions["purpose"], s.conditions["current_A"]) for s in wiring} == {
+    assert {(s.purpose, s.conditions["purpose"], s.conditions["current_A"]) for s in wiring} == {
         ("wiring", "wiring", 1e-3)
     }
-    prompts = [step.arguments for step in prepare if step.kind == "prompt"]
+    prompts = [step.told() for step in prepare if step.kind == "prompt"]
     assert [p.get("low") for p in prompts] == [None, None, 1e6, 1e6, 7200.0, None]
     assert [p.get("high") for p in prompts] == [0.5, 0.5, None, None, 3.6e7, None]
     who, start = [step for step in prepare if step.kind == "unit"]
-    assert (who.role, who.name, who.arguments) == ("port_b", "identify", {"command": 1, "payload": []})
-    assert (start.role, start.name, start.arguments) == ("port_b", "start_stream", {"command": 2, "payload": [0x64]})
+    assert (who.role, who.name, who.told()) == ("port_b", "identify", {"command": 1, "payload": ()})
+    assert (start.role, start.name, start.told()) == ("port_b", "start_stream", {"command": 2, "payload": (0x64,)})
 
 
 def test_the_chamber_is_back_at_the_room_before_it_is_stopped(campaign: Plan) -> None:
     names = [step.name for step in campaign.phase("finally")]
     assert names == ["standby", "open_all", "soak", "output_off"]
     (back,) = [step for step in campaign.phase("finally") if step.kind == "soak"]
-    assert (back.arguments["temperature"], back.arguments["late"]) == (23.0, "skip")
-    ramp_s = 60.0 * (max(TEMPERATURES_DEGC) - 23.0) / back.arguments["ramp"]
+    assert (back.temperature_degC, back.late) == (23.0, "skip")
+    ramp_s = 60.0 * (max(TEMPERATURES_DEGC) - 23.0) / back.ramp_degC_min
     assert ramp_s == 3240.0
     assert back.duration_s >= ramp_s + 3 * 120.0  # the air follows with two minutes of lag
 
@@ -267,8 +267,8 @@ def test_bias_campaigns_are_one_chain_of_windows(name: str, seconds: float, coun
     found = records(plan)
     assert [(s.conditions["branch"], s.conditions["window_index"]) for s in found] == expected
     assert [s.at_s for s in found] == [seconds * k for k in range(sum(counts))]
-    assert [bool(s.arguments.get("follows")) for s in found] == [False] + [True] * (len(found) - 1)
-    assert {bool(s.arguments.get("pulse_timing")) for s in found} == {"integrated" not in name}
+    assert [s.follows for s in found] == [False] + [True] * (len(found) - 1)
+    assert {s.pulse_timing for s in found} == {"integrated" not in name}
     assert plan.duration_s == seconds * sum(counts) == (10_800.0 if "short" in name else 90_000.0)
     assert {s.kind for s in plan.phase("campaign")} == {"record", "call"}
     assert {frozenset(s.conditions) for s in found} == {frozenset({"route", "branch", "window_index", "purpose"})}
@@ -280,7 +280,7 @@ def test_each_ramp_fills_its_branch(name: str) -> None:
     plan = compile_sequence(name)
     steps = plan.phase("campaign")
     (before,) = [s for s in plan.phase("prepare") if s.kind == "soak"]
-    now_degC = float(before.arguments["temperature"])
+    now_degC = float(before.temperature_degC)
     for branch in ("up", "down"):
         first = next(s for s in steps if s.conditions.get("branch") == branch)
         length_s = sum(s.duration_s for s in steps if s.conditions.get("branch") == branch)
@@ -289,4 +289,4 @@ def test_each_ramp_fills_its_branch(name: str) -> None:
         ramp_s = 60.0 * abs(call.arguments["temperature"] - now_degC) / call.arguments["ramp"]
         assert ramp_s == pytest.approx(length_s)
         now_degC = call.arguments["temperature"]
-    assert now_degC == before.arguments["temperature"]
+    assert now_degC == before.temperature_degC

@@ -108,8 +108,8 @@ def test_windows_unroll_into_records_that_follow_each_other(tmp_path: Path) -> N
     assert check_plan(plan) == []
     records = [step for step in plan.phase("campaign") if step.kind == "record"]
     assert [step.at_s for step in records] == [10.0 * k for k in range(7)]
-    assert [step.arguments.get("follows", False) for step in records] == [False] + [True] * 6
-    assert {step.arguments["pulse_timing"] for step in records} == {True}
+    assert [step.follows for step in records] == [False] + [True] * 6
+    assert {step.pulse_timing for step in records} == {True}
     assert [dict(step.conditions) for step in records] == [
         {"route": "open", "branch": branch, "window_index": k, "purpose": "measurement"}
         for branch, count in (("hold_start", 3), ("up", 4))
@@ -135,7 +135,7 @@ def test_the_band_of_a_soak_ends_where_the_chamber_is_sent_on(tmp_path: Path) ->
 def test_plain_records_are_planned_as_before() -> None:
     """The new keys add nothing where they are not written: a plan keeps its hash."""
     records = [step for step in compile_sequence("scale_factor_short").steps if step.kind == "record"]
-    assert {frozenset(step.arguments) for step in records} == {
+    assert {frozenset(step.told()) for step in records} == {
         frozenset({"seconds", "retry", "max_lost", "purpose", "retry_step"})
     }
     assert all("window_index" not in step.conditions for step in records)

@@ -62,26 +62,26 @@ def mistakes(folder: Path, *changes: tuple[str, str]) -> list[tuple[str, str]]:
 
 def test_a_command_of_the_frame_becomes_its_bytes(tmp_path: Path) -> None:
     start, stop = (step for step in compiled(tmp_path).phase("prepare") if step.kind == "unit")
-    assert (start.name, start.arguments["command"]) == ("stream_start", 0x20)
-    assert bytes(start.arguments["payload"]) == bytes.fromhex("07 c8 00 00 00 00 00")
-    assert "item" not in start.arguments
-    assert (stop.arguments["command"], stop.arguments["payload"]) == (0x21, [])
+    assert (start.name, start.code) == ("stream_start", 0x20)
+    assert bytes(start.payload) == bytes.fromhex("07 c8 00 00 00 00 00")
+    assert not start.item
+    assert (stop.code, stop.payload) == (0x21, ())
 
 
 def test_a_test_carries_its_item_and_what_it_was_given(tmp_path: Path) -> None:
     tests = [step for step in compiled(tmp_path).phase("campaign") if step.kind == "unit"]
-    assert [bytes(step.arguments["payload"]) for step in tests] == [
+    assert [bytes(step.payload) for step in tests] == [
         bytes.fromhex("f4 01 00 00 14"),
         bytes.fromhex("d0 07 00 00 14"),
     ]
-    assert {step.arguments["item"] for step in tests} == {"timer"}
+    assert {step.item for step in tests} == {"timer"}
     assert [step.conditions["setting_us_s"] for step in tests] == [0.0005, 0.002]
 
 
 def test_a_prompt_says_what_it_changes(tmp_path: Path) -> None:
     prompt = compiled(tmp_path).phase("prepare")[0]
-    assert prompt.arguments["text"] == "Put unit GNC-07 on the board, all of it."
-    assert prompt.arguments["sets"] == {"unit": "GNC-07", "dip_switch": 2}
+    assert prompt.text == "Put unit GNC-07 on the board, all of it."
+    assert prompt.sets == {"unit": "GNC-07", "dip_switch": 2}
 
 
 def test_the_place_of_the_bench_reaches_the_analysis(tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_the_place_of_the_bench_reaches_the_analysis(tmp_path: Path) -> None:
 
 def test_a_record_of_samples_says_so(tmp_path: Path) -> None:
     record = next(step for step in compiled(tmp_path).steps if step.kind == "record")
-    assert record.arguments["samples"] is True
+    assert record.samples is True
 
 
 @pytest.mark.parametrize(

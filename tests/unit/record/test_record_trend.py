@@ -16,7 +16,7 @@ from bench.frame.signals import all_signals
 from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.record.trend import TrendWriter
-from bench.record.trend_bench import BenchRows, setpoint_degC
+from bench.record.trend_bench import BenchRows
 from bench.record.trend_format import FOLDER, sources_of
 from bench.record.trend_reader import TrendReader
 from bench.record.trend_rows import TrendRows, spread_ns
@@ -144,13 +144,6 @@ def test_a_temperature_stands_until_the_next_reading_but_not_for_ever(tmp_path: 
     assert math.isnan(at[200][0]), "a reading of two minutes ago says nothing about now"
     assert math.isnan(at[150][1])
     assert window.high[69 - int(window.t_utc_s[0] - UTC_S)][0] == 22.0
-
-
-def test_set_points_are_those_of_the_chamber() -> None:
-    assert setpoint_degC("soak", "chamber", {"temperature": 5.0, "ramp": 1.0}) == 5.0
-    assert setpoint_degC("call", "chamber", {"temperature": 7.0}) == 7.0
-    assert setpoint_degC("call", "supply", {"temperature": 7.0}) is None
-    assert setpoint_degC("call", "chamber", {}) is None
 
 
 def test_frames_of_one_stamp_are_laid_back_and_never_overlap() -> None:

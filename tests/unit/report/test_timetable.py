@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from report_sample import SamplePlan, SampleStep, sample_steps
+from planned_step import planned
+from report_sample import SamplePlan, sample_steps
 
 from bench.model.shipped import find_shipped
-from bench.plan import compile_sequence
+from bench.plan import Step, compile_sequence
 from bench.report import TemperatureTrace, plot_timetable
 from bench.report.figures import thin, timetable_picture
 from bench.report.planned import planned_temperature
@@ -44,32 +45,32 @@ def test_planned_temperature_ramps_then_holds() -> None:
     assert (t_s[0], t_s[-1]) == (0.0, 2 * (9000.0 + 18_000.0) + 1800.0 + 60.0)
 
 
-def chamber(at_s: float, name: str, temperature: float = 0.0, ramp: float = 0.0) -> SampleStep:
+def chamber(at_s: float, name: str, temperature: float = 0.0, ramp: float = 0.0) -> Step:
     arguments = {"temperature": temperature, "ramp": ramp} if name == "set_temperature" else {}
-    return SampleStep("campaign", "call", at_s, 0.0, arguments, {}, "chamber", name)
+    return planned("call", at_s=at_s, role="chamber", name=name, **arguments)
 
 
-def record(at_s: float, seconds: float) -> SampleStep:
-    return SampleStep("campaign", "record", at_s, seconds)
+def record(at_s: float, seconds: float) -> Step:
+    return planned("record", at_s=at_s, duration_s=seconds)
 
 
-def corners(*steps: SampleStep, prepare_s: float = 0.0) -> list[tuple[float, float]]:
+def corners(*steps: Step, prepare_s: float = 0.0) -> list[tuple[float, float]]:
     t_s, degC = planned_temperature(steps, prepare_s, start_degC=23.0)
     return list(zip(t_s.tolist(), degC.tolist(), strict=True))
 
 
 def test_commands_to_the_chamber_are_planned_like_soaks_in_every_phase() -> None:
     asked = {"temperature": 3.0, "ramp": 1.0}
-    planned = corners(
-        SampleStep("prepare", "soak", 10.0, 1800.0, asked),
+    found = corners(
+        planned("soak", phase="prepare", at_s=10.0, duration_s=1800.0, **asked),
         record(0.0, 600.0),
         chamber(600.0, "set_temperature", 13.0, 0.5),
         chamber(600.0, "run"),
         record(600.0, 1800.0),
-        SampleStep("finally", "soak", 0.0, 900.0, {"temperature": 23.0, "ramp": 1.0}),
+        planned("soak", phase="finally", duration_s=900.0, temperature=23.0, ramp=1.0),
         prepare_s=1810.0,
     )
-    assert planned == [
+    assert found == [
         (-1800.0, 23.0), (-600.0, 3.0), (600.0, 3.0), (1800.0, 13.0), (2400.0, 13.0), (3000.0, 23.0), (3300.0, 23.0)
     ]  # fmt: skip
 
@@ -95,15 +96,15 @@ def test_the_ramp_stands_still_on_hold_and_ends_with_stop() -> None:
 
 def test_shipped_bias_ramp_is_planned_from_the_room_to_both_ends_and_back() -> None:
     plan = compile_sequence(find_shipped("sequences", "bias_ramp_25h"))
-    planned = corners(*plan.steps, prepare_s=plan.prepare_s)
-    assert planned[0] == (-10_800.0, 23.0)
-    assert planned[-1] == (97_800.0, 23.0)
-    hours = [(t_s / 3600.0, degC) for t_s, degC in planned[2:-2]]
+    found = corners(*plan.steps, prepare_s=plan.prepare_s)
+    assert found[0] == (-10_800.0, 23.0)
+    assert found[-1] == (97_800.0, 23.0)
+    hours = [(t_s / 3600.0, degC) for t_s, degC in found[2:-2]]
     assert hours == [(2.0, -10.0), (12.0, 50.0), (13.0, 50.0), (23.0, -10.0), (25.0, -10.0)]
 
 
 def test_plan_without_soak_or_channels_has_lanes_by_kind() -> None:
-    steps = (SampleStep("campaign", "settle", 0.0, 20.0), SampleStep("campaign", "record", 20.0, 100.0))
+    steps = (planned("settle", duration_s=20.0), record(20.0, 100.0))
     table = timetable(steps, prepare_s=0.0)
     assert table.lanes == ("settle", "record")
     picture = timetable_picture(table, TemperatureTrace(), words_of("en"))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from planned_step import planned
 
 from bench.model.errors import InputError
 from bench.model.quality import Quality
@@ -33,9 +34,7 @@ def row(number: int, temperature_degC: float | None) -> Any:
 def states(analysis: str) -> list[tuple[str, str]]:
     """Of three records: one measured, one between two that are, one behind the last that is."""
     rows = [row(1, 23.0), row(2, None), row(3, 23.0), row(4, None)]
-    steps: Any = [
-        SimpleNamespace(number=n, kind="record", phase="campaign", arguments={}, conditions={}) for n in (1, 2, 3, 4)
-    ]
+    steps = [planned("record", number) for number in (1, 2, 3, 4)]
     manifest = {"campaign": {"analysis": analysis}}
     replayed: Any = SimpleNamespace(manifest=manifest, rows=rows, measurement_rows=rows, events=[])
     return [(one.state, one.why) for one in record_states(steps, replayed)]
@@ -60,10 +59,7 @@ def sampled(number: int, **more: Any) -> Any:
 def test_a_record_of_samples_needs_no_clock_counts() -> None:
     """Its frames and flags count; a lost sample is seen from the counter and is no reason to leave the record out."""
     rows = [sampled(1), sampled(2, frames=0, lost=200), sampled(3, quality=int(Quality.OVERLOAD))]
-    steps: Any = [
-        SimpleNamespace(number=n, kind="record", phase="campaign", arguments=SAMPLES, conditions={}, where="a.yaml:1")
-        for n in (1, 2, 3)
-    ]
+    steps = [planned("record", number, samples=True) for number in (1, 2, 3)]
     manifest = {"campaign": {"analysis": "imu_calibration"}}
     replayed: Any = SimpleNamespace(manifest=manifest, rows=rows, measurement_rows=rows, events=[])
     found = record_states(steps, replayed)
@@ -77,7 +73,7 @@ def test_a_record_of_samples_needs_no_clock_counts() -> None:
 @pytest.mark.parametrize("arguments", [None, {"samples": True}])
 def test_what_is_not_made_up_one_by_one_is_not_completed(arguments: dict[str, Any] | None) -> None:
     """Unit tests, which have no records, and records of samples: another session completes neither."""
-    step = SimpleNamespace(number=1, kind="record", phase="campaign", arguments=arguments or {}, conditions={})
+    step = planned("record", 1, **(arguments or {}))
     view: Any = SimpleNamespace(plan_steps=[] if arguments is None else [step], manifest={"session": "first"})
     with pytest.raises(InputError, match="made up one by one") as caught:
         merged(view, [])

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.model.installed import offers
 from bench.systems.time_sync.estimators.kalman.consistency import nees_of_offset, nis_summary, state_errors
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
 from bench.systems.time_sync.estimators.kalman.observability import observability
@@ -25,7 +26,7 @@ from bench.systems.time_sync.estimators.kalman.setup import (
 from bench.systems.time_sync.study.results import ERRORS, FlightResult, Floats
 from bench.systems.time_sync.study.study import SIGMA_R, APERTURE_s, SETTLED_s, Task
 
-SIMULATOR = "sim_instruments.worlds.time_sync"  # by name: the bench never imports its simulators
+WORLD = "time_sync"  # by name: the bench never imports its simulators
 _TO_ug, _TO_deg_h = 1e6 / STANDARD_GRAVITY_m_s2, float(np.rad2deg(3600.0))
 _KEPT_Hz = {True: 2.0, False: 10.0}  # epochs of a long and of a short flight
 _EGI_Hz, _LONG_s = 50.0, 100.0
@@ -43,7 +44,7 @@ class Flown:
 
 def simulated(module: str) -> Any:
     """A module of the simulator."""
-    return import_module(f"{SIMULATOR}.{module}")
+    return import_module(f"{offers('worlds')[WORLD].package}.{module}")
 
 
 def fly(task: Task) -> Flown:

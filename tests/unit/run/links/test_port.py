@@ -16,6 +16,7 @@ from typing import Any
 
 import pytest
 import serial
+from planned_step import planned
 from run_rig import Rig, frame
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
@@ -186,8 +187,7 @@ def test_without_a_rate_a_counter_proves_nothing() -> None:
 
 
 def unit_step(number: int, name: str, code: int) -> Step:
-    arguments = {"command": code, "payload": ()}
-    return Step(number, "campaign", "unit", 0.0, 0.0, "port_b", name, arguments, {}, "x.yaml:1:1")
+    return planned("unit", number, role="port_b", name=name, command=code)
 
 
 def asked_unit(tmp_path: Path, answer: bytes, serial_number: str) -> Unit:

@@ -158,7 +158,7 @@ def test_wiring(tmp_path: Path) -> None:
     found = wiring(context(tmp_path, host=Machine()))
     assert (found.status, found.value) == (Status.OK, "6 records, 3 channels")
     plan = served_plan()
-    unwired = replace(plan, steps=tuple(step for step in plan.steps if step.arguments.get("purpose") != "wiring"))
+    unwired = replace(plan, steps=tuple(step for step in plan.steps if getattr(step, "purpose", "") != "wiring"))
     assert wiring(context(tmp_path, plan=unwired)).status is Status.WARN
     quiet = replace(unwired, steps=tuple(step for step in unwired.steps if step.name != "operate"))
     assert wiring(context(tmp_path, plan=quiet)).status is Status.SKIPPED

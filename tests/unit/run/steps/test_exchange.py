@@ -26,7 +26,7 @@ from bench.plan import Step
 from bench.run.context import RunContext
 from bench.run.hold.holds import Interruption
 from bench.run.links.unit import Unit
-from bench.run.steps.dispatch import EXECUTORS
+from bench.run.steps.dispatch import execute
 
 
 def echo(number: int, payload: bytes = b"hello", item: str = "sci") -> Step:
@@ -42,7 +42,7 @@ class Bench:
         self.context: RunContext = context_of(self.clock, self.line, steps)
 
     def do(self, step: Step) -> None:
-        EXECUTORS["unit"](self.context, step)
+        execute(self.context, step)
 
     @property
     def told(self) -> list[dict[str, object]]:
@@ -279,8 +279,7 @@ def test_a_test_that_another_command_has_overtaken_is_not_done_twice(item: str, 
     reader.found()
     bench.context.stop.holds.release("link rs422")
     bench.line.returns = lambda number, frame: [(0.001, frame)]
-    identify = {"command": IDENTIFY, "payload": ()}
-    reader.send(reader.command(identify, reader.numbers.new()))
+    reader.send(reader.command(IDENTIFY, (), reader.numbers.new()))
     bench.do(step)
     assert bench.board.done[MEMORY, b"erase"] == times
     assert [one["status"] for one in bench.told] == [0, None if item else 0]
@@ -344,4 +343,4 @@ def test_a_test_is_not_sent_again_after_a_restart_of_the_unit_but_a_command_is()
 
 
 def stream_payload(step: Step) -> bytes:
-    return bytes(step.arguments["payload"])
+    return bytes(step.payload)

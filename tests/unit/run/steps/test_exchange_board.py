@@ -13,7 +13,7 @@ import pytest
 from exchange_rig import MEMORY, SCI, context_of, events, unit_step
 from gnc_rig import open_host
 
-from bench.run.steps.dispatch import EXECUTORS
+from bench.run.steps.dispatch import execute
 from sim_instruments.worlds.gnc.board import GncBoard
 
 SEED = 23
@@ -63,7 +63,7 @@ def exchanged(total: int) -> None:
             else:
                 echoes[number] = number.to_bytes(3, "little") + bytes(number % 40)
                 step = unit_step(number, "sci", SCI, echoes[number], "sci")
-            EXECUTORS["unit"](context, step)
+            execute(context, step)
     told = events(context, "exchange")
     reported = [one for one in told if one["status"] is None]
     erases = [

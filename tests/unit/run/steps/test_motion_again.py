@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from planned_step import planned
 from table_rig import TableRig, open_table
 
 from bench.model.drivers import driver_class
@@ -27,9 +28,9 @@ def plan(*calls: tuple[str, dict[str, Any]] | float, finally_from: int = 10_000)
     for number, call in enumerate(calls):
         phase: Any = "finally" if number >= finally_from else "campaign"
         if isinstance(call, float):
-            steps.append(Step(number, phase, "settle", 0.0, call, "", "", {}, {}, ""))
+            steps.append(planned("settle", number, phase=phase, duration_s=call))
         else:
-            steps.append(Step(number, phase, "call", 0.0, 0.0, "turntable", call[0], call[1], {}, ""))
+            steps.append(planned("call", number, phase=phase, role="turntable", name=call[0], **call[1]))
     return steps
 
 
@@ -102,8 +103,8 @@ def test_limits_are_set_again_and_motion_is_not_among_the_settings() -> None:
 
 
 def test_raw_text_to_a_table_is_not_sent_again() -> None:
-    raw = Step(0, "campaign", "send", 0.0, 0.0, "turntable", "", {"text": ":int:close 1"}, {}, "")
-    plain = replace(raw, number=1, role="supply", arguments={"text": "DISP ON"})
+    raw = planned("send", 0, role="turntable", text=":int:close 1")
+    plain = planned("send", 1, role="supply", text="DISP ON")
     steps: Any = [raw, plain]
     again = steps_again(type("P", (), {"steps": steps})(), 2, DRIVERS)  # type: ignore[arg-type]
     assert [step.role for step in again] == ["supply"]
@@ -149,10 +150,9 @@ def test_interrupted_anywhere_it_ends_where_the_undisturbed_one_does(seed: int) 
 
 
 def test_a_recording_with_a_motion_in_it_is_taken_again_from_its_beginning() -> None:
-    record: dict[str, Any] = {"seconds": 1.0, "retry": 0, "retry_step": 0}
     steps = plan(move(3, 0.0), 5.0, 1.0, turn(3, 1080.0), 9.0, 5.0)
-    steps[2] = replace(steps[2], kind="record", arguments=record)
-    steps[4] = replace(steps[4], kind="record", arguments={**record, "retry_step": 4, "follows": True})
+    steps[2] = planned("record", 2, duration_s=1.0, retry_step=0)
+    steps[4] = planned("record", 4, duration_s=9.0, follows=True)
     assert [point_start(steps, index) for index in range(6)] == [0, 0, 0, 0, 0, 5]
     steps[3] = replace(steps[3], name="measure_rate")  # without a motion each record is its own
     assert [point_start(steps, index) for index in (2, 3, 4)] == [0, 3, 4]

@@ -196,10 +196,7 @@ def test_readings_right_behind_a_record_belong_to_its_point(tmp_path: Path) -> N
 
 
 def test_a_reading_that_begins_the_next_point_does_not_belong_to_the_record_before_it(tmp_path: Path) -> None:
-    steps = [
-        one if one.kind != "record" else replace(one, arguments={**one.arguments, "retry_step": one.number - 3})
-        for one in north(tmp_path).steps
-    ]
+    steps = [one if one.kind != "record" else replace(one, retry_step=one.number - 3) for one in north(tmp_path).steps]
     readings = frozenset({0, 4, 6, 7, 11, 13})
     assert [point_start(steps, index, readings) for index in (4, 6, 7, 8)] == [0, 0, 7, 7]
     assert point_stop(steps, 2, readings) == 7

@@ -155,12 +155,10 @@ def again(rig: Rig) -> list[str]:
     found = steps_again(plan, len(rig.steps), declared())
 
     def said(one: Step) -> str:
-        return "settle" if one.kind == "settle" else f"{one.role}.{one.name}{one.arguments.get('rail', '')}"
+        return "settle" if one.kind == "settle" else f"{one.role}.{one.name}{one.told().get('rail', '')}"
 
     return [said(one) for one in found]
-    return [
-        f"{one.role}.{one.name}{one.arguments.get('rail', '')}" if one.kind != "settle" else "settle" for one in found
-    ]
+    return [f"{one.role}.{one.name}{one.told().get('rail', '')}" if one.kind != "settle" else "settle" for one in found]
 
 
 def test_the_last_call_of_each_action_and_rail_settings_first(tmp_path: Path) -> None:
@@ -194,7 +192,7 @@ def test_the_last_call_of_each_action_and_rail_settings_first(tmp_path: Path) ->
     plan: Any = SimpleNamespace(steps=tuple(rig.steps))
     done = steps_again(plan, len(rig.steps), declared())
     assert [one.arguments["voltage"] for one in done if one.role == "supply" and one.name == "configure"] == [24.0]
-    assert [one.arguments["text"] for one in done if one.kind == "send"] == ["DISP ON"]
+    assert [one.text for one in done if one.kind == "send"] == ["DISP ON"]
 
 
 def test_what_was_switched_off_stays_off(tmp_path: Path) -> None:

@@ -261,8 +261,7 @@ def test_bus_times_are_those_of_the_station(tmp_path: Path) -> None:
     sequence = find_shipped("sequences", "scale_factor_wall")
     plan = compile_sequence(sequence, load_station(slow))
     fast_s, slow_s = (
-        [float(step.arguments["bus_s"]) for step in one.steps if step.kind == "settle"]
-        for one in (compile_sequence(sequence), plan)
+        [step.bus_s for step in one.steps if step.kind == "settle"] for one in (compile_sequence(sequence), plan)
     )
     assert fast_s == pytest.approx([0.12 * one for one in slow_s])
     assert "B-PLAN-060" in {error.code for error in check_plan(plan)}

@@ -1,0 +1,243 @@
+"""The kinds of step with their arguments, and the reader of a plan as a session holds it.
+
+Numbers are in SI base units, temperatures in degC, ramps in degC/min. In a plan with mistakes a number is NaN where it
+could not be read.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, ClassVar, Self
+
+from bench.model.errors import SessionDamaged
+from bench.plan.plan import PLACE, ROW, Place, SetPoint, Step, StepKind
+
+CHAMBER = "chamber"  # role of the instrument that holds the air's temperature
+MEASUREMENT, WIRING = "measurement", "wiring"  # purposes of a record
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedCall(Step):
+    """Call a declared action of an instrument; ``arguments`` are those its driver declares, by name."""
+
+    kind: ClassVar[StepKind] = "call"
+    on_the_bus: ClassVar[bool] = True
+
+    arguments: Mapping[str, Any]
+
+    @property
+    def set_point(self) -> SetPoint | None:
+        """Return what the call asks of the air of the chamber, None if it asks nothing."""
+        degC = self.quantity("temperature")
+        return None if self.role != CHAMBER or degC is None else SetPoint(degC, self.quantity("ramp") or 0.0)
+
+    @property
+    def axis(self) -> int | None:
+        """Return the axis of a table that the call names, None if it names none."""
+        axis = self.arguments.get("axis")
+        return axis if isinstance(axis, int) else None
+
+    def quantity(self, name: str) -> float | None:
+        """Return an argument that is a quantity, None if there is no such one."""
+        value = self.arguments.get(name)
+        return value if isinstance(value, float) else None
+
+    @classmethod
+    def read(cls, place: Place, arguments: Mapping[str, Any]) -> Self:
+        """Return a step from its arguments in a plan file and what else is in its row."""
+        return cls(*place, arguments)
+
+    def told(self) -> dict[str, Any]:
+        """Return the arguments as they stand in a plan file."""
+        return dict(self.arguments)
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedVerify(Step):
+    """Call an action that must answer true; otherwise the record before it is not valid."""
+
+    kind: ClassVar[StepKind] = "verify"
+    on_the_bus: ClassVar[bool] = True
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedSend(Step):
+    """Send raw text to an instrument."""
+
+    kind: ClassVar[StepKind] = "send"
+    on_the_bus: ClassVar[bool] = True
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedSettle(Step):
+    """Wait; ``bus_s`` is the bus time of the calls that share the wait."""
+
+    kind: ClassVar[StepKind] = "settle"
+
+    bus_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One reading of a record: an action that only measures."""
+
+    role: str
+    name: str
+    arguments: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedRecord(Step):
+    """Take a record of frames, or of ``readings``, one round of them each ``every_s``.
+
+    ``retry``: how often it may be taken again, from step ``retry_step`` on; ``max_lost``: share of frames or readings
+    that may be lost. ``follows``: there is no gap between it and the record before.
+    """
+
+    kind: ClassVar[StepKind] = "record"
+
+    seconds: float
+    retry: int
+    max_lost: float
+    purpose: str
+    retry_step: int
+    readings: tuple[Reading, ...] = ()
+    every_s: float = 0.0
+    pulse_timing: bool = False
+    samples: bool = False
+    follows: bool = False
+
+    @classmethod
+    def read(cls, place: Place, arguments: Mapping[str, Any]) -> Self:
+        """Return a step from its arguments in a plan file and what else is in its row."""
+        readings = tuple(Reading(**reading) for reading in arguments.get("readings", ()))
+        return super(PlannedRecord, cls).read(place, {**arguments, "readings": readings})
+
+    def told(self) -> dict[str, Any]:
+        """Return the arguments as they stand in a plan file."""
+        told = Step.told(self)
+        return {**told, "readings": [asdict(reading) for reading in self.readings]} if self.readings else told
+
+    @property
+    def calls(self) -> tuple[PlannedCall, ...]:
+        """Return its readings as call steps."""
+        place = self.number, self.phase, self.at_s, self.duration_s
+        return tuple(
+            PlannedCall(*place, reading.role, reading.name, self.conditions, self.where, reading.arguments)
+            for reading in self.readings
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedSoak(Step):
+    """Ramp the chamber and wait out a slot; it must end ``within_degC`` of the target, and have been so for ``for_s``.
+
+    ``sensor``: "unit" or "air"; ``late``: what happens if it is not: "hold" for ``hold_limit_s`` more, "skip", "abort".
+    """
+
+    kind: ClassVar[StepKind] = "soak"
+
+    temperature_degC: float
+    ramp_degC_min: float
+    slot_s: float
+    within_degC: float
+    for_s: float
+    sensor: str
+    late: str
+    hold_limit_s: float
+
+    @property
+    def set_point(self) -> SetPoint:
+        """Return what the soak asks of the air of the chamber."""
+        return SetPoint(self.temperature_degC, self.ramp_degC_min)
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedPrompt(Step):
+    """Ask a person to do something, or with a ``unit`` for a value between ``low`` and ``high``.
+
+    ``sets`` is what the act changes on the bench, by name.
+    """
+
+    kind: ClassVar[StepKind] = "prompt"
+
+    text: str
+    confirm: str
+    sets: Mapping[str, Any] = field(default_factory=dict)
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+
+    def told(self) -> dict[str, Any]:
+        """Return the arguments as they stand in a plan file."""
+        sets = {"sets": dict(self.sets)} if self.sets else {}
+        value = {"unit": self.unit, "low": self.low, "high": self.high} if self.unit else {}
+        return {"text": self.text, "confirm": self.confirm, **sets, **value}
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedCommand(Step):
+    """Send a command to the unit under test; one with an ``item`` is a test of it, and its outcome is judged later.
+
+    ``timeout_s``: how long the answer may take; ``takes_s``: how long it takes by plan. None where the plan leaves it
+    to the software.
+    """
+
+    kind: ClassVar[StepKind] = "unit"
+    on_the_bus: ClassVar[bool] = True
+
+    code: int
+    payload: tuple[int, ...]
+    timeout_s: float | None = None
+    item: str = ""
+    takes_s: float | None = None
+
+    @classmethod
+    def read(cls, place: Place, arguments: Mapping[str, Any]) -> Self:
+        """Return a step from its arguments in a plan file and what else is in its row."""
+        return super(PlannedCommand, cls).read(place, {**arguments, "payload": tuple(arguments["payload"])})
+
+
+KINDS: Mapping[StepKind, type[Step]] = {
+    kind.kind: kind
+    for kind in (
+        PlannedCall,
+        PlannedVerify,
+        PlannedSend,
+        PlannedSettle,
+        PlannedRecord,
+        PlannedSoak,
+        PlannedPrompt,
+        PlannedCommand,
+    )
+}
+
+
+def step_of(row: Mapping[str, Any]) -> Step:
+    """Return a step from its row of a plan file."""
+    if row.keys() != set(ROW):
+        raise ValueError(f"the row of a step holds {sorted(row)}")
+    place: Any = tuple(row[name] for name in PLACE)
+    return KINDS[row["kind"]].read(place, row["arguments"])
+
+
+def plan_json(steps: Iterable[Step]) -> str:
+    """Return the text of a session's ``plan.json``."""
+    return json.dumps([step.as_json() for step in steps], separators=(",", ":"), default=dict)
+
+
+def steps_of(text: str, where: str = "plan.json") -> tuple[Step, ...]:
+    """Return the steps of a session's ``plan.json``. Raises: SessionDamaged B-RES-004 if it is not one."""
+    try:
+        return tuple(step_of(row) for row in json.loads(text))
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise SessionDamaged(
+            "B-RES-004",
+            f"the plan in the session cannot be read: {error!r}",
+            where=where,
+            next_step="'bench recover' lists what the session still holds",
+        ) from error
