@@ -43,6 +43,9 @@ _UNITS |= {
     "cm": ("m", Decimal("1e-2")),
     "mm": ("m", Decimal("1e-3")),
     "ppm/degC": ("1/degC", Decimal("1e-6")),
+    "1/degC": ("1/degC", Decimal(1)),
+    "ppm/degC2": ("1/degC2", Decimal("1e-6")),
+    "1/degC2": ("1/degC2", Decimal(1)),
 }
 
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d{1,3})?)\s*(\S*)\s*")
@@ -54,7 +57,7 @@ def parse_quantity(text: object, dimension: str) -> float:
     Args:
         text: the quantity as text; anything else is refused.
         dimension: base unit that is due: ``A V Hz s C ohm W F degC degC/min 1 deg deg/s
-            deg/s2 g m/s m/s2 gauss m 1/degC``.
+            deg/s2 g m/s m/s2 gauss m 1/degC 1/degC2``.
     Returns:
         The nearest float to the decimal value in the base unit (28 digits are kept on the way).
     Raises:

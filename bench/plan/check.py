@@ -113,9 +113,10 @@ def _due_dates(plan: Plan, station: Station, start_utc_ns: int, findings: Findin
     used = roles_of(plan.steps) & station.instruments.keys()
     length_s = plan.prepare_s + plan.duration_s + plan.finally_s
     end = datetime.fromtimestamp(start_utc_ns / NS, UTC) + timedelta(seconds=length_s)
-    for role in sorted(used):
-        where = station.document.where(("instruments", role, "standard"))
-        standard = station.instruments[role].standard
+    for role in [*sorted(used), *station.file.standards]:
+        passive = station.file.standards.get(role)
+        where = station.document.where(("instruments", role, "standard") if passive is None else ("standards", role))
+        standard = station.instruments[role].standard if passive is None else passive
         if standard is None:
             findings.add("B-PLAN-062", where, f"{role} is used but has no entry in the standards register")
         elif not standard.calibrated <= _start(start_utc_ns) or end.date() > standard.due:

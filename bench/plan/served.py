@@ -14,7 +14,10 @@ from bench.plan.station import InstrumentEntry, Standard, Station
 CALIBRATED = timedelta(days=30)  # before the day it is served
 DUE = timedelta(days=335)  # after it
 _SECTION = re.compile(r"([a-z_]+):")
-_ANEW = ("station", "title", "simulated", "visa", "control", "world", "bus_time_factor", "instruments", "links")
+_ANEW = (
+    *("station", "title", "simulated", "visa", "control", "world", "bus_time_factor", "instruments", "standards"),
+    "links",
+)
 _UNITS = {"range": "A", "floor": "A", "offset": "A", "relative": "1", "gain": "1"}
 
 
@@ -42,6 +45,9 @@ def served_station(
     lines.append("instruments:")
     for role, entry in station.instruments.items():
         lines.append(f"  {role}: {json.dumps(_instrument(entry, resources[role], today))}")
+    if file.standards:
+        register = {name: _standard(standard, today) for name, standard in file.standards.items()}
+        lines.append(f"standards: {json.dumps(register)}")
     lines.append("links:" if station.links else "links: {}")
     for name, link in station.links.items():
         port = {"baud": link.baud, "url": urls[name]} if link.instrument is None else {"instrument": link.instrument}
@@ -88,6 +94,8 @@ def _standard(standard: Standard, today: date) -> dict[str, Any]:
         value = getattr(standard, name)
         if value is not None:
             found[name] = f"{value!r} 1"
+    if standard.stated:
+        found["stated"] = {name: f"{value!r} {unit}" for name, (value, unit) in standard.stated.items()}
     return found
 
 

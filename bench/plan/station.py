@@ -44,6 +44,16 @@ def _date(value: object) -> date:
 Date = Annotated[date, BeforeValidator(_date), WithJsonSchema({"type": "string", "format": "date"})]
 
 
+def _stated(text: object) -> tuple[float, str]:
+    found = read_quantity(text) if isinstance(text, str) else None
+    if found is None:
+        raise ValueError(f"{text!r} is not a quantity with its unit, for example '100.02 ohm'")
+    return found
+
+
+Stated = Annotated[tuple[float, str], BeforeValidator(_stated), WithJsonSchema({"type": "string"})]
+
+
 class RangeUncertainty(StrictModel):
     """Expanded uncertainty of one range, 95 % (k = 2): ``relative`` of the reading plus ``floor``."""
 
@@ -61,7 +71,7 @@ class RangeCorrection(StrictModel):
 
 
 class Standard(StrictModel):
-    """Traceability of an instrument."""
+    """Traceability of an instrument, or of a standard without an interface."""
 
     model: Words
     serial: Words
@@ -72,6 +82,9 @@ class Standard(StrictModel):
     corrections: list[RangeCorrection] = Field(default_factory=list)
     traceability: Share | None = Field(None, description="uncertainty of the calibrator's own calibration, 95 %")
     drift: Share | None = Field(None, description="change over a campaign that must be expected, 95 %")
+    stated: dict[Name, Stated] = Field(
+        default_factory=dict, description="what else the certificate says, by name, each with its unit"
+    )
 
     @model_validator(mode="after")
     def _in_order(self) -> Standard:
@@ -174,6 +187,9 @@ class StationFile(StrictModel):
         description="of the declared bus times, on a simulated bench that is faster than a real one",
     )
     instruments: dict[Name, InstrumentEntry] = Field(min_length=1)
+    standards: dict[Name, Standard] = Field(
+        default_factory=dict, description="standards without an interface, such as a reference probe"
+    )
     links: dict[Name, LinkEntry]
     interlocks: dict[Name, Interlock] = Field(default_factory=dict)
     guard: Guard = Guard()
@@ -197,6 +213,8 @@ class StationFile(StrictModel):
         ]
         if missing:
             raise ValueError(f"the url of link {missing[0]!r} is missing")
+        if doubled := sorted(self.standards.keys() & self.instruments.keys()):
+            raise ValueError(f"{doubled[0]!r} is an instrument; its standard stands there")
         strange = [link.instrument for link in self.links.values() if link.instrument not in (None, *self.instruments)]
         if strange:
             raise ValueError(f"a link is read from {strange[0]!r}, which is no instrument of the station")
@@ -283,11 +301,12 @@ class Station:
 
     def standards(self) -> dict[str, dict[str, Any]]:
         """The standards register for the session's manifest, by role, in SI base units."""
-        return {
+        of_instruments = {
             role: _standard(entry.driver, entry.standard)
             for role, entry in self.instruments.items()
             if entry.standard is not None
         }
+        return of_instruments | {name: _standard("", standard) for name, standard in self.file.standards.items()}
 
     def ranges_A(self, role: str) -> tuple[float, ...]:
         """Ranges a role's standard has an uncertainty for, ampere, lowest first."""
@@ -365,4 +384,6 @@ def _standard(driver: str, standard: Standard) -> dict[str, Any]:
         entry["traceability_relative"] = standard.traceability
     if standard.drift is not None:
         entry["drift_relative"] = standard.drift
+    if standard.stated:
+        entry["stated"] = {name: {"value": value, "unit": unit} for name, (value, unit) in standard.stated.items()}
     return entry

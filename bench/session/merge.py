@@ -12,7 +12,7 @@ from bench.replay.parts import moved_rows
 from bench.session.record_states import condition_key, measuring, row_problem
 from bench.session.view import SessionView
 
-_OF_STANDARD = ("model", "serial", "certificate", "uncertainty", "corrections")
+_OF_STANDARD = ("model", "serial", "certificate", "uncertainty", "corrections", "stated")
 _SAME = ("analysis", "channels", "uut", "rate_Hz", "af_clock_Hz", "master_Hz", "fg_Hz")
 
 

@@ -51,10 +51,11 @@ def _at_once(instrument: Any) -> AbstractContextManager[object]:
 
 
 def standards(context: PreflightContext) -> Finding:
-    """The calibration of every instrument that is used is valid now and until the planned end."""
+    """The calibration of every instrument that is used, and of standards beside them, is valid to the planned end."""
     name = "calibration dates"
     start, end = context.start_utc, context.start_utc + timedelta(seconds=context.length_s)
     used = {role: context.station.instruments[role].standard for role in sorted(context.used_roles)}
+    used |= context.station.file.standards
     known = {role: standard for role, standard in used.items() if standard is not None}
     if not known:
         return Finding(name, Status.WARN, text="no instrument that is used has an entry in the standards register")
@@ -71,7 +72,7 @@ def standards(context: PreflightContext) -> Finding:
     value = f"{first} due {known[first].due}"
     if known[first].due < (end + MARGIN).date():
         return Finding(name, Status.WARN, value, until, "a hold of a day would outlast it")
-    return Finding(name, Status.OK, value, until, f"{len(known)} instruments")
+    return Finding(name, Status.OK, value, until, f"{len(known)} standards")
 
 
 def warm_up(context: PreflightContext) -> list[Finding]:
