@@ -1,0 +1,1 @@
+"""The system: declaration and analysis."""

@@ -1,0 +1,1 @@
+"""The simulated bench of the thermometers."""
