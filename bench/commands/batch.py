@@ -91,7 +91,7 @@ def _add(found: Batch, folder: Path, name: str) -> ExitStatus:
     status = ExitStatus.PASS
     if view.damaged:
         found.damaged.append(name)
-        found.left_out.append(LeftOut(name, "B-REC-011", "; ".join(view.notes)))
+        found.left_out.append(LeftOut(name, "B-REC-011", "; ".join(view.remarks)))
         status = ExitStatus.SESSION_DAMAGED
     if not view.has_analysis:
         found.left_out.append(LeftOut(name, "B-CLI-008", "the sequence of this session asks for no analysis"))

@@ -15,6 +15,7 @@ from bench.analysis.results import results_json, validate_results
 from bench.commands.console import console
 from bench.model.clock import NS, WallClock
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
+from bench.model.events import Environment
 from bench.record import SessionReader, layout
 from bench.replay import compare
 from bench.replay.compare import ABSENT, Difference
@@ -211,7 +212,7 @@ def _day(utc_ns: int) -> date:
 
 def _span(view: SessionView, name: str) -> Span | None:
     """Lowest and highest reading of a temperature in the session."""
-    readings = (one.get(name) for _, one in view.events_of("environment"))
+    readings = (getattr(event, name) for _, event in view.events_of(Environment))
     values = [float(one) for one in readings if one is not None]
     return Span(min(values), max(values)) if values else None
 

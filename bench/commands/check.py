@@ -53,7 +53,7 @@ def check(request: Request) -> int:
     found = _examined(plan, request.out) if request.live else None
     if request.json:
         document = {"sequence": plan.name, "station": plan.station_name, "plan_sha256": plan.sha256, **asdict(summary)}
-        live = {} if found is None else {"preflight": found.fields()}
+        live = {} if found is None else {"preflight": found.event().document()}
         sys.stdout.write(json.dumps({**document, **live}, indent=1) + "\n")
     else:
         _print(console(), plan, summary, request.plot, found)

@@ -36,7 +36,12 @@ def doctor(station: str | None, out: Path, bundle: Path | None, as_json: bool) -
     found = examine_machine(Surroundings(clock=WallClock(), out=out))
     found = Report((*installed, *([] if path is None else _of_station(path)), *found.findings))
     system = {"system": platform.system(), "release": platform.release(), "machine": platform.machine()}
-    document = {"machine": system, "software": software(), "installed": _offers(), "findings": found.fields()}
+    document = {
+        "machine": system,
+        "software": software(),
+        "installed": _offers(),
+        "findings": found.event().document(),
+    }
     if bundle is not None:
         with writing(bundle), zipfile.ZipFile(bundle, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr("doctor.json", json.dumps(document, indent=1) + "\n")

@@ -44,7 +44,7 @@ def doing(document: Document) -> str:
     where = f"step {step['number']}/{step['of']}"
     if wait is None:
         return f"{where}  {step['what']}"
-    waiting = not step["what"].startswith(("record", "settle"))
+    waiting = step["kind"] not in ("record", "settle")
     what = wait["reason"] if waiting else step["what"]
     last = f": {wait['last']}" if waiting and wait.get("last") else ""
     return f"{where}  {what}{last}{_since(wait, now)}"

@@ -48,7 +48,7 @@ def resume(folder: Path, sequence: str | None, history: str | None, as_json: boo
     plan = stopped.plan if sequence is None else _given(stopped, sequence)
     clock = _clock(stopped)
     resumed = resumption(stopped, clock.utc_ns())
-    _tell(stopped, plan, resumed.start, resumed.fields["away_s"], out)
+    _tell(stopped, plan, resumed.start, resumed.event.away_s, out)
     seed = int(stopped.manifest.get("seed") or 0)
     done = conduct_watched(plan, clock, seed=seed, out=folder.parent, errors=out, resumed=resumed)
     return _ended(done, url, as_json)
@@ -75,8 +75,8 @@ def _clock(stopped: Stopped) -> Clock:
 def _tell(stopped: Stopped, plan: Plan, start: int, away_s: float | None, out: Console) -> None:
     away = "" if away_s is None else f" {away_s:.0f} s ago"
     out.print(f"stopped{away} ({stopped.reason}); going on at step {start} of {len(plan.steps)}")
-    for note in stopped.notes:
-        out.print(note)
+    for place in stopped.damage:
+        out.print(f"damaged: {place}")
     for name, change in changed_files(plan.files, plan.texts).items():
         out.print(f"{name} is {change} on the disk; the session's own copy is gone on with")
     if not plan.station.simulated and (away_s is None or away_s > WARM_UP_S):

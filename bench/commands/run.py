@@ -24,7 +24,7 @@ from bench.run.session import Conducted
 from bench.session.finish import finish
 from bench.session.happenings import happenings
 from bench.session.output import make_folder, write_file
-from bench.session.view import SessionView
+from bench.session.view import SessionView, happened
 from bench.store import check_history_url, chosen_url
 
 
@@ -112,7 +112,7 @@ def view_of(plan: Plan, done: Conducted) -> SessionView:
         counts=done.counts,
         session_sha256=done.session_sha256,
         plan_steps=plan.steps,
-        events=done.events,
+        events=happened(done.events),
         texts=plan.texts,
         utc_offset_ns=done.utc_offset_ns,
     )

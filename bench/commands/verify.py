@@ -11,7 +11,7 @@ from bench.commands.console import console
 from bench.commands.verify_certificate import check_certificates
 from bench.commands.verify_trend import check_trend
 from bench.model.errors import BenchError, ExitStatus, InputError, SessionDamaged
-from bench.session.service import DAMAGED, read_view
+from bench.session.service import read_view
 from bench.session.verification import RESULTS, Pages, Verification, check_coefficients, check_reports, check_results
 from bench.session.view import SessionView, analyse_view
 
@@ -46,12 +46,10 @@ def verify(folder: Path, as_json: bool) -> int:
 def _segments(found: Verification, folder: Path, view: SessionView) -> None:
     """Every segment is verified on the way: CRCs, running numbers, hash chain."""
     found.compared += sorted(path.name for path in folder.glob("session.*.mcap"))
-    for note in view.notes:
-        if note.startswith(DAMAGED):
-            segment, _, what = note.removeprefix(DAMAGED).partition(" ")
-            found.add(segment, what)
-        else:
-            found.notes.append(note)
+    for place in view.damage:
+        segment, _, what = place.partition(" ")
+        found.add(segment, what)
+    found.notes += view.notes
 
 
 def _computed(found: Verification, folder: Path, view: SessionView) -> None:

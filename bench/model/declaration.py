@@ -43,6 +43,7 @@ class AnalysisDeclaration:
     ``reading``: action whose readings it needs.   ``items``: test items it judges, ``page`` describes them.
     ``beside``: link whose samples it needs beside those recorded.   ``of_unit``, ``of_channel``: what the data sheet
     must state of the unit, and of each kind of channel.   ``main``: quantities that are shown while it is recorded.
+    ``standards``: roles of the standards whose relative error enters a quantity one to one, by quantity.
     ``problems``: function that says of each record why the analysis leaves it out; "" for what holds for all records.
     """
 
@@ -62,6 +63,7 @@ class AnalysisDeclaration:
     of_unit: tuple[str, ...] = ()
     of_channel: tuple[str, ...] = ()
     main: tuple[str, ...] = ()
+    standards: Mapping[str, str] = field(default_factory=dict)
     problems: str = ""
 
 

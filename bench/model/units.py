@@ -75,7 +75,7 @@ def parse_quantity(text: object, dimension: str) -> float:
         raise ValueError(f"{text!r} {what}; use one of: {known}")
     found, factor = _UNITS[unit]
     if found != dimension:
-        raise ValueError(f"{text!r} is {_due(found).removeprefix('a quantity ')}; {_due(dimension)} is due")
+        raise ValueError(f"{text!r} is {'a ratio' if found == '1' else f'in {found}'}; {_due(dimension)} is due")
     try:
         value = float(Decimal(number) * factor)
     except (InvalidOperation, OverflowError) as error:

@@ -10,6 +10,7 @@ from typing import Any
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.model.ports import Action, Effect
+from bench.model.systems import analysis_declaration
 from bench.plan.check_actions import Judged
 from bench.plan.check_motion import MotionState, tables_of
 from bench.plan.drivers import driver_actions, driver_ladder_A, range_after
@@ -39,7 +40,8 @@ class BenchState:
         self._findings = findings
         self._station = station
         self._origins = plan.origins
-        self._metered = plan.campaign.get("analysis") == "dmm_method"
+        asked = analysis_declaration(str(plan.campaign.get("analysis")))
+        self._metered = asked is not None and bool(asked.reading)
         self._full_scale = {int(c["number"]): float(c["full_scale_A"]) for c in plan.campaign.get("channels", [])}
         actions = {role: _actions(entry.driver) for role, entry in station.instruments.items()}
         self._effects = {role: frozenset(one.effect for one in known.values()) for role, known in actions.items()}

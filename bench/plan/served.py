@@ -35,7 +35,7 @@ def served_station(
     file = station.file
     head = {
         "station": file.station,
-        "title": f"{file.title}, served".removeprefix(", "),
+        "title": ", ".join(filter(None, (file.title, "served"))),
         "simulated": True,
         "visa": "@py",
         "control": str(control),

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from bench.model.clock import NS
 from bench.model.errors import InputError
+from bench.model.events import Resume
 from bench.record import layout
 from bench.record.files import Files, OsFiles
 from bench.record.journal import read_journal
@@ -170,10 +170,8 @@ class _Copy:
         self._segment.file.close()
 
 
-def resume_session(
-    folder: Path, *, t_mono_ns: int, fields: Mapping[str, Any], files: Files | None = None
-) -> SessionWriter:
-    """Open a session for more messages; the first one is a "resume" event with ``fields``.
+def resume_session(folder: Path, event: Resume, *, t_mono_ns: int, files: Files | None = None) -> SessionWriter:
+    """Open a session for more messages; the first one is ``event`` with the number of the new segment.
 
     The running number goes on behind the last good message and the hash chain behind the last whole record.
     Counters of the links and monotonic time may start anew behind the event.
@@ -191,6 +189,6 @@ def resume_session(
         sequence=reader.next_sequence,
         topics=topics,
     )
-    writer.event("resume", t_mono_ns, {**fields, "segment": last + 1})
+    writer.event(event.kind, t_mono_ns, replace(event, segment=last + 1).document())
     writer.flush()
     return writer

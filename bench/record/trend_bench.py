@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from bench.frame.signals import BENCH_FIELDS
 from bench.model.clock import NS
+from bench.model.events import Environment, Event, Reentry
 from bench.record.trend_format import HELD_S
 from bench.record.trend_rows import TrendRows
 
 _AIR, _UNIT, _SETPOINT = range(len(BENCH_FIELDS))
-_READINGS = {"air_degC": _AIR, "unit_degC": _UNIT}
 
 
 class BenchRows:
@@ -27,13 +26,14 @@ class BenchRows:
         self._low = np.full(len(BENCH_FIELDS), np.nan, np.float32)
         self._high = self._low.copy()
 
-    def event(self, kind: str, t_utc_ns: int, fields: Mapping[str, Any]) -> TrendRows | None:
+    def event(self, event: Event, t_utc_ns: int) -> TrendRows | None:
         """Something happened; rows that are complete before it."""
-        if kind == "environment":
-            found = {_READINGS[key]: fields[key] for key in _READINGS if fields.get(key) is not None}
-            return self._set(t_utc_ns, found, HELD_S) if found else None
-        if kind == "reentry" and fields.get("target_degC") is not None:
-            return self.setpoint(t_utc_ns, float(fields["target_degC"]))
+        if isinstance(event, Environment):
+            readings = {_AIR: event.air_degC, _UNIT: event.unit_degC}
+            known = {column: value for column, value in readings.items() if value is not None}
+            return self._set(t_utc_ns, known, HELD_S) if known else None
+        if isinstance(event, Reentry) and event.target_degC is not None:
+            return self.setpoint(t_utc_ns, event.target_degC)
         return None
 
     def setpoint(self, t_utc_ns: int, value_degC: float) -> TrendRows | None:

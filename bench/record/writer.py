@@ -10,6 +10,7 @@ from typing import Any
 
 from bench.model.clock import NS
 from bench.model.errors import RunError
+from bench.model.events import Closed, Error
 from bench.record import layout
 from bench.record.files import Files, OsFiles
 from bench.record.segment import Channel, ChunkBuffer, SegmentWriter
@@ -189,8 +190,9 @@ class SessionWriter:
         self._report_fault(segment.number, error, "write fault, new segment begun")
 
     def _report_fault(self, number: int, error: OSError, text: str) -> None:
-        fields = {"code": "B-REC-004", "segment": number, "errno": error.errno, "text": text}
-        self._append(layout.EVENT, self._t_ns, layout.canonical_json({"fields": fields, "kind": "error"}))
+        fault = Error(code="B-REC-004", segment=number, errno=error.errno, text=text)
+        document = {"fields": fault.document(), "kind": fault.kind}
+        self._append(layout.EVENT, self._t_ns, layout.canonical_json(document))
 
     def _finish_segment(self) -> None:
         """Close the segment with its hash-chain message; it is synced later, off this thread."""
@@ -256,7 +258,7 @@ class SessionWriter:
         with self._lock:
             if self._closed:
                 return self.chain
-            self.event("closed", self._t_ns, {"reason": reason})
+            self.event(Closed.kind, self._t_ns, Closed(reason=reason).document())
             for _ in range(2):  # a fault while the segment is finished begins another one, which says so
                 self.flush()
                 self._finish_segment()

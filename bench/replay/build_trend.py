@@ -18,6 +18,7 @@ from typing import Any
 from bench.frame import LinkDecoder
 from bench.frame.signals import BENCH
 from bench.model.errors import BenchError
+from bench.model.events import event_of
 from bench.plan import steps_of
 from bench.record import Message, SessionReader, layout
 from bench.record.trend import TrendWriter
@@ -87,7 +88,7 @@ class _Building:
                 while setpoints and setpoints[0].t_ns <= message.t_ns:
                     one = setpoints.pop(0)
                     writer.add(BENCH, bench.setpoint(one.t_ns + writer.offset_ns, one.value_degC))
-                writer.add(BENCH, bench.event(kind, message.t_ns + writer.offset_ns, fields))
+                writer.add(BENCH, bench.event(event_of(kind, fields), message.t_ns + writer.offset_ns))
             else:
                 decoders[self._topics[message.topic]].push(message.t_ns, message.payload)
                 if sum(decoder.pending_bytes for decoder in decoders.values()) > BLOCK_BYTES:

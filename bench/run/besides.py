@@ -36,12 +36,12 @@ def besides(
         if asking is not None:
             asking.attach(context)
         with ExitStack() as stack:
-            stack.enter_context(trend_recorder(context, following))
-            feed = stack.enter_context(live_feed(context, following, asking))
+            stack.enter_context(trend_recorder(context))
+            feed = stack.enter_context(live_feed(context, asking))
             watch = stack.enter_context(interlocks(context, plan.interlocks, following))
             if not virtual:
                 if notify is not None:
-                    stack.enter_context(notifications(context, notify, following))
+                    stack.enter_context(notifications(context, notify))
                 stack.enter_context(control(context, following, lambda: watch.tripped, feed.state, asking))
                 if plan.early is not None:
                     stack.enter_context(early_verdicts(context, plan.early))

@@ -7,34 +7,21 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from bench.model.clock import Clock
-from bench.model.ports import Instrument, RecordWindow, SessionSink
-from bench.plan import Plan, Step
-from bench.record import PackedRows, RecordCutter, RecordRow
+from bench.model.events import Event
+from bench.model.ports import Instrument, RecordWindow
+from bench.plan import Plan
+from bench.record import PackedRows, RecordCutter
 from bench.run.control.operator import Operator
 from bench.run.guard.health import SEQUENCER, Health
 from bench.run.links.acquisition import Acquisition
+from bench.run.observers import Observers
 from bench.run.steps.timing import Timeline
 from bench.run.stop import StopSwitch
-
-Traffic = Callable[[str, str, str, int], None]
-"""Takes role, direction ("tx" or "rx"), text and monotonic time in ns."""
-
-
-class Listener(Protocol):
-    """Who watches a run (progress bar, plain lines)."""
-
-    def step(self, step: Step, at_s: float) -> None:
-        """A step begins; ``at_s`` = seconds since the start of the run."""
-
-    def record(self, row: RecordRow) -> None:
-        """A record is complete."""
-
-    def message(self, text: str) -> None:
-        """Something a person should read."""
 
 
 class InUse:
@@ -76,8 +63,8 @@ class RunContext:
     ``unit_answer`` is who the unit said it was before a run that is gone on with was stopped.
     ``away`` are the instruments the run stands still for.
     ``ahead`` holds the windows that are open before their record step, by number of the step.
-    ``manifest`` is the session's; ``traffic`` are called with every command and reply of an instrument (``earlier``:
-    those before the session), ``told`` with every message for a person. They must not wait.
+    ``manifest`` is the session's; ``observers`` hear everything that happens; ``earlier`` are the commands and replies
+    of instruments from before the session.
     ``operate`` does on a simulated bench what a person did by a prompt (name, value).
     """
 
@@ -86,9 +73,8 @@ class RunContext:
     acquisition: Acquisition
     cutter: RecordCutter | None
     clock: Clock
-    sink: SessionSink
+    observers: Observers
     operator: Operator
-    listener: Listener
     stop: StopSwitch
     timeline: Timeline
     measurement_link: str
@@ -103,8 +89,6 @@ class RunContext:
     folder: Path = Path()
     manifest: Mapping[str, Any] = field(default_factory=dict)
     earlier: tuple[tuple[str, str, str, int], ...] = ()
-    traffic: list[Traffic] = field(default_factory=list)
-    told: list[Callable[[str], None]] = field(default_factory=list)
     operate: Callable[[str, Any], None] = lambda name, value: None
     in_use: InUse = field(default_factory=InUse)
     health: Health = field(init=False)
@@ -112,6 +96,8 @@ class RunContext:
     def __post_init__(self) -> None:
         self.health = Health(self.clock)
         self.stop.on_check = lambda: self.health.alive(SEQUENCER)
+        for name, reader in self.acquisition.readers.items():
+            reader.listeners.append(partial(self.observers.batch, name))
 
     def drop_open_records(self, count: int) -> None:
         """Forget the windows that are open, and every number given since ``count`` records were taken."""
@@ -126,9 +112,17 @@ class RunContext:
         assert self.cutter is not None, "a plan without a link has no record of frames"
         return self.cutter
 
-    def event(self, kind: str, **fields: object) -> None:
-        """Write an event with the time of now."""
-        self.sink.event(kind, self.clock.now_ns(), fields)
+    def event(self, event: Event) -> None:
+        """Write an event with the time of now, then tell everybody. Raises: RecordError."""
+        self.observers.event(event)
+
+    def note(self, event: Event) -> None:
+        """Write an event that nothing depends on; a disk that refuses it changes nothing."""
+        self.observers.note(event)
+
+    def message(self, text: str) -> None:
+        """Say something to a person that is no event."""
+        self.observers.message(text)
 
     @property
     def unit_temperature_degC(self) -> float:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.errors import InputError, InstrumentError
+from bench.model.events import Resume
 from bench.plan import Plan, PlannedSoak
 from bench.record import JournalEntry, SessionReader, layout, read_journal
 from bench.record.journal import is_being_written
@@ -25,7 +26,7 @@ class Stopped:
     """A session whose run has stopped: everything that is whole of it but the bytes of the links.
 
     ``last_ns``: monotonic time of the last good message; ``last_utc_ns``: its UTC by the clock pairs, -1 if unknown.
-    ``notes``: sentences about damage.
+    ``damage``: what is not whole any more.
     """
 
     folder: Path
@@ -35,7 +36,7 @@ class Stopped:
     entries: tuple[JournalEntry, ...]
     last_ns: int
     last_utc_ns: int
-    notes: tuple[str, ...]
+    damage: tuple[str, ...]
 
     @property
     def reason(self) -> str:
@@ -78,8 +79,7 @@ def read_stopped(folder: Path) -> Stopped:
             offset_ns = int(pair["t_utc_ns"]) - int(pair["t_mono_ns"])
     _has_not_ended(folder, events)
     entries, utc_ns = read_journal(folder).entries, -1 if offset_ns is None else last_ns + offset_ns
-    notes = tuple(f"damaged: {item}" for item in reader.damage)
-    return Stopped(folder, manifest, plan, events, entries, last_ns, utc_ns, notes)
+    return Stopped(folder, manifest, plan, events, entries, last_ns, utc_ns, tuple(map(str, reader.damage)))
 
 
 def _has_not_ended(folder: Path, events: list[Event]) -> None:
@@ -100,17 +100,18 @@ def resumption(stopped: Stopped, utc_ns: int) -> Resumption:
     """How the run goes on; ``utc_ns`` is the UTC of now."""
     position = stopped_at(stopped.plan, stopped.entries, stopped.events)
     known = stopped.last_utc_ns >= 0
-    fields = {
-        "reason": stopped.reason,
-        "stopped_mono_ns": stopped.last_ns,
-        "stopped_utc_ns": stopped.last_utc_ns if known else None,
-        "utc_ns": utc_ns,
-        "away_s": (utc_ns - stopped.last_utc_ns) / 1e9 if known else None,
-        "unit_degC": stopped.unit_degC,
-    }
+    event = Resume(
+        reason=stopped.reason,
+        start=position.start,
+        stopped_mono_ns=stopped.last_ns,
+        stopped_utc_ns=stopped.last_utc_ns if known else None,
+        utc_ns=utc_ns,
+        away_s=(utc_ns - stopped.last_utc_ns) / 1e9 if known else None,
+        unit_degC=stopped.unit_degC,
+    )
     return Resumption(
-        stopped.folder, stopped.manifest, position.start, position.records, position.withdrawn,
-        expected_of(stopped.entries), _unit_answer(stopped.events), _was_settled(stopped, position.start), fields,
+        stopped.folder, stopped.manifest, position.start, event, position.records, position.withdrawn,
+        expected_of(stopped.entries), _unit_answer(stopped.events), _was_settled(stopped, position.start),
     )  # fmt: skip
 
 

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 
 from bench.model.clock import NS, to_ns
 from bench.model.errors import BenchError, InstrumentError, OperatorStop, RunError
+from bench.model.events import End, Error, Phase, Retake, Safe, Skip
 from bench.model.ports import actions_of
 from bench.plan import CHAMBER, PlannedRecord, PlannedVerify, Step
-from bench.plan.plan import Phase
-from bench.record import Journal, RecordError, RecordRow
+from bench.plan.plan import Phase as PhaseName
+from bench.record import Journal, RecordRow
 from bench.run.bench.safety import heat_off, make_safe
 from bench.run.context import RunContext
 from bench.run.hold.holds import Interruption, Wish
@@ -27,7 +28,7 @@ from bench.run.steps.timing import Timeline
 from bench.run.stop import unforeseen
 
 CHAMBER_ASTRAY = ("B-RUN-031", "B-RUN-071")  # a temperature not reached, an interlock that ends the run
-PHASES: tuple[Phase, ...] = ("prepare", "campaign", "finally")
+PHASES: tuple[PhaseName, ...] = ("prepare", "campaign", "finally")
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class Sequencer:
 
     def __init__(self, context: RunContext, journal: Journal, safe_order: Sequence[str]) -> None:
         self._context = context
-        self._journal_step = patient(journal.step, context.listener)
+        self._journal_step = patient(journal.step, context.event)
         self._safe_order = safe_order
         drivers = {role: actions_of(type(instrument)) for role, instrument in context.instruments.items()}
         self._readings = readings_of(context.plan.steps, drivers)
@@ -81,20 +82,21 @@ class Sequencer:
         if error is not None:
             if error.code in CHAMBER_ASTRAY:
                 unsafe += heat_off(context.instruments.get(CHAMBER))
-            self._note("error", code=error.code, text=str(error), step=self._done)
-        self._note("safe", failures=[str(failure) for failure in unsafe])
+            context.note(Error(code=error.code, text=str(error), where=error.where, step=self._done))
+        context.note(Safe(failures=[str(failure) for failure in unsafe]))
         with suppress(BenchError):  # what a broken link still holds is not worth the outcome
             context.acquisition.stop()
         outcome = self._outcome(error, unsafe)
-        self._note(
-            "end",
-            steps=self._done,
-            records=len(outcome.rows),
-            slip_s=outcome.slip_s,
-            overruns=outcome.overruns,
-            retaken=outcome.retaken,
-            lateness_ms=list(outcome.lateness_ms),
-            error=error.code if error else None,
+        context.note(
+            End(
+                steps=self._done,
+                records=len(outcome.rows),
+                slip_s=outcome.slip_s,
+                overruns=outcome.overruns,
+                retaken=outcome.retaken,
+                lateness_ms=list(outcome.lateness_ms),
+                error=error.code if error else None,
+            )
         )
         return outcome
 
@@ -112,15 +114,10 @@ class Sequencer:
             self._context.stop.shield()
         return None
 
-    def _note(self, kind: str, **fields: object) -> None:
-        """Write an event of the end; a disk that refuses it changes nothing any more."""
-        with suppress(RecordError):
-            self._context.event(kind, **fields)
-
     def _run_phase(self, steps: Sequence[Step], position: int) -> None:
         context = self._context
         context.timeline = Timeline(context.clock, context.stop, context.clock.now_ns() - to_ns(steps[position].at_s))
-        context.event("phase", name=steps[0].phase, t_start_ns=context.clock.now_ns())
+        context.event(Phase(name=steps[0].phase, t_start_ns=context.clock.now_ns()))
         context.stop.interruptible = steps[0].phase != "finally"
         attempts: dict[int, int] = {}  # by number of the verify step
         holds: dict[int, int] = {}  # for an instrument that was silent, by number of the step
@@ -154,7 +151,7 @@ class Sequencer:
             raise error
         attempts[step.number] = tried + 1
         first = record.retry_step - steps[0].number
-        self._context.listener.message(f"{error.where}: {error.message}; the point is taken again")
+        self._context.message(f"{error.where}: {error.message}; the point is taken again")
         tables_back(self._context, steps[first].number, steps[first:position])
         self._retake(error.message, steps[first:position])
         return first
@@ -185,8 +182,7 @@ class Sequencer:
         began_ns = context.clock.now_ns()
         tables_back(context, behind, steps[position:stop])
         context.timeline.add_slip(context.clock.now_ns() - began_ns)
-        context.event("skip", by=wish.by, reason=wish.reason, first=steps[first].number, stop=behind)
-        context.listener.message(f"skipping to step {behind}: {wish.reason} ({wish.by})")
+        context.event(Skip(by=wish.by, reason=wish.reason, first=steps[first].number, stop=behind))
         return stop
 
     def _held(self, wish: Wish, step: Step, first: int, holds: dict[int, int]) -> None:
@@ -205,7 +201,7 @@ class Sequencer:
     def _execute(self, step: Step) -> None:
         context = self._context
         context.stop.check()
-        context.listener.step(step, (context.clock.now_ns() - self._start_ns) / NS)
+        context.observers.step(step, (context.clock.now_ns() - self._start_ns) / NS)
         context.timeline.reach(step.at_s)
         execute(context, step)
         set_to = setpoint_of(step, context.instruments)
@@ -217,7 +213,7 @@ class Sequencer:
         context = self._context
         for step in again:
             if isinstance(step, PlannedRecord):
-                context.event("retake", record=context.record_count, reason=reason)
+                context.event(Retake(record=context.record_count, reason=reason))
                 context.rows.pop(context.record_count, None)
                 context.record_count -= 1
                 context.retaken += 1

@@ -14,13 +14,14 @@ from typing import Any
 from bench.frame import FrameDefinition, parse_frame
 from bench.model.clock import NS, Clock
 from bench.model.errors import BenchError, InputError, RunError
+from bench.model.events import Config, Error, Preflight, Retake
 from bench.plan import Plan, plan_json
-from bench.record import Journal, PackedList, RecordCutter, RecordError, SessionWriter
+from bench.record import Journal, RecordCutter, RecordError, SessionWriter
 from bench.record.recover import resume_session
 from bench.run.bench.beginning import begin_safely, check_space, identities_of
 from bench.run.bench.opener import OpenBench, open_bench
 from bench.run.bench.transcript import HeldTranscript, new_folder
-from bench.run.context import Listener, RunContext
+from bench.run.context import RunContext
 from bench.run.control.operator import Operator
 from bench.run.frozen import changed_files
 from bench.run.guard.guarding import station_lock
@@ -28,6 +29,7 @@ from bench.run.guard.health import WRITER
 from bench.run.hold.patience import patient
 from bench.run.links.acquisition import Acquisition, LinkReader
 from bench.run.links.keeper import keep_links
+from bench.run.observers import AtTerminal, Listener, Observers, Recorder, StoredEvent
 from bench.run.provenance import software
 from bench.run.resume import same_instruments
 from bench.run.sequencer import Outcome, Sequencer
@@ -37,14 +39,12 @@ from bench.run.steps.setpoints import differences, read_back
 from bench.run.steps.timing import Timeline
 from bench.run.stop import StopSwitch, guarded
 from bench.run.watch.environment import EnvironmentLog
-from bench.run.watch.listening import SafeListener
 
 CLOCK_PAIR_S = 600.0
 SYNC_S = 1.0
 
-Event = tuple[str, int, Mapping[str, Any]]
 Beside = Callable[[RunContext], AbstractContextManager[object]]
-Preflight = Callable[[Plan, OpenBench, Clock, Path], Mapping[str, Any]]
+Judge = Callable[[Plan, OpenBench, Clock, Path], Preflight | None]
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Conducted:
     outcome: Outcome
     session_sha256: str
     counts: Mapping[str, int]
-    events: list[Event]
+    events: list[StoredEvent]
     truth: list[dict[str, Any]]
     utc_offset_ns: int | None = None
 
@@ -115,7 +115,7 @@ def conduct(
     listener: Listener,
     keep_events: Collection[str] = (),
     beside: Sequence[Beside] = (),
-    preflight: Preflight | None = None,
+    preflight: Judge | None = None,
     resumed: Resumption | None = None,
 ) -> Conducted:
     """Run a plan on its station and close the session, or go on with one that was interrupted.
@@ -132,22 +132,24 @@ def conduct(
         bench = open_bench(plan.station, clock, transcript, seed=seed)
         try:
             resumed, identities = _identified(bench, clock, resumed)
-            judged = {} if preflight is None else preflight(plan, bench, clock, out)
+            judged = None if preflight is None else preflight(plan, bench, clock, out)
             writer, manifest = _begin(plan, clock, seed, out, identities, resumed)
             lock.name_session(writer.folder.name)
-            transcript.attach(writer)
+            recorder = Recorder(writer, keep_events)
+            observers = Observers(clock, recorder, AtTerminal(listener))
+            transcript.attach(observers)
             transcript.on_traffic = stop.on_traffic
-            sink = KeepingSink(writer, keep_events)
-            if judged:
-                sink.event("preflight", clock.now_ns(), judged)
-            run = _Run(plan, bench, _frames(plan), writer, sink, clock, stop, beside, resumed, manifest, transcript)
-            outcome = _closed(writer, run.sequence(operator, SafeListener(listener)))
+            if judged is not None:
+                observers.event(judged)
+            frames, earlier = _frames(plan), transcript.earlier
+            run = _Run(plan, bench, frames, writer, observers, clock, stop, beside, resumed, manifest, earlier)
+            outcome = _closed(writer, run.sequence(operator))
             has_past = bench.world is not None and resumed is None  # a world begun anew does not know what was before
             truth = bench.world.truth([row.window for row in outcome.rows]) if bench.world and has_past else []
         finally:
             bench.close()
     counts, offset_ns = run.counts(), run.utc_offset_ns
-    return Conducted(writer.folder, manifest, outcome, writer.chain, counts, sink.events, truth, offset_ns)
+    return Conducted(writer.folder, manifest, outcome, writer.chain, counts, recorder.events, truth, offset_ns)
 
 
 def _frames(plan: Plan) -> dict[str, FrameDefinition]:
@@ -164,7 +166,7 @@ def _identified(
     if resumed is None:
         return None, identities
     same_instruments(resumed.manifest, identities)
-    return resumed.with_fields(identities=identities, differences=differences(resumed.expected, found)), identities
+    return resumed.found(identities, differences(resumed.expected, found)), identities
 
 
 def _begin(
@@ -177,8 +179,7 @@ def _begin(
 ) -> tuple[SessionWriter, Mapping[str, Any]]:
     """A new session, or one that is gone on with; and its manifest."""
     if resumed is not None:
-        fields = {**resumed.fields, "start": resumed.start}
-        return resume_session(resumed.folder, t_mono_ns=clock.now_ns(), fields=fields), resumed.manifest
+        return resume_session(resumed.folder, resumed.event, t_mono_ns=clock.now_ns()), resumed.manifest
     name = session_name(plan, clock)
     manifest = manifest_of(plan, name, seed, clock, identities, {k: f.sha256 for k, f in _frames(plan).items()})
     texts = {**plan.texts, "plan.json": plan_json(plan.steps)}
@@ -207,41 +208,19 @@ def _check_links(plan: Plan) -> None:
             raise InputError("B-RUN-004", message, where=link, next_step="add it to the station file")
 
 
-class KeepingSink:
-    """Passes everything to the session writer and keeps events of some kinds for the end of the run."""
-
-    def __init__(self, writer: SessionWriter, kinds: Collection[str]) -> None:
-        self.raw = writer.raw
-        self.command = writer.command
-        self._kept: PackedList[Event] = PackedList()
-        self._writer = writer
-        self._kinds = frozenset(kinds)
-
-    def event(self, kind: str, t_mono_ns: int, fields: Mapping[str, Any]) -> None:
-        """Write an event."""
-        self._writer.event(kind, t_mono_ns, fields)
-        if kind in self._kinds:
-            self._kept.append((kind, t_mono_ns, fields))
-
-    @property
-    def events(self) -> list[Event]:
-        """The events that were kept, in order."""
-        return list(self._kept)
-
-
 @dataclass
 class _Run:
     plan: Plan
     bench: OpenBench
     frames: Mapping[str, FrameDefinition]
     writer: SessionWriter
-    sink: KeepingSink
+    observers: Observers
     clock: Clock
     stop: StopSwitch
     beside: Sequence[Beside]
     resumed: Resumption | None
     manifest: Mapping[str, Any]
-    transcript: HeldTranscript
+    earlier: tuple[tuple[str, str, str, int], ...]
 
     def __post_init__(self) -> None:
         self.utc_offset_ns: int | None = None
@@ -249,11 +228,11 @@ class _Run:
         self.cutter = RecordCutter(self.frames[link]) if link else None
         self.readers = self._readers()
 
-    def sequence(self, operator: Operator, listener: SafeListener) -> Outcome:
+    def sequence(self, operator: Operator) -> Outcome:
         """Run the plan with everything that goes on beside it."""
         self._pair()
         with closing(Journal(self.writer.folder)) as journal, ExitStack() as beside:
-            context = self._context(operator, listener)
+            context = self._context(operator)
             beside.callback(EnvironmentLog(context).stop)
             beside.callback(self.clock.every(CLOCK_PAIR_S, guarded(self._pair, self.stop)).cancel)
             if not self.clock.virtual:
@@ -263,7 +242,7 @@ class _Run:
                 for start in self.beside:
                     beside.enter_context(start(context))
             except BenchError as error:  # before the first step: the bench is as safe as it was made at the start
-                context.event("error", code=error.code, text=str(error), step=0)
+                context.event(Error(code=error.code, text=str(error), where=error.where, step=0))
                 context.health.over()
                 return Outcome(rows=(), slip_s=0.0, overruns=0, retaken=0, lateness_ms=(0.0, 0.0, 0.0), error=error)
             sequencer = Sequencer(context, journal, self.plan.station.safe_order)
@@ -271,7 +250,7 @@ class _Run:
                 outcome = sequencer.run()
             else:
                 outcome = sequencer.run(self.resumed.start, partial(enter, context, self.resumed.start))
-            self._compare_files(listener)
+            self._compare_files()
         with suppress(RecordError):  # a disk that is full to the end must not hide how the run ended
             self._pair()
         if outcome.error is None:
@@ -279,34 +258,33 @@ class _Run:
                 journal.path.unlink()
         return outcome
 
-    def _context(self, operator: Operator, listener: SafeListener) -> RunContext:
+    def _context(self, operator: Operator) -> RunContext:
         clock, stop = self.clock, self.stop
-        acquisition = Acquisition(self.readers, clock, patient(self.writer.tick, listener), stop)
+        acquisition = Acquisition(self.readers, clock, patient(self.writer.tick, self.observers.event), stop)
         timeline = Timeline(clock, stop, clock.now_ns())
         context = RunContext(
-            self.plan, self.bench.instruments, acquisition, self.cutter, clock, self.sink, operator, listener, stop,
+            self.plan, self.bench.instruments, acquisition, self.cutter, clock, self.observers, operator, stop,
             timeline, self.plan.measurement_link, folder=self.writer.folder, manifest=self.manifest,
-            traffic=self.transcript.heard, told=listener.heard, earlier=self.transcript.earlier,
+            earlier=self.earlier,
         )  # fmt: skip
         context.operate = self.bench.operate
         if self.resumed is not None:
             context.record_count = self.resumed.records
             context.unit_answer, context.settled = self.resumed.unit_answer, self.resumed.settled
             for number in self.resumed.withdrawn:
-                context.event("retake", record=number, reason="its point was not finished when the run stopped")
+                reason = "its point was not finished when the run stopped"
+                context.event(Retake(record=number, reason=reason))
         return context
 
-    def _compare_files(self, listener: Listener) -> None:
+    def _compare_files(self) -> None:
         """Say which files have changed while the run went on from its frozen copy."""
         for name, change in changed_files(self.plan.files, self.plan.texts).items():
-            with suppress(RecordError):
-                self.sink.event("config", self.clock.now_ns(), {"file": name, "change": change})
-            listener.message(f"{name} is {change} on the disk; the run used its own copy")
+            self.observers.note(Config(file=name, change=change))
 
     def _sync_beside(self, context: RunContext, journal: Journal, beside: ExitStack) -> None:
         """Bring session and journal to the disk each second, off the step thread."""
-        sync = patient(self.writer.sync, context.listener)
-        sync_journal = patient(journal.sync, context.listener)
+        sync = patient(self.writer.sync, context.event)
+        sync_journal = patient(journal.sync, context.event)
 
         def to_disk() -> None:
             sync()
@@ -338,7 +316,7 @@ class _Run:
         for link in sorted(self.plan.frames, key=lambda name: name == measured):
             feed = cutter.feed if link == measured else partial(cutter.feed_context, link=link)
             readers[link] = LinkReader(
-                link, self.bench.links[link], self.frames[link], self.clock, self.sink, [feed],
+                link, self.bench.links[link], self.frames[link], self.clock, self.writer, [feed],
                 poll_s=self.plan.station.links[link].poll,
             )  # fmt: skip
         return readers

@@ -70,17 +70,17 @@ def _joined(view: SessionView, other: SessionView) -> SessionView:
         view,
         rows=rows,
         counts={name: count + other.counts.get(name, 0) for name, count in view.counts.items()},
-        events=[*view.events, *((kind, t_ns + shift_ns, fields) for kind, t_ns, fields in other.events)],
+        events=[*view.events, *((t_ns + shift_ns, event) for t_ns, event in other.events)],
         notes=[*view.notes, *other.notes, *notes, *_overlap_notes(view.rows, other.rows)],
-        damaged=view.damaged or other.damaged,
+        damage=(*view.damage, *other.damage),
         make_up=(*view.make_up, other.session_sha256),
     )
 
 
 def _shift_ns(view: SessionView, other: SessionView) -> int:
     """By the UTC of both; two rehearsals begin at one UTC, so never before the end of the first."""
-    end_ns = max((t_ns for _, t_ns, _ in view.events), default=0)
-    start_ns = min((t_ns for _, t_ns, _ in other.events), default=0)
+    end_ns = max((t_ns for t_ns, _ in view.events), default=0)
+    start_ns = min((t_ns for t_ns, _ in other.events), default=0)
     by_utc = 0
     if view.utc_offset_ns is not None and other.utc_offset_ns is not None:
         by_utc = other.utc_offset_ns - view.utc_offset_ns

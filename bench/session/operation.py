@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from bench.model import events
 from bench.model.clock import NS
 from bench.model.errors import InputError
+from bench.model.events import Control, End, Phase
 from bench.model.units import hours
 from bench.model.yamlio import parse_yaml
 from bench.plan.station import StationFile
@@ -27,7 +29,8 @@ def commands_given(view: Events) -> list[dict[str, Any]]:
     """Every command a person gave: when since the run began, what, who, why, and what else was said with it."""
     start_ns = _start_ns(view)
     found = []
-    for t_ns, fields in view.events_of("control"):
+    for t_ns, command in view.events_of(Control):
+        fields = command.document()
         more = {name: value for name, value in fields.items() if name not in _OF_COMMAND and value not in (None, "")}
         known = {name: fields.get(name) or "–" for name in _OF_COMMAND}
         found.append({"time": hours((t_ns - start_ns) / NS), **known, **more})
@@ -42,16 +45,16 @@ def alarms_raised(view: Events) -> list[dict[str, Any]]:
 
 def length_s(view: Events) -> float:
     """From the first phase to the end of the run; NaN for one that has not ended or a log of another system."""
-    ends = [t_ns for t_ns, _ in view.events_of("end")]
-    return (ends[-1] - _start_ns(view)) / NS if ends and view.events_of("phase") else math.nan
+    ends = [t_ns for t_ns, _ in view.events_of(End)]
+    return (ends[-1] - _start_ns(view)) / NS if ends and view.events_of(Phase) else math.nan
 
 
 def surroundings(view: Events, texts: Mapping[str, str], campaign_ns: int) -> list[Surrounding]:
     """Temperatures that a logger scanned, by channel, against the start of the campaign phase."""
     scans: dict[tuple[str, str], list[tuple[float, float]]] = {}
-    for t_ns, fields in view.events_of("surroundings"):
-        for channel, degC in fields["degC"].items():
-            scans.setdefault((str(fields["role"]), str(channel)), []).append(((t_ns - campaign_ns) / NS, float(degC)))
+    for t_ns, scan in view.events_of(events.Surroundings):
+        for channel, degC in scan.degC.items():
+            scans.setdefault((scan.role, str(channel)), []).append(((t_ns - campaign_ns) / NS, float(degC)))
     rooms = _laboratory(texts)
     found = []
     for place, readings in sorted(scans.items()):
@@ -87,4 +90,4 @@ def _sha256(text: str) -> str:
 
 
 def _start_ns(view: Events) -> int:
-    return min((t_ns for t_ns, _ in view.events_of("phase")), default=0)
+    return min((t_ns for t_ns, _ in view.events_of(Phase)), default=0)

@@ -17,9 +17,7 @@ from bench.replay import replay_rows
 from bench.replay.rows import Replayed
 from bench.replay.series import IMPORT, replay_series
 from bench.session.merge import merged
-from bench.session.view import KEPT_EVENTS, SessionView, analyse_view
-
-DAMAGED = "damaged: "  # how the notes of a session begin that name a damaged place
+from bench.session.view import SessionView, analyse_view, happened
 
 
 def analysed(
@@ -39,9 +37,9 @@ def analysed(
 
 
 def read_view(folder: Path, strict: bool = False) -> SessionView:
-    """A session as its folder holds it; damage is listed in its notes, unless ``strict`` (then SessionDamaged)."""
+    """A session as its folder holds it; damage is listed, unless ``strict`` (then SessionDamaged)."""
     replayed = replay_rows(folder, strict=strict)
-    notes = [*replayed.notes, *(f"{DAMAGED}{one}" for one in replayed.damage)]
+    notes = [*replayed.notes]
     notes += [f"{name} has no end: the run stopped there, or goes on" for name in replayed.unfinished]
     series: Mapping[str, NDArray[np.float64]] = {}
     if replayed.manifest.get("kind") == IMPORT:
@@ -54,9 +52,9 @@ def read_view(folder: Path, strict: bool = False) -> SessionView:
         counts=replayed.totals,
         session_sha256=replayed.session_sha256,
         plan_steps=steps_of(replayed.texts.get("plan.json", "[]")),
-        events=[event for event in replayed.events if event[0] in KEPT_EVENTS],
+        events=happened(replayed.events),
         notes=notes,
-        damaged=bool(replayed.damage),
+        damage=tuple(map(str, replayed.damage)),
         series=series,
         splices=replayed.splices,
         incomplete=_is_incomplete(folder, replayed),

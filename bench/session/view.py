@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,9 @@ from bench.analysis.material import Exchange, Material, Reading, Trace
 from bench.analysis.registry import analyse
 from bench.analysis.results import INCOMPLETE, build_results
 from bench.frame import CommandLayout, parse_frame
+from bench.model import events
 from bench.model.clock import NS
+from bench.model.events import Environment, Event, Phase, Preflight, Prompt, Retake, event_of
 from bench.plan import Step
 from bench.record import RecordRow
 from bench.replay.parts import Splice
@@ -28,6 +30,7 @@ from bench.session.line_times import line_times_s
 from bench.session.operation import alarms_raised, commands_given, hashes_of, length_s, surroundings
 from bench.session.splices import splice_documents, splice_tables
 
+E = TypeVar("E", bound=Event)
 SOFTWARE = f"inertial-bench {__version__}"
 KEPT_EVENTS = (
     "environment", "prompt", "phase", "slip", "overrun", "late", "retake", "skip", "error", "end", "reading", "hold",
@@ -36,11 +39,16 @@ KEPT_EVENTS = (
 )  # fmt: skip
 
 
+def happened(stored: Iterable[tuple[str, int, Mapping[str, Any]]]) -> list[tuple[int, Event]]:
+    """Return the events that a view keeps, of those that a session holds: (kind, t_mono_ns, fields)."""
+    return [(t_ns, event_of(kind, fields)) for kind, t_ns, fields in stored if kind in KEPT_EVENTS]
+
+
 @dataclass
 class SessionView:
     """One session: manifest, records, counts and the few events that a report shows.
 
-    ``counts``: frames, frames_bad, frames_lost over all links; ``events``: (kind, t_mono_ns, fields) in order.
+    ``counts``: frames, frames_bad, frames_lost over all links; ``events``: (t_mono_ns, event) in order.
     ``splices``: where the run was gone on with; ``incomplete``: the run has not ended. ``utc_offset_ns``: UTC minus
     monotonic time, None if unknown; ``make_up``: hashes of the sessions that complete this one. ``texts``: the YAML
     texts the run was made from, by name.
@@ -51,9 +59,9 @@ class SessionView:
     counts: Mapping[str, int]
     session_sha256: str
     plan_steps: Sequence[Step] = ()
-    events: list[tuple[str, int, Mapping[str, Any]]] = field(default_factory=list)
+    events: list[tuple[int, Event]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
-    damaged: bool = False
+    damage: Sequence[str] = ()
     splices: Sequence[Splice] = ()
     incomplete: bool = False
     utc_offset_ns: int | None = None
@@ -61,9 +69,19 @@ class SessionView:
     series: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     texts: Mapping[str, str] = field(default_factory=dict)
 
-    def events_of(self, kind: str) -> list[tuple[int, Mapping[str, Any]]]:
-        """Times and fields of all events of one kind."""
-        return [(t_ns, fields) for found, t_ns, fields in self.events if found == kind]
+    @property
+    def damaged(self) -> bool:
+        """Return whether anything of the session cannot be read as it was written."""
+        return bool(self.damage)
+
+    @property
+    def remarks(self) -> list[str]:
+        """Return everything a reader should know about the session, a sentence each."""
+        return [*(f"damaged: {place}" for place in self.damage), *self.notes]
+
+    def events_of(self, model: type[E]) -> list[tuple[int, E]]:
+        """Return times and events of one kind."""
+        return [(t_ns, event) for t_ns, event in self.events if isinstance(event, model)]
 
     @property
     def has_analysis(self) -> bool:
@@ -78,7 +96,7 @@ def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str
     counts = {
         **view.counts,
         "records": len(view.rows),
-        "retaken": len(view.events_of("retake")),
+        "retaken": len(view.events_of(Retake)),
         "splices": len(view.splices),
     }
     provenance = {
@@ -105,9 +123,9 @@ def material_of(view: SessionView) -> Material:
         campaign=view.manifest["campaign"],
         standards=view.manifest["standards"],
         trace=_trace(view),
-        readings=[_reading(t_ns, fields) for t_ns, fields in view.events_of("reading")],
+        readings=[_reading(t_ns, event) for t_ns, event in view.events_of(events.Reading)],
         series=view.series,
-        exchanges=_last_of_each([_exchange(fields) for _, fields in view.events_of("exchange")]),
+        exchanges=_last_of_each([_exchange(event) for _, event in view.events_of(events.Exchange)]),
         layouts=_layouts(view),
         utc_offset_s=None if view.utc_offset_ns is None else view.utc_offset_ns / NS,
         line_s=line_times_s(view.manifest, view.texts),
@@ -120,20 +138,20 @@ def _last_of_each(exchanges: Sequence[Exchange]) -> list[Exchange]:
     return [one for number, one in enumerate(exchanges) if not one.item or last[one.step] == number]
 
 
-def _exchange(fields: Mapping[str, Any]) -> Exchange:
+def _exchange(event: events.Exchange) -> Exchange:
     return Exchange(
-        step=int(fields["step"]),
-        item=str(fields["item"]),
-        name=str(fields["name"]),
-        sequence=int(fields["sequence"]),
-        attempts=int(fields["attempts"]),
-        begin_s=int(fields["begin_ns"]) / NS,
-        end_s=int(fields["end_ns"]) / NS,
-        status=None if fields["status"] is None else int(fields["status"]),
-        refused=bool(fields["refused"]),
-        sent=bytes.fromhex(fields["sent"]),
-        received=bytes.fromhex(fields["received"]),
-        conditions=dict(fields.get("conditions", {})),
+        step=event.step,
+        item=event.item,
+        name=event.name,
+        sequence=event.sequence,
+        attempts=event.attempts,
+        begin_s=event.begin_ns / NS,
+        end_s=event.end_ns / NS,
+        status=event.status,
+        refused=event.refused,
+        sent=bytes.fromhex(event.sent),
+        received=bytes.fromhex(event.received),
+        conditions=dict(event.conditions),
     )
 
 
@@ -143,15 +161,15 @@ def _layouts(view: SessionView) -> Mapping[str, CommandLayout]:
     return parse_frame(view.texts[name], name).commands if name in view.texts else {}
 
 
-def _reading(t_ns: int, fields: Mapping[str, Any]) -> Reading:
+def _reading(t_ns: int, event: events.Reading) -> Reading:
     return Reading(
         t_s=t_ns / NS,
-        step=int(fields["step"]),
-        role=str(fields["role"]),
-        name=str(fields["name"]),
-        value=fields["value"],
-        conditions=dict(fields.get("conditions", {})),
-        arguments=dict(fields.get("arguments", {})),
+        step=event.step,
+        role=event.role,
+        name=event.name,
+        value=event.value,
+        conditions=dict(event.conditions),
+        arguments=dict(event.arguments or {}),
     )
 
 
@@ -171,10 +189,10 @@ def report_of(view: SessionView, results: Mapping[str, Any], analysis: Analysis)
         prepare_s=float(view.manifest["planned"]["prepare_s"]),
         residuals=analysis.residuals,
         components=analysis.components,
-        prompts=[dict(fields) for _, fields in view.events_of("prompt")],
+        prompts=[prompt.document() for _, prompt in view.events_of(Prompt)],
         figures=analysis.figures,
         tables=analysis.tables,
-        notes=[*([INCOMPLETE] if view.incomplete else []), *analysis.notes, *punctuality(view), *view.notes],
+        notes=[*([INCOMPLETE] if view.incomplete else []), *analysis.notes, *punctuality(view), *view.remarks],
         run=_story(view),
     )
     return Report(model)
@@ -192,7 +210,7 @@ def _story(view: SessionView) -> RunStory:
 
 
 def _about_the_run(view: SessionView) -> list[dict[str, Any]]:
-    looked_at = [report_table(fields) for _, fields in view.events_of("preflight")]
+    looked_at = [report_table(event) for _, event in view.events_of(Preflight)]
     return [*happening_tables(view), *splice_tables(view.splices), *looked_at]
 
 
@@ -210,15 +228,15 @@ def temperature_trace(view: SessionView) -> TemperatureTrace:
 
 
 def _campaign_ns(view: SessionView) -> int:
-    return next((t for t, fields in view.events_of("phase") if fields["name"] == "campaign"), 0)
+    return next((t for t, phase in view.events_of(Phase) if phase.name == "campaign"), 0)
 
 
 def _trace(view: SessionView) -> Trace:
-    temperatures = view.events_of("environment")
+    temperatures = view.events_of(Environment)
     return Trace(
         t_s=np.array([t_ns / NS for t_ns, _ in temperatures]),
-        air_degC=np.array([_number(fields["air_degC"]) for _, fields in temperatures]),
-        unit_degC=np.array([_number(fields["unit_degC"]) for _, fields in temperatures]),
+        air_degC=np.array([_number(event.air_degC) for _, event in temperatures]),
+        unit_degC=np.array([_number(event.unit_degC) for _, event in temperatures]),
     )
 
 

@@ -6,15 +6,13 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from bench.model.systems import analysis_declaration
+
 _PPM = 1e6
 _GENERATOR_LIMIT = 3e-6  # rectangular; where the register states nothing (AF-converter paper, section 4.1)
 
-# Quantity -> role of the standard whose relative error enters it one to one, by campaign ("" = any).
-_ROLES = {
-    ("scale_factor", "dsf_n"): "calibrator",
-    ("scale_factor", "dsf_p"): "calibrator",
-    ("", "master_clock_error"): "function_generator",
-}
+# Quantity -> role of the standard whose relative error enters it one to one, whatever the campaign is.
+_ROLES = {"master_clock_error": "function_generator"}
 
 
 def shared_components(standards: Mapping[str, Mapping[str, Any]], campaign: str) -> list[dict[str, Any]]:
@@ -25,9 +23,10 @@ def shared_components(standards: Mapping[str, Mapping[str, Any]], campaign: str)
     certificate is shared with nobody.
     """
     found = []
-    for (only, quantity), role in _ROLES.items():
+    declared = analysis_declaration(campaign)
+    for quantity, role in {**({} if declared is None else declared.standards), **_ROLES}.items():
         entry = standards.get(role)
-        if entry is None or only not in ("", campaign) or not (entry.get("serial") and entry.get("certificate")):
+        if entry is None or not (entry.get("serial") and entry.get("certificate")):
             continue
         relative = _relative_std(entry, role)
         if relative:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.errors import BenchError
+from bench.model.events import End, Error, Resume, event_of
 from bench.record import SessionReader
 from bench.record.writer import OPEN_MARKER
 from bench.run.guard.diary import read_diary
@@ -28,17 +29,17 @@ def ending(folder: Path) -> Mapping[str, Any] | None:
 
 
 def _outcome(folder: Path) -> Mapping[str, Any] | None:
-    found: Mapping[str, Any] | None = None
+    outcome: Mapping[str, Any] | None = None
     text = ""
     for kind, _, fields in SessionReader(folder).events():
-        if kind == "error":
-            text = str(fields.get("text", ""))
-        elif kind == "resume":
-            found = None
-        elif kind == "end":
-            code = fields.get("error")
-            found = {"error": code, "text": text if code else ""}
-    return found
+        match event_of(kind, fields):
+            case Error(text=said):
+                text = said
+            case Resume():
+                outcome = None
+            case End(error=code):
+                outcome = {"error": code, "text": text if code else ""}
+    return outcome
 
 
 def guard_word(folder: Path) -> Mapping[str, Any] | None:

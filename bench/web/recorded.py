@@ -10,6 +10,7 @@ from bench.frame import FrameDefinition
 from bench.frame.definition import parse_frame
 from bench.frame.signals import all_signals
 from bench.model.errors import BenchError
+from bench.model.events import event_of
 from bench.model.yamlio import parse_yaml
 from bench.plan import Step, steps_of
 from bench.plan.graph_language import graphs_of, names_in
@@ -86,7 +87,7 @@ def _tell(state: RunState, message: Message, t_utc_s: float) -> None:
     try:
         if message.topic == layout.EVENT:
             kind, fields = message.event()
-            state.on_event(kind, t_utc_s, fields)
+            state.on_event(event_of(kind, fields), t_utc_s)
         else:
             line = message.document()
             role = message.topic.removeprefix(layout.INSTRUMENT)

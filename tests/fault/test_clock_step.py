@@ -19,6 +19,7 @@ from soak_campaign import Quiet, soak_plan, watchers
 
 from bench.commands.run import view_of
 from bench.model.clock import NS, VirtualClock, WallClock
+from bench.model.events import Event
 from bench.record import SessionReader
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import Conducted, conduct
@@ -49,17 +50,16 @@ def stepped(step_s: float) -> MovedClock:
 def watched(clock: MovedClock, seconds: float) -> list[tuple[float, dict[str, Any]]]:
     """Events (time, fields) of a watch over some seconds."""
     found: list[tuple[float, dict[str, Any]]] = []
-    quiet = Quiet()
 
-    def event(kind: str, **fields: Any) -> None:
-        assert kind == "clock_step"
-        found.append((clock.now_ns() / NS, fields))
+    def note(event: Event) -> None:
+        assert event.kind == "clock_step"
+        assert event.told
+        found.append((clock.now_ns() / NS, event.document()))
 
-    context: Any = SimpleNamespace(clock=clock, event=event, listener=quiet, stop=StopSwitch())
+    context: Any = SimpleNamespace(clock=clock, note=note, stop=StopSwitch())
     with clock_watch(context):
         clock.sleep(seconds)
     clock.sleep(10.0)
-    assert len(quiet.messages) == len(found)
     return found
 
 

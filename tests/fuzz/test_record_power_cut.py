@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from record_sample import MANIFEST, NS, TEXTS
 
+from bench.model.events import Resume
 from bench.record import Journal, Message, SessionReader, SessionWriter, read_journal
 from bench.record.files import AppendFile, OsFiles
 from bench.record.journal import JOURNAL_NAME
@@ -144,7 +145,7 @@ def test_after_a_power_cut_the_session_goes_on_in_a_new_segment(tmp_path: Path) 
     torn = after_the_cut(path.read_bytes(), size, min(synced, size - 2000), rng)
     path.write_bytes(torn)
     before = good(tmp_path / "s")
-    again = resume_session(tmp_path / "s", t_mono_ns=0, fields={"reason": "power cut"})
+    again = resume_session(tmp_path / "s", Resume(reason="power cut"), t_mono_ns=0)
     again.raw("port_a", "rx", NS, b"more")
     again.close("done")
     assert path.read_bytes() == torn, "a segment that exists is never touched"

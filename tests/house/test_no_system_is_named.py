@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import tokenize
 from pathlib import Path
 
 import pytest
-from tree import TOP, name_of, python_files
+from tree import TOP, name_of, python_files, tree_of
+
+from bench.model.systems import analyses
 
 ROOMS = sorted(
     path.name for path in (TOP / "bench").iterdir() if (path / "__init__.py").exists() and path.name != "systems"
@@ -35,6 +38,17 @@ def words_of(path: Path) -> list[str]:
 @pytest.mark.parametrize("room", ROOMS)
 def test_no_room_of_the_engine_names_a_system(room: str) -> None:
     assert [word for path in python_files(f"bench/{room}") for word in words_of(path)] == []
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_no_room_of_the_engine_asks_for_an_analysis_by_its_name(room: str) -> None:
+    strings = [
+        (name_of(path), node.value)
+        for path in python_files(f"bench/{room}")
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    ]
+    assert [place for place in strings if place[1] in analyses()] == []
 
 
 def test_a_word_in_a_name_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

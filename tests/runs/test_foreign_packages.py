@@ -6,7 +6,6 @@ Needs a package index; ``make sweep`` runs it.
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -18,6 +17,7 @@ pytestmark = pytest.mark.sweep
 
 TOP = Path(__file__).resolve().parents[2]
 OTHER = "instrumentkit"
+NOBODY = 1 << 22  # a number that no process has
 COMMANDS = (
     ("check", "scale_factor_short"),
     ("run", "scale_factor_short", "--clock", "virtual", "--out", "sessions"),
@@ -58,16 +58,26 @@ class Environment:
         return subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
 
     def guard(self) -> subprocess.CompletedProcess[str]:
-        """Start a guard as a run does, and say goodbye to it once it is ready."""
+        """Start a guard as a run does, and say goodbye to it once it is ready; its controller is nobody."""
         address = {"role": "dmm", "driver": "hp_3458a", "resource": "GPIB0::1::INSTR", "options": {}}
         brief = {
-            "pid": os.getpid(), "visa": "@bench", "instruments": [address], "limits": {}, "silence_s": 60.0,
+            "pid": NOBODY, "visa": "@bench", "instruments": [address], "limits": {}, "silence_s": 60.0,
             "diary": str(self.folder / "diary"), "notify": [],
         }  # fmt: skip
-        lines = f"{json.dumps(brief)}\n{json.dumps({'goodbye': True})}\n"
         command = [self.python, "-m", "bench.run.guard"]
-        place = self.folder / "empty"
-        return subprocess.run(command, cwd=place, input=lines, capture_output=True, text=True, check=False)
+        pipe = subprocess.PIPE
+        with subprocess.Popen(
+            command, cwd=self.folder / "empty", stdin=pipe, stdout=pipe, stderr=pipe, text=True, bufsize=1
+        ) as guard:
+            assert guard.stdin is not None
+            assert guard.stdout is not None
+            assert guard.stderr is not None
+            guard.stdin.write(json.dumps(brief) + "\n")
+            said = guard.stdout.readline()
+            if said:
+                guard.stdin.write(json.dumps({"goodbye": True}) + "\n")
+            status = guard.wait(60.0)
+            return subprocess.CompletedProcess(command, status, said, guard.stderr.read())
 
     def works(self) -> None:
         """Assert that every command does its work."""

@@ -19,6 +19,7 @@ from planned_step import planned
 
 from bench.frame import FrameDefinition, LinkDecoder, load_frame
 from bench.model.clock import NS, WallClock, to_ns
+from bench.model.events import Event
 from bench.record import SessionReader, SessionWriter
 from bench.record.files import AppendFile, OsFiles
 from bench.run.bench.opener import open_port
@@ -26,6 +27,7 @@ from bench.run.guard.health import LINKS, Health
 from bench.run.links.acquisition import Acquisition, LinkReader
 from bench.run.links.keeper import keep_links
 from bench.run.links.port import PortLink
+from bench.run.observers import Observers
 from bench.run.stop import StopSwitch
 
 pytestmark = pytest.mark.waits
@@ -124,13 +126,12 @@ class Bench:
         self.context: Any = SimpleNamespace(
             acquisition=self.acquisition, clock=self.clock, stop=self.stop, health=self.health, instruments={},
             unit_answer=None,
-            plan=SimpleNamespace(steps=(), campaign={}), event=self._event,
-            listener=SimpleNamespace(step=lambda step, at_s: None, message=lambda text: None),
+            plan=SimpleNamespace(steps=(), campaign={}), event=self._event, observers=Observers(self.clock),
         )  # fmt: skip
 
-    def _event(self, kind: str, **fields: Any) -> None:
-        assert kind == "link"
-        self.events.append((self.clock.now_ns(), fields))
+    def _event(self, event: Event) -> None:
+        assert event.kind == "link"
+        self.events.append((self.clock.now_ns(), event.document()))
 
     def wait(self, done: Callable[[], bool], limit_s: float) -> bool:
         until_ns = self.clock.now_ns() + to_ns(limit_s)
@@ -160,7 +161,7 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
         stack.callback(made.end)
         stack.enter_context(keep_links(made.context))
         assert made.wait(lambda: made.good("port_a") > 10 and made.good("port_b") > 1, 10.0)
-        made.context.listener.step(RECORD, 0.0)
+        made.context.observers.step(RECORD, 0.0)
         yield made
 
 

@@ -19,6 +19,7 @@ from bench.model.ports import ByteLink
 from bench.plan import Step
 from bench.run.context import RunContext
 from bench.run.links.acquisition import Acquisition, LinkReader
+from bench.run.observers import AtTerminal, Observers, Recorder
 from bench.run.steps.timing import Timeline
 from bench.run.stop import StopSwitch
 
@@ -158,8 +159,8 @@ def context_of(clock: Clock, link: ByteLink, steps: tuple[Step, ...] = ()) -> Ru
     plan: Any = SimpleNamespace(steps=steps, campaign={}, station=SimpleNamespace(safe_order=()))
     cutter: Any = None
     return RunContext(
-        plan, {}, acquisition, cutter, clock, sink, Operator(), Listener(), stop,
-        Timeline(clock, stop, clock.now_ns()), "rs422",
+        plan, {}, acquisition, cutter, clock, Observers(clock, Recorder(sink), AtTerminal(Listener())), Operator(),
+        stop, Timeline(clock, stop, clock.now_ns()), "rs422",
     )  # fmt: skip
 
 
@@ -172,4 +173,5 @@ def unit_step(number: int, name: str, command: int, payload: bytes = b"", item: 
 
 def events(context: RunContext, kind: str) -> list[dict[str, Any]]:
     """The events of a kind, in order."""
-    return [fields for found, _, fields in context.sink.events if found == kind]  # type: ignore[attr-defined]
+    sink: Any = context.acquisition.readers["rs422"].sink
+    return [fields for found, _, fields in sink.events if found == kind]

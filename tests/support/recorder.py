@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.clock import NS
+from bench.model.events import Disk, Resume
 from bench.record import Journal, SessionWriter
 from bench.record.recover import resume_session
 from bench.run.hold.patience import patient
@@ -20,11 +21,8 @@ TEXTS = {"sequences/x.yaml": "sequence: x\n", "plan.json": "[]"}
 EACH_S = 400  # of the bench's time in a second of these: a segment is finished each nine seconds
 
 
-class Says:
-    """A listener that has only a word for trouble."""
-
-    def message(self, text: str) -> None:
-        print(f"trouble {text}", flush=True)
+def say(trouble: Disk) -> None:
+    print(f"trouble {trouble.text}", flush=True)
 
 
 def main(folder: str, seconds: str, how: str) -> int:
@@ -32,9 +30,9 @@ def main(folder: str, seconds: str, how: str) -> int:
     if how == "new":
         writer = SessionWriter.create(place, MANIFEST, TEXTS, t_mono_ns=0)
     else:
-        writer = resume_session(place, t_mono_ns=0, fields={"reason": "killed"})
-    journal, listener = Journal(place), Says()
-    tick, sync, step = (patient(call, listener) for call in (writer.tick, writer.sync, journal.step))  # type: ignore[arg-type]
+        writer = resume_session(place, Resume(reason="killed"), t_mono_ns=0)
+    journal = Journal(place)
+    tick, sync, step = (patient(call, say) for call in (writer.tick, writer.sync, journal.step))  # type: ignore[arg-type]
     first = number_after(place) if how != "new" else 0
     for number in range(first, first + int(seconds)):
         t_ns = (number - first) * EACH_S * NS

@@ -23,6 +23,7 @@ from bench.record import Journal, RecordCutter
 from bench.run.context import RunContext
 from bench.run.control.operator import Answer, Question
 from bench.run.links.acquisition import Acquisition, LinkReader
+from bench.run.observers import AtTerminal, Observers, Recorder
 from bench.run.sequencer import Outcome, Sequencer
 from bench.run.steps.timing import Timeline
 from bench.run.stop import StopSwitch
@@ -282,9 +283,10 @@ class Rig:
         }  # fmt: skip
         tick = lambda t_ns: self.on_tick(t_ns)  # noqa: E731, PLW0108 - a test may change it
         acquisition = Acquisition(readers, self.clock, tick, self.stop)
+        observers = Observers(self.clock, Recorder(self.sink), AtTerminal(self.listener))
         return RunContext(
-            plan, dict(self.instruments), acquisition, cutter, self.clock, self.sink, self.operator, self.listener,
-            self.stop, Timeline(self.clock, self.stop, self.clock.now_ns()), "port_a",
+            plan, dict(self.instruments), acquisition, cutter, self.clock, observers, self.operator, self.stop,
+            Timeline(self.clock, self.stop, self.clock.now_ns()), "port_a",
         )  # fmt: skip
 
     def run(self, safe_order: tuple[str, ...] = (), operate: Callable[[str, Any], None] | None = None) -> Outcome:

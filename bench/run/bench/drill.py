@@ -20,6 +20,7 @@ from typing import Any
 from bench.model.clock import NS, Clock, VirtualClock, to_ns
 from bench.model.drivers import driver_class
 from bench.model.errors import BenchError, RunError
+from bench.model.events import Event
 from bench.model.ports import Instrument
 from bench.model.processes import DRILL_CONTROLLER, own_process
 from bench.plan import Station
@@ -200,7 +201,7 @@ class _Bare:
     in_use: InUse
     unit_temperature_degC: float = math.nan
 
-    def event(self, kind: str, **fields: Any) -> None:
+    def event(self, event: Event) -> None:
         """Nobody records a drill's events."""
 
 

@@ -12,6 +12,7 @@ from bench.plan import Station
 from bench.record import SessionWriter
 from bench.run.bench.opener import open_bench
 from bench.run.bench.transcript import HeldTranscript, new_folder
+from bench.run.observers import Observers, Recorder
 from bench.run.provenance import software
 
 
@@ -45,7 +46,7 @@ class TalkSession:
         texts = {f"stations/{station.name}.yaml": station.document.text}
         self._writer = SessionWriter.create(self.folder, manifest, texts, t_mono_ns=clock.now_ns())
         self._writer.clock_pair(clock.now_ns(), clock.utc_ns())
-        transcript.attach(self._writer)
+        transcript.attach(Observers(clock, Recorder(self._writer)))
 
     def send(self, command: str) -> str | None:
         """Send one command; returns the reply of a query."""

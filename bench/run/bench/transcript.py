@@ -3,45 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 
-from bench.model.ports import SessionSink
-from bench.record import RecordError
+from bench.run.observers import Observers
 
 
 class HeldTranscript:
-    """Holds commands and replies until a session is attached, then hands them on as they come.
+    """Holds commands and replies until a session is there, then hands them on as they come.
 
-    It never raises: a disk that is full must not keep a command from an instrument, least of all the one that makes
-    it safe. The recorder reports the fault by itself at its next tick. ``heard`` are called with every line of the
-    session, ``earlier`` are those from before it.
+    ``earlier`` are those from before the session.
     """
 
     def __init__(self) -> None:
         self._held: list[tuple[str, str, str, int]] = []
-        self._sink: SessionSink | None = None
+        self._observers: Observers | None = None
         self.earlier: tuple[tuple[str, str, str, int], ...] = ()
-        self.heard: list[Callable[[str, str, str, int], None]] = []
         self.on_traffic: Callable[[], None] = lambda: None  # a sign of life of whoever talks
 
     def __call__(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
         self.on_traffic()
-        if self._sink is None:
+        if self._observers is None:
             self._held.append((role, direction, text, t_mono_ns))
         else:
-            with suppress(RecordError):
-                self._sink.command(role, direction, text, t_mono_ns)
-            for hear in self.heard:
-                hear(role, direction, text, t_mono_ns)
+            self._observers.traffic(role, direction, text, t_mono_ns)
 
-    def attach(self, sink: SessionSink) -> None:
-        """Write what was held and pass everything on from now on."""
+    def attach(self, observers: Observers) -> None:
+        """Tell what was held, and everything from now on."""
         for line in self._held:
-            sink.command(*line)
+            observers.traffic(*line)
         self.earlier = tuple(self._held)
         self._held.clear()
-        self._sink = sink
+        self._observers = observers
 
 
 def new_folder(out: Path, name: str) -> Path:

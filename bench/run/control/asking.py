@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from bench.model.errors import BenchError, RunError
+from bench.model.events import PromptAlarm
 from bench.model.units import parse_quantity, plain_quantity
 from bench.run.context import RunContext
 from bench.run.control.operator import Answer, Question, judge, limits_of
@@ -110,8 +111,8 @@ class WaitingOperator:
                 self._terminal.ask(asked.question)
                 return
         value, limits = (" VALUE", f" ({limits_of(asked.question)})") if asked.question.unit else ("", "")
-        context.event("alarm", what="prompt", **_fields(asked))
-        context.listener.message(
+        context.event(PromptAlarm(**_fields(asked)))
+        context.message(
             f"waiting for an answer: {asked.question.text}{limits}\n"
             f"'bench answer {context.folder}{value}' or the live page gives it"
         )

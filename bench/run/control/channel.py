@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
+from bench.model import events
 from bench.model.clock import NS
-from bench.record import RecordError
 from bench.run.context import RunContext
 from bench.run.control.asking import Refused, WaitingOperator
 from bench.run.control.following import Following
@@ -72,7 +73,7 @@ class Control:
             "answer": self._answer,
         }  # fmt: skip
         about = {key: request[key] for key in ABOUT.get(command, ()) if isinstance(request.get(key), str | int | float)}
-        told = {"what": command, "by": by, "reason": reason.strip(), **about}
+        told = events.Control(what=command, by=by, reason=reason.strip(), **about)
         try:
             if self._context.stop.over:
                 raise Refusal("the run is ending already, its bench is being made safe")
@@ -80,17 +81,12 @@ class Control:
         except Refusal as why:
             self._refused += 1
             if self._refused <= MOST_REFUSED:
-                self._journal(told, ok=False, text=str(why))
+                self._context.note(replace(told, ok=False, text=str(why)))
             return _no(str(why))
-        self._journal(told, ok=True, text=text)
+        self._context.note(replace(told, ok=True, text=text))
         if command in ("pause", "abort"):  # the event comes before what it does
             self._carry_out(command, reason.strip(), by)
         return {"ok": True, "text": text, "holding": bool(self._context.stop.holds.reasons)}
-
-    def _journal(self, told: dict[str, Any], *, ok: bool, text: str) -> None:
-        """A disk that takes nothing keeps no command back."""
-        with suppress(RecordError):
-            self._context.event("control", **told, ok=ok, text=text)
 
     def _carry_out(self, command: str, reason: str, by: str) -> None:
         if command == "pause":
@@ -190,7 +186,7 @@ def control(
         path = socket_path(context.folder)
         server = ControlServer(path, answering.answer, context.clock)
     except OSError as error:
-        context.listener.message(f"no control from another terminal: {error}")
+        context.message(f"no control from another terminal: {error}")
         yield answering
         return
     if asking is not None:

@@ -12,10 +12,11 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from bench.model.clock import NS
 from bench.model.errors import RunError
+from bench.model.events import Verdict
 from bench.model.processes import EARLY_VERDICT, own_process
 from bench.plan.language import Early
 from bench.run.context import RunContext
@@ -56,7 +57,7 @@ class EarlyVerdicts:
                 self._take(self._finished())
             elif now_ns > self._until_ns:
                 self.close()
-                self._take({"ok": None, "error": "no verdict in time"})
+                self._take(Verdict(ok=None, error="no verdict in time"))
         elif now_ns >= self._next_ns and not self._context.stop.over:
             self._next_ns = now_ns + round(self._early.every * NS)
             self._start(now_ns)
@@ -77,10 +78,10 @@ class EarlyVerdicts:
             )  # fmt: skip
         except OSError as error:
             self._forget()
-            self._take({"ok": None, "error": f"the judge does not start: {error.strerror or error}"})
+            self._take(Verdict(ok=None, error=f"the judge does not start: {error.strerror or error}"))
         self._until_ns = now_ns + self._timeout_ns
 
-    def _finished(self) -> dict[str, Any]:
+    def _finished(self) -> Verdict:
         assert self._process is not None
         assert self._output is not None
         status = self._process.returncode
@@ -91,26 +92,18 @@ class EarlyVerdicts:
             found = json.loads(text) if status == 0 else None
         except ValueError:
             found = None
-        return found if isinstance(found, dict) and "ok" in found else {"ok": None, "error": f"exit status {status}"}
+        verdict = Verdict.read(found) if isinstance(found, dict) else None
+        return Verdict(ok=None, error=f"exit status {status}") if verdict is None or verdict.raw else verdict
 
     def _forget(self) -> None:
         if self._output is not None:
             self._output.close()
         self._process = self._output = None
 
-    def _take(self, found: dict[str, Any]) -> None:
-        self._context.event("verdict", **found)
-        failed = [one for one in found.get("checks", ()) if one.get("ok") is False]
-        said = "; ".join(
-            f"{one['name']} {one['value']:.3g}, limit {one['limit']:.3g} ({one['text']})" for one in failed
-        )
-        if found["ok"] is None:
-            self._context.listener.message(f"early verdict: none ({found.get('error', 'too little is recorded yet')})")
-        elif found["ok"]:
-            self._context.listener.message(f"early verdict: all well after {found.get('records')} records")
-        else:
-            self._context.listener.message(f"early verdict: {said}")
-            self._react(said)
+    def _take(self, verdict: Verdict) -> None:
+        self._context.event(verdict)
+        if verdict.ok is False:
+            self._react(verdict.failed)
 
     def _react(self, said: str) -> None:
         if self._early.on_fail == "hold":

@@ -1,14 +1,27 @@
-"""Unix sockets for the owner of a run and root alone: where they listen, and who connects."""
+"""Unix sockets for the owner of a run and root alone: where they listen, who connects, and one thread for all.
+
+A server is bounded in everything, so that no client can hold it up: more than ``MOST_CLIENTS`` at once, and the oldest
+is closed; one that asks for nothing for ``idle_s`` is closed too.
+"""
 
 from __future__ import annotations
 
 import os
 import pwd
+import selectors
 import socket
 import struct
+import threading
+from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar, Generic, TypeVar
+
+from bench.model.clock import Clock, to_ns
 
 BACKLOG = 128  # clients that may wait to be accepted; more are turned away by the system
+MOST_CLIENTS = 16
+POLL_S = 0.25
 
 
 def listen(path: Path) -> socket.socket:
@@ -43,3 +56,107 @@ def peer_of(connection: socket.socket) -> str | None:
     except KeyError:
         name = f"uid {uid}"
     return f"{name} (process {pid})"
+
+
+@dataclass(eq=False)
+class Client:
+    """Who is connected: ``by`` whom, until when it may be silent, what came of it, what the selector looks for."""
+
+    socket: socket.socket
+    by: str
+    until_ns: int
+    received: bytearray = field(default_factory=bytearray)
+    events: int = 0
+
+
+C = TypeVar("C", bound=Client)
+
+
+class LocalServer(Generic[C]):
+    """Listens from the moment it is made until ``close``; a server says what a client is and what is done with it.
+
+    Its thread starts at once: what a server needs is set before this is called. Raises: OSError if the socket cannot
+    be made.
+    """
+
+    client: type[C]
+    idle_s: ClassVar[float]
+
+    def __init__(self, path: Path, clock: Clock, name: str) -> None:
+        self._clock = clock
+        self._clients: list[C] = []
+        self._listener = listen(path)
+        self._selector = selectors.DefaultSelector()
+        self._selector.register(self._listener, selectors.EVENT_READ)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._serve, name=name, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Answer nobody any more."""
+        self._ended.set()
+        self._thread.join()
+        for client in list(self._clients):
+            self._drop(client)
+        self._listener.close()
+        self._selector.close()
+
+    def _serve(self) -> None:
+        while not self._ended.is_set():
+            for key, events in self._selector.select(self._patience_s()):
+                if key.data is None:
+                    self._accept()
+                elif key.data in self._clients:  # not dropped for a newer one in the same round
+                    self._turn(key.data, events)
+            now_ns = self._clock.now_ns()
+            for client in list(self._clients):
+                if now_ns > client.until_ns:
+                    self._drop(client)
+                else:
+                    self._go_on(client, now_ns)
+
+    def _patience_s(self) -> float:
+        return POLL_S
+
+    def _turn(self, client: C, events: int) -> None:
+        """Do what the selector has found that a client can do."""
+        raise NotImplementedError
+
+    def _go_on(self, client: C, now_ns: int) -> None:
+        """Do what is due for a client in each round."""
+
+    def _accept(self) -> None:
+        try:
+            connection, _ = self._listener.accept()
+        except OSError:  # gone again; or no descriptor is left, and whoever waits there would be tried without end
+            self._ended.wait(POLL_S)
+            return
+        by = peer_of(connection)
+        if by is None:
+            connection.close()
+            return
+        connection.setblocking(False)
+        if len(self._clients) >= MOST_CLIENTS:
+            self._drop(self._clients[0])
+        client = self.client(connection, by, self._clock.now_ns() + to_ns(self.idle_s))
+        self._clients.append(client)
+        self._watch(client, selectors.EVENT_READ)
+
+    def _watch(self, client: C, events: int) -> None:
+        if events == client.events:
+            return
+        if not client.events:
+            self._selector.register(client.socket, events, client)
+        elif not events:
+            self._selector.unregister(client.socket)
+        else:
+            self._selector.modify(client.socket, events, client)
+        client.events = events
+
+    def _drop(self, client: C) -> None:
+        if client in self._clients:
+            self._clients.remove(client)
+        with suppress(KeyError, ValueError):
+            self._selector.unregister(client.socket)
+        client.events = 0
+        client.socket.close()

@@ -9,19 +9,19 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from bench.model.clock import NS
-from bench.model.errors import BenchError
+from bench.model.events import Alarm, End, Error, Event, Hold, Interlock, Notify, Release, Verdict
 from bench.model.yamlio import load_yaml
-from bench.plan.notify_language import Notify
+from bench.plan.notify_language import Notify as NotifySection
 from bench.run.context import RunContext
-from bench.run.control.following import Following
 from bench.run.control.notify_ways import NotSent, by_command, by_mail, by_webhook
+from bench.run.observers import Observer
 from bench.run.stop import guarded
 
 LONGEST_QUEUE = 100
@@ -32,21 +32,24 @@ HEARTBEAT = "heartbeat"
 Message = dict[str, Any]
 
 
-def occasion(kind: str, fields: Mapping[str, Any]) -> str:
+def occasion(event: Event) -> str:
     """Which occasion an event is: hold, alarm, end, error, or "" for one that nobody is told of."""
-    if kind in ("hold", "release"):
-        return "hold"
-    if kind == "alarm" or (kind == "interlock" and fields.get("state") in ("tripped", "stale")):
-        return "alarm"
-    if kind == "verdict" and fields.get("ok") is False:
-        return "alarm"
-    return kind if kind in ("end", "error") else ""
+    match event:
+        case Hold() | Release():
+            return "hold"
+        case Alarm() | Interlock(state="tripped" | "stale") | Verdict(ok=False):
+            return "alarm"
+        case End() | Error():
+            return event.kind
+    return ""
 
 
-class Notifier:
-    """Sends the messages of one run; ``take`` never waits."""
+class Notifier(Observer):
+    """Sends the messages of one run; ``event`` never waits."""
 
-    def __init__(self, notify: Notify, context: RunContext, pause_s: float = PAUSE_S) -> None:
+    loss = "nobody is notified any more"
+
+    def __init__(self, notify: NotifySection, context: RunContext, pause_s: float = PAUSE_S) -> None:
         self._notify = notify
         self._context = context
         self._pause_s = pause_s
@@ -58,10 +61,11 @@ class Notifier:
         self._thread = threading.Thread(target=self._send_all, name="notify", daemon=True)
         self._thread.start()
 
-    def take(self, kind: str, fields: Mapping[str, Any]) -> None:
+    def event(self, event: Event, t_mono_ns: int) -> None:
         """Queue what an event says, if somebody wants to know."""
-        if (which := occasion(kind, fields)) in self._notify.on:
-            self._put({"kind": which, "event": kind, **{name: str(value) for name, value in fields.items()}})
+        if (which := occasion(event)) in self._notify.on:
+            said = {name: str(value) for name, value in event.document().items()}
+            self._put({"kind": which, "event": event.kind, **said})
 
     def beat(self) -> None:
         """Queue a sign of life; one that would have to wait behind others is left out."""
@@ -115,9 +119,7 @@ class Notifier:
                 why = type(error).__name__
             else:
                 return
-        with suppress(BenchError):  # the session may be closed by now
-            self._context.event("notify", way=name, message=message["kind"], sent=False, why=why)
-        self._context.listener.message(f"a notification did not get through ({why})")
+        self._context.note(Notify(way=name, message=message["kind"], sent=False, why=why))
 
     def _ways(self, kind: str) -> list[tuple[str, Callable[[Message], None]]]:
         notify = self._notify
@@ -132,10 +134,10 @@ class Notifier:
 
 
 @contextmanager
-def notifications(context: RunContext, notify: Notify, following: Following) -> Iterator[Notifier]:
+def notifications(context: RunContext, notify: NotifySection) -> Iterator[Notifier]:
     """Tell people while the run goes on, on the wall clock."""
     notifier = Notifier(notify, context)
-    following.heard.append(notifier.take)
+    context.observers.add(notifier)
     beats = notify.heartbeat
     periodic = None if beats is None else context.clock.every(beats, guarded(notifier.beat, context.stop))
     if beats is not None:
@@ -148,7 +150,7 @@ def notifications(context: RunContext, notify: Notify, following: Following) -> 
         notifier.close()
 
 
-def user_notify(environment: Mapping[str, str]) -> Notify | None:
+def user_notify(environment: Mapping[str, str]) -> NotifySection | None:
     """What ``inertial-bench/notify.yaml`` in the user's configuration folder says; None if there is no such file.
 
     Raises: InputErrors with every mistake and its position.
@@ -157,4 +159,4 @@ def user_notify(environment: Mapping[str, str]) -> Notify | None:
     base = environment.get("XDG_CONFIG_HOME", "")
     folder = Path(base) if Path(base).is_absolute() else Path(environment.get("HOME", "/")) / ".config"
     path = folder / "inertial-bench" / "notify.yaml"
-    return load_yaml(path, Notify).model if path.is_file() else None
+    return load_yaml(path, NotifySection).model if path.is_file() else None

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from bench.model.errors import RunError
+from bench.model.events import Prompt
 from bench.model.units import plain_quantity
 from bench.plan import PlannedPrompt, Step
 
@@ -87,14 +88,16 @@ def changes_of(steps: Iterable[Step]) -> dict[str, Any]:
     return changes
 
 
-def answer_fields(question: Question, answer: Answer) -> dict[str, Any]:
-    """The prompt as an event of the session."""
-    return {
-        "text": question.text,
-        "confirm": question.confirm,
-        "by": answer.by,
-        "value": answer.value,
-        "unit": question.unit,
-        "low": question.low,
-        "high": question.high,
-    }
+def answered(question: Question, answer: Answer, step: int, changes: Mapping[str, Any]) -> Prompt:
+    """Return the prompt of a step as an event; ``changes``: what the person did to the bench."""
+    return Prompt(
+        step=step,
+        text=question.text,
+        confirm=question.confirm,
+        by=answer.by,
+        value=answer.value,
+        unit=question.unit,
+        low=question.low,
+        high=question.high,
+        sets=changes or None,
+    )

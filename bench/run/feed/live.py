@@ -4,61 +4,41 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import UTC, datetime
-from functools import partial, wraps
 from typing import Any
 
 from bench.frame import LinkBatch
 from bench.frame.signals import all_signals
 from bench.model.clock import NS, WallClock, to_ns
+from bench.model.events import Environment, Event, Reentry
 from bench.model.quality import Quality
 from bench.plan import Step
 from bench.plan.graph_language import graphs_of, names_in
 from bench.record import RecordRow
 from bench.run.context import RunContext
 from bench.run.control.asking import WaitingOperator
-from bench.run.control.following import Following
 from bench.run.control.place import LIVE, forget_socket, socket_path
 from bench.run.feed.links import links_of
 from bench.run.feed.points import PATIENCE_NS, PATIENCE_VIRTUAL_NS, Points
 from bench.run.feed.server import FeedServer
 from bench.run.feed.state import PROTO, RunState
 from bench.run.guard.health import UNIT
+from bench.run.observers import Observer
 
-_READINGS = {"air_degC": "air", "unit_degC": "unit"}
-_REFUSED = ("error B-REC-001", "error B-REC-005")  # what a disk that takes nothing makes the recorder say
 FRESH_S = 10.0  # a temperature of the unit that was noted longer ago is none
 
 
-_Call = Callable[..., None]
-
-
-def _harmless(act: _Call) -> _Call:
-    """What the run tells the feed: whatever goes wrong there is said once, ends the feed, and never the run."""
-
-    @wraps(act)
-    def call(feed: LiveFeed, *what: Any) -> None:
-        if feed.broken:
-            return
-        try:
-            act(feed, *what)
-        except Exception as error:
-            feed.broken = True
-            feed.tell(f"nobody can watch this run any more ({type(error).__name__}: {error}); the run goes on")
-
-    return call
-
-
-class LiveFeed:
+class LiveFeed(Observer):
     """State and points of a run. Everything here is called by the run and costs it no more than a note."""
 
+    loss = "nobody can watch this run any more"
     broken = False
 
     def __init__(self, context: RunContext, asking: WaitingOperator | None) -> None:
-        self._context, self._asking, self.tell = context, asking, context.listener.message
+        self._context, self._asking = context, asking
         clock, station = context.clock, context.plan.station
         self._offset_ns = clock.utc_ns() - clock.now_ns()
         frames = {name: reader.definition for name, reader in context.acquisition.readers.items()}
@@ -86,19 +66,16 @@ class LiveFeed:
         document = self.state.head
         return {"proto": PROTO, "boot_id": document["boot_id"], "signals": len(self.points.signals)}
 
-    @_harmless
-    def event(self, kind: str, fields: Mapping[str, Any]) -> None:
+    def event(self, event: Event, t_mono_ns: int) -> None:
         """Something happened."""
-        now_ns = self._context.clock.now_ns()
-        self.state.on_event(kind, self._utc_s(now_ns), fields)
-        if kind == "environment":
-            found = {_READINGS[key]: float(fields[key]) for key in _READINGS if fields.get(key) is not None}
-            self.points.on_reading(now_ns, found)
-        elif kind == "reentry" and fields.get("target_degC") is not None:
-            self.points.on_reading(now_ns, {"setpoint": float(fields["target_degC"])})
+        self.state.on_event(event, self._utc_s(t_mono_ns))
+        if isinstance(event, Environment):
+            readings = {"air": event.air_degC, "unit": event.unit_degC}
+            self.points.on_reading(t_mono_ns, {name: value for name, value in readings.items() if value is not None})
+        elif isinstance(event, Reentry) and event.target_degC is not None:
+            self.points.on_reading(t_mono_ns, {"setpoint": event.target_degC})
 
-    @_harmless
-    def step(self, step: Step) -> None:
+    def step(self, step: Step, at_s: float) -> None:
         """A step begins."""
         now_ns = self._context.clock.now_ns()
         self.state.on_timeline(self._utc_s(self._context.timeline.target_ns(0.0)))
@@ -106,7 +83,6 @@ class LiveFeed:
         if step.set_point is not None:
             self.points.on_reading(now_ns, {"setpoint": step.set_point.temperature_degC})
 
-    @_harmless
     def record(self, row: RecordRow) -> None:
         """A record is complete."""
         flags = [str(flag.name).lower().replace("_", " ") for flag in Quality if flag & row.quality]
@@ -116,22 +92,17 @@ class LiveFeed:
         now_s = self._utc_s(self._context.clock.now_ns())
         self.state.on_record(row.window.number, now_s, row.window.conditions, counts)
 
-    @_harmless
     def traffic(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
         """A command to or reply of an instrument."""
         self.state.on_traffic(role, direction, text, self._utc_s(t_mono_ns))
 
-    @_harmless
     def batch(self, link: str, batch: LinkBatch) -> None:
         """Frames of a link were decoded."""
         self.points.on_batch(link, batch)
 
-    @_harmless
-    def told(self, text: str) -> None:
-        """A message for a person: a disk that takes nothing is told in no other way."""
-        if text.startswith(_REFUSED):
-            code = text.partition(":")[0].removeprefix("error ")
-            self.state.on_event("disk", self._utc_s(self._context.clock.now_ns()), {"code": code, "text": text})
+    def failed(self) -> None:
+        """Whatever went wrong here ends the feed, and never the run."""
+        self.broken = True
 
     def document(self) -> dict[str, Any]:
         """The state document of now; on the thread of the feed. Raises: RuntimeError if the feed is broken."""
@@ -154,40 +125,17 @@ class LiveFeed:
         return (t_mono_ns + self._offset_ns) / NS
 
 
-class _Watched:
-    """Stands between a run and its listener and passes everything on."""
-
-    def __init__(self, context: RunContext, feed: LiveFeed) -> None:
-        self._listener, self._feed = context.listener, feed
-        self.message = context.listener.message
-
-    def step(self, step: Step, at_s: float) -> None:
-        """A step begins."""
-        self._feed.step(step)
-        self._listener.step(step, at_s)
-
-    def record(self, row: RecordRow) -> None:
-        """A record is complete."""
-        self._feed.record(row)
-        self._listener.record(row)
-
-
 @contextmanager
-def live_feed(context: RunContext, following: Following, asking: WaitingOperator | None = None) -> Iterator[LiveFeed]:
+def live_feed(context: RunContext, asking: WaitingOperator | None = None) -> Iterator[LiveFeed]:
     """Let others watch the run, under either clock; a socket that cannot be made keeps no run back."""
     feed = LiveFeed(context, asking)
-    for name, reader in context.acquisition.readers.items():
-        reader.listeners.append(partial(feed.batch, name))
-    following.heard.append(feed.event)
-    context.traffic.append(feed.traffic)
-    context.told.append(feed.told)
-    context.listener = _Watched(context, feed)
+    context.observers.add(feed)
     try:
         path = socket_path(context.folder, LIVE)
         now = context.clock.now_ns
         server = FeedServer(path, feed.head, feed.document, lambda since: feed.points.since(since, now()))
     except OSError as error:
-        context.listener.message(f"nobody can watch this run: {error}")
+        context.message(f"nobody can watch this run: {error}")
         yield feed
         return
     try:

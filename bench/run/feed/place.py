@@ -2,14 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-from typing import Any
 
+from bench.model.events import (
+    Answer,
+    Event,
+    Late,
+    Overrun,
+    Phase,
+    Prompt,
+    Reading,
+    Record,
+    Reentry,
+    Release,
+    Resume,
+    Skip,
+    Slip,
+)
 from bench.plan import PlannedSoak, Step
 from bench.run.feed.planned import PlannedRun
 from bench.run.steps.position import point_start
 
-_SEEN = {"record": "record", "verify": "reading", "prompt": "prompt", "unit": "answer"}
+_SEEN: Mapping[str, type[Event]] = {"record": Record, "verify": Reading, "prompt": Prompt, "unit": Answer}
 
 
 class Place:
@@ -62,16 +77,35 @@ class Place:
         if step is not None and step is not self.step:
             self._leave(step, (self._origin or 0.0) + step.at_s)
 
-    def on_event(self, kind: str, t: float, fields: Mapping[str, Any]) -> None:
+    def on_event(self, event: Event, t: float) -> None:
         """What the events of a session say about its place."""
-        take = getattr(self, f"_on_{kind}", None)
-        if take is not None:
-            take(t, fields)
-        if not self._live:
-            self._bear_out(kind, t, fields)
+        match event:
+            case Phase():
+                self._on_phase(event, t)
+            case Resume():
+                start = event.start or 0
+                self._resumed_at = start if 0 <= start < len(self._plan.steps) else 0
+                self._late = None
+            case Late(policy="hold"):
+                late = self._numbered(event.step)
+                self._late = late if isinstance(late, PlannedSoak) else self._late
+            case Slip():
+                self._on_slip(event)
+            case Overrun():
+                self._shift(event.seconds)
+            case Release() if not self._live:
+                self._on_release(event, t)
+            case Reentry() if not self._resumed_at:
+                self._shift(event.seconds)
+            case Skip() if not self._live and 0 < event.stop < len(self._plan.steps):
+                self._seen = event.stop - 1
+                self._next = self._plan.next_telling(self._seen)
+                self._leave(self._plan.steps[event.stop], t)
+            case Record() | Reading() | Prompt() | Answer() if not self._live:
+                self._bear_out(event, t)
 
-    def _on_phase(self, t: float, fields: Mapping[str, Any]) -> None:
-        first = self._plan.first(str(fields.get("name")))
+    def _on_phase(self, event: Phase, t: float) -> None:
+        first = self._plan.first(event.name)
         if first is None:
             return
         if self._resumed_at and self._plan.steps[self._resumed_at].phase == first.phase:
@@ -82,55 +116,30 @@ class Place:
             self._next = self._plan.next_telling(self._seen)
             self._leave(first, t)
 
-    def _on_resume(self, _: float, fields: Mapping[str, Any]) -> None:
-        start = fields.get("start")
-        self._resumed_at = start if isinstance(start, int) and 0 <= start < len(self._plan.steps) else 0
-        self._late = None
-
-    def _on_late(self, _: float, fields: Mapping[str, Any]) -> None:
-        step = self._numbered(fields)
-        if isinstance(step, PlannedSoak) and fields.get("policy") == "hold":
-            self._late = step
-
-    def _on_slip(self, _: float, fields: Mapping[str, Any]) -> None:
-        seconds = float(fields.get("seconds") or 0.0)
-        if fields.get("reason") == "soak" and self._late is not None:
-            self._shares[self._late.number] = seconds / self._late.duration_s
+    def _on_slip(self, event: Slip) -> None:
+        if event.reason == "soak" and self._late is not None:
+            self._shares[self._late.number] = event.seconds / self._late.duration_s
             self._late = None
-        self._shift(seconds)
+        self._shift(event.seconds)
 
-    def _on_overrun(self, _: float, fields: Mapping[str, Any]) -> None:
-        self._shift(float(fields.get("seconds") or 0.0))
-
-    def _on_release(self, t: float, fields: Mapping[str, Any]) -> None:
-        step = self._numbered(fields) or self.step
-        if step is None or self._live:
+    def _on_release(self, event: Release, t: float) -> None:
+        step = self._numbered(event.step) or self.step
+        if step is None:
             return
         first = self._plan.steps[point_start(self._plan.steps, step.number)]
         if first.number < step.number:
             self._back_to(first, t)
         else:
-            self._shift(float(fields.get("seconds") or 0.0))
+            self._shift(event.seconds)
 
-    def _on_reentry(self, _: float, fields: Mapping[str, Any]) -> None:
-        if not self._resumed_at:
-            self._shift(float(fields.get("seconds") or 0.0))
-
-    def _on_skip(self, t: float, fields: Mapping[str, Any]) -> None:
-        stop = fields.get("stop")
-        if not self._live and isinstance(stop, int) and 0 < stop < len(self._plan.steps):
-            self._seen = stop - 1
-            self._next = self._plan.next_telling(self._seen)
-            self._leave(self._plan.steps[stop], t)
-
-    def _bear_out(self, kind: str, t: float, fields: Mapping[str, Any]) -> None:
+    def _bear_out(self, event: Record | Reading | Prompt | Answer, t: float) -> None:
         """An event that names its step proves that it is done, a record also when."""
-        step = self._numbered(fields)
-        if step is None or _SEEN.get(step.kind) != kind:
+        step = self._numbered(event.step)
+        if step is None or _SEEN.get(step.kind) is not type(event):
             return
         self._seen = step.number
         self._next = self._plan.next_telling(step.number)
-        if kind == "record":
+        if isinstance(event, Record):
             self._origin = t - (step.at_s + step.duration_s)
         following = self._plan.steps[min(step.number + 1, len(self._plan.steps) - 1)]
         if following.phase == step.phase:
@@ -142,10 +151,8 @@ class Place:
         self._next = self._plan.next_telling(self._seen)
         self._leave(first, t)
 
-    def _numbered(self, fields: Mapping[str, Any]) -> Step | None:
-        number = fields.get("step")
-        known = isinstance(number, int) and 0 <= number < len(self._plan.steps)
-        return self._plan.steps[number] if known and isinstance(number, int) else None
+    def _numbered(self, number: int) -> Step | None:
+        return self._plan.steps[number] if 0 <= number < len(self._plan.steps) else None
 
     # --- both --------------------------------------------------------------------------------------------------
 
@@ -163,7 +170,7 @@ class Place:
                 self._starts[one.number] = t if one is step else min(t, (self._origin or t) + one.at_s)
 
     def _shift(self, seconds: float) -> None:
-        if not self._live and self._origin is not None:
+        if not self._live and self._origin is not None and not math.isnan(seconds):
             self._origin += seconds
 
     def time_of(self, step: Step, seconds: float) -> float | None:

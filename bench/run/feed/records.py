@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
+from bench.model.events import Event, Record, Retake
 from bench.run.feed.planned import PlannedRun, is_measurement
 
 LAST = 10
@@ -28,14 +29,14 @@ class Records:
         if not self._begun:
             self._begun, self._done = True, self._plan.measured_before(number)
 
-    def on_event(self, kind: str, t_utc_s: float, fields: Mapping[str, Any]) -> None:
+    def on_event(self, event: Event, t_utc_s: float) -> None:
         """Count what is taken, and taken back."""
-        if kind == "record" and is_measurement(fields.get("conditions") or {}):
+        if isinstance(event, Record) and is_measurement(event.conditions):
             self._begun = True
-            self._take(int(fields["number"]), t_utc_s, fields.get("conditions") or {}, _recorded(fields))
-        elif kind == "retake":
+            self._take(event.number, t_utc_s, event.conditions, _recorded(event))
+        elif isinstance(event, Retake):
             self._retaken += 1
-            self._withdraw(int(fields["record"]))
+            self._withdraw(event.record)
 
     def on_record(self, number: int, t_utc_s: float, conditions: Mapping[str, Any], counts: Mapping[str, Any]) -> None:
         """What became of a record; its event came before."""
@@ -65,8 +66,8 @@ class Records:
                 return
 
 
-def _recorded(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """What the event of a record says it is made of: frames, or readings of instruments."""
-    if "readings" in fields:
-        return {"frames": None, "readings": fields["readings"], "lost": fields.get("unread")}
-    return {"frames": fields.get("frames")}
+def _recorded(event: Record) -> dict[str, Any]:
+    """Return what the event of a record says it is made of: frames, or readings of instruments."""
+    if event.readings is not None:
+        return {"frames": None, "readings": event.readings, "lost": event.unread}
+    return {"frames": event.frames}

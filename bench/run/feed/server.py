@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import json
 import selectors
-import socket
 import struct
-import threading
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -20,35 +18,34 @@ from typing import Any
 
 from bench.model.clock import NS, WallClock, to_ns
 from bench.record import canonical_json
-from bench.run.control.local_socket import listen, peer_of
+from bench.run.control.local_socket import POLL_S, Client, LocalServer
 from bench.run.feed.points import PointBatch
 
 LONGEST_LINE = 4096
-MOST_CLIENTS = 16
 IDLE_S = 10.0
 GAP_S = 0.05
-POLL_S = 0.25
 STATE_S = 0.1  # a state document serves everybody for that long
 _LENGTHS = struct.Struct("<II")
 
 
 @dataclass(eq=False)
-class _Client:
-    socket: socket.socket
-    until_ns: int
+class _Client(Client):
+    """Beside: when it may be answered next, and what of the last reply is not sent yet."""
+
     next_ns: int = 0
-    received: bytearray = field(default_factory=bytearray)
     out: memoryview = field(default_factory=lambda: memoryview(b""))
-    events: int = 0  # that the selector looks for
 
 
-class FeedServer:
+class FeedServer(LocalServer[_Client]):
     """Answers from the moment it is made until ``close``. Real time counts here, whatever the clock of the run.
 
     Args: head: what every reply says (proto, boot_id, signals).   state: the state document.
           points: complete points from a number on. Both are called on the thread of the server and must not wait.
     Raises: OSError if the socket cannot be made.
     """
+
+    client = _Client
+    idle_s = IDLE_S
 
     def __init__(
         self,
@@ -58,38 +55,8 @@ class FeedServer:
         points: Callable[[int], PointBatch],
     ) -> None:
         self._head, self._state, self._points = head, state, points
-        self._clock = WallClock()
-        self._clients: list[_Client] = []
         self._newest_state: tuple[int, bytes] = (-1, b"")
-        self._listener = listen(path)
-        self._selector = selectors.DefaultSelector()
-        self._selector.register(self._listener, selectors.EVENT_READ)
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._serve, name="feed", daemon=True)
-        self._thread.start()
-
-    def close(self) -> None:
-        """Answer nobody any more."""
-        self._ended.set()
-        self._thread.join()
-        for client in list(self._clients):
-            self._drop(client)
-        self._listener.close()
-        self._selector.close()
-
-    def _serve(self) -> None:
-        while not self._ended.is_set():
-            for key, events in self._selector.select(self._patience_s()):
-                if key.data is None:
-                    self._accept()
-                else:
-                    self._turn(key.data, events)
-            now_ns = self._clock.now_ns()
-            for client in list(self._clients):
-                if now_ns > client.until_ns:
-                    self._drop(client)
-                else:
-                    self._go_on(client, now_ns)
+        super().__init__(path, WallClock(), "feed")
 
     def _patience_s(self) -> float:
         """Until the next client that has to wait may be answered."""
@@ -97,25 +64,9 @@ class FeedServer:
         now_ns = self._clock.now_ns()
         return min(POLL_S, max(0.001, (min(resting, default=now_ns + NS) - now_ns) / NS))
 
-    def _accept(self) -> None:
-        try:
-            connection, _ = self._listener.accept()
-        except OSError:  # gone again; or no descriptor is left, and whoever waits there would be tried without end
-            self._ended.wait(POLL_S)
-            return
-        if peer_of(connection) is None:
-            connection.close()
-            return
-        connection.setblocking(False)
-        if len(self._clients) >= MOST_CLIENTS:
-            self._drop(self._clients[0])
-        client = _Client(connection, self._clock.now_ns() + to_ns(IDLE_S))
-        self._clients.append(client)
-        self._watch(client, selectors.EVENT_READ)
-
     def _turn(self, client: _Client, events: int) -> None:
         try:
-            if client in self._clients and events & selectors.EVENT_READ:
+            if events & selectors.EVENT_READ:
                 self._hear(client)
             if client in self._clients and events & selectors.EVENT_WRITE:
                 self._send(client)
@@ -181,22 +132,3 @@ class FeedServer:
             state = canonical_json(self._state())
             self._newest_state = (now_ns, state)
         return state
-
-    def _watch(self, client: _Client, events: int) -> None:
-        if events == client.events:
-            return
-        if not client.events:
-            self._selector.register(client.socket, events, client)
-        elif not events:
-            self._selector.unregister(client.socket)
-        else:
-            self._selector.modify(client.socket, events, client)
-        client.events = events
-
-    def _drop(self, client: _Client) -> None:
-        if client in self._clients:
-            self._clients.remove(client)
-        with suppress(KeyError, ValueError):
-            self._selector.unregister(client.socket)
-        client.events = 0
-        client.socket.close()

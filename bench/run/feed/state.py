@@ -12,13 +12,26 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from bench.model.events import (
+    Control,
+    End,
+    Environment,
+    Error,
+    Event,
+    Hold,
+    Prompt,
+    PromptAlarm,
+    Release,
+    Resume,
+    StimulusAlarm,
+    by_instrument,
+)
 from bench.plan import Step
 from bench.run.feed.alarms import Alarms
 from bench.run.feed.eta import Remaining, end_of_run, soak_to_come_s
 from bench.run.feed.place import Place
 from bench.run.feed.planned import PlannedRun
 from bench.run.feed.records import Records
-from bench.run.feed.sentences import sentence
 from bench.run.feed.timetable import corners
 from bench.run.feed.traffic import InstrumentPanel
 from bench.run.feed.wait import Temperature, wait_of
@@ -68,22 +81,20 @@ class RunState:
         self._stopping = False
         self._started: float | None = None
         self._outcome: dict[str, Any] | None = None
-        self._last_error: dict[str, Any] = {}
+        self._last_error: Error | None = None
 
     # --- what comes in -----------------------------------------------------------------------------------------
 
-    def on_event(self, kind: str, t_utc_s: float, fields: Mapping[str, Any]) -> None:
+    def on_event(self, event: Event, t_utc_s: float) -> None:
         """Something happened, as the session says it."""
         with self._lock:
             self._started = t_utc_s if self._started is None else self._started
-            take = getattr(self, f"_on_{kind}", None)
-            if take is not None:
-                take(t_utc_s, fields)
-            self._place.on_event(kind, t_utc_s, fields)
-            self._records.on_event(kind, t_utc_s, fields)
-            self.alarms.on_event(kind, t_utc_s, fields)
-            if text := sentence(kind, fields):
-                self._log.appendleft({"t_utc_s": t_utc_s, "kind": kind, "text": text[:LONGEST_TEXT]})
+            self._take(event, t_utc_s)
+            self._place.on_event(event, t_utc_s)
+            self._records.on_event(event, t_utc_s)
+            self.alarms.on_event(event, t_utc_s)
+            if text := event.sentence:
+                self._log.appendleft({"t_utc_s": t_utc_s, "kind": event.kind, "text": text[:LONGEST_TEXT]})
 
     def on_start(self, t_utc_s: float) -> None:
         """The session begins (its first message)."""
@@ -149,48 +160,45 @@ class RunState:
 
     # --- events that change what the run does ------------------------------------------------------------------
 
-    def _on_resume(self, _: float, __: Mapping[str, Any]) -> None:
-        self._stopping, self._outcome, self._holds, self._hold_since = False, None, {}, None
-        self._last_error = {}
+    def _take(self, event: Event, t: float) -> None:
+        match event:
+            case Resume():
+                self._stopping, self._outcome, self._holds, self._hold_since = False, None, {}, None
+                self._last_error = None
+            case Hold():
+                self._hold_since = t if self._hold_since is None else self._hold_since
+                self._holds = {**self._holds, event.by: event.reason}
+                if away := frozenset(role for role in self._panel.roles if by_instrument(role) == event.by):
+                    self._panel.away(away)
+            case Release():
+                self._holds, self._hold_since = {}, None
+                self._panel.away(frozenset())
+            case StimulusAlarm():
+                self._panel.trouble(event.role, f"{event.code} {event.text}")
+            case PromptAlarm() if self._prompt is None:
+                keys = ("id", "text", "confirm", "unit", "low", "high")
+                self._prompt = {**{key: getattr(event, key) for key in keys}, "since_utc_s": t}
+            case Prompt():
+                self._prompt = None
+            case Environment():
+                self._on_environment(event, t)
+            case Control(what="abort") if event.ok is not False:
+                self._stopping = True
+            case Error():
+                self._last_error = event
+            case End():
+                self._on_end(event)
 
-    def _on_hold(self, t: float, fields: Mapping[str, Any]) -> None:
-        by = str(fields.get("by"))
-        self._hold_since = t if self._hold_since is None else self._hold_since
-        self._holds = {**self._holds, by: str(fields.get("reason"))}
-        if by.startswith("instrument "):
-            self._panel.away(frozenset({by.removeprefix("instrument ")}))
+    def _on_environment(self, event: Environment, t: float) -> None:
+        if event.unit_degC is not None:
+            self._temperature.add(t, event.unit_degC)
+        if event.air_degC is not None:
+            self._place.first_air(event.air_degC)
 
-    def _on_release(self, _: float, __: Mapping[str, Any]) -> None:
-        self._holds, self._hold_since = {}, None
-        self._panel.away(frozenset())
-
-    def _on_alarm(self, t: float, fields: Mapping[str, Any]) -> None:
-        if fields.get("what") == "stimulus":
-            self._panel.trouble(str(fields.get("role")), f"{fields.get('code')} {fields.get('text')}")
-        if fields.get("what") == "prompt" and self._prompt is None:
-            keys = ("id", "text", "confirm", "unit", "low", "high")
-            self._prompt = {**{key: fields.get(key) for key in keys}, "since_utc_s": t}
-
-    def _on_prompt(self, _: float, __: Mapping[str, Any]) -> None:
-        self._prompt = None
-
-    def _on_environment(self, t: float, fields: Mapping[str, Any]) -> None:
-        if isinstance(fields.get("unit_degC"), int | float):
-            self._temperature.add(t, float(fields["unit_degC"]))
-        if isinstance(fields.get("air_degC"), int | float):
-            self._place.first_air(float(fields["air_degC"]))
-
-    def _on_control(self, _: float, fields: Mapping[str, Any]) -> None:
-        if fields.get("what") == "abort" and fields.get("ok", True):
-            self._stopping = True
-
-    def _on_error(self, _: float, fields: Mapping[str, Any]) -> None:
-        self._last_error = dict(fields)
-
-    def _on_end(self, _: float, fields: Mapping[str, Any]) -> None:
-        code = fields.get("error")
-        text = str(self._last_error.get("text", "")) if self._last_error.get("code") == code else ""
-        self._outcome = {"error": code, "text": text if code else "done"}
+    def _on_end(self, event: End) -> None:
+        known = self._last_error is not None and self._last_error.code == event.error
+        text = self._last_error.text if self._last_error is not None and known else ""
+        self._outcome = {"error": event.error, "text": text if event.error else "done"}
         self._holds, self._hold_since, self._prompt = {}, None, None
 
     # --- the document ------------------------------------------------------------------------------------------
@@ -237,9 +245,9 @@ class RunState:
             return None
         until = self._place.time_of(step, step.at_s + step.duration_s) if step.duration_s else None
         return {
-            "number": step.number + 1, "of": len(self._plan.steps), "phase": step.phase, "what": in_words(step),
-            "conditions": dict(step.conditions), "where": step.where, "since_utc_s": self._place.since_utc_s,
-            "until_utc_s": until,
+            "number": step.number + 1, "of": len(self._plan.steps), "phase": step.phase, "kind": step.kind,
+            "what": in_words(step), "conditions": dict(step.conditions), "where": step.where,
+            "since_utc_s": self._place.since_utc_s, "until_utc_s": until,
         }  # fmt: skip
 
     def _wait(self, t: float, step: Step | None) -> dict[str, Any] | None:

@@ -70,6 +70,11 @@ class InstrumentPanel:
                 line.state = "ok"
 
     @property
+    def roles(self) -> tuple[str, ...]:
+        """Every instrument that is known."""
+        return tuple(self._lines)
+
+    @property
     def last(self) -> str | None:
         """The newest command, with its reply if there is one."""
         line = self._newest

@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
 
 from bench.model.clock import Clock
 from bench.plan import Station
@@ -65,12 +64,8 @@ def brief_of(station: Station, diary: Path) -> Brief:
 @contextmanager
 def _guarded_run(context: RunContext, station: Station) -> Iterator[None]:
     brief = brief_of(station, context.folder / DIARY)
-
-    def tell(**fields: Any) -> None:
-        context.event("guard", **fields)
-
     with ExitStack() as stack:
-        guard = stack.enter_context(GuardProcess(brief, context.health, context.stop, context.clock, tell))
+        guard = stack.enter_context(GuardProcess(brief, context.health, context.stop, context.clock, context.event))
         context.operator = _Attended(context.operator, context.health)
         stack.enter_context(TemperatureWatch(context, brief.limits, guard.beat))
         yield

@@ -15,6 +15,7 @@ from typing import Any
 import bench
 from bench.model.clock import NS, Clock
 from bench.model.errors import RunError
+from bench.model.events import Guard
 from bench.model.processes import GUARD, own_process
 from bench.run.guard.brief import Brief
 from bench.run.guard.health import CHAMBER_AIR, LINKS, SEQUENCER, WRITER, Health
@@ -38,7 +39,9 @@ class GuardProcess:
     Raises: RunError B-RUN-090 on entering if the guard does not start.
     """
 
-    def __init__(self, brief: Brief, health: Health, stop: StopSwitch, clock: Clock, tell: Callable[..., None]) -> None:
+    def __init__(
+        self, brief: Brief, health: Health, stop: StopSwitch, clock: Clock, tell: Callable[[Guard], None]
+    ) -> None:
         self._brief = brief
         self._health = health
         self._stop = stop
@@ -65,7 +68,7 @@ class GuardProcess:
             raise self._not_started()
         os.set_blocking(self._to, False)
         os.set_blocking(self._from, False)
-        self._tell(state="ready", pid=self._process.pid)
+        self._tell(Guard(state="ready", pid=self._process.pid))
         self._periodic = self._clock.every(BEAT_S, guarded(self.beat, self._stop))
         self.beat()
         return self
@@ -82,7 +85,7 @@ class GuardProcess:
         silent = [part for part, limit_s in LONGEST_SILENCE_S.items() if silence_s.get(part, 0.0) >= limit_s]
         with self._lock:
             if silent and not self._withheld:
-                self._tell(state="withheld", parts=silent)
+                self._tell(Guard(state="withheld", parts=silent))
             self._withheld = " ".join(silent)
             if not silent and not self._lost:
                 self._send({"values": self._health.values(), "air_age_s": self._air_age_s()})
@@ -126,7 +129,7 @@ class GuardProcess:
         if self._lost or self._stop.over:
             return
         self._lost = True
-        self._tell(state="lost", text=text)
+        self._tell(Guard(state="lost", text=text))
         self._stop.fail(
             RunError(
                 "B-RUN-091",

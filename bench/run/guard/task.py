@@ -10,6 +10,7 @@ import math
 from contextlib import suppress
 
 from bench.model.errors import BenchError, RunError
+from bench.model.events import Guard
 from bench.model.ports import Effect, actions_of
 from bench.run.guard.act import put_safe
 from bench.run.guard.decision import Action, Watched, decide
@@ -48,7 +49,7 @@ class GuardTask:
             if role not in context.in_use:
                 with suppress(BenchError):  # the sequencer makes everything safe once more, and reports what is not
                     put_safe(context.instruments[role], action.heat_off)
-        context.event("guard", state="acted", reason=action.reason, text=action.text)
+        context.event(Guard(state="acted", reason=action.reason, text=action.text))
         context.stop.fail(limit_crossed(action))
 
 

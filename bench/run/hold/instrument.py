@@ -7,6 +7,7 @@ calibrator or the switch cannot be told to be safe the run ends.
 from __future__ import annotations
 
 from bench.model.errors import InstrumentError
+from bench.model.events import by_instrument
 from bench.run.context import RunContext
 from bench.run.hold.holds import Wish
 
@@ -23,7 +24,7 @@ def wish_to_wait(context: RunContext, error: InstrumentError, role: str, held_be
     """
     if error.code not in SILENT or not context.stop.interruptible or held_before >= MOST_HOLDS:
         raise error
-    wish = Wish("hold", _by(role), f"{error.code}: {error.message}")
+    wish = Wish("hold", by_instrument(role), f"{error.code}: {error.message}")
     context.stop.holds.hold(wish.by, wish.reason, LIMIT_S)
     context.away.add(role)
     return wish
@@ -45,8 +46,4 @@ def ask_again(context: RunContext) -> None:
                 raise
         else:
             context.away.discard(role)
-            context.stop.holds.release(_by(role))
-
-
-def _by(role: str) -> str:
-    return f"instrument {role}"
+            context.stop.holds.release(by_instrument(role))

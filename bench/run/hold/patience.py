@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from bench.model.events import Disk
 from bench.record import RecordError
-from bench.run.context import Listener
 
 DISK_REFUSES = ("B-REC-001", "B-REC-005")
 
 
-def patient(write: Callable[..., None], listener: Listener) -> Callable[..., None]:
+def patient(write: Callable[..., None], tell: Callable[[Disk], None]) -> Callable[..., None]:
     """The same call of the recorder, which goes on while the disk refuses.
 
     What a session was given is held until the disk takes it (B-REC-001), a line of the step journal is left out
-    (B-REC-005). The listener is told once per trouble. When too much is held the recorder raises B-REC-003, and that
+    (B-REC-005). ``tell`` is called once per trouble. When too much is held the recorder raises B-REC-003, and that
     ends the run.
     """
     said = False
@@ -28,7 +28,7 @@ def patient(write: Callable[..., None], listener: Listener) -> Callable[..., Non
             if error.code not in DISK_REFUSES:
                 raise
             if not said:
-                listener.message(str(error))
+                tell(Disk(code=error.code, text=str(error)))
             said = True
         else:
             said = False

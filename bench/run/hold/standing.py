@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from bench.model.clock import NS
 from bench.model.errors import InstrumentError, RunError
+from bench.model.events import Hold, HoldAlarm, Release, StimulusAlarm
 from bench.model.ports import Effect, actions_of
 from bench.run.context import RunContext
 from bench.run.hold.holds import Wish
@@ -31,8 +32,7 @@ def stand_still(context: RunContext, wish: Wish, step: int) -> int:
     thread.
     """
     began_ns = context.clock.now_ns()
-    context.event("hold", step=step, by=wish.by, reason=wish.reason)
-    context.listener.message(f"holding at step {step}: {wish.reason} ({wish.by}); the stimulus goes off")
+    context.event(Hold(step=step, by=wish.by, reason=wish.reason))
     driven = [role for role in context.plan.station.safe_order if _goes_off(type(context.instruments.get(role)))]
     driven, tried_s, alarmed = _still_driven(context, driven, step), 0.0, False
     asked_ns = began_ns
@@ -47,15 +47,13 @@ def stand_still(context: RunContext, wish: Wish, step: int) -> int:
             raise _too_long(*overdue)
         if held_s >= ALARM_S and not alarmed:
             alarmed = True
-            context.event("alarm", what="hold", step=step, seconds=held_s, reasons=reasons)
-            context.listener.message(f"still holding after {held_s:.0f} s: {'; '.join(reasons.values())}")
+            context.event(HoldAlarm(step=step, seconds=held_s, reasons=reasons))
         if context.clock.now_ns() - asked_ns >= ASK_S * NS:
             ask_again(context)
             asked_ns = context.clock.now_ns()
         context.clock.sleep(POLL_S)
     held_ns = context.clock.now_ns() - began_ns
-    context.event("release", step=step, seconds=held_ns / NS)
-    context.listener.message(f"going on after {held_ns / NS:.0f} s")
+    context.event(Release(step=step, seconds=held_ns / NS))
     return held_ns
 
 
@@ -68,8 +66,7 @@ def _still_driven(context: RunContext, roles: list[str], step: int) -> list[str]
                 context.instruments[role].make_safe()
         except InstrumentError as error:
             left.append(role)
-            context.event("alarm", what="stimulus", step=step, role=role, code=error.code, text=error.message)
-            context.listener.message(f"{role} is not confirmed safe, trying on: {error.message}")
+            context.event(StimulusAlarm(step=step, role=role, code=error.code, text=error.message))
     return left
 
 

@@ -13,16 +13,17 @@ from typing import Literal
 
 from bench.model.clock import NS, to_ns
 from bench.model.errors import LinkError, RunError
+from bench.model.events import Link
 from bench.model.ports import Effect, actions_of
 from bench.plan import PlannedCall, PlannedCommand, PlannedPrompt, PlannedRecord, PlannedSend, PlannedSoak, Step
-from bench.record import RecordRow
-from bench.run.context import Listener, RunContext
+from bench.run.context import RunContext
 from bench.run.guard.health import LINKS
 from bench.run.links.instrument import InstrumentLink
 from bench.run.links.port import Reopenable, kernel_counts
 from bench.run.links.reader import LinkReader
 from bench.run.links.status import age_s, is_silent, is_stale, silence_s
 from bench.run.links.unit import NOWHERE, CounterMark, Unit, went_on
+from bench.run.observers import Observer, Order
 
 REOPEN_NS = NS // 2
 GOOD_FRAMES = 3  # in a row of time; a port that was opened in the middle of a frame costs one
@@ -37,7 +38,8 @@ ACT_NS = NS // 2  # how long what a person has switched off may still send
 class Kept:
     """One link. ``trouble`` began at ``since_ns`` behind ``mark`` and ``frames`` good frames; ``held_ns``: since when
     the run stands still for it, 0 if it does not. ``switched``: it sent nothing before an act of a person, so another
-    act may end it."""
+    act may end it. ``how`` it comes back, in words; ``compared``: its counter was; ``commanded``: what the unit was
+    told again."""
 
     reader: LinkReader
     trouble: Literal["", "lost", "silent"] = ""
@@ -50,6 +52,8 @@ class Kept:
     frames: int = 0
     mark: CounterMark = NOWHERE
     how: list[str] = field(default_factory=list)
+    compared: bool = False
+    commanded: list[str] = field(default_factory=list)
     counted: dict[str, int] | None = None
     behind: int = 0
     switched: bool = False
@@ -60,7 +64,7 @@ class Kept:
         return f"link {self.reader.name}"
 
 
-class LinkKeeper:
+class LinkKeeper(Observer):
     """Judges and brings back; implements acquisition.LinkWatch. Its state is under the acquisition's lock.
 
     A silent link counts only once it has sent a frame and while a record or soak needs it: from the next one that
@@ -68,6 +72,9 @@ class LinkKeeper:
     has sent a frame since the last act of a person. A lost one counts while a command is to be sent over it,
     too. In the phase ``finally`` nothing counts.
     """
+
+    order = Order.SAFETY
+    vital = True
 
     def __init__(self, context: RunContext) -> None:
         self._context = context
@@ -84,9 +91,10 @@ class LinkKeeper:
             kept.reader.kept = True
             kept.counted = kernel_counts(kept.reader.link)
             if not context.clock.virtual:
-                self._event(kept, "open", kernel_counts=kept.counted is not None)
+                counts = kept.counted is not None
+                context.event(Link(link=kept.reader.name, state="open", kernel_counts=counts))
 
-    def step(self, step: Step) -> None:
+    def step(self, step: Step, at_s: float) -> None:
         """A step begins."""
         self._step = step.number
         self._commanded = step.role if isinstance(step, PlannedCommand) else ""
@@ -152,8 +160,7 @@ class LinkKeeper:
             kept.since_ns = now_ns
         kept.trouble, kept.reason = trouble, reason
         self._remember(kept, now_ns)
-        self._event(kept, trouble, reason=reason)
-        self._context.listener.message(f"{kept.by} is {trouble}: {reason}")
+        self._context.event(Link(link=kept.reader.name, state=trouble, reason=reason))
 
     # --- bringing back ---------------------------------------------------------------------------------------------
 
@@ -197,6 +204,7 @@ class LinkKeeper:
         """What follows is compared with how the link is now."""
         kept.frames, kept.mark = kept.reader.decoder.counts.frames, CounterMark.of(kept.reader)
         kept.nudged_ns, kept.asked_ns, kept.how = now_ns, 0, list(how)
+        kept.compared, kept.commanded = False, []
 
     def _welcome(self, kept: Kept, now_ns: int) -> None:
         """Frames must come, then the unit must be the one of before."""
@@ -206,7 +214,7 @@ class LinkKeeper:
         if kept.reader.decoder.counts.frames - kept.frames < GOOD_FRAMES or is_silent(kept.reader, now_ns):
             self._nudge(kept, now_ns)
             return
-        if not any(word.startswith("counter") for word in kept.how):
+        if not kept.compared:
             self._compare(kept)
         verdict = self._unit.verdict() if kept.asked_ns else "pending"
         if verdict == "pending" and (not kept.asked_ns or now_ns - kept.asked_ns > ASK_NS):
@@ -220,7 +228,7 @@ class LinkKeeper:
             self._end(kept, now_ns)
 
     def _compare(self, kept: Kept) -> None:
-        reader = kept.reader
+        reader, kept.compared = kept.reader, True
         sizes = [item.counter.size for item in reader.definition.layout.messages if item.counter is not None]
         wrap = 1 << (8 * sizes[0]) if sizes else 1 << 62
         buffered = isinstance(reader.link, InstrumentLink)
@@ -232,22 +240,20 @@ class LinkKeeper:
 
     def _nudge(self, kept: Kept, now_ns: int) -> None:
         """No frames: the unit may have been restarted and wait for its command."""
-        first = not any(word.endswith("sent again") for word in kept.how)
-        if now_ns - kept.nudged_ns > (NUDGE_NS if first else NUDGE_AGAIN_NS):
+        if now_ns - kept.nudged_ns > (NUDGE_AGAIN_NS if kept.commanded else NUDGE_NS):
             kept.nudged_ns = now_ns
             self._command_again(kept)
 
     def _command_again(self, kept: Kept) -> None:
         name = self._unit.again(self._step)
-        words = f"{name!r} sent again"
-        if name and words not in kept.how:
-            kept.how.append(words)
+        if name and name not in kept.commanded:
+            kept.commanded.append(name)
+            kept.how.append(f"{name!r} sent again")
 
     def _end(self, kept: Kept, now_ns: int) -> None:
         seconds = (now_ns - kept.since_ns) / NS
         how = "; ".join(kept.how or ["frames come again"])
-        self._event(kept, "back", seconds=seconds, how=how)
-        self._context.listener.message(f"{kept.by} is back after {seconds:.1f} s: {how}")
+        self._context.event(Link(link=kept.reader.name, state="back", seconds=seconds, how=how))
         kept.trouble, kept.held_ns, kept.asked_ns = "", 0, 0
         self._context.stop.holds.release(kept.by)
 
@@ -281,15 +287,21 @@ class LinkKeeper:
         counts = None if kept.reader.lost else kernel_counts(kept.reader.link)
         if counts is not None and kept.counted is not None and counts != kept.counted:
             more = {name: value - kept.counted[name] for name, value in counts.items()}
-            self._event(kept, "kernel errors", **more)
-            self._context.listener.message(f"{kept.by}: the kernel counted errors: {more}")
+            self._context.event(
+                Link(
+                    link=kept.reader.name,
+                    state="kernel errors",
+                    frame=more["frame"],
+                    overrun=more["overrun"],
+                    parity=more["parity"],
+                    buf_overrun=more["buf_overrun"],
+                )
+            )
         kept.counted = counts
         if kept.reader.behind != kept.behind:
-            self._event(kept, "behind", times=kept.reader.behind - kept.behind)
+            times = kept.reader.behind - kept.behind
+            self._context.event(Link(link=kept.reader.name, state="behind", times=times))
             kept.behind = kept.reader.behind
-
-    def _event(self, kept: Kept, state: str, **fields: object) -> None:
-        self._context.event("link", link=kept.reader.name, state=state, **fields)
 
 
 def _left_over(reader: LinkReader, now_ns: int) -> bool:
@@ -302,35 +314,16 @@ def _undecided(reader: LinkReader, now_ns: int) -> bool:
     return reader.decoder.pending_bytes > 0 and now_ns - reader.last_byte_ns < to_ns(silence_s(reader))
 
 
-@dataclass(frozen=True)
-class _Steps:
-    """Passes everything on to the listener, and tells the keeper of the steps."""
-
-    listener: Listener
-    keeper: LinkKeeper
-
-    def step(self, step: Step, at_s: float) -> None:
-        self.keeper.step(step)
-        self.listener.step(step, at_s)
-
-    def record(self, row: RecordRow) -> None:
-        self.listener.record(row)
-
-    def message(self, text: str) -> None:
-        self.listener.message(text)
-
-
 @contextmanager
 def keep_links(context: RunContext) -> Iterator[LinkKeeper]:
     """Look after the links while a run goes on (a Beside of bench.run.session)."""
-    keeper, acquisition, listener = LinkKeeper(context), context.acquisition, context.listener
-    context.listener = _Steps(listener, keeper)
+    keeper, acquisition = LinkKeeper(context), context.acquisition
+    context.observers.add(keeper)
     acquisition.on_serviced = lambda: context.health.alive(LINKS)
     acquisition.watch = keeper
     try:
         yield keeper
     finally:
         acquisition.watch = None
-        context.listener = listener
         for reader in acquisition.readers.values():
             reader.kept = False

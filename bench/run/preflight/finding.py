@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
 from bench.model.errors import BenchError, InputError, InstrumentError
+from bench.model.events import Preflight
 
 _NEXT = "put it right, then look again with 'bench check SEQUENCE --station STATION --live'"
 
@@ -59,10 +59,15 @@ class Report:
             return InstrumentError("B-RUN-081", message, where="pre-flight", next_step=_NEXT)
         return InputError("B-RUN-080", message, where="pre-flight", next_step=_NEXT)
 
-    def fields(self) -> dict[str, Any]:
-        """The fields of the event "preflight" in the session (docs/unattended.md)."""
-        counts = {str(status): len(self.of(status)) for status in Status}
-        return {**counts, "findings": [fields_of(finding) for finding in self.findings]}
+    def event(self) -> Preflight:
+        """Return the findings as an event of the session (docs/unattended.md)."""
+        return Preflight(
+            ok=len(self.of(Status.OK)),
+            warn=len(self.of(Status.WARN)),
+            fail=len(self.of(Status.FAIL)),
+            skipped=len(self.of(Status.SKIPPED)),
+            findings=[fields_of(finding) for finding in self.findings],
+        )
 
 
 def told(finding: Finding) -> str:
@@ -83,9 +88,9 @@ def fields_of(finding: Finding) -> dict[str, str]:
     }
 
 
-def report_table(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """The event "preflight" of a session as a table of its report."""
-    rows = [[str(row[key]) for key in ("name", "status", "value", "limit", "text")] for row in fields["findings"]]
+def report_table(event: Preflight) -> dict[str, Any]:
+    """Return what was looked at before a session as a table of its report."""
+    rows = [[str(row[key]) for key in ("name", "status", "value", "limit", "text")] for row in event.findings]
     return {
         "title": "Pre-flight",
         "caption": "What was looked at before the run began.",

@@ -6,6 +6,7 @@ import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
+from bench.model.events import Inhibit
 from bench.run.context import RunContext
 from bench.run.preflight.of_machine import INHIBITOR
 
@@ -28,7 +29,7 @@ def stay_awake(context: RunContext, words: tuple[str, ...] = _WORDS) -> Iterator
     text = (
         f"nobody can be asked to keep the machine awake ({INHIBITOR})" if holder is None else "the machine stays awake"
     )
-    context.event("inhibit", held=holder is not None, text=text)
+    context.event(Inhibit(held=holder is not None, text=text))
     try:
         yield
     finally:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
+from bench.model import events
 from bench.model.clock import Clock
 from bench.model.errors import BenchError
 from bench.plan import Plan
@@ -121,14 +122,14 @@ def _limited(check: Check, context: PreflightContext) -> Looked | None:
 class Preflight:
     """The pre-flight of a run (``conduct(preflight=...)``): refuses to start, or tells and goes on.
 
-    ``tell`` gets a line for each warning. Returns the fields of the event "preflight"; under the virtual clock nothing,
+    ``tell`` gets a line for each warning. Returns the event of the session; under the virtual clock nothing,
     so that a session's bytes depend on nothing of the machine. Raises: InputError B-RUN-080, InstrumentError B-RUN-081.
     """
 
     tell: Callable[[str], None] = lambda text: None
     host: Host = field(default_factory=Host)
 
-    def __call__(self, plan: Plan, bench: OpenBench, clock: Clock, out: Path) -> Mapping[str, Any]:
+    def __call__(self, plan: Plan, bench: OpenBench, clock: Clock, out: Path) -> events.Preflight | None:
         """Judge an opened bench whose instruments were identified and made safe."""
         context = PreflightContext(
             plan=plan, clock=clock, out=out, instruments=bench.instruments, links=bench.links, host=self.host
@@ -139,7 +140,7 @@ class Preflight:
         refusal = report.refusal()
         if refusal is not None:
             raise refusal
-        return {} if clock.virtual else report.fields()
+        return None if clock.virtual else report.event()
 
 
 class OverdueError(Exception):

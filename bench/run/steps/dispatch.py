@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bench.model.clock import NS, to_ns
 from bench.model.errors import LinkError, RunError
+from bench.model.events import Answer, Overrun, Slip
 from bench.plan import (
     PlannedCall,
     PlannedCommand,
@@ -16,7 +17,7 @@ from bench.plan import (
     Step,
 )
 from bench.run.context import RunContext
-from bench.run.control.operator import Question, answer_fields, judge
+from bench.run.control.operator import Question, answered, judge
 from bench.run.links.reader import LinkReader, UnitAnswer
 from bench.run.steps.exchange import ATTEMPTS, exchange, timeout_of
 from bench.run.steps.readings import act, call_or_flag
@@ -47,7 +48,7 @@ def _settle(context: RunContext, step: PlannedSettle) -> None:
     if overrun_ns > 0:
         context.timeline.add_slip(overrun_ns)
         context.overruns += 1
-        context.event("overrun", step=step.number, seconds=overrun_ns / NS)
+        context.event(Overrun(step=step.number, seconds=overrun_ns / NS))
     context.timeline.wait_until(end_s)
 
 
@@ -60,9 +61,8 @@ def _prompt(context: RunContext, step: PlannedPrompt) -> None:
     waited_ns = context.clock.now_ns() - asked_ns
     if waited_ns > PROMPT_SLIP_NS:
         context.timeline.add_slip(waited_ns)
-        context.event("slip", step=step.number, seconds=waited_ns / NS, reason="prompt")
-    told = {"sets": dict(step.sets)} if step.sets else {}
-    context.event("prompt", step=step.number, **answer_fields(question, answer), **told)
+        context.event(Slip(step=step.number, seconds=waited_ns / NS, reason="prompt"))
+    context.event(answered(question, answer, step.number, dict(step.sets)))
     judge(question, answer, step.where)
     for name, value in step.sets.items():
         context.operate(name, value)
@@ -95,7 +95,7 @@ def _command(context: RunContext, step: PlannedCommand) -> None:
             next_step="check supply and cable of the unit, then start again",
         )
     status, payload = found.status, found.payload.hex()
-    context.event("answer", step=step.number, role=step.role, name=step.name, status=status, payload=payload)
+    context.event(Answer(step=step.number, role=step.role, name=step.name, status=status, payload=payload))
     if status != DONE or found.refused:
         raise LinkError(
             "B-RUN-023",
@@ -135,3 +135,5 @@ def execute(context: RunContext, step: Step) -> None:
             _send(context, step)
         case PlannedCommand():
             _command(context, step)
+        case _:
+            raise NotImplementedError(step.kind)

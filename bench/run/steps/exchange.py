@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from bench.frame import FrameDefinition
 from bench.model.clock import NS, to_ns
 from bench.model.errors import LinkError
+from bench.model.events import Exchange
 from bench.plan import PlannedCommand
 from bench.run.context import RunContext
 from bench.run.links.reader import LinkReader, UnitAnswer
@@ -69,12 +70,12 @@ def exchange(context: RunContext, step: PlannedCommand) -> Exchanged:
     if done.answer is None:
         context.stop.check()  # nobody could answer on a link that is lost
     reader.numbers.settled()
-    context.event("exchange", **_fields(step, done))
+    context.event(_event_of(step, done))
     return done
 
 
 def _given_up(context: RunContext, reader: LinkReader, step: PlannedCommand) -> Exchanged:
-    context.listener.message(f"{step.role}: '{step.name}' may be done already and is not sent again; it has no answer")
+    context.message(f"{step.role}: '{step.name}' may be done already and is not sent again; it has no answer")
     now_ns = context.clock.now_ns()
     return Exchanged(reader.numbers.last, 1, now_ns, now_ns, None, 0)
 
@@ -136,25 +137,24 @@ def _not_interrupted(stop: StopSwitch) -> Iterator[None]:
         stop.deferred = before
 
 
-def _fields(step: PlannedCommand, done: Exchanged) -> dict[str, object]:
-    """The exchange as an event of the session."""
+def _event_of(step: PlannedCommand, done: Exchanged) -> Exchange:
     answer = done.answer
-    return {
-        "step": step.number,
-        "item": step.item,
-        "name": step.name,
-        "role": step.role,
-        "sequence": done.sequence,
-        "attempts": done.attempts,
-        "begin_ns": done.begin_ns,
-        "end_ns": done.end_ns,
-        "status": None if answer is None else answer.status,
-        "refused": answer is not None and answer.refused,
-        "sent": bytes(step.payload).hex(),
-        "received": "" if answer is None else answer.payload.hex(),
-        "ignored": done.ignored,
-        "conditions": dict(step.conditions),
-    }
+    return Exchange(
+        step=step.number,
+        item=step.item,
+        name=step.name,
+        role=step.role,
+        sequence=done.sequence,
+        attempts=done.attempts,
+        begin_ns=done.begin_ns,
+        end_ns=done.end_ns,
+        status=None if answer is None else answer.status,
+        refused=answer is not None and answer.refused,
+        sent=bytes(step.payload).hex(),
+        received="" if answer is None else answer.payload.hex(),
+        ignored=done.ignored,
+        conditions=dict(step.conditions),
+    )
 
 
 def code_of(definition: FrameDefinition, name: str) -> int | None:

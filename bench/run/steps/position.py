@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from bench.model.events import Resume
 from bench.model.ports import Action
 from bench.plan import Plan, PlannedCall, PlannedCommand, PlannedPrompt, PlannedRecord, PlannedSoak, PlannedVerify, Step
 from bench.plan.drivers import driver_actions
@@ -23,23 +24,23 @@ class Resumption:
 
     ``manifest`` is the session's; ``withdrawn`` are numbers of records that are taken again; ``expected`` what the
     bench was set to when it stopped (setpoints); ``unit_answer`` is what the unit said when it was asked who
-    it is; ``settled`` is False if the soak before the position was left unstable; ``fields`` go into the "resume"
-    event.
+    it is; ``settled`` is False if the soak before the position was left unstable; ``event`` is the "resume" that
+    the session is gone on with.
     """
 
     folder: Path
     manifest: Mapping[str, Any]
     start: int
+    event: Resume
     records: int = 0
     withdrawn: tuple[int, ...] = ()
     expected: Mapping[str, dict[str, Any]] = field(default_factory=dict)
     unit_answer: bytes | None = None
     settled: bool = True
-    fields: Mapping[str, Any] = field(default_factory=dict)
 
-    def with_fields(self, **more: Any) -> Resumption:
-        """The same with more in the "resume" event."""
-        return replace(self, fields={**self.fields, **more})
+    def found(self, identities: Mapping[str, Any], differences: Sequence[str]) -> Resumption:
+        """Return the same with what the bench is now, in the event."""
+        return replace(self, event=replace(self.event, identities=identities, differences=differences))
 
 
 @dataclass(frozen=True)
@@ -165,9 +166,8 @@ def point_start(steps: Sequence[Step], index: int, readings: Container[int] = ()
     record = _record_of(steps, index, readings)
     if record is not None and _follows(steps[record]):
         begun = _recording_start(steps, record)
-        record = (
-            begun if any(is_motion(step) or isinstance(step, PlannedPrompt) for step in steps[begun:record]) else None
-        )
+        acts = any(is_motion(step) or isinstance(step, PlannedPrompt) for step in steps[begun:record])
+        record = begun if acts else None
     if record is None:
         return index
     first = _start_of(steps, record)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from bench.model.clock import to_ns
 from bench.model.errors import InstrumentError
+from bench.model.events import Reading
 from bench.model.ports import Instrument, RecordWindow, actions_of
 from bench.model.quality import Quality
 from bench.plan import PlannedCall, PlannedRecord, PlannedVerify
@@ -16,32 +19,43 @@ OVERLOAD = "B-INST-007"
 NO_READING = (OVERLOAD, "B-INST-001", "B-INST-004")  # overload, silence, a reply that is not understood
 
 
-def act(context: RunContext, step: PlannedCall | PlannedVerify, **more: object) -> object:
-    """Call the action of a step; what it returns becomes an event, with ``more`` fields."""
+def act(
+    context: RunContext, step: PlannedCall | PlannedVerify, arguments: Mapping[str, object] | None = None
+) -> object:
+    """Call the action of a step; what it returns becomes an event, with the arguments that are to stand in it."""
     method = getattr(context.instruments[step.role], step.name)
     with context.in_use.take(step.role):
         result = method(**step.told())
     if result is not None:
-        conditions = dict(step.conditions)
+        role, name, conditions = step.role, step.name, dict(step.conditions)
         context.event(
-            "reading", step=step.number, role=step.role, name=step.name, value=result, conditions=conditions, **more
+            Reading(step=step.number, role=role, name=name, value=result, conditions=conditions, arguments=arguments)
         )
     return result
 
 
-def call_or_flag(context: RunContext, step: PlannedCall, **more: object) -> Quality:
+def call_or_flag(context: RunContext, step: PlannedCall, arguments: Mapping[str, object] | None = None) -> Quality:
     """Call an action; one that only measures and gets no reading is a flagged reading: no reason to end a run."""
     try:
-        act(context, step, **more)
+        act(context, step, arguments)
     except InstrumentError as error:
         if error.code not in NO_READING or not _only_measures(context.instruments[step.role], step.name):
             raise
         flag = Quality.OVERLOAD if error.code == OVERLOAD else Quality.NOT_FINITE
         context.event(
-            "reading", step=step.number, role=step.role, name=step.name, value=None,
-            conditions=dict(step.conditions), quality=int(flag), code=error.code, text=error.message, **more,
-        )  # fmt: skip
-        context.listener.message(f"{error.where}: {error.message}; the reading is flagged, the run goes on")
+            Reading(
+                step=step.number,
+                role=step.role,
+                name=step.name,
+                value=None,
+                conditions=dict(step.conditions),
+                quality=int(flag),
+                code=error.code,
+                text=error.message,
+                arguments=arguments,
+            )
+        )
+        context.message(f"{error.where}: {error.message}; the reading is flagged, the run goes on")
         return flag
     return Quality.GOOD
 
@@ -54,7 +68,7 @@ def take_readings(context: RunContext, step: PlannedRecord, number: int) -> Reco
         context.timeline.wait_until_ns(start_ns + index * every_ns)
         for call in step.calls:
             context.stop.check()
-            flags.append(call_or_flag(context, call, arguments=dict(call.arguments)))
+            flags.append(call_or_flag(context, call, dict(call.arguments)))
     context.timeline.wait_until_ns(start_ns + to_ns(step.duration_s))
     conditions = step.conditions if context.settled else {**step.conditions, "settled": False}
     window = RecordWindow(number, "", 0, 0, start_ns, context.clock.now_ns(), conditions, step.number)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from bench.model.clock import to_ns
+from bench.model.events import Record, Retake
 from bench.model.ports import RecordWindow
 from bench.plan import MEASUREMENT, WIRING, PlannedRecord
 from bench.record import RecordRow
@@ -27,13 +28,13 @@ def take_record(context: RunContext, step: PlannedRecord) -> None:
         lost, due, what = _losses(row)
         if lost / due <= step.max_lost or attempt == attempts - 1:
             break
-        context.event("retake", record=number, reason=f"{lost} of {due} {what} lost")
+        context.event(Retake(record=number, reason=f"{lost} of {due} {what} lost"))
         context.retaken += 1
         context.timeline.add_slip(to_ns(step.seconds))
     if row.window.link and row.frames == 0 and not (is_chained(context, step) and _goes_on(context, row)):
         raise silent(context, f"no good frame during record {number}")
     context.rows[number] = row
-    context.listener.record(row)
+    context.observers.record(row)
     if step.purpose == WIRING:
         check_wiring(row, context.plan.campaign, step.where)
 
@@ -47,7 +48,7 @@ def _losses(row: RecordRow) -> tuple[int, int, str]:
 
 def _read(context: RunContext, step: PlannedRecord, number: int) -> RecordRow:
     row = take_readings(context, step, number)
-    context.event("record", **window_fields(row.window), readings=row.readings, unread=row.unread)
+    context.event(_event_of(row.window, readings=row.readings, unread=row.unread))
     return row
 
 
@@ -66,24 +67,32 @@ def _take(context: RunContext, step: PlannedRecord, number: int) -> RecordRow:
     context.acquisition.wait_until(lambda: reader.last_counter >= last, deadline)
     with context.acquisition.lock:  # a replay takes the frames received up to the time of the event, no others
         context.acquisition.catch_up()
-        timed = {"pulse_timing": True} if step.pulse_timing else {}
-        sampled = {"samples": True} if step.samples else {}
-        context.event("record", **window_fields(window), **timed, **sampled)
+        context.event(_event_of(window, pulse_timing=step.pulse_timing, samples=step.samples))
         return context.frames_cutter.close(number)
 
 
-def window_fields(window: RecordWindow) -> dict[str, object]:
-    """A record window as an event of the session."""
-    return {
-        "number": window.number,
-        "link": window.link,
-        "first_counter": window.first_counter,
-        "frames": window.frames,
-        "t_start_ns": window.t_start_ns,
-        "t_end_ns": window.t_end_ns,
-        "conditions": dict(window.conditions),
-        "step": window.step,
-    }
+def _event_of(
+    window: RecordWindow,
+    *,
+    pulse_timing: bool = False,
+    samples: bool = False,
+    readings: int | None = None,
+    unread: int | None = None,
+) -> Record:
+    return Record(
+        number=window.number,
+        link=window.link,
+        first_counter=window.first_counter,
+        frames=window.frames,
+        t_start_ns=window.t_start_ns,
+        t_end_ns=window.t_end_ns,
+        conditions=dict(window.conditions),
+        step=window.step,
+        pulse_timing=pulse_timing,
+        samples=samples,
+        readings=readings,
+        unread=unread,
+    )
 
 
 def measurement_rows(rows: Mapping[int, RecordRow]) -> list[RecordRow]:

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from bench.model.clock import NS, to_ns
+from bench.model.events import Reentry
 from bench.model.ports import Action, actions_of
 from bench.plan import PlannedSend, PlannedSettle, PlannedSoak, SetPoint, Step
 from bench.run.context import RunContext
@@ -34,7 +35,7 @@ def enter(context: RunContext, start: int) -> None:
     if start == len(context.plan.steps):  # every step was done: nothing is switched on for the rest
         return
     for name, value in changes_of(context.plan.steps[:start]).items():
-        context.listener.message(f"taken to be as before: {name} {value}")
+        context.message(f"taken to be as before: {name} {value}")
         context.operate(name, value)
     with _not_interrupted(context):
         began_ns = context.clock.now_ns()
@@ -69,7 +70,7 @@ def tables_back(context: RunContext, number: int, passed: Sequence[Step]) -> Non
         return
     with _not_interrupted(context):
         for role in moved:
-            context.listener.message(f"{role}: brought to rest, then to where step {number} of the plan needs it")
+            context.message(f"{role}: brought to rest, then to where step {number} of the plan needs it")
             with context.in_use.take(role):
                 context.instruments[role].make_safe()
         _do_again(context, _motion(context, number))
@@ -89,7 +90,7 @@ def _do_again(context: RunContext, steps: Sequence[Step]) -> None:
             context.timeline.wait_until_ns(context.clock.now_ns() + to_ns(step.duration_s))
         else:
             what = step.text if isinstance(step, PlannedSend) else step.name
-            context.listener.message(f"again: {step.role}.{what}")
+            context.message(f"again: {step.role}.{what}")
             execute(context, step)
 
 
@@ -98,7 +99,7 @@ def _warm_up(context: RunContext, start: int, began_ns: int) -> None:
     steps = context.plan.steps
     rest_ns = began_ns + to_ns(warm_up_s(context.plan, start)) - context.clock.now_ns()
     if rest_ns > 0 and steps[start].phase != "finally":
-        context.listener.message(f"warming up again for {rest_ns / NS:.0f} s, as in the preparation")
+        context.message(f"warming up again for {rest_ns / NS:.0f} s, as in the preparation")
         context.timeline.wait_until_ns(context.clock.now_ns() + rest_ns)
 
 
@@ -121,15 +122,20 @@ def _to_temperature(context: RunContext, number: int, *, stopped: bool) -> None:
         soaked = True
         _along_the_ramp(context, thermal, context.plan.steps[number])
     context.event(
-        "reentry", step=number, target_degC=asked.temperature_degC, soaked=soaked,
-        unit_degC=None if math.isnan(unit_degC) else unit_degC, seconds=(context.clock.now_ns() - began_ns) / NS,
-    )  # fmt: skip
+        Reentry(
+            step=number,
+            target_degC=asked.temperature_degC,
+            soaked=soaked,
+            unit_degC=None if math.isnan(unit_degC) else unit_degC,
+            seconds=(context.clock.now_ns() - began_ns) / NS,
+        )
+    )
 
 
 def _back_to_soak(context: RunContext, step: PlannedSoak, *, soaked: bool, stopped: bool) -> None:
     if soaked:
         band = f"{step.temperature_degC:g} degC +- {step.within_degC:g} degC"
-        context.listener.message(f"the unit has left {band}: soaking again")
+        context.message(f"the unit has left {band}: soaking again")
         _soak_again(context, step)
     elif stopped:
         _drive(context, step.role, step.set_point)
@@ -141,7 +147,7 @@ def _along_the_ramp(context: RunContext, thermal: Sequence[tuple[Step, SetPoint]
     pattern = next((before for before, _ in reversed(thermal) if isinstance(before, PlannedSoak)), None)
     if pattern is not None:  # so there is one before the newest, which is none
         start_degC = thermal[-2][1].temperature_degC
-        context.listener.message(f"the ramp from {start_degC:g} degC to {asked.temperature_degC:g} degC is done again")
+        context.message(f"the ramp from {start_degC:g} degC to {asked.temperature_degC:g} degC is done again")
         _soak_again(context, replace(pattern, temperature_degC=start_degC, late="hold"))
     _drive(context, newest.role, asked)
     passed_s = step.at_s - newest.at_s if step.phase == newest.phase else 0.0

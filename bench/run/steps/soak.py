@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from bench.model.clock import NS, to_ns
 from bench.model.errors import InstrumentError, RunError
+from bench.model.events import Error, Late, Slip
 from bench.plan import PlannedSoak
 from bench.run.context import RunContext
 
@@ -81,17 +82,13 @@ def _sensor(context: RunContext, step: PlannedSoak) -> float:
         with context.in_use.take(step.role):
             return float(context.instruments[step.role].measure_air())  # type: ignore[attr-defined]
     except InstrumentError as error:  # no reading is not a stable temperature, and no reason to end a run
-        context.event("error", code=error.code, text=str(error), step=step.number)
+        context.event(Error(code=error.code, text=str(error), where=error.where, step=step.number))
         return math.nan
 
 
 def _late(context: RunContext, step: PlannedSoak, watch: Stability) -> None:
     last = watch.readings[-1][1]
-    state = f"last {last:.2f} degC, {watch.slope_degC_min:+.3f} degC/min"
-    context.event("late", step=step.number, policy=step.late, last_degC=last, slope_degC_min=watch.slope_degC_min)
-    context.listener.message(
-        f"{step.role}: {watch.target_degC:g} degC not stable at the end of its slot ({state}): {step.late}"
-    )
+    context.event(Late(step=step.number, policy=step.late, last_degC=last, slope_degC_min=watch.slope_degC_min))
     if step.late == "skip":
         return
     waited_s = 0.0
@@ -101,7 +98,7 @@ def _late(context: RunContext, step: PlannedSoak, watch: Stability) -> None:
         waited_s += watch.poll_s
         watch.add(context.clock.now_ns(), _sensor(context, step))
     if watch.stable:
-        context.event("slip", step=step.number, seconds=waited_s, reason="soak")
+        context.event(Slip(step=step.number, seconds=waited_s, reason="soak"))
         return
     last, slope = watch.readings[-1][1], watch.slope_degC_min
     raise RunError(

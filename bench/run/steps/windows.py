@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 
 from bench.model.clock import NS, to_ns
 from bench.model.errors import RunError
+from bench.model.events import Gap
 from bench.model.ports import RecordWindow
 from bench.plan import PlannedCall, PlannedPrompt, PlannedRecord, PlannedVerify, Step
 from bench.run.context import RunContext
@@ -34,8 +35,7 @@ def begin_window(context: RunContext, step: PlannedRecord, number: int) -> Recor
             window = _anew(context, step, number, start_ns)
             _open(context, step, window)
             if step.follows:
-                context.event("gap", step=step.number, record=number, first_counter=window.first_counter)
-                context.listener.message(f"{step.where}: begun anew, frames between it and the record before are lost")
+                context.event(Gap(step=step.number, record=number, first_counter=window.first_counter))
         _open_followers(context, step, window)
     return window
 

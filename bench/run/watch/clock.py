@@ -8,10 +8,10 @@ at most (adjtimex(2)), far below ``STEP_S``.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 
 from bench.model.clock import NS, Clock
-from bench.record import RecordError
+from bench.model.events import ClockStep
 from bench.run.context import RunContext
 from bench.run.stop import guarded
 
@@ -34,11 +34,7 @@ class ClockWatch:
         step_ns, self._offset_ns = offset_ns - self._offset_ns, offset_ns
         if abs(step_ns) <= STEP_S * NS:
             return
-        with suppress(RecordError):
-            context.event("clock_step", step_s=step_ns / NS, t_utc_ns=context.clock.utc_ns())
-        context.listener.message(
-            f"UTC has jumped by {step_ns / NS:+.3f} s (clock set, or the machine was asleep); durations are not touched"
-        )
+        context.note(ClockStep(step_s=step_ns / NS, t_utc_ns=context.clock.utc_ns()))
 
 
 def _offset_ns(clock: Clock) -> int:

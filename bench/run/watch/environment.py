@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from bench.model.errors import InstrumentError
+from bench.model.events import Environment, Error
 from bench.plan import CHAMBER
 from bench.run.bench.safety import QUICK_S, hurried
 from bench.run.context import RunContext
@@ -20,7 +21,7 @@ class EnvironmentLog:
     """
 
     def __init__(self, context: RunContext) -> None:
-        self._context = context  # its sink, not one of its own: who listens to the run's events hears these too
+        self._context = context
         self._periodic = context.clock.every(PERIOD_S, guarded(self._take, context.stop))
 
     def stop(self) -> None:
@@ -35,6 +36,6 @@ class EnvironmentLog:
                 with hurried(chamber, QUICK_S):  # a mute chamber must not keep the bus from the steps
                     air = float(chamber.measure_air())  # type: ignore[attr-defined]
             except InstrumentError as error:
-                context.event("error", code=error.code, text=str(error))
+                context.event(Error(code=error.code, text=str(error), where=error.where))
         unit = context.unit_temperature_degC
-        context.event("environment", air_degC=air, unit_degC=None if math.isnan(unit) else unit)
+        context.event(Environment(air_degC=air, unit_degC=None if math.isnan(unit) else unit))

@@ -8,11 +8,13 @@ from contextlib import contextmanager
 
 from bench.model.clock import NS
 from bench.model.errors import RunError
+from bench.model.events import Interlock
 from bench.plan.interlock_language import Action, InterlockRule
 from bench.record import RecordRow
 from bench.run.context import RunContext
 from bench.run.control.following import Following
 from bench.run.hold.holds import Wish
+from bench.run.observers import Observer, Order
 from bench.run.stop import guarded
 from bench.run.watch.interlock_state import Change, InterlockState
 from bench.run.watch.rate import RateStep
@@ -96,11 +98,17 @@ class InterlockWatch:
         below = rule.low is not None and value is not None and value < rule.low
         limit = rule.low if below or rule.high is None else rule.high
         self._context.event(
-            "interlock", name=rule.name, signal=rule.signal, of=rule.of, value=value, limit=limit, unit=rule.unit,
-            action=action, state=change,
-        )  # fmt: skip
-        done = "is back inside its limits" if change == "released" else f"{_sentence(state)}: {action}"
-        self._context.listener.message(f"interlock {rule.name}: {done}")
+            Interlock(
+                name=rule.name,
+                signal=rule.signal,
+                of=rule.of,
+                value=value,
+                limit=limit,
+                unit=rule.unit,
+                action=action,
+                state=change,
+            )
+        )
 
 
 def _sentence(state: InterlockState) -> str:
@@ -117,7 +125,7 @@ def interlocks(context: RunContext, rules: Sequence[InterlockRule], following: F
     """Watch the interlocks while the run goes on, under either clock."""
     watch = InterlockWatch(rules, context, following)
     if any(rule.signal == "rate_step" for rule in rules):
-        _watch_records(watch, context, following)
+        _watch_records(watch, context)
     look_s = LOOK_VIRTUAL_S if context.clock.virtual else LOOK_WALL_S
     running = [
         context.clock.every(look_s, guarded(watch.take, context.stop)),
@@ -130,12 +138,22 @@ def interlocks(context: RunContext, rules: Sequence[InterlockRule], following: F
             periodic.cancel()
 
 
-def _watch_records(watch: InterlockWatch, context: RunContext, following: Following) -> None:
+def _watch_records(watch: InterlockWatch, context: RunContext) -> None:
     reader = context.acquisition.readers[context.measurement_link]
     steps = RateStep(reader.definition.rate_Hz or math.nan)
     reader.listeners.insert(0, steps.feed)  # before the cutter, which may end the record with this batch
+    context.observers.add(_RateOfRecords(watch, steps))
 
-    def taken(row: RecordRow) -> None:
-        watch.signals.put("rate_step", steps.of(row))
 
-    following.taken.append(taken)
+class _RateOfRecords(Observer):
+    """Gives the interlocks the step of the rate in each record."""
+
+    order = Order.SAFETY
+    vital = True
+
+    def __init__(self, watch: InterlockWatch, steps: RateStep) -> None:
+        self._watch, self._steps = watch, steps
+
+    def record(self, row: RecordRow) -> None:
+        """A record is complete."""
+        self._watch.signals.put("rate_step", self._steps.of(row))

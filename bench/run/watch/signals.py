@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 
 from bench.model.clock import NS
 from bench.model.errors import InstrumentError
+from bench.model.events import Error, Surroundings
 from bench.model.ports import Instrument
 from bench.plan import CHAMBER
 from bench.plan.interlock_language import InterlockRule
@@ -142,7 +143,7 @@ class WatchedSignals:
             for of, channel in self._channels:
                 if of == role and channel in found:
                     self.put("lab_air", float(found[channel]), role, channel)
-            self._context.event("surroundings", role=role, degC={str(one): found[one] for one in found})
+            self._context.event(Surroundings(role=role, degC={str(one): found[one] for one in found}))
 
         self._idle(role, scan)
 
@@ -155,7 +156,7 @@ class WatchedSignals:
                 with hurried(self._context.instruments[role], CALL_S):  # one that is mute must not keep the bus
                     read()
             except InstrumentError as error:
-                self._context.event("error", code=error.code, text=str(error))
+                self._context.event(Error(code=error.code, text=str(error), where=error.where))
 
     def _temperature(self, name: str, slope: str, value_degC: float) -> None:
         if not math.isfinite(value_degC):

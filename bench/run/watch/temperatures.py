@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from typing import Protocol
 
 from bench.model.clock import Clock, Periodic, to_ns
 from bench.model.errors import InstrumentError
+from bench.model.events import Event
 from bench.model.ports import Instrument
 from bench.plan import CHAMBER
 from bench.run.bench.safety import hurried
@@ -49,7 +50,7 @@ class Guarded(Protocol):
     def unit_temperature_degC(self) -> float:
         """Of the unit under test, NaN if it is not known."""
 
-    def event(self, kind: str, **fields: Any) -> None:
+    def event(self, event: Event) -> None:
         """Record something that happened."""
 
 

@@ -9,22 +9,22 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from functools import partial
 from typing import Any
 
 from bench.frame import LinkBatch
 from bench.frame.signals import BENCH, all_signals
 from bench.model.errors import BenchError
+from bench.model.events import Event
 from bench.plan import Step
 from bench.plan.graph_language import names_in
-from bench.record import RecordRow, read_journal
+from bench.record import read_journal
 from bench.record.files import Files
 from bench.record.trend import TrendWriter
 from bench.record.trend_bench import BenchRows
 from bench.record.trend_format import FOLDER, HEAD, read_head, sources_of
 from bench.record.trend_rows import LinkReduction
 from bench.run.context import RunContext
-from bench.run.control.following import Following
+from bench.run.observers import Observer
 
 WRITE_S = 1.0
 VIRTUAL_FRAMES = 12_000  # of a link, reduced at once: two minutes
@@ -33,7 +33,7 @@ MOST_FRAMES = 100_000  # kept while the disk holds the writer up: 6 MB, a quarte
 Taken = list[Any]
 
 
-class TrendRecorder:
+class TrendRecorder(Observer):
     """Hears batches of the links, events and steps, and writes the trend of this part of the session.
 
     Under the wall clock a thread of its own writes (``pump``), so that a slow disk holds nobody up.
@@ -57,11 +57,11 @@ class TrendRecorder:
         if link in self._links:
             self._heard(lambda writer: self._links[link].push(batch))
 
-    def event(self, kind: str, fields: Any) -> None:
+    def event(self, event: Event, t_mono_ns: int) -> None:
         """Something happened."""
-        self._heard(lambda writer: writer.add(BENCH, self._bench.event(kind, self._utc_ns(writer), fields)))
+        self._heard(lambda writer: writer.add(BENCH, self._bench.event(event, t_mono_ns + writer.offset_ns)))
 
-    def step(self, step: Step) -> None:
+    def step(self, step: Step, at_s: float) -> None:
         """A step begins."""
         asked = step.set_point
         if asked is not None:
@@ -140,38 +140,17 @@ def given_up(context: RunContext, error: Exception) -> None:
     with suppress(OSError):
         (context.folder / FOLDER / HEAD).unlink(missing_ok=True)
     why = error.strerror or str(error) if isinstance(error, OSError) else f"{type(error).__name__}: {error}"
-    context.listener.message(f"no trend is written any more ({why}); the recording goes on, history is made from it")
-
-
-class _Steps:
-    """Stands between a run and its listener and passes everything on."""
-
-    def __init__(self, context: RunContext, recorder: TrendRecorder) -> None:
-        self._listener = context.listener
-        self._recorder = recorder
-        self.message = context.listener.message
-
-    def step(self, step: Step, at_s: float) -> None:
-        self._listener.step(step, at_s)
-        self._recorder.step(step)
-
-    def record(self, row: RecordRow) -> None:
-        self._listener.record(row)
+    context.message(f"no trend is written any more ({why}); the recording goes on, history is made from it")
 
 
 @contextmanager
-def trend_recorder(
-    context: RunContext, following: Following, files: Files | None = None
-) -> Iterator[TrendRecorder | None]:
+def trend_recorder(context: RunContext, files: Files | None = None) -> Iterator[TrendRecorder | None]:
     """Write the trend while the run goes on; None if it cannot even begin, which is said and no reason to stop."""
     recorder = _begun(context, files)
     if recorder is None:
         yield None
         return
-    for name, reader in context.acquisition.readers.items():
-        reader.listeners.append(partial(recorder.batch, name))
-    following.heard.append(recorder.event)
-    context.listener = _Steps(context, recorder)
+    context.observers.add(recorder)
     periodic = None if context.clock.virtual else context.clock.every(WRITE_S, recorder.pump)
     try:
         yield recorder
@@ -183,7 +162,7 @@ def trend_recorder(
 
 def _begun(context: RunContext, files: Files | None) -> TrendRecorder | None:
     if read_journal(context.folder).entries and read_head(context.folder / FOLDER) is None:
-        context.listener.message("the earlier part of this session has no trend; history is made from the recording")
+        context.message("the earlier part of this session has no trend; history is made from the recording")
         return None
     try:
         return TrendRecorder(context, files)

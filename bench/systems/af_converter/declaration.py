@@ -30,6 +30,7 @@ DECLARATION = System(
             f"{_HERE}.scale_factor.analysis",
             ("gls", "paper", "ols"),
             main=_MAIN,
+            standards={"dsf_n": "calibrator", "dsf_p": "calibrator"},
             **_AT_ONE_TEMPERATURE,
             **_DATA_SHEET,
         ),

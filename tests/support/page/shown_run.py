@@ -46,7 +46,7 @@ def first_state(run: str) -> dict[str, Any]:
         "uut": {"model": "NGU", "serial": "7"}, "simulated": True, "clock": "wall",
         "source": "live",
         "state": "running", "outcome": None, "t_utc_s": now, "started_utc_s": began,
-        "step": {"number": 7, "of": 18, "phase": "campaign", "what": "soak 55 degC",
+        "step": {"number": 7, "of": 18, "phase": "campaign", "kind": "soak", "what": "soak 55 degC",
                  "conditions": {"temperature_degC": 55.0}, "where": "scale_factor.yaml:88:9",
                  "since_utc_s": now - 760, "until_utc_s": now + 1040},
         "wait": {"reason": "soak 55 degC", "since_utc_s": now - 760, "until_utc_s": now + 1040, "last": "54.8 degC"},

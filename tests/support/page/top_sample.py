@@ -33,7 +33,8 @@ INSTRUMENTS = {
 def document(**changes: Any) -> dict[str, Any]:
     """Every key of a state document: a soak of a scale-factor campaign, one hour after its beginning."""
     step = {
-        "number": 4123, "of": 9170, "phase": "campaign", "what": "soak 50 degC", "conditions": {"temperature_degC": 50},
+        "number": 4123, "of": 9170, "phase": "campaign", "kind": "soak",
+        "what": "soak 50 degC", "conditions": {"temperature_degC": 50},
         "where": "scale_factor_38h.yaml:120", "since_utc_s": NOW_S - 760, "until_utc_s": NOW_S + 1040,
     }  # fmt: skip
     wait = {

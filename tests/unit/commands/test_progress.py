@@ -31,8 +31,8 @@ class Told:
         return self.document
 
 
-def on(what: str, **wait: Any) -> dict[str, Any]:
-    step = {**document()["step"], "what": what}
+def on(kind: str, what: str, **wait: Any) -> dict[str, Any]:
+    step = {**document()["step"], "kind": kind, "what": what}
     return document(step=step, wait={"reason": what, "since_utc_s": NOW_S - 40, "until_utc_s": NOW_S + 60, **wait})
 
 
@@ -41,9 +41,9 @@ def on(what: str, **wait: Any) -> dict[str, Any]:
     [
         (document(), "step 4123/9170  soak 50 degC: 48.2 degC, +0.4 degC/min, 0:12:40 of 0:30:00"),
         (document(wait=None), "step 4123/9170  soak 50 degC"),
-        (on("record 50 degC channel 3 +10 mA", last="x"),
+        (on("record", "record 50 degC channel 3 +10 mA", last="x"),
          "step 4123/9170  record 50 degC channel 3 +10 mA, 0:00:40 of 0:01:40"),
-        (on("calibrator.warm_up", last="*OPC? -> ", until_utc_s=None),
+        (on("call", "calibrator.warm_up", last="*OPC? -> ", until_utc_s=None),
          "step 4123/9170  calibrator.warm_up: *OPC? -> , 0:00:40"),
         (document(holds={"kim": "door opened", "interlock hot": "70 degC"}, wait={"since_utc_s": NOW_S - 5}),
          "HOLDING, 0:00:05: door opened (kim); 70 degC (interlock hot)"),

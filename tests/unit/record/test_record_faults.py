@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from record_sample import MANIFEST, NS, TEXTS, FaultyFiles, io_error, no_space, write_sample
 
+from bench.model.events import Resume
 from bench.record import RecordError, SessionReader, SessionWriter
 from bench.record import writer as writer_module
 from bench.record.files import OsFiles
@@ -161,14 +162,14 @@ def test_resume_continues_numbers_and_chain(tmp_path: Path) -> None:
     with crashed.open("ab") as stream:
         stream.write(b"\x06\x50\x00\x00\x00\x00\x00\x00\x00torn")
     before = crashed.read_bytes()
-    again = resume_session(tmp_path, t_mono_ns=0, fields={"reason": "power cut"})
+    again = resume_session(tmp_path, Resume(reason="power cut"), t_mono_ns=0)
     again.raw("port_a", "rx", NS, (1).to_bytes(4, "big"))
     sha256 = again.close("done")
     reader = SessionReader(tmp_path)
     assert crashed.read_bytes() == before
     assert (reader.damage, reader.unfinished) == ([], ["session.0001.mcap"])
     assert reader.sha256 == sha256
-    assert [fields for _, _, fields in reader.events("resume")] == [{"reason": "power cut", "segment": 2}]
+    assert [(fields["reason"], fields["segment"]) for _, _, fields in reader.events("resume")] == [("power cut", 2)]
     assert numbers_in(tmp_path) == [0, 1]
 
 

@@ -15,6 +15,7 @@ from trend_sample import FRAMES, UTC_S
 from bench.frame.signals import all_signals
 from bench.model.clock import NS
 from bench.model.errors import InputError
+from bench.model.events import Environment
 from bench.record.trend import TrendWriter
 from bench.record.trend_bench import BenchRows
 from bench.record.trend_format import FOLDER, sources_of
@@ -132,8 +133,8 @@ def test_a_temperature_stands_until_the_next_reading_but_not_for_ever(tmp_path: 
     writer = TrendWriter(tmp_path, SOURCES, 0, UTC_S * NS)
     writer.add("bench", bench.setpoint((UTC_S + 2) * NS, 35.0))
     for second, air in ((10, 21.0), (70, 22.0)):
-        fields = {"air_degC": air, "unit_degC": None}
-        writer.add("bench", bench.event("environment", (UTC_S + second) * NS, fields))
+        reading = Environment(air_degC=air, unit_degC=None)
+        writer.add("bench", bench.event(reading, (UTC_S + second) * NS))
     writer.add("bench", bench.end((UTC_S + 300) * NS))
     writer.close()
     window = TrendReader(tmp_path).window(["bench.air", "bench.unit", "bench.setpoint"], UTC_S, UTC_S + 400, 1000)

@@ -9,6 +9,7 @@ import pytest
 from record_sample import MANIFEST, NS, TEXTS, write_sample
 
 from bench.model.errors import InputError
+from bench.model.events import Resume
 from bench.record import Journal, SessionReader, SessionWriter
 from bench.record import recover as recover_module
 from bench.record.recover import recover_session, resume_session, salvage
@@ -76,7 +77,7 @@ def test_salvage_copies_every_good_message_and_keeps_the_gap(tmp_path: Path, mon
 def test_salvage_of_several_segments_is_whole(tmp_path: Path) -> None:
     writer = SessionWriter.create(tmp_path / "s", MANIFEST, TEXTS, t_mono_ns=0)
     writer.tick(0)
-    again = resume_session(tmp_path / "s", t_mono_ns=0, fields={"reason": "crash"})
+    again = resume_session(tmp_path / "s", Resume(reason="crash"), t_mono_ns=0)
     again.close("done")
     salvage(tmp_path / "s", tmp_path / "copy")
     copy = SessionReader(tmp_path / "copy")

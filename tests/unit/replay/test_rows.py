@@ -13,6 +13,7 @@ from record_sample import NS, frame
 
 from bench.frame import LinkDecoder
 from bench.model.errors import InputError, SessionDamaged
+from bench.model.events import Resume
 from bench.model.ports import RecordWindow
 from bench.record import RecordCutter, RecordRow, SessionReader, SessionWriter
 from bench.record.recover import resume_session
@@ -170,7 +171,7 @@ def test_after_a_resume_counters_start_anew(tmp_path: Path) -> None:
     before = live.record(1, 4)
     lost = live.record(2, 2)
     writer.tick(live.second * NS)
-    again = resume_session(tmp_path, t_mono_ns=0, fields={"reason": "crash"})
+    again = resume_session(tmp_path, Resume(reason="crash"), t_mono_ns=0)
     resumed = Live(again, stream(1000, seed=9, first_counter=100), 1)
     resumed.step()
     after = resumed.record(2, 4)

@@ -20,7 +20,7 @@ def no_result(*_: object) -> None:
 
 def test_after_a_run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(run, "finish", no_result)
-    view: Any = SimpleNamespace(events_of=lambda kind: [])
+    view: Any = SimpleNamespace(events=[], events_of=lambda model: [])
     done: Any = SimpleNamespace(folder=FOLDER)
     request = run.Request("s", None, [], None, 1, Path("sessions"), truth=False, json=False)
     assert run._results(view, done, request, run.console()) == ExitStatus.VERDICT_FAIL
@@ -31,7 +31,7 @@ def test_after_a_run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixt
 
 def test_after_a_run_that_was_gone_on_with(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(resume, "finish", no_result)
-    view = SimpleNamespace(events_of=lambda kind: [], has_analysis=True)
+    view = SimpleNamespace(events=[], events_of=lambda model: [], has_analysis=True)
     monkeypatch.setattr(resume, "read_view", lambda folder: view)
     assert resume._results(FOLDER, "", as_json=False) == ExitStatus.VERDICT_FAIL
     assert "'bench recover sessions/S'" in capsys.readouterr().out

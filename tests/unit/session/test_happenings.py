@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import pytest
 
 from bench.model.clock import NS
+from bench.model.events import Event, event_of
 from bench.session.happenings import KINDS, happening_tables, happenings
 
+E = TypeVar("E", bound=Event)
 BOOT_S = 16_000  # the bench clock begins with the machine, not with the run
 
 
 class Session:
     def __init__(self, *events: tuple[str, int, Mapping[str, Any]]) -> None:
-        self.events = (("phase", BOOT_S, {"name": "prepare"}), ("phase", BOOT_S + 9, {"name": "campaign"}), *events)
+        phases = (("phase", BOOT_S, {"name": "prepare"}), ("phase", BOOT_S + 9, {"name": "campaign"}))
+        self.events = [(t_s * NS, event_of(kind, fields)) for kind, t_s, fields in (*phases, *events)]
 
-    def events_of(self, kind: str) -> list[tuple[int, Mapping[str, Any]]]:
-        return [(t_s * NS, fields) for found, t_s, fields in self.events if found == kind]
+    def events_of(self, model: type[E]) -> list[tuple[int, E]]:
+        return [(t_ns, event) for t_ns, event in self.events if isinstance(event, model)]
 
 
 EVENTS: dict[str, tuple[dict[str, Any], str]] = {
@@ -27,14 +30,14 @@ EVENTS: dict[str, tuple[dict[str, Any], str]] = {
     "overrun": ({"seconds": 0.3041, "step": 38}, "step 38: began 0.3 s late, what was before it took longer"),
     "alarm": (
         {"what": "stimulus", "step": 3, "role": "calibrator", "code": "B-INST-001", "text": "no answer"},
-        "calibrator not confirmed safe at step 3: B-INST-001: no answer",
+        "calibrator is not confirmed safe at step 3: B-INST-001: no answer",
     ),
     "link": (
         {"link": "port_a", "state": "back", "seconds": 19.27, "how": "port opened again"},
-        "port_a back after 19.3 s: port opened again",
+        "link port_a is back after 19.3 s: port opened again",
     ),
     "guard": ({"state": "withheld", "parts": ["sequencer", "links"]}, "no sign of life of sequencer, links"),
-    "clock_step": ({"step_s": -3600.0, "t_utc_ns": 0}, "UTC jumped by -3600.000 s"),
+    "clock_step": ({"step_s": -3600.0, "t_utc_ns": 0}, "UTC has jumped by -3600.000 s"),
 }
 
 
@@ -53,7 +56,7 @@ def test_an_alarm_of_a_hold_and_a_link_that_was_lost() -> None:
     lines = happenings(Session(("alarm", BOOT_S, hold), ("link", BOOT_S, lost)))
     assert lines == [
         "alarm at 0:00:00: still holding at step 3 after 600 s: no good frame",
-        "link at 0:00:00: port_a lost: the port was hung up",
+        "link at 0:00:00: link port_a is lost: the port was hung up",
     ]
 
 

@@ -4,30 +4,31 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import pytest
 
 from bench.model.clock import NS
+from bench.model.events import Event, Phase, event_of
 from bench.model.shipped import find_shipped
 from bench.session.operation import alarms_raised, commands_given, hashes_of, length_s, surroundings
 
+E = TypeVar("E", bound=Event)
 START_ns = 7 * NS
 
 
 @dataclass(frozen=True)
 class Told:
-    events: list[tuple[str, int, Mapping[str, Any]]]
+    events: list[tuple[int, Event]]
 
-    def events_of(self, kind: str) -> list[tuple[int, Mapping[str, Any]]]:
-        return [(t_ns, fields) for found, t_ns, fields in self.events if found == kind]
+    def events_of(self, model: type[E]) -> list[tuple[int, E]]:
+        return [(t_ns, event) for t_ns, event in self.events if isinstance(event, model)]
 
 
 def told(*events: tuple[str, float, dict[str, Any]]) -> Told:
-    phase = ("phase", START_ns, {"name": "prepare"})
-    return Told([phase, *((kind, START_ns + round(at_s * NS), fields) for kind, at_s, fields in events)])
+    phase = (START_ns, Phase(name="prepare", t_start_ns=0))
+    return Told([phase, *((START_ns + round(at_s * NS), event_of(kind, fields)) for kind, at_s, fields in events)])
 
 
 def test_commands_say_when_what_who_why_and_what_else() -> None:
@@ -42,20 +43,23 @@ def test_commands_say_when_what_who_why_and_what_else() -> None:
 
 
 def test_alarms_and_interlocks_in_order_of_time_and_nothing_else() -> None:
-    trip = {"name": "unit_hot", "state": "tripped", "value": 61.0, "unit": "degC", "limit": 60.0, "action": "abort"}
+    trip = {
+        "name": "unit_hot", "signal": "unit_temperature", "of": "", "state": "tripped", "value": 61.0, "unit": "degC",
+        "limit": 60.0, "action": "abort",
+    }  # fmt: skip
     held = {"what": "hold", "step": 4, "seconds": 600.0, "reasons": {"operator": "lunch"}}
     view = told(
         ("interlock", 90.0, trip), ("alarm", 30.0, held), ("control", 10.0, {"what": "pause", "by": "A", "reason": "r"})
     )
     found = alarms_raised(view)
     assert [(one["time"], one["what"]) for one in found] == [("0:00:30", "alarm"), ("0:01:30", "interlock")]
-    assert found[1]["text"] == "unit_hot tripped: 61.0 degC, limit 60.0; abort"
+    assert found[1]["text"] == "interlock unit_hot: unit_temperature is 61 degC, limit 60 degC: abort"
 
 
 def test_length_is_from_the_first_phase_to_the_end() -> None:
     assert length_s(told(("end", 99.5, {}))) == pytest.approx(99.5)
     assert math.isnan(length_s(told()))
-    assert math.isnan(length_s(Told([("end", 1, {})])))
+    assert math.isnan(length_s(Told([(1, event_of("end", {}))])))
 
 
 def test_the_station_says_which_channel_is_the_room() -> None:

@@ -13,6 +13,7 @@ import pytest
 from record_sample import MANIFEST
 
 from bench.model.clock import NS, VirtualClock
+from bench.model.events import Resume
 from bench.record import SessionWriter
 from bench.record.recover import resume_session
 from bench.web import replaying
@@ -67,7 +68,7 @@ def test_the_messages_are_on_the_axis_of_utc(session: Recording) -> None:
 def test_the_part_after_a_resume_has_its_own_utc(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     write_session(folder, ends=False)
-    writer = resume_session(folder, t_mono_ns=3 * NS, fields={"reason": "power"})
+    writer = resume_session(folder, Resume(reason="power"), t_mono_ns=3 * NS)
     writer.clock_pair(3 * NS, (UTC_S + 5000) * NS)  # another boot: its clock begins anew
     writer.command("dmm", "tx", "READ? again", 13 * NS)
     writer.close("done")

@@ -13,7 +13,7 @@ from bench.model.errors import FitError
 from resistance_thermometer.system.comparison import compare
 from resistance_thermometer.system.estimates import estimates_of
 from resistance_thermometer.system.figures import figures_of
-from resistance_thermometer.system.notes import missing_of, notes_of
+from resistance_thermometer.system.notes import cold_notes, doubts_of, missing_of
 from resistance_thermometer.system.points import points_of
 from resistance_thermometer.system.setup import setup_of
 from resistance_thermometer.system.tables import components_of, tables_of
@@ -34,14 +34,15 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     if not points:
         raise FitError("RT-SET-003", "no record can be used", next_step="see the quality of the records in the report")
     comparisons = [compare(thermometer, points, setup) for thermometer in setup.thermometers]
+    doubts = doubts_of(comparisons, points, setup)
     return Analysis(
         campaign="resistance_thermometer",
         method=method,
         uut=dict(material.campaign["uut"]),
         estimates=[entry for comparison in comparisons for entry in estimates_of(comparison)],
         components=components_of(comparisons),
-        notes=notes_of(comparisons, points, setup),
+        notes=[*doubts, *cold_notes(comparisons)],
         missing=missing_of(comparisons),
         figures=figures_of(comparisons),
-        tables=tables_of(comparisons, rule_of(material.campaign.get("decision"))),
+        tables=tables_of(comparisons, doubts, rule_of(material.campaign.get("decision"))),
     )

@@ -18,11 +18,10 @@ _FEWEST_ALIKE = 3  # thermometers that depart alike before the reference is doub
 _MOST_UNLIKE = 0.5  # scatter of their deviations, of the mean
 
 
-def notes_of(comparisons: Sequence[Comparison], points: Sequence[Point], setup: Setup) -> list[str]:
-    """Return all notes: of the reference first, since all others rest on it."""
-    doubtful = [*_air_notes(points, setup), *_alike_notes(comparisons)]
+def doubts_of(comparisons: Sequence[Comparison], points: Sequence[Point], setup: Setup) -> list[str]:
+    """Return what seems not to be as stated: of the reference first, since all others rest on it."""
     departures = [note for comparison in comparisons for note in _departure_notes(comparison)]
-    return [*doubtful, *departures, *_cold_notes(comparisons)]
+    return [*_air_notes(points, setup), *_alike_notes(comparisons), *departures]
 
 
 def missing_of(comparisons: Sequence[Comparison]) -> list[str]:
@@ -36,7 +35,7 @@ def missing_of(comparisons: Sequence[Comparison]) -> list[str]:
     return missing
 
 
-def _cold_notes(comparisons: Sequence[Comparison]) -> list[str]:
+def cold_notes(comparisons: Sequence[Comparison]) -> list[str]:
     """Say why the coefficient c was held, once for all thermometers."""
     fits = [c.fit for c in comparisons if c.fit is not None and not c.refused]
     held = [fit.cold_std_per_degC4 for fit in fits if fit.values.size == HELD]

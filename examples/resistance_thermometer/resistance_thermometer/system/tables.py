@@ -18,9 +18,9 @@ _SEVERITY = ("pass", "conditional_pass", "conditional_fail", "fail")
 _TO_PPM = (1.0, 1e6, 1e6, 1e6)
 
 
-def tables_of(comparisons: Sequence[Comparison], rule: str) -> Documents:
-    """Return all tables, that of the classes first."""
-    return [_classes(comparisons, rule), _coefficients(comparisons), _comparisons(comparisons)]
+def tables_of(comparisons: Sequence[Comparison], doubts: Sequence[str], rule: str) -> Documents:
+    """Return all tables: those of the classes, of the coefficients and of doubts, if there are any, are read first."""
+    return [_classes(comparisons, rule), _coefficients(comparisons), *_doubts(doubts), _comparisons(comparisons)]
 
 
 def components_of(comparisons: Sequence[Comparison]) -> Documents:
@@ -42,6 +42,15 @@ def components_of(comparisons: Sequence[Comparison]) -> Documents:
         }
         for name, parts in by_name.items()
     ]
+
+
+def _doubts(doubts: Sequence[str]) -> Documents:
+    if not doubts:
+        return []
+    caption = "What the readings say against what is stated of thermometers, reference and wiring."
+    rows = [[count, doubt] for count, doubt in enumerate(doubts, 1)]
+    return [{"title": "Doubts", "caption": caption, "headers": ["no.", "doubt"], "rows": rows, "prose": True,
+             "lead": True}]  # fmt: skip
 
 
 def _classes(comparisons: Sequence[Comparison], rule: str) -> dict[str, Any]:

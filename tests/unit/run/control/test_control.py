@@ -20,13 +20,16 @@ from hold_rig import HoldRig
 from bench.commands import control as command
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError
+from bench.model.events import ClockStep, Event
 from bench.record import RecordError
 from bench.run.context import RunContext
 from bench.run.control.channel import MOST_REFUSED, Control, control
 from bench.run.control.following import Following
+from bench.run.control.local_socket import MOST_CLIENTS
 from bench.run.control.place import LONGEST_PATH, find_socket, socket_path
-from bench.run.control.server import IDLE_S, LONGEST_LINE, MOST_CLIENTS, ControlServer
+from bench.run.control.server import IDLE_S, LONGEST_LINE, ControlServer
 from bench.run.feed.state import RunState
+from bench.run.observers import Observer
 
 WAIT_S = 20.0
 
@@ -311,13 +314,21 @@ def test_no_socket_is_no_reason_not_to_run(tmp_path: Path, monkeypatch: pytest.M
     assert MOST_CLIENTS < 100
 
 
+class Told(Observer):
+    def __init__(self, state: RunState) -> None:
+        self.state = state
+
+    def event(self, event: Event, t_mono_ns: int) -> None:
+        self.state.on_event(event, 1.0)
+
+
 def test_who_speaks_through_another_process_is_journaled_and_acknowledges_an_alarm(tmp_path: Path) -> None:
     rig, context, _ = controlled(tmp_path)
     state = RunState(rig.steps, {})
     following = Following(context)
-    following.heard.append(lambda kind, fields: state.on_event(kind, 1.0, fields))
+    context.observers.add(Told(state))
     answering = Control(context, following, dict, state)
-    context.event("clock_step", step_s=3.0)
+    context.event(ClockStep(step_s=3.0, t_utc_ns=0))
     by, peer = "kim, operator, 192.0.2.7", "root (process 12)"
     for alarm in ("2", None, 1):
         assert not answering.answer({"command": "acknowledge", "alarm": alarm, "by": by}, peer)["ok"]

@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,17 @@ from hold_rig import HoldRig
 
 from bench.model.clock import VirtualClock
 from bench.model.errors import InputErrors
+from bench.model.events import End, Error, Hold, Interlock, Phase, Verdict, event_of
 from bench.plan.notify_language import Mail, Notify, Webhook
 from bench.run.context import RunContext
-from bench.run.control.following import Following
 from bench.run.control.notify import LONGEST_QUEUE, Notifier, notifications, occasion, user_notify
 from bench.run.control.notify_ways import NotSent, by_command, by_mail, by_webhook
 
+HOLD = Hold(step=3, by="door", reason="open")
+TRIPPED = Interlock(
+    name="air", signal="chamber_air", of="", value=64.0, limit=63.0, unit="degC", action="warn", state="tripped"
+)
+END = End(steps=9, records=1, slip_s=0.0, overruns=0, retaken=0, lateness_ms=[0.0, 0.0, 0.0], error=None)
 MESSAGE = {"kind": "hold", "session": "a", "utc": "2000-01-01T00:00:00Z"}
 
 
@@ -95,14 +101,14 @@ def catcher(folder: Path) -> list[str]:
 def test_a_program_gets_the_message_and_the_end_of_the_run_waits_for_it(tmp_path: Path) -> None:
     _, context = context_of(tmp_path)
     notify = Notify(command=catcher(tmp_path))  # type: ignore[call-arg]
-    with notifications(context, notify, Following(context)):
-        context.event("hold", step=3, by="door", reason="open")
-        context.event("step", number=4)
-        context.event("interlock", name="air", state="tripped", action="warn")
-        context.event("interlock", name="air", state="released", action="warn")
-        context.event("verdict", ok=True)
-        context.event("verdict", ok=False)
-        context.event("end", error=None)
+    with notifications(context, notify):
+        context.event(HOLD)
+        context.event(Phase(name="campaign", t_start_ns=4))
+        context.event(TRIPPED)
+        context.event(replace(TRIPPED, state="released"))
+        context.event(Verdict(ok=True))
+        context.event(Verdict(ok=False))
+        context.event(END)
     caught = [json.loads(line) for line in (tmp_path / "caught").read_text().splitlines()]
     assert [one["kind"] for one in caught] == ["hold", "alarm", "alarm", "end"]
     assert caught[0] == {
@@ -114,17 +120,16 @@ def test_a_program_gets_the_message_and_the_end_of_the_run_waits_for_it(tmp_path
 def test_only_what_is_asked_for_is_sent(tmp_path: Path) -> None:
     _, context = context_of(tmp_path)
     notify = Notify(on=["end"], command=catcher(tmp_path))  # type: ignore[call-arg]
-    with notifications(context, notify, Following(context)):
-        context.event("hold", by="door")
-        context.event("error", code="B-RUN-021")
-        context.event("end", error=None)
+    with notifications(context, notify):
+        context.event(HOLD)
+        context.event(Error(code="B-RUN-021", text="silent"))
+        context.event(END)
     assert [json.loads(line)["kind"] for line in (tmp_path / "caught").read_text().splitlines()] == ["end"]
 
 
 def test_occasions() -> None:
-    assert [occasion(kind, {}) for kind in ("hold", "release", "alarm", "end", "error", "record", "verdict")] == [
-        "hold", "hold", "alarm", "end", "error", "", "",
-    ]  # fmt: skip
+    kinds = ("hold", "release", "alarm", "end", "error", "record", "verdict")
+    assert [occasion(event_of(kind, {})) for kind in kinds] == ["hold", "hold", "alarm", "end", "error", "", ""]
 
 
 def test_a_web_address_gets_json_with_its_token_and_failures_are_tried_again(
@@ -136,7 +141,7 @@ def test_a_web_address_gets_json_with_its_token_and_failures_are_tried_again(
         web.statuses = [500, 503]
         notify = Notify(webhook=Webhook(url=web.url, token_env="HOOK_TOKEN"))  # type: ignore[call-arg]
         notifier = Notifier(notify, context, pause_s=0.01)
-        notifier.take("hold", {"by": "door"})
+        notifier.event(HOLD, 0)
         notifier.close()
         assert [one["kind"] for one, _ in web.got] == ["hold"] * 3
         assert {token for _, token in web.got} == {"Bearer secret"}
@@ -150,7 +155,7 @@ def test_what_does_not_get_through_is_an_event_without_secrets(tmp_path: Path, m
         monkeypatch.setenv("HOOK", f"{web.url}?key=secret")
         notify = Notify(webhook=Webhook(url_env="HOOK"))  # type: ignore[call-arg]
         notifier = Notifier(notify, context, pause_s=0.0)
-        notifier.take("end", {})
+        notifier.event(END, 0)
         notifier.close()
         assert len(web.got) == 3
     (event,) = rig.events("notify")
@@ -214,14 +219,14 @@ def test_a_way_that_hangs_keeps_nobody_waiting_and_the_queue_is_bounded(
     _, context = context_of(tmp_path)
     notifier = Notifier(Notify(command=["x"]), context)  # type: ignore[call-arg]
     for number in range(LONGEST_QUEUE + 50):
-        notifier.take("hold", {"number": number})
+        notifier.event(replace(HOLD, step=number), 0)
     notifier.beat()  # it would only have to wait
     notifier.close()  # returns although nothing was sent
     assert sent == []
     go_on.set()
     notifier._thread.join()
     assert len(sent) <= LONGEST_QUEUE + 1
-    assert sent[-1]["number"] == str(LONGEST_QUEUE + 49)
+    assert sent[-1]["step"] == str(LONGEST_QUEUE + 49)
     assert sum(message.get("left_out", 0) for message in sent) == LONGEST_QUEUE + 50 - len(sent)
     assert not any(message["kind"] == "heartbeat" for message in sent)
 
@@ -230,7 +235,7 @@ def test_a_sign_of_life_goes_out_regularly(tmp_path: Path) -> None:
     _, context = context_of(tmp_path)
     assert isinstance(context.clock, VirtualClock)
     notify = Notify(command=catcher(tmp_path), heartbeat="60 s")  # type: ignore[arg-type,call-arg]
-    with notifications(context, notify, Following(context)) as notifier:
+    with notifications(context, notify) as notifier:
         for _ in range(3):
             while notifier._queue:
                 threading.Event().wait(0.01)

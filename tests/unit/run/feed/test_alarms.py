@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from bench.model.events import event_of
 from bench.run.feed.alarms import MOST, Alarms
 
 TRIPPED = {
@@ -16,7 +17,7 @@ TRIPPED = {
 
 def raised(kind: str, **fields: Any) -> list[dict[str, Any]]:
     alarms = Alarms()
-    alarms.on_event(kind, 5.0, fields)
+    alarms.on_event(event_of(kind, fields), 5.0)
     return alarms.documents()
 
 
@@ -32,12 +33,18 @@ def raised(kind: str, **fields: Any) -> list[dict[str, Any]]:
             {"link": "port_a", "state": "lost", "reason": "unplugged"},
             "alarm",
             True,
-            "port_a is lost: unplugged",
+            "link port_a is lost: unplugged",
         ),
         ("link", {"link": "port_a", "state": "silent", "reason": "no frame"}, "alarm", True, "silent"),
         ("link", {"link": "port_a", "state": "kernel errors", "overrun": 3}, "warning", False, "overrun 3"),
-        ("hold", {"by": "operator", "reason": "door (kim)", "step": 3}, "warning", True, "holding: door (kim)"),
-        ("hold", {"by": "link port_a", "reason": "lost", "step": 3}, "alarm", True, "holding: lost"),
+        (
+            "hold",
+            {"by": "operator", "reason": "door (kim)", "step": 3},
+            "warning",
+            True,
+            "holding at step 3: door (kim)",
+        ),
+        ("hold", {"by": "link port_a", "reason": "lost", "step": 3}, "alarm", True, "holding at step 3: lost"),
         (
             "alarm",
             {"what": "hold", "step": 3, "seconds": 600.0, "reasons": {"a": "b"}},
@@ -47,7 +54,7 @@ def raised(kind: str, **fields: Any) -> list[dict[str, Any]]:
         ),
         (
             "alarm",
-            {"what": "stimulus", "role": "switch", "code": "B-INST-001", "text": "mute"},
+            {"what": "stimulus", "step": 3, "role": "switch", "code": "B-INST-001", "text": "mute"},
             "fault",
             True,
             "switch",
@@ -55,7 +62,7 @@ def raised(kind: str, **fields: Any) -> list[dict[str, Any]]:
         ("alarm", {"what": "prompt", "text": "door closed?"}, "alarm", True, "door closed?"),
         ("guard", {"state": "acted", "reason": "limit", "text": "too hot"}, "fault", False, "too hot"),
         ("error", {"code": "B-INST-001", "text": "error B-INST-001: x: mute"}, "warning", False, "mute"),
-        ("clock_step", {"step_s": 300.0}, "warning", False, "+300.000 s"),
+        ("clock_step", {"step_s": 300.0, "t_utc_ns": 0}, "warning", False, "+300.000 s"),
         ("verdict", {"ok": False, "checks": [{"ok": False, "text": "drift"}]}, "alarm", False, "drift"),
         ("disk", {"code": "B-REC-001", "text": "no space"}, "fault", False, "no space"),
         ("safe", {"failures": ["switch: not confirmed safe"]}, "fault", False, "not confirmed"),
@@ -95,39 +102,43 @@ def test_what_raises_none(kind: str, fields: dict[str, Any]) -> None:
 def test_an_alarm_stays_until_it_is_over_and_acknowledged(begin: Any, over: Any) -> None:
     for first in ("over", "acknowledged"):
         alarms = Alarms()
-        alarms.on_event(begin[0], 1.0, begin[1])
+        alarms.on_event(event_of(*begin), 1.0)
         (alarm,) = alarms.documents()
         if first == "over":
-            alarms.on_event(over[0], 2.0, over[1])
+            alarms.on_event(event_of(*over), 2.0)
             assert [one["active"] for one in alarms.documents()] == [False]
             assert alarms.acknowledge(alarm["id"], "kim", 3.0)
         else:
             assert alarms.acknowledge(alarm["id"], "kim", 3.0)
             assert alarms.documents()[0]["acknowledged"] == {"by": "kim", "t_utc_s": 3.0}
             assert not alarms.acknowledge(alarm["id"], "lee", 4.0)
-            alarms.on_event(over[0], 5.0, over[1])
+            alarms.on_event(event_of(*over), 5.0)
         assert alarms.documents() == []
 
 
 def test_the_same_trouble_again_is_the_same_alarm_until_somebody_has_seen_it() -> None:
     alarms = Alarms()
-    error = {"code": "B-INST-001", "text": "error B-INST-001: GPIB0::14: no answer in 3 s"}
+    error = {"code": "B-INST-001", "where": "GPIB0::14", "text": "error B-INST-001: GPIB0::14: no answer in 3 s"}
     for moment in (1.0, 2.0, 3.0):
-        alarms.on_event("error", moment, error)
-    alarms.on_event("error", 4.0, {"code": "B-INST-001", "text": "error B-INST-001: GPIB0::4: no answer in 3 s"})
+        alarms.on_event(event_of("error", error), moment)
+    alarms.on_event(event_of("error", {**error, "where": "GPIB0::4"}), 4.0)
     assert [(one["id"], one["t_utc_s"]) for one in alarms.documents()] == [("2", 4.0), ("1", 3.0)]
-    alarms.on_event("control", 5.0, {"what": "acknowledge", "alarm": "1", "by": "kim", "reason": "", "ok": True})
+    alarms.on_event(
+        event_of("control", {"what": "acknowledge", "alarm": "1", "by": "kim", "reason": "", "ok": True}), 5.0
+    )
     assert [one["id"] for one in alarms.documents()] == ["2"]
-    alarms.on_event("control", 5.0, {"what": "acknowledge", "alarm": "2", "by": "kim", "ok": False})
+    alarms.on_event(event_of("control", {"what": "acknowledge", "alarm": "2", "by": "kim", "ok": False}), 5.0)
     assert alarms.waits("2")
-    alarms.on_event("error", 6.0, error)
+    alarms.on_event(event_of("error", error), 6.0)
     assert [one["id"] for one in alarms.documents()] == ["3", "2"]
 
 
 def test_the_error_that_ends_a_run_is_a_fault() -> None:
     alarms = Alarms()
-    alarms.on_event("error", 1.0, {"code": "B-RUN-031", "text": "error B-RUN-031: chamber: not reached", "step": 3})
-    alarms.on_event("end", 2.0, {"error": "B-RUN-031"})
+    alarms.on_event(
+        event_of("error", {"code": "B-RUN-031", "text": "error B-RUN-031: chamber: not reached", "step": 3}), 1.0
+    )
+    alarms.on_event(event_of("end", {"error": "B-RUN-031"}), 2.0)
     (alarm,) = alarms.documents()
     assert (alarm["severity"], alarm["code"]) == ("fault", "B-RUN-031")
     assert raised("end", error="B-RUN-071")[0]["severity"] == "fault"
@@ -135,9 +146,9 @@ def test_the_error_that_ends_a_run_is_a_fault() -> None:
 
 def test_there_are_never_too_many_and_what_lasts_goes_last() -> None:
     alarms = Alarms()
-    alarms.on_event("interlock", 0.0, TRIPPED)
+    alarms.on_event(event_of("interlock", TRIPPED), 0.0)
     for number in range(3 * MOST):
-        alarms.on_event("error", float(number), {"code": "B-X", "text": f"error B-X: place {number}: bad"})
+        alarms.on_event(event_of("error", {"code": "B-X", "where": f"place {number}", "text": "bad"}), float(number))
     found = alarms.documents()
     assert len(found) == MOST
     assert found[-1]["active"]

@@ -21,14 +21,15 @@ from hold_rig import HoldRig
 
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus
-from bench.run.control.following import Following
+from bench.model.events import Phase, Reentry
+from bench.run.control.local_socket import MOST_CLIENTS
 from bench.run.control.place import LIVE, LONGEST_PATH, socket_path
 from bench.run.control.server import ControlServer
 from bench.run.feed import server as served_by
 from bench.run.feed.client import FeedClient, FeedGone
 from bench.run.feed.live import live_feed
 from bench.run.feed.points import PointBatch
-from bench.run.feed.server import LONGEST_LINE, MOST_CLIENTS, FeedServer
+from bench.run.feed.server import LONGEST_LINE, FeedServer
 
 WAIT_S = 20.0
 HEAD = {"proto": 1, "boot_id": "0123456789abcdef", "signals": 2}
@@ -292,21 +293,21 @@ def test_a_run_that_cannot_be_watched_runs(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr("bench.run.feed.live.socket_path", refused)
     rig = HoldRig(tmp_path, 1)
     context = watched(rig, tmp_path)
-    with live_feed(context, Following(context)):
+    with live_feed(context):
         assert any("nobody can watch this run" in text for text in rig.listener.messages)
 
 
 def test_an_error_inside_the_feed_is_said_once_and_is_no_concern_of_the_run(tmp_path: Path) -> None:
     rig = HoldRig(tmp_path, 1)
     context = watched(rig, tmp_path)
-    with live_feed(context, Following(context)) as feed:
+    with live_feed(context) as feed:
         client = FeedClient(tmp_path)
         assert client.poll(0).header["state"]["state"] == "starting"
         assert client.poll(0, state=False).header["n"] == 0
         feed.state = None  # type: ignore[assignment]
         for _ in range(3):
-            context.event("phase", name="campaign")
-        context.listener.step(rig.steps[0], 0.0)
+            context.event(Phase(name="campaign", t_start_ns=0))
+        context.observers.step(rig.steps[0], 0.0)
         assert [text for text in rig.listener.messages if "any more" in text] == [
             "nobody can watch this run any more (AttributeError: 'NoneType' object has no attribute 'on_event'); "
             "the run goes on"
@@ -320,9 +321,9 @@ def test_an_error_inside_the_feed_is_said_once_and_is_no_concern_of_the_run(tmp_
 def test_the_set_point_of_a_run_that_came_back_is_a_point(tmp_path: Path) -> None:
     rig = HoldRig(tmp_path, 1)
     context = watched(rig, tmp_path)
-    with live_feed(context, Following(context)) as feed:
-        context.event("reentry", target_degC=50.0, unit_degC=23.0, soaked=False, seconds=1.0)
-        context.event("reentry", target_degC=None, unit_degC=23.0, soaked=False, seconds=1.0)
+    with live_feed(context) as feed:
+        context.event(Reentry(step=0, target_degC=50.0, unit_degC=23.0, soaked=False, seconds=1.0))
+        context.event(Reentry(step=0, target_degC=None, unit_degC=23.0, soaked=False, seconds=1.0))
         assert [value for _, value in feed.points._changes["setpoint"]] == [50.0]
         assert not feed.broken
 
@@ -333,7 +334,7 @@ def test_a_long_path_gets_a_short_socket(tmp_path: Path, monkeypatch: pytest.Mon
     folder.mkdir()
     rig = HoldRig(tmp_path, 1)
     context = watched(rig, folder)
-    with live_feed(context, Following(context)):
+    with live_feed(context):
         assert len((folder / "live.path").read_text()) <= LONGEST_PATH
         client = FeedClient(folder)
         assert client.poll(0).header["proto"] == 1

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from feed_plan import MANIFEST, START_S, small_plan
 
+from bench.model.events import event_of
 from bench.run.feed.eta import MARGIN_S, SHARE, Remaining, end_of_run
 from bench.run.feed.planned import PlannedRun
 from bench.run.feed.state import RunState
@@ -23,17 +24,22 @@ RECORD = {
 }  # fmt: skip
 
 
+def told(state: RunState, kind: str, t_utc_s: float, fields: dict[str, Any]) -> None:
+    """An event as a session holds it."""
+    state.on_event(event_of(kind, fields), t_utc_s)
+
+
 def replayed() -> RunState:
     state = RunState(small_plan(), MANIFEST, source="replay")
-    state.on_event("phase", START_S, {"name": "prepare"})
+    told(state, "phase", START_S, {"name": "prepare"})
     return state
 
 
 def in_campaign() -> RunState:
     """Second 0 of the campaign is START_S + 5."""
     state = replayed()
-    state.on_event("prompt", START_S, {"step": 0, "text": "door closed?", "by": "operator"})
-    state.on_event("phase", START_S + 5.0, {"name": "campaign"})
+    told(state, "prompt", START_S, {"step": 0, "text": "door closed?", "by": "operator"})
+    told(state, "phase", START_S + 5.0, {"name": "campaign"})
     return state
 
 
@@ -60,7 +66,7 @@ def test_a_recording_follows_the_plan_but_never_past_an_event_that_is_missing() 
     assert what(state, 1000.0) == "settle channel 1"  # calls and settle share their start
     assert what(state, 1025.0) == "record channel 1 -10 mA"
     assert what(state, 1100.0) == "record channel 1 -10 mA"
-    state.on_event("record", START_S + 5.0 + 1032.0, RECORD)
+    told(state, "record", START_S + 5.0 + 1032.0, RECORD)
     assert what(state, 1032.0) == "source.operating channel 1"
     document = state.document(START_S + 5.0 + 1032.5)
     assert document["step"]["number"] == 7
@@ -82,7 +88,7 @@ def test_a_soak_is_a_wait_with_its_last_reading() -> None:
     state = in_campaign()
     for minute in range(3):
         fields = {"air_degC": 40.0, "unit_degC": 30.0 + minute}
-        state.on_event("environment", START_S + 5.0 + 60.0 * minute, fields)
+        told(state, "environment", START_S + 5.0 + 60.0 * minute, fields)
     wait = state.document(START_S + 130.0)["wait"]
     assert wait == {
         "reason": "soak 50 degC", "since_utc_s": START_S + 5.0, "until_utc_s": START_S + 1005.0,
@@ -92,14 +98,14 @@ def test_a_soak_is_a_wait_with_its_last_reading() -> None:
 
 def test_a_late_soak_says_until_when_and_widens_the_range() -> None:
     state = in_campaign()
-    state.on_event("late", START_S + 1005.0, {"step": 2, "policy": "hold", "last_degC": 48.0, "slope_degC_min": 0.1})
+    told(state, "late", START_S + 1005.0, {"step": 2, "policy": "hold", "last_degC": 48.0, "slope_degC_min": 0.1})
     document = state.document(START_S + 1105.0)
     assert document["wait"]["reason"] == "soak 50 degC, later than planned"
     assert document["wait"]["until_utc_s"] == START_S + 5.0 + 1000.0 + 600.0
     assert document["step"]["what"] == "soak 50 degC"
     spread = document["eta"]["latest_utc_s"] - document["eta"]["likely_utc_s"]
     assert spread == pytest.approx(500.0 + 100.0 * SHARE + 0.005 * 130.0 + MARGIN_S)
-    state.on_event("slip", START_S + 1125.0, {"step": 2, "seconds": 120.0, "reason": "soak"})
+    told(state, "slip", START_S + 1125.0, {"step": 2, "seconds": 120.0, "reason": "soak"})
     document = state.document(START_S + 1125.0)
     assert document["step"]["what"] == "settle channel 1"
     assert document["eta"]["likely_utc_s"] == pytest.approx(START_S + 1125.0 + 130.0)
@@ -112,14 +118,14 @@ def test_a_late_soak_says_until_when_and_widens_the_range() -> None:
 def test_standing_still_shifts_the_end_second_by_second() -> None:
     state = in_campaign()
     likely = state.document(START_S + 5.0 + 1025.0)["eta"]["likely_utc_s"]
-    state.on_event("hold", START_S + 5.0 + 1025.0, {"step": 5, "by": "link port_a", "reason": "no good frame"})
+    told(state, "hold", START_S + 5.0 + 1025.0, {"step": 5, "by": "link port_a", "reason": "no good frame"})
     document = state.document(START_S + 5.0 + 1325.0)
     assert document["state"] == "holding"
     assert document["holds"] == {"link port_a": "no good frame"}
     assert document["wait"]["reason"] == "no good frame"
     assert document["wait"]["since_utc_s"] == START_S + 5.0 + 1025.0
     assert document["eta"]["likely_utc_s"] == pytest.approx(likely + 300.0)
-    state.on_event("release", START_S + 5.0 + 1325.0, {"step": 5, "seconds": 300.0})
+    told(state, "release", START_S + 5.0 + 1325.0, {"step": 5, "seconds": 300.0})
     document = state.document(START_S + 5.0 + 1326.0)
     assert (document["state"], document["step"]["what"]) == ("running", "settle channel 1")  # the point from its start
     assert document["eta"]["likely_utc_s"] == pytest.approx(START_S + 5.0 + 1325.0 + 130.0)
@@ -128,23 +134,23 @@ def test_standing_still_shifts_the_end_second_by_second() -> None:
 def test_a_release_says_which_step_stood_still_whatever_the_plan_has_now() -> None:
     state = in_campaign()
     assert what(state, 990.0) == "soak 50 degC"
-    state.on_event("hold", START_S + 5.0 + 990.0, {"step": 5, "by": "operator", "reason": "door"})
-    state.on_event("release", START_S + 5.0 + 1200.0, {"step": 5, "seconds": 210.0})
+    told(state, "hold", START_S + 5.0 + 990.0, {"step": 5, "by": "operator", "reason": "door"})
+    told(state, "release", START_S + 5.0 + 1200.0, {"step": 5, "seconds": 210.0})
     assert what(state, 1201.0) == "settle channel 1"
 
 
 def test_a_record_that_is_taken_back_does_not_count() -> None:
     state = in_campaign()
-    state.on_event("record", START_S + 1035.0, RECORD)
+    told(state, "record", START_S + 1035.0, RECORD)
     state.on_record(1, START_S + 1035.0, {"channel": 1}, {"frames": 990, "lost": 10, "bad": 3, "flags": ["over range"]})
     records = state.document(START_S + 1035.0)["records"]
     assert (records["done"], records["flagged"], len(records["last"])) == (1, 1, 1)
     assert records["last"][0]["lost"] == 10
-    state.on_event("retake", START_S + 1036.0, {"record": 1, "reason": "10 of 1000 frames lost"})
+    told(state, "retake", START_S + 1036.0, {"record": 1, "reason": "10 of 1000 frames lost"})
     records = state.document(START_S + 1036.0)["records"]
     assert (records["done"], records["retaken"], records["flagged"], records["last"]) == (0, 1, 0, [])
     wiring = {**RECORD, "number": 2, "conditions": {"purpose": "wiring"}}
-    state.on_event("record", START_S + 1037.0, wiring)
+    told(state, "record", START_S + 1037.0, wiring)
     assert state.document(START_S + 1037.0)["records"]["done"] == 0
 
 
@@ -168,35 +174,35 @@ def test_a_prompt_is_a_wait_in_a_living_run_and_in_a_recording() -> None:
     live.on_step(0, START_S)
     live.on_prompt({**asked, "since_utc_s": START_S})
     recorded = replayed()
-    recorded.on_event("alarm", START_S, {"what": "prompt", **asked})
+    told(recorded, "alarm", START_S, {"what": "prompt", **asked})
     for state in (live, recorded):
         document = state.document(START_S + 60.0)
         assert document["prompt"] == {**asked, "since_utc_s": START_S}
         assert document["wait"]["reason"] == "answer: door closed?"
-    recorded.on_event("prompt", START_S + 61.0, {"step": 0, **asked, "by": "kim", "value": None})
+    told(recorded, "prompt", START_S + 61.0, {"step": 0, **asked, "by": "kim", "value": None})
     document = recorded.document(START_S + 61.0)
     assert (document["prompt"], document["alarms"][0]["active"]) == (None, False)
 
 
 def test_how_a_run_ends_and_goes_on() -> None:
     state = in_campaign()
-    state.on_event("control", START_S + 20.0, {"what": "abort", "by": "kim", "reason": "enough", "ok": False})
+    told(state, "control", START_S + 20.0, {"what": "abort", "by": "kim", "reason": "enough", "ok": False})
     assert state.document(START_S + 20.0)["state"] == "running"
-    state.on_event("control", START_S + 20.0, {"what": "abort", "by": "kim", "reason": "enough", "ok": True})
+    told(state, "control", START_S + 20.0, {"what": "abort", "by": "kim", "reason": "enough", "ok": True})
     document = state.document(START_S + 20.0)
     assert (document["state"], document["eta"]) == ("ending", None)
-    state.on_event("error", START_S + 21.0, {"code": "B-RUN-010", "text": "error B-RUN-010: stopped", "step": 2})
-    state.on_event("end", START_S + 22.0, {"error": "B-RUN-010"})
+    told(state, "error", START_S + 21.0, {"code": "B-RUN-010", "text": "error B-RUN-010: stopped", "step": 2})
+    told(state, "end", START_S + 22.0, {"error": "B-RUN-010"})
     document = state.document(START_S + 22.0)
     assert document["state"] == "ended"
     assert document["outcome"] == {"error": "B-RUN-010", "text": "error B-RUN-010: stopped"}
     assert document["wait"] is None
-    state.on_event("resume", START_S + 100.0, {"start": 3, "reason": "B-RUN-010", "segment": 2})
-    state.on_event("phase", START_S + 110.0, {"name": "campaign"})
+    told(state, "resume", START_S + 100.0, {"start": 3, "reason": "B-RUN-010", "segment": 2})
+    told(state, "phase", START_S + 110.0, {"name": "campaign"})
     document = state.document(START_S + 111.0)
     assert (document["state"], document["step"]["what"]) == ("running", "settle channel 1")
     assert document["outcome"] is None
-    state.on_event("end", START_S + 300.0, {"error": None})
+    told(state, "end", START_S + 300.0, {"error": None})
     document = state.document(START_S + 300.0)
     assert (document["outcome"], document["progress"]) == ({"error": None, "text": "done"}, 1.0)
 
@@ -233,8 +239,8 @@ def test_error_queues_as_the_drivers_ask_them(reply: str) -> None:
 def test_the_log_and_the_timetable() -> None:
     state = in_campaign()
     for number in range(500):
-        state.on_event("clock_step", START_S + number, {"step_s": 1.0})
-    state.on_event("environment", START_S + 500.0, {"air_degC": 22.0, "unit_degC": None})
+        told(state, "clock_step", START_S + number, {"step_s": 1.0})
+    told(state, "environment", START_S + 500.0, {"air_degC": 22.0, "unit_degC": None})
     document = state.document(START_S + 500.0)
     assert len(document["log"]) == 200
     assert document["log"][0]["t_utc_s"] == START_S + 499.0
@@ -246,9 +252,9 @@ def test_the_log_and_the_timetable() -> None:
 
 def test_the_planned_temperature_is_a_ramp_then_flat() -> None:
     state = replayed()
-    state.on_event("environment", START_S, {"air_degC": 20.0, "unit_degC": 20.0})
-    state.on_event("prompt", START_S, {"step": 0, "text": "door closed?", "by": "operator"})
-    state.on_event("phase", START_S + 5.0, {"name": "campaign"})
+    told(state, "environment", START_S, {"air_degC": 20.0, "unit_degC": 20.0})
+    told(state, "prompt", START_S, {"step": 0, "text": "door closed?", "by": "operator"})
+    told(state, "phase", START_S + 5.0, {"name": "campaign"})
     table = state.document(START_S + 6.0)["timetable"]
     began = START_S + 5.0
     reached = pytest.approx(20.0 + 1030.0 / 60.0)  # at 1 degC/min until the next set-point
@@ -261,7 +267,7 @@ def test_events_of_a_foreign_session_break_nothing() -> None:
     for kind in ("hold", "release", "alarm", "interlock", "link", "guard", "verdict", "error", "end", "slip", "late",
                  "overrun", "skip", "resume", "phase", "reentry", "prompt", "environment", "control", "gap", "closed",
                  "something"):  # fmt: skip
-        state.on_event(kind, START_S, {})
+        told(state, kind, START_S, {})
         json.dumps(state.document(START_S), allow_nan=False)
 
 

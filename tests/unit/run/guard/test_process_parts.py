@@ -179,7 +179,7 @@ def test_a_guard_that_does_not_start_is_said(tmp_path: Path) -> None:
     clock = WallClock()
     brief = replace(BRIEF, pid=os.getpid(), visa="@nothing_of_that_name", diary=str(tmp_path / "guard.jsonl"))
     with pytest.raises(RunError) as found:
-        GuardProcess(brief, Health(clock), StopSwitch(), clock, lambda **fields: None).__enter__()
+        GuardProcess(brief, Health(clock), StopSwitch(), clock, lambda event: None).__enter__()
     assert found.value.code == "B-RUN-090"
     assert "B-RUN-002" in found.value.message
     assert found.value.exit_status is ExitStatus.SAFE_AFTER_FAULT
@@ -194,7 +194,7 @@ def test_silence_of_a_part_holds_the_heartbeat_back() -> None:
 
     clock, sent, told = Clock(), [], []
     health = Health(clock)
-    guard = GuardProcess(BRIEF, health, StopSwitch(), clock, lambda **fields: told.append(fields))
+    guard = GuardProcess(BRIEF, health, StopSwitch(), clock, lambda event: told.append(event.document()))
     guard._send = sent.append  # type: ignore[method-assign, assignment]
     guard._hear = lambda: None  # type: ignore[method-assign]
     health.alive(SEQUENCER)

@@ -9,19 +9,20 @@ from types import SimpleNamespace
 from typing import NoReturn
 
 import pytest
-from run_rig import Rig
+from run_rig import Listener, Rig
 
-from bench.model.clock import NS
+from bench.model.clock import NS, VirtualClock
 from bench.model.errors import BenchError, LinkError
+from bench.model.events import Disk
 from bench.record import RecordError
 from bench.run.context import RunContext
 from bench.run.hold.holds import Interruption
 from bench.run.hold.patience import patient
 from bench.run.links import keeper as link_keeper
 from bench.run.links.keeper import keep_links
+from bench.run.observers import AtTerminal, Observers
 from bench.run.stop import StopSwitch, guarded, unforeseen
 from bench.run.watch.environment import EnvironmentLog
-from bench.run.watch.listening import SafeListener
 
 
 def test_links_are_decoded_in_their_order_and_bytes_recorded_before(tmp_path: Path) -> None:
@@ -104,7 +105,7 @@ def kept(rig: Rig, stack: ExitStack) -> RunContext:
     rig.clock.sleep(1.0)
     context.acquisition.refresh()
     record = SimpleNamespace(kind="record", number=0, role="", name="")
-    context.listener.step(record, 0.0)  # type: ignore[arg-type]
+    context.observers.step(record, 0.0)  # type: ignore[arg-type]
     return context
 
 
@@ -221,15 +222,16 @@ class Broken:
 @pytest.mark.parametrize("error", [BrokenPipeError(), OSError(5, "input/output error"), SystemExit(1)])
 def test_a_listener_that_is_gone_is_not_asked_again(error: BaseException) -> None:
     broken = Broken(error)
-    safe = SafeListener(broken)  # type: ignore[arg-type]
-    safe.message("one")
-    safe.message("two")
+    said = Listener()
+    observers = Observers(VirtualClock(), AtTerminal(broken), AtTerminal(said))  # type: ignore[arg-type]
+    observers.message("one")
+    observers.message("two")
     assert broken.asked == 1
+    assert said.messages == ["one", "two"]
 
 
 def test_patience_with_a_disk() -> None:
-    said: list[str] = []
-    listener = type("Says", (), {"message": lambda self, text: said.append(text)})()
+    said: list[Disk] = []
     fault: list[BenchError | None] = []
 
     def write(_: int) -> None:
@@ -238,7 +240,7 @@ def test_patience_with_a_disk() -> None:
 
     full, over = RecordError("B-REC-001", "full"), RecordError("B-REC-003", "64 MB wait")
     fault += [None, full, full, None, full, over]
-    tick = patient(write, listener)
+    tick = patient(write, said.append)
     for second in range(5):
         tick(second)
     assert len(said) == 2  # once per trouble

@@ -19,7 +19,7 @@ def test_a_port_that_is_back_without_frames_is_not_back(tmp_path: Path) -> None:
     port.reopen = lambda: setattr(port, "broken", None)
     with keep_links(context) as keeper:
         rig.clock.sleep(5.05)
-        keeper.step(record)
+        keeper.step(record, 0.0)
         port.broken, port.dropped = OSError("gone"), lambda counter: True
         context.acquisition.catch_up()
         keeper.service()
@@ -51,17 +51,17 @@ def test_what_a_person_switches_on_and_off_is_missed_only_while_it_is_on(tmp_pat
 
     with keep_links(context) as keeper:
         rig.clock.sleep(1.0)
-        keeper.step(prompt)
+        keeper.step(prompt, 0.0)
         port.dropped = lambda counter: False
-        keeper.step(record)
+        keeper.step(record, 0.0)
         assert not silent_after_s(5.0)
-        keeper.step(prompt)
+        keeper.step(prompt, 0.0)
         port.dropped = lambda counter: True
-        keeper.step(record)
+        keeper.step(record, 0.0)
         assert not silent_after_s(5.0)
-        keeper.step(prompt)
+        keeper.step(prompt, 0.0)
         port.dropped = lambda counter: False
-        keeper.step(record)
+        keeper.step(record, 0.0)
         assert not silent_after_s(5.0)
         port.dropped = lambda counter: True
         assert silent_after_s(5.0)

@@ -14,6 +14,7 @@ from preflight_bench import Machine, clock_at_noon, context, in_process_plan, no
 
 from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import ExitStatus, InputError, InstrumentError
+from bench.model.events import Event
 from bench.report.tables import analysis_tables
 from bench.run.bench.opener import OpenBench, open_bench
 from bench.run.guard.lock import BenchLock, bus_keys
@@ -44,9 +45,9 @@ def test_one_error_lists_everything_that_does() -> None:
 
 
 def test_the_event_becomes_a_table_of_the_report() -> None:
-    fields = Report((OK, WARN)).fields()
-    assert (fields["ok"], fields["warn"], fields["fail"], fields["skipped"]) == (1, 1, 0, 0)
-    (table,) = analysis_tables([report_table(fields)])
+    event = Report((OK, WARN)).event()
+    assert (event.ok, event.warn, event.fail, event.skipped) == (1, 1, 0, 0)
+    (table,) = analysis_tables([report_table(event)])
     assert table.rows == (("one", "ok", "1", "2", "fine"), ("two", "warn", "", "", "not so fine"))
 
 
@@ -123,7 +124,7 @@ def test_a_rehearsal_asks_no_instrument_and_writes_nothing_of_the_machine(
 ) -> None:
     bench, clock, sent = rehearsed
     told: list[str] = []
-    assert Preflight(told.append, Machine())(in_process_plan(), bench, clock, tmp_path) == {}
+    assert Preflight(told.append, Machine())(in_process_plan(), bench, clock, tmp_path) is None
     assert (told, sent, clock.now_ns()) == ([], [], clock.now_ns())
     assert list(tmp_path.iterdir()) == []
 
@@ -155,9 +156,10 @@ def test_warnings_are_told_and_the_run_goes_on(tmp_path: Path, monkeypatch: pyte
         monkeypatch.setattr(module, name, (Check(name, lambda _: [OK, WARN]),))
     bench: Any = SimpleNamespace(instruments={}, links={})
     told: list[str] = []
-    fields = Preflight(told.append, Machine())(served_plan(), bench, WallClock(), tmp_path)
+    event = Preflight(told.append, Machine())(served_plan(), bench, WallClock(), tmp_path)
     assert told == ["pre-flight, warning: two: not so fine"] * 3
-    assert (fields["ok"], fields["warn"]) == (3, 3)
+    assert event is not None
+    assert (event.ok, event.warn) == (3, 3)
 
 
 # --- bench check --live -----------------------------------------------------------------------------------------------
@@ -216,8 +218,8 @@ class Run:
         self.plan = served_plan()
         self.events: list[tuple[str, dict[str, Any]]] = []
 
-    def event(self, kind: str, **fields: Any) -> None:
-        self.events.append((kind, fields))
+    def event(self, event: Event) -> None:
+        self.events.append((event.kind, event.document()))
 
 
 def test_an_inhibitor_lives_as_long_as_the_run(tmp_path: Path) -> None:

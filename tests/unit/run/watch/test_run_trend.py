@@ -20,7 +20,6 @@ from bench.replay.build_trend import build_trend, main
 from bench.replay.history import history, needs_build, trend_place
 from bench.replay.raw_window import raw_window
 from bench.run.context import RunContext
-from bench.run.control.following import Following
 from bench.run.watch.trend import trend_recorder
 
 GYROS = [f"port_a.npp-ppp[{channel}]" for channel in range(1, 7)]
@@ -146,7 +145,7 @@ def test_a_disk_that_refuses_costs_the_trend_and_nothing_else(
 ) -> None:
     @contextmanager
     def beside(context: RunContext) -> Iterator[None]:
-        with trend_recorder(context, Following(context), Full(writes)):
+        with trend_recorder(context, Full(writes)):
             yield
 
     done, heard = run_short(tmp_path, beside=[beside])
@@ -161,7 +160,7 @@ def test_a_folder_that_cannot_be_made_is_said_and_the_run_goes_on(tmp_path: Path
     @contextmanager
     def beside(context: RunContext) -> Iterator[None]:
         (context.folder / FOLDER).write_text("in the way")
-        with trend_recorder(context, Following(context)) as recorder:
+        with trend_recorder(context) as recorder:
             assert recorder is None
             yield
 
@@ -173,7 +172,7 @@ def test_a_folder_that_cannot_be_made_is_said_and_the_run_goes_on(tmp_path: Path
 def test_an_error_nobody_foresaw_costs_the_trend_alone(tmp_path: Path) -> None:
     @contextmanager
     def beside(context: RunContext) -> Iterator[None]:
-        with trend_recorder(context, Following(context)) as recorder:
+        with trend_recorder(context) as recorder:
             assert recorder is not None
             recorder._bench.advance = lambda t_utc_ns: 1 / 0  # type: ignore[method-assign,assignment,return-value]
             yield

@@ -1,0 +1,59 @@
+"""Everything that can happen in a run: one frozen class per kind of event."""
+
+from __future__ import annotations
+
+from bench.model.events.course import (
+    OPERATOR,
+    Closed,
+    Config,
+    End,
+    Error,
+    Gap,
+    Hold,
+    Late,
+    Overrun,
+    Phase,
+    Reentry,
+    Release,
+    Resume,
+    Retake,
+    Safe,
+    Skip,
+    Slip,
+    by_instrument,
+)
+from bench.model.events.event import Event, Severity
+from bench.model.events.stored import event_of
+from bench.model.events.taken import (
+    Answer,
+    Environment,
+    Exchange,
+    Preflight,
+    Prompt,
+    Reading,
+    Record,
+    Surroundings,
+)
+from bench.model.events.trouble import (
+    Alarm,
+    ClockStep,
+    Control,
+    Disk,
+    Guard,
+    HoldAlarm,
+    Inhibit,
+    Interlock,
+    Link,
+    Notify,
+    PromptAlarm,
+    StimulusAlarm,
+    Verdict,
+)
+
+__all__ = [
+    "OPERATOR", "Alarm", "Answer", "ClockStep", "Closed", "Config", "Control", "Disk", "End", "Environment", "Error",
+    "Event", "Exchange", "Gap", "Guard", "Hold", "HoldAlarm", "Inhibit", "Interlock", "Late", "Link", "Notify",
+    "Overrun", "Phase", "Preflight", "Prompt", "PromptAlarm", "Reading", "Record", "Reentry", "Release", "Resume",
+    "Retake", "Safe", "Severity", "Skip", "Slip", "StimulusAlarm", "Surroundings", "Verdict", "by_instrument",
+    "event_of",
+]  # fmt: skip

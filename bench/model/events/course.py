@@ -1,0 +1,278 @@
+"""What a run does: how it goes through its plan, where it stands still, and how it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from bench.model.events.event import Event, Severity, left_out, number
+
+OPERATOR = "operator"  # who holds a run by a pause
+
+
+def by_instrument(role: str) -> str:
+    """Return who holds a run that waits for an instrument."""
+    return f"instrument {role}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Phase(Event):
+    """A phase of the plan begins."""
+
+    kind: ClassVar[str] = "phase"
+    name: str
+    t_start_ns: int
+
+    def _words(self) -> str:
+        return f"phase {self.name} begins"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resume(Event):
+    """A session is gone on with at step ``start``, in a new segment; monotonic time may begin anew behind it.
+
+    ``reason``: how the part before it ended.
+    """
+
+    kind: ClassVar[str] = "resume"
+    reason: str
+    start: int | None = left_out()
+    stopped_mono_ns: int | None = left_out()
+    stopped_utc_ns: int | None = None
+    utc_ns: int | None = left_out()
+    away_s: float | None = None
+    unit_degC: float | None = None
+    identities: Mapping[str, Any] | None = left_out()
+    differences: Sequence[str] | None = left_out()
+    segment: int | None = left_out()
+
+    def _words(self) -> str:
+        return f"gone on with after: {self.reason}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hold(Event):
+    """The run begins to stand still, its stimulus off; ``by``: who wishes it."""
+
+    kind: ClassVar[str] = "hold"
+    at_terminal: ClassVar[bool] = True
+    step: int
+    by: str
+    reason: str
+
+    @property
+    def severity(self) -> Severity:
+        return "warning" if self.by == OPERATOR else "alarm"
+
+    @property
+    def lasts(self) -> bool:
+        return True
+
+    def _words(self) -> str:
+        return f"holding at step {self.step}: {self.reason} ({self.by}); the stimulus is off"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Release(Event):
+    """The run goes on after it stood still at a step."""
+
+    kind: ClassVar[str] = "release"
+    at_terminal: ClassVar[bool] = True
+    step: int
+    seconds: float
+
+    def _words(self) -> str:
+        return f"going on after {number(self.seconds, '.0f')} s"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Skip(Event):
+    """The steps from ``first`` up to ``stop`` are left out."""
+
+    kind: ClassVar[str] = "skip"
+    at_terminal: ClassVar[bool] = True
+    by: str
+    reason: str
+    first: int
+    stop: int
+
+    def _words(self) -> str:
+        return f"steps {self.first} to {self.stop - 1} left out: {self.reason} ({self.by})"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slip(Event):
+    """What follows a step is later than planned."""
+
+    kind: ClassVar[str] = "slip"
+    step: int
+    seconds: float
+    reason: str
+
+    def _words(self) -> str:
+        return f"step {self.step}: {number(self.seconds, '.3g')} s later than planned ({self.reason})"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Late(Event):
+    """A soak is not stable at the end of its slot; ``policy``: hold, skip or abort."""
+
+    kind: ClassVar[str] = "late"
+    at_terminal: ClassVar[bool] = True
+    step: int
+    policy: str
+    last_degC: float
+    slope_degC_min: float
+
+    def _words(self) -> str:
+        last, slope = number(self.last_degC, ".2f"), number(self.slope_degC_min, "+.3f")
+        where = f"step {self.step}: not stable at the end of its slot"
+        return f"{where}, last {last} degC, {slope} degC/min: {self.policy}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Overrun(Event):
+    """What was before a step took longer than the plan leaves for it."""
+
+    kind: ClassVar[str] = "overrun"
+    step: int
+    seconds: float
+
+    def _words(self) -> str:
+        late = number(self.seconds, ".2g")
+        return f"step {self.step}: began {late} s late, what was before it took longer"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Retake(Event):
+    """A record is taken back; its number is given again."""
+
+    kind: ClassVar[str] = "retake"
+    record: int
+    reason: str
+
+    def _words(self) -> str:
+        return f"record {self.record} is taken again: {self.reason}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gap(Event):
+    """A record that should follow another one without a gap begins anew."""
+
+    kind: ClassVar[str] = "gap"
+    at_terminal: ClassVar[bool] = True
+    step: int
+    record: int
+    first_counter: int
+
+    def _words(self) -> str:
+        return f"record {self.record} is begun anew, frames between it and the record before are lost"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reentry(Event):
+    """The temperature is back at what a step needs; ``soaked``: by a soak of its whole slot."""
+
+    kind: ClassVar[str] = "reentry"
+    step: int
+    target_degC: float | None
+    soaked: bool
+    unit_degC: float | None
+    seconds: float
+
+    def _words(self) -> str:
+        unit = "none" if self.unit_degC is None else number(self.unit_degC, ".2f")
+        return f"back at {unit} degC{', soaked' if self.soaked else ''}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Error(Event):
+    """A reading that failed, a fault of the recorder, or the error that ends the run (an ``End`` follows then).
+
+    ``text`` is all of it; ``where``: what it belongs to; ``segment``, ``errno``: of a fault of the recorder.
+    """
+
+    kind: ClassVar[str] = "error"
+    code: str
+    text: str
+    step: int | None = left_out()
+    where: str | None = left_out()
+    segment: int | None = left_out()
+    errno: int | None = left_out()
+
+    @property
+    def severity(self) -> Severity:
+        return "warning"
+
+    @property
+    def topic(self) -> str:
+        return f"error {self.code} {self.where}"
+
+    @property
+    def error_code(self) -> str | None:
+        return self.code
+
+    def _words(self) -> str:
+        return self.text or self.code
+
+
+@dataclass(frozen=True, kw_only=True)
+class Safe(Event):
+    """The bench was made safe; ``failures``: what could not be confirmed."""
+
+    kind: ClassVar[str] = "safe"
+    failures: Sequence[str]
+
+    @property
+    def severity(self) -> Severity:
+        return "fault" if self.failures else "none"
+
+    def _words(self) -> str:
+        return "; ".join(map(str, self.failures)) or "the bench is safe"
+
+
+@dataclass(frozen=True, kw_only=True)
+class End(Event):
+    """The run is over; ``error``: code of what ended it, None if every step was done."""
+
+    kind: ClassVar[str] = "end"
+    steps: int
+    records: int
+    slip_s: float
+    overruns: int
+    retaken: int
+    lateness_ms: Sequence[float]  # median, 99th percentile, maximum
+    error: str | None
+
+    @property
+    def severity(self) -> Severity:
+        return "none" if self.error is None else "fault"
+
+    @property
+    def error_code(self) -> str | None:
+        return self.error
+
+    def _words(self) -> str:
+        return "the run is done" if self.error is None else f"the run ended: {self.error}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Closed(Event):
+    """The recorder has closed the session: "done", or the code of the error."""
+
+    kind: ClassVar[str] = "closed"
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config(Event):
+    """A file that the run was made from has changed while it went on."""
+
+    kind: ClassVar[str] = "config"
+    at_terminal: ClassVar[bool] = True
+    file: str
+    change: str
+
+    def _words(self) -> str:
+        return f"{self.file} is {self.change} on the disk; the run used its own copy"

@@ -1,0 +1,132 @@
+"""What a run takes: records, readings, answers and temperatures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from bench.model.events.event import Event, left_out
+
+Conditions = Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Record(Event):
+    """A record was taken: a window of frames of one link. ``samples`` and ``pulse_timing``: what is kept of it.
+
+    A record of readings has no link and no frames; ``readings`` of it have a value, ``unread`` have none.
+    """
+
+    kind: ClassVar[str] = "record"
+    number: int
+    link: str
+    first_counter: int
+    frames: int
+    t_start_ns: int
+    t_end_ns: int
+    conditions: Conditions
+    step: int = -1
+    pulse_timing: bool = left_out(False)
+    samples: bool = left_out(False)
+    readings: int | None = left_out()
+    unread: int | None = left_out()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading(Event):
+    """An action of an instrument gave a value; None with ``quality`` and an error if it should have given one."""
+
+    kind: ClassVar[str] = "reading"
+    step: int
+    role: str
+    name: str
+    value: Any
+    conditions: Conditions
+    quality: int | None = left_out()
+    code: str | None = left_out()
+    text: str | None = left_out()
+    arguments: Mapping[str, Any] | None = left_out()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer(Event):
+    """The unit answered a command that carries no number; ``payload`` in hex."""
+
+    kind: ClassVar[str] = "answer"
+    step: int
+    role: str
+    name: str
+    status: int
+    payload: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exchange(Event):
+    """A numbered command and what came back; ``status`` is None if nobody answered, payloads are in hex."""
+
+    kind: ClassVar[str] = "exchange"
+    step: int
+    item: str
+    name: str
+    role: str
+    sequence: int
+    attempts: int
+    begin_ns: int
+    end_ns: int
+    status: int | None
+    refused: bool
+    sent: str
+    received: str
+    ignored: int
+    conditions: Conditions
+
+
+@dataclass(frozen=True, kw_only=True)
+class Prompt(Event):
+    """A person has answered a question; ``value`` is None if it was a confirmation."""
+
+    kind: ClassVar[str] = "prompt"
+    step: int
+    text: str
+    confirm: str
+    by: str
+    value: float | None
+    unit: str
+    low: float | None
+    high: float | None
+    sets: Mapping[str, Any] | None = left_out()
+
+    def _words(self) -> str:
+        value = "done" if self.value is None else f"{self.value:g} {self.unit}"
+        return f"{self.text} {value} ({self.by})"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Environment(Event):
+    """What the chamber's air and the unit really did, once a minute."""
+
+    kind: ClassVar[str] = "environment"
+    air_degC: float | None
+    unit_degC: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Surroundings(Event):
+    """Temperatures that a logger scanned, by channel."""
+
+    kind: ClassVar[str] = "surroundings"
+    role: str
+    degC: Mapping[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Preflight(Event):
+    """What was looked at before the run began; each finding has name, status, value, limit and text."""
+
+    kind: ClassVar[str] = "preflight"
+    ok: int
+    warn: int
+    fail: int
+    skipped: int
+    findings: Sequence[Mapping[str, str]]

@@ -1,0 +1,340 @@
+"""What watches a run, and people, have to say: alarms, limits, links, the guard, commands."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal
+
+from bench.model.events.event import Event, Severity, left_out, number
+
+
+@dataclass(frozen=True, kw_only=True)
+class Alarm(Event):
+    """Somebody should look. Each ``what`` has a class of its own."""
+
+    kind: ClassVar[str] = "alarm"
+    what: str
+
+    @property
+    def severity(self) -> Severity:
+        return "alarm"
+
+    @property
+    def topic(self) -> str:
+        return self.what
+
+    @property
+    def lasts(self) -> bool:
+        return True
+
+    def _words(self) -> str:
+        return self.what
+
+
+@dataclass(frozen=True, kw_only=True)
+class HoldAlarm(Alarm):
+    """The run has stood still for long."""
+
+    at_terminal: ClassVar[bool] = True
+    what: str = "hold"
+    step: int
+    seconds: float
+    reasons: Mapping[str, str]
+
+    def _words(self) -> str:
+        reasons = "; ".join(map(str, self.reasons.values()))
+        return f"still holding at step {self.step} after {number(self.seconds, '.0f')} s: {reasons}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class StimulusAlarm(Alarm):
+    """An instrument of the stimulus could not be made safe; it is tried on."""
+
+    at_terminal: ClassVar[bool] = True
+    what: str = "stimulus"
+    step: int
+    role: str
+    code: str
+    text: str
+
+    @property
+    def severity(self) -> Severity:
+        return "fault"
+
+    @property
+    def topic(self) -> str:
+        return f"stimulus {self.role}"
+
+    @property
+    def error_code(self) -> str | None:
+        return self.code
+
+    def _words(self) -> str:
+        return f"{self.role} is not confirmed safe at step {self.step}: {self.code}: {self.text}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PromptAlarm(Alarm):
+    """A person is asked who does not sit at the terminal."""
+
+    what: str = "prompt"
+    id: str
+    text: str
+    confirm: str
+    unit: str
+    low: float | None
+    high: float | None
+
+    def _words(self) -> str:
+        return f"somebody must answer: {self.text}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interlock(Event):
+    """A watched value is beyond its limit, or back; ``value`` is None if there was no reading."""
+
+    kind: ClassVar[str] = "interlock"
+    at_terminal: ClassVar[bool] = True
+    name: str
+    signal: str
+    of: str
+    value: float | None
+    limit: float | None
+    unit: str
+    action: str
+    state: str
+
+    @property
+    def severity(self) -> Severity:
+        if self.state == "released":
+            return "none"
+        by_action: dict[str, Severity] = {"warn": "warning", "abort": "fault"}
+        return by_action.get(self.action, "alarm")
+
+    @property
+    def topic(self) -> str:
+        return f"interlock {self.name}"
+
+    @property
+    def lasts(self) -> bool:
+        return True
+
+    def _words(self) -> str:
+        signal = f"{self.signal} of {self.of}" if self.of else self.signal
+        if self.state == "released":
+            return f"interlock {self.name}: {signal} is back inside its limits"
+        if self.value is None:
+            return f"interlock {self.name}: no reading of {signal}: {self.action}"
+        limit = "none" if self.limit is None else number(self.limit)
+        value = f"{number(self.value, '.6g')} {self.unit}, limit {limit} {self.unit}"
+        return f"interlock {self.name}: {signal} is {value}: {self.action}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Link(Event):
+    """A link was opened, is lost or silent, is back, or lost bytes; each state has its own fields.
+
+    ``frame`` to ``buf_overrun``: errors that the kernel has counted since the last look.
+    """
+
+    kind: ClassVar[str] = "link"
+    link: str
+    state: Literal["open", "lost", "silent", "back", "kernel errors", "behind"]
+    kernel_counts: bool | None = left_out()
+    reason: str | None = left_out()
+    seconds: float | None = left_out()
+    how: str | None = left_out()
+    frame: int | None = left_out()
+    overrun: int | None = left_out()
+    parity: int | None = left_out()
+    buf_overrun: int | None = left_out()
+    times: int | None = left_out()
+
+    @property
+    def told(self) -> bool:
+        return self.state not in ("open", "behind")
+
+    @property
+    def severity(self) -> Severity:
+        by_state: dict[str, Severity] = {
+            "lost": "alarm", "silent": "alarm", "kernel errors": "warning", "behind": "warning",
+        }  # fmt: skip
+        return by_state.get(self.state, "none")
+
+    @property
+    def topic(self) -> str:
+        passing = self.state in ("kernel errors", "behind")
+        return f"link {self.link} {self.state}" if passing else f"link {self.link}"
+
+    @property
+    def lasts(self) -> bool:
+        return self.state in ("lost", "silent")
+
+    def _words(self) -> str:
+        if self.state == "back" and self.seconds is not None:
+            return f"link {self.link} is back after {self.seconds:.1f} s: {self.how}"
+        if self.state == "kernel errors":
+            counts = {"frame": self.frame, "overrun": self.overrun, "parity": self.parity, "buffer": self.buf_overrun}
+            more = ", ".join(f"{name} {count}" for name, count in counts.items() if count)
+            return f"link {self.link}: the kernel counted errors: {more}"
+        if self.state == "behind":
+            return f"link {self.link}: decoding fell behind {self.times} times"
+        return f"link {self.link} is {self.state}{'' if self.reason is None else f': {self.reason}'}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Guard(Event):
+    """The guard is ready or lost, a heartbeat was withheld from it, or it has acted."""
+
+    kind: ClassVar[str] = "guard"
+    state: Literal["ready", "withheld", "lost", "acted"]
+    pid: int | None = left_out()
+    parts: Sequence[str] | None = left_out()
+    reason: str | None = left_out()
+    text: str | None = left_out()
+
+    @property
+    def severity(self) -> Severity:
+        by_state: dict[str, Severity] = {"acted": "fault", "lost": "alarm", "withheld": "alarm"}
+        return by_state.get(self.state, "none")
+
+    @property
+    def topic(self) -> str:
+        return "guard" if self.state == "acted" else f"guard {self.state}"
+
+    def _words(self) -> str:
+        if self.state == "withheld":
+            return f"a heartbeat was withheld: no sign of life of {', '.join(map(str, self.parts or ()))}"
+        return f"guard {self.state}{f': {self.text}' if self.text else ''}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict(Event):
+    """The early judge has judged what is recorded so far; ``ok`` is None if nothing can be judged yet.
+
+    A check has ok, name, value, limit and text.
+    """
+
+    kind: ClassVar[str] = "verdict"
+    at_terminal: ClassVar[bool] = True
+    ok: bool | None
+    records: int | None = left_out()
+    checks: Sequence[Mapping[str, Any]] | None = left_out()
+    error: str | None = left_out()
+
+    @property
+    def severity(self) -> Severity:
+        return "alarm" if self.ok is False else "none"
+
+    @property
+    def failed(self) -> str:
+        """What is wrong, "" if nothing is."""
+        return "; ".join(_check(check) for check in self.checks or () if check.get("ok") is False)
+
+    def _words(self) -> str:
+        if self.ok is None:
+            return f"early verdict: none ({self.error or 'too little is recorded yet'})"
+        after = "" if self.records is None else f" after {self.records} records"
+        return f"early verdict: {f'all well{after}' if self.ok else self.failed}"
+
+
+def _check(check: Mapping[str, Any]) -> str:
+    value, limit = check.get("value"), check.get("limit")
+    if not isinstance(value, int | float) or not isinstance(limit, int | float):
+        return str(check.get("text"))
+    return f"{check.get('name')} {value:.3g}, limit {limit:.3g} ({check.get('text')})"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Notify(Event):
+    """A message to a person did not get through, or was left out."""
+
+    kind: ClassVar[str] = "notify"
+    at_terminal: ClassVar[bool] = True
+    way: str
+    message: str
+    sent: bool
+    why: str
+
+    @property
+    def severity(self) -> Severity:
+        return "warning"
+
+    @property
+    def topic(self) -> str:
+        return f"notify {self.way}"
+
+    def _words(self) -> str:
+        return f"a notification by {self.way} did not get through ({self.why})"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClockStep(Event):
+    """UTC has moved against the monotonic clock."""
+
+    kind: ClassVar[str] = "clock_step"
+    at_terminal: ClassVar[bool] = True
+    step_s: float
+    t_utc_ns: int
+
+    @property
+    def severity(self) -> Severity:
+        return "warning"
+
+    def _words(self) -> str:
+        jump = f"UTC has jumped by {number(self.step_s, '+.3f')} s (clock set, or the machine was asleep)"
+        return f"{jump}; durations are not touched"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Control(Event):
+    """A person has given a command from elsewhere; ``text``: what it was answered with.
+
+    ``alarm``: the id of the one that is acknowledged; ``prompt``, ``value``: what is answered.
+    """
+
+    kind: ClassVar[str] = "control"
+    what: str
+    by: str
+    reason: str
+    ok: bool | None = None  # of a session that does not say it: it was done
+    text: str = ""
+    alarm: str | float | None = left_out()
+    prompt: str | float | None = left_out()
+    value: str | float | None = left_out()
+
+    def _words(self) -> str:
+        refused = f" (refused: {self.text})" if self.ok is False else ""
+        return f"{self.what} by {self.by}{f': {self.reason}' if self.reason else ''}{refused}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inhibit(Event):
+    """Whether the machine is kept awake."""
+
+    kind: ClassVar[str] = "inhibit"
+    held: bool
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Disk(Event):
+    """The disk takes nothing. No event of a session, which cannot be written just then: the run only tells it."""
+
+    kind: ClassVar[str] = "disk"
+    at_terminal: ClassVar[bool] = True
+    recorded: ClassVar[bool] = False
+    code: str
+    text: str
+
+    @property
+    def severity(self) -> Severity:
+        return "fault"
+
+    @property
+    def error_code(self) -> str | None:
+        return self.code
+
+    def _words(self) -> str:
+        return self.text

@@ -1,0 +1,206 @@
+"""Who hears what happens in a run, in a stated order: the recorder first, so that nobody acts on what is not written.
+
+There is one list. Nobody stands between the run and somebody else, and nobody is replaced.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
+from enum import IntEnum
+from typing import Any, ClassVar, Protocol
+
+from bench.frame import LinkBatch
+from bench.model.clock import Clock
+from bench.model.errors import OperatorStop
+from bench.model.events import Event
+from bench.model.ports import SessionSink
+from bench.plan import Step
+from bench.record import PackedList, RecordError, RecordRow
+
+StoredEvent = tuple[str, int, Mapping[str, Any]]
+"""Kind, monotonic time in ns and fields, as a session has them."""
+
+
+class Order(IntEnum):
+    """Who hears first; of the same place, who came first."""
+
+    RECORDER = 0
+    PLACE = 1  # where the run is, for those behind
+    SAFETY = 2  # links and interlocks
+    WATCHERS = 3  # trend, feed, notifications
+    TERMINAL = 4
+
+
+class Observer:
+    """Hears what it has a method for, on the thread it comes from, and must not wait.
+
+    ``vital``: the run cannot do without it, so its error is an error of the run. Any other observer that raises is not
+    told anything any more, and ``loss`` is said once: the run goes on.
+    """
+
+    order: ClassVar[Order] = Order.WATCHERS
+    vital: ClassVar[bool] = False
+    loss: ClassVar[str] = ""
+
+    def event(self, event: Event, t_mono_ns: int) -> None:
+        """Something happened."""
+
+    def step(self, step: Step, at_s: float) -> None:
+        """A step begins; ``at_s`` = seconds since the start of the run."""
+
+    def record(self, row: RecordRow) -> None:
+        """A record is complete."""
+
+    def batch(self, link: str, batch: LinkBatch) -> None:
+        """Frames of a link were decoded."""
+
+    def traffic(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
+        """A command to ("tx") or reply of ("rx") an instrument."""
+
+    def message(self, text: str) -> None:
+        """Something a person should read that is no event."""
+
+    def failed(self) -> None:
+        """It has raised, and is not told anything any more."""
+
+
+class Observers:
+    """The list."""
+
+    def __init__(self, clock: Clock, *observers: Observer) -> None:
+        self._clock = clock
+        self._observers: tuple[Observer, ...] = ()
+        for observer in observers:
+            self.add(observer)
+
+    def add(self, observer: Observer) -> None:
+        """Tell somebody else too from now on."""
+        self._observers = tuple(sorted((*self._observers, observer), key=lambda other: other.order))
+
+    def event(self, event: Event) -> None:
+        """Something happens now. Raises: what a vital observer raises; those behind it are not told then."""
+        t_mono_ns = self._clock.now_ns()
+        self._tell(lambda observer: observer.event(event, t_mono_ns))
+
+    def note(self, event: Event) -> None:
+        """Something happens that nothing depends on: a person hears of it even if the disk refuses it."""
+        try:
+            self.event(event)
+        except RecordError:
+            if event.told:
+                self.message(event.sentence)
+
+    def step(self, step: Step, at_s: float) -> None:
+        """A step begins."""
+        self._tell(lambda observer: observer.step(step, at_s))
+
+    def record(self, row: RecordRow) -> None:
+        """A record is complete."""
+        self._tell(lambda observer: observer.record(row))
+
+    def batch(self, link: str, batch: LinkBatch) -> None:
+        """Frames of a link were decoded."""
+        self._tell(lambda observer: observer.batch(link, batch))
+
+    def traffic(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
+        """A command went to an instrument, or its reply came."""
+        self._tell(lambda observer: observer.traffic(role, direction, text, t_mono_ns))
+
+    def message(self, text: str) -> None:
+        """Say something to a person."""
+        self._tell(lambda observer: observer.message(text))
+
+    def _tell(self, tell: Callable[[Observer], None]) -> None:
+        for observer in self._observers:
+            if observer.vital:
+                tell(observer)
+                continue
+            try:
+                tell(observer)
+            except OperatorStop:  # a second signal, wherever it comes
+                raise
+            except (Exception, SystemExit) as error:  # a terminal that hung up: some writers want to exit then
+                self._drop(observer, error)
+
+    def _drop(self, observer: Observer, error: BaseException) -> None:
+        if observer not in self._observers:
+            return
+        self._observers = tuple(other for other in self._observers if other is not observer)
+        observer.failed()
+        if observer.loss:
+            self.message(f"{observer.loss} ({type(error).__name__}: {error}); the run goes on")
+
+
+class Recorder(Observer):
+    """Writes everything into the session, and keeps events of some kinds for the end of the run.
+
+    A command to an instrument goes on if the disk is full, least of all is the one kept back that makes it safe: the
+    recorder reports the fault by itself at its next tick.
+    """
+
+    order = Order.RECORDER
+    vital = True
+
+    def __init__(self, sink: SessionSink, kinds: Collection[str] = ()) -> None:
+        self._sink = sink
+        self._kinds = frozenset(kinds)
+        self._kept: PackedList[StoredEvent] = PackedList()
+
+    def event(self, event: Event, t_mono_ns: int) -> None:
+        """Write an event."""
+        if not event.recorded:
+            return
+        document = event.document()
+        self._sink.event(event.kind, t_mono_ns, document)
+        if event.kind in self._kinds:
+            self._kept.append((event.kind, t_mono_ns, document))
+
+    def traffic(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
+        """Write a command or reply."""
+        with suppress(RecordError):
+            self._sink.command(role, direction, text, t_mono_ns)
+
+    @property
+    def events(self) -> list[StoredEvent]:
+        """The events that were kept, in order."""
+        return list(self._kept)
+
+
+class Listener(Protocol):
+    """A person at the terminal (progress bar, plain lines)."""
+
+    def step(self, step: Step, at_s: float) -> None:
+        """A step begins; ``at_s`` = seconds since the start of the run."""
+
+    def record(self, row: RecordRow) -> None:
+        """A record is complete."""
+
+    def message(self, text: str) -> None:
+        """Something a person should read."""
+
+
+class AtTerminal(Observer):
+    """Tells a listener what happens; one that is gone is no reason to stop measuring."""
+
+    order = Order.TERMINAL
+
+    def __init__(self, listener: Listener) -> None:
+        self._listener = listener
+
+    def event(self, event: Event, t_mono_ns: int) -> None:
+        """Something happened."""
+        if event.told:
+            self._listener.message(event.sentence)
+
+    def step(self, step: Step, at_s: float) -> None:
+        """A step begins."""
+        self._listener.step(step, at_s)
+
+    def record(self, row: RecordRow) -> None:
+        """A record is complete."""
+        self._listener.record(row)
+
+    def message(self, text: str) -> None:
+        """Something a person should read."""
+        self._listener.message(text)
