@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 
-def preamble(document: Mapping[str, Any]) -> list[str]:
-    """What a reader of the header must know: unit, simulated or not, signs, sources."""
+def c_preamble(document: Mapping[str, Any]) -> str:
+    """Return the comment that opens a C header: unit, simulated or not, signs, sources."""
     unit = document["uut"]
     lines = [f"Compensation of {unit['model']}, serial number {unit['serial']}."]
     if document["simulated"]:
@@ -17,15 +17,10 @@ def preamble(document: Mapping[str, Any]) -> list[str]:
     for source in document["sources"]:
         lines += [f"  {source['session']}: {source['campaign']}, method {source['method']}, {source['software']}"]
         lines += [f"    session SHA-256 {source['session_sha256']}", f"    worst verdict: {source['worst_verdict']}"]
-        lines += [f"    MISSING: {one}" for one in source["missing"]]
-    return lines
+        lines += [f"    MISSING: {sentence}" for sentence in source["missing"]]
+    return "\n".join(["/*", *(f" * {c_text(line)}".rstrip() for line in lines), " */", ""])
 
 
-def comment(lines: Sequence[str]) -> str:
-    """A C comment. What a session says goes into it, so nothing in a line may end it or leave ASCII."""
-    return "\n".join(["/*", *(f" * {safe(line)}".rstrip() for line in lines), " */", ""])
-
-
-def safe(text: str) -> str:
-    """Return a text as one line of ASCII that neither begins nor ends a comment."""
+def c_text(text: str) -> str:
+    """Return what a session says so that nothing in it ends a C comment or leaves ASCII."""
     return " ".join(text.replace("*/", "* /").replace("/*", "/ *").encode("ascii", "replace").decode().splitlines())

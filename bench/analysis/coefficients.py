@@ -1,20 +1,15 @@
-"""What all documents of coefficients share: the unit, the sessions they come from, the check of their form."""
+"""Files of coefficients: what those of every system say of the unit and of the sessions they come from."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel
 
 from bench.analysis.analysis import Analysis
+from bench.analysis.results import Closed, check_form
 from bench.model.errors import InputError
-
-
-class Closed(BaseModel):
-    """Base of the forms: unknown keys are errors."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
 
 class Source(Closed):
@@ -37,14 +32,14 @@ class UnitUnderTest(Closed):
 
 
 def source_of(analysis: Analysis, results: Mapping[str, Any]) -> dict[str, Any]:
-    """Where coefficients come from: session, method, hashes, the worst verdict and what is missing."""
+    """Return where coefficients come from: session, method, hashes, the worst verdict and what is missing."""
     return {
         "session": str(results["session"]),
         "campaign": analysis.campaign,
         "method": analysis.method,
         "session_sha256": results["provenance"]["session_sha256"],
         "software": results["provenance"]["software"],
-        "worst_verdict": _worst(one["verdict"] for one in results["estimates"]),
+        "worst_verdict": _worst(estimate["verdict"] for estimate in results["estimates"]),
         "missing": list(analysis.missing),
     }
 
@@ -61,7 +56,7 @@ def same_unit(documents: Sequence[Mapping[str, Any]], next_step: str) -> None:
 
 def _same(first: Mapping[str, Any], other: Mapping[str, Any], name: str, code: str, what: str, next_step: str) -> None:
     if first[name] != other[name]:
-        places = ", ".join(str(one["sources"][0]["session"]) for one in (first, other))
+        places = ", ".join(str(document["sources"][0]["session"]) for document in (first, other))
         both = f"{_words(first[name])} and {_words(other[name])}"
         raise InputError(code, f"the sessions {what} ({both})", where=places, next_step=next_step)
 
@@ -71,20 +66,11 @@ def _words(value: Any) -> str:
 
 
 def _worst(verdicts: Iterable[str]) -> str:
-    found = set(verdicts)
-    return next((one for one in ("fail", "conditional_fail", "conditional_pass", "pass") if one in found), "none")
+    known = set(verdicts)
+    worst_first = ("fail", "conditional_fail", "conditional_pass", "pass")
+    return next((verdict for verdict in worst_first if verdict in known), "none")
 
 
-def validate(document: object, where: str, form: type[BaseModel]) -> None:
+def validate_coefficients(document: object, where: str, form: type[BaseModel]) -> None:
     """Check a document against its form. Raises InputError B-COEF-006 naming the first wrong field."""
-    try:
-        form.model_validate(document)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise InputError(
-            "B-COEF-006",
-            f"{place}: {first['msg'][:1].lower()}{first['msg'][1:]} (found {str(first['input'])[:60]})",
-            where=where,
-            next_step="correct the analysis that makes these coefficients",
-        ) from error
+    check_form(form, document, "B-COEF-006", where, "correct the analysis that makes these coefficients")

@@ -9,6 +9,9 @@ from typing import Any
 from bench.maths.decision import checked_rule, decide
 from bench.maths.verdict import NON_BINARY, coverage_factor
 
+Estimates = list[dict[str, Any]]  # entries of results.json
+UNIT = "unit"  # condition: serial number of the unit under test, where a session has several
+
 
 def estimate(
     quantity: str,
@@ -22,7 +25,7 @@ def estimate(
     limit: float | None = None,
     dof: float = math.inf,
 ) -> dict[str, Any]:
-    """One entry of the flat list of results.json: 95 % interval, verdict against ``limit``.
+    """Return one entry of the flat list of results.json: 95 % interval, verdict against ``limit``.
 
     ``dof``: effective degrees of freedom; infinite (and then not written) where the covariance is known beforehand and
     not estimated from the residuals. The rule of the campaign is applied when the document is made (``judged``).
@@ -46,7 +49,7 @@ def estimate(
 
 
 def rule_of(decision: Mapping[str, Any] | None) -> str:
-    """The decision rule of a campaign, from the entry "decision" of its manifest section; non-binary by default.
+    """Return the decision rule of a campaign, from the entry "decision" of its manifest section; non-binary by default.
 
     Raises: FitError B-FIT-041 for an unknown rule.
     """
@@ -54,7 +57,7 @@ def rule_of(decision: Mapping[str, Any] | None) -> str:
 
 
 def judged(entry: Mapping[str, Any], rule: str) -> dict[str, Any]:
-    """An entry with verdict and conformance probability by a decision rule.
+    """Return an entry with verdict and conformance probability by a decision rule.
 
     Raises: FitError B-FIT-041 for an unknown rule.
     """

@@ -33,7 +33,7 @@ def decimals_for(uncertainty: float) -> int:
 
 
 def number(value: object, decimals: int | None = None) -> str:
-    """A number for a table cell: thin thousands, a real minus sign; a dash where there is none."""
+    """Return a number for a table cell: thin thousands, a real minus sign; a dash where there is none."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "–"
     if not isinstance(value, int | float):
@@ -57,13 +57,13 @@ def with_uncertainty(value: float, expanded: float | None) -> str:
 
 
 def unit_text(unit: str) -> str:
-    """A unit as it is printed: degC becomes °C, 1e-6 notation stays."""
+    """Return a unit as it is printed: degC becomes °C, 1e-6 notation stays."""
     text = _ROOT.sub(r"√\1", _TIMES.sub("·", unit))
     return text.replace("degC3", "°C³").replace("degC2", "°C²").replace("degC^2", "°C²").replace("degC", "°C")
 
 
 def header(key: str) -> str:
-    """A field name as a column header: ``std_uncertainty_ppm`` becomes ``std uncertainty / ppm``."""
+    """Return a field name as a column header: ``std_uncertainty_ppm`` becomes ``std uncertainty / ppm``."""
     words = key.split("_")
     for length in (2, 1):
         unit = "_".join(words[-length:])

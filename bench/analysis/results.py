@@ -18,11 +18,13 @@ _Count = Annotated[int, Field(ge=0)]
 _Plain = str | bool | int | float | None
 
 
-class _Closed(BaseModel):
+class Closed(BaseModel):
+    """A document without any other field than those it names, of plain finite values."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
 
-class Estimate(_Closed):
+class Estimate(Closed):
     """One quantity with its uncertainty, the conditions it holds for and the verdict."""
 
     quantity: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
@@ -42,7 +44,7 @@ class Estimate(_Closed):
     dof: Annotated[float, Field(gt=0)] | None = Field(None, description="effective; absent = infinite")
 
 
-class Quality(_Closed):
+class Quality(Closed):
     """Counts of what was recorded and what became of it."""
 
     records: _Count
@@ -53,7 +55,7 @@ class Quality(_Closed):
     retaken: _Count
 
 
-class Provenance(_Closed):
+class Provenance(Closed):
     """What the numbers were made from; more keys are allowed."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
@@ -65,7 +67,7 @@ class Provenance(_Closed):
     software: str
 
 
-class UnitUnderTest(_Closed):
+class UnitUnderTest(Closed):
     """Who was calibrated; more keys are allowed."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
@@ -74,7 +76,7 @@ class UnitUnderTest(_Closed):
     serial: str
 
 
-class Splice(_Closed):
+class Splice(Closed):
     """Where a run was gone on with after a stop: UTC of stop and start (ISO 8601), what was done again."""
 
     stopped: str | None
@@ -86,7 +88,7 @@ class Splice(_Closed):
     soaked: bool
 
 
-class Results(_Closed):
+class Results(Closed):
     """The document results.json of a session."""
 
     schema_version: Literal[1] = Field(alias="schema")
@@ -147,23 +149,25 @@ def build_results(
 
 
 def _unjudged(estimate: Mapping[str, Any]) -> dict[str, Any]:
-    """An estimate of a run that has not ended: what is still to come may change it."""
+    """Return an estimate of a run that has not ended: what is still to come may change it."""
     return {**estimate, "verdict": "none", "conformance_probability": None}
 
 
 def validate_results(document: object, where: str = "results.json") -> None:
     """Check a document against the form of results.json. Raises InputError B-FIT-010 naming the first wrong field."""
+    next_step = "fit the session again with 'bench fit'; do not edit results by hand"
+    check_form(Results, document, "B-FIT-010", where, next_step)
+
+
+def check_form(form: type[BaseModel], document: object, code: str, where: str, next_step: str) -> None:
+    """Check a document against its form. Raises InputError with the given code, naming the first wrong field."""
     try:
-        Results.model_validate(document)
+        form.model_validate(document)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         place = ".".join(str(part) for part in first["loc"])
-        raise InputError(
-            "B-FIT-010",
-            f"{place}: {first['msg'][:1].lower()}{first['msg'][1:]} (found {str(first['input'])[:60]})",
-            where=where,
-            next_step="fit the session again with 'bench fit'; do not edit results by hand",
-        ) from error
+        message = f"{place}: {first['msg'][:1].lower()}{first['msg'][1:]} (found {str(first['input'])[:60]})"
+        raise InputError(code, message, where=where, next_step=next_step) from error
 
 
 def results_json(document: Mapping[str, Any]) -> str:
@@ -172,5 +176,10 @@ def results_json(document: Mapping[str, Any]) -> str:
 
 
 def results_schema() -> dict[str, Any]:
-    """JSON Schema of results.json, made from the same declarations that check it."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Results.model_json_schema(by_alias=True)}
+    """Return the JSON Schema of results.json, made from the same declarations that check it."""
+    return schema_of(Results)
+
+
+def schema_of(form: type[BaseModel]) -> dict[str, Any]:
+    """Return the JSON Schema of a document from its form."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **form.model_json_schema(by_alias=True)}

@@ -3,7 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
+
+from bench.analysis.figures import Figure
+from bench.analysis.tables import Table
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """Figures, tables and sentences under one heading; ``name`` stands for its title in the texts of the report."""
+
+    name: str
+    figures: Sequence[Figure]
+    tables: Sequence[Table]
+    paragraphs: Sequence[str] = ()
 
 
 class Task(Protocol):
@@ -35,5 +49,5 @@ class Study(Protocol):
     def study_json(self, document: Mapping[str, Any]) -> str:
         """Return the text of the document."""
 
-    def study_chapters(self, options: Any, document: Mapping[str, Any], found: Any) -> list[dict[str, Any]]:
+    def study_chapters(self, options: Any, document: Mapping[str, Any], found: Any) -> Sequence[Chapter]:
         """Return the chapters of the page."""

@@ -11,7 +11,7 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.analysis.results import results_json, validate_results
+from bench.analysis import results_json, validate_results
 from bench.commands.console import console
 from bench.model.clock import NS, WallClock
 from bench.model.errors import ExitStatus, InputError, SessionDamaged

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from bench.analysis.results import validate_results
+from bench.analysis import validate_results
 from bench.commands.console import console
 from bench.commands.history import Place
 from bench.model.errors import BenchError, ExitStatus, InputError

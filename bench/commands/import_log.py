@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.analysis.registry import declared_analysis
+from bench.analysis import declared_analysis
 from bench.commands.console import console
 from bench.commands.tables import print_results, print_written
 from bench.model.clock import NS

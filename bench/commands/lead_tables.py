@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from rich import box
 from rich.console import Console
 from rich.table import Table as TerminalTable
 from rich.text import Text
 
+from bench import analysis
 from bench.report.tables import Table, analysis_tables
 
 _MOST_ROWS = 24
@@ -18,25 +18,25 @@ _VERDICTS = {"PASS": "green", "FAIL": "bold red", "CONDITIONAL FAIL": "bold red"
 _HOLD = ("\u00a0", "\u202f")  # a log or a terminal without them shows something else
 
 
-def lead_tables(documents: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Those documents of ``Analysis.tables`` that say ``lead``."""
-    return [one for one in documents if one.get("lead")]
+def lead_tables(tables: Sequence[analysis.Table]) -> list[analysis.Table]:
+    """Return the tables that are read first."""
+    return [table for table in tables if table.lead]
 
 
-def print_lead_tables(out: Console, documents: Sequence[dict[str, Any]]) -> None:
+def print_lead_tables(out: Console, tables: Sequence[analysis.Table]) -> None:
     """Print them in their order; rows that end in "not tested" are counted, not shown; the report has them all."""
-    for document, table in zip(documents, analysis_tables(documents), strict=True):
+    for described, table in zip(tables, analysis_tables(tables), strict=True):
         rows = [row for row in table.rows if row[-1] != _NOT_TESTED]
         if rows or not table.rows:
-            _print(out, str(document["title"]), table, rows[:_MOST_ROWS])
-        _say_left_out(out, document, len(table.rows) - len(rows), len(rows) - _MOST_ROWS)
+            _print(out, described.title, table, rows[:_MOST_ROWS])
+        _say_left_out(out, described.title, len(table.rows) - len(rows), len(rows) - _MOST_ROWS)
 
 
-def _say_left_out(out: Console, document: dict[str, Any], not_tested: int, more: int) -> None:
+def _say_left_out(out: Console, title: str, not_tested: int, more: int) -> None:
     if not_tested:
-        out.print(f"{document['title']}: {not_tested} rows not tested", highlight=False)
+        out.print(f"{title}: {not_tested} rows not tested", highlight=False)
     if more > 0:
-        out.print(f"{document['title']}: {more} more rows in the report", highlight=False)
+        out.print(f"{title}: {more} more rows in the report", highlight=False)
 
 
 def _print(out: Console, title: str, table: Table, rows: Sequence[tuple[str, ...]]) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bench.analysis.results import results_json
+from bench.analysis import results_json
 from bench.commands.conducting import conduct_watched
 from bench.commands.console import console
 from bench.commands.control import release

@@ -12,7 +12,7 @@ from typing import Any
 
 from rich.console import Console
 
-from bench.analysis.results import results_json
+from bench.analysis import results_json
 from bench.commands.conducting import conduct_watched
 from bench.commands.console import console
 from bench.commands.loading import checked_plan

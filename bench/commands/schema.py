@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from bench.analysis.results import results_schema
+from bench.analysis import results_schema
 from bench.commands.console import console
 from bench.model.errors import ExitStatus, InputError
 from bench.plan.mapping import mapping_schema

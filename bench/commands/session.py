@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.analysis.results import INCOMPLETE, results_json
+from bench.analysis import INCOMPLETE, results_json
 from bench.commands.console import console
 from bench.commands.tables import print_results
 from bench.model.errors import ExitStatus, InputError, SessionDamaged

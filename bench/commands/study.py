@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.analysis.study import Study, Task
+from bench.analysis import Study, Task
 from bench.commands.console import console
 from bench.model.errors import ExitStatus, InputError
 from bench.model.systems import named, systems

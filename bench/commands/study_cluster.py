@@ -18,7 +18,7 @@ from importlib.metadata import version
 from typing import Any, Protocol
 
 from bench import __version__
-from bench.analysis.study import Task
+from bench.analysis import Task
 from bench.model.errors import BenchError, InputError, RunError
 
 EXTRA = "cluster"

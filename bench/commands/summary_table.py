@@ -10,7 +10,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from bench.analysis.numbers import with_uncertainty
+from bench.analysis import with_uncertainty
 
 _MOST_COLUMNS = 6
 _MOST_LINES = 24

@@ -11,7 +11,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from bench.analysis.analysis import Analysis
+from bench.analysis import Analysis
 from bench.commands.lead_tables import lead_tables, print_lead_tables
 from bench.commands.summary_table import print_summary
 from bench.model.errors import ExitStatus, FitError

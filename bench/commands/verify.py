@@ -47,8 +47,7 @@ def _segments(found: Verification, folder: Path, view: SessionView) -> None:
     """Every segment is verified on the way: CRCs, running numbers, hash chain."""
     found.compared += sorted(path.name for path in folder.glob("session.*.mcap"))
     for place in view.damage:
-        segment, _, what = place.partition(" ")
-        found.add(segment, what)
+        found.add(place.segment, place.inside)
     found.notes += view.notes
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from bench.analysis.results import results_json
+from bench.analysis import results_json
 from bench.model.errors import InputError
 from bench.report.dcc import Calibration, certificate_text, nobody, session_of
 from bench.report.dcc.elements import DCC

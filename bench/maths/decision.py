@@ -9,8 +9,6 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from scipy import special
-
 from bench.maths.verdict import NON_BINARY, RULES, coverage_factor, verdict
 from bench.model.errors import FitError
 
@@ -86,4 +84,6 @@ def conformance_probability(
 
 def _tail(distance: float, dof: float) -> float:
     """Probability beyond ``distance`` standard uncertainties; computed in the tail, where 1 - p would lose digits."""
+    from scipy import special  # takes longer to load than most commands that judge nothing
+
     return float(special.ndtr(-distance) if math.isinf(dof) else special.stdtr(dof, -distance))

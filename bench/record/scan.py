@@ -38,9 +38,14 @@ class Damage:
     what: str
     lost: int | None = None
 
-    def __str__(self) -> str:
+    @property
+    def inside(self) -> str:
+        """Where in its segment, and what is wrong."""
         lost = "" if self.lost is None else f" ({self.lost} messages lost)"
-        return f"{self.segment} byte {self.byte}: {self.what}{lost}"
+        return f"byte {self.byte}: {self.what}{lost}"
+
+    def __str__(self) -> str:
+        return f"{self.segment} {self.inside}"
 
 
 @dataclass

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.analysis.numbers import unit_text
+from bench.analysis import unit_text
 from bench.model.texts import Texts
 from bench.report.estimate_tables import conditions_text, pivot_of, readable, value_text, without_channel
 from bench.report.model import ReportModel

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from bench.analysis import Figure, Table
 from bench.model.quality import Quality
 from bench.plan import Step
 from bench.report.model import (
@@ -35,8 +36,8 @@ def report_model(
     residuals: Iterable[Mapping[str, Any]] = (),
     components: Iterable[Mapping[str, Any]] = (),
     prompts: Iterable[Mapping[str, Any]] = (),
-    figures: Iterable[Mapping[str, Any]] = (),
-    tables: Iterable[Mapping[str, Any]] = (),
+    figures: Iterable[Figure] = (),
+    tables: Iterable[Table] = (),
     notes: Iterable[str] = (),
     run: RunStory | None = None,
 ) -> ReportModel:
@@ -49,8 +50,7 @@ def report_model(
         prepare_s: length of the preparation; by default up to the end of its last step.
         residuals: per row of the fit {"channel", "kind", "temperature_degC", "current_A" (signed), "residual_ppm"
             or "residual_A", optionally "std_ppm"}.   components: rows of the table of uncertainty components.
-        prompts: operator prompts and answers.   figures, tables: documents of the analysis (bench.analysis.analysis).
-        notes: sentences of the analysis.   run: what happened during the run.
+        prompts: operator prompts and answers.   figures, tables, notes: of the analysis.   run: what happened.
     """
     ready_s = _prepare_s(plan_steps) if prepare_s is None else prepare_s
     return ReportModel(

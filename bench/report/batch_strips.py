@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from bench.analysis.numbers import number, unit_text
+from bench.analysis import number, unit_text
 from bench.model.texts import Texts
 from bench.report.batch_model import Batch
 from bench.report.batch_spread import Spread

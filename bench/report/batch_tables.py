@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.analysis.numbers import cell, decimals_for, number, unit_text, with_uncertainty
+from bench.analysis import cell, decimals_for, number, unit_text, with_uncertainty
 from bench.model.texts import Texts
 from bench.report.batch_model import Batch, Outcome, Yield
 from bench.report.batch_spread import Member, Quantity, Spread, Unit

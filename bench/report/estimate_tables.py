@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.analysis.numbers import cell, decimals_for, number, unit_text, with_uncertainty
+from bench.analysis import cell, decimals_for, number, unit_text, with_uncertainty
 from bench.model.texts import Texts
 from bench.report.model import ReportModel
 from bench.report.tables import Table, documents_table

@@ -9,8 +9,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bench.analysis import Floats
 from bench.model.texts import ENGLISH, Texts
-from bench.report.model import Floats, TemperatureTrace, TimedPlan, Timetable
+from bench.report.model import TemperatureTrace, TimedPlan, Timetable
 from bench.report.style import BLUE, GREEN, GREY, INK, VERMILION, WINE, Picture, drawing, inline_svg, svg_text
 from bench.report.timetable import timetable
 from bench.report.words import words_of

@@ -13,9 +13,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from bench.analysis import Floats
 from bench.report.style import BLUE, GREY, INK, VERMILION, drawing, svg_text
 
-Floats = NDArray[np.float64]
 FORMATS = (".svg", ".png")
 MOST_PANELS = 12
 _PANELS_PER_ROW = 3

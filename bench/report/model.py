@@ -7,11 +7,9 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.analysis import Figure, Floats, Table
 from bench.plan import Step
-
-Floats = NDArray[np.float64]
 
 
 def _no_floats() -> Floats:
@@ -133,11 +131,11 @@ class RecordCounts:
 class RunStory:
     """What happened during a run. ``commands``, ``alarms``: a document for each, ``time`` since the run began.
 
-    ``tables``: documents like those of an analysis.   ``length_s``: from start to end, NaN if unknown.   ``hashes``:
+    ``length_s``: from start to end, NaN if unknown.   ``hashes``:
     SHA-256 of the texts the run was made from, by name.
     """
 
-    tables: tuple[Mapping[str, Any], ...] = ()
+    tables: tuple[Table, ...] = ()
     commands: tuple[Mapping[str, Any], ...] = ()
     alarms: tuple[Mapping[str, Any], ...] = ()
     surroundings: tuple[Surrounding, ...] = ()
@@ -164,8 +162,8 @@ class ReportModel:
     components: tuple[Mapping[str, Any], ...] = ()
     counts: RecordCounts = field(default_factory=RecordCounts)
     prompts: tuple[Mapping[str, Any], ...] = ()
-    figures: tuple[Mapping[str, Any], ...] = ()
-    tables: tuple[Mapping[str, Any], ...] = ()
+    figures: tuple[Figure, ...] = ()
+    tables: tuple[Table, ...] = ()
     notes: tuple[str, ...] = ()
     started_utc: str = ""
     run: RunStory = field(default_factory=RunStory)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.analysis import Floats
 from bench.plan import CHAMBER, PlannedCall, PlannedSoak, SetPoint, Step
-from bench.report.model import Floats
 
 LAB_AIR_degC = 23.0  # where a chamber starts when the plan does not say (reference conditions 23 degC)
 

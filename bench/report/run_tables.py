@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.numbers import cell, number
+from bench.analysis import Floats, cell, number
 from bench.model.texts import Texts
-from bench.report.model import Floats, ReportModel
+from bench.report.model import ReportModel
 from bench.report.tables import Table, documents_table, pairs_table
 
 _COUNTS = ("records", "flagged", "frames", "bad", "lost")

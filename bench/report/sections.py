@@ -73,7 +73,7 @@ def _verdicts(name: str, model: ReportModel, words: Texts) -> Section:
 
 
 def _results(name: str, model: ReportModel, words: Texts) -> Section:
-    return _chapter(name, words, *analysis_tables([one for one in model.tables if one.get("lead")]))
+    return _chapter(name, words, *analysis_tables([table for table in model.tables if table.lead]))
 
 
 def _scale_factor(name: str, model: ReportModel, words: Texts) -> Section:
@@ -100,12 +100,12 @@ def _others(name: str, model: ReportModel, words: Texts) -> Section:
 
 
 def _uncertainty(name: str, model: ReportModel, words: Texts) -> Section:
-    budgets = analysis_tables([one for one in model.tables if on_uncertainty(one) and not one.get("lead")])
+    budgets = analysis_tables([table for table in model.tables if on_uncertainty(table) and not table.lead])
     return _chapter(name, words, coverage_table(model, words), components_table(model, words), *budgets)
 
 
 def _explanations(name: str, model: ReportModel, words: Texts) -> Section:
-    others = [one for one in model.tables if not on_uncertainty(one) and not one.get("lead")]
+    others = [table for table in model.tables if not on_uncertainty(table) and not table.lead]
     return _chapter(name, words, *analysis_tables(others))
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from datetime import date
 from typing import Any
 
-from bench.analysis.numbers import cell, number
+from bench.analysis import cell, number
 from bench.model.texts import Texts
 from bench.report.model import ReportModel
 from bench.report.tables import Table, documents_table, rank

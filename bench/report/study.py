@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from bench.analysis import Chapter
 from bench.model.texts import ENGLISH, Texts
 from bench.report.graphs import analysis_pictures
 from bench.report.html import page
@@ -13,13 +14,10 @@ from bench.report.tables import analysis_tables, sentence
 from bench.report.words import words_of
 
 
-def study_html(
-    document: Mapping[str, Any], chapters: Sequence[Mapping[str, Any]], software: str, language: str = ENGLISH
-) -> str:
-    """The page; the same study gives the same bytes in the same environment, no date and no random id enters.
+def study_html(document: Mapping[str, Any], chapters: Sequence[Chapter], software: str, language: str = ENGLISH) -> str:
+    """Return the page; the same study gives the same bytes in the same environment, no date and no random id enters.
 
-    Args: document: of study.json, with ``study``, ``runs``, ``seed`` and ``estimates``.   chapters: documents with
-          ``name``, ``paragraphs``, ``figures`` and ``tables``, as an analysis describes them.
+    Args: document: of study.json, with ``study``, ``runs``, ``seed`` and ``estimates``.
     """
     words = words_of(language)
     name = str(document["study"])
@@ -37,18 +35,18 @@ def _verdict(document: Mapping[str, Any], words: Texts) -> tuple[str, str]:
     return kind, words("study.verdict", kept=len(verdicts) - failed, failed=failed)
 
 
-def _sections(name: str, chapters: Sequence[Mapping[str, Any]], words: Texts) -> list[Section]:
-    figures = [(chapter["name"], one) for chapter in chapters for one in chapter["figures"]]
-    pictures = analysis_pictures([one for _, one in figures])  # all at once: each gets a name of its own
-    groups = dict.fromkeys((place, str(one["group"])) for place, one in figures)
+def _sections(name: str, chapters: Sequence[Chapter], words: Texts) -> list[Section]:
+    figures = [(chapter.name, figure) for chapter in chapters for figure in chapter.figures]
+    pictures = analysis_pictures([figure for _, figure in figures])  # all at once: each gets a name of its own
+    groups = dict.fromkeys((place, figure.group) for place, figure in figures)
     placed = list(zip(groups, pictures, strict=True))
     return [
         Section(
-            chapter["name"],
-            words(f"study.{name}.{chapter['name']}"),
-            tuple(map(sentence, chapter["paragraphs"])),
-            tuple(analysis_tables(chapter["tables"])),
-            tuple(drawn for (place, _), drawn in placed if place == chapter["name"]),
+            chapter.name,
+            words(f"study.{name}.{chapter.name}"),
+            tuple(map(sentence, chapter.paragraphs)),
+            tuple(analysis_tables(chapter.tables)),
+            tuple(drawn for (place, _), drawn in placed if place == chapter.name),
         )
         for chapter in chapters
     ]

@@ -8,7 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bench.analysis.numbers import cell, number, unit_text
+from bench import analysis
+from bench.analysis import cell, number, unit_text
 from bench.model.texts import Texts
 from bench.report.words import column
 
@@ -42,17 +43,17 @@ class Table:
     to_fill: bool = False
 
 
-def analysis_tables(documents: Sequence[Mapping[str, Any]]) -> list[Table]:
-    """The tables an analysis describes as plain documents; one of words says ``prose``."""
+def analysis_tables(tables: Sequence[analysis.Table]) -> list[Table]:
+    """Return the tables of an analysis as text."""
     return [
         Table(
-            ". ".join(unit_text(text) for text in (str(one["title"]), str(one.get("caption", ""))) if text),
-            tuple(label(str(text)) for text in one["headers"]),
-            tuple(tuple(_plain(value) for value in row) for row in one["rows"]),
-            stub=_stub(one["rows"]),
-            prose=_is_prose(one),
+            ". ".join(unit_text(text) for text in (table.title, table.caption) if text),
+            tuple(map(label, table.headers)),
+            tuple(tuple(_plain(value) for value in row) for row in table.rows),
+            stub=_stub(table.rows),
+            prose=_is_prose(table),
         )
-        for one in documents
+        for table in tables
     ]
 
 
@@ -61,27 +62,27 @@ def _stub(rows: Sequence[Sequence[Any]]) -> int:
     return 2 if rows and all(len(row) > 1 and isinstance(row[1], str) and row[1][:1].isalpha() for row in rows) else 1
 
 
-def _is_prose(document: Mapping[str, Any]) -> bool:
+def _is_prose(table: analysis.Table) -> bool:
     """True for a table of words: it says so, is a budget, or has a cell that is a sentence."""
-    if document.get("prose") or set(document["headers"]) >= _BUDGET:
+    if table.prose or set(table.headers) >= _BUDGET:
         return True
-    return any(isinstance(value, str) and len(value) > _PROSE for row in document["rows"] for value in row)
+    return any(isinstance(value, str) and len(value) > _PROSE for row in table.rows for value in row)
 
 
-def on_uncertainty(document: Mapping[str, Any]) -> bool:
+def on_uncertainty(table: analysis.Table) -> bool:
     """True for a table of an analysis on its uncertainty: a budget, budgets side by side, or correlations."""
-    heads = [str(text) for text in document["headers"]]
-    square = heads[:1] == [""] and heads[1:] == [str(row[0]) for row in document["rows"]]
+    heads = list(table.headers)
+    square = heads[:1] == [""] and heads[1:] == [str(row[0]) for row in table.rows]
     return square or set(heads) >= _BUDGET or set(heads) >= _TOTALS
 
 
 def label(text: str) -> str:
-    """A heading of an analysis as the page prints it: ``width, degC`` becomes ``width / °C``."""
+    """Return a heading of an analysis as the page prints it: ``width, degC`` becomes ``width / °C``."""
     return _COMMA_UNIT.sub(" / ", unit_text(text))
 
 
 def sentence(text: str) -> str:
-    """A sentence of an analysis as the page prints it: with degrees, and minus signs before numbers."""
+    """Return a sentence of an analysis as the page prints it: with degrees, and minus signs before numbers."""
     return _NEGATIVE.sub("−", unit_text(text))
 
 
@@ -110,7 +111,7 @@ def rank(key: str) -> tuple[int, str]:
 
 
 def pairs_table(caption: str, headers: tuple[str, str], pairs: Mapping[str, Any], prose: bool = True) -> Table | None:
-    """A two-column table of names and values; nested documents become dotted names."""
+    """Return a two-column table of names and values; nested documents become dotted names."""
     rows = tuple(_flat("", pairs))
     return Table(caption, headers, rows, prose=prose) if rows else None
 

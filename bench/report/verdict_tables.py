@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.analysis.numbers import number, unit_text
+from bench.analysis import number, unit_text
 from bench.model.texts import Texts
 from bench.report.estimate_tables import readable, value_text
 from bench.report.model import ReportModel

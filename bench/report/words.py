@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.analysis.numbers import header
+from bench.analysis import header
 from bench.model.texts import Texts
 
 FOLDER = Path(__file__).parent

@@ -10,7 +10,7 @@ from typing import Any
 from bench.model.errors import InputError, InstrumentError
 from bench.model.events import Resume
 from bench.plan import Plan, PlannedSoak
-from bench.record import JournalEntry, SessionReader, layout, read_journal
+from bench.record import Damage, JournalEntry, SessionReader, layout, read_journal
 from bench.record.journal import is_being_written
 from bench.record.writer import OPEN_MARKER
 from bench.run.frozen import frozen_plan
@@ -36,7 +36,7 @@ class Stopped:
     entries: tuple[JournalEntry, ...]
     last_ns: int
     last_utc_ns: int
-    damage: tuple[str, ...]
+    damage: tuple[Damage, ...]
 
     @property
     def reason(self) -> str:
@@ -79,7 +79,7 @@ def read_stopped(folder: Path) -> Stopped:
             offset_ns = int(pair["t_utc_ns"]) - int(pair["t_mono_ns"])
     _has_not_ended(folder, events)
     entries, utc_ns = read_journal(folder).entries, -1 if offset_ns is None else last_ns + offset_ns
-    return Stopped(folder, manifest, plan, events, entries, last_ns, utc_ns, tuple(map(str, reader.damage)))
+    return Stopped(folder, manifest, plan, events, entries, last_ns, utc_ns, tuple(reader.damage))
 
 
 def _has_not_ended(folder: Path, events: list[Event]) -> None:

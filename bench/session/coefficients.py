@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.results import results_json
+from bench.analysis import Analysis, results_json
 from bench.model.declaration import CoefficientsDeclaration
 from bench.model.errors import InputError
 from bench.model.systems import named, system_of_analysis, systems

@@ -14,8 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from bench.analysis.early import Check, link_checks
-from bench.analysis.registry import analyse
+from bench.analysis import Check, analyse, link_checks
 from bench.model.errors import BenchError
 from bench.model.systems import named, system_of_analysis
 from bench.session.service import read_view

@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.results import results_json
+from bench.analysis import Analysis, results_json
 from bench.session.coefficients import write_coefficients
 from bench.session.output import write_attachments, write_file
 from bench.session.view import SessionView, analyse_view, report_html

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
+from bench.analysis import Table
 from bench.model.clock import NS
-from bench.model.events import End, Event, Guard, Link, Phase
+from bench.model.events import End, Event, Guard, Link, Phase, Preflight
 from bench.model.units import hours
 
 E = TypeVar("E", bound=Event)
@@ -36,25 +37,32 @@ def happenings(view: Events) -> list[str]:
     return [*said, *punctuality(view)]
 
 
-def happening_tables(view: Events) -> list[dict[str, Any]]:
+def happening_tables(view: Events) -> list[Table]:
     """Return the same as a table of the report, in order of time; none for a run to which nothing happened."""
     troubles = sorted((t_ns, event.kind, event.sentence) for t_ns, event in _troubles(view))
     if not troubles:
         return []
     start_ns = _start_ns(view)
     return [
-        {
-            "title": "What happened during the run",
-            "caption": "Everything that did not go to plan; time since the run began.",
-            "headers": ["time", "what", "in words"],
-            "prose": True,
-            "rows": [[_since(t_ns, start_ns), kind, text] for t_ns, kind, text in troubles],
-        }
+        Table(
+            "What happened during the run",
+            "Everything that did not go to plan; time since the run began.",
+            ["time", "what", "in words"],
+            [[_since(t_ns, start_ns), kind, text] for t_ns, kind, text in troubles],
+            prose=True,
+        )
     ]
 
 
+def preflight_table(event: Preflight) -> Table:
+    """Return the event "preflight" of a session as a table of its report."""
+    rows = [[str(row[key]) for key in ("name", "status", "value", "limit", "text")] for row in event.findings]
+    headers = ["looked at", "status", "found", "due", "remark"]
+    return Table("Pre-flight", "What was looked at before the run began.", headers, rows)
+
+
 def punctuality(view: Events) -> Iterator[str]:
-    """How late the timed waits ended."""
+    """Return how late the timed waits ended."""
     for _, end in view.events_of(End):
         median, p99, worst = end.lateness_ms
         yield (

@@ -39,7 +39,7 @@ def commands_given(view: Events) -> list[dict[str, Any]]:
 
 def alarms_raised(view: Events) -> list[dict[str, Any]]:
     """Every alarm and what the interlocks did, in order of time."""
-    rows = (row for table in happening_tables(view) for row in table["rows"])
+    rows = (row for table in happening_tables(view) for row in table.rows)
     return [{"time": time, "what": kind, "text": text} for time, kind, text in rows if kind in _ALARMS]
 
 

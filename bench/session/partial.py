@@ -13,8 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from bench.analysis.registry import analyse
-from bench.analysis.results import results_json
+from bench.analysis import analyse, results_json
 from bench.model.errors import BenchError
 from bench.model.systems import analysis_declaration
 from bench.session.service import read_view

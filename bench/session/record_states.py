@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bench.analysis.problems import count_problem, flag_problem
+from bench.analysis import count_problem, flag_problem
 from bench.model.systems import analysis_declaration, named
 from bench.plan import MEASUREMENT, PlannedRecord, Step
 from bench.record import RecordRow

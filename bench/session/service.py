@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.analysis import Analysis
+from bench.analysis import Analysis
 from bench.model.errors import InputError
 from bench.plan import steps_of
 from bench.record.writer import OPEN_MARKER
@@ -54,7 +54,7 @@ def read_view(folder: Path, strict: bool = False) -> SessionView:
         plan_steps=steps_of(replayed.texts.get("plan.json", "[]")),
         events=happened(replayed.events),
         notes=notes,
-        damage=tuple(map(str, replayed.damage)),
+        damage=replayed.damage,
         series=series,
         splices=replayed.splices,
         incomplete=_is_incomplete(folder, replayed),

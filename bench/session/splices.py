@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+from bench.analysis import Table
 from bench.model.clock import NS
 from bench.replay.parts import Splice
 
@@ -28,8 +29,8 @@ def splice_documents(splices: Sequence[Splice]) -> list[dict[str, Any]]:
     ]
 
 
-def splice_tables(splices: Sequence[Splice]) -> list[dict[str, Any]]:
-    """The table "Splices" of the report; none for a run that was never stopped."""
+def splice_tables(splices: Sequence[Splice]) -> list[Table]:
+    """Return the table "Splices" of the report; none for a run that was never stopped."""
     if not splices:
         return []
     rows = [
@@ -48,7 +49,7 @@ def splice_tables(splices: Sequence[Splice]) -> list[dict[str, Any]]:
         "The run was stopped and gone on with here. Records from before and after stand in one result; times behind a "
         "splice are placed by UTC, and the lines of the temperatures are broken there."
     )
-    return [{"title": "Splices", "caption": caption, "headers": _HEADERS, "rows": rows, "prose": True}]
+    return [Table("Splices", caption, _HEADERS, rows, prose=True)]
 
 
 def _utc(t_ns: int | None) -> str | None:

@@ -9,8 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.results import results_json
+from bench.analysis import Analysis, results_json
 from bench.model.errors import InputError
 from bench.replay import compare
 from bench.replay.compare import Difference

@@ -11,21 +11,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench import __version__
-from bench.analysis.analysis import Analysis
-from bench.analysis.joined import joined
-from bench.analysis.material import Exchange, Material, Reading, Trace
-from bench.analysis.registry import analyse
-from bench.analysis.results import INCOMPLETE, build_results
+from bench.analysis import (
+    INCOMPLETE,
+    Analysis,
+    Exchange,
+    Material,
+    Reading,
+    Table,
+    Trace,
+    analyse,
+    build_results,
+    joined,
+)
 from bench.frame import CommandLayout, parse_frame
 from bench.model import events
 from bench.model.clock import NS
 from bench.model.events import Environment, Event, Phase, Preflight, Prompt, Retake, event_of
 from bench.plan import Step
-from bench.record import RecordRow
+from bench.record import Damage, RecordRow
 from bench.replay.parts import Splice
 from bench.report import Report, RunStory, TemperatureTrace, report_model
-from bench.run.preflight import report_table
-from bench.session.happenings import happening_tables, punctuality
+from bench.session.happenings import happening_tables, preflight_table, punctuality
 from bench.session.line_times import line_times_s
 from bench.session.operation import alarms_raised, commands_given, hashes_of, length_s, surroundings
 from bench.session.splices import splice_documents, splice_tables
@@ -61,7 +67,7 @@ class SessionView:
     plan_steps: Sequence[Step] = ()
     events: list[tuple[int, Event]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
-    damage: Sequence[str] = ()
+    damage: Sequence[Damage] = ()
     splices: Sequence[Splice] = ()
     incomplete: bool = False
     utc_offset_ns: int | None = None
@@ -209,8 +215,8 @@ def _story(view: SessionView) -> RunStory:
     )
 
 
-def _about_the_run(view: SessionView) -> list[dict[str, Any]]:
-    looked_at = [report_table(event) for _, event in view.events_of(Preflight)]
+def _about_the_run(view: SessionView) -> list[Table]:
+    looked_at = [preflight_table(event) for _, event in view.events_of(Preflight)]
     return [*happening_tables(view), *splice_tables(view.splices), *looked_at]
 
 

@@ -10,8 +10,7 @@ import pytest
 from calibrator_trip import trip_calibrator
 from rehearsal import SEED, Rehearsal, SOAK_s, tiny_plan
 
-from bench.analysis.material import Material
-from bench.analysis.registry import analyse
+from bench.analysis import Material, analyse
 from bench.model.clock import NS
 from bench.model.errors import BenchError, ExitStatus
 from bench.model.quality import Quality

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rehearsal import ROOT, SEED, Watched, tiny_plan
 
-from bench.analysis.results import results_json
+from bench.analysis import results_json
 from bench.model.clock import VirtualClock
 from bench.plan import Plan, Step, compile_sequence
 from bench.record import SessionReader

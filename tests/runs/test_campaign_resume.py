@@ -13,7 +13,7 @@ import pytest
 from crashes import Crashes, copied, crash_of, go_on, kinds, nobody, nobody_in, watch_worlds
 from rehearsal import SEED, Rehearsal, SOAK_s, Watched, tiny_plan
 
-from bench.analysis.results import results_json
+from bench.analysis import results_json
 from bench.commands.recover import recover
 from bench.commands.resume import resume
 from bench.commands.session import fit, replay
@@ -146,7 +146,7 @@ def test_a_session_that_was_gone_on_with_replays_identically_and_says_so(
     assert splice["stopped"] <= splice["started"]
     assert abs(splice["drift_degC"] + 1.35) < 0.2  # 24.35 degC before, 23 degC in the bench that was begun anew
     assert "Splices" in report_html(view, results, analysis)
-    assert splice_tables(view.splices)[0]["rows"][0][3] == str(splice["step"])
+    assert splice_tables(view.splices)[0].rows[0][3] == str(splice["step"])
     with pytest.raises(InputError, match="B-RES-001"):
         resume(folder, None, None, as_json=False)
 

@@ -11,7 +11,7 @@ import pytest
 from recorded import writable_copy
 from rehearsal import NAME, SEED, Inside, run_short
 
-from bench.analysis.results import results_schema
+from bench.analysis import results_schema
 
 Short = tuple[Path, CompletedProcess[str]]
 LIMIT_ppm = {"gyro": 8.0, "accelerometer": 5.0}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
@@ -19,15 +19,16 @@ from bench.cli import app
 from bench.commands.run import view_of
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import InstrumentError
+from bench.model.events import Event, Reading
 from bench.model.quality import Quality
 from bench.plan.summary import summarise
 from bench.replay import replay_rows
 from bench.run.besides import besides
 from bench.run.context import RunContext
-from bench.run.control.following import Following
 from bench.run.control.operator import SimulatedOperator
 from bench.run.feed.client import FeedClient
 from bench.run.hold.holds import Wish
+from bench.run.observers import Observer
 from bench.run.session import conduct
 from bench.session.early import verdict
 from bench.session.merge import merged
@@ -210,20 +211,24 @@ def test_a_killed_run_is_gone_on_with(
     assert not view.incomplete
     assert [row.window.number for row in view.rows] == list(range(1, RECORDS + 1))
     assert [row.readings for row in view.rows] == [ROUNDS * READINGS] * RECORDS
-    assert counted(folder) == counted(crashes.whole.run.folder)
+    assert counted(folder) == counted(crashes.whole)
 
 
 def test_a_run_that_is_killed_inside_a_record_takes_it_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The readings of the record that was cut off stay in the session and belong to no record."""
-    readings: list[str] = []
+
+    class CopyBeside(Observer):
+        def __init__(self, context: RunContext) -> None:
+            self._folder, self._readings = context.folder, 0
+
+        def event(self, event: Event, t_mono_ns: int) -> None:
+            if isinstance(event, Reading):
+                self._readings += 1
+                if self._readings == ROUNDS * READINGS + 6:
+                    shutil.copytree(self._folder, tmp_path / "crash" / self._folder.name)
 
     def copy_beside(context: RunContext) -> AbstractContextManager[None]:
-        def heard(kind: str, fields: Mapping[str, Any]) -> None:
-            readings.extend([kind] if kind == "reading" else [])
-            if kind == "reading" and len(readings) == ROUNDS * READINGS + 6:
-                shutil.copytree(context.folder, tmp_path / "crash" / context.folder.name)
-
-        Following(context).heard.append(heard)
+        context.observers.add(CopyBeside(context))
         return nullcontext()
 
     plan, watched = probe_plan(tmp_path), nobody_in(monkeypatch)

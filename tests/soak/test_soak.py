@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from soak_campaign import soak_one, soak_plan, watchers
 
+from bench.analysis import Table
 from bench.run import sequencer
 
 SEEDS = 10_000
@@ -22,7 +23,7 @@ SHORT = 24
 @pytest.fixture(autouse=True)
 def _no_trials() -> Iterator[None]:
     """The Monte Carlo table of the report takes as long as the whole campaign; nothing is judged by it."""
-    empty = {"title": "Monte Carlo check", "caption": "", "headers": [], "rows": []}
+    empty = Table("Monte Carlo check", "", [], [])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bench.systems.af_converter.scale_factor.budgets.check_table", lambda *_: empty)
         yield

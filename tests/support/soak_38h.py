@@ -21,7 +21,7 @@ import fault_schedule
 import soak_campaign
 from soak_campaign import ROOT, soak_one, watchers
 
-from bench.analysis.registry import analysis_module
+from bench.analysis import Table, analysis_module
 from bench.model.clock import NS, VirtualClock
 from bench.plan import check_plan, compile_sequence
 from bench.systems.af_converter.scale_factor import budgets
@@ -67,7 +67,7 @@ def main(sequence: str, seed: str, folder: str, traced: str = "") -> dict[str, A
     soak_campaign.VirtualClock = Hourly  # type: ignore[misc]
     draws = {name: fault_schedule.DRAWS[name] for name in LIVED_THROUGH}
     fault_schedule.DRAWS = draws  # type: ignore[misc]
-    empty = {"title": "Monte Carlo check", "caption": "", "headers": [], "rows": []}
+    empty = Table("Monte Carlo check", "", [], [])
     analysis_module(str(plan.campaign["analysis"]))  # here: what an import takes is no growth
     budgets.check_table = lambda *_: empty  # type: ignore[assignment]
     soaked = soak_one(plan, int(seed), Path(folder), watchers(plan), MEAN_INTERVAL_S)

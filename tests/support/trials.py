@@ -7,11 +7,13 @@ from contextlib import contextmanager
 
 import pytest
 
+from bench.analysis import Table
+
 
 @contextmanager
 def without_trials() -> Iterator[None]:
     """Replace the table by an empty one; its own tests call it by its own module (test_budget_campaign.py)."""
-    empty = {"title": "Monte Carlo check of dsf_n", "caption": "", "headers": [], "rows": []}
+    empty = Table("Monte Carlo check of dsf_n", "", [], [])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bench.systems.af_converter.scale_factor.budgets.check_table", lambda *_: empty)
         yield

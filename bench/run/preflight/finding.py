@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any
 
 from bench.model.errors import BenchError, InputError, InstrumentError
 from bench.model.events import Preflight
@@ -85,15 +84,4 @@ def fields_of(finding: Finding) -> dict[str, str]:
         "value": finding.value,
         "limit": finding.limit,
         "text": finding.text,
-    }
-
-
-def report_table(event: Preflight) -> dict[str, Any]:
-    """Return what was looked at before a session as a table of its report."""
-    rows = [[str(row[key]) for key in ("name", "status", "value", "limit", "text")] for row in event.findings]
-    return {
-        "title": "Pre-flight",
-        "caption": "What was looked at before the run began.",
-        "headers": ["looked at", "status", "found", "due", "remark"],
-        "rows": rows,
     }

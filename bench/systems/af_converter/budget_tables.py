@@ -4,34 +4,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis import Table
 from bench.maths.budget import Budget
 
-Table = dict[str, Any]
 _HEADERS = ("component", "u", "unit", "sensitivity", "contribution", "share", "dof", "type", "distribution", "source")
 
 
 def budget_table(title: str, unit: str, value: float, budget: Budget) -> Table:
-    """One budget: a row per component that contributes, then the combined uncertainty; ``value`` in ``unit``."""
+    """Return one budget: a row per component that contributes, then the combined uncertainty; ``value`` in ``unit``."""
     rows = [
         [
-            one.name,
-            figures(one.std_uncertainty),
-            one.unit or unit,
-            figures(one.sensitivity),
-            figures(one.contribution),
-            f"{100.0 * budget.share(one):.2f} %",
-            dof_text(one.dof),
-            one.evaluation,
-            one.distribution,
-            one.source,
+            component.name,
+            figures(component.std_uncertainty),
+            component.unit or unit,
+            figures(component.sensitivity),
+            figures(component.contribution),
+            f"{100.0 * budget.share(component):.2f} %",
+            dof_text(component.dof),
+            component.evaluation,
+            component.distribution,
+            component.source,
         ]
-        for one in budget.components
-        if one.contribution
+        for component in budget.components
+        if component.contribution
     ]
     rows.append(["combined", "", unit, "", figures(budget.std_uncertainty), "", dof_text(budget.dof), "", "", ""])
     caption = (
@@ -39,7 +38,7 @@ def budget_table(title: str, unit: str, value: float, budget: Budget) -> Table:
         f"(k = {budget.coverage_factor:.3f}, 95 %). Sensitivity and contribution in {unit} per unit and in {unit}; "
         "degrees of freedom by Welch-Satterthwaite"
     )
-    return {"title": title, "caption": caption, "headers": list(_HEADERS), "rows": rows}
+    return Table(title, caption, list(_HEADERS), rows)
 
 
 def correlation_table(title: str, caption: str, names: Sequence[str], matrix: NDArray[np.float64]) -> Table:
@@ -48,7 +47,7 @@ def correlation_table(title: str, caption: str, names: Sequence[str], matrix: ND
         [name, *(_correlation(float(matrix[row, column]), row == column) for column in range(len(names)))]
         for row, name in enumerate(names)
     ]
-    return {"title": title, "caption": caption, "headers": ["", *names], "rows": rows}
+    return Table(title, caption, ["", *names], rows)
 
 
 def summary_table(title: str, unit: str, budgets: Mapping[str, Budget], kinds: Mapping[str, str]) -> Table:
@@ -60,18 +59,18 @@ def summary_table(title: str, unit: str, budgets: Mapping[str, Budget], kinds: M
     rows = []
     for name, budget in budgets.items():
         sums = dict.fromkeys(columns, 0.0)
-        for one in budget.components:
-            if one.name in kinds:
-                sums[kinds[one.name]] += one.contribution**2
+        for component in budget.components:
+            if component.name in kinds:
+                sums[kinds[component.name]] += component.contribution**2
         ends = [figures(budget.std_uncertainty), dof_text(budget.dof), f"{budget.coverage_factor:.3f}"]
         parts = [figures(math.sqrt(sums[column])) for column in columns]
         rows.append([name, *parts, *ends, figures(budget.expanded_uncertainty)])
     caption = f"Standard contributions, combined u and U (95 %), all in {unit}"
-    return {"title": title, "caption": caption, "headers": ["", *columns, "u", "dof", "k", "U"], "rows": rows}
+    return Table(title, caption, ["", *columns, "u", "dof", "k", "U"], rows)
 
 
 def figures(value: float, digits: int = 4) -> str:
-    """A number with so many significant digits, with a real minus sign."""
+    """Return a number with so many significant digits, with a real minus sign."""
     return f"{value:.{digits}g}".replace("-", "−")
 
 

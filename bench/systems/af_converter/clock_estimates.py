@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.analysis.estimates import estimate
-from bench.analysis.problems import count_problem
+from bench.analysis import count_problem, estimate
 from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.estimators.clocks import clock_ratio, count_noise, master_clock_error
 from bench.systems.af_converter.temperatures import unit_temperatures
@@ -31,7 +30,7 @@ def clock_estimates(rows: Iterable[RecordRow], campaign: Campaign, standards: St
         if not count_problem(row):
             members_at.setdefault(float(row.window.conditions["temperature_degC"]), []).append(row)
     known = unit_temperatures(taken)
-    found = []
+    entries = []
     for nominal_degC, members in members_at.items():
         gate_s = np.array([int(row.sums["master_count"]) for row in members]) / campaign.master_Hz
         af_count = np.array([int(row.sums["af_clock"]) for row in members], dtype=np.float64)
@@ -41,10 +40,10 @@ def clock_estimates(rows: Iterable[RecordRow], campaign: Campaign, standards: St
         if warmth:
             conditions["unit_temperature_degC"] = float(np.mean(warmth))
         ratio = clock_ratio(af_count, gate_s, campaign.af_clock_Hz) - 1.0
-        found += _clock("clock_ratio_error", ratio, count_noise(af_count), 0.0, conditions)
+        entries += _clock("clock_ratio_error", ratio, count_noise(af_count), 0.0, conditions)
         master = master_clock_error(fg_count, gate_s, campaign.fg_Hz)
-        found += _clock("master_clock_error", master, count_noise(fg_count), standards.function_generator, conditions)
-    return found
+        entries += _clock("master_clock_error", master, count_noise(fg_count), standards.function_generator, conditions)
+    return entries
 
 
 def _clock(quantity: str, values: Any, noise: Any, common: float, conditions: dict[str, Any]) -> list[dict[str, Any]]:

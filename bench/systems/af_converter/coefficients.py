@@ -7,14 +7,21 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.coefficients import Closed, Source, UnitUnderTest, same_unit, source_of, validate
+from bench.analysis import (
+    Analysis,
+    Closed,
+    Source,
+    UnitUnderTest,
+    same_unit,
+    schema_of,
+    source_of,
+    validate_coefficients,
+)
 from bench.model.errors import InputError
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.group_fit import QUANTITIES, Fitted
 
 NAME = "coefficients"
-SCHEMA_FILE = "coefficients.schema.json"
 BIAS_CAMPAIGN = "bias_ramp"  # the bias of any other campaign is diagnostic (paper, end of section 3.3)
 UNITS = {"dsf_n": "ppm", "dsf_p": "ppm", "bias": "A", "master_clock": "ppm"}
 SIGNS = {
@@ -90,7 +97,7 @@ def scale_factor_compensation(fitted: Fitted, campaign: Campaign) -> list[dict[s
 
 
 def coefficients_of(analysis: Analysis, results: Mapping[str, Any], campaign: Mapping[str, Any]) -> dict[str, Any]:
-    """The document of one session.
+    """Return the document of one session.
 
     Args:    analysis, results: of the session; ``campaign``: that section of its manifest.
     Raises:  InputError B-COEF-004 for a bias that is not of the bias campaign, B-COEF-006 for an entry that is not in
@@ -115,12 +122,12 @@ def coefficients_of(analysis: Analysis, results: Mapping[str, Any], campaign: Ma
         "parameters": parameters,
         "sources": [source_of(analysis, results)],
     }
-    validate(document, session, Coefficients)
+    validate_coefficients(document, session, Coefficients)
     return document
 
 
 def merged(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """One document of the sessions of one unit, parameters by name and channel.
+    """Return one document of the sessions of one unit, parameters by name and channel.
 
     A campaign may measure some channels only; those that several measure must have the same nominal constants.
     Raises: InputError B-COEF-001 (another unit, or other nominal constants), B-COEF-002 (a parameter twice),
@@ -162,5 +169,5 @@ def _nominal(documents: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def coefficients_schema() -> dict[str, Any]:
-    """JSON Schema of coefficients.json, made from the same declarations that check it."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **Coefficients.model_json_schema(by_alias=True)}
+    """Return the JSON Schema of coefficients.json, made from the same declarations that check it."""
+    return schema_of(Coefficients)

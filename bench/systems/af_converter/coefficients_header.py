@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.analysis.c_header import comment, preamble, safe
+from bench.analysis import c_preamble, c_text
 
 _NAMES = {"dsf_n": "DSF_N_PPM", "dsf_p": "DSF_P_PPM", "bias": "BIAS_A", "master_clock": "MASTER_CLOCK_PPM"}
 
@@ -39,7 +39,7 @@ static inline int compensation_value(const compensation_polynomial *polynomial, 
 
 
 def header_text(document: Mapping[str, Any]) -> str:
-    """The header of a checked document; the same document gives the same bytes.
+    """Return the header of a checked document; the same document gives the same bytes.
 
     Tables are indexed by channel number, 0 unused, all of one length: no channel that is in one of them lies outside
     of another. Numbers are the shortest text that gives the same double back.
@@ -50,7 +50,7 @@ def header_text(document: Mapping[str, Any]) -> str:
     width = max((len(one["coefficients"]) for one in parameters), default=1)
     last = max((int(one["channel"] or 0) for one in (*document["nominal"], *parameters)), default=0)
     parts = [
-        comment(preamble(document)),
+        c_preamble(document),
         f"#ifndef {guard}\n#define {guard}\n",
         f"#define COMPENSATION_SIMULATED {int(document['simulated'])}\n",
         _TYPE.replace("WIDTH", str(width)),
@@ -68,7 +68,7 @@ def _nominal(nominal: Sequence[Mapping[str, Any]], last: int) -> str:
         return ""
     charges = {int(one["channel"]): one for one in nominal}
     lines = [
-        f"    {float(charges[number]['k0_C'])!r}, /* {number}: {safe(charges[number]['kind'])} */"
+        f"    {float(charges[number]['k0_C'])!r}, /* {number}: {c_text(charges[number]['kind'])} */"
         if number in charges
         else f"    0.0, /* {number}: none */"
         for number in range(last + 1)

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.early import Check
+from bench.analysis import Analysis, Check
 from bench.model.clock import NS
 from bench.record import RecordRow
 from bench.systems.af_converter.constants import Campaign, read_campaign

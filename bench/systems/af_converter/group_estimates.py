@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.estimates import estimate
+from bench.analysis import estimate
 from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit
 

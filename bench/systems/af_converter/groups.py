@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.analysis.problems import count_problem
+from bench.analysis import count_problem
 from bench.model.errors import FitError
 from bench.record.window import is_off_target
 from bench.systems.af_converter.estimators.noise import Readings
@@ -84,7 +84,7 @@ def _belongs(conditions: Mapping[str, Any]) -> bool:
 
 
 def row_problem(row: RecordRow, temperature: UnitTemperature | None) -> str:
-    """Why a record may not enter a group at one temperature, "" if it may."""
+    """Return why a record may not enter a group at one temperature, "" if it may."""
     problem = count_problem(row)
     if problem or temperature is None:
         return problem or "without a unit temperature"
@@ -138,16 +138,16 @@ def _readings(
     conditions = [row.window.conditions for row in rows]
     warmth = [temperatures[row.window.number] for row in rows]
     return Readings(
-        polarity=column(one.get("polarity", 0) for one in conditions),
-        level_A=column(abs(one.get("current_A", 0.0)) for one in conditions),
-        range_A=column(one.get("range_A", 0.0) or 0.0 for one in conditions),
+        polarity=column(given.get("polarity", 0) for given in conditions),
+        level_A=column(abs(given.get("current_A", 0.0)) for given in conditions),
+        range_A=column(given.get("range_A", 0.0) or 0.0 for given in conditions),
         n_count=column(row.sums["npp"][channel - 1] for row in rows),
         p_count=column(row.sums["ppp"][channel - 1] for row in rows),
         af_count=column(row.sums["af_clock"] for row in rows),
         gate_s=column(row.sums["master_count"] for row in rows) / master_Hz,
         gaps=column(row.lost for row in rows),
         time_s=column(0.5e-9 * (row.window.t_start_ns + row.window.t_end_ns) for row in rows),
-        unit_temperature_degC=column(one.value_degC for one in warmth),
-        temperature_std_degC=column(one.std_degC for one in warmth),
-        temperature_gap=column(one.gap for one in warmth),
+        unit_temperature_degC=column(given.value_degC for given in warmth),
+        temperature_std_degC=column(given.std_degC for given in warmth),
+        temperature_gap=column(given.gap for given in warmth),
     )

@@ -10,8 +10,16 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.coefficients import Closed, Source, UnitUnderTest, same_unit, source_of, validate
+from bench.analysis import (
+    Analysis,
+    Closed,
+    Source,
+    UnitUnderTest,
+    same_unit,
+    schema_of,
+    source_of,
+    validate_coefficients,
+)
 from bench.model.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,7 +27,6 @@ if TYPE_CHECKING:
     from bench.systems.gnc.estimators.triad import TriadFit
 
 NAME = "imu_coefficients"
-SCHEMA_FILE = "imu_coefficients.schema.json"
 SECTION = "section"
 SIGNS = {
     "axes": "x, y, z of the body, right-handed; rows of a matrix are outputs, columns are indicated axes",
@@ -29,6 +36,7 @@ SIGNS = {
     "roll": "atan2(-y, x); 0 where the field lies along +x, grows while the unit turns right-handed about +z",
     "valid_degC": "lowest and highest mean temperature of the records, by the unit's own sensor",
 }
+_NEXT = "merge one calibration and one magnetometer session of the same unit"
 _Three = Annotated[list[float], Field(min_length=3, max_length=3)]
 _Two = Annotated[list[float], Field(min_length=2, max_length=2)]
 
@@ -86,63 +94,62 @@ def triad_section(kind: str, fit: TriadFit, span_degC: tuple[float, float]) -> d
     }
 
 
-def magnetometer_section(method: str, found: PlaneParameters, span_degC: tuple[float, float]) -> dict[str, Any]:
+def magnetometer_section(method: str, plane: PlaneParameters, span_degC: tuple[float, float]) -> dict[str, Any]:
     """Entry of ``Analysis.compensation`` for a magnetometer; gauss and degrees."""
-    std = found.std.tolist()
+    std = plane.std.tolist()
     return {
         SECTION: "magnetometer",
         "unit": "gauss",
         "method": method,
-        "offset": found.offset.tolist(),
+        "offset": plane.offset.tolist(),
         "offset_std": std[:2],
-        "gain": float(found.gain),
+        "gain": float(plane.gain),
         "gain_std": std[2],
-        "alpha_deg": float(found.alpha_deg),
+        "alpha_deg": float(plane.alpha_deg),
         "alpha_std_deg": std[3],
         "valid_degC": list(span_degC),
     }
 
 
 def coefficients_of(analysis: Analysis, results: Mapping[str, Any], campaign: Mapping[str, Any]) -> dict[str, Any]:
-    """The document of one session. Raises: InputError B-COEF-006 for a section that is not in the form."""
+    """Return the document of one session. Raises: InputError B-COEF-006 for a section that is not in the form."""
     session = str(results["session"])
     document = {
         "schema": 1,
         "uut": {name: str(results["uut"][name]) for name in ("model", "serial")},
         "simulated": results["provenance"]["simulated"] is not False,
         "signs": dict(SIGNS),
-        "sections": [dict(one) | {"session": session} for one in analysis.compensation],
+        "sections": [dict(entry) | {"session": session} for entry in analysis.compensation],
         "sources": [source_of(analysis, results)],
     }
-    validate(document, session, ImuCoefficients)
+    validate_coefficients(document, session, ImuCoefficients)
     return document
 
 
 def merged(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """One document of the sessions of one unit: calibration and magnetometer.
+    """Return one document of the sessions of one unit: calibration and magnetometer.
 
     Raises: InputError B-COEF-001 (another unit), B-COEF-002 (a section twice), B-COEF-003 (simulated and real).
     """
-    same_unit(documents, "merge one scale-factor and one bias session of the same unit")
-    sections = [one for document in documents for one in document["sections"]]
+    same_unit(documents, _NEXT)
+    sections = [section for document in documents for section in document["sections"]]
     seen: dict[str, str] = {}
-    for one in sections:
-        if one[SECTION] in seen:
+    for section in sections:
+        if section[SECTION] in seen:
             raise InputError(
                 "B-COEF-002",
-                f"the {one[SECTION]} comes from two sessions",
-                where=f"{seen[one[SECTION]]}, {one['session']}",
-                next_step="merge one calibration and one magnetometer session of the same unit",
+                f"the {section[SECTION]} comes from two sessions",
+                where=f"{seen[section[SECTION]]}, {section['session']}",
+                next_step=_NEXT,
             )
-        seen[one[SECTION]] = one["session"]
+        seen[section[SECTION]] = section["session"]
     order = ("accelerometer", "gyro", "magnetometer")
     return dict(documents[0]) | {
-        "sections": sorted(sections, key=lambda one: order.index(one[SECTION])),
+        "sections": sorted(sections, key=lambda section: order.index(section[SECTION])),
         "sources": [source for document in documents for source in document["sources"]],
     }
 
 
 def coefficients_schema() -> dict[str, Any]:
-    """JSON Schema of imu_coefficients.json, made from the same declarations that check it."""
-    schema = ImuCoefficients.model_json_schema(by_alias=True)
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+    """Return the JSON Schema of imu_coefficients.json, made from the same declarations that check it."""
+    return schema_of(ImuCoefficients)

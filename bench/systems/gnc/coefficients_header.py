@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.analysis.c_header import comment, preamble
+from bench.analysis import c_preamble
 
 _TYPE = """\
 /* Sections that were measured: 1, else 0; a function for what was not measured is not there. */
@@ -51,16 +51,16 @@ static inline void imu_compensate_magnetometer(const double indicated[2], double
 
 
 def header_text(document: Mapping[str, Any]) -> str:
-    """The header of a checked document; the same document gives the same bytes.
+    """Return the header of a checked document; the same document gives the same bytes.
 
     Numbers are the shortest text that gives the same double back.
     """
     unit = document["uut"]
     guard = re.sub("[^A-Z0-9]+", "_", f"IMU_COEFFICIENTS_{unit['model']}_{unit['serial']}_H".upper())
-    sections = {one["section"]: one for one in document["sections"]}
+    sections = {section["section"]: section for section in document["sections"]}
     present = {name: int(name in sections) for name in ("accelerometer", "gyro", "magnetometer")}
     parts = [
-        comment(preamble(document)),
+        c_preamble(document),
         f"#ifndef {guard}\n#define {guard}\n",
         f"#define IMU_SIMULATED {int(document['simulated'])}\n",
         _TYPE.format(**present),

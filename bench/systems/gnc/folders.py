@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from bench.systems.gnc.unit_test.tables import title_of
 
 if TYPE_CHECKING:
-    from bench.analysis.material import Material
+    from bench.analysis import Material
     from bench.systems.gnc.unit_test.units import ItemResult, UnitResult
 
 

@@ -6,13 +6,11 @@ compensation.
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping
 from typing import Any
 
-from bench.model.errors import FitError
-from bench.model.units import parse_quantity
+from bench.analysis import stated_limits
 
 # name -> (dimension, value in its base unit)
 SPECIFIED: Mapping[str, tuple[str, float]] = {
@@ -44,34 +42,14 @@ SPECIFIED: Mapping[str, tuple[str, float]] = {
 }
 
 
-class Limits:
-    """Limit by name, in the base unit of its dimension (V, A, deg, deg/s, g, gauss, m, degC, 1).
+DIMENSIONS: Mapping[str, str] = {name: dimension for name, (dimension, _) in SPECIFIED.items()}
+Limits = Mapping[str, float]
+
+
+def limits_of(campaign: Mapping[str, Any]) -> Limits:
+    """Return every limit in the base unit of its dimension (V, A, deg, deg/s, g, gauss, m, degC, 1).
 
     Raises: FitError B-GNC-001 for a limit of the sequence that no analysis knows, or in a unit that does not fit.
     """
-
-    def __init__(self, campaign: Mapping[str, Any]) -> None:
-        self._values = {name: value for name, (_, value) in SPECIFIED.items()}
-        for name, stated in (campaign.get("limits") or {}).items():
-            self._values[name] = _value(str(name), stated)
-
-    def __call__(self, name: str) -> float:
-        return self._values[name]
-
-
-def _value(name: str, stated: Mapping[str, Any]) -> float:
-    if name not in SPECIFIED:
-        close = difflib.get_close_matches(name, SPECIFIED, n=1)
-        raise _unusable(name, "no analysis knows it", f"did you mean {close[0]!r}?" if close else _known())
-    try:
-        return parse_quantity(f"{float(stated['value'])!r} {stated['unit']}", SPECIFIED[name][0])
-    except (KeyError, TypeError, ValueError) as error:
-        raise _unusable(name, str(error), "state it with a unit in the limits of the sequence") from error
-
-
-def _known() -> str:
-    return f"use one of: {', '.join(SPECIFIED)}"
-
-
-def _unusable(name: str, why: str, next_step: str) -> FitError:
-    return FitError("B-GNC-001", f"limit {name!r}: {why}", where="manifest: campaign.limits", next_step=next_step)
+    stated = stated_limits(campaign, DIMENSIONS, "B-GNC-001", "no analysis knows it", two_sided=True)
+    return {name: value for name, (_, value) in SPECIFIED.items()} | stated

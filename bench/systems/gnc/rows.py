@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.joined import CONTINUES
-from bench.analysis.material import Material
+from bench.analysis import CONTINUES, Floats, Material
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.earth_rate import Pose, Site
 from bench.systems.gnc.estimators.records import tick_seconds
@@ -19,7 +18,6 @@ from bench.systems.gnc.estimators.unit_clock import UnitClock, power_ons, unit_c
 if TYPE_CHECKING:
     from bench.record import RecordRow, Samples
 
-Floats = NDArray[np.float64]
 STANDARD_GRAVITY_M_S2 = 9.80665  # the g of every unit here; gravity of the site is stated in m/s2
 AXES = ("x", "y", "z")
 SENSORS = {"gyro": "gyro", "accelerometer": "accel", "magnetometer": "mag"}
@@ -36,7 +34,7 @@ class SampledRow:
 
     @property
     def item(self) -> str:
-        """What the record is for."""
+        """Return what the record is for."""
         return str(self.conditions.get("item", ""))
 
     @property
@@ -100,7 +98,7 @@ def sampled_rows(material: Material, items: Sequence[str]) -> tuple[list[Sampled
 
 
 def no_records(items: Sequence[str]) -> FitError:
-    """The error of a session without a record of these items."""
+    """Return the error of a session without a record of these items."""
     return FitError(
         "B-GNC-003",
         f"the session holds no record with samples of {', '.join(items)}",
@@ -109,7 +107,7 @@ def no_records(items: Sequence[str]) -> FitError:
 
 
 def clock_of(rows: Sequence[SampledRow]) -> UnitClock:
-    """The unit's clock against the bench clock, over all records."""
+    """Return the unit's clock against the bench clock, over all records."""
     return unit_clock(_stamps(rows), 1.0 / rows[0].rate_Hz) if rows else UnitClock()
 
 

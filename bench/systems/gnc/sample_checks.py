@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.analysis import Table
 from bench.systems.gnc.estimators.sample_checks import FROZEN, SATURATED, SampleChecks, check_samples
 from bench.systems.gnc.estimators.sample_clock import unwrapped_ticks_s
 from bench.systems.gnc.rows import SENSORS, SampledRow
@@ -29,7 +30,7 @@ class CheckedRow:
 
     @property
     def reason(self) -> str:
-        """Why the record may not be used; "" if it may.
+        """Return why the record may not be used; "" if it may.
 
         One in which every sample of a channel is the same is not refused here: without noise that is no fault, and a
         sensor that does not answer at all determines no fit.
@@ -47,10 +48,10 @@ def checked(rows: Sequence[SampledRow], kinds: Sequence[str], campaign: Mapping[
     return [CheckedRow(row, _check(row, kinds, limits, due_Hz)) for row in rows]
 
 
-def usable(found: Sequence[CheckedRow]) -> tuple[list[SampledRow], list[str]]:
-    """The records that may be used, and a sentence for each that may not."""
-    refused = [f"record {one.row.number} ({one.row.item}): {one.reason}" for one in found if one.reason]
-    return [one.row for one in found if not one.reason], refused
+def usable(rows: Sequence[CheckedRow]) -> tuple[list[SampledRow], list[str]]:
+    """Return the records that may be used, and a sentence for each that may not."""
+    refused = [f"record {seen.row.number} ({seen.row.item}): {seen.reason}" for seen in rows if seen.reason]
+    return [seen.row for seen in rows if not seen.reason], refused
 
 
 def _check(row: SampledRow, kinds: Sequence[str], limits: Mapping[str, float], due_Hz: float | None) -> SampleChecks:
@@ -70,34 +71,34 @@ def _check(row: SampledRow, kinds: Sequence[str], limits: Mapping[str, float], d
 
 def _limits(kinds: Sequence[str], imu: Mapping[str, Any]) -> dict[str, float]:
     """Steps of the output at the end of each range; a sensor of which the sequence declares none has none."""
-    found = {}
+    steps = {}
     for kind in kinds:
         reach, step = (imu.get(name) for name in _STEPS[kind])
         if reach and step:
-            found[kind] = float(round(float(reach) / float(step)))
-    return found
+            steps[kind] = float(round(float(reach) / float(step)))
+    return steps
 
 
-def check_notes(found: Sequence[CheckedRow]) -> list[str]:
-    """What was found, one sentence per record and fault."""
-    return [f"Record {one.row.number} ({one.row.item}): {text}." for one in found for text in one.checks.sentences]
+def check_notes(rows: Sequence[CheckedRow]) -> list[str]:
+    """Return what was found, one sentence per record and fault."""
+    return [f"Record {seen.row.number} ({seen.row.item}): {text}." for seen in rows for text in seen.checks.sentences]
 
 
-def check_table(found: Sequence[CheckedRow]) -> dict[str, Any]:
+def check_table(checked_rows: Sequence[CheckedRow]) -> Table:
     """Samples, gaps and time stamps of every record."""
     rows = []
-    for one in found:
-        ticks, checks = one.checks.ticks, one.checks
+    for seen in checked_rows:
+        ticks, checks = seen.checks.ticks, seen.checks
         jitter_ms = 1e3 * ticks.worst_jitter_s if ticks else "–"
         clock = _clock(checks)
         what = ", ".join(dict.fromkeys(finding.kind for finding in checks.findings)) or "nothing"
-        rows.append([one.row.number, one.row.item, checks.samples, checks.missing, jitter_ms, clock, what])
+        rows.append([seen.row.number, seen.row.item, checks.samples, checks.missing, jitter_ms, clock, what])
     headers = ["record", "item", "samples", "missing", "largest jitter, ms", "unit's clock, ppm", "found"]
     caption = (
         "Clock of the unit against that of the bench, as far as the delays of the link let it be seen; the time of "
         "every integral is the unit's own."
     )
-    return {"title": "Samples", "caption": caption, "headers": headers, "rows": rows}
+    return Table("Samples", caption, headers, rows)
 
 
 def _clock(checks: SampleChecks) -> str:

@@ -8,12 +8,13 @@ from typing import TypeVar
 
 import numpy as np
 
+from bench.analysis import Floats
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.earth_rate import up_in_body
 from bench.systems.gnc.estimators.records import RotationRecord, static_means
 from bench.systems.gnc.estimators.six_position import fit_six_position
 from bench.systems.gnc.estimators.triad import TriadFit
-from bench.systems.gnc.rows import AXES, Floats, SampledRow
+from bench.systems.gnc.rows import AXES, SampledRow
 
 Key = TypeVar("Key")
 UPS = tuple(f"{sign}{axis}" for axis in AXES for sign in "+-")
@@ -56,7 +57,7 @@ def _put(found: Sets, row: SampledRow, key: Key, first: dict[Key, SampledRow], s
 
 
 def _up(row: SampledRow) -> str:
-    """The axis that points up, by the conditions; the pose must say the same."""
+    """Return the axis that points up, by the conditions; the pose must say the same."""
     up = str(row.conditions.get("up", ""))
     if up not in UPS:
         raise _unclear(row, f"'up' is {up!r}, one of {', '.join(UPS)} is due")

@@ -9,9 +9,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bench.analysis.estimates import judged, rule_of
-from bench.analysis.numbers import with_uncertainty
-from bench.systems.gnc.limits import Limits
+from bench.analysis import Table, judged, rule_of, with_uncertainty
+from bench.systems.gnc.limits import Limits, limits_of
 
 NOT_TESTED = "not tested"
 _ORDER = ("fail", "conditional_fail", "conditional_pass", "pass", "none")  # the worst axis speaks for the row
@@ -53,31 +52,31 @@ ROWS: tuple[Row, ...] = (
 )
 
 
-def table_3(estimates: Sequence[Mapping[str, Any]], campaign: Mapping[str, Any]) -> dict[str, Any]:
-    """The table as a document of an analysis; a row shows the axis that is worst, by the rule of the campaign.
+def table_3(estimates: Sequence[Mapping[str, Any]], campaign: Mapping[str, Any]) -> Table:
+    """Return the table; a row shows the axis that is worst, by the rule of the campaign.
 
     Raises: FitError B-GNC-001 (limits), B-FIT-041 (rule).
     """
-    limits, rule = Limits(campaign), rule_of(campaign.get("decision"))
+    limits, rule = limits_of(campaign), rule_of(campaign.get("decision"))
     rows = [
-        _row(one, [entry for entry in estimates if entry["quantity"] == one.quantity], limits, rule) for one in ROWS
+        _row(promised, [entry for entry in estimates if entry["quantity"] == promised.quantity], limits, rule)
+        for promised in ROWS
     ]
-    return {
-        "title": "Table 3: specification of the module",
-        "caption": "Worst axis with its expanded uncertainty; what this session does not measure is not tested.",
-        "headers": ["parameter", "unit", "measured ± U", "limit", "axis", "verdict"],
-        "rows": rows,
-        "lead": any(row[-1] != NOT_TESTED for row in rows),  # of nothing but "not tested" nobody reads first
-    }
+    title = "Table 3: specification of the module"
+    caption = "Worst axis with its expanded uncertainty; what this session does not measure is not tested."
+    headers = ["parameter", "unit", "measured ± U", "limit", "axis", "verdict"]
+    tested = any(row[-1] != NOT_TESTED for row in rows)  # of nothing but "not tested" nobody reads first
+    return Table(title, caption, headers, rows, lead=tested)
 
 
-def _row(row: Row, found: list[Mapping[str, Any]], limits: Limits, rule: str) -> list[Any]:
-    limit = row.specified if row.limit is None else f"{row.factor * limits(row.limit):g}"
+def _row(row: Row, entries: list[Mapping[str, Any]], limits: Limits, rule: str) -> list[Any]:
+    limit = row.specified if row.limit is None else f"{row.factor * limits[row.limit]:g}"
     unit = "–" if row.quantity is None else row.unit
-    if not found:
+    if not entries:
         return [row.text, unit, "–", limit, "–", NOT_TESTED]
     worst = min(
-        (judged(one, rule) for one in found), key=lambda one: (_ORDER.index(one["verdict"]), -abs(one["value"]))
+        (judged(entry, rule) for entry in entries),
+        key=lambda entry: (_ORDER.index(entry["verdict"]), -abs(entry["value"])),
     )
     verdict = NOT_TESTED if worst["verdict"] == "none" else str(worst["verdict"]).upper().replace("_", " ")
     place = " ".join(str(value) for name, value in worst["conditions"].items() if name != "kind")

@@ -6,8 +6,7 @@ equations (1) to (11) as restored in docs/ring-laser.md. Only ticks, levels and 
 
 from __future__ import annotations
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.material import Material
+from bench.analysis import Analysis, Material, check_method, no_result
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import COMPENSATORS
 from bench.systems.lock_in.estimates import exponent_estimates, record_estimates, value_of
@@ -23,13 +22,12 @@ METHODS: tuple[str, ...] = COMPENSATORS
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
-    """Every compensator over every record; ``method`` says whose alignment time is judged.
+    """Return every compensator over every record; ``method`` says whose alignment time is judged.
 
     Raises: FitError B-FIT-004 (unknown method), B-RLG-001 to -007; a record that cannot be analysed is missing, unless
             none can.
     """
-    if method not in METHODS:
-        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    check_method(method, METHODS)
     requirement = requirement_of(material.campaign)
     records = laser_records(material)
     missing, bad = not_recorded(records), flagged(records)
@@ -46,18 +44,18 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             missing.append(f"record {record.number}: {error.message} ({error.code})")
     if not results:
         raise refused[0] if refused else none_usable(bad)
-    estimates = [entry for one in results for entry in record_estimates(one, requirement, method)]
+    estimates = [entry for laser in results for entry in record_estimates(laser, requirement, method)]
     missing += [
-        f"{one.name}: {LABELS[method]}: {one.missing.get(method, 'no random walk could be told from quantisation')}"
-        for one in results
-        if value_of(estimates, "angle_random_walk", **one.record.place(one.clock_Hz), method=method) is None
+        f"{laser.name}: {LABELS[method]}: {laser.missing.get(method, 'no random walk could be told from quantisation')}"
+        for laser in results
+        if value_of(estimates, "angle_random_walk", **laser.record.place(laser.clock_Hz), method=method) is None
     ]
     return Analysis(
         campaign="rlg_lock_in",
         method=method,
         uut=dict(material.campaign["uut"]),
         estimates=[*estimates, *exponent_estimates(results, method)],
-        notes=[*(f"No result: {one}." for one in missing), *notes(results, requirement, method)],
+        notes=[*no_result(missing), *notes(results, requirement, method)],
         missing=missing,
         figures=[*campaign_figures(results, requirement, method), *turnaround_figures(results)],
         tables=tables(results, requirement, method),

@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.analysis import Floats
 from bench.model.errors import FitError
 from bench.systems.lock_in.estimators.angle import CycleIncrements, cycle_increments, net_angle
 from bench.systems.lock_in.estimators.dither_shape import dither_shape
@@ -23,7 +23,6 @@ from bench.systems.lock_in.estimators.parabolas import parabolas
 from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds, turnarounds
 from bench.systems.lock_in.events import Events, Stretch
 
-Floats = NDArray[np.float64]
 Compensator = Callable[[Turnarounds], Jumps]
 RAW, GLOBAL = "raw", "global_constants"
 _LOCAL: Mapping[str, Compensator] = {

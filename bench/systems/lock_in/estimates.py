@@ -8,18 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.estimates import estimate
+from bench.analysis import Estimates, estimate
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import COMPENSATORS, RAW
 from bench.systems.lock_in.estimators.random_walk import RandomWalk, alignment_time_s, path_exponent
 from bench.systems.lock_in.limits import Requirement
 from bench.systems.lock_in.result import LaserResult, Measured, squared, walk_std_deg_rth
 
-Documents = list[dict[str, Any]]
 ARW_UNIT, ARCSEC = "deg/h^0.5", 3600.0
 
 
-def record_estimates(one: LaserResult, requirement: Requirement, judged: str) -> Documents:
+def record_estimates(one: LaserResult, requirement: Requirement, judged: str) -> Estimates:
     """Of one record; the alignment time by the method ``judged`` carries the verdict, if the campaign limits it."""
     place = one.record.place(one.clock_Hz)
     found = _constants(one, place)
@@ -33,7 +32,7 @@ def record_estimates(one: LaserResult, requirement: Requirement, judged: str) ->
 
 def _of_method(
     one: LaserResult, method: str, walk: RandomWalk, requirement: Requirement, limit_s: float | None
-) -> Documents:
+) -> Estimates:
     place = one.record.place(one.clock_Hz) | {"method": method}
     used = one.found.turnarounds if method == RAW else one.found.used[method]
     counted = {"n": used, "dropped": one.found.turnarounds - used}
@@ -58,7 +57,7 @@ def alignment_s(walk: RandomWalk, requirement: Requirement) -> Measured:
     return Measured(of_one_s * square.value, of_one_s * square.std)
 
 
-def _constants(one: LaserResult, place: dict[str, Any]) -> Documents:
+def _constants(one: LaserResult, place: dict[str, Any]) -> Estimates:
     found = []
     counted = {"n": one.found.turnarounds, "dropped": one.found.turnarounds - max(one.found.used.values(), default=0)}
     rate, phase = one.lock_in_deg_s, one.backscatter_deg
@@ -69,7 +68,7 @@ def _constants(one: LaserResult, place: dict[str, Any]) -> Documents:
     return found
 
 
-def exponent_estimates(results: Sequence[LaserResult], judged: str) -> Documents:
+def exponent_estimates(results: Sequence[LaserResult], judged: str) -> Estimates:
     """How the random walk goes with the path length, by clock, before compensation (theory: -2.5) and behind it."""
     found = []
     for clock_Hz in dict.fromkeys(one.clock_Hz for one in results):
@@ -100,7 +99,7 @@ def paths_of(results: Sequence[LaserResult]) -> list[float]:
     return sorted({one.record.path_length_m for one in results})
 
 
-def value_of(estimates: Documents, quantity: str, **place: Any) -> dict[str, Any] | None:
+def value_of(estimates: Estimates, quantity: str, **place: Any) -> dict[str, Any] | None:
     """The first estimate of a quantity under these conditions."""
     for one in estimates:
         if one["quantity"] == quantity and all(one["conditions"].get(key) == value for key, value in place.items()):

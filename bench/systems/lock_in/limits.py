@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from bench.analysis import stated_limits
 from bench.model.errors import FitError
-from bench.model.units import parse_quantity
 
 NATO_MIL_DEG = 360.0 / 6400.0
-DIMENSIONS = {"alignment_error": "deg", "alignment_time": "s"}
+DIMENSIONS: Mapping[str, str] = {"alignment_error": "deg", "alignment_time": "s"}
 
 
 @dataclass(frozen=True)
@@ -30,16 +30,7 @@ def requirement_of(campaign: Mapping[str, Any]) -> Requirement:
 
     Raises: FitError B-RLG-004 (a limit that no ring laser has, or in a wrong unit), B-RLG-005 (no latitude).
     """
-    found: dict[str, float] = {}
-    for name, stated in (campaign.get("limits") or {}).items():
-        if name not in DIMENSIONS:
-            raise _unusable(name, "an alignment with a ring laser has no such limit")
-        try:
-            found[name] = parse_quantity(f"{float(stated['value'])!r} {stated['unit']}", DIMENSIONS[name])
-        except (KeyError, TypeError, ValueError) as error:
-            raise _unusable(name, str(error)) from error
-        if found[name] <= 0.0:
-            raise _unusable(name, f"{found[name]:g} is not above zero")
+    stated = stated_limits(campaign, DIMENSIONS, "B-RLG-004", "an alignment with a ring laser has no such limit")
     try:
         latitude_deg = float((campaign.get("site") or {})["latitude_deg"])
     except KeyError as error:
@@ -49,13 +40,4 @@ def requirement_of(campaign: Mapping[str, Any]) -> Requirement:
             where="manifest: campaign.site",
             next_step="give 'latitude' in the section 'site' of the sequence",
         ) from error
-    return Requirement(found.get("alignment_error", NATO_MIL_DEG), found.get("alignment_time"), latitude_deg)
-
-
-def _unusable(name: str, why: str) -> FitError:
-    return FitError(
-        "B-RLG-004",
-        f"limit {name!r}: {why}",
-        where="manifest: campaign.limits",
-        next_step=f"use one of: {', '.join(DIMENSIONS)}, with a unit of its dimension",
-    )
+    return Requirement(stated.get("alignment_error", NATO_MIL_DEG), stated.get("alignment_time"), latitude_deg)

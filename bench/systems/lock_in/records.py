@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
-from bench.analysis.material import Material
+from bench.analysis import Material
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 

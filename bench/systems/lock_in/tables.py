@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from bench.analysis.numbers import with_uncertainty
+from bench.analysis import Table, with_uncertainty
 from bench.maths.verdict import coverage_factor
 from bench.systems.lock_in.compensation import COMPENSATORS, RAW
 from bench.systems.lock_in.estimates import ARCSEC, alignment_s
 from bench.systems.lock_in.limits import NATO_MIL_DEG, Requirement
 from bench.systems.lock_in.result import LaserResult, Measured, squared, walk_std_deg_rth
 
-Table = dict[str, Any]
 LABELS = {
     "global_constants": "global constants",
     "fresnel": "Fresnel, 16 a side",
@@ -24,7 +23,7 @@ LABELS = {
 
 
 def tables(results: Sequence[LaserResult], requirement: Requirement, method: str) -> list[Table]:
-    """All tables, those that are read first in front."""
+    """Return all tables, those that are read first in front."""
     return [
         _comparison(results, method),
         _alignment(results, requirement, method),
@@ -37,24 +36,24 @@ def tables(results: Sequence[LaserResult], requirement: Requirement, method: str
 def _table(
     results: Sequence[LaserResult], headers: Sequence[str], rows: Sequence[Sequence[Sequence[Any]]], **words: Any
 ) -> Table:
-    """A table with the columns that say which record a row is of; ``rows``: those of each record."""
-    settings = [one.record.phase_setting_deg for one in results]
-    several = any(one is not None for one in settings)
+    """Return a table with the columns that say which record a row is of; ``rows``: those of each record."""
+    settings = [laser.record.phase_setting_deg for laser in results]
+    several = any(setting is not None for setting in settings)
     whole = []
-    for one, phase, lines in zip(results, settings, rows, strict=True):
-        place = [f"{100 * one.record.path_length_m:g}", f"{one.clock_Hz / 1e6:g}"]
+    for laser, phase, lines in zip(results, settings, rows, strict=True):
+        place = [f"{100 * laser.record.path_length_m:g}", f"{laser.clock_Hz / 1e6:g}"]
         place += [] if not several else ["–" if phase is None else f"{phase:g}"]
         whole += [[*place, *line] for line in lines]
     places = ["path, cm", "clock, MHz", *(["phase set, deg"] if several else [])]
-    return {**words, "headers": [*places, *headers], "rows": whole}
+    return Table(headers=[*places, *headers], rows=whole, **words)
 
 
 def _comparison(results: Sequence[LaserResult], method: str) -> Table:
     rows = []
-    for one in results:
-        phase = one.backscatter_deg
+    for laser in results:
+        phase = laser.backscatter_deg
         seen = "–" if phase is None else f"{phase.value:.1f}"
-        rows.append([[seen, *(_ratio(one, name) for name in COMPENSATORS)]])
+        rows.append([[seen, *(_ratio(laser, name) for name in COMPENSATORS)]])
     caption = (
         "Ratio and expanded uncertainty, or what it does not exceed where it cannot be told from 0; below 1 the "
         "compensator helps, WORSE marks where it adds random walk beyond its uncertainty. The verdict is on: "
@@ -65,33 +64,33 @@ def _comparison(results: Sequence[LaserResult], method: str) -> Table:
     return _table(results, headers, rows, title=title, caption=caption, lead=True)
 
 
-def _ratio(one: LaserResult, method: str) -> str:
-    ratio = one.ratio(method)
+def _ratio(laser: LaserResult, method: str) -> str:
+    ratio = laser.ratio(method)
     if ratio is None:
         return "no result"
-    return _bounded(ratio) + (" WORSE" if one.is_worse(method) else "")
+    return _bounded(ratio) + (" WORSE" if laser.is_worse(method) else "")
 
 
-def _text(one: Measured | None, factor: float = 1.0) -> str:
-    if one is None:
+def _text(measured: Measured | None, factor: float = 1.0) -> str:
+    if measured is None:
         return "no result"
-    return with_uncertainty(factor * one.value, factor * coverage_factor() * one.std)
+    return with_uncertainty(factor * measured.value, factor * coverage_factor() * measured.std)
 
 
-def _bounded(one: Measured | None, factor: float = 1.0) -> str:
+def _bounded(measured: Measured | None, factor: float = 1.0) -> str:
     """As ``_text``; of a value that cannot be told from 0, what it does not exceed."""
-    if one is None or one.value > coverage_factor() * one.std:
-        return _text(one, factor)
-    return f"< {float(f'{factor * (one.value + coverage_factor() * one.std):.2g}'):g}"
+    if measured is None or measured.value > coverage_factor() * measured.std:
+        return _text(measured, factor)
+    return f"< {float(f'{factor * (measured.value + coverage_factor() * measured.std):.2g}'):g}"
 
 
 def _alignment(results: Sequence[LaserResult], requirement: Requirement, method: str) -> Table:
     rows = []
-    for one in results:
-        raw, after, ratio = one.walks.get(RAW), one.walks.get(method), one.ratio(method)
+    for laser in results:
+        raw, after, ratio = laser.walks.get(RAW), laser.walks.get(method), laser.ratio(method)
         times = [None if walk is None else alignment_s(walk, requirement) for walk in (raw, after)]
         factor = None if ratio is None else squared(ratio)
-        rows.append([[_bounded(one) for one in (*times, factor)]])
+        rows.append([[_bounded(value) for value in (*times, factor)]])
     mil = requirement.error_deg / NATO_MIL_DEG
     caption = (
         f"Until the random walk alone lets the azimuth be known to {requirement.error_deg:.5g} deg ({mil:.3g} NATO "
@@ -104,10 +103,10 @@ def _alignment(results: Sequence[LaserResult], requirement: Requirement, method:
 
 def _constants(results: Sequence[LaserResult]) -> Table:
     rows = []
-    for one in results:
-        share, sensed = one.systematic_share, one.record.dither_deg_s
-        cells = [_text(one.lock_in_deg_s, 1e3), _text(one.backscatter_deg)]
-        cells += ["–" if sensed is None else f"{sensed:.2f}", f"{one.counted_dither_deg_s:.2f}"]
+    for laser in results:
+        share, sensed = laser.systematic_share, laser.record.dither_deg_s
+        cells = [_text(laser.lock_in_deg_s, 1e3), _text(laser.backscatter_deg)]
+        cells += ["–" if sensed is None else f"{sensed:.2f}", f"{laser.counted_dither_deg_s:.2f}"]
         rows.append([[*cells, "–" if share is None else f"{100 * share:.1f}"]])
     caption = (
         "By the global fit. Left: what the crossings still show behind it as a function of the phase, per RMS jump; a "
@@ -125,7 +124,7 @@ def _constants(results: Sequence[LaserResult]) -> Table:
 
 
 def _walks(results: Sequence[LaserResult]) -> Table:
-    rows = [[_walk_row(one, method) for method in (RAW, *COMPENSATORS) if method in one.walks] for one in results]
+    rows = [[_walk_row(laser, method) for method in (RAW, *COMPENSATORS) if method in laser.walks] for laser in results]
     caption = (
         "Fitted together to the overlapping Allan deviation of the latched counts. Theory: the recovered lock-in rate "
         "over the root of gain and counted dither rate, equation (6). Where chi-squared says that the two terms do not "
@@ -137,19 +136,19 @@ def _walks(results: Sequence[LaserResult]) -> Table:
     return _table(results, headers, rows, title="Random walk and quantisation", caption=caption)
 
 
-def _walk_row(one: LaserResult, method: str) -> list[str]:
-    walk = one.walks[method]
+def _walk_row(laser: LaserResult, method: str) -> list[str]:
+    walk = laser.walks[method]
     cells = [_bounded(Measured(walk.n_deg_rth, walk_std_deg_rth(walk)), 1e3)]
     cells.append(_text(Measured(walk.q_deg, walk.q_std_deg), 1e3 * ARCSEC) if walk.q_deg > 0.0 else "–")
-    expected = one.expected_deg_rth if method == RAW else None
+    expected = laser.expected_deg_rth if method == RAW else None
     theory = "" if expected is None else f"{1e3 * expected:.3g}"
     return [LABELS[method], *cells, theory, f"{walk.chi2:.4g} / {walk.dof}"]
 
 
 def _material(results: Sequence[LaserResult]) -> Table:
     rows = []
-    for one in results:
-        found, events = one.found, one.events
+    for laser in results:
+        found, events = laser.found, laser.events
         why = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in sorted(found.counts.items()) if count)
         cells = [f"{found.seconds:.2f}", found.edges, found.turnarounds, found.grazing, why or "–"]
         lost = [found.stretches, events.lost_blocks, events.lost_edges, found.breaks + found.repaired]

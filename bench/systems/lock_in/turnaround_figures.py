@@ -7,19 +7,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.systems.gnc.report import curve
+from bench.analysis import Figure, Floats, Series, Style, curve
 from bench.systems.lock_in.compensation import COMPENSATORS, GLOBAL, RAW
 from bench.systems.lock_in.result import LaserResult
 from bench.systems.lock_in.tables import LABELS
 
-Floats = NDArray[np.float64]
-Figure = dict[str, Any]
-Documents = list[Figure]
 _PAPER_PATH_M = 0.28  # the laser of the paper's figures 7 to 11
 _TURNAROUNDS = 80  # of figures that show single ones
 _WAVE_s, _ZOOM_s = 120e-6, 0.4e-6
@@ -27,15 +23,15 @@ _CLEAR_s = 50e-6  # between the innermost crossings: the phase turned well away 
 _ARCSEC = math.degrees(1.0) * 3600.0
 
 
-def turnaround_figures(results: Sequence[LaserResult]) -> Documents:
+def turnaround_figures(results: Sequence[LaserResult]) -> list[Figure]:
     """Figures 7 to 11 and what the global fit leaves, of the path nearest to the paper's and each of its clocks."""
-    path_m = min((one.record.path_length_m for one in results), key=lambda path: abs(path - _PAPER_PATH_M))
-    chosen = _one_per_clock([one for one in results if one.record.path_length_m == path_m])
+    path_m = min((laser.record.path_length_m for laser in results), key=lambda path: abs(path - _PAPER_PATH_M))
+    chosen = _one_per_clock([laser for laser in results if laser.record.path_length_m == path_m])
     last = chosen[-1]
     return [
         *_beat(chosen),
-        *(figure for one in chosen for figure in (_periods(one),)),
-        *(figure for one in chosen for figure in (_estimated(one),)),
+        *map(_periods, chosen),
+        *map(_estimated, chosen),
         _integrated(last),
         _angle(last),
         *_left(last),
@@ -44,12 +40,12 @@ def turnaround_figures(results: Sequence[LaserResult]) -> Documents:
 
 def _one_per_clock(results: Sequence[LaserResult]) -> list[LaserResult]:
     first: dict[float, LaserResult] = {}
-    for one in results:
-        first.setdefault(one.clock_Hz, one)
+    for laser in results:
+        first.setdefault(laser.clock_Hz, laser)
     return [first[clock_Hz] for clock_Hz in sorted(first)]
 
 
-def _beat(chosen: Sequence[LaserResult]) -> Documents:
+def _beat(chosen: Sequence[LaserResult]) -> list[Figure]:
     """Figure 7: the beat round one turnaround, and one crossing among the ticks of each clock."""
     shown = chosen[-1].found.shown
     side = shown.time_s.shape[1] // 2
@@ -60,51 +56,49 @@ def _beat(chosen: Sequence[LaserResult]) -> Documents:
     curved = np.polynomial.Polynomial.fit(time_s, phase_rad, 2)
     at_s = np.linspace(-_WAVE_s, _WAVE_s, 481)
     near = time_s[np.abs(time_s) <= _WAVE_s]
-    wave = {
-        "title": f"Beat round a turnaround, {chosen[-1].name}",
-        "caption": (
-            "Figure 7: measured crossings of the beat round one turnaround, the wave through them as a parabola of the "
-            "phase gives it, and one crossing among the ticks of each clock."
-        ),
-        "x_label": "time, µs",
-        "y_label": "beat",
-        "group": "Beat and crossings",
-        "series": [
-            curve("beat", 1e6 * at_s, np.sin(curved(at_s)), "line"),
-            curve("crossings", 1e6 * near, np.zeros(near.size), "points"),
-        ],
-    }
+    title = f"Beat round a turnaround, {chosen[-1].name}"
+    caption = (
+        "Figure 7: measured crossings of the beat round one turnaround, the wave through them as a parabola of the "
+        "phase gives it, and one crossing among the ticks of each clock."
+    )
+    parts = [
+        curve("beat", 1e6 * at_s, np.sin(curved(at_s)), "line"),
+        curve("crossings", 1e6 * near, np.zeros(near.size), "points"),
+    ]
+    wave = Figure(title, caption, "time, µs", "beat", parts, group="Beat and crossings")
     rate_rad_s = float((phase_rad[side + 2] - phase_rad[side]) / (time_s[side + 2] - time_s[side]))
     zoom_s = np.linspace(-_ZOOM_s, _ZOOM_s, 101)
     series = [curve("beat", 1e9 * zoom_s, np.sin(rate_rad_s * zoom_s), "line")]
-    for one in reversed(chosen):
-        ticks = np.arange(-math.floor(_ZOOM_s * one.clock_Hz), math.floor(_ZOOM_s * one.clock_Hz) + 1) / one.clock_Hz
-        series.append(curve(f"ticks of {one.clock_Hz / 1e6:g} MHz", 1e9 * ticks, np.sin(rate_rad_s * ticks), "points"))
-    zoom = wave | {"title": "One crossing and the ticks of the clocks", "x_label": "time, ns", "series": series}
+    for laser in reversed(chosen):
+        ticks = (
+            np.arange(-math.floor(_ZOOM_s * laser.clock_Hz), math.floor(_ZOOM_s * laser.clock_Hz) + 1) / laser.clock_Hz
+        )
+        series.append(
+            curve(f"ticks of {laser.clock_Hz / 1e6:g} MHz", 1e9 * ticks, np.sin(rate_rad_s * ticks), "points")
+        )
+    zoom = replace(wave, title="One crossing and the ticks of the clocks", x_label="time, ns", series=series)
     return [wave, zoom]
 
 
-def _periods(one: LaserResult) -> Figure:
+def _periods(laser: LaserResult) -> Figure:
     """Figure 8: beat period next to the turnaround, after minus before."""
-    time_s = one.found.shown.time_s[:_TURNAROUNDS]
+    time_s = laser.found.shown.time_s[:_TURNAROUNDS]
     side = time_s.shape[1] // 2
     before, after = time_s[:, side - 1] - time_s[:, side - 3], time_s[:, side + 2] - time_s[:, side]
-    return {
-        "title": f"{one.clock_Hz / 1e6:g} MHz",
-        "caption": (
-            "Figure 8: period of the beat next to the turnaround, after it minus before it; the differences are whole "
-            "ticks of the clock."
-        ),
-        "x_label": "turnaround",
-        "y_label": "difference of periods, ns",
-        "group": "Differences of beat periods",
-        "series": [_known("after minus before", np.arange(1.0, len(time_s) + 1), 1e9 * (after - before))],
-    }
+    return Figure(
+        f"{laser.clock_Hz / 1e6:g} MHz",
+        "Figure 8: period of the beat next to the turnaround, after it minus before it; the differences are whole "
+        "ticks of the clock.",
+        "turnaround",
+        "difference of periods, ns",
+        [_known("after minus before", np.arange(1.0, len(time_s) + 1), 1e9 * (after - before))],
+        group="Differences of beat periods",
+    )
 
 
-def _estimated(one: LaserResult) -> Figure:
+def _estimated(laser: LaserResult) -> Figure:
     """Figure 9: jumps by each method, turnaround by turnaround."""
-    jumps = one.found.shown.jumps
+    jumps = laser.found.shown.jumps
     place = np.arange(1.0, _TURNAROUNDS + 1)
     series = []
     if GLOBAL in jumps:
@@ -114,87 +108,69 @@ def _estimated(one: LaserResult) -> Figure:
         if method in jumps:
             known = jumps[method][:_TURNAROUNDS]
             series.append(_known(LABELS[method], place[: known.size], 1e3 * known))
-    return {
-        "title": f"{one.clock_Hz / 1e6:g} MHz",
-        "caption": (
-            "Figure 9: error estimated at single turnarounds. Nobody knows the true one: the line is the global fit, "
-            "which the others are compared with."
-        ),
-        "x_label": "turnaround",
-        "y_label": "phase jump, mrad",
-        "group": "Estimated error at the turnarounds",
-        "series": series,
-    }
+    return Figure(
+        f"{laser.clock_Hz / 1e6:g} MHz",
+        "Figure 9: error estimated at single turnarounds. Nobody knows the true one: the line is the global fit, "
+        "which the others are compared with.",
+        "turnaround",
+        "phase jump, mrad",
+        series,
+        group="Estimated error at the turnarounds",
+    )
 
 
-def _integrated(one: LaserResult) -> Figure:
+def _integrated(laser: LaserResult) -> Figure:
     """Figure 10: what the compensators take off, added up over the record."""
-    time_s, raw = _cycles(one, RAW)
+    time_s, raw = _cycles(laser, RAW)
     series = []
     for method in COMPENSATORS:
-        if method in one.walks:
-            off = raw - _cycles(one, method)[1]
-            style = "line" if method == GLOBAL else "points"
-            series.append(_known(LABELS[method], time_s, _detrended(_added(off)) / one.gain * _ARCSEC, style))
-    return {
-        "title": f"Integrated error, {one.name}",
-        "caption": (
-            "Figure 10: estimated errors added up, as an angle, without its linear trend. Line: global fit, the "
-            "reference; points: the other methods."
-        ),
-        "x_label": "time, s",
-        "y_label": "integrated error, arcsec",
-        "series": series,
-    }
+        if method in laser.walks:
+            off = raw - _cycles(laser, method)[1]
+            style: Style = "line" if method == GLOBAL else "points"
+            series.append(_known(LABELS[method], time_s, _detrended(_added(off)) / laser.gain * _ARCSEC, style))
+    caption = (
+        "Figure 10: estimated errors added up, as an angle, without its linear trend. Line: global fit, the "
+        "reference; points: the other methods."
+    )
+    return Figure(f"Integrated error, {laser.name}", caption, "time, s", "integrated error, arcsec", series)
 
 
-def _angle(one: LaserResult) -> Figure:
+def _angle(laser: LaserResult) -> Figure:
     """Figure 11: angle before and after compensation."""
     series = []
     for method in (RAW, *COMPENSATORS):
-        if method in one.walks and method in (RAW, GLOBAL, "fresnel", "dither_shape"):
-            time_s, increment = _cycles(one, method)
-            angle = _detrended(_added(increment)) / one.gain * _ARCSEC
+        if method in laser.walks and method in (RAW, GLOBAL, "fresnel", "dither_shape"):
+            time_s, increment = _cycles(laser, method)
+            angle = _detrended(_added(increment)) / laser.gain * _ARCSEC
             series.append(_known(LABELS[method], time_s, angle, "line"))
-    return {
-        "title": f"Angle before and after compensation, {one.name}",
-        "caption": "Figure 11: net angle by the latched counts at the dither's zeros, without its linear trend.",
-        "x_label": "time, s",
-        "y_label": "angle, arcsec",
-        "series": series,
-    }
+    title = f"Angle before and after compensation, {laser.name}"
+    caption = "Figure 11: net angle by the latched counts at the dither's zeros, without its linear trend."
+    return Figure(title, caption, "time, s", "angle, arcsec", series)
 
 
-def _left(one: LaserResult) -> Documents:
-    """What the global fit leaves, and what the joint fit of the dither's shape gets wrong, against the phase."""
-    shown = one.found.shown
-    figures = []
+def _left(laser: LaserResult) -> list[Figure]:
+    """Return what the global fit leaves, and what single-turnaround methods get wrong, against the phase."""
+    shown = laser.found.shown
     turn = np.mod(shown.psi0_rad, math.tau) / math.pi
-    if np.isfinite(shown.left_rad).any():
-        series = [_known("behind the global fit", turn, 1e3 * shown.left_rad)]
-        reference = shown.jumps.get(GLOBAL)
-        for method in ("dither_shape", "fresnel"):
-            if method in shown.jumps and reference is not None:
-                wrong = 1e3 * (shown.jumps[method] - reference)
-                series.append(_known(f"{LABELS[method]}, less global", turn[: wrong.size], wrong))
-        figures.append(
-            {
-                "title": f"Residual against the phase at the turnaround, {one.name}",
-                "caption": (
-                    "Jump that the crossings still show behind the global fit, and by how much single-turnaround "
-                    "methods differ from it. A pattern is an error of the model or of the method; noise has none."
-                ),
-                "x_label": "phase at the turnaround, pi",
-                "y_label": "jump, mrad",
-                "series": series,
-            }
-        )
-    return figures
+    if not np.isfinite(shown.left_rad).any():
+        return []
+    parts = [_known("behind the global fit", turn, 1e3 * shown.left_rad)]
+    reference = shown.jumps.get(GLOBAL)
+    for method in ("dither_shape", "fresnel"):
+        if method in shown.jumps and reference is not None:
+            wrong = 1e3 * (shown.jumps[method] - reference)
+            parts.append(_known(f"{LABELS[method]}, less global", turn[: wrong.size], wrong))
+    title = f"Residual against the phase at the turnaround, {laser.name}"
+    caption = (
+        "Jump that the crossings still show behind the global fit, and by how much single-turnaround "
+        "methods differ from it. A pattern is an error of the model or of the method; noise has none."
+    )
+    return [Figure(title, caption, "phase at the turnaround, pi", "jump, mrad", parts)]
 
 
-def _cycles(one: LaserResult, method: str) -> tuple[Floats, Floats]:
-    increment = one.found.increments[method]
-    return np.arange(1, increment.size + 1, dtype=np.float64) * one.found.interval_s, increment
+def _cycles(laser: LaserResult, method: str) -> tuple[Floats, Floats]:
+    increment = laser.found.increments[method]
+    return np.arange(1, increment.size + 1, dtype=np.float64) * laser.found.interval_s, increment
 
 
 def _added(increment: Floats) -> Floats:
@@ -211,6 +187,6 @@ def _detrended(values: Floats) -> Floats:
     return np.asarray(values - trend(place))
 
 
-def _known(label: str, x: Floats, y: Floats, style: str = "points") -> dict[str, Any]:
+def _known(label: str, x: Floats, y: Floats, style: Style = "points") -> Series:
     good = np.isfinite(x) & np.isfinite(y)
     return curve(label, x[good], y[good], style)

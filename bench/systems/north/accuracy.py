@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.analysis import Floats
 from bench.systems.north.estimators.bound import time_to_accuracy_s
 from bench.systems.north.estimators.likelihood import likelihood_north
 from bench.systems.north.estimators.phasors import heading_deg, wrapped_deg
@@ -15,7 +15,6 @@ from bench.systems.north.raw import Waveform, waveform_of
 from bench.systems.north.sets import TEST, NorthSet
 from bench.systems.north.solution import LIKELIHOOD, METHODS, Solution
 
-Floats = NDArray[np.float64]
 COVERAGE = 1.96  # 95 % of a normal distribution
 _HALF_TURN_deg = 90.0  # an error beyond is one of the branch, not of noise
 _PARTS = (1, 2, 4, 8, 16)  # pieces of a record

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.material import Material
+from bench.analysis import Analysis, Material, check_method
 from bench.model.errors import FitError
 from bench.systems.north.accuracy import accuracies
 from bench.systems.north.error_figures import error_figures
@@ -32,24 +31,23 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     Raises: FitError B-FIT-004 (unknown method), B-FOG-001 (limit), -002 (no readings), -003 (site), -004 (no set can be
             used), -005 (the method has nothing to work on).
     """
-    if method not in METHODS:
-        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    check_method(method, METHODS)
     limit_deg = azimuth_error_limit_deg(material.campaign)
-    found = solve(north_sets(material), site_of(material.campaign))
-    if not np.isfinite(found.by_method[method].azimuth_deg).any():
+    solution = solve(north_sets(material), site_of(material.campaign))
+    if not np.isfinite(solution.by_method[method].azimuth_deg).any():
         raise FitError(
             "B-FOG-005",
-            f"no set has what the method {method!r} needs: {'; '.join(found.missing[:3])}",
+            f"no set has what the method {method!r} needs: {'; '.join(solution.missing[:3])}",
             next_step="give the records 'samples: true' for likelihood, read both lock-ins for the other methods",
         )
-    accuracy = accuracies(found, limit_deg)
+    accuracy = accuracies(solution, limit_deg)
     return Analysis(
         campaign="fog_north",
         method=method,
         uut=dict(material.campaign["uut"]),
-        estimates=north_estimates(found, method, accuracy, limit_deg),
-        notes=north_notes(found, method, accuracy),
-        missing=found.missing,
-        figures=[*signal_figures(found), *error_figures(found, method, limit_deg)],
-        tables=tables(found, method, accuracy, limit_deg),
+        estimates=north_estimates(solution, method, accuracy, limit_deg),
+        notes=north_notes(solution, method, accuracy),
+        missing=solution.missing,
+        figures=[*signal_figures(solution), *error_figures(solution, method, limit_deg)],
+        tables=tables(solution, method, accuracy, limit_deg),
     )

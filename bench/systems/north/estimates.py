@@ -7,20 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.estimates import estimate
+from bench.analysis import Estimates, estimate
 from bench.systems.north.accuracy import Accuracy
 from bench.systems.north.estimators.calibration import IndexCalibration
 from bench.systems.north.sets import COSINE, SINE, TEST
 from bench.systems.north.solution import METHODS, Mean, Solution
 
-Documents = list[dict[str, Any]]
 _MOST_SCATTER = 2.0  # of amplitudes over that of white noise, from which it is taken
 SENSES = {1: "counter-clockwise", -1: "clockwise"}
 
 
-def north_estimates(found: Solution, method: str, accuracy: list[Accuracy], limit_deg: float) -> Documents:
+def north_estimates(found: Solution, method: str, accuracy: list[Accuracy], limit_deg: float) -> Estimates:
     """Tests by ``method``, which is judged; searches by every method; what else was found."""
-    estimates: Documents = []
+    estimates: Estimates = []
     for name in METHODS:
         for mean in found.means(name):
             if name == method or mean.item != TEST:
@@ -31,7 +30,7 @@ def north_estimates(found: Solution, method: str, accuracy: list[Accuracy], limi
     return estimates + _waveform(found)
 
 
-def _azimuth(mean: Mean, method: str, limit_deg: float) -> Documents:
+def _azimuth(mean: Mean, method: str, limit_deg: float) -> Estimates:
     place: dict[str, Any] = {"item": mean.item, "head_deg": mean.head_deg, "method": method}
     if mean.place:
         place["place"] = mean.place
@@ -44,7 +43,7 @@ def _azimuth(mean: Mean, method: str, limit_deg: float) -> Documents:
     return found
 
 
-def _accuracy(one: Accuracy) -> Documents:
+def _accuracy(one: Accuracy) -> Estimates:
     place, n = {"method": one.method}, one.used
     found = [estimate("azimuth_rms_error", "deg", one.rms_deg, one.rms_std_deg, place, n=n)]
     if math.isfinite(one.time_s):
@@ -52,13 +51,13 @@ def _accuracy(one: Accuracy) -> Documents:
     return found
 
 
-def _calibration(index: IndexCalibration, sense: int, placed_deg: float) -> Documents:
+def _calibration(index: IndexCalibration, sense: int, placed_deg: float) -> Estimates:
     """Index B (lock-in 1) and A (lock-in 2): placement by table angle; gain as amplitude of the signal, volt.
 
     ``placed_deg``: what makes both placements uncertain beside the noise of the calibration.
     """
     std = np.sqrt(np.diag(index.covariance))
-    found: Documents = []
+    found: Estimates = []
     for number, (role, letter, gain, at_deg) in enumerate(
         ((SINE, "b", index.f1, index.f2_deg), (COSINE, "a", index.f4, index.f5_deg))
     ):
@@ -71,7 +70,7 @@ def _calibration(index: IndexCalibration, sense: int, placed_deg: float) -> Docu
     return found
 
 
-def _waveform(found: Solution) -> Documents:
+def _waveform(found: Solution) -> Estimates:
     """Amplitude, noise per sample and bound by the raw samples, over all sets."""
     raw = [one for one in found.raw if one is not None]
     if not raw:

@@ -2,43 +2,23 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.analysis import Figure, Floats, Series, band, series
 from bench.systems.north.estimators.calibration import IndexCalibration
 from bench.systems.north.estimators.phasors import heading_deg, phase_deg
 from bench.systems.north.raw import Waveform, waveform_of
 from bench.systems.north.sets import POSITIONS, TEST
 from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, Solution
 
-Documents = list[dict[str, Any]]
-Floats = NDArray[np.float64]
 _BINS = 72  # of a turn, 5 degrees each
 _TURN_deg = np.linspace(0.0, 360.0, 181)
 _GROUP = "earth signal and lock-ins"
 
 
-def signal_figures(found: Solution) -> Documents:
-    """All that the records allow."""
-    return [*_earth_signal(found), *_lock_ins(found), *_phasors(found), *_residual(found)]
-
-
-def series(label: str, x: Any, y: Any, style: str) -> dict[str, Any]:
-    """One series of a figure."""
-    return {"label": label, "x": np.asarray(x).tolist(), "y": np.asarray(y).tolist(), "style": style}
-
-
-def band(label: str, x: Any, low: Any, high: Any) -> dict[str, Any]:
-    """A band between two curves."""
-    low_high = {"low": np.asarray(low).tolist(), "high": np.asarray(high).tolist()}
-    return {"label": label, "x": np.asarray(x).tolist(), "style": "band", **low_high}
-
-
-def figure(title: str, caption: str, labels: tuple[str, str], parts: Documents, **more: Any) -> dict[str, Any]:
-    """A figure with its axes."""
-    return {"title": title, "caption": caption, "x_label": labels[0], "y_label": labels[1], "series": parts, **more}
+def signal_figures(solution: Solution) -> list[Figure]:
+    """Return all that the records allow."""
+    return [*_earth_signal(solution), *_lock_ins(solution), *_phasors(solution), *_residual(solution)]
 
 
 def _folded(angle_deg: Floats, value: Floats) -> tuple[Floats, Floats, Floats, Floats]:
@@ -53,51 +33,51 @@ def _folded(angle_deg: Floats, value: Floats) -> tuple[Floats, Floats, Floats, F
     return at_deg, mean, scatter, np.asarray(count[seen], np.float64)
 
 
-def _first(found: Solution) -> tuple[int, Waveform] | None:
+def _first(solution: Solution) -> tuple[int, Waveform] | None:
     """Waveform of the first test, else of the first set that has one."""
-    for k in sorted(range(len(found.sets)), key=lambda k: (found.sets[k].item != TEST, k)):
-        waveform = waveform_of(found.sets[k])
+    for k in sorted(range(len(solution.sets)), key=lambda k: (solution.sets[k].item != TEST, k)):
+        waveform = waveform_of(solution.sets[k])
         if waveform is not None:
             return k, waveform
     return None
 
 
-def _earth_signal(found: Solution) -> Documents:
-    first = _first(found)
+def _earth_signal(solution: Solution) -> list[Figure]:
+    first = _first(solution)
     if first is None:
         return []
     k, waveform = first
-    fit, azimuth_deg = found.raw[k], found.by_method[LIKELIHOOD].azimuth_deg[k] - found.tilt_deg[k]
+    fit, azimuth_deg = solution.raw[k], solution.by_method[LIKELIHOOD].azimuth_deg[k] - solution.tilt_deg[k]
     at_deg, mean_V, scatter_V, _ = _folded(azimuth_deg - waveform.theta_deg, waveform.u_V)
     parts = [series("mean of 5 deg", at_deg, mean_V, "points")]
     if fit is not None:
         curve_V = float(fit.offset_V) + float(fit.amplitude) * np.cos(np.deg2rad(_TURN_deg))
         parts.append(series("fit", _TURN_deg, curve_V, "line"))
     parts.append(band("scatter of single samples", at_deg, mean_V - scatter_V, mean_V + scatter_V))
-    caption = f"Earth signal: {waveform.seconds:.1f} s of the {found.sets[k].name}, folded into one turn."
-    return [figure("Earth signal", caption, ("heading of the axis, deg", "output, V"), parts, group=_GROUP)]
+    caption = f"Earth signal: {waveform.seconds:.1f} s of the {solution.sets[k].name}, folded into one turn."
+    return [Figure("Earth signal", caption, "heading of the axis, deg", "output, V", parts, group=_GROUP)]
 
 
-def _lock_ins(found: Solution) -> Documents:
+def _lock_ins(solution: Solution) -> list[Figure]:
     """X of both against azimuth; a later index position stands for an azimuth that differs by 90 degrees."""
-    if not found.good.any():
+    if not solution.good.any():
         return []
     caption = "Lock-ins: every reading; a later index position counts as an azimuth that is 90 deg off for each step."
     drawn = []
-    for number, letter, readings in ((1, "B", found.u1_V), (2, "A", found.u2_V)):
-        parts: Documents = []
+    for number, letter, readings in ((1, "B", solution.u1_V), (2, "A", solution.u2_V)):
+        parts: list[Series] = []
         for sense in (1, -1):
-            use = found.good & (found.sense == sense)
+            use = solution.good & (solution.sense == sense)
             if use.any():
-                azimuth_deg = (found.by_method[LEAST_SQUARES].azimuth_deg - found.tilt_deg)[use]
+                azimuth_deg = (solution.by_method[LEAST_SQUARES].azimuth_deg - solution.tilt_deg)[use]
                 phi_deg = phase_deg(azimuth_deg, sense)[:, None] + 90.0 * np.arange(POSITIONS)
                 at_deg = np.remainder(heading_deg(phi_deg, sense), 360.0)
                 parts.append(series("read", at_deg.ravel(), readings[use].ravel(), "points"))
-            if use.any() and sense in found.calibrations:
-                curve_V = _curve_V(found.calibrations[sense], number, phase_deg(_TURN_deg, sense))
+            if use.any() and sense in solution.calibrations:
+                curve_V = _curve_V(solution.calibrations[sense], number, phase_deg(_TURN_deg, sense))
                 parts.append(series("calibration", _TURN_deg, curve_V, "line"))
         title = f"Lock-in {number}, reference: index {letter}"
-        drawn.append(figure(title, caption, ("azimuth, deg", "X, V RMS"), parts, group=_GROUP))
+        drawn.append(Figure(title, caption, "azimuth, deg", "X, V RMS", parts, group=_GROUP))
     return drawn
 
 
@@ -107,26 +87,26 @@ def _curve_V(index: IndexCalibration, number: int, phi_deg: Floats) -> Floats:
     return np.asarray(index.f4 * np.cos(np.deg2rad(phi_deg + index.f5_deg)) + index.f6)
 
 
-def _phasors(found: Solution) -> Documents:
-    """Every simultaneous pair turned back by its index position: the four of one heading fall together."""
-    use = found.good & found.of(TEST)
+def _phasors(solution: Solution) -> list[Figure]:
+    """Return every simultaneous pair turned back by its index position: the four of one heading fall together."""
+    use = solution.good & solution.of(TEST)
     if not use.any():
         return []
-    u1_V = found.u1_V[use] - found.u1_V[use].mean(axis=1, keepdims=True)
-    u2_V = found.u2_V[use] - found.u2_V[use].mean(axis=1, keepdims=True)
+    u1_V = solution.u1_V[use] - solution.u1_V[use].mean(axis=1, keepdims=True)
+    u2_V = solution.u2_V[use] - solution.u2_V[use].mean(axis=1, keepdims=True)
     z_V = (u2_V + 1j * u1_V) * (-1j) ** np.arange(POSITIONS)
     parts = [series(f"k = {k + 1}", z_V[:, k].real, z_V[:, k].imag, "points") for k in range(POSITIONS)]
     mean_V = z_V.mean(axis=1)
     parts.append(series("mean of the four", mean_V.real, mean_V.imag, "points"))
     caption = "Tests: (U2 + i U1)(-i)^(k-1) without the offsets; the angle of each point is the phase at the index."
-    return [figure("Phasors", caption, ("cosine part, V RMS", "sine part, V RMS"), parts, equal=True)]
+    return [Figure("Phasors", caption, "cosine part, V RMS", "sine part, V RMS", parts, equal=True)]
 
 
-def _residual(found: Solution) -> Documents:
-    """What the fundamental leaves of all waveforms, against the table angle."""
+def _residual(solution: Solution) -> list[Figure]:
+    """Return what the fundamental leaves of all waveforms, against the table angle."""
     angle_deg, left_V = [], []
-    for one, fit in zip(found.sets, found.raw, strict=True):
-        waveform = waveform_of(one)
+    for north_set, fit in zip(solution.sets, solution.raw, strict=True):
+        waveform = waveform_of(north_set)
         if waveform is not None and fit is not None:
             turn = np.deg2rad(waveform.theta_deg + float(fit.phi_deg))
             left_V.append(waveform.u_V - float(fit.offset_V) - float(fit.amplitude) * np.sin(turn))
@@ -140,4 +120,4 @@ def _residual(found: Solution) -> Documents:
     caption = (
         f"Residual of {len(left_V)} waveforms without offset and fundamental: a harmonic of the turn would stand out."
     )
-    return [figure("Residual of the waveform", caption, ("table angle, deg", "residual, mV"), parts)]
+    return [Figure("Residual of the waveform", caption, "table angle, deg", "residual, mV", parts)]

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis import Floats
 from bench.systems.north.sets import NorthSet
 
 if TYPE_CHECKING:
     from bench.record import Samples
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,17 +11,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.analysis.material import Material, Reading
-from bench.analysis.problems import flag_problem
+from bench.analysis import Floats, Material, Reading, flag_problem
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 
 if TYPE_CHECKING:
     from bench.record import RecordRow
 
-Floats = NDArray[np.float64]
 CALIBRATION, TEST, SEARCH = "calibration", "test", "search"
 ITEMS = (CALIBRATION, TEST, SEARCH)
 SINE, COSINE, LEVEL, MEASURE = "lock_in_1", "lock_in_2", "level", "measure"

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis import Floats
 from bench.systems.north.estimators.calibration import IndexCalibration
 from bench.systems.north.estimators.likelihood import LikelihoodNorth
 from bench.systems.north.estimators.phasors import wrapped_deg
@@ -20,7 +21,6 @@ from bench.systems.north.sets import SEARCH, TEST, NorthSet
 
 LEAST_SQUARES, LIKELIHOOD, QUADRANT, LITERAL = "least_squares", "likelihood", "quadrant", "literal"
 METHODS: tuple[str, ...] = (LEAST_SQUARES, LIKELIHOOD, QUADRANT, LITERAL)
-Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.analysis import Floats
 from bench.model.errors import FitError
 from bench.systems.north.estimators.calibration import IndexCalibration, calibrate_index
 from bench.systems.north.estimators.eight_samples import eight_sample_north
@@ -28,7 +29,6 @@ from bench.systems.north.solution import (
     QUADRANT,
     Azimuths,
     Flags,
-    Floats,
     Site,
     Solution,
 )

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.numbers import number, with_uncertainty
+from bench.analysis import Table, number, with_uncertainty
 from bench.maths.verdict import coverage_factor
 from bench.systems.north.accuracy import COVERAGE, Accuracy, bench_s, measured_s
 from bench.systems.north.estimates import SENSES
@@ -17,7 +17,6 @@ from bench.systems.north.sets import SEARCH, TEST
 from bench.systems.north.solution import LITERAL, METHODS, Solution
 from bench.systems.north.solve import HARMONICS
 
-Documents = list[dict[str, Any]]
 _NAMES = {
     "half_turn": "result half a turn off",
     "flipped_17": "terms of (17) on another branch",
@@ -28,102 +27,101 @@ _NAMES = {
 }
 
 
-def result_table(found: Solution, method: str, limit_deg: float) -> dict[str, Any]:
-    """What is read first: azimuth of every heading by the method that is judged."""
+def result_table(solution: Solution, method: str, limit_deg: float) -> Table:
+    """Return what is read first: azimuth of every heading by the method that is judged."""
     rows: list[list[Any]] = []
-    for mean in found.means(method):
+    for mean in solution.means(method):
         factor = coverage_factor(mean.dof)
         azimuth = with_uncertainty(mean.azimuth_deg % 360.0, factor * mean.std_deg)
         error = with_uncertainty(mean.error_deg, factor * mean.error_std_deg) if mean.item == TEST else "–"
-        stated = number((found.site.azimuth_deg + mean.head_deg) % 360.0, 3) if mean.item == TEST else "not known"
+        stated = number((solution.site.azimuth_deg + mean.head_deg) % 360.0, 3) if mean.item == TEST else "not known"
         rows.append([mean.item, mean.place or "–", number(mean.head_deg), stated, azimuth, error, mean.n])
-    tested = any(mean.item == TEST for mean in found.means(method))
+    tested = any(mean.item == TEST for mean in solution.means(method))
     caption = (
         f"Heading of the sensing axis at encoder zero, clockwise from north, by {method}; intervals of 95 %: noise, "
         f"calibration, tilt and stated azimuth. {f'Limit of the error: {limit_deg:g} deg.' if tested else ''}"
     )
     headers = ["what", "place", "head, deg", "stated, deg", "azimuth, deg", "error, deg", "repeats"]
-    found_north = any(mean.item == SEARCH for mean in found.means(method))
+    found_north = any(mean.item == SEARCH for mean in solution.means(method))
     title = "North" if found_north else "North at known azimuths"
-    return {"title": title, "caption": caption.strip(), "headers": headers, "rows": rows, "lead": True}
+    return Table(title, caption.strip(), headers, rows, lead=True)
 
 
-def convention_table(found: Solution) -> dict[str, Any]:
-    """How a phase at the index becomes a heading."""
+def convention_table(solution: Solution) -> Table:
+    """Return how a phase at the index becomes a heading."""
     rows: list[list[Any]] = [
         ["heading", "of the sensing axis at encoder zero, clockwise from north, deg"],
         ["table angle", "counter-clockwise from above, deg; the axis points to heading - angle"],
         ["phi", "phase of the earth signal at index A, taken as a sine"],
     ]
-    senses = {one.sense for one in found.sets if math.isfinite(one.rate_deg_s)}
+    senses = {north_set.sense for north_set in solution.sets if math.isfinite(north_set.rate_deg_s)}
     rows += [[f"table {SENSES[sense]}", INDEX_TO_NORTH[sense]] for sense in sorted(senses, reverse=True)]
     rows.append(["tilt", "what the level says of the rotation axis, times tan(latitude), is added to the heading"])
     caption = "The phase itself is no heading, and its sign depends on the sense of rotation."
     title = "From index to north: convention index_to_north"
-    return {"title": title, "caption": caption, "headers": ["quantity", "meaning"], "rows": rows, "prose": True,
-            "lead": True}  # fmt: skip
+    return Table(title, caption, ["quantity", "meaning"], rows, prose=True, lead=True)  # fmt: skip
 
 
-def method_table(accuracy: list[Accuracy], found: Solution, limit_deg: float) -> dict[str, Any]:
-    """Every method at the known azimuths."""
-    bound_deg = found.bound_deg[np.isfinite(found.bound_deg)]
+def method_table(accuracy: list[Accuracy], solution: Solution, limit_deg: float) -> Table:
+    """Return every method at the known azimuths."""
+    bound_deg = solution.bound_deg[np.isfinite(solution.bound_deg)]
     bound = f"{np.sqrt(np.mean(bound_deg**2)):.3f} deg" if bound_deg.size else "not known without raw samples"
     rows = [
-        [one.method, one.used, number(one.rms_deg, 3), number(one.worst_deg, 3), number(one.mean_deg, 3),
-         number(one.scatter_deg, 3), number(one.ratio, 2), one.gross, _seconds(one.time_s)]
-        for one in accuracy
+        [errors.method, errors.used, number(errors.rms_deg, 3), number(errors.worst_deg, 3), number(errors.mean_deg, 3),
+         number(errors.scatter_deg, 3), number(errors.ratio, 2), errors.gross, _seconds(errors.time_s)]
+        for errors in accuracy
     ]  # fmt: skip
     caption = (
         f"Errors of single sets at the known azimuths, folded into one turn. Scatter is about the mean error, which "
-        f"comes from the calibration. Bound by {measured_s(found):.1f} s of samples: {bound}; with a square reference "
-        f"{SQUARE_PENALTY:.3f} times as much. Time: measuring time until {COVERAGE:g} standard uncertainties are "
-        f"within {limit_deg:g} deg; one set takes {bench_s(found):.0f} s of the bench."
+        f"comes from the calibration. Bound by {measured_s(solution):.1f} s of samples: {bound}; with "
+        f"a square reference {SQUARE_PENALTY:.3f} times as much. Time: measuring time until {COVERAGE:g} standard "
+        f"uncertainties are within {limit_deg:g} deg; one set takes {bench_s(solution):.0f} s of the bench."
     )
     headers = ["method", "sets", "RMS, deg", "worst, deg", "mean, deg", "scatter, deg", "scatter / bound",
                "more than 90 deg off", "time, s"]  # fmt: skip
-    return {"title": "Methods", "caption": caption, "headers": headers, "rows": rows, "lead": True}
+    return Table("Methods", caption, headers, rows, lead=True)
 
 
 def _seconds(time_s: float) -> str:
     return "never" if math.isinf(time_s) else number(time_s, 1)
 
 
-def error_table(found: Solution) -> Documents:
+def error_table(solution: Solution) -> list[Table]:
     """Mean error of each known azimuth, by every method side by side."""
     by_method = {
-        method: {mean.head_deg: mean for mean in found.means(method) if mean.item == TEST} for method in METHODS
+        method: {mean.head_deg: mean for mean in solution.means(method) if mean.item == TEST} for method in METHODS
     }
     heads = dict.fromkeys(head for means in by_method.values() for head in means)
     rows = [
-        [number(head), number((found.site.azimuth_deg + head) % 360.0, 3)]
+        [number(head), number((solution.site.azimuth_deg + head) % 360.0, 3)]
         + [number(means[head].error_deg, 3) if head in means else "–" for means in by_method.values()]
         for head in heads
     ]
     caption = "Errors of the means of all repeats, deg, folded into one turn."
     headers = ["head, deg", "stated, deg", *METHODS]
-    return [{"title": "Errors by method", "caption": caption, "headers": headers, "rows": rows}] if rows else []
+    return [Table("Errors by method", caption, headers, rows)] if rows else []
 
 
-def failure_table(found: Solution) -> dict[str, Any]:
-    """What goes wrong in the paper's formulas as they are printed."""
-    seen = np.isfinite(found.u1_V).all(axis=1) & np.isfinite(found.u2_V).all(axis=1)
+def failure_table(solution: Solution) -> Table:
+    """Return what goes wrong in the paper's formulas as they are printed."""
+    seen = np.isfinite(solution.u1_V).all(axis=1) & np.isfinite(solution.u2_V).all(axis=1)
     count = int(seen.sum())
     rows = [
         [_NAMES.get(name, name.replace("_", " ")), int(np.sum(flags[seen] > 0)), count]
-        for name, flags in found.failures.items()
+        for name, flags in solution.failures.items()
     ]
     caption = (
         f"Equations (15) to (21) as printed ({LITERAL}): an arctangent of a ratio knows half a turn only, its terms "
         "change branch one by one, and the amplitudes are 0/0 where the phase is a multiple of 90 deg."
     )
     headers = ["what fails", "sets", "of"]
-    return {"title": "Failures of the literal formulas", "caption": caption, "headers": headers, "rows": rows}
+    return Table("Failures of the literal formulas", caption, headers, rows)
 
 
-def calibration_table(found: Solution) -> Documents:
+def calibration_table(solution: Solution) -> list[Table]:
     """Placement, gain and offset of both lock-ins."""
     rows: list[list[Any]] = []
-    for sense, index in found.calibrations.items():
+    for sense, index in solution.calibrations.items():
         std = np.sqrt(np.diag(index.covariance))
         factor = coverage_factor(index.dof)
         for letter, gain, gain_std, at_deg, deg_std, offset in (
@@ -140,17 +138,17 @@ def calibration_table(found: Solution) -> Documents:
         "here: with it any constant delay between the gyro and the lock-in."
     )
     headers = ["rotation", "index", "placement, deg", "gain, V RMS", "offset, mV", "sets"]
-    return [{"title": "Calibration of the index", "caption": caption, "headers": headers, "rows": rows}]
+    return [Table("Calibration of the index", caption, headers, rows)]
 
 
-def tilt_table(found: Solution) -> Documents:
-    """What the level measured, and what it does to the azimuth; one row per heading."""
+def tilt_table(solution: Solution) -> list[Table]:
+    """Return what the level measured, and what it does to the azimuth; one row per heading."""
     rows: dict[tuple[Any, ...], list[Any]] = {}
-    for one, tilt_deg in zip(found.sets, found.tilt_deg, strict=True):
-        if one.tilt_mrad is not None:
-            x, y = one.tilt_mrad
-            row = [one.item, number(one.head_deg), number(x, 3), number(y, 3), number(float(tilt_deg), 4)]
-            rows.setdefault(one.group, row)
+    for north_set, tilt_deg in zip(solution.sets, solution.tilt_deg, strict=True):
+        if north_set.tilt_mrad is not None:
+            x, y = north_set.tilt_mrad
+            row = [north_set.item, number(north_set.head_deg), number(x, 3), number(y, 3), number(float(tilt_deg), 4)]
+            rows.setdefault(north_set.group, row)
     if not rows:
         return []
     caption = (
@@ -158,17 +156,17 @@ def tilt_table(found: Solution) -> Documents:
         "of it (y). Only the part about north turns the apparent north, by tan(latitude)."
     )
     headers = ["what", "head, deg", "x, mrad", "y, mrad", "correction, deg"]
-    return [{"title": "Tilt", "caption": caption, "headers": headers, "rows": list(rows.values())}]
+    return [Table("Tilt", caption, headers, list(rows.values()))]
 
 
-def harmonic_table(found: Solution) -> Documents:
+def harmonic_table(solution: Solution) -> list[Table]:
     """Harmonics of the turn in the raw waveform, and what each would do behind a square reference."""
-    raw = [one for one in found.raw if one is not None]
+    raw = [waveform for waveform in solution.raw if waveform is not None]
     if not raw:
         return []
-    amplitude_V = float(np.mean([float(one.amplitude) for one in raw]))
-    power_V2 = np.mean([np.abs(one.harmonics) ** 2 for one in raw], axis=0)
-    noise_V2 = float(np.mean([4.0 * float(one.noise_V) ** 2 / int(one.samples) for one in raw]))
+    amplitude_V = float(np.mean([float(waveform.amplitude) for waveform in raw]))
+    power_V2 = np.mean([np.abs(waveform.harmonics) ** 2 for waveform in raw], axis=0)
+    noise_V2 = float(np.mean([4.0 * float(waveform.noise_V) ** 2 / int(waveform.samples) for waveform in raw]))
     floor = 100.0 * math.sqrt(noise_V2 * (1.0 + COVERAGE / math.sqrt(len(raw)))) / amplitude_V
     rows = []
     for order, power in zip(HARMONICS, power_V2.tolist(), strict=True):
@@ -183,13 +181,18 @@ def harmonic_table(found: Solution) -> Documents:
         "sine as the reference lets none of them in; a square one, as the paper has it, the odd ones."
     )
     headers = ["harmonic", "part of the amplitude, %", "azimuth error by a square reference, at most, deg"]
-    return [{"title": "Harmonics of the waveform", "caption": caption, "headers": headers, "rows": rows}]
+    return [Table("Harmonics of the waveform", caption, headers, rows)]
 
 
-def tables(found: Solution, method: str, accuracy: list[Accuracy], limit_deg: float) -> Documents:
+def tables(solution: Solution, method: str, accuracy: list[Accuracy], limit_deg: float) -> list[Table]:
     """All, those that are read first in front."""
     return [
-        result_table(found, method, limit_deg), convention_table(found), method_table(accuracy, found, limit_deg),
-        *error_table(found), failure_table(found), *calibration_table(found),
-        *tilt_table(found), *harmonic_table(found),
-    ]  # fmt: skip
+        result_table(solution, method, limit_deg),
+        convention_table(solution),
+        method_table(accuracy, solution, limit_deg),
+        *error_table(solution),
+        failure_table(solution),
+        *calibration_table(solution),
+        *tilt_table(solution),
+        *harmonic_table(solution),
+    ]

@@ -5,8 +5,7 @@ Method and requirements: docs/time-sync.md. The truth of a simulation enters now
 
 from __future__ import annotations
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.material import Material
+from bench.analysis import Analysis, Material, check_method, no_result
 from bench.model.errors import FitError
 from bench.systems.time_sync.clocks import clocks_of
 from bench.systems.time_sync.estimates import SyncResult, sync_estimates
@@ -29,8 +28,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 
     Raises: FitError B-FIT-004 (unknown method), B-SYNC-001 to -009 and -011; a radar without an image is missing.
     """
-    if method not in METHODS:
-        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    check_method(method, METHODS)
     demands, latency = demands_of(material.campaign), latency_of(material.campaign)
     densities = densities_of(material.campaign)
     taken = recording(material)
@@ -46,7 +44,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         method=method,
         uut=dict(material.campaign["uut"]),
         estimates=sync_estimates(result),
-        notes=[*(f"No result: {one}." for one in missing), *notes(result)],
+        notes=[*no_result(missing), *notes(result)],
         missing=missing,
         figures=figures(result),
         tables=tables(result),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.estimates import estimate
+from bench.analysis import Estimates, estimate
 from bench.maths.verdict import coverage_factor
 from bench.systems.time_sync.clocks import Clocks
 from bench.systems.time_sync.estimators.kalman.observability import Observability
@@ -20,7 +20,6 @@ from bench.systems.time_sync.image import Image
 from bench.systems.time_sync.limits import DIFFERENCE, UNCERTAINTY, Demands
 from bench.systems.time_sync.samples import Prepared
 
-Documents = list[dict[str, Any]]
 _LEAST_SHIFT_STD_m = 1e-3  # of an image's place, whatever the scatter between targets
 
 
@@ -50,9 +49,9 @@ class SyncResult:
         return self.chosen.offset_s - self.clocks.offset_s, math.hypot(self.chosen.std_s, self.clocks.difference.std_s)
 
 
-def sync_estimates(result: SyncResult) -> Documents:
+def sync_estimates(result: SyncResult) -> Estimates:
     """All of them; judged are the interval of the chosen method and its agreement with the stamps."""
-    estimates: Documents = []
+    estimates: Estimates = []
     for name in METHODS:
         estimates += _offset(result, name)
     estimates += _stamps(result) + _clocks(result.clocks)
@@ -66,7 +65,7 @@ def _epoch_s(at_s: float) -> float:
     return round(at_s, 1)
 
 
-def _offset(result: SyncResult, name: str) -> Documents:
+def _offset(result: SyncResult, name: str) -> Estimates:
     one, ready = result.found.offsets[name], result.ready
     place: dict[str, Any] = {"method": name, "at_s": _epoch_s(result.found.at_s), "observable": one.seen}
     counted = {"n": result.found.samples, "dropped": ready.lost_egi + ready.unsound_egi}
@@ -90,7 +89,7 @@ def dof_of(one: Offset) -> float:
     return TRIALS * (one.std_s / one.trial_std_s) ** 4 if one.trial_std_s > 0.0 else math.inf
 
 
-def _stamps(result: SyncResult) -> Documents:
+def _stamps(result: SyncResult) -> Estimates:
     clocks, n = result.clocks, result.clocks.egi_s.size
     one, at = clocks.difference, {"at_s": _epoch_s(result.found.at_s)}
     found = [estimate("time_offset_drift", "ppm", 1e6 * one.drift, 1e6 * one.drift_std, {"method": "stamps"}, n=n)]
@@ -103,8 +102,8 @@ def _stamps(result: SyncResult) -> Documents:
     return found
 
 
-def _clocks(clocks: Clocks) -> Documents:
-    found: Documents = []
+def _clocks(clocks: Clocks) -> Estimates:
+    found: Estimates = []
     for name, port in (("imu", clocks.imu), ("egi", clocks.egi)):
         about, n = {"link": name}, port.above_s.size
         found.append(estimate("clock_rate", "ppm", -1e6 * port.rate, 1e6 * port.rate_std, about, n=n))
@@ -113,7 +112,7 @@ def _clocks(clocks: Clocks) -> Documents:
     return found
 
 
-def _consistency(result: SyncResult, name: str) -> Documents:
+def _consistency(result: SyncResult, name: str) -> Estimates:
     run, group = result.found.run, GROUPS.index(name)
     found = []
     for block, label in enumerate(NIS_BLOCKS):
@@ -124,11 +123,11 @@ def _consistency(result: SyncResult, name: str) -> Documents:
     return found
 
 
-def _biases(result: SyncResult) -> Documents:
+def _biases(result: SyncResult) -> Estimates:
     """Of the chosen filter at the end, in micro-g and degrees per hour."""
     run, group = result.found.run, GROUPS.index(result.method)
     micro_g, deg_h = 1e6 / STANDARD_GRAVITY_m_s2, math.degrees(3600.0)
-    found: Documents = []
+    found: Estimates = []
     for quantity, kind, unit, scale, values, first in (
         ("accel_bias", "accelerometer", "ug", micro_g, run.accel_bias, 9),
         ("gyro_bias", "gyro", "deg/h", deg_h, run.gyro_bias, 12),
@@ -141,7 +140,7 @@ def _biases(result: SyncResult) -> Documents:
     return found
 
 
-def _image(result: SyncResult) -> Documents:
+def _image(result: SyncResult) -> Estimates:
     image = result.image
     if image is None:
         return []

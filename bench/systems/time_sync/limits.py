@@ -7,13 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from bench.analysis import stated_limits
 from bench.model.errors import FitError
-from bench.model.units import parse_quantity
 from bench.systems.time_sync.estimators.kalman.setup import ImuDensities
 from bench.systems.time_sync.estimators.kalman.trials import EgiSpread
 
 UNCERTAINTY, DIFFERENCE = "time_offset_uncertainty", "stamps_difference"
 SPECIFIED: Mapping[str, tuple[str, float]] = {UNCERTAINTY: ("s", 2e-3), DIFFERENCE: ("s", 5e-3)}
+DIMENSIONS: Mapping[str, str] = {name: dimension for name, (dimension, _) in SPECIFIED.items()}
 
 
 @dataclass(frozen=True)
@@ -40,21 +41,13 @@ def demands_of(campaign: Mapping[str, Any]) -> Demands:
 
     Raises: FitError B-SYNC-005 for a limit that no time offset has, in a wrong unit or not above zero.
     """
-    found = {name: value for name, (_, value) in SPECIFIED.items()}
-    for name, stated in (campaign.get("limits") or {}).items():
-        if name not in SPECIFIED:
-            raise _unusable(name, "a time offset has no such limit")
-        try:
-            found[name] = parse_quantity(f"{float(stated['value'])!r} {stated['unit']}", SPECIFIED[name][0])
-        except (KeyError, TypeError, ValueError) as error:
-            raise _unusable(name, str(error)) from error
-        if not found[name] > 0.0:
-            raise _unusable(name, f"{found[name]:g} s is not above zero")
-    return Demands(found[UNCERTAINTY], found[DIFFERENCE])
+    stated = stated_limits(campaign, DIMENSIONS, "B-SYNC-005", "a time offset has no such limit")
+    limits = {name: value for name, (_, value) in SPECIFIED.items()} | stated
+    return Demands(limits[UNCERTAINTY], limits[DIFFERENCE])
 
 
 def latency_of(campaign: Mapping[str, Any]) -> Latency | None:
-    """What the makers state of both latencies, None if the campaign says nothing.
+    """Return what the makers state of both latencies, None if the campaign says nothing.
 
     Raises: FitError B-SYNC-006 if it is incomplete or negative.
     """
@@ -62,12 +55,12 @@ def latency_of(campaign: Mapping[str, Any]) -> Latency | None:
     if stated is None:
         return None
     try:
-        found = Latency(*(float(stated[name]) for name in ("egi_s", "imu_s", "std_s")))
+        latency = Latency(*(float(stated[name]) for name in ("egi_s", "imu_s", "std_s")))
     except (KeyError, TypeError, ValueError) as error:
         raise _unstated("latency", f"{error!r}") from error
-    if not all(math.isfinite(one) and one >= 0.0 for one in (found.egi_s, found.imu_s, found.std_s)):
+    if not all(math.isfinite(value) and value >= 0.0 for value in (latency.egi_s, latency.imu_s, latency.std_s)):
         raise _unstated("latency", f"{stated}")
-    return found
+    return latency
 
 
 def densities_of(campaign: Mapping[str, Any]) -> ImuDensities:
@@ -79,7 +72,7 @@ def densities_of(campaign: Mapping[str, Any]) -> ImuDensities:
     if stated is None:
         return ImuDensities()
     try:
-        found = ImuDensities(
+        densities = ImuDensities(
             accel_bias_ug=1e6 * float(stated["accel_bias_g"]),
             velocity_walk_ug=1e6 * float(stated["velocity_walk_g_rtHz"]),
             gyro_bias_deg_h=3600.0 * float(stated["gyro_bias_deg_s"]),
@@ -87,10 +80,15 @@ def densities_of(campaign: Mapping[str, Any]) -> ImuDensities:
         )
     except (KeyError, TypeError, ValueError) as error:
         raise _unstated("inertial", f"{error!r}") from error
-    values = (found.accel_bias_ug, found.velocity_walk_ug, found.gyro_bias_deg_h, found.angle_walk_deg_rt_h)
-    if not all(math.isfinite(one) and one > 0.0 for one in values):
+    values = (
+        densities.accel_bias_ug,
+        densities.velocity_walk_ug,
+        densities.gyro_bias_deg_h,
+        densities.angle_walk_deg_rt_h,
+    )
+    if not all(math.isfinite(value) and value > 0.0 for value in values):
         raise _unstated("inertial", f"{dict(stated)}")
-    return found
+    return densities
 
 
 def spread_of(campaign: Mapping[str, Any], position_sigma_m: float) -> EgiSpread:
@@ -99,27 +97,18 @@ def spread_of(campaign: Mapping[str, Any], position_sigma_m: float) -> EgiSpread
     Those of a navigation-grade unit with GPS (``EgiSpread``) if the campaign says nothing.
     Raises: FitError B-SYNC-006 if the section is incomplete or a value is not above zero.
     """
-    found = EgiSpread(position_m=position_sigma_m) if position_sigma_m > 0.0 else EgiSpread()
+    spread = EgiSpread(position_m=position_sigma_m) if position_sigma_m > 0.0 else EgiSpread()
     stated = campaign.get("egi")
     if stated is None:
-        return found
+        return spread
     names = ("velocity_m_s", "level_deg", "heading_deg", "wander_s", "heading_wander_s")
     try:
         values = {name: float(stated[name]) for name in names}
     except (KeyError, TypeError, ValueError) as error:
         raise _unstated("egi", f"{error!r}") from error
-    if not all(math.isfinite(one) and one > 0.0 for one in values.values()):
+    if not all(math.isfinite(figure) and figure > 0.0 for figure in values.values()):
         raise _unstated("egi", f"{dict(stated)}")
-    return replace(found, **values)
-
-
-def _unusable(name: str, why: str) -> FitError:
-    return FitError(
-        "B-SYNC-005",
-        f"limit {name!r}: {why}",
-        where="manifest: campaign.limits",
-        next_step=f"use one of: {', '.join(SPECIFIED)}, a time above zero",
-    )
+    return replace(spread, **values)
 
 
 def _unstated(section: str, why: str) -> FitError:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.material import Material
+from bench.analysis import Material
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.systems.time_sync.estimators.port_clocks import first_step

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.numbers import number, with_uncertainty
+from bench.analysis import Table, number, with_uncertainty
 from bench.maths.verdict import coverage_factor
 from bench.systems.time_sync.estimates import SyncResult, dof_of
 from bench.systems.time_sync.estimators.kalman.setup import LOOSE, NIS_BLOCKS, TIGHT, STANDARD_GRAVITY_m_s2
@@ -24,7 +24,6 @@ from bench.systems.time_sync.filtering import (
 )
 from bench.systems.time_sync.image import Image
 
-Documents = list[dict[str, Any]]
 LABELS = {
     AUGMENTED_LOOSE: "augmented, loose",
     AUGMENTED_TIGHT: "augmented, tight",
@@ -33,24 +32,20 @@ LABELS = {
 _MS = 1e3
 
 
-def tables(result: SyncResult) -> Documents:
+def tables(result: SyncResult) -> list[Table]:
     """All, the result in front."""
-    found = [_result(result), _filters(result), _clocks(result), _consistency(result), _biases(result)]
-    return [*found, *([_image(result.image, result)] if result.image else []), _received(result)]
+    first = [_result(result), _filters(result), _clocks(result), _consistency(result), _biases(result)]
+    return [*first, *([_image(result.image, result)] if result.image else []), _received(result)]
 
 
-def _table(title: str, caption: str, headers: list[str], rows: list[list[Any]], **more: Any) -> dict[str, Any]:
-    return {"title": title, "caption": caption, "headers": headers, "rows": rows, **more}
-
-
-def _result(result: SyncResult) -> dict[str, Any]:
-    """What is read first."""
+def _result(result: SyncResult) -> Table:
+    """Return what is read first."""
     factor = coverage_factor()
     rows: list[list[Any]] = []
     for name in METHODS:
-        one = result.found.offsets[name]
-        interval_s = coverage_factor(dof_of(one)) * one.std_s
-        said = with_uncertainty(_MS * one.offset_s, _MS * interval_s) if one.seen else "not observable"
+        offset = result.found.offsets[name]
+        interval_s = coverage_factor(dof_of(offset)) * offset.std_s
+        said = with_uncertainty(_MS * offset.offset_s, _MS * interval_s) if offset.seen else "not observable"
         rows.append([f"filter, {LABELS[name]}", said, "judged" if name == result.method else "–"])
     clocks = result.clocks
     if clocks.offset_s is None:
@@ -66,18 +61,18 @@ def _result(result: SyncResult) -> dict[str, Any]:
         f"are older than their tags say. Intervals of 95 %. Limits: interval {_MS * result.demands.uncertainty_s:g} ms,"
         f" difference {_MS * result.demands.difference_s:g} ms."
     )
-    return _table("Time offset", caption, ["by", "offset, ms", "role"], rows, lead=True)
+    return Table("Time offset", caption, ["by", "offset, ms", "role"], rows, lead=True)
 
 
-def _filters(result: SyncResult) -> dict[str, Any]:
+def _filters(result: SyncResult) -> Table:
     rows: list[list[Any]] = []
     for name in METHODS:
-        one, group = result.found.offsets[name], GROUPS.index(name)
+        offset, group = result.found.offsets[name], GROUPS.index(name)
         rows.append([
-            LABELS[name], number(_MS * one.filter_std_s, 4), number(_MS * one.trial_std_s, 4), number(one.inflation, 2),
-            number(_MS * one.prior_std_s, 4), number(_MS * one.drift_std_s, 4),
-            number(_MS * one.std_s, 4), f"{one.normalised:.2g}", f"{float(result.seen.associated[-1, group]):.2g}",
-            "yes" if one.seen else "no",
+            LABELS[name], number(_MS * offset.filter_std_s, 4), number(_MS * offset.trial_std_s, 4),
+            number(offset.inflation, 2), number(_MS * offset.prior_std_s, 4), number(_MS * offset.drift_std_s, 4),
+            number(_MS * offset.std_s, 4), f"{offset.normalised:.2g}",
+            f"{float(result.seen.associated[-1, group]):.2g}", "yes" if offset.seen else "no",
         ])  # fmt: skip
     caption = (
         f"Standard uncertainties. Loose: {_noise(LOOSE)} in the measurements, tight: {_noise(TIGHT)}. The filter takes "
@@ -88,14 +83,14 @@ def _filters(result: SyncResult) -> dict[str, Any]:
     )
     headers = ["filter", "filter believes, ms", "trials, ms", "NIS factor", "beforehand, ms", "drift, ms", "all, ms",
                "variance", "eigenvalue", "observable"]  # fmt: skip
-    return _table("Uncertainty and observability", caption, headers, rows)
+    return Table("Uncertainty and observability", caption, headers, rows)
 
 
 def _noise(sigma: tuple[float, float, float]) -> str:
     return f"{sigma[0]:g} m, {sigma[1]:g} m/s, {sigma[2]:g} deg"
 
 
-def _clocks(result: SyncResult) -> dict[str, Any]:
+def _clocks(result: SyncResult) -> Table:
     clocks, factor = result.clocks, coverage_factor()
     rows: list[list[Any]] = [
         [
@@ -108,10 +103,10 @@ def _clocks(result: SyncResult) -> dict[str, Any]:
     rows.append(["EGI against inertial unit", "–", drift, "–", "–", "–"])
     stated = "no latencies are stated"
     if clocks.latency is not None:
-        one = clocks.latency
+        latency = clocks.latency
         stated = (
-            f"latencies as stated: EGI {_MS * one.egi_s:g} ms, inertial unit {_MS * one.imu_s:g} ms, each with a "
-            f"standard uncertainty of {_MS * one.std_s:g} ms"
+            f"latencies as stated: EGI {_MS * latency.egi_s:g} ms, inertial unit {_MS * latency.imu_s:g} ms, each with "
+            f"a standard uncertainty of {_MS * latency.std_s:g} ms"
         )
     caption = (
         f"Lines of the least delay between time tag and receive stamp; {stated}; frames of the EGI take "
@@ -125,10 +120,10 @@ def _clocks(result: SyncResult) -> dict[str, Any]:
         "noise of tags, us",
         "step of stamps, ms",
     ]
-    return _table("Clocks of both ports", caption, headers, rows)
+    return Table("Clocks of both ports", caption, headers, rows)
 
 
-def _consistency(result: SyncResult) -> dict[str, Any]:
+def _consistency(result: SyncResult) -> Table:
     run, rows = result.found.run, []
     for group, name in enumerate(GROUPS):
         ratios = [number(ratio_of(run, group, block), 3) for block in range(len(NIS_BLOCKS))]
@@ -139,10 +134,10 @@ def _consistency(result: SyncResult) -> dict[str, Any]:
         "if it believes in more noise than there is (which makes it careful), more if in less; then the interval is "
         "widened. Last column: innovations outside their 95 % interval, on either side."
     )
-    return _table("Consistency", caption, ["filter", *NIS_BLOCKS, "outside, %"], rows)
+    return Table("Consistency", caption, ["filter", *NIS_BLOCKS, "outside, %"], rows)
 
 
-def _biases(result: SyncResult) -> dict[str, Any]:
+def _biases(result: SyncResult) -> Table:
     run, group, factor = result.found.run, GROUPS.index(result.method), coverage_factor()
     rows: list[list[Any]] = []
     for axis, letter in enumerate("xyz"):
@@ -150,21 +145,22 @@ def _biases(result: SyncResult) -> dict[str, Any]:
             1e6 / STANDARD_GRAVITY_m_s2 * np.array([run.accel_bias[-1, group, 0, axis], run.sigma[-1, group, 9 + axis]])
         )
         gyro = math.degrees(3600.0) * np.array([run.gyro_bias[-1, group, 0, axis], run.sigma[-1, group, 12 + axis]])
-        rows.append([letter, *(with_uncertainty(float(one[0]), factor * float(one[1])) for one in (accel, gyro))])
+        rows.append([letter, *(with_uncertainty(float(bias[0]), factor * float(bias[1])) for bias in (accel, gyro))])
     caption = f"Of the inertial unit at the end, by the filter {LABELS[result.method]}; intervals of 95 %."
     headers = ["axis", "accelerometer, µg", "gyro, deg/h"]
-    return _table("Biases", caption, headers, rows)
+    return Table("Biases", caption, headers, rows)
 
 
-def _image(image: Image, result: SyncResult) -> dict[str, Any]:
+def _image(image: Image, result: SyncResult) -> Table:
     rows: list[list[Any]] = []
-    for target, (one, other) in enumerate(zip(image.compensated, image.plain, strict=True), 1):
+    for target, (compensated, plain) in enumerate(zip(image.compensated, image.plain, strict=True), 1):
         for name, response, shift in (
-            (LABELS[COMPENSATED], one, "–"), (LABELS[NONE], other, number(float(image.shifts_m[target - 1]), 3)),
+            (LABELS[COMPENSATED], compensated, "–"),
+            (LABELS[NONE], plain, number(float(image.shifts_m[target - 1]), 3)),
         ):  # fmt: skip
             rows.append([
                 target, name, shift, number(response.azimuth_resolution_m, 4), number(response.pslr_dB, 2),
-                number(response.islr_dB, 2), number(response.peak / one.peak, 3),
+                number(response.islr_dB, 2), number(response.peak / compensated.peak, 3),
             ])  # fmt: skip
     left_s = result.found.offsets[COMPENSATED].offset_s - result.found.shift_s  # the rest is out of the tags of both
     due_m = -image.speed_m_s * left_s
@@ -176,10 +172,10 @@ def _image(image: Image, result: SyncResult) -> dict[str, Any]:
         "cells."
     )
     headers = ["target", "navigation", "shift, m", "resolution, m", "PSLR, dB", "ISLR, dB", "peak"]
-    return _table("Radar image", caption, headers, rows)
+    return Table("Radar image", caption, headers, rows)
 
 
-def _received(result: SyncResult) -> dict[str, Any]:
+def _received(result: SyncResult) -> Table:
     ready = result.ready
     rows: list[list[Any]] = [
         ["analysed, s", number(ready.span_s, 3)],
@@ -189,4 +185,4 @@ def _received(result: SyncResult) -> dict[str, Any]:
         ["lost", ready.lost_egi],
         ["not used: aligning, without GPS or not sound", ready.unsound_egi],
     ]
-    return _table("What was received", f"Manoeuvre: {result.manoeuvre or 'not stated'}.", ["what", "number"], rows)
+    return Table("What was received", f"Manoeuvre: {result.manoeuvre or 'not stated'}.", ["what", "number"], rows)

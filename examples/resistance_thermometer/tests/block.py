@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench.analysis.material import Material, Reading
+from bench.analysis import Material, Reading
 from bench.model.clock import NS, VirtualClock
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bench.analysis.material import Material
-from bench.analysis.results import build_results
+from bench.analysis import Material, build_results
 from bench.model.errors import FitError
 from block import SETPOINTS_DEGC, by_place, material, standards
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from bench.analysis.analysis import Analysis
+from bench.analysis import Analysis
 from block import SETPOINTS_DEGC, SLOT_S, by_place, material
 
 from resistance_thermometer.system.analysis import analyse

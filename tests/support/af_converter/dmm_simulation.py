@@ -6,8 +6,7 @@ from typing import Any
 import fit_simulation as sim
 import numpy as np
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.material import Material, Reading
+from bench.analysis import Analysis, Material, Reading
 from bench.systems.af_converter.dmm_method import analysis as dmm_method
 
 SPECIFICATION = {

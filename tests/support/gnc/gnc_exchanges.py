@@ -7,7 +7,7 @@ from itertools import permutations, product
 from pathlib import Path
 from typing import Any
 
-from bench.analysis.material import Exchange, Material, Reading
+from bench.analysis import Exchange, Material, Reading
 from bench.frame import load_frame
 
 FRAME = Path(__file__).parents[3] / "frames" / "gnc_422.yaml"

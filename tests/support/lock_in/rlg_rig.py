@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from laser_edges import Edges
 
-from bench.analysis.material import Material
+from bench.analysis import Material
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record import RecordRow, Samples

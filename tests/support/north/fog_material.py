@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.material import Material, Reading
+from bench.analysis import Material, Reading
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record import RecordRow, Samples

@@ -6,9 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.estimates import estimate
-from bench.analysis.results import build_results
+from bench.analysis import Analysis, build_results, estimate
 
 SEED = 5
 LIMIT = 1e-3

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.analysis.material import Material
+from bench.analysis import Material
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record import RecordRow, Samples

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 from rehearsal import ROOT, Rehearsal
 
-from bench.analysis.material import Material, Reading
-from bench.analysis.registry import analyse
+from bench.analysis import Material, Reading, analyse
 from bench.plan import Plan, check_plan, compile_sequence
 from sim_instruments.worlds.common.world import World
 

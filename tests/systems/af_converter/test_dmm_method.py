@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from rehearsal import ROOT
 
-from bench.analysis.material import Material
+from bench.analysis import Material
 from bench.commands.run import view_of
 from bench.model.clock import VirtualClock
 from bench.plan import Plan, check_plan, compile_sequence
@@ -81,8 +81,8 @@ def test_agrees_with_truth_and_with_the_calibrator_method(session: tuple[Materia
         sys.stdout.write(f"{one['conditions']['channel']} {one['quantity']}: error {error:.2f} ppm\n")
         assert abs(error) < 1.3 * one["expanded_uncertainty"]
         assert (one["n"], one["dropped"]) == (14, 0)
-    (agreement,) = [table for table in analysis.tables if "calibrator method" in table["title"]]
-    assert all(abs(row[7]) < 1.0 for row in agreement["rows"])
+    (agreement,) = [table for table in analysis.tables if "calibrator method" in table.title]
+    assert all(abs(row[7]) < 1.0 for row in agreement.rows)
     assert analysis.missing == []
 
 
@@ -103,5 +103,5 @@ def test_as_printed_ends_with_the_mean(session: tuple[Material, list[dict[str, A
 
 
 def test_every_range_of_the_meter_has_its_zero(session: tuple[Material, list[dict[str, Any]]]) -> None:
-    (zeros,) = [table for table in dmm_method.analyse(session[0]).tables if table["title"] == "Zeros of the meter"]
-    assert [row[0] for row in zeros["rows"]] == pytest.approx([0.1, 1.0, 10.0, 100.0, 1000.0])
+    (zeros,) = [table for table in dmm_method.analyse(session[0]).tables if table.title == "Zeros of the meter"]
+    assert [row[0] for row in zeros.rows] == pytest.approx([0.1, 1.0, 10.0, 100.0, 1000.0])

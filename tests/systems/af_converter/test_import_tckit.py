@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 from rehearsal import ROOT, bench
 
+from bench.analysis import Table
+
 MAPPING = ROOT / "docs" / "mappings" / "tckit_1v_ramp.yaml"
 FOLDER = Path(os.environ.get("BENCH_REAL_DATA", ROOT.parent / "shared" / "data")) / "tckit"
 FILES = sorted(FOLDER.glob("*tcsweep_1vdc*.dsv"))
@@ -39,11 +41,11 @@ def values(results: dict[str, Any], quantity: str, reading: str = "hp34420a_5") 
     return [one for one in entries if one["quantity"] == quantity and one["conditions"]["reading"] == reading]
 
 
-def table(session: Path, title: str) -> dict[str, Any]:
+def table(session: Path, title: str) -> Table:
     from bench.session.service import read_view
     from bench.session.view import analyse_view
 
-    return next(one for one in analyse_view(read_view(session), "drift")[1].tables if one["title"] == title)
+    return next(one for one in analyse_view(read_view(session), "drift")[1].tables if one.title == title)
 
 
 def test_one_row_is_excluded_and_the_others_count(results: dict[str, Any]) -> None:
@@ -52,7 +54,7 @@ def test_one_row_is_excluded_and_the_others_count(results: dict[str, Any]) -> No
 
 
 def test_lengths_of_the_ramps_and_holds_are_those_given_with_the_file(session: Path) -> None:
-    totals = {row[0]: row[2] for row in table(session, "Time up, holding and down")["rows"]}
+    totals = {row[0]: row[2] for row in table(session, "Time up, holding and down").rows}
     assert totals["up"] == pytest.approx(9.3, rel=0.02)
     assert totals["hold"] == pytest.approx(13.9, rel=0.02)
     assert totals["down"] == pytest.approx(14.9, rel=0.02)
@@ -91,8 +93,8 @@ def test_the_same_by_plain_least_squares_on_the_rows_of_the_file(
 
 def test_up_minus_down_at_equal_sensor_temperature(session: Path) -> None:
     found = table(session, "hp34420a_5: up minus down")
-    at = found["headers"].index("sensor_8")
-    inner = [row[at] for row in found["rows"] if isinstance(row[0], float) and 23.0 <= row[0] <= 33.0]
+    at = found.headers.index("sensor_8")
+    inner = [row[at] for row in found.rows if isinstance(row[0], float) and 23.0 <= row[0] <= 33.0]
     assert len(inner) == 11
     assert min(inner) == pytest.approx(-4.85, abs=0.1)
     assert max(inner) == pytest.approx(-3.6, abs=0.15)

@@ -14,8 +14,7 @@ import pytest
 from ngu_counts import count_windows
 from trials import without_trials
 
-from bench.analysis.material import Material
-from bench.analysis.registry import analyse
+from bench.analysis import Material, analyse
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record import RecordRow

@@ -17,7 +17,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from bench.analysis.joined import joined
+from bench.analysis import joined
 from bench.cli import app
 from bench.record import RecordRow
 from bench.session.service import read_view

@@ -13,7 +13,7 @@ from rehearsal import Rehearsal, rehearsed
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from bench.analysis.registry import analyse
+from bench.analysis import analyse
 from bench.cli import app
 from bench.model.shipped import find_shipped
 from bench.plan import compile_sequence

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from bench.analysis.numbers import cell, decimals_for, header, number, unit_text, with_uncertainty
+from bench.analysis import cell, decimals_for, header, number, unit_text, with_uncertainty
 
 
 @pytest.mark.parametrize(

@@ -9,13 +9,21 @@ import fit_simulation as sim
 import jsonschema
 import pytest
 
-from bench.analysis import registry
-from bench.analysis.material import Material
-from bench.analysis.registry import analyse, analysis_module
-from bench.analysis.results import build_results, results_json, results_schema, validate_results
+from bench.analysis import (
+    Material,
+    analyse,
+    analysis_module,
+    build_results,
+    registry,
+    results_json,
+    results_schema,
+    validate_results,
+)
 from bench.model.errors import FitError, InputError
 
 PROVENANCE = {"simulated": True, "plan_sha256": "a", "frame_sha256": "b", "session_sha256": "c", "software": "1"}
+
+SHIPPED = resources.files("bench.analysis").joinpath("results.schema.json").read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -39,14 +47,14 @@ def test_document_has_the_form_of_the_contract(document: dict[str, Any]) -> None
 
 
 def test_shipped_schema_is_the_one_of_the_declarations_and_accepts_the_document(document: dict[str, Any]) -> None:
-    schema = json.loads((resources.files("bench.campaigns") / "results.schema.json").read_text(encoding="utf-8"))
+    schema = json.loads(SHIPPED)
     assert schema == results_schema()
     jsonschema.Draft202012Validator.check_schema(schema)
     jsonschema.validate(json.loads(results_json(document)), schema)
 
 
 def test_the_independent_validator_refuses_what_ours_refuses(document: dict[str, Any]) -> None:
-    schema = json.loads((resources.files("bench.campaigns") / "results.schema.json").read_text(encoding="utf-8"))
+    schema = json.loads(SHIPPED)
     for place, value in (
         (("estimates", 0, "verdict"), "good"),
         (("estimates", 0, "std_uncertainty"), -1.0),

@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import io
-from typing import Any
+from dataclasses import replace
 
 from rich.console import Console
 
-from bench.analysis.analysis import Analysis
+from bench.analysis import Analysis, Table
 from bench.commands.tables import print_results
 
-UNITS = {
-    "title": "Units tested", "caption": "", "headers": ["unit", "failed", "verdict"], "prose": True, "lead": True,
-    "rows": [["GNC-01", "–", "PASS"], ["GNC-02", "memory", "FAIL"]],
-}  # fmt: skip
-TABLE_3 = {
-    "title": "Table 3", "caption": "", "headers": ["parameter", "measured", "verdict"], "lead": True,
-    "rows": [["overload", "–", "not tested"], ["gyro stability", "6.1 ± 0.5", "PASS"], ["range", "–", "not tested"]],
-}  # fmt: skip
+UNITS = Table(
+    "Units tested", "", ["unit", "failed", "verdict"], [["GNC-01", "–", "PASS"], ["GNC-02", "memory", "FAIL"]],
+    prose=True, lead=True,
+)  # fmt: skip
+TABLE_3 = Table(
+    "Table 3", "", ["parameter", "measured", "verdict"],
+    [["overload", "–", "not tested"], ["gyro stability", "6.1 ± 0.5", "PASS"], ["range", "–", "not tested"]], lead=True,
+)  # fmt: skip
 
 
-def printed(*tables: dict[str, Any]) -> str:
+def printed(*tables: Table) -> str:
     estimates = [
         {"quantity": f"q{number}", "unit": "1", "value": 1.0, "expanded_uncertainty": 0.1, "verdict": "pass",
          "conditions": {"unit": "GNC-01"}}
@@ -54,13 +54,13 @@ def test_rows_that_were_not_tested_are_counted() -> None:
 
 
 def test_a_table_of_nothing_but_what_was_not_tested_is_one_line() -> None:
-    text = printed(TABLE_3 | {"rows": TABLE_3["rows"][:1]})
+    text = printed(replace(TABLE_3, rows=TABLE_3.rows[:1]))
     assert "parameter" not in text
     assert "Table 3: 1 rows not tested" in text
 
 
 def test_a_long_table_says_what_it_leaves_out() -> None:
-    text = printed(UNITS | {"rows": [[f"U-{number:02}", "–", "PASS"] for number in range(30)]})
+    text = printed(replace(UNITS, rows=[[f"U-{number:02}", "–", "PASS"] for number in range(30)]))
     assert "U-23" in text
     assert "U-24" not in text
     assert "Units tested: 6 more rows in the report" in text

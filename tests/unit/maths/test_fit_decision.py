@@ -10,10 +10,7 @@ import pytest
 from plan_sample import changed, make_bench, mistakes
 from scipy import integrate, stats
 
-from bench.analysis.estimates import estimate, judged, rule_of
-from bench.analysis.material import Material
-from bench.analysis.registry import analyse
-from bench.analysis.results import build_results, validate_results
+from bench.analysis import Material, analyse, build_results, estimate, judged, rule_of, validate_results
 from bench.maths.decision import Rule, conformance_probability, decide
 from bench.maths.verdict import RULES, coverage_factor
 from bench.model.errors import FitError

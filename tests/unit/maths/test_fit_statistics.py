@@ -8,8 +8,7 @@ import fit_simulation as sim
 import numpy as np
 import pytest
 
-from bench.analysis.material import Material
-from bench.analysis.registry import analyse
+from bench.analysis import Material, analyse
 from bench.systems.af_converter.constants import read_campaign, read_standards
 from bench.systems.af_converter.group_fit import fit_groups
 from bench.systems.af_converter.groups import campaign_rows, group_rows

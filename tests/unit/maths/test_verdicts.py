@@ -7,9 +7,7 @@ import fit_simulation as sim
 import numpy as np
 import pytest
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.material import Material
-from bench.analysis.registry import analyse
+from bench.analysis import Analysis, Material, analyse
 
 SEED = 5
 RESIDUALS = ("dsf_n_residual", "dsf_p_residual")

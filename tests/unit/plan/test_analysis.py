@@ -7,7 +7,7 @@ from pathlib import Path
 import plan_sample
 import pytest
 
-from bench.analysis.registry import analysis_module
+from bench.analysis import analysis_module
 from bench.model.systems import analyses
 from bench.plan import check_plan, compile_sequence, load_station
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bench.analysis.joined import joined
+from bench.analysis import joined
 from bench.frame import LinkDecoder, load_frame
 from bench.model.ports import RecordWindow
 from bench.record import RecordCutter, RecordRow

@@ -13,8 +13,7 @@ import pytest
 from record_frames import AF_CLOCK, FRAME_NS, constant_stream, housekeeping
 from record_sample import NS, ROOT, frame
 
-from bench.analysis.material import Material
-from bench.analysis.registry import analyse
+from bench.analysis import Material, analyse
 from bench.model.errors import SessionDamaged
 from bench.record import SessionReader
 from bench.replay import replay_rows

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from batch_sample import LIMIT, SEED, calibrations, coupling, results
 
-from bench.analysis.estimates import estimate
+from bench.analysis import estimate
 from bench.report.batch import batch_html
 from bench.report.batch_document import batch_document, batch_json
 from bench.report.batch_model import Batch, LeftOut

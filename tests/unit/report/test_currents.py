@@ -8,7 +8,7 @@ import fit_simulation as sim
 import numpy as np
 import pytest
 
-from bench.analysis.material import Material
+from bench.analysis import Material
 from bench.report import report_model
 from bench.report.current_plots import level_errors
 from bench.systems.af_converter.scale_factor.analysis import analyse

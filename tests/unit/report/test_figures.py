@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 import report_boxes
@@ -11,6 +9,8 @@ from matplotlib.figure import Figure
 from report_boxes import axis_labels, collisions, flaws, outside, text_boxes
 from report_sample import sample_model
 
+from bench import analysis
+from bench.analysis import band, series
 from bench.report import Report
 from bench.report.graphs import analysis_pictures
 
@@ -22,11 +22,11 @@ def test_figures_of_a_scale_factor_campaign(monkeypatch: pytest.MonkeyPatch) -> 
     assert [flaws(figure) for figure in figures] == [[]] * len(figures)
 
 
-def ramp_documents() -> list[dict[str, Any]]:
+def ramp_figures() -> list[analysis.Figure]:
     """Like those of the bias campaign: loops, residuals, widths with a band, Allan deviations, an oscillator."""
     rng = np.random.default_rng(5)
     degC = np.linspace(-10.0, 50.0, 120)
-    documents: list[dict[str, Any]] = []
+    figures: list[analysis.Figure] = []
     for group, x_label, y_label in (
         ("loops", "lagged temperature, degC", "bias, nA"),
         ("residuals", "time, h", "residual, nA"),
@@ -34,27 +34,27 @@ def ramp_documents() -> list[dict[str, Any]]:
     ):
         for channel in range(1, 11):
             y = (10.0 ** (channel % 5 - 2)) * rng.normal(0.0, 1.0, degC.size).cumsum()
-            series = [
-                {"label": "measured, up", "x": degC.tolist(), "y": y.tolist(), "style": "points"},
-                {"label": "fit, rising", "x": degC.tolist(), "y": (y + 1.0).tolist(), "style": "line"},
-                {"label": "95 %", "x": degC.tolist(), "low": (y - 2).tolist(), "high": (y + 2).tolist()}
-                | {"style": "band"},
+            parts = [
+                series("measured, up", degC, y, "points"),
+                series("fit, rising", degC, y + 1.0),
+                band("95 %", degC, y - 2, y + 2),
             ]
-            documents.append({"title": f"channel {channel}", "caption": "What it shows.", "group": group} | {
-                "x_label": x_label, "y_label": y_label, "series": series})  # fmt: skip
+            title = f"channel {channel}"
+            figures.append(analysis.Figure(title, "What it shows.", x_label, y_label, parts, group=group))
     tau = [100.0 * 2**power for power in range(9)]
     for channel in range(1, 11):
-        deviation = [0.1 * 1.3 ** (power * (channel % 4)) for power in range(9)]
-        ends = {"low": [0.8 * one for one in deviation], "high": [1.4 * one for one in deviation]}
-        measured = {"label": "measured", "x": tau, "y": deviation, "style": "points"} | ends
-        documents.append({"title": f"channel {channel}", "x_label": "averaging time, s", "group": "Allan"} | {
-            "y_label": "Allan deviation, nA", "x_log": True, "y_log": True, "series": [measured]})  # fmt: skip
-    return documents
+        deviation = np.array([0.1 * 1.3 ** (power * (channel % 4)) for power in range(9)])
+        measured = series("measured", tau, deviation, "points", low=0.8 * deviation, high=1.4 * deviation)
+        axes = "averaging time, s", "Allan deviation, nA"
+        figures.append(
+            analysis.Figure(f"channel {channel}", "", *axes, [measured], group="Allan", x_log=True, y_log=True)
+        )
+    return figures
 
 
 def test_figures_of_a_bias_campaign(monkeypatch: pytest.MonkeyPatch) -> None:
     figures = report_boxes.recorded_figures(monkeypatch)
-    assert len(analysis_pictures(ramp_documents())) == len(figures) == 4
+    assert len(analysis_pictures(ramp_figures())) == len(figures) == 4
     assert [flaws(figure) for figure in figures] == [[]] * len(figures)
 
 

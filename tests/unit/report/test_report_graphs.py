@@ -1,4 +1,4 @@
-"""Figures and tables that an analysis describes as documents come out in the page, complete and the same each time."""
+"""Figures and tables of an analysis come out in the page, complete and the same each time."""
 
 from __future__ import annotations
 
@@ -9,32 +9,20 @@ from typing import Any
 import pytest
 from report_sample import small_model
 
+from bench.analysis import Figure, Table, band, series
 from bench.report import Report
 from bench.report.estimate_tables import coefficient_table
 from bench.report.graphs import analysis_pictures
 from bench.report.words import words_of
 
 
-def figure(title: str, **more: Any) -> dict[str, Any]:
-    series = [
-        {"label": "up", "x": [0.0, 1.0, 2.0], "y": [1.0, 2.0, 4.0]},
-        {
-            "label": "readings",
-            "x": [0.0, 1.0],
-            "y": [1.1, 2.2],
-            "style": "points",
-            "low": [1.0, 2.0],
-            "high": [1.2, 2.4],
-        },
-        {"label": "95 %", "x": [0.0, 2.0], "low": [0.5, 3.0], "high": [1.5, 5.0], "style": "band"},
+def figure(title: str, **more: Any) -> Figure:
+    parts = [
+        series("up", [0.0, 1.0, 2.0], [1.0, 2.0, 4.0]),
+        series("readings", [0.0, 1.0], [1.1, 2.2], "points", low=[1.0, 2.0], high=[1.2, 2.4]),
+        band("95 %", [0.0, 2.0], [0.5, 3.0], [1.5, 5.0]),
     ]
-    return {
-        "title": title,
-        "caption": "What it shows.",
-        "x_label": "T / °C",
-        "y_label": "bias / nA",
-        "series": series,
-    } | more
+    return replace(Figure(title, "What it shows.", "T / °C", "bias / nA", parts), **more)
 
 
 def texts(svg: str) -> list[str]:
@@ -53,24 +41,24 @@ def test_a_group_is_one_picture_with_a_panel_per_figure() -> None:
 
 
 def test_logarithmic_axes() -> None:
-    series = [{"label": "adev", "x": [1.0, 10.0, 100.0], "y": [1e-3, 1e-2, 1e-1]}]
+    deviation = [series("adev", [1.0, 10.0, 100.0], [1e-3, 1e-2, 1e-1])]
     linear, logarithmic = (
-        analysis_pictures([figure("Allan", x_log=log, y_log=log, series=series)])[0].svg for log in (False, True)
+        analysis_pictures([figure("Allan", x_log=log, y_log=log, series=deviation)])[0].svg for log in (False, True)
     )
     assert "20" in texts(linear)
     assert "20" not in texts(logarithmic)
 
 
 def test_error_bars_reach_from_low_to_high_only() -> None:
-    bars = [{"label": "r", "x": [1.0], "y": [5.0], "low": [5.0], "high": [9.0], "style": "points"}]
-    plain = [{"label": "r", "x": [1.0], "y": [5.0], "style": "points"}]
+    bars = [series("r", [1.0], [5.0], "points", low=[5.0], high=[9.0])]
+    plain = [series("r", [1.0], [5.0], "points")]
     with_bars, without = (analysis_pictures([figure("f", series=one)])[0].svg for one in (bars, plain))
     assert len(with_bars) > len(without)
 
 
 def test_figures_and_tables_are_in_the_page_and_the_bytes_repeat() -> None:
     rows = [["gain", 10.0], ["E_n", -0.0151768]]
-    table = {"title": "Budget", "caption": "Channel 1.", "headers": ["component", "u / ppm"], "rows": rows}
+    table = Table("Budget", "Channel 1.", ["component", "u / ppm"], rows)
     model = replace(small_model(), figures=(figure("Bias of channel 1"),), tables=(table,))
     page = Report(model).html()
     assert "Bias of channel 1" in page

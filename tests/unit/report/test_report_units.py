@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from report_sample import estimate, small_model
 
+from bench.analysis import Figure, Table, series
 from bench.report import Report, TemperatureTrace
 from bench.report.across_tables import across_tables
 from bench.report.estimate_tables import coverage_table, other_table
@@ -95,9 +96,9 @@ def test_what_has_no_uncertainty_has_no_row_of_zeros_under_uncertainty() -> None
 
 
 def test_a_table_that_leads_stands_before_the_verdicts_and_once() -> None:
-    leading = {"title": "Units tested", "caption": "", "headers": ["unit", "verdict"], "rows": [["U-1", "PASS"]]}
-    other = leading | {"title": "Samples"}
-    model = model_of(wrong("cpu", 0.0, "U-1"), tables=(leading | {"lead": True}, other))
+    leading = Table("Units tested", "", ["unit", "verdict"], [["U-1", "PASS"]], lead=True)
+    other = replace(leading, title="Samples", lead=False)
+    model = model_of(wrong("cpu", 0.0, "U-1"), tables=(leading, other))
     sections = {one.name: [table.caption for table in one.tables] for one in sections_of(model, WORDS)}
     assert list(sections)[:3] == ["summary", "results", "verdicts"]
     assert sections["results"] == ["Units tested"]
@@ -106,7 +107,7 @@ def test_a_table_that_leads_stands_before_the_verdicts_and_once() -> None:
 
 
 def test_a_short_cell_of_words_is_not_broken() -> None:
-    words = {"title": "T", "caption": "", "headers": ["a", "b"], "rows": [["x" * 50, "not tested"]], "prose": True}
+    words = Table("T", "", ["a", "b"], [["x" * 50, "not tested"]], prose=True)
     assert '<td class="short">not tested</td>' in Report(model_of(tables=(words,))).html()
 
 
@@ -121,19 +122,19 @@ def test_no_axis_of_temperature_without_a_temperature(trace: TemperatureTrace) -
 
 def test_a_circle_looks_like_one() -> None:
     angle = np.linspace(0.0, 2 * np.pi, 13)
-    series = [{"label": "after", "x": np.cos(angle).tolist(), "y": np.sin(angle).tolist(), "style": "points"}]
-    document = {"title": "X-Y", "caption": "Order: +x, -1.", "x_label": "X, mgauss", "y_label": "Y", "series": series}
+    round_it = series("after", np.cos(angle), np.sin(angle), "points")
+    drawn = Figure("X-Y", "Order: +x, -1.", "X, mgauss", "Y", [round_it])
 
-    def spans(**more: Any) -> tuple[float, float]:
-        (picture,) = analysis_pictures([document | more])
+    def spans(figure: Figure) -> tuple[float, float]:
+        (picture,) = analysis_pictures([figure])
         found = re.findall(r'<use [^>]*x="([\d.]+)" y="([\d.]+)" style="fill', picture.svg)[-13:]
         x, y = np.array(found, dtype=float).T
         return float(np.ptp(x)), float(np.ptp(y))
 
-    wide, high = spans()
+    wide, high = spans(drawn)
     assert wide > 1.5 * high
-    wide, high = spans(equal=True)
+    wide, high = spans(replace(drawn, equal=True))
     assert wide == pytest.approx(high, rel=1e-3)
-    (picture,) = analysis_pictures([document])
+    (picture,) = analysis_pictures([drawn])
     assert "X / mgauss" in picture.svg
     assert picture.caption == "Order: +x, −1."

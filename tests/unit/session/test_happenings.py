@@ -72,5 +72,5 @@ def test_the_table_of_the_report_is_in_order_of_time() -> None:
             ("link", BOOT_S + 5, {"state": "x"}), ("late", BOOT_S + 4, {"state": "y"}), ("link", 0, {"state": "open"})
         )
     )
-    assert table["prose"] is True
-    assert [row[:2] for row in table["rows"]] == [["0:00:04", "late"], ["0:00:05", "link"]]
+    assert table.prose is True
+    assert [row[:2] for row in table.rows] == [["0:00:04", "late"], ["0:00:05", "link"]]

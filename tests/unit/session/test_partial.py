@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from trend_sample import run_short
 
-from bench.analysis.registry import analyse
+from bench.analysis import analyse
 from bench.model.systems import analyses
 from bench.session import partial as command
 from bench.session.service import read_view

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from dcc_sample import calibration, estimate
 
-from bench.analysis.results import results_json
+from bench.analysis import results_json
 from bench.commands.verify_certificate import check_certificates
 from bench.report.dcc import certificate_text
 from bench.session.verification import Verification

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.material import Material
+from bench.analysis import Analysis, Figure, Material
 from bench.model.errors import FitError
 from bench.systems.af_converter.bias_ramp.budget import bias_budgets
 from bench.systems.af_converter.bias_ramp.clock import (
@@ -48,23 +47,23 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     fits, missing = _fit_all(material, records, campaign, method)
     clock = _master_clock(material, records, campaign, fits, missing)
     limits = _limits(material.campaign)
-    found = [
+    entries = [
         entry
-        for one in fits
-        for entry in channel_estimates(one, campaign, records.dropped, limits.get(one.readings.channel.number))
+        for channel in fits
+        for entry in channel_estimates(channel, campaign, records.dropped, limits.get(channel.readings.channel.number))
     ]
     noise = channel_noise(fits, records)
-    found += noise_estimates(noise)
+    entries += noise_estimates(noise)
     if clock is not None:
-        found += master_clock_estimates(clock, temperatures(fits[0]), records.dropped)
+        entries += master_clock_estimates(clock, temperatures(fits[0]), records.dropped)
     return Analysis(
         campaign=campaign.analysis,
         method=method,
         uut=dict(campaign.uut),
-        estimates=found,
+        estimates=entries,
         components=components(fits, campaign),
         groups=_quality_of_fit(fits, records),
-        notes=[*(f"No result: {one}" for one in missing), *notes(fits, records, campaign, method)],
+        notes=[*(f"No result: {sentence}" for sentence in missing), *notes(fits, records, campaign, method)],
         missing=missing,
         figures=figures(fits) + noise_figures(noise) + _clock_figures(clock, records),
         tables=[*tables(fits, campaign), *bias_budgets(fits, campaign), noise_table(noise)],
@@ -75,14 +74,14 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 def _quality_of_fit(fits: list[ChannelFit], records: RampRecords) -> list[dict[str, Any]]:
     return [
         {
-            "channel": one.readings.channel.number,
-            "kind": one.readings.channel.kind,
-            "reduced_chi2": one.fit.reduced_chi2,
-            "dof": one.fit.dof,
-            "n": one.readings.bias_A.size,
+            "channel": channel.readings.channel.number,
+            "kind": channel.readings.channel.kind,
+            "reduced_chi2": channel.fit.reduced_chi2,
+            "dof": channel.fit.dof,
+            "n": channel.readings.bias_A.size,
             "dropped": records.dropped,
         }
-        for one in fits
+        for channel in fits
     ]
 
 
@@ -143,7 +142,7 @@ def _master_clock(
         return None
 
 
-def _clock_figures(clock: OscillatorFit | None, records: RampRecords) -> list[dict[str, Any]]:
+def _clock_figures(clock: OscillatorFit | None, records: RampRecords) -> list[Figure]:
     return [] if clock is None else [master_clock_figure(clock, records.unit_degC)]
 
 

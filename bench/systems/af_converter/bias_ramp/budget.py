@@ -7,10 +7,10 @@ sensor, so its error moves the biases of all channels together.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
+from bench.analysis import Table
 from bench.maths.budget import Component, combine_all
 from bench.systems.af_converter.bias_ramp.estimates import DSF_STD, bias_parts, on_sensor
 from bench.systems.af_converter.bias_ramp.fit import ChannelFit
@@ -20,34 +20,34 @@ from bench.systems.af_converter.constants import Campaign
 _nA, _PPM = 1e9, 1e6
 
 
-def bias_budgets(fits: Sequence[ChannelFit], campaign: Campaign) -> list[dict[str, Any]]:
+def bias_budgets(fits: Sequence[ChannelFit], campaign: Campaign) -> list[Table]:
     """Budget of the bias at the reference temperature for the first channel of each kind, and the correlations.
 
     Source: JCGM 100:2008 sections 5.1 and 5.2; equal labels are one error (bench.maths.budget).
     """
     if not fits:
         return []
-    found = combine_all({_name(one): bias_components(one, campaign) for one in fits})
-    first = {one.readings.channel.kind: one for one in reversed(fits)}
+    combined = combine_all({_name(channel): bias_components(channel, campaign) for channel in fits})
+    first = {channel.readings.channel.kind: channel for channel in reversed(fits)}
     at = f"{campaign.reference_temperature_degC:g} degC"
     tables = [
         budget_table(
-            f"Uncertainty budget of the bias at {at}, channel {_name(one)} ({kind})",
+            f"Uncertainty budget of the bias at {at}, channel {_name(channel)} ({kind})",
             "nA",
-            float(on_sensor(one)[0][0]) * _nA,
-            found.budgets[_name(one)],
+            float(on_sensor(channel)[0][0]) * _nA,
+            combined.budgets[_name(channel)],
         )
-        for kind, one in sorted(first.items())
+        for kind, channel in sorted(first.items())
     ]
     caption = "Caused by the temperature sensor of the unit, which all channels share"
     title = f"Correlation of the bias at {at} between channels"
-    return [*tables, correlation_table(title, caption, list(found.budgets), found.correlation)]
+    return [*tables, correlation_table(title, caption, list(combined.budgets), combined.correlation)]
 
 
-def bias_components(one: ChannelFit, campaign: Campaign) -> list[Component]:
+def bias_components(channel: ChannelFit, campaign: Campaign) -> list[Component]:
     """Components of the bias of one channel at the reference temperature, in nA."""
-    coefficients, _ = on_sensor(one)
-    parts = bias_parts(one, np.eye(coefficients.size)[0], campaign)
+    coefficients, _ = on_sensor(channel)
+    parts = bias_parts(channel, np.eye(coefficients.size)[0], campaign)
     fit, nominal, sensor = parts
     return [
         Component(fit, parts[fit] * _nA, "nA", source="declared noise, through the fit"),
@@ -65,5 +65,5 @@ def bias_components(one: ChannelFit, campaign: Campaign) -> list[Component]:
     ]
 
 
-def _name(one: ChannelFit) -> str:
-    return str(one.readings.channel.number)
+def _name(channel: ChannelFit) -> str:
+    return str(channel.readings.channel.number)

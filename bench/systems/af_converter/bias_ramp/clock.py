@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.analysis.estimates import estimate
+from bench.analysis import estimate
 from bench.systems.af_converter.bias_ramp.records import RampRecords
 from bench.systems.af_converter.constants import Campaign, read_generator
 from bench.systems.af_converter.estimators.oscillator import OscillatorFit, OscillatorWindows, fit_oscillator
@@ -51,7 +51,7 @@ def master_clock_estimates(fit: OscillatorFit, at_degC: Sequence[float], dropped
 
 
 def master_clock_compensation(fit: OscillatorFit) -> dict[str, Any]:
-    """The entry for coefficients.json."""
+    """Return the entry for coefficients.json."""
     return {
         "channel": None,
         "kind": None,

@@ -10,17 +10,15 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-from bench.analysis.estimates import estimate
+from bench.analysis import Floats, estimate
 from bench.systems.af_converter.bias_ramp.fit import ChannelFit
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
 from bench.systems.af_converter.estimators.hysteresis.loop import width_at
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
 
-Floats = NDArray[np.float64]
 STEP_degC = 15.0  # between the temperatures of the estimates, counted from the reference temperature
 DSF_STD = 400e-6  # of a converter whose scale factor is not calibrated (design: drawn with 400 ppm)
 HOUR_s = 3600.0
@@ -67,7 +65,7 @@ def bias_parts(one: ChannelFit, weights: Floats, campaign: Campaign) -> dict[str
 
 
 def channel_estimates(one: ChannelFit, campaign: Campaign, dropped: int, limit_A: float | None) -> list[dict[str, Any]]:
-    """All estimates of one channel; ``limit_A`` judges what the compensation leaves."""
+    """Return all estimates of one channel; ``limit_A`` judges what the compensation leaves."""
     channel = {"channel": one.readings.channel.number, "kind": one.readings.channel.kind}
     n = one.readings.bias_A.size
     counts = {"n": n, "dropped": dropped + int(np.count_nonzero(~one.readings.used))}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.material import Trace
+from bench.analysis import Floats, Trace
 from bench.model.errors import FitError
 from bench.systems.af_converter.bias_ramp.records import ChannelReadings, RampRecords
 from bench.systems.af_converter.constants import Campaign
@@ -20,7 +20,6 @@ from bench.systems.af_converter.estimators.hysteresis.search import Bounds
 from bench.systems.af_converter.estimators.level import mean_of_walk
 from bench.systems.af_converter.estimators.thermal_lag import Drive, usable_drive
 
-Floats = NDArray[np.float64]
 JOINT, JOINT_UNIT_SENSOR = "joint", "joint_unit_sensor"
 METHODS = (JOINT, JOINT_UNIT_SENSOR)
 RISING, FALLING = "up", "down"
@@ -80,7 +79,7 @@ class ChannelFit:
 
 
 def drive_of(trace: Trace, records: RampRecords, method: str) -> Drive:
-    """The temperature that drives the unit by the method's name, the preparation included.
+    """Return the temperature that drives the unit by the method's name, the preparation included.
 
     The unit's sensor is taken from the records where the environment log has none.
 

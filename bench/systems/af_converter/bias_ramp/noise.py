@@ -12,16 +12,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.analysis.estimates import estimate
+from bench.analysis import Figure, Floats, Table, estimate, series
 from bench.maths.allan import AllanDeviation, allan_deviation
 from bench.maths.allan_terms import TERMS, UNITS, NoiseTerm, NoiseTerms, fit_noise_terms
 from bench.model.errors import FitError
 from bench.systems.af_converter.bias_ramp.fit import ChannelFit
 from bench.systems.af_converter.bias_ramp.records import RampRecords
 
-Floats = NDArray[np.float64]
 _nA = 1e9
 _FITTED = ("white_noise", "bias_instability", "random_walk")
 _CLEAR = 5.0  # standard uncertainties; a bias instability of 4 turned up in 2 of 10 channels that had none
@@ -39,39 +37,39 @@ class ChannelNoise:
     all_terms: NoiseTerms
 
     def term(self, name: str) -> NoiseTerm:
-        """One of the five terms."""
+        """Return one of the five terms."""
         return (self.terms if name in _FITTED else self.all_terms)[name]
 
 
 def channel_noise(fits: Sequence[ChannelFit], records: RampRecords) -> list[ChannelNoise]:
     """Allan deviations of all channels; one whose windows leave too few averaging times is left out."""
-    found = []
-    for one in fits:
+    noises = []
+    for channel in fits:
         try:
-            curve = allan_deviation(*_series(one, records))
-            found.append(ChannelNoise(one, curve, fit_noise_terms(curve, _FITTED), fit_noise_terms(curve)))
+            curve = allan_deviation(*_series(channel, records))
+            noises.append(ChannelNoise(channel, curve, fit_noise_terms(curve, _FITTED), fit_noise_terms(curve)))
         except FitError:  # a short or broken ramp still has its bias; the table shows who is missing
             continue
-    return found
+    return noises
 
 
-def _series(one: ChannelFit, records: RampRecords) -> tuple[Floats, float]:
+def _series(channel: ChannelFit, records: RampRecords) -> tuple[Floats, float]:
     """Residuals on the grid of windows, NaN where one is missing, and the time from window to window."""
     pulses = records.pulses
     frames = int(np.median(pulses.frames + pulses.lost))
     place = (pulses.first_counter - pulses.first_counter[0]) // frames
     series = np.full(int(place[-1]) + 1, np.nan)
-    series[place[one.readings.used]] = one.fit.residual
+    series[place[channel.readings.used]] = channel.fit.residual
     return series, frames * float(np.median(pulses.frame_s))
 
 
-def noise_estimates(found: Sequence[ChannelNoise]) -> list[dict[str, Any]]:
+def noise_estimates(noises: Sequence[ChannelNoise]) -> list[dict[str, Any]]:
     """White noise, bias instability and random walk of the channels that show them (IEEE Std 952 coefficients).
 
     ``white_noise`` is two-sided, as an angle random walk is: 1 / sqrt(2) of a one-sided density.
     """
     entries = []
-    for noise in found:
+    for noise in noises:
         channel = noise.one.readings.channel
         conditions = {"channel": channel.number, "kind": channel.kind}
         for term in map(noise.term, _FITTED):
@@ -89,10 +87,10 @@ def _clear(term: NoiseTerm) -> bool:
     return term.significant and term.coefficient > _CLEAR * term.std_uncertainty
 
 
-def noise_table(found: Sequence[ChannelNoise]) -> dict[str, Any]:
-    """All five terms of all channels, those that are not seen with their upper limit."""
+def noise_table(noises: Sequence[ChannelNoise]) -> Table:
+    """Return all five terms of all channels, those that are not seen with their upper limit."""
     rows = []
-    for noise in found:
+    for noise in noises:
         number = noise.one.readings.channel.number
         for term in map(noise.term, TERMS):
             seen = [f"{term.coefficient * _nA:.3g}", f"{term.std_uncertainty * _nA:.2g}"]
@@ -100,37 +98,32 @@ def noise_table(found: Sequence[ChannelNoise]) -> dict[str, Any]:
             rows.append(
                 [number, term.name.replace("_", " "), f"nA{UNITS[term.name]}", *shown, f"{term.upper_limit * _nA:.3g}"]
             )
-    return {
-        "title": "Noise terms of the bias",
-        "caption": (
-            "IEEE Std 952 coefficients fitted to the Allan deviation of what the joint fit leaves; "
-            "upper limit with 95 % confidence"
-        ),
-        "headers": ["channel", "term", "unit", "coefficient", "u", "upper limit"],
-        "rows": rows,
-    }
+    caption = (
+        "IEEE Std 952 coefficients fitted to the Allan deviation of what the joint fit leaves; "
+        "upper limit with 95 % confidence"
+    )
+    headers = ["channel", "term", "unit", "coefficient", "u", "upper limit"]
+    return Table("Noise terms of the bias", caption, headers, rows)
 
 
-def noise_figures(found: Sequence[ChannelNoise]) -> list[dict[str, Any]]:
+def noise_figures(noises: Sequence[ChannelNoise]) -> list[Figure]:
     """Allan deviation of each channel with its interval and the fitted terms."""
-    return [_figure(noise) for noise in found]
+    return [_figure(noise) for noise in noises]
 
 
-def _figure(noise: ChannelNoise) -> dict[str, Any]:
+def _figure(noise: ChannelNoise) -> Figure:
     curve = noise.curve
-    tau = [float(one) for one in curve.tau_s]
-    points = {name: [float(one) * _nA for one in getattr(curve, name)] for name in ("deviation", "low", "high")}
-    return {
-        "title": f"channel {noise.one.readings.channel.number}",
-        "caption": "Overlapping Allan deviation of what the joint fit leaves, 95 % intervals, and the fitted terms.",
-        "x_label": "averaging time, s",
-        "y_label": "Allan deviation, nA",
-        "x_log": True,
-        "y_log": True,
-        "series": [
-            {"label": "measured", "x": tau, "y": points["deviation"], "style": "points"}
-            | {"low": points["low"], "high": points["high"]},
-            {"label": "noise terms", "x": tau, "y": [float(one) * _nA for one in noise.terms.fitted], "style": "line"},
+    deviation, low, high = (_nA * ends for ends in (curve.deviation, curve.low, curve.high))
+    return Figure(
+        f"channel {noise.one.readings.channel.number}",
+        "Overlapping Allan deviation of what the joint fit leaves, 95 % intervals, and the fitted terms.",
+        "averaging time, s",
+        "Allan deviation, nA",
+        [
+            series("measured", curve.tau_s, deviation, "points", low=low, high=high),
+            series("noise terms", curve.tau_s, _nA * noise.terms.fitted),
         ],
-        "group": "Allan deviation of the bias",
-    }
+        x_log=True,
+        y_log=True,
+        group="Allan deviation of the bias",
+    )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.problems import count_problem
+from bench.analysis import Floats, count_problem
 from bench.model.errors import FitError
 from bench.record.window import UNIT_TEMPERATURE
 from bench.systems.af_converter.constants import Campaign, Channel
@@ -22,7 +22,6 @@ from bench.systems.af_converter.estimators.record_rate.rate import RecordRates, 
 if TYPE_CHECKING:
     from bench.record import RecordRow
 
-Floats = NDArray[np.float64]
 _PURPOSE = "measurement"
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.material import Material
+from bench.analysis import Material, Table
 from bench.model.errors import FitError
 from bench.systems.af_converter.constants import CALIBRATOR, Campaign, read_standards
 from bench.systems.af_converter.dmm_method.estimates import DmmFit
@@ -17,7 +17,7 @@ from bench.systems.af_converter.group_estimates import common_relative_ppm
 _K95 = 1.96
 
 
-def agreement_table(fits: Iterable[DmmFit], material: Material, campaign: Campaign) -> list[dict[str, Any]]:
+def agreement_table(fits: Iterable[DmmFit], material: Material, campaign: Campaign) -> list[Table]:
     """Differences to the calibrator method, where the register holds the calibrator and both methods have a result.
 
     Both standards count in full: the difference is one between two chains of traceability. The counts are the same in
@@ -28,19 +28,19 @@ def agreement_table(fits: Iterable[DmmFit], material: Material, campaign: Campai
     calibrator = read_standards(material.standards)
     common_ppm = common_relative_ppm(calibrator)
     rows: list[list[Any]] = []
-    for one in fits:
+    for fitted in fits:
         try:
-            other = fit_scale_factor(one.group.closed, campaign.converter(one.group.channel), calibrator.ranges)
+            other = fit_scale_factor(fitted.group.closed, campaign.converter(fitted.group.channel), calibrator.ranges)
         except FitError:
             continue  # the DMM method stands by itself
         variance = np.diag(other.covariance_ppm2) + other.gain_ppm**2 + common_ppm**2
         for index, name in enumerate(("dsf_n", "dsf_p")):
-            if name not in one.fit.value_ppm:
+            if name not in fitted.fit.value_ppm:
                 continue
-            difference = one.fit.value_ppm[name] - float(other.dsf_ppm[index])
-            expanded = _K95 * float(np.hypot(one.fit.std_ppm[name], variance[index] ** 0.5))
+            difference = fitted.fit.value_ppm[name] - float(other.dsf_ppm[index])
+            expanded = _K95 * float(np.hypot(fitted.fit.std_ppm[name], variance[index] ** 0.5))
             rows.append(
-                [one.group.channel, one.group.temperature_degC, name, one.fit.value_ppm[name],
+                [fitted.group.channel, fitted.group.temperature_degC, name, fitted.fit.value_ppm[name],
                  float(other.dsf_ppm[index]), difference, expanded, difference / expanded]
             )  # fmt: skip
     if not rows:
@@ -49,4 +49,4 @@ def agreement_table(fits: Iterable[DmmFit], material: Material, campaign: Campai
                "U of the difference, ppm", "E_n"]  # fmt: skip
     largest = max(abs(row[-1]) for row in rows)
     caption = f"The same records against both standards. They agree where |E_n| <= 1; the largest is {largest:.2f}."
-    return [{"title": "DMM method and calibrator method", "caption": caption, "headers": headers, "rows": rows}]
+    return [Table("DMM method and calibrator method", caption, headers, rows)]

@@ -8,8 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.material import Material
+from bench.analysis import Analysis, Material
 from bench.model.errors import FitError
 from bench.systems.af_converter.constants import METER, Campaign, read_campaign, read_ranges, read_traceability
 from bench.systems.af_converter.dmm_method.agreement import agreement_table
@@ -54,23 +53,23 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
     fits, refused = _fit_all(groups, log, constants, register, method, traceability or 0.0)
     if not fits:
         raise refused[0][1]
-    found: list[dict[str, Any]] = []
-    for one in fits:
-        found += scale_factor_estimates(one, constants) + bias_estimates(one, constants)
-        found += leakage_estimates(one, constants)
-    found += shift_estimates(fits, [group for group in groups if group.repeat], log, constants, register)
+    entries: list[dict[str, Any]] = []
+    for fitted in fits:
+        entries += scale_factor_estimates(fitted, constants) + bias_estimates(fitted, constants)
+        entries += leakage_estimates(fitted, constants)
+    entries += shift_estimates(fits, [group for group in groups if group.repeat], log, constants, register)
     first_visits = [row for row in chosen if not row.window.conditions.get("repeat")]
-    missing = missing_groups(first_visits, {one.group.place for one in fits}, refused, constants)
+    missing = missing_groups(first_visits, {fitted.group.place for fitted in fits}, refused, constants)
     return Analysis(
         campaign=constants.analysis,
         method=method,
         uut=dict(constants.uut),
-        estimates=found,
+        estimates=entries,
         components=budget(fits, constants),
-        groups=[_quality(one, constants) for one in fits],
+        groups=[_quality(fitted, constants) for fitted in fits],
         notes=[
-            *(f"No result: {one}" for one in missing),
-            *notes(fits, groups, found, constants),
+            *(f"No result: {sentence}" for sentence in missing),
+            *notes(fits, groups, entries, constants),
             *([_UNTRACED] if traceability is None else []),
         ],
         missing=missing,
@@ -112,7 +111,7 @@ def _fit_one(
     return DmmFit(group, meter, fit)
 
 
-def _quality(one: DmmFit, campaign: Campaign) -> dict[str, Any]:
-    reduced = one.fit.chi2 / one.fit.dof if one.fit.dof else float("nan")
-    counted = {"dof": one.fit.dof, "n": one.fit.n, "dropped": one.group.dropped + one.fit.dropped}
-    return conditions_of(one, campaign) | {"repeat": 0, "reduced_chi2": reduced} | counted
+def _quality(fitted: DmmFit, campaign: Campaign) -> dict[str, Any]:
+    reduced = fitted.fit.chi2 / fitted.fit.dof if fitted.fit.dof else float("nan")
+    counted = {"dof": fitted.fit.dof, "n": fitted.fit.n, "dropped": fitted.group.dropped + fitted.fit.dropped}
+    return conditions_of(fitted, campaign) | {"repeat": 0, "reduced_chi2": reduced} | counted

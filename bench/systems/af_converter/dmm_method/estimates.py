@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.estimates import estimate
+from bench.analysis import estimate
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.dmm_method.readings import MeterLog
 from bench.systems.af_converter.estimators.bias import open_input_bias

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.analysis.material import Reading
+from bench.analysis import Reading
 from bench.systems.af_converter.constants import METER
 from bench.systems.af_converter.estimators.dmm_method import Meter
 
@@ -96,7 +96,7 @@ class MeterLog:
         return own.mean_A - zero.mean_A, own.std_A, zero.std_A, own.range_A
 
     def _zero(self, own: ReadingSet) -> ReadingSet | None:
-        """The zero of a range last measured before a set, else the first after it."""
+        """Return the zero of a range last measured before a set, else the first after it."""
         same = [one for one in self._zeros if abs(one.range_A - own.range_A) <= 1e-6 * own.range_A]
         earlier = [one for one in same if one.end_s <= own.begin_s]
         return earlier[-1] if earlier else next(iter(same), None)

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.material import Material
+from bench.analysis import Analysis, Material
 from bench.systems.af_converter.clock_estimates import clock_estimates
 from bench.systems.af_converter.coefficients import scale_factor_compensation
 from bench.systems.af_converter.constants import Campaign, read_campaign, read_standards
@@ -44,26 +43,28 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
     drift = calibrator_drift(again, fitted, chosen, material.readings)
     register = drift.applied_to(register)
     zero_gain = zero_gain_table(fitted, constants, register, method)
-    found: list[dict[str, Any]] = []
-    for one in fitted.groups:
-        if one.group.repeat == 0:
-            found += scale_factor_estimates(one, fitted, constants, register) + bias_estimates(one, fitted, constants)
-    found += residual_estimates(fitted, constants, register)
-    found += coefficient_estimates(fitted, constants, register)
-    found += clock_estimates(chosen, constants, register)
-    found += drift_estimates(again, fitted, constants) + drift.estimates
-    found += change_estimates(found, constants)
-    missing = missing_groups(chosen, {one.group.place for one in fitted.groups}, fitted.refused, constants)
+    entries: list[dict[str, Any]] = []
+    for visit in fitted.groups:
+        if visit.group.repeat == 0:
+            entries += scale_factor_estimates(visit, fitted, constants, register) + bias_estimates(
+                visit, fitted, constants
+            )
+    entries += residual_estimates(fitted, constants, register)
+    entries += coefficient_estimates(fitted, constants, register)
+    entries += clock_estimates(chosen, constants, register)
+    entries += drift_estimates(again, fitted, constants) + drift.estimates
+    entries += change_estimates(entries, constants)
+    missing = missing_groups(chosen, {visit.group.place for visit in fitted.groups}, fitted.refused, constants)
     return Analysis(
         campaign=constants.analysis,
         method=method,
         uut=dict(constants.uut),
-        estimates=found,
+        estimates=entries,
         residuals=residuals(fitted.groups, constants),
         components=components(fitted, constants, register),
         groups=_quality_of_fit(fitted, constants),
         notes=[
-            *(f"No result: {one}" for one in missing),
+            *(f"No result: {sentence}" for sentence in missing),
             *notes(fitted, constants, register, chosen),
             *drift.notes,
             *zero_gain_notes(zero_gain),
@@ -76,13 +77,13 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
 
 def _quality_of_fit(fitted: Fitted, campaign: Campaign) -> list[dict[str, Any]]:
     return [
-        conditions_of(one, campaign)
+        conditions_of(visit, campaign)
         | {
-            "repeat": one.group.repeat,
-            "reduced_chi2": one.fit.reduced_chi2,
-            "dof": one.fit.dof,
-            "n": one.fit.n,
-            "dropped": one.group.dropped + one.fit.dropped,
+            "repeat": visit.group.repeat,
+            "reduced_chi2": visit.fit.reduced_chi2,
+            "dof": visit.fit.dof,
+            "n": visit.fit.n,
+            "dropped": visit.group.dropped + visit.fit.dropped,
         }
-        for one in fitted.groups
+        for visit in fitted.groups
     ]

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from bench.analysis import Table
 from bench.maths.budget import Budget
 from bench.maths.monte_carlo import Distribution, check_interval, propagate
-from bench.systems.af_converter.budget_tables import Table, figures
+from bench.systems.af_converter.budget_tables import figures
 from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.estimators.scale_factor import Referral
 from bench.systems.af_converter.estimators.scale_factor_trials import TrialModel
@@ -29,18 +30,18 @@ def check_table(
         f"{TRIALS} trials each, every input drawn from its distribution, every draw fitted again; ppm. Tolerance: "
         "half a unit in the second digit of u. 'Not resolved': the scatter of the trials is too large to tell"
     )
-    rows = [_row(one, budget, fitted, campaign, standards, method) for one, budget in checked]
-    return {"title": "Monte Carlo check of dsf_n", "caption": caption, "headers": list(_HEADERS), "rows": rows}
+    rows = [_row(visit, budget, fitted, campaign, standards, method) for visit, budget in checked]
+    return Table("Monte Carlo check of dsf_n", caption, list(_HEADERS), rows)
 
 
-def trials_of(one: GroupFit, fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> Distribution:
+def trials_of(visit: GroupFit, fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> Distribution:
     """Distribution of DSF_N of a group, ppm."""
-    at_degC = one.fit.unit_temperature_degC
+    at_degC = visit.fit.unit_temperature_degC
     model = TrialModel(
-        rows=one.group.closed,
-        converter=campaign.converter(one.group.channel),
+        rows=visit.group.closed,
+        converter=campaign.converter(visit.group.channel),
         standard=standards.ranges,
-        referral=Referral(at_degC, fitted.slopes_ppm_degC(one.group.channel, at_degC)),
+        referral=Referral(at_degC, fitted.slopes_ppm_degC(visit.group.channel, at_degC)),
         method=method,
         common_relative=(standards.traceability or 0.0, standards.drift or 0.0),
         sensor_std_degC=campaign.sensor_std_degC,
@@ -49,19 +50,19 @@ def trials_of(one: GroupFit, fitted: Fitted, campaign: Campaign, standards: Stan
 
 
 def _row(
-    one: GroupFit, budget: Budget, fitted: Fitted, campaign: Campaign, standards: Standards, method: str
+    visit: GroupFit, budget: Budget, fitted: Fitted, campaign: Campaign, standards: Standards, method: str
 ) -> list[Any]:
-    value_ppm, expanded_ppm = float(one.fit.dsf_ppm[0]), budget.expanded_uncertainty
-    found = trials_of(one, fitted, campaign, standards, method)
-    check = check_interval(value_ppm, budget.std_uncertainty, expanded_ppm, found)
+    value_ppm, expanded_ppm = float(visit.fit.dsf_ppm[0]), budget.expanded_uncertainty
+    drawn = trials_of(visit, fitted, campaign, standards, method)
+    check = check_interval(value_ppm, budget.std_uncertainty, expanded_ppm, drawn)
     return [
-        one.group.channel,
-        campaign.channel(one.group.channel).kind,
-        f"{one.fit.unit_temperature_degC:.2f}",
+        visit.group.channel,
+        campaign.channel(visit.group.channel).kind,
+        f"{visit.fit.unit_temperature_degC:.2f}",
         figures(budget.std_uncertainty),
-        figures(found.std),
+        figures(drawn.std),
         _interval(value_ppm - expanded_ppm, value_ppm + expanded_ppm),
-        _interval(found.low, found.high),
+        _interval(drawn.low, drawn.high),
         f"{check.low_difference:.2f}, {check.high_difference:.2f}",
         f"{check.tolerance:g}",
         check.statement,

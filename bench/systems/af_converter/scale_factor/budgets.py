@@ -10,8 +10,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from bench.analysis import Table
 from bench.maths.budget import Budget, Component, combine_all
-from bench.systems.af_converter.budget_tables import Table, budget_table, correlation_table, summary_table
+from bench.systems.af_converter.budget_tables import budget_table, correlation_table, summary_table
 from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.estimators.clocks import count_noise
 from bench.systems.af_converter.estimators.noise import calibrator_effects, specification
@@ -43,49 +44,55 @@ def budget_tables(fitted: Fitted, campaign: Campaign, standards: Standards, meth
     correlation between the channels, and the check of dsf_n by Monte Carlo.
     """
     groups = nearest_to_reference(fitted, campaign)
-    examples = {campaign.channel(one.group.channel).kind: one for one in reversed(groups)}
+    examples = {campaign.channel(visit.group.channel).kind: visit for visit in reversed(groups)}
     tables: list[Table] = []
     to_check: list[tuple[GroupFit, Budget]] = []
     for index, quantity in enumerate(QUANTITIES):
-        by_channel = {str(one.group.channel): components_of(one, index, fitted, campaign, standards) for one in groups}
-        found = combine_all(by_channel)
-        for kind, one in sorted(examples.items()):
-            budget = found.budgets[str(one.group.channel)]
-            at = f"channel {one.group.channel} ({kind}) at {one.fit.unit_temperature_degC:.2f} degC"
-            value_ppm = float(one.fit.dsf_ppm[index])
+        by_channel = {
+            str(visit.group.channel): components_of(visit, index, fitted, campaign, standards) for visit in groups
+        }
+        combined = combine_all(by_channel)
+        for kind, visit in sorted(examples.items()):
+            budget = combined.budgets[str(visit.group.channel)]
+            at = f"channel {visit.group.channel} ({kind}) at {visit.fit.unit_temperature_degC:.2f} degC"
+            value_ppm = float(visit.fit.dsf_ppm[index])
             tables.append(budget_table(f"Uncertainty budget of {quantity}, {at}", "ppm", value_ppm, budget))
-            to_check += [(one, budget)] if index == 0 else []
-        tables.append(_side_by_side(quantity, found.budgets))
+            to_check += [(visit, budget)] if index == 0 else []
+        tables.append(_side_by_side(quantity, combined.budgets))
         title = f"Correlation of {quantity} between channels"
         caption = "Caused by the calibrator and the temperature sensor, which all channels share"
-        tables.append(correlation_table(title, caption, list(by_channel), found.correlation))
+        tables.append(correlation_table(title, caption, list(by_channel), combined.correlation))
     return [*tables, check_table(to_check, fitted, campaign, standards, method)]
 
 
 def nearest_to_reference(fitted: Fitted, campaign: Campaign) -> list[GroupFit]:
     """First visits at the nominal temperature nearest to the reference temperature, by channel."""
-    visits = [one for one in fitted.groups if one.group.repeat == 0]
+    visits = [visit for visit in fitted.groups if visit.group.repeat == 0]
     reference_degC = campaign.reference_temperature_degC
-    nominal = min((one.group.temperature_degC for one in visits), key=lambda at: abs(at - reference_degC), default=None)
-    at_nominal = [one for one in visits if one.group.temperature_degC == nominal]
-    return sorted(at_nominal, key=lambda one: one.group.channel)
+    nominal = min(
+        (visit.group.temperature_degC for visit in visits), key=lambda at: abs(at - reference_degC), default=None
+    )
+    at_nominal = [visit for visit in visits if visit.group.temperature_degC == nominal]
+    return sorted(at_nominal, key=lambda visit: visit.group.channel)
 
 
 def components_of(
-    one: GroupFit, index: int, fitted: Fitted, campaign: Campaign, standards: Standards
+    visit: GroupFit, index: int, fitted: Fitted, campaign: Campaign, standards: Standards
 ) -> list[Component]:
     """Components of DSF_N (index 0) or DSF_P (1) of a group, ppm; those of the calibrator are common to all groups.
 
     ``std_uncertainty`` of a noise or range error is that of one reading; the sensitivity is what the fit makes of all.
     """
-    gain_ppm = max(specification(standards.ranges, float(at)).relative for at in one.group.closed.range_A) / 2.0 * _PPM
-    slopes = fitted.slopes_ppm_degC(one.group.channel, one.fit.unit_temperature_degC)
+    gain_ppm = (
+        max(specification(standards.ranges, float(at)).relative for at in visit.group.closed.range_A) / 2.0 * _PPM
+    )
+    slopes = fitted.slopes_ppm_degC(visit.group.channel, visit.fit.unit_temperature_degC)
     trace_ppm, drift_ppm = (standards.traceability or 0.0) * _PPM, (standards.drift or 0.0) * _PPM
     sensor_degC = campaign.sensor_std_degC
-    effect_ppm = float(one.fit.gain_ppm[index])
+    effect_ppm = float(visit.fit.gain_ppm[index])
     return [
-        *_noise(one, index, campaign),
-        *_range_errors(one, index, standards),
+        *_noise(visit, index, campaign),
+        *_range_errors(visit, index, standards),
         _effect("calibrator gain, common to all rows", gain_ppm, "ppm", effect_ppm, _REGISTER, common="gain"),
         _effect("calibrator traceability", trace_ppm, "ppm", trace_ppm, _REGISTER, common="traceability"),
         _effect(
@@ -98,8 +105,8 @@ def components_of(
     ]  # fmt: skip
 
 
-def _noise(one: GroupFit, index: int, campaign: Campaign) -> list[Component]:
-    rows, converter = one.group.closed, campaign.converter(one.group.channel)
+def _noise(visit: GroupFit, index: int, campaign: Campaign) -> list[Component]:
+    rows, converter = visit.group.closed, campaign.converter(visit.group.channel)
     gate_s = float(np.median(rows.gate_s))
     clock_ppm = float(np.median(count_noise(rows.af_count))) * _PPM
     of_one_row = {
@@ -111,20 +118,20 @@ def _noise(one: GroupFit, index: int, campaign: Campaign) -> list[Component]:
     }
     return [
         _effect(
-            name, u, unit, float(one.fit.parts_ppm[name][index]), source,
+            name, u, unit, float(visit.fit.parts_ppm[name][index]), source,
             distribution="triangular" if source == _COUNTING else "normal",
         )
         for name, (u, unit, source) in of_one_row.items()
     ]  # fmt: skip
 
 
-def _range_errors(one: GroupFit, index: int, standards: Standards) -> list[Component]:
+def _range_errors(visit: GroupFit, index: int, standards: Standards) -> list[Component]:
     """Offsets of the calibrator's ranges and linearity errors of its levels."""
-    effects = calibrator_effects(one.group.closed, standards.ranges)
+    effects = calibrator_effects(visit.group.closed, standards.ranges)
     u_A = dict(zip(effects.labels, np.abs(effects.matrix).max(axis=0), strict=True))
     return [
         _effect(f"calibrator {label}", float(u_A[label]) * _nA, "nA", float(effect_ppm[index]), _REGISTER, common=label)
-        for label, effect_ppm in one.fit.shared_ppm.items()
+        for label, effect_ppm in visit.fit.shared_ppm.items()
     ]
 
 
@@ -132,12 +139,12 @@ def _effect(
     name: str, u: float, unit: str, contribution_ppm: float, source: str, *, distribution: str = "normal",
     common: str = "",
 ) -> Component:  # fmt: skip
-    """A component from what it is in its own unit and what the fit makes of it."""
+    """Return a component from what it is in its own unit and what the fit makes of it."""
     sensitivity = contribution_ppm / u if u else 0.0
     return Component(name, u, unit, sensitivity, distribution=distribution, source=source, common=common)
 
 
 def _side_by_side(quantity: str, budgets: Mapping[str, Budget]) -> Table:
-    names = dict.fromkeys(one.name for budget in budgets.values() for one in budget.components if one.contribution)
+    names = dict.fromkeys(part.name for budget in budgets.values() for part in budget.components if part.contribution)
     columns = {name: next(column for start, column in _COLUMNS.items() if name.startswith(start)) for name in names}
     return summary_table(f"Uncertainty of {quantity} by channel", "ppm", budgets, columns)

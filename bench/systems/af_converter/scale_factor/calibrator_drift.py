@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.analysis.estimates import estimate
-from bench.analysis.material import Reading
+from bench.analysis import Reading, estimate
 from bench.systems.af_converter.constants import DRIFT_UNKNOWN, Standards
 from bench.systems.af_converter.dmm_method.readings import CHECK, ReadingSet, reading_sets
 from bench.systems.af_converter.group_fit import Fitted
@@ -40,7 +39,7 @@ class CalibratorDrift:
     notes: list[str] = field(default_factory=list)
 
     def applied_to(self, standards: Standards) -> Standards:
-        """The register with the larger of the declared drift and the one seen."""
+        """Return the register with the larger of the declared drift and the one seen."""
         if self.bound_ppm is None:
             return standards
         others = tuple(note for note in standards.notes if note != DRIFT_UNKNOWN)
@@ -141,7 +140,7 @@ def _repeat_note(one: dict[str, Any], scale: float, campaign_s: float, seen: boo
 
 
 def _compared(by_meter: CalibratorDrift, by_repeat: CalibratorDrift) -> list[str]:
-    """Whether the closing repeat shows more than the meter did: then it is the unit that changed."""
+    """Return whether the closing repeat shows more than the meter did: then it is the unit that changed."""
     hours = by_meter.estimates[0]["conditions"]["hours"]
     mean_ppm = float(np.mean([one["value"] for one in by_meter.estimates]))
     notes = []

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.estimates import estimate
+from bench.analysis import estimate
 from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.estimators.temperature import TemperaturePolynomial
 from bench.systems.af_converter.group_estimates import common_relative_ppm, conditions_of, sensor_effect_ppm

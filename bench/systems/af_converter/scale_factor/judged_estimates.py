@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.estimates import estimate
+from bench.analysis import estimate
 from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.group_estimates import conditions_of, scale_factor_std_ppm
 from bench.systems.af_converter.group_fit import QUANTITIES, Fitted

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.estimates import estimate
+from bench.analysis import estimate
 from bench.model.errors import FitError
 from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.estimators.noise import Readings
@@ -40,7 +40,7 @@ def repeats(fitted: Fitted, campaign: Campaign, standards: Standards, method: st
 def _common(
     one: GroupFit, other: GroupFit, fitted: Fitted, campaign: Campaign, standards: Standards, method: str
 ) -> GroupFit:
-    """A group fitted by its points that the other group has too; as it was if that is all, or too few."""
+    """Return a group fitted by its points that the other group has too; as it was if that is all, or too few."""
     theirs = set(_points(other.group.closed))
     kept = np.array([point in theirs for point in _points(one.group.closed)])
     if kept.all():

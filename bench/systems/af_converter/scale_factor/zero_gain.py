@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis import Table
 from bench.model.errors import FitError
 from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.estimators.noise import Readings
@@ -14,40 +13,36 @@ from bench.systems.af_converter.estimators.scale_factor import Referral, fit_sca
 from bench.systems.af_converter.group_fit import Fitted, GroupFit
 
 
-def zero_gain_table(fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> list[dict[str, Any]]:
+def zero_gain_table(fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> list[Table]:
     """Standard uncertainty of the fit per kind, before the calibrator's gain is added: with all zeros, with one pair.
 
     Empty for a campaign with zeros in one range, and for methods that subtract zeros instead of weighting them.
     """
     pairs: dict[str, list[tuple[float, float]]] = {}
-    for one in fitted.groups:
-        kept = one_zero_pair(one.group.closed)
-        if method != "gls" or one.group.repeat or kept.all():
+    for visit in fitted.groups:
+        kept = one_zero_pair(visit.group.closed)
+        if method != "gls" or visit.group.repeat or kept.all():
             continue
-        alone = _without(one, kept, fitted, campaign, standards)
+        alone = _without(visit, kept, fitted, campaign, standards)
         if alone is not None:
-            kind = campaign.channel(one.group.channel).kind
-            pairs.setdefault(kind, []).append((_largest_ppm(one.fit.covariance_ppm2), alone))
-    rows = [[kind, *(float(np.sqrt(np.mean(np.square(side)))) for side in zip(*found, strict=True))]
-            for kind, found in pairs.items()]  # fmt: skip
+            kind = campaign.channel(visit.group.channel).kind
+            pairs.setdefault(kind, []).append((_largest_ppm(visit.fit.covariance_ppm2), alone))
+    rows = [[kind, *(float(np.sqrt(np.mean(np.square(side)))) for side in zip(*differences, strict=True))]
+            for kind, differences in pairs.items()]  # fmt: skip
     if not rows:
         return []
-    return [
-        {
-            "title": "Zeros in every range of the calibrator",
-            "caption": "Standard uncertainty of the fit of dsf_n and dsf_p before the calibrator's gain is added, root "
-            "mean square over channels and temperatures: as measured, and with the zeros of the lowest range only.",
-            "headers": ["kind", "zeros in every range, ppm", "one pair of zeros, ppm"],
-            "rows": rows,
-        }
-    ]
+    title = "Zeros in every range of the calibrator"
+    caption = (
+        "Standard uncertainty of the fit of dsf_n and dsf_p before the calibrator's gain is added, root "
+        "mean square over channels and temperatures: as measured, and with the zeros of the lowest range only."
+    )
+    headers = ["kind", "zeros in every range, ppm", "one pair of zeros, ppm"]
+    return [Table(title, caption, headers, rows)]
 
 
-def zero_gain_notes(tables: list[dict[str, Any]]) -> list[str]:
-    """The table in a sentence."""
-    said = [
-        f"{kind} {every:.2f} ppm instead of {one:.2f} ppm" for table in tables for kind, every, one in table["rows"]
-    ]
+def zero_gain_notes(tables: list[Table]) -> list[str]:
+    """Return the table in a sentence."""
+    said = [f"{kind} {every:.2f} ppm instead of {pair:.2f} ppm" for table in tables for kind, every, pair in table.rows]
     return [f"Zeros in every range: standard uncertainty of the fit {', '.join(said)} with one pair."] if said else []
 
 
@@ -59,13 +54,13 @@ def one_zero_pair(rows: Readings) -> NDArray[np.bool_]:
 
 
 def _without(
-    one: GroupFit, kept: NDArray[np.bool_], fitted: Fitted, campaign: Campaign, standards: Standards
+    visit: GroupFit, kept: NDArray[np.bool_], fitted: Fitted, campaign: Campaign, standards: Standards
 ) -> float | None:
-    at_degC = one.fit.unit_temperature_degC
-    referral = Referral(at_degC, fitted.slopes_ppm_degC(one.group.channel, at_degC))
-    rows = one.group.closed.take(kept)
+    at_degC = visit.fit.unit_temperature_degC
+    referral = Referral(at_degC, fitted.slopes_ppm_degC(visit.group.channel, at_degC))
+    rows = visit.group.closed.take(kept)
     try:
-        fit = fit_scale_factor(rows, campaign.converter(one.group.channel), standards.ranges, "gls", referral)
+        fit = fit_scale_factor(rows, campaign.converter(visit.group.channel), standards.ranges, "gls", referral)
     except FitError:
         return None
     return _largest_ppm(fit.covariance_ppm2)

@@ -9,20 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from bench.analysis.analysis import Analysis
-from bench.analysis.estimates import estimate
-from bench.analysis.material import Material
-from bench.model.errors import FitError
-from bench.systems.af_converter.estimators.drift_ramp import (
-    BRANCH,
-    DRIFT_NAMES,
-    TEMPERATURE_NAMES,
-    Blocks,
-    block_means,
-)
+from bench.analysis import Analysis, Estimates, Material, check_method, estimate, no_result
+from bench.systems.af_converter.estimators.drift_ramp import BRANCH, DRIFT_NAMES, TEMPERATURE_NAMES, Blocks, block_means
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
 from bench.systems.af_converter.temperature_ramp.columns import RampColumns, plain_campaign, ramp_columns
 from bench.systems.af_converter.temperature_ramp.fits import ReadingFit, fit_reading
@@ -30,8 +18,6 @@ from bench.systems.af_converter.temperature_ramp.report import figures, tables
 
 METHODS: tuple[str, ...] = ("joint", "drift")
 MOST_BLOCKS = 240
-Floats = NDArray[np.float64]
-Estimates = list[dict[str, Any]]
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -40,8 +26,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     ``method``: "joint" fits lag and hysteresis too, "drift" leaves that out.
     Raises: FitError B-FIT-004 (unknown method), B-FIT-060, B-FIT-061 (see ramp_columns), B-FIT-001.
     """
-    if method not in METHODS:
-        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    check_method(method, METHODS)
     uut, reference_degC = plain_campaign(material.campaign)
     columns = ramp_columns(material)
     blocks = block_means(columns.t_s, min(MOST_BLOCKS, columns.t_s.size // 2))
@@ -50,7 +35,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         campaign="temperature_ramp",
         method=method,
         uut=uut,
-        estimates=[one for fit in fits for one in _estimates(fit, columns, reference_degC)],
+        estimates=[entry for fit in fits for entry in _estimates(fit, columns, reference_degC)],
         notes=_notes(columns, blocks, fits),
         missing=[_not_joint(fit) for fit in fits if fit.joint is not None and fit.joint.fit.beyond],
         figures=figures(columns, blocks, fits),
@@ -69,10 +54,14 @@ def _estimates(fit: ReadingFit, columns: RampColumns, reference_degC: float) -> 
 
     sensor = next(iter(fit.differences))
     found = [
-        entry("up_minus_down", unit, (one.value, one.std, one.dof), {"reading": fit.name, "sensor": sensor,
-              "temperature_degC": one.temperature_degC})
-        for one in fit.differences[sensor]
-    ]  # fmt: skip
+        entry(
+            "up_minus_down",
+            unit,
+            (difference.value, difference.std, difference.dof),
+            {"reading": fit.name, "sensor": sensor, "temperature_degC": difference.temperature_degC},
+        )
+        for difference in fit.differences[sensor]
+    ]
     after = {"reading": fit.name, "sensor": sensor}
     found.append(entry("up_minus_down_after_drift", unit, fit.drift.estimate(BRANCH), after))
     for name, suffix in zip(DRIFT_NAMES, ("h", "h2"), strict=True):
@@ -80,7 +69,7 @@ def _estimates(fit: ReadingFit, columns: RampColumns, reference_degC: float) -> 
     for order, name in enumerate(TEMPERATURE_NAMES[1:], 1):
         per = "/degC" + (str(order) if order > 1 else "")
         found.append(entry(f"{fit.name}_tc{order}", f"{unit}{per}", fit.drift.estimate(name), about))
-    return found + [entry(*one, {"reading": fit.name}) for one in _joint_estimates(fit, unit)]
+    return found + [entry(*difference, {"reading": fit.name}) for difference in _joint_estimates(fit, unit)]
 
 
 def _joint_estimates(fit: ReadingFit, unit: str) -> Iterator[tuple[str, str, tuple[float, float, float]]]:
@@ -102,7 +91,7 @@ def _not_joint(fit: ReadingFit) -> str:
 
 def _notes(columns: RampColumns, blocks: Blocks, fits: list[ReadingFit]) -> list[str]:
     source = "set-point" if columns.has_set_point else "measured temperature (the log maps no set-point)"
-    found = [
+    sentences = [
         f"{columns.dropped} of {columns.t_s.size + columns.dropped} rows are left out: an overload in one of their "
         "columns.",
         f"Ramps and holds are found in the {source}; {blocks.count.size} block means enter the fits.",
@@ -116,14 +105,14 @@ def _notes(columns: RampColumns, blocks: Blocks, fits: list[ReadingFit]) -> list
         if fit.joint is None:
             continue
         if fit.joint.fit.beyond:
-            found.append(f"No result: {_not_joint(fit)}.")
+            sentences += no_result([_not_joint(fit)])
             continue
         width, std = fit.joint.width
         if not fit.joint.fit.half_width_determined:
-            found.append(
+            sentences.append(
                 f"{fit.name}: no play half-width: the width does not stand out enough from its interval "
                 f"({abs(width) / std:.1f} standard uncertainties) to tell how far the temperature must turn back."
             )
         if not fit.joint.fit.lag_determined:
-            found.append(f"{fit.name}: the log leaves the thermal lag open.")
-    return found
+            sentences.append(f"{fit.name}: the log leaves the thermal lag open.")
+    return sentences

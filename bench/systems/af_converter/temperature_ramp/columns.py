@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis.material import Material
+from bench.analysis import Floats, Material
 from bench.model.errors import FitError
 from bench.systems.af_converter.estimators.segments import Segment, branches, find_segments
 
-Floats = NDArray[np.float64]
 Signs = NDArray[np.int64]
 LEAST_ROWS = 100
 MEAN = "mean"
@@ -41,7 +40,7 @@ class RampColumns:
 
     @property
     def temperature_degC(self) -> Floats:
-        """The sensor that the fits use: the mean, or the only one."""
+        """Return the sensor that the fits use: the mean, or the only one."""
         return next(iter(self.sensors.values()))
 
     @property
@@ -50,7 +49,7 @@ class RampColumns:
         return branches(self.t_s, self.segments)
 
     def main_ramps(self) -> dict[str, Segment]:
-        """The ramp up and the ramp down that cover the widest span."""
+        """Return the ramp up and the ramp down that cover the widest span."""
         found: dict[str, Segment] = {}
         for one in sorted(self.segments, key=lambda one: abs(one.end_degC - one.start_degC)):
             found[one.kind] = one

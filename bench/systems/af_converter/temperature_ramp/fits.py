@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis import Floats
 from bench.systems.af_converter.estimators.drift_ramp import (
     Blocks,
     BranchDifference,
@@ -17,8 +18,6 @@ from bench.systems.af_converter.estimators.drift_ramp import (
 from bench.systems.af_converter.estimators.ramp_hysteresis import RampHysteresis, fit_ramp_hysteresis
 from bench.systems.af_converter.estimators.thermal_lag import usable_drive
 from bench.systems.af_converter.temperature_ramp.columns import RampColumns, minute_means
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

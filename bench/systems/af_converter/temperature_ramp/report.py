@@ -3,59 +3,58 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.analysis import Figure, Floats, Table, series
 from bench.systems.af_converter.estimators.drift_ramp import BRANCH, Blocks
 from bench.systems.af_converter.estimators.hysteresis.fit import LAG
 from bench.systems.af_converter.temperature_ramp.columns import RampColumns
+from bench.systems.af_converter.temperature_ramp.fits import ReadingFit
 
-if TYPE_CHECKING:
-    from bench.systems.af_converter.temperature_ramp.fits import ReadingFit
-
-Floats = NDArray[np.float64]
-Documents = list[dict[str, Any]]
 _DRAWN = 800  # points of a curve
 
 
-def figures(columns: RampColumns, blocks: Blocks, fits: Sequence[ReadingFit]) -> Documents:
+def figures(columns: RampColumns, blocks: Blocks, fits: Sequence[ReadingFit]) -> list[Figure]:
     """Programme, branches against temperature, up minus down, and residuals against time."""
-    found = [_programme(columns)]
+    drawn = [_programme(columns)]
     for fit in fits:
-        found += [_branches(fit, columns, blocks), _differences(fit, columns), _residuals(fit, columns, blocks)]
-    return found
+        drawn += [_branches(fit, columns, blocks), _differences(fit, columns), _residuals(fit, columns, blocks)]
+    return drawn
 
 
-def _programme(columns: RampColumns) -> dict[str, Any]:
+def _programme(columns: RampColumns) -> Figure:
     thin = slice(None, None, max(1, columns.t_s.size // _DRAWN))
     hours = columns.t_s[thin] / 3600.0
-    series = [_series("programme", hours, columns.programme_degC[thin], "line")] if columns.has_set_point else []
-    series.append(_series("sensor", hours, columns.temperature_degC[thin], "line"))
-    corners = [(one.start_s, one.start_degC) for one in columns.segments]
+    parts = [series("programme", hours, columns.programme_degC[thin], "line")] if columns.has_set_point else []
+    parts.append(series("sensor", hours, columns.temperature_degC[thin], "line"))
+    corners = [(segment.start_s, segment.start_degC) for segment in columns.segments]
     corners.append((columns.segments[-1].end_s, columns.segments[-1].end_degC))
     at = np.array(corners)
-    series.append(_series("corners found", at[:, 0] / 3600.0, at[:, 1], "points"))
-    return _figure("Temperature programme", "Ramps and holds as found.", "time / h", "temperature / °C", series)
+    parts.append(series("corners found", at[:, 0] / 3600.0, at[:, 1], "points"))
+    return Figure("Temperature programme", "Ramps and holds as found.", "time / h", "temperature / °C", parts)
 
 
-def _branches(fit: ReadingFit, columns: RampColumns, blocks: Blocks) -> dict[str, Any]:
+def _branches(fit: ReadingFit, columns: RampColumns, blocks: Blocks) -> Figure:
     direction, temperature = blocks.mean(columns.branch.astype(np.float64)), blocks.mean(columns.temperature_degC)
-    series = [
-        _series(label, temperature[direction == sign], fit.readings[direction == sign], "points")
+    parts = [
+        series(label, temperature[direction == sign], fit.readings[direction == sign], "points")
         for label, sign in (("up", 1), ("down", -1), ("hold", 0))
     ]
     caption = "Block means against the temperature of the sensor; nothing taken away."
-    return _figure(f"{fit.name} up and down", caption, "temperature / °C", f"reading / {columns.unit}", series)
+    return Figure(f"{fit.name} up and down", caption, "temperature / °C", f"reading / {columns.unit}", parts)
 
 
-def _differences(fit: ReadingFit, columns: RampColumns) -> dict[str, Any]:
-    series = [
-        _series(
-            sensor, np.array([one.temperature_degC for one in found]), np.array([one.value for one in found]), "line"
+def _differences(fit: ReadingFit, columns: RampColumns) -> Figure:
+    parts = [
+        series(
+            sensor,
+            np.array([difference.temperature_degC for difference in differences]),
+            np.array([difference.value for difference in differences]),
+            "line",
         )
-        for sensor, found in fit.differences.items()
+        for sensor, differences in fit.differences.items()
     ]
     left, std, _ = fit.drift.estimate(BRANCH)
     caption = (
@@ -63,65 +62,59 @@ def _differences(fit: ReadingFit, columns: RampColumns) -> dict[str, Any]:
         f"{columns.unit} are left."
     )
     label = f"up minus down / {columns.unit}"
-    return _figure(f"{fit.name} up minus down", caption, "temperature / °C", label, series)
+    return Figure(f"{fit.name} up minus down", caption, "temperature / °C", label, parts)
 
 
-def _residuals(fit: ReadingFit, columns: RampColumns, blocks: Blocks) -> dict[str, Any]:
+def _residuals(fit: ReadingFit, columns: RampColumns, blocks: Blocks) -> Figure:
     hours = blocks.middle_s / 3600.0
-    series = [_series("drift and up/down term", hours, fit.drift.residual, "line")]
+    parts = [series("drift and up/down term", hours, fit.drift.residual, "line")]
     if fit.joint is not None:
-        series.append(_series("lag and hysteresis", hours, fit.joint.fit.residual, "line"))
+        parts.append(series("lag and hysteresis", hours, fit.joint.fit.residual, "line"))
     caption = "What each model leaves over: it is alike for hours, which the intervals take into account."
-    return _figure(f"{fit.name} residuals", caption, "time / h", f"residual / {columns.unit}", series)
+    return Figure(f"{fit.name} residuals", caption, "time / h", f"residual / {columns.unit}", parts)
 
 
-def _series(label: str, x: Floats, y: Floats, style: str) -> dict[str, Any]:
-    return {"label": label, "x": x.tolist(), "y": y.tolist(), "style": style}
-
-
-def _figure(title: str, caption: str, x_label: str, y_label: str, series: Documents) -> dict[str, Any]:
-    return {"title": title, "caption": caption, "x_label": x_label, "y_label": y_label, "series": series}
-
-
-def tables(columns: RampColumns, fits: Sequence[ReadingFit]) -> Documents:
+def tables(columns: RampColumns, fits: Sequence[ReadingFit]) -> list[Table]:
     """Segments, their totals, up minus down by sensor, and what the models leave."""
     return [_segments(columns), _totals(columns), *(_by_sensor(fit, columns) for fit in fits), _left(columns, fits)]
 
 
-def _segments(columns: RampColumns) -> dict[str, Any]:
+def _segments(columns: RampColumns) -> Table:
     rows = [
-        [one.kind, *(round(float(x), 3) + 0.0 for x in (one.start_s / 3600.0, one.length_h, one.rate_degC_h)),
-         round(one.start_degC, 2), round(one.end_degC, 2)]
-        for one in columns.segments
+        [segment.kind,
+         *(round(float(x), 3) + 0.0 for x in (segment.start_s / 3600.0, segment.length_h, segment.rate_degC_h)),
+         round(segment.start_degC, 2), round(segment.end_degC, 2)]
+        for segment in columns.segments
     ]  # fmt: skip
     headers = ["kind", "start / h", "length / h", "rate / (°C/h)", "from / °C", "to / °C"]
-    return {"title": "Ramps and holds", "caption": "As found in the log.", "headers": headers, "rows": rows}
+    return Table("Ramps and holds", "As found in the log.", headers, rows)
 
 
-def _totals(columns: RampColumns) -> dict[str, Any]:
+def _totals(columns: RampColumns) -> Table:
     rows = []
     for kind in ("up", "hold", "down"):
-        lengths = [one.length_h for one in columns.segments if one.kind == kind]
+        lengths = [segment.length_h for segment in columns.segments if segment.kind == kind]
         rows.append([kind, len(lengths), round(float(sum(lengths)), 3)])
-    return {"title": "Time up, holding and down", "caption": "", "headers": ["kind", "pieces", "hours"], "rows": rows}
+    return Table("Time up, holding and down", "", ["kind", "pieces", "hours"], rows)
 
 
-def _by_sensor(fit: ReadingFit, columns: RampColumns) -> dict[str, Any]:
-    found = {
-        sensor: {one.temperature_degC: round(one.value, 2) for one in many} for sensor, many in fit.differences.items()
+def _by_sensor(fit: ReadingFit, columns: RampColumns) -> Table:
+    by_sensor = {
+        sensor: {difference.temperature_degC: round(difference.value, 2) for difference in many}
+        for sensor, many in fit.differences.items()
     }
-    temperatures = sorted({at for many in found.values() for at in many})
-    rows = [[at, *(many.get(at, "–") for many in found.values())] for at in temperatures]
-    rows.append(["after drift", *(round(fit.after_drift[name].estimate(BRANCH)[0], 2) for name in found)])
+    temperatures = sorted({at for many in by_sensor.values() for at in many})
+    rows = [[at, *(many.get(at, "–") for many in by_sensor.values())] for at in temperatures]
+    rows.append(["after drift", *(round(fit.after_drift[name].estimate(BRANCH)[0], 2) for name in by_sensor)])
     caption = (
         f"Up minus down at equal temperature, {columns.unit}, by the sensor taken for it; last row: what is left "
         "beside cubic in temperature and quadratic in time."
     )
     title = f"{fit.name}: up minus down"
-    return {"title": title, "caption": caption, "headers": ["temperature / °C", *found], "rows": rows}
+    return Table(title, caption, ["temperature / °C", *by_sensor], rows)
 
 
-def _left(columns: RampColumns, fits: Sequence[ReadingFit]) -> dict[str, Any]:
+def _left(columns: RampColumns, fits: Sequence[ReadingFit]) -> Table:
     rows: list[list[Any]] = []
     for fit in fits:
         rows.append([fit.name, "drift: up minus down", *_rounded(*fit.drift.estimate(BRANCH)[:2], fit.drift.residual)])
@@ -132,8 +125,8 @@ def _left(columns: RampColumns, fits: Sequence[ReadingFit]) -> dict[str, Any]:
     unit = columns.unit
     headers = ["reading", "model", f"branches apart / {unit}", f"std / {unit}", f"residual rms / {unit}"]
     caption = "The up/down term against a lag behind the sensor: the one with less left over describes the unit better."
-    return {"title": "What is left between the branches", "caption": caption, "headers": headers, "rows": rows}
+    return Table("What is left between the branches", caption, headers, rows)
 
 
 def _rounded(value: float, std: float, residual: Floats) -> list[float]:
-    return [round(one, 3) for one in (value, std, float(np.sqrt(np.mean(residual**2))))]
+    return [round(number, 3) for number in (value, std, float(np.sqrt(np.mean(residual**2))))]

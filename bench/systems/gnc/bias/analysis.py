@@ -6,25 +6,20 @@ omega cos(latitude), more than the limit of 10 deg/h).
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.estimates import estimate
-from bench.analysis.material import Material
+from bench.analysis import Analysis, Estimates, Material, check_method, estimate, no_result
 from bench.model.errors import FitError
 from bench.systems.gnc.bias.report import bias_figures, bias_table, table_2
 from bench.systems.gnc.bias.windows import Window, flip_of, window_of
 from bench.systems.gnc.estimators.bias_repeatability import bias_repeatability
 from bench.systems.gnc.estimators.bias_stability import BiasStability, bias_stability, on_the_counter
 from bench.systems.gnc.estimators.earth_rate import earth_rate_body_deg_s, earth_rate_covariance
-from bench.systems.gnc.limits import Limits
+from bench.systems.gnc.limits import Limits, limits_of
 from bench.systems.gnc.rows import AXES, SampledRow, sampled_rows, site_of
 from bench.systems.gnc.sample_checks import check_notes, check_table, checked, usable
 from bench.systems.gnc.table3 import table_3
 
-Documents = list[dict[str, Any]]
 METHODS: tuple[str, ...] = ("ten_second_means",)
 ITEMS = ("bias", "flip", "stability", "repeatability")
 _OF_ONE_PART = ("B-FIT-092", "B-FIT-093", "B-FIT-094")
@@ -47,23 +42,26 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 
     Raises: FitError B-FIT-004 (unknown method), B-GNC-001, -003, -004, -005.
     """
-    if method not in METHODS:
-        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    check_method(method, METHODS)
     rows, missing = sampled_rows(material, ITEMS)
     looked_at = checked(rows, ("gyro", "accelerometer"), material.campaign)
     good, refused = usable(looked_at)
     by_item = {item: [row for row in good if row.item == item] for item in ITEMS}
     missing += refused + [f"{item}: no record" for item in ITEMS if not by_item[item]]
-    stabilities, found = _stability(by_item["stability"], Limits(material.campaign), missing)
+    stabilities, entries = _stability(by_item["stability"], limits_of(material.campaign), missing)
     notes = list(_NOTES)
-    estimates = [*_bias(by_item["bias"], material, missing), *_flip(by_item["flip"], material, missing, notes), *found]
+    estimates = [
+        *_bias(by_item["bias"], material, missing),
+        *_flip(by_item["flip"], material, missing, notes),
+        *entries,
+    ]
     estimates += _repeatability(by_item["repeatability"], missing)
     return Analysis(
         campaign="imu_bias",
         method=method,
         uut=dict(material.campaign["uut"]),
         estimates=estimates,
-        notes=[*(f"No result: {one}." for one in missing), *notes, *check_notes(looked_at)],
+        notes=[*no_result(missing), *notes, *check_notes(looked_at)],
         missing=missing,
         figures=bias_figures(stabilities),
         tables=[
@@ -75,7 +73,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     )
 
 
-def _bias(rows: list[SampledRow], material: Material, missing: list[str]) -> Documents:
+def _bias(rows: list[SampledRow], material: Material, missing: list[str]) -> Estimates:
     """Gyro bias of the first record, Earth's rate taken off: w = N - bias, so it has the sign of the reading."""
     if not rows:
         return []
@@ -84,15 +82,15 @@ def _bias(rows: list[SampledRow], material: Material, missing: list[str]) -> Doc
     if window is None:
         return []
     earth, variance = earth_rate_body_deg_s(pose, site), earth_rate_covariance(pose, site).diagonal()
-    std = [float(np.hypot(one.std, variance[k] ** 0.5)) for k, one in enumerate(window.means)]
+    std = [float(np.hypot(mean.std, variance[k] ** 0.5)) for k, mean in enumerate(window.means)]
     return [
-        estimate("gyro_bias", "deg/h", 3600.0 * (one.value - earth[k]), 3600.0 * std[k],
-                 {"kind": "gyro", "axis": AXES[k], **_INDICATED}, n=one.samples, dropped=one.missing, dof=one.dof)
-        for k, one in enumerate(window.means)
+        estimate("gyro_bias", "deg/h", 3600.0 * (mean.value - earth[k]), 3600.0 * std[k],
+                 {"kind": "gyro", "axis": AXES[k], **_INDICATED}, n=mean.samples, dropped=mean.missing, dof=mean.dof)
+        for k, mean in enumerate(window.means)
     ]  # fmt: skip
 
 
-def _flip(rows: list[SampledRow], material: Material, missing: list[str], notes: list[str]) -> Documents:
+def _flip(rows: list[SampledRow], material: Material, missing: list[str], notes: list[str]) -> Estimates:
     """Accelerometer bias (Y1 + Y2) / 2; a = N + bias, so it has the opposite sign of the mean reading."""
     try:
         flip = flip_of(rows, _resolution(material, "accel_resolution_g"))
@@ -108,9 +106,9 @@ def _flip(rows: list[SampledRow], material: Material, missing: list[str], notes:
         "from the tilt of the table."
     )
     return [
-        estimate("accel_bias", "g", -one.value, one.std, {"kind": "accelerometer", "axis": axis, **_INDICATED},
-                 n=one.samples, dropped=one.missing, dof=one.dof)
-        for axis, one in flip.by_axis.items()
+        estimate("accel_bias", "g", -mean.value, mean.std, {"kind": "accelerometer", "axis": axis, **_INDICATED},
+                 n=mean.samples, dropped=mean.missing, dof=mean.dof)
+        for axis, mean in flip.by_axis.items()
     ]  # fmt: skip
 
 
@@ -128,45 +126,45 @@ def _resolution(material: Material, name: str) -> float:
 
 def _stability(
     rows: list[SampledRow], limits: Limits, missing: list[str]
-) -> tuple[dict[tuple[str, str], BiasStability], Documents]:
+) -> tuple[dict[tuple[str, str], BiasStability], Estimates]:
     stabilities: dict[tuple[str, str], BiasStability] = {}
-    found: Documents = []
+    entries: Estimates = []
     for kind, prefix, _, unit, _, factor in KINDS if rows else ():
-        limit = factor * limits(f"{prefix}_bias_stability")
+        limit = factor * limits[f"{prefix}_bias_stability"]
         placed = on_the_counter(rows[0].samples.counter, rows[0].values(kind))
         for k, axis in enumerate(AXES):
             try:
-                one = bias_stability(placed[:, k], 1.0 / rows[0].rate_Hz)
+                stability = bias_stability(placed[:, k], 1.0 / rows[0].rate_Hz)
             except FitError as error:
                 missing.append(_sentence(f"stability of {kind} {axis}", error))
                 continue
-            stabilities[kind, axis] = one
+            stabilities[kind, axis] = stability
             place = {"kind": kind, "axis": axis}
-            found.append(
-                estimate(f"{prefix}_bias_stability", unit, factor * one.value, factor * one.std, place,
-                         n=one.averages.size, limit=limit, dropped=one.missing)
+            entries.append(
+                estimate(f"{prefix}_bias_stability", unit, factor * stability.value, factor * stability.std, place,
+                         n=stability.averages.size, limit=limit, dropped=stability.missing)
             )  # fmt: skip
-    return stabilities, found
+    return stabilities, entries
 
 
-def _repeatability(rows: list[SampledRow], missing: list[str]) -> Documents:
-    found: Documents = []
+def _repeatability(rows: list[SampledRow], missing: list[str]) -> Estimates:
+    entries: Estimates = []
     for kind, prefix, _, unit, _, factor in KINDS if rows else ():
-        windows = [one for one in (_window(row, kind, 0.0, missing) for row in rows) if one is not None]
-        starts, lengths = [one.start_s for one in windows], [one.length_s for one in windows]
+        windows = [window for window in (_window(row, kind, 0.0, missing) for row in rows) if window is not None]
+        starts, lengths = [window.start_s for window in windows], [window.length_s for window in windows]
         for k, axis in enumerate(AXES):
-            means, stds = [one.means[k].value for one in windows], [one.means[k].std for one in windows]
+            means, stds = [window.means[k].value for window in windows], [window.means[k].std for window in windows]
             try:
                 scatter = bias_repeatability(means, stds, starts, lengths)
             except FitError as error:
                 missing.append(_sentence(f"repeatability of {kind} {axis}", error))
                 continue
             place = {"kind": kind, "axis": axis}
-            found.append(
+            entries.append(
                 estimate(f"{prefix}_bias_repeatability", unit, factor * scatter.value, factor * scatter.std, place,
                          n=len(windows), dof=scatter.dof)
             )  # fmt: skip
-    return found
+    return entries
 
 
 def _sentence(what: str, error: FitError) -> str:

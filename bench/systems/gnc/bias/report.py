@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from bench.analysis import Figure, Table, curve
 from bench.maths.allan import allan_deviation
 from bench.systems.gnc.estimators.bias_stability import AVERAGE_s, BiasStability
-from bench.systems.gnc.report import curve
 from bench.systems.gnc.rows import AXES
 
 _ROWS = (
@@ -21,7 +21,7 @@ _ROWS = (
 _FACTORS = {"gyro": (3600.0, "deg/h"), "accelerometer": (1e3, "mg")}
 
 
-def table_2(estimates: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def table_2(estimates: Sequence[Mapping[str, Any]]) -> Table:
     """Table 2 of the paper for all axes (it prints X only): value and expanded uncertainty."""
     rows = [[text, *(_cell(estimates, quantity, axis) for axis in AXES)] for text, quantity in _ROWS]
     caption = (
@@ -30,68 +30,58 @@ def table_2(estimates: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     )
     headers = ["quantity", *AXES]
     title = "Table 2: stability and repeatability"
-    return {"title": title, "caption": caption, "headers": headers, "rows": rows, "lead": True}
+    return Table(title, caption, headers, rows, lead=True)
 
 
-def bias_table(estimates: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def bias_table(estimates: Sequence[Mapping[str, Any]]) -> Table:
     """Bias of each axis."""
     names = (("gyro bias, deg/h", "gyro_bias", 1.0), ("accelerometer bias, mg", "accel_bias", 1e3))
     rows = [[text, *(_cell(estimates, quantity, axis, factor) for axis in AXES)] for text, quantity, factor in names]
     caption = (
         "Gyro: 3 min at rest, the Earth's rate taken off, w = K N - bias. Accelerometer: by a flip, a = K N + bias."
     )
-    return {"title": "Bias", "caption": caption, "headers": ["quantity", *AXES], "rows": rows, "lead": True}
+    return Table("Bias", caption, ["quantity", *AXES], rows, lead=True)
 
 
 def _cell(estimates: Sequence[Mapping[str, Any]], quantity: str, axis: str, factor: float = 1.0) -> str:
-    for one in estimates:
-        if one["quantity"] == quantity and one["conditions"].get("axis") == axis:
-            value, wide = factor * one["value"], factor * one["expanded_uncertainty"]
+    for estimate in estimates:
+        if estimate["quantity"] == quantity and estimate["conditions"].get("axis") == axis:
+            value, wide = factor * estimate["value"], factor * estimate["expanded_uncertainty"]
             places = max(0, min(9, 1 - int(np.floor(np.log10(wide))))) if wide > 0 else 4
             return f"{value:.{places}f} ± {wide:.{places}f}"
     return "not tested"
 
 
-def bias_figures(stabilities: Mapping[tuple[str, str], BiasStability]) -> list[dict[str, Any]]:
+def bias_figures(stabilities: Mapping[tuple[str, str], BiasStability]) -> list[Figure]:
     """Means of 10 s over the hour, and their Allan deviation."""
     figures = []
     for kind, (factor, unit) in _FACTORS.items():
-        found = {axis: stabilities[kind, axis] for axis in AXES if (kind, axis) in stabilities}
-        if found:
-            figures += [_means(kind, factor, unit, found), _allan(kind, factor, unit, found)]
+        by_axis = {axis: stabilities[kind, axis] for axis in AXES if (kind, axis) in stabilities}
+        if by_axis:
+            figures += [_means(kind, factor, unit, by_axis), _allan(kind, factor, unit, by_axis)]
     return figures
 
 
-def _means(kind: str, factor: float, unit: str, found: Mapping[str, BiasStability]) -> dict[str, Any]:
+def _means(kind: str, factor: float, unit: str, by_axis: Mapping[str, BiasStability]) -> Figure:
     series = [
         curve(
             axis,
-            np.arange(0.5, one.averages.size, dtype=np.float64) * AVERAGE_s / 60.0,
-            factor * (one.averages - one.mean),
+            np.arange(0.5, stability.averages.size, dtype=np.float64) * AVERAGE_s / 60.0,
+            factor * (stability.averages - stability.mean),
             "line",
         )
-        for axis, one in found.items()
+        for axis, stability in by_axis.items()
     ]
-    return {
-        "title": f"{kind.capitalize()}: means of 10 s",
-        "caption": "About the mean of the hour.",
-        "x_label": "time, min",
-        "y_label": f"mean, {unit}",
-        "series": series,
-    }
+    title = f"{kind.capitalize()}: means of 10 s"
+    return Figure(title, "About the mean of the hour.", "time, min", f"mean, {unit}", series)
 
 
-def _allan(kind: str, factor: float, unit: str, found: Mapping[str, BiasStability]) -> dict[str, Any]:
+def _allan(kind: str, factor: float, unit: str, by_axis: Mapping[str, BiasStability]) -> Figure:
     series = []
-    for axis, one in found.items():
-        curve_of = allan_deviation(factor * one.averages, AVERAGE_s)
+    for axis, stability in by_axis.items():
+        curve_of = allan_deviation(factor * stability.averages, AVERAGE_s)
         series.append(curve(axis, curve_of.tau_s, curve_of.deviation, "line"))
-    return {
-        "title": f"{kind.capitalize()}: Allan deviation",
-        "caption": "Of the means of 10 s.",
-        "x_label": "averaging time, s",
-        "y_label": f"Allan deviation, {unit}",
-        "x_log": True,
-        "y_log": True,
-        "series": series,
-    }
+    title = f"{kind.capitalize()}: Allan deviation"
+    return Figure(
+        title, "Of the means of 10 s.", "averaging time, s", f"Allan deviation, {unit}", series, x_log=True, y_log=True
+    )

@@ -13,14 +13,14 @@ from bench.systems.gnc.sets import rotation_record
 _HEAD = "counter,time_s,gyro_x_deg_s,gyro_y_deg_s,gyro_z_deg_s"
 
 
-def rotation_files(found: Calibration, serial: str) -> dict[str, str]:
+def rotation_files(calibration: Calibration, serial: str) -> dict[str, str]:
     """Relative path to text: ``<serial>/gyro/X+1080.csv`` ...; those the fit refused are not cut and not filed."""
-    if found.gyro is None:
+    if calibration.gyro is None:
         return {}
     files = {}
-    for row in found.sets.rotations.values():
+    for row in calibration.sets.rotations.values():
         record = rotation_record(row)
-        used = found.gyro.used[record.name]
+        used = calibration.gyro.used[record.name]
         first = np.concatenate([[True], np.diff(record.counter) != 0])  # samples that came twice stand there once
         table = np.column_stack([record.time_s, record.rate])[first][:used]
         files[f"{folder_name(serial)}/gyro/{record.name}.csv"] = _csv(record.counter[first][:used], table)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from bench.analysis import no_result
 from bench.systems.gnc.calibration.fitted import Calibration
 from bench.systems.gnc.estimators.rotations import RotationFit
 from bench.systems.gnc.rows import SampledRow, temperature_span
@@ -11,33 +12,33 @@ from bench.systems.gnc.rows import SampledRow, temperature_span
 WARM_degC = 0.5  # over the records of a set; sensors of this class drift by some 30 ppm and 3 deg/h per degree
 
 
-def calibration_notes(found: Calibration) -> list[str]:
-    """What is missing, what widened the intervals, what they do not hold."""
-    notes = [f"No result: {one}." for one in found.missing]
-    gyro = None if found.gyro is None else found.gyro.triad
-    for name, fit in (("accelerometers", found.accelerometer), ("gyros", gyro)):
+def calibration_notes(calibration: Calibration) -> list[str]:
+    """Return what is missing, what widened the intervals, what they do not hold."""
+    notes = no_result(calibration.missing)
+    gyro = None if calibration.gyro is None else calibration.gyro.triad
+    for name, fit in (("accelerometers", calibration.accelerometer), ("gyros", gyro)):
         if fit is not None and fit.inflated:
             notes.append(
                 f"The residuals of the {name} are larger than noise and resolution explain (chi-square {fit.chi2:.0f} "
                 f"with {fit.residual_dof} degrees of freedom); the intervals were widened for it. A tilt of the table "
                 "from pose to pose looks like this."
             )
-    for name, rows in (("positions", found.sets.positions), ("rotations", found.sets.rotations)):
-        notes += _of_the_unit(name, list(rows.values()), found)
-    if found.gyro is not None:
-        notes += _of_the_turns(found.gyro, found)
-    if found.sets.surplus:
-        notes.append(f"{found.sets.surplus} records of a third time and later were not used.")
-    if found.accelerometer_check or found.gyro_check:
+    for name, rows in (("positions", calibration.sets.positions), ("rotations", calibration.sets.rotations)):
+        notes += _of_the_unit(name, list(rows.values()), calibration)
+    if calibration.gyro is not None:
+        notes += _of_the_turns(calibration.gyro, calibration)
+    if calibration.sets.surplus:
+        notes.append(f"{calibration.sets.surplus} records of a third time and later were not used.")
+    if calibration.accelerometer_check or calibration.gyro_check:
         notes.append(
             "Coupling after compensation is what these coefficients leave, and its interval that of the second set: "
             "another calibration of the unit has other coefficients and leaves something else."
         )
-    return [*notes, _of_the_table(found.tilt_deg)]
+    return [*notes, _of_the_table(calibration.tilt_deg)]
 
 
-def _of_the_turns(fit: RotationFit, found: Calibration) -> list[str]:
-    clock = found.clock
+def _of_the_turns(fit: RotationFit, calibration: Calibration) -> list[str]:
+    clock = calibration.clock
     notes = [
         f"The unit's clock is {1e6 * clock.error:+.1f} ± {2e6 * clock.std:.1f} ppm fast against the bench clock; "
         "the integrals are in seconds of the bench."
@@ -67,12 +68,12 @@ def _of_the_table(tilt_deg: float) -> str:
     )
 
 
-def _of_the_unit(name: str, rows: Sequence[SampledRow], found: Calibration) -> list[str]:
-    """What the unit went through between the records of one set."""
+def _of_the_unit(name: str, rows: Sequence[SampledRow], calibration: Calibration) -> list[str]:
+    """Return what the unit went through between the records of one set."""
     if not rows:
         return []
     notes = []
-    if not found.one_power_on(rows):
+    if not calibration.one_power_on(rows):
         notes.append(
             f"The unit was switched off between the {name}: each power-on has its own bias. Intervals were taken from "
             f"how well the {name} agree; for the best ones take all {name} again without a break."

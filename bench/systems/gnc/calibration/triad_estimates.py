@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from bench.analysis.estimates import estimate
+from bench.analysis import Estimates, estimate
 from bench.systems.gnc.estimators.triad import TriadFit
 from bench.systems.gnc.rows import AXES
 
@@ -22,7 +22,6 @@ class Triad:
 
 ACCELEROMETER = Triad("accel", "accelerometer", "g", 1.0)
 GYRO = Triad("gyro", "gyro", "deg/h", 3600.0)
-Estimates = list[dict[str, Any]]
 
 
 def triad_estimates(fit: TriadFit, triad: Triad, count: int) -> Estimates:

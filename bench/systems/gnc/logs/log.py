@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.analysis.material import Material
+from bench.analysis import Floats, Material
 from bench.model.errors import FitError
 from bench.systems.gnc.rows import AXES
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -38,7 +35,7 @@ class ImuLog:
 
 
 def imu_log(material: Material) -> ImuLog:
-    """The log of a session.
+    """Return the log of a session.
 
     Raises: FitError B-GNC-006 if it has no accelerometer of three axes, no gravity or values that are missing.
     """

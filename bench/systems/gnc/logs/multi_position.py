@@ -9,15 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.estimates import estimate
-from bench.analysis.material import Material
+from bench.analysis import Analysis, Figure, Material, Table, check_method, curve, estimate
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.multi_position import NormFit, fit_multi_position
 from bench.systems.gnc.estimators.sample_clock import check_ticks
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals, static_intervals
 from bench.systems.gnc.logs.log import ImuLog, imu_log
-from bench.systems.gnc.report import curve
 from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2
 
 METHODS: tuple[str, ...] = ("norm",)
@@ -29,8 +26,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 
     Raises: FitError B-FIT-004 (unknown method), B-GNC-006; B-FIT-084 to -086 if the log does not determine them.
     """
-    if method not in METHODS:
-        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    check_method(method, METHODS)
     log = imu_log(material)
     rests = static_intervals(log.accel, log.rate_Hz, initial_s=INITIAL_s)
     means = rests.means(log.accel)
@@ -68,43 +64,45 @@ def _held_out(means: np.ndarray[Any, np.dtype[np.float64]], gravity: float) -> f
 def _estimates(fit: NormFit, unit: str, log: ImuLog, held_out: float | None) -> list[dict[str, Any]]:
     read = "count" if log.accel_unit == "1" else log.accel_unit
     common: dict[str, Any] = {"n": len(fit.residual), "dof": fit.dof}
-    found = []
+    entries = []
     for k, axis in enumerate(AXES):
         place = {"kind": "accelerometer", "axis": axis}
         value, std = fit.counts_per_unit[k], fit.counts_per_unit_std[k]
-        found.append(estimate("accel_sensitivity", f"{read}/({unit})", value, std, place, **common))
-        found.append(estimate("accel_zero", read, fit.zero[k], fit.zero_std[k], place, **common))
+        entries.append(estimate("accel_sensitivity", f"{read}/({unit})", value, std, place, **common))
+        entries.append(estimate("accel_zero", read, fit.zero[k], fit.zero_std[k], place, **common))
     elements = fit.covariance.diagonal()[:6] ** 0.5
     for (row, column), std in zip(zip(*np.triu_indices(3), strict=True), elements, strict=True):
         place = {"kind": "accelerometer", "row": AXES[row], "column": AXES[column]}
-        found.append(estimate("accel_matrix", f"{unit}/{read}", fit.matrix[row, column], std, place, **common))
+        entries.append(estimate("accel_matrix", f"{unit}/{read}", fit.matrix[row, column], std, place, **common))
     place = {"kind": "accelerometer"}
     spread = fit.residual_rms / (2.0 * fit.dof) ** 0.5
-    found.append(estimate("accel_residual", unit, fit.residual_rms, spread, place, n=len(fit.residual)))
+    entries.append(estimate("accel_residual", unit, fit.residual_rms, spread, place, n=len(fit.residual)))
     if held_out is not None:
         spread = held_out / (2.0 * len(fit.residual)) ** 0.5
-        found.append(estimate("accel_residual_held_out", unit, held_out, spread, place, n=len(fit.residual)))
-    return found
+        entries.append(estimate("accel_residual_held_out", unit, held_out, spread, place, n=len(fit.residual)))
+    return entries
 
 
 def _notes(log: ImuLog, rests: StaticIntervals) -> list[str]:
-    found = [
+    sentences = [
         f"{len(rests.begin)} intervals at rest were found; rest is a variance below {rests.threshold:.4g} "
         f"({rests.threshold / rests.initial:g} times that of the first {INITIAL_s:g} s).",
         "The frame is that of the sensors themselves: the third one measures along z, the second in the plane of y "
         "and z.",
     ]
     if log.gyro is not None:
-        found.append("The gyros of the log are not calibrated by this analysis.")
+        sentences.append("The gyros of the log are not calibrated by this analysis.")
     counter = np.arange(len(log.t_s), dtype=np.int64)
     faults = check_ticks(log.t_s, counter, 1.0 / log.rate_Hz).faults
-    found += [f"Log: {sentence}." for *_, sentence in faults]
+    sentences += [f"Log: {sentence}." for *_, sentence in faults]
     if faults:
-        found.append("Samples are counted, not timed: the time stamps serve the mean rate and the length of intervals.")
-    return found
+        sentences.append(
+            "Samples are counted, not timed: the time stamps serve the mean rate and the length of intervals."
+        )
+    return sentences
 
 
-def _table(fit: NormFit, unit: str) -> dict[str, Any]:
+def _table(fit: NormFit, unit: str) -> Table:
     rows = [
         [axis, float(fit.counts_per_unit[k]), 2 * float(fit.counts_per_unit_std[k]), float(fit.zero[k]),
          2 * float(fit.zero_std[k]), *(float(value) for value in fit.matrix[k])]
@@ -119,35 +117,25 @@ def _table(fit: NormFit, unit: str) -> dict[str, Any]:
     )
     headers = ["axis", f"output per {unit}", "± output", "zero", "± zero", *(f"U {axis}" for axis in AXES)]
     title = "Accelerometers from many poses"
-    return {"title": title, "caption": caption, "headers": headers, "rows": rows, "lead": True}
+    return Table(title, caption, headers, rows, lead=True)
 
 
-def _rest_table(rests: StaticIntervals, log: ImuLog) -> dict[str, Any]:
+def _rest_table(rests: StaticIntervals, log: ImuLog) -> Table:
     lengths = (rests.end - rests.begin) / log.rate_Hz
     row = [len(lengths), float(lengths.min()), float(np.median(lengths)), float(lengths.max())]
     headers = ["intervals", "shortest, s", "median, s", "longest, s"]
-    return {"title": "Rests found", "caption": "", "headers": headers, "rows": [row]}
+    return Table("Rests found", "", headers, [row])
 
 
-def _residual_figure(fit: NormFit, unit: str) -> dict[str, Any]:
+def _residual_figure(fit: NormFit, unit: str) -> Figure:
     places = np.arange(1, len(fit.residual) + 1, dtype=np.float64)
-    return {
-        "title": "Length of gravity, residual",
-        "caption": "One point per rest.",
-        "x_label": "rest",
-        "y_label": f"residual, {unit}",
-        "series": [curve("residual", places, fit.residual, "points")],
-    }
+    parts = [curve("residual", places, fit.residual, "points")]
+    return Figure("Length of gravity, residual", "One point per rest.", "rest", f"residual, {unit}", parts)
 
 
-def _rest_figure(rests: StaticIntervals, log: ImuLog) -> dict[str, Any]:
-    """The readings of the rests against the middle of each."""
+def _rest_figure(rests: StaticIntervals, log: ImuLog) -> Figure:
+    """Return the readings of the rests against the middle of each."""
     middle_s = (rests.begin + rests.end).astype(np.float64) / (2.0 * log.rate_Hz)
     means = rests.means(log.accel)
-    return {
-        "title": "Mean readings of the rests",
-        "caption": "",
-        "x_label": "time, s",
-        "y_label": "reading",
-        "series": [curve(axis, middle_s, means[:, k], "points") for k, axis in enumerate(AXES)],
-    }
+    parts = [curve(axis, middle_s, means[:, k], "points") for k, axis in enumerate(AXES)]
+    return Figure("Mean readings of the rests", "", "time, s", "reading", parts)

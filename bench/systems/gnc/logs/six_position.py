@@ -10,10 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.estimates import estimate
-from bench.analysis.material import Material
-from bench.analysis.numbers import with_uncertainty
+from bench.analysis import Analysis, Floats, Material, Table, check_method, estimate, no_result, with_uncertainty
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.records import RotationRecord, static_means
 from bench.systems.gnc.estimators.rotation_inputs import Declared
@@ -21,7 +18,7 @@ from bench.systems.gnc.estimators.six_position import fit_six_position
 from bench.systems.gnc.estimators.triad import TriadFit
 from bench.systems.gnc.estimators.turns_from_rest import fit_turns_from_rest
 from bench.systems.gnc.logs.log import ImuLog, imu_log
-from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2, Floats
+from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2
 from bench.systems.gnc.sets import UPS
 
 METHODS: tuple[str, ...] = ("least_squares",)
@@ -33,11 +30,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 
     Raises: FitError B-FIT-004 (unknown method), B-GNC-006, -007; B-FIT-001 if the positions determine no matrix.
     """
-    if method not in METHODS:
-        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    check_method(method, METHODS)
     log = imu_log(material)
-    positions = [one for one in log.segments if one.get("item") == "position"]
-    rotations = [one for one in log.segments if one.get("item") == "rotation"]
+    positions = [stretch for stretch in log.segments if stretch.get("item") == "position"]
+    rotations = [stretch for stretch in log.segments if stretch.get("item") == "rotation"]
     if not positions:
         raise FitError(
             "B-GNC-007",
@@ -45,7 +41,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             next_step="name them under 'segments' (docs/importing.md)",
         )
     accelerometer = _accelerometer(log, positions)
-    missing = [f"position {up} up: no stretch" for up in UPS if up not in {one["up"] for one in positions}]
+    missing = [f"position {up} up: no stretch" for up in UPS if up not in {stretch["up"] for stretch in positions}]
     gyro = _gyro(log, positions, rotations, missing) if rotations else None
     unit = _force_unit(log)
     estimates = _estimates(accelerometer, "accel", "accelerometer", unit, log.accel_unit)
@@ -57,7 +53,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         uut=dict(material.campaign["uut"]),
         estimates=estimates,
         notes=[
-            *(f"No result: {one}." for one in missing),
+            *no_result(missing),
             "The uncertainty of the accelerometers comes from the residuals of the positions, which hold their tilt.",
             "The angles of the turns are taken as stated; the Earth's rate is left in the bias of the gyros.",
         ],
@@ -71,16 +67,16 @@ def _force_unit(log: ImuLog) -> str:
 
 
 def _accelerometer(log: ImuLog, positions: list[Mapping[str, Any]]) -> TriadFit:
-    means = np.stack([log.accel[log.rows(one)].mean(axis=0) for one in positions])
+    means = np.stack([log.accel[log.rows(stretch)].mean(axis=0) for stretch in positions])
     size = log.gravity / STANDARD_GRAVITY_M_S2 if log.accel_unit == "g" else log.gravity
-    force = np.stack([size * _direction(str(one["up"])) for one in positions])
+    force = np.stack([size * _direction(str(stretch["up"])) for stretch in positions])
     return fit_six_position(means, force)
 
 
 def _direction(up: str) -> Floats:
-    found = np.zeros(3)
-    found[AXES.index(up[1])] = 1.0 if up[0] == "+" else -1.0
-    return found
+    direction = np.zeros(3)
+    direction[AXES.index(up[1])] = 1.0 if up[0] == "+" else -1.0
+    return direction
 
 
 def _gyro(
@@ -89,15 +85,15 @@ def _gyro(
     if log.gyro is None:
         missing.append("gyros: the log has turns, but no gyros of three axes")
         return None
-    rest = [log.gyro[log.rows(one)] for one in positions]
+    rest = [log.gyro[log.rows(stretch)] for stretch in positions]
     try:
         means, covariances, _ = static_means(rest, log.rate_Hz)
-        counts = np.array([len(one) for one in rest], np.float64)
+        counts = np.array([len(stretch) for stretch in rest], np.float64)
         share = counts / counts.sum()
         mean = share @ means
         density = np.tensordot(share, covariances * counts[:, None, None], axes=1) / log.rate_Hz
         covariance = density * log.rate_Hz / counts.sum()
-        records = [_record(log, log.gyro, one) for one in rotations]
+        records = [_record(log, log.gyro, stretch) for stretch in rotations]
         return fit_turns_from_rest(records, mean, covariance, density, Declared())
     except FitError as error:
         if error.code not in _OF_ONE_PART:
@@ -116,19 +112,19 @@ def _record(log: ImuLog, gyro: Floats, segment: Mapping[str, Any]) -> RotationRe
 def _estimates(fit: TriadFit, prefix: str, kind: str, unit: str, read: str) -> list[dict[str, Any]]:
     """Matrix (true input per indicated) and bias; unit of the matrix: 1 where both are the same."""
     per = "1" if unit == read else f"{unit}/{'count' if read == '1' else read}"
-    found: list[dict[str, Any]] = []
+    entries: list[dict[str, Any]] = []
     count = len(fit.residual)
     for row, name in enumerate(AXES):
         for column, other in enumerate(AXES):
             place = {"kind": kind, "row": name, "column": other}
             value, std = fit.matrix[row, column], fit.matrix_std[row, column]
-            found.append(estimate(f"{prefix}_matrix", per, value, std, place, n=count, dof=fit.dof))
+            entries.append(estimate(f"{prefix}_matrix", per, value, std, place, n=count, dof=fit.dof))
         about = {"kind": kind, "axis": name}
-        found.append(estimate(f"{prefix}_bias", unit, fit.bias[row], fit.bias_std[row], about, n=count, dof=fit.dof))
-    return found
+        entries.append(estimate(f"{prefix}_bias", unit, fit.bias[row], fit.bias_std[row], about, n=count, dof=fit.dof))
+    return entries
 
 
-def _tables(accelerometer: TriadFit, gyro: TriadFit | None, unit: str) -> list[dict[str, Any]]:
+def _tables(accelerometer: TriadFit, gyro: TriadFit | None, unit: str) -> list[Table]:
     tables = []
     for title, fit, bias_unit in (
         ("Accelerometers: a = K N + bias", accelerometer, unit),
@@ -142,5 +138,5 @@ def _tables(accelerometer: TriadFit, gyro: TriadFit | None, unit: str) -> list[d
             rms = float(np.sqrt(np.mean(fit.residual**2)))
             caption = f"Residual {rms:.5f} {bias_unit} RMS." if fit.residual_dof else "No residual is left over."
             headers = ["axis", *(f"K {axis}" for axis in AXES), f"bias, {bias_unit}"]
-            tables.append({"title": title, "caption": caption, "headers": headers, "rows": rows, "lead": True})
+            tables.append(Table(title, caption, headers, rows, lead=True))
     return tables

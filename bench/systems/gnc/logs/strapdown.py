@@ -10,8 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.material import Material
+from bench.analysis import Analysis, Floats, Material, check_method
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.multi_position import fit_multi_position
 from bench.systems.gnc.estimators.rest_drift.between import TurnScale, drift_between_rests, turn_scale
@@ -20,7 +19,7 @@ from bench.systems.gnc.estimators.rest_drift.fit import LATITUDE_deg, drift_at_r
 from bench.systems.gnc.estimators.rest_drift.rests import STEADY_deg_s, find_rests
 from bench.systems.gnc.estimators.rest_drift.stamps import SampleStamps, sample_stamps
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals
-from bench.systems.gnc.logs.log import Floats, ImuLog, imu_log
+from bench.systems.gnc.logs.log import ImuLog, imu_log
 from bench.systems.gnc.logs.strapdown_report import Found, estimates_of, figures_of, notes_of, tables_of
 
 INDICATED, CALIBRATED = "indicated", "calibrated"
@@ -38,8 +37,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 
     Raises: FitError B-FIT-004 (unknown method), B-GNC-006; B-FIT-084 to -086, -141, -142 if the log does not tell.
     """
-    if method not in METHODS:
-        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    check_method(method, METHODS)
     log = imu_log(material)
     if log.gyro is None:
         raise FitError(
@@ -101,7 +99,7 @@ class _Triads:
 
 
 def _triads(log: ImuLog, gyro: Floats, rests: StaticIntervals, stamps: SampleStamps, method: str) -> _Triads:
-    """The readings that are integrated, and the factor on all turns before any fit to them."""
+    """Return the readings that are integrated, and the factor on all turns before any fit to them."""
     accel = log.accel
     if method == CALIBRATED:
         accel = fit_multi_position(rests.means(accel), log.gravity).apply(accel)

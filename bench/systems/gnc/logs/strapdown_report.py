@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.estimates import estimate
-from bench.analysis.numbers import number, with_uncertainty
+from bench.analysis import Estimates, Figure, Table, curve, estimate, no_result, number, with_uncertainty
 from bench.systems.gnc.estimators.rest_drift.between import BetweenRests, TurnScale
 from bench.systems.gnc.estimators.rest_drift.fit import HORIZONS_s, RandomWalk, RestDrift
 from bench.systems.gnc.estimators.rest_drift.rests import MULTIPLE
@@ -17,10 +16,8 @@ from bench.systems.gnc.estimators.rest_drift.sensor_class import CLASSES, class_
 from bench.systems.gnc.estimators.rest_drift.stamps import SampleStamps
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals
 from bench.systems.gnc.logs.log import ImuLog
-from bench.systems.gnc.report import curve
 from bench.systems.gnc.rows import STANDARD_GRAVITY_M_S2
 
-Documents = list[dict[str, Any]]
 _WALK = math.degrees(1.0) * 60.0  # rad/sqrt(s) in deg/sqrt(h)
 _CLASS_OF = {"gyro_drift": "gyro_deg_h", "angle_random_walk": "walk_deg_rt_h", "accelerometer_drift": "accel_mg"}
 
@@ -41,7 +38,7 @@ class Found:
     missing: tuple[str, ...]
 
 
-def estimates_of(found: Found) -> Documents:
+def estimates_of(found: Found) -> Estimates:
     """Drift for each horizon, rates of drift with the class they fit, errors from rest to rest."""
     entries = [entry for drift in found.drifts for entry in _at_rest(drift)]
     entries += _rates(found)
@@ -56,7 +53,7 @@ def estimates_of(found: Found) -> Documents:
     return entries
 
 
-def _at_rest(drift: RestDrift) -> Documents:
+def _at_rest(drift: RestDrift) -> Estimates:
     rows = (
         ("rest_drift_attitude", "deg", drift.attitude_rms_deg, "gyro"),
         ("rest_drift_velocity", "m/s", drift.velocity_rms_m_s, "accelerometer"),
@@ -69,8 +66,8 @@ def _at_rest(drift: RestDrift) -> Documents:
     ]
 
 
-def _rates(found: Found) -> Documents:
-    """What the longest horizon says per unit of time, and the angle random walk, each with its class."""
+def _rates(found: Found) -> Estimates:
+    """Return what the longest horizon says per unit of time, and the angle random walk, each with its class."""
     rows: list[tuple[str, str, float, float, str, dict[str, Any], int]] = []
     if found.drifts:
         drift = found.drifts[-1]
@@ -92,7 +89,7 @@ def _rates(found: Found) -> Documents:
     ]
 
 
-def _between(between: BetweenRests) -> Documents:
+def _between(between: BetweenRests) -> Estimates:
     count = len(between.rest)
     place = {"motion_s": round(float(between.motion_s.mean()), 3), "bias_s": round(float(between.bias_s.mean()), 3)}
     rows = (
@@ -106,7 +103,7 @@ def _between(between: BetweenRests) -> Documents:
 
 
 def notes_of(found: Found) -> list[str]:
-    """What a reader has to know about rests, time and method."""
+    """Return what a reader has to know about rests, time and method."""
     lengths = (found.rests.end - found.rests.begin) / found.stamps.rate_Hz
     notes = [
         f"{len(lengths)} rests were found, {lengths.min():.3g} to {lengths.max():.3g} s long: stretches in which no "
@@ -115,7 +112,7 @@ def notes_of(found: Found) -> list[str]:
         _class_note(found),
     ]
     if found.drifts and len(found.drifts) < len(HORIZONS_s):
-        longer = ", ".join(f"{one:g}" for one in HORIZONS_s[len(found.drifts) :])
+        longer = ", ".join(f"{horizon_s:g}" for horizon_s in HORIZONS_s[len(found.drifts) :])
         notes.append(f"No rest is twice as long as {longer} s: nothing is said of such horizons.")
     if found.between is not None:
         notes.append(
@@ -129,11 +126,11 @@ def notes_of(found: Found) -> list[str]:
         )
     elif found.between is not None:
         notes.append("Readings are taken as indicated: errors of scale and alignment are part of those between rests.")
-    return [*(f"No result: {one}." for one in found.missing), *notes, *_stamp_notes(found.stamps)]
+    return [*no_result(found.missing), *notes, *_stamp_notes(found.stamps)]
 
 
 def _class_note(found: Found) -> str:
-    names = [str(one["conditions"]["sensor_class"]) for one in _rates(found)]
+    names = [str(rate["conditions"]["sensor_class"]) for rate in _rates(found)]
     if not names:
         return "No class of sensors can be told."
     return (
@@ -161,7 +158,7 @@ def _stamp_notes(stamps: SampleStamps) -> list[str]:
     return notes
 
 
-def tables_of(found: Found) -> Documents:
+def tables_of(found: Found) -> list[Table]:
     """Drift over rests, class of the sensors, and errors from rest to rest."""
     tables = [_rest_table(found.drifts)] if found.drifts else []
     if rates := _rates(found):
@@ -171,7 +168,7 @@ def tables_of(found: Found) -> Documents:
     return tables
 
 
-def _rest_table(drifts: list[RestDrift]) -> dict[str, Any]:
+def _rest_table(drifts: list[RestDrift]) -> Table:
     rows = [
         [
             f"{d.horizon_s:.3g}",
@@ -188,53 +185,49 @@ def _rest_table(drifts: list[RestDrift]) -> dict[str, Any]:
         "Root mean squares, ± two standard uncertainties: attitude per axis, velocity per level axis, distance in the "
         "level plane. By random walk: attitude that the angle random walk alone gives, bias from as long a stretch."
     )
-    return _table("Drift at rest", caption, headers, rows) | {"lead": True}
+    return Table("Drift at rest", caption, headers, rows, lead=True)
 
 
-def _class_table(rates: Documents) -> dict[str, Any]:
+def _class_table(rates: Estimates) -> Table:
     rows = []
-    for one in rates:
-        bounds = [number(float(f"{getattr(each, _CLASS_OF[one['quantity']]):.3g}")) for each in CLASSES]
-        shown = with_uncertainty(one["value"], 2.0 * one["std_uncertainty"])
-        rows.append([one["quantity"].replace("_", " "), one["unit"], shown, one["conditions"]["sensor_class"], *bounds])
-    headers = ["figure", "unit", "found", "class", *(f"{each.name} up to" for each in CLASSES)]
+    for rate in rates:
+        bounds = [
+            number(float(f"{getattr(sensor_class, _CLASS_OF[rate['quantity']]):.3g}")) for sensor_class in CLASSES
+        ]
+        shown = with_uncertainty(rate["value"], 2.0 * rate["std_uncertainty"])
+        rows.append(
+            [rate["quantity"].replace("_", " "), rate["unit"], shown, rate["conditions"]["sensor_class"], *bounds]
+        )
+    headers = ["figure", "unit", "found", "class", *(f"{sensor_class.name} up to" for sensor_class in CLASSES)]
     caption = (
         "Drift over the longest horizon per unit of time, ± two standard uncertainties; the class is that of the value."
     )
-    return _table("Class of the sensors", caption, headers, rows) | {"lead": True}
+    return Table("Class of the sensors", caption, headers, rows, lead=True)
 
 
-def _between_table(between: BetweenRests) -> dict[str, Any]:
+def _between_table(between: BetweenRests) -> Table:
     speed = np.linalg.norm(between.velocity_error_m_s, axis=1)
     columns = (between.bias_s, between.motion_s, between.tilted_deg, between.level_error_deg, speed)
-    rows = [[int(rest) + 1, *(float(one[k]) for one in columns)] for k, rest in enumerate(between.rest)]
+    rows = [[int(rest) + 1, *(float(column[k]) for column in columns)] for k, rest in enumerate(between.rest)]
     headers = ["from rest", "its length, s", "motion, s", "tipped by, deg", "level error, deg", "velocity error, m/s"]
     caption = "Bias and level from one rest, strapdown through the motion, compared with the next rest."
-    return _table("From rest to rest", caption, headers, rows)
+    return Table("From rest to rest", caption, headers, rows)
 
 
-def _table(title: str, caption: str, headers: list[str], rows: list[list[Any]]) -> dict[str, Any]:
-    return {"title": title, "caption": caption, "headers": headers, "rows": rows}
-
-
-def figures_of(found: Found) -> Documents:
+def figures_of(found: Found) -> list[Figure]:
     """Drift against its horizon, and the errors of every motion."""
     figures = []
     if len(found.drifts) > 1:
-        horizon = np.array([one.horizon_s for one in found.drifts])
+        horizon = np.array([drift.horizon_s for drift in found.drifts])
         series = [
-            curve("measured", horizon, np.array([one.attitude_rms_deg for one in found.drifts]), "points"),
-            curve("angle random walk alone", horizon, np.array([one.white_deg for one in found.drifts]), "line"),
+            curve("measured", horizon, np.array([drift.attitude_rms_deg for drift in found.drifts]), "points"),
+            curve("angle random walk alone", horizon, np.array([drift.white_deg for drift in found.drifts]), "line"),
         ]
         figures.append(
-            _figure("Attitude drift at rest", "horizon, s", "deg per axis", series) | {"x_log": True, "y_log": True}
+            Figure("Attitude drift at rest", "", "horizon, s", "deg per axis", series, x_log=True, y_log=True)
         )
     if found.between is not None and len(found.between.rest) > 1:
         place = found.between.rest.astype(np.float64) + 1.0
         series = [curve("level error", place, found.between.level_error_deg, "points")]
-        figures.append(_figure("Level error from rest to rest", "rest before", "deg", series))
+        figures.append(Figure("Level error from rest to rest", "", "rest before", "deg", series))
     return figures
-
-
-def _figure(title: str, x_label: str, y_label: str, series: Documents) -> dict[str, Any]:
-    return {"title": title, "caption": "", "x_label": x_label, "y_label": y_label, "series": series}

@@ -10,18 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.estimates import estimate
-from bench.analysis.material import Material
+from bench.analysis import Analysis, Figure, Material, Table, check_method, curve, estimate, no_result
 from bench.model.errors import FitError
 from bench.systems.gnc.coefficients import magnetometer_section
 from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
 from bench.systems.gnc.estimators.magnetometer.plane import ELLIPSE, EXTREMES, PlaneComparison, compare_methods
-from bench.systems.gnc.limits import Limits
+from bench.systems.gnc.limits import limits_of
 from bench.systems.gnc.magnetometer.roll import roll_estimates
 from bench.systems.gnc.magnetometer.sphere import ITEM as ATTITUDES
 from bench.systems.gnc.magnetometer.sphere import sphere_of
-from bench.systems.gnc.report import curve
 from bench.systems.gnc.rows import AXES, SampledRow, no_records, sampled_rows, temperature_span
 from bench.systems.gnc.sample_checks import check_notes, check_table, checked, usable
 from bench.systems.gnc.table3 import table_3
@@ -38,15 +35,14 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 
     Raises: FitError B-FIT-004 (unknown method), B-GNC-001, -003; B-FIT-090, -091 if no record determines an ellipse.
     """
-    if method not in METHODS:
-        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    check_method(method, METHODS)
     rows, missing = sampled_rows(material, ("magnetometer", ATTITUDES))
     looked_at = checked(rows, ("magnetometer",), material.campaign)
     good, bad = usable(looked_at)
     missing += bad
     fits: list[tuple[SampledRow, PlaneComparison]] = []
     refused: list[FitError] = []
-    for row in (one for one in good if one.item != ATTITUDES):
+    for row in (row for row in good if row.item != ATTITUDES):
         field = row.values("magnetometer")
         try:
             fits.append((row, compare_methods(field[:, 0], field[:, 1])))
@@ -58,8 +54,8 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     sphere = sphere_of(good)
     missing += sphere.missing
     parameters = fits[0][1].by_method[method]
-    estimates = [one for row, fit in fits for one in _estimates(row, fit, len(fits) > 1)]
-    limit_deg, noise_deg = Limits(material.campaign)("roll_error"), fits[0][1].roll[method].noise_deg
+    estimates = [entry for row, fit in fits for entry in _estimates(row, fit, len(fits) > 1)]
+    limit_deg, noise_deg = limits_of(material.campaign)["roll_error"], fits[0][1].roll[method].noise_deg
     estimates += roll_estimates(material, fits[0][1].by_method, method, limit_deg, noise_deg)
     return Analysis(
         campaign="magnetometer",
@@ -70,7 +66,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             *_notes(fits, material),
             *sphere.notes,
             *check_notes(looked_at),
-            *(f"No result: {one}." for one in missing),
+            *no_result(missing),
         ],
         missing=missing,
         figures=[*_figures(fits[0][0], parameters), *sphere.figures],
@@ -80,25 +76,24 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 
 
 def _estimates(row: SampledRow, fit: PlaneComparison, several: bool) -> list[dict[str, Any]]:
-    found = []
+    entries = []
     for method, parameters in fit.by_method.items():
         place: dict[str, Any] = {"kind": "magnetometer", "method": method} | ({"record": row.number} if several else {})
         values = zip(_PARAMETERS, parameters.values, parameters.std, strict=True)
         for (quantity, unit, axis), value, std in values:
             about = place | ({} if axis is None else {"axis": axis})
-            found.append(estimate(quantity, unit, value, std, about, n=len(row.samples)))
-    return found
+            entries.append(estimate(quantity, unit, value, std, about, n=len(row.samples)))
+    return entries
 
 
-def _table(fit: PlaneComparison) -> dict[str, Any]:
+def _table(fit: PlaneComparison) -> Table:
     names = ["offset x, mgauss", "offset y, mgauss", "gain K_y", "angle, deg", "field in the plane, mgauss"]
     factors = (1e3, 1e3, 1.0, 1.0, 1e3)
-    one, two = fit.by_method[EXTREMES], fit.by_method[ELLIPSE]
+    extremes, ellipse = fit.by_method[EXTREMES], fit.by_method[ELLIPSE]
     rows = [
-        [name, _with(factor * one.values[k], factor * one.std[k]), _with(factor * two.values[k], factor * two.std[k]),
-         float(fit.score[k])]
+        [name, *(_with(factor * by.values[k], factor * by.std[k]) for by in (extremes, ellipse)), float(fit.score[k])]
         for k, (name, factor) in enumerate(zip(names, factors, strict=True))
-    ]  # fmt: skip
+    ]
     rolls = [_with(0.0, fit.roll[method].rms_deg) for method in (EXTREMES, ELLIPSE)]
     rows.append(["roll angle, error over a turn, deg", *rolls, "–"])
     rms, largest = fit.roll_difference_deg
@@ -108,7 +103,7 @@ def _table(fit: PlaneComparison) -> dict[str, Any]:
     )
     headers = ["parameter", "extremes (paper)", "ellipse (least squares)", "difference / std"]
     title = "Magnetometer by two methods"
-    return {"title": title, "caption": caption, "headers": headers, "rows": rows, "prose": True, "lead": True}
+    return Table(title, caption, headers, rows, prose=True, lead=True)
 
 
 def _with(value: float, std: float) -> str:
@@ -116,48 +111,38 @@ def _with(value: float, std: float) -> str:
     return f"{value:.{places}f} ± {2 * std:.{places}f}"
 
 
-def _figures(row: SampledRow, parameters: PlaneParameters) -> list[dict[str, Any]]:
+def _figures(row: SampledRow, parameters: PlaneParameters) -> list[Figure]:
     """X against Y as read and corrected, and both components against time."""
     field = 1e3 * row.values("magnetometer")
     x, y = parameters.corrected(field[:, 0] / 1e3, field[:, 1] / 1e3)
-    plane = {
-        "title": "Magnetometer, X against Y",
-        "equal": True,
-        "caption": f"As read and after compensation; circle about the origin of {1e3 * parameters.radius:.1f} mgauss.",
-        "x_label": "X, mgauss",
-        "y_label": "Y, mgauss",
-        "series": [curve("before", field[:, 0], field[:, 1], "points"), curve("after", 1e3 * x, 1e3 * y, "points")],
-    }
+    caption = f"As read and after compensation; circle about the origin of {1e3 * parameters.radius:.1f} mgauss."
+    parts = [curve("before", field[:, 0], field[:, 1], "points"), curve("after", 1e3 * x, 1e3 * y, "points")]
+    plane = Figure("Magnetometer, X against Y", caption, "X, mgauss", "Y, mgauss", parts, equal=True)
     turn = slice(0, max(2, int(60.0 * row.rate_Hz)))
     time_s = row.time_s[turn]
-    components = {
-        "title": "Magnetometer against time",
-        "caption": "The first minute.",
-        "x_label": "time, s",
-        "y_label": "field, mgauss",
-        "series": [curve(axis, time_s, field[turn, number], "line") for number, axis in enumerate(AXES)],
-    }
+    parts = [curve(axis, time_s, field[turn, number], "line") for number, axis in enumerate(AXES)]
+    components = Figure("Magnetometer against time", "The first minute.", "time, s", "field, mgauss", parts)
     return [plane, components]
 
 
 def _notes(fits: Sequence[tuple[SampledRow, PlaneComparison]], material: Material) -> list[str]:
-    found = []
+    sentences = []
     for row, fit in fits:
         table = row.conditions.get("table", material.campaign.get("table"))
         if table != NON_MAGNETIC:
             stated = "does not say which table was used" if table is None else f"names the table {table!r}"
-            found.append(
+            sentences.append(
                 f"Record {row.number} {stated}: only a non-magnetic table keeps its own field out of offset, gain and "
                 "angle."
             )
         ellipse = fit.ellipse
-        found.append(
+        sentences.append(
             f"Record {row.number}: {ellipse.phases} phases, largest part of the turn without a reading "
             f"{ellipse.largest_gap_deg:.1f} deg, noise {1e3 * ellipse.noise:.3f} mgauss."
         )
         if ellipse.shape_misfit > _MOST_MISFIT:
-            found.append(
+            sentences.append(
                 f"Record {row.number}: the readings are not on an ellipse (reduced chi-square "
                 f"{ellipse.shape_misfit:.1f}): the field changed or the table is magnetic."
             )
-    return found
+    return sentences

@@ -13,14 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.analysis.estimates import estimate
-from bench.analysis.material import Material
+from bench.analysis import Material, estimate
 from bench.model.errors import BenchError
 from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
 from bench.systems.gnc.estimators.roll import roll_deg
 
 if TYPE_CHECKING:
-    from bench.analysis.material import Exchange
+    from bench.analysis import Exchange
 
 ROLL, SET, RETURNED = "roll", "set_magnetometer", "returned"
 _LEAST = 3  # angles that leave something over beside the direction of the field
@@ -75,7 +74,7 @@ def roll_estimates(
 
 
 def _answers(material: Material) -> list[RollAnswer]:
-    """The answers in their order, each with the correction that was in force."""
+    """Return the answers in their order, each with the correction that was in force."""
     found, now = [], _NONE
     for one in material.exchanges:
         if one.status != 0 or one.name not in (ROLL, SET) or one.name not in material.layouts:

@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.estimates import estimate
+from bench.analysis import Figure, curve, estimate
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.magnetometer.ellipsoid import EllipsoidFit, fit_ellipsoid
-from bench.systems.gnc.report import curve
 from bench.systems.gnc.rows import AXES, SampledRow
 
 ITEM = "attitudes"
@@ -29,7 +28,7 @@ class Sphere:
     estimates: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
-    figures: list[dict[str, Any]] = field(default_factory=list)
+    figures: list[Figure] = field(default_factory=list)
 
 
 def sphere_of(rows: Sequence[SampledRow]) -> Sphere:
@@ -48,14 +47,14 @@ def sphere_of(rows: Sequence[SampledRow]) -> Sphere:
         fit = fit_ellipsoid(chosen)
     except FitError as error:
         return Sphere(missing=[f"hard and soft iron of the magnetometer: {error.message} ({error.code})"])
-    notes = [f"Hard and soft iron: {one}." for one in fit.coverage.sentences]
+    notes = [f"Hard and soft iron: {sentence}." for sentence in fit.coverage.sentences]
     return Sphere(_estimates(fit, len(chosen)), notes, [], [_figure(fit, chosen)])
 
 
 def _estimates(fit: EllipsoidFit, n: int) -> list[dict[str, Any]]:
     kind = {"kind": "magnetometer", "method": "ellipsoid"}
     std = np.sqrt(np.diag(fit.hard_iron_covariance))
-    found = [
+    entries = [
         estimate("mag_hard_iron", "gauss", float(fit.hard_iron[k]), float(std[k]), kind | {"axis": axis}, n=n)
         for k, axis in enumerate(AXES)
     ]
@@ -63,19 +62,16 @@ def _estimates(fit: EllipsoidFit, n: int) -> list[dict[str, Any]]:
         for column in range(row + 1):
             value, step = float(fit.symmetric[row, column]), float(fit.symmetric_std[row, column])
             place = kind | {"row": name, "column": AXES[column]}
-            found.append(estimate("mag_soft_iron", "1", value, step, place, n=n))
-    return found
+            entries.append(estimate("mag_soft_iron", "1", value, step, place, n=n))
+    return entries
 
 
-def _figure(fit: EllipsoidFit, readings: np.ndarray[Any, np.dtype[np.float64]]) -> dict[str, Any]:
+def _figure(fit: EllipsoidFit, readings: np.ndarray[Any, np.dtype[np.float64]]) -> Figure:
     shown = readings[:: max(1, len(readings) // _CIRCLE_SAMPLES)]
     before = 1e3 * np.linalg.norm(shown, axis=1)
     after = 1e3 * np.linalg.norm(fit.corrected(shown), axis=1)
     number = np.arange(len(shown), dtype=np.float64)
-    return {
-        "title": "Size of the field in all attitudes",
-        "caption": f"As read and without hard and soft iron; {1e3 * fit.noise:.2f} mgauss of noise are left.",
-        "x_label": "reading, in the order of the records",
-        "y_label": "field, mgauss",
-        "series": [curve("before", number, before, "points"), curve("after", number, after, "points")],
-    }
+    title = "Size of the field in all attitudes"
+    caption = f"As read and without hard and soft iron; {1e3 * fit.noise:.2f} mgauss of noise are left."
+    parts = [curve("before", number, before, "points"), curve("after", number, after, "points")]
+    return Figure(title, caption, "reading, in the order of the records", "field, mgauss", parts)

@@ -9,9 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.estimates import estimate
-from bench.analysis.material import Material
+from bench.analysis import UNIT, Analysis, Material, check_method, estimate
 from bench.model.errors import FitError
 from bench.systems.gnc.folders import folders_of
 from bench.systems.gnc.unit_test.tables import item_table, measured_table, unit_table, wrong_table
@@ -28,10 +26,9 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
              estimate, is named in ``missing`` and printed as not tested.
     Raises:  FitError B-FIT-004 (unknown method), B-GNC-001 (limits), B-GNC-002 if nothing was tested at all.
     """
-    if method not in METHODS:
-        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    check_method(method, METHODS)
     units = unit_results(material)
-    if not any(one.runs for unit in units for one in unit.all):
+    if not any(item.runs for unit in units for item in unit.all):
         raise FitError(
             "B-GNC-002",
             "the session holds no exchange of a test item and no supply reading",
@@ -41,7 +38,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         campaign="gnc_unit_test",
         method=method,
         uut=dict(material.campaign["uut"]),
-        estimates=[one for unit in units for one in _estimates(unit)],
+        estimates=[entry for unit in units for entry in _estimates(unit)],
         notes=_notes(units),
         missing=_missing(units),
         tables=[
@@ -55,32 +52,34 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 
 
 def _estimates(unit: UnitResult) -> list[dict[str, Any]]:
-    found = []
+    entries = []
     for item in unit.all:
         if not item.runs or not item.judged:
             continue
-        place = {"unit": unit.unit}
+        place = {UNIT: unit.unit}
         wrong = float(len(item.findings.wrong))
-        found.append(estimate(f"{item.item}_wrong", "1", wrong, 0.0, place, n=item.runs, limit=0.0))
-        found += _values(item, place)
+        entries.append(estimate(f"{item.item}_wrong", "1", wrong, 0.0, place, n=item.runs, limit=0.0))
+        entries += _values(item, place)
     if (span_s := unit.span_s) is not None:
-        found.append(estimate("test_time", "s", span_s[1] - span_s[0], 0.0, {"unit": unit.unit}, n=1))
-    return found
+        entries.append(estimate("test_time", "s", span_s[1] - span_s[0], 0.0, {UNIT: unit.unit}, n=1))
+    return entries
 
 
 def _values(item: ItemResult, place: dict[str, Any]) -> list[dict[str, Any]]:
     """Measured values; those of a looped item are told apart by ``repeat``."""
-    found, seen = [], Counter[str]()
-    for one in item.findings.measured:
-        conditions = place | dict(one.conditions)
-        key = f"{one.quantity} {conditions}"
+    entries, seen = [], Counter[str]()
+    for value in item.findings.measured:
+        conditions = place | dict(value.conditions)
+        key = f"{value.quantity} {conditions}"
         if seen[key]:
             conditions["repeat"] = seen[key]
         seen[key] += 1
-        found.append(
-            estimate(one.quantity, one.unit, one.value, one.std_uncertainty, conditions, n=one.n, limit=one.limit)
+        entries.append(
+            estimate(
+                value.quantity, value.unit, value.value, value.std_uncertainty, conditions, n=value.n, limit=value.limit
+            )
         )
-    return found
+    return entries
 
 
 def _missing(units: Sequence[UnitResult]) -> list[str]:
@@ -93,14 +92,14 @@ def _missing(units: Sequence[UnitResult]) -> list[str]:
 
 
 def _notes(units: Sequence[UnitResult]) -> list[str]:
-    found = [f"Unit {unit.unit}, {ITEMS.get(item.item, item.item)}: {remark}."
+    notes = [f"Unit {unit.unit}, {ITEMS.get(item.item, item.item)}: {remark}."
              for unit in units for item in unit.items for remark in dict.fromkeys(item.findings.remarks)]  # fmt: skip
     again = Counter[str]()
     for unit in units:
         again.update({unit.unit: sum(item.retries for item in unit.items)})
-    found += [
+    notes += [
         f"Unit {name}: {count} commands had to be repeated on the link." for name, count in again.items() if count
     ]
     if any(item.runs for unit in units for item in unit.all if item.item == SUPPLY):
-        found.append(_NO_METER)
-    return found
+        notes.append(_NO_METER)
+    return notes

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from bench.model.errors import BenchError
 
 if TYPE_CHECKING:
-    from bench.analysis.material import Exchange
+    from bench.analysis import Exchange
 
 STATUS = ("PASS", "FAIL", "BUSY", "UNKNOWN_COMMAND", "BAD_PARAMETER", "HARDWARE_ERROR", "TIMEOUT")
 _PASS = 0

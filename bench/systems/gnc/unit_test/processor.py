@@ -40,7 +40,7 @@ def judge_cpu(answers: Sequence[Answer], limits: Limits) -> Findings:
 
 def judge_timer(answers: Sequence[Answer], limits: Limits) -> Findings:
     """At every setting as many interrupts as asked for, 20 at least, none of the intervals off by more than 1 %."""
-    found, most, least = Findings(), limits("timer_interval_error"), int(limits("timer_ticks"))
+    found, most, least = Findings(), limits["timer_interval_error"], int(limits["timer_ticks"])
     for one in whole(answers, found):
         setting, ticks = one.asked.get("setting_us", 0), one.asked.get("ticks", 0)
         if not setting:

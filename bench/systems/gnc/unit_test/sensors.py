@@ -34,12 +34,12 @@ def judge_imu(answers: Sequence[Answer], limits: Limits, imu: Mapping[str, Any])
         fields = one.fields
         noise = {kind: _noise(fields, kind) for kind in ranges}
         for k, (axis, rate) in enumerate(zip(AXES, fields["gyro"], strict=True)):
-            most = limits("gyro_at_rest")
+            most = limits["gyro_at_rest"]
             found.expect(abs(rate) <= most, one, f"rate {axis} at rest", f"within {most:g} deg/s", f"{rate:.4f}")
             found.measured.append(Measured("imu_rate", "deg/s", rate, noise["gyro"][k], {"axis": axis}))
         for k, (axis, force) in enumerate(zip(AXES, fields["accel"], strict=True)):
             found.measured.append(Measured("imu_acceleration", "g", force, noise["accel"][k], {"axis": axis}))
-        size, most = math.hypot(*fields["accel"]), limits("acceleration_error")
+        size, most = math.hypot(*fields["accel"]), limits["acceleration_error"]
         found.expect(abs(size - 1.0) <= most, one, "specific force at rest", f"1 g within {most:g} g", f"{size:.4f} g")
         _temperatures(one, limits, found)
         for kind, reach in ranges.items():
@@ -54,7 +54,7 @@ def _noise(fields: Mapping[str, Any], kind: str) -> list[float]:
 
 
 def _temperatures(one: Answer, limits: Limits, found: Findings) -> None:
-    low, high = limits("imu_temperature_low"), limits("imu_temperature_high")
+    low, high = limits["imu_temperature_low"], limits["imu_temperature_high"]
     for kind in ("gyro", "accel"):
         value = one.fields[f"{kind}_temperature"]
         due = f"{low:g} to {high:g} degC"
@@ -84,7 +84,7 @@ def judge_gps(answers: Sequence[Answer], limits: Limits, site: Mapping[str, Any]
     for one in whole(answers, found):
         fields = one.fields
         found.expect(fields["fix"] == _FIX_3D, one, "fix", "3 (three dimensions)", fields["fix"])
-        least = int(limits("gps_satellites"))
+        least = int(limits["gps_satellites"])
         found.expect(fields["satellites"] >= least, one, "satellites", f"{least} or more", fields["satellites"])
         _place(one, limits, site, found)
         found.measured.append(Measured("gps_satellites", "1", float(fields["satellites"])))
@@ -97,7 +97,7 @@ def judge_gps(answers: Sequence[Answer], limits: Limits, site: Mapping[str, Any]
 
 def _place(one: Answer, limits: Limits, site: Mapping[str, Any], found: Findings) -> None:
     """Against the site as far as the sequence states it; a coordinate it does not state must only be one on Earth."""
-    reach_m = _SIGMAS * limits("horizontal_error")
+    reach_m = _SIGMAS * limits["horizontal_error"]
     latitude, longitude = one.fields["latitude"], one.fields["longitude"]
     scale_m = {"latitude": _METRES_deg, "longitude": _METRES_deg * math.cos(math.radians(latitude))}
     for name, value in (("latitude", latitude), ("longitude", longitude)):
@@ -106,7 +106,7 @@ def _place(one: Answer, limits: Limits, site: Mapping[str, Any], found: Findings
         ok = abs(value) <= most if due is None else abs(away) * scale_m[name] <= reach_m
         text = f"-{most:g} to {most:g} deg" if due is None else f"{float(due):.5f} deg within {reach_m:g} m"
         found.expect(ok, one, name, text, f"{value:.6f} deg")
-    due, height, reach_m = site.get("height_m"), one.fields["height"], _SIGMAS * limits("height_error")
+    due, height, reach_m = site.get("height_m"), one.fields["height"], _SIGMAS * limits["height_error"]
     ok = _HEIGHTS_m[0] <= height <= _HEIGHTS_m[1] if due is None else abs(height - float(due)) <= reach_m
     text = f"{_HEIGHTS_m[0]:g} to {_HEIGHTS_m[1]:g} m" if due is None else f"{float(due):g} m within {reach_m:g} m"
     found.expect(ok, one, "height", text, f"{height:.1f} m")
@@ -121,7 +121,7 @@ def judge_ad(answers: Sequence[Answer], limits: Limits) -> Findings:
         for switch, (name, source_V) in SOURCES_V.items():
             value = volts[_MAGNETIC + switch - 1]
             due = source_V if switch == dip else 0.0
-            most = max(limits("ad_ground"), limits("ad_tolerance") * due)
+            most = max(limits["ad_ground"], limits["ad_tolerance"] * due)
             state = "on" if switch == dip else "off"
             due_text = f"{due:g} V within {most:g} V"
             found.expect(abs(value - due) <= most, one, f"{name}, its switch {state}", due_text, f"{value:.3f} V")
@@ -140,7 +140,7 @@ def judge_ad(answers: Sequence[Answer], limits: Limits) -> Findings:
 def _field(one: Answer, volts: Sequence[float], limits: Limits, found: Findings) -> None:
     """The magnetometer outputs must be those of a field that the Earth and the module around them can give."""
     gauss = [(value - _MIDDLE_V) / _V_gauss for value in volts]
-    low, high = limits("ad_field_low"), limits("ad_field_high")
+    low, high = limits["ad_field_low"], limits["ad_field_high"]
     size = math.hypot(*gauss)
     received = f"{size:.3f} gauss ({', '.join(f'{value:.3f} V' for value in volts)})"
     found.expect(low <= size <= high, one, "field of the magnetometer", f"{low:g} to {high:g} gauss", received)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bench.analysis.material import Reading
+from bench.analysis import Reading
 from bench.systems.gnc.limits import Limits
 from bench.systems.gnc.unit_test.answers import Findings, Measured, Wrong
 
@@ -22,7 +22,7 @@ def judge_supply(readings: Sequence[Reading], limits: Limits) -> tuple[Findings,
             continue
         used.append(one)
         quantity, unit = _MEASURED[one.name]
-        due, most = limits(quantity), limits(f"{quantity}_deviation")
+        due, most = limits[quantity], limits[f"{quantity}_deviation"]
         sent, due_text = f"{one.role} {one.name}", f"{due:g} {unit} within {100 * most:g} %"
         if not isinstance(one.value, int | float):
             found.wrong.append(Wrong(one.t_s, f"{quantity}: no reading", sent, due_text, "nothing"))

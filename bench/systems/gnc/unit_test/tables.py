@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
+from bench.analysis import Table
 from bench.systems.gnc.unit_test.units import IDENTITY, ITEMS, SUPPLY, UnitResult
 
-Document = dict[str, Any]
 _MOST_WRONG = 200  # rows that are printed; the folders of the units hold all
 
 
@@ -17,7 +17,7 @@ def title_of(item: str) -> str:
     return {SUPPLY: "supply", IDENTITY: "identity"}.get(item, ITEMS.get(item, item))
 
 
-def unit_table(units: Sequence[UnitResult], offset_s: float | None) -> Document:
+def unit_table(units: Sequence[UnitResult], offset_s: float | None) -> Table:
     """Start, elapsed time, end and verdict of each unit; ``offset_s``: UTC minus bench clock, None if unknown."""
     rows: list[list[Any]] = []
     for unit in units:
@@ -25,12 +25,12 @@ def unit_table(units: Sequence[UnitResult], offset_s: float | None) -> Document:
         times: list[Any] = ["–", "–", "–"]
         if span_s is not None:
             times = [_moment(span_s[0], offset_s), f"{span_s[1] - span_s[0]:.3f}", _moment(span_s[1], offset_s)]
-        failed = ", ".join(title_of(one.item) for one in unit.all if one.verdict == "fail") or "–"
+        failed = ", ".join(title_of(item.item) for item in unit.all if item.verdict == "fail") or "–"
         rows.append([unit.unit, *times, len(unit.wrong), failed, _verdict(unit.verdict)])
     clock = "s" if offset_s is None else "UTC"
     headers = ["unit", f"start / {clock}", "elapsed / s", f"end / {clock}", "wrong results", "failed", "verdict"]
     caption = "Times from the first to the last test; PASS only if everything was tested."
-    return {"title": "Units tested", "caption": caption, "headers": headers, "rows": rows, "prose": True, "lead": True}
+    return Table("Units tested", caption, headers, rows, prose=True, lead=True)
 
 
 def _moment(at_s: float, offset_s: float | None) -> str:
@@ -40,12 +40,12 @@ def _moment(at_s: float, offset_s: float | None) -> str:
     return datetime.fromtimestamp(at_s + offset_s, UTC).strftime("%Y-%m-%d %H:%M:%S.%f")[:-3]
 
 
-def item_table(units: Sequence[UnitResult]) -> Document:
+def item_table(units: Sequence[UnitResult]) -> Table:
     """Table 1: one row per unit, one column per item."""
-    names = list(dict.fromkeys(one.item for unit in units for one in unit.all))
+    names = list(dict.fromkeys(item.item for unit in units for item in unit.all))
     rows = []
     for unit in units:
-        by_item = {one.item: _verdict(one.verdict) for one in unit.all}
+        by_item = {item.item: _verdict(item.verdict) for item in unit.all}
         rows.append([unit.unit, *(by_item.get(name, _verdict("not tested")) for name in names)])
     caption = (
         "The six rows of table 1 of the GNC-module paper, IO, SPI, SCI and CAN of its section 3 (2), and the supply "
@@ -53,54 +53,50 @@ def item_table(units: Sequence[UnitResult]) -> Document:
     )
     headers = ["unit", *map(title_of, names)]
     title = "Table 1: unit tests"
-    return {"title": title, "caption": caption, "headers": headers, "rows": rows, "prose": True, "lead": True}
+    return Table(title, caption, headers, rows, prose=True, lead=True)
 
 
-def measured_table(units: Sequence[UnitResult]) -> list[Document]:
+def measured_table(units: Sequence[UnitResult]) -> list[Table]:
     """Lowest and highest value of what the tests measured, by quantity; the limits it is judged by."""
     values: dict[tuple[str, str, str], list[float]] = {}
     limits: dict[tuple[str, str, str], float | None] = {}
     for unit in units:
         for item in unit.all:
-            for one in item.findings.measured:
-                key = one.quantity, _place(one.conditions), one.unit
-                values.setdefault(key, []).append(one.value)
-                limits[key] = one.limit
+            for measured in item.findings.measured:
+                key = measured.quantity, _place(measured.conditions), measured.unit
+                values.setdefault(key, []).append(measured.value)
+                limits[key] = measured.limit
     rows = [
         [
             quantity.replace("_", " "),
             place,
-            len(found),
-            min(found),
-            max(found),
+            len(members),
+            min(members),
+            max(members),
             unit,
             _limit(limits[quantity, place, unit]),
         ]
-        for (quantity, place, unit), found in values.items()
+        for (quantity, place, unit), members in values.items()
     ]
     headers = ["quantity", "of", "values", "lowest", "highest", "unit", "limit"]
     caption = "Over all units and repeats; without a limit: reported, not judged."
-    return (
-        [{"title": "Measured in the unit tests", "caption": caption, "headers": headers, "rows": rows}] if rows else []
-    )
+    return [Table("Measured in the unit tests", caption, headers, rows)] if rows else []
 
 
-def wrong_table(units: Sequence[UnitResult]) -> list[Document]:
-    """Every wrong result: what was sent, expected, received."""
+def wrong_table(units: Sequence[UnitResult]) -> list[Table]:
+    """Return every wrong result: what was sent, expected, received."""
     rows = [
-        [unit.unit, title_of(item.item), one.what, one.sent or "nothing", one.expected, one.received]
+        [unit.unit, title_of(item.item), wrong.what, wrong.sent or "nothing", wrong.expected, wrong.received]
         for unit in units
         for item in unit.all
-        for one in item.findings.wrong
+        for wrong in item.findings.wrong
     ]
     if not rows:
         return []
     more = len(rows) - _MOST_WRONG
     caption = f"{more} more are in the folders of the units." if more > 0 else "All of them; payloads as hex bytes."
     headers = ["unit", "item", "what", "sent", "expected", "received"]
-    shown = rows[:_MOST_WRONG]
-    document = {"title": "Wrong results", "caption": caption, "headers": headers, "rows": shown}
-    return [document | {"prose": True, "lead": True}]
+    return [Table("Wrong results", caption, headers, rows[:_MOST_WRONG], prose=True, lead=True)]
 
 
 def _verdict(text: str) -> str:

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from bench.analysis.material import Material, Reading
-from bench.systems.gnc.limits import Limits
+from bench.analysis import Material, Reading
+from bench.systems.gnc.limits import Limits, limits_of
 from bench.systems.gnc.unit_test.answers import Answer, Findings, Wrong, answers_of
 from bench.systems.gnc.unit_test.interfaces import judge_can, judge_identity, judge_io, judge_sci, judge_spi
 from bench.systems.gnc.unit_test.processor import judge_cpu, judge_memory, judge_timer
@@ -15,7 +15,7 @@ from bench.systems.gnc.unit_test.sensors import judge_ad, judge_gps, judge_imu
 from bench.systems.gnc.unit_test.supply import judge_supply
 
 if TYPE_CHECKING:
-    from bench.analysis.material import Exchange
+    from bench.analysis import Exchange
 
 PASS, FAIL, NOT_TESTED = "pass", "fail", "not tested"
 SUPPLY, IDENTITY = "supply", "identify"
@@ -88,16 +88,16 @@ class UnitResult:
 
     @property
     def wrong(self) -> list[Wrong]:
-        """Every wrong result."""
+        """Return every wrong result."""
         return [one for item in self.all for one in item.findings.wrong]
 
 
 def unit_results(material: Material) -> list[UnitResult]:
-    """Every unit of a session in the order of its first appearance.
+    """Return every unit of a session in the order of its first appearance.
 
     Raises: FitError B-GNC-001 for limits that are not usable.
     """
-    limits = Limits(material.campaign)
+    limits = limits_of(material.campaign)
     default = str(material.campaign["uut"]["serial"])
     exchanges: dict[str, list[Exchange]] = {}
     readings: dict[str, list[Reading]] = {}
@@ -127,7 +127,7 @@ def _unit(
 
 
 def judge_supply_item(readings: Sequence[Reading], limits: Limits) -> ItemResult:
-    """The supply readings of a unit as an item of their own."""
+    """Return the supply readings of a unit as an item of their own."""
     findings, used = judge_supply(readings, limits)
     if not used:
         return ItemResult(SUPPLY, findings, 0)
@@ -167,7 +167,7 @@ def _item(
 def _judged(
     item: str, answers: Sequence[Answer], judge: Callable[[Sequence[Answer], Limits], Findings], limits: Limits
 ) -> Findings:
-    """What the judge says of the commands of its item; another command under its name is a wrong result."""
+    """Return what the judge says of the commands of its item; another command under its name is a wrong result."""
     own = [one for one in answers if one.exchange.name == item]
     findings = judge(own, limits) if own else Findings()
     for one in answers:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.analysis import Estimates
 from bench.systems.time_sync.study.results import FlightResult, Results
 from bench.systems.time_sync.study.study import (
     BASE,
@@ -22,16 +23,15 @@ from bench.systems.time_sync.study.study import (
 )
 from bench.systems.time_sync.study.tolerance import measured, rms_std
 
-Documents = list[dict[str, Any]]
 AXES, BODY = ("north", "east", "down"), ("forward", "right", "down")
 _POSITION_WITHIN = {10.0: 0.05, 20.0: 0.03, 30.0: 0.02}  # of the root sum of squares
 _POSITION_0_m, _YAW_0_deg = (0.2, 0.45), (0.009, 0.020)
 _MEAN_m, _VELOCITY_WITHIN, _YAW_WITHIN, _SAME, _UNAFFECTED = 0.15, (0.75, 1.15), 0.10, 0.01, 0.02
 
 
-def error_estimates(found: Results, offsets_ms: Sequence[float]) -> Documents:
+def error_estimates(found: Results, offsets_ms: Sequence[float]) -> Estimates:
     """All that the unaugmented filter leaves, judged where the paper or the equations say what is due."""
-    makers: tuple[Callable[[Results, float], Documents], ...] = (_position, _velocity, _yaw, _stationary, _biases)
+    makers: tuple[Callable[[Results, float], Estimates], ...] = (_position, _velocity, _yaw, _stationary, _biases)
     return [one for make in makers for offset_ms in offsets_ms for one in make(found, offset_ms)]
 
 
@@ -66,7 +66,7 @@ def case(manoeuvre: str, offset_ms: float, **more: Any) -> dict[str, Any]:
     return {"manoeuvre": manoeuvre, "offset_ms": offset_ms, "filter": UNAUGMENTED, **more}
 
 
-def _position(found: Results, offset_ms: float) -> Documents:
+def _position(found: Results, offset_ms: float) -> Estimates:
     """Table 5: RMS over runs and time; the offset adds its square, and its mean shows the sign.
 
     The 50 runs alone have a mean of some 0.04 m, which an offset of 10 ms turns into 4 % of the RMS: the due value is
@@ -95,7 +95,7 @@ def _position(found: Results, offset_ms: float) -> Documents:
     ]
 
 
-def _velocity(found: Results, offset_ms: float) -> Documents:
+def _velocity(found: Results, offset_ms: float) -> Estimates:
     """Table 6: greatest RMS over runs, and the lag behind the acceleration."""
     flight, group = found.flight("acceleration", augmented=False), unaugmented(offset_ms)
     rms_m_s = greatest(flight, "velocity_m_s", group, 0)
@@ -114,7 +114,7 @@ def _velocity(found: Results, offset_ms: float) -> Documents:
     ]
 
 
-def _yaw(found: Results, offset_ms: float) -> Documents:
+def _yaw(found: Results, offset_ms: float) -> Estimates:
     """Table 7: greatest RMS over runs."""
     flight = found.flight("turn", augmented=False)
     rms_deg = greatest(flight, "attitude_deg", unaugmented(offset_ms), 2)
@@ -136,7 +136,7 @@ def _ratio(
     return with_it / without
 
 
-def _stationary(found: Results, offset_ms: float) -> Documents:
+def _stationary(found: Results, offset_ms: float) -> Estimates:
     """Figure 3: who does not move does not notice."""
     if offset_ms == 0.0:
         return []
@@ -151,9 +151,9 @@ def _stationary(found: Results, offset_ms: float) -> Documents:
     ]  # fmt: skip
 
 
-def _biases(found: Results, offset_ms: float) -> Documents:
+def _biases(found: Results, offset_ms: float) -> Estimates:
     """Figures 5 to 7: biases during the manoeuvre with tight noise, and those that the offset does not reach."""
-    documents: Documents = []
+    documents: Estimates = []
     for manoeuvre, untouched in UNTOUCHED.items():
         flight, group = found.flight(manoeuvre, augmented=False), unaugmented(offset_ms, TIGHT)
         for name, unit in (("accel_bias_ug", "ug"), ("gyro_bias_deg_h", "deg/h")):

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.analysis import Floats
 from bench.model.installed import offers
 from bench.systems.time_sync.estimators.kalman.consistency import nees_of_offset, nis_summary, state_errors
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
@@ -23,7 +24,7 @@ from bench.systems.time_sync.estimators.kalman.setup import (
     ImuSamples,
     STANDARD_GRAVITY_m_s2,
 )
-from bench.systems.time_sync.study.results import ERRORS, FlightResult, Floats
+from bench.systems.time_sync.study.results import ERRORS, FlightResult
 from bench.systems.time_sync.study.study import SIGMA_R, APERTURE_s, SETTLED_s, Task
 
 WORLD = "time_sync"  # by name: the bench never imports its simulators

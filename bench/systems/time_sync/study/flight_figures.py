@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.systems.time_sync.study.documents import Document, Documents, curve, drawn, milliseconds
+from bench.analysis import Figure, Series, series
 from bench.systems.time_sync.study.errors import unaugmented
 from bench.systems.time_sync.study.recovery import augmented
 from bench.systems.time_sync.study.results import FlightResult, Results
@@ -18,10 +18,10 @@ _FLOWN = ("linear", "acceleration", "turn")
 _RMS = "Ours: RMS over the runs. The paper's axis: error over time, its scale not in the text."
 
 
-def error_figures(found: Results, offsets_ms: Sequence[float]) -> Documents:
+def error_figures(results: Results, offsets_ms: Sequence[float]) -> list[Figure]:
     """Figures 3 to 7: the filter without a state for the offset."""
     still, linear, faster, turn = (
-        found.flight(one, augmented=False) for one in ("stationary", "linear", "acceleration", "turn")
+        results.flight(manoeuvre, augmented=False) for manoeuvre in ("stationary", "linear", "acceleration", "turn")
     )
     position, velocity, yaw = ("position_m", 0, BASE), ("velocity_m_s", 0, BASE), ("attitude_deg", 2, BASE)
     plans: tuple[tuple[str, str, FlightResult, tuple[str, int, str], str], ...] = (
@@ -50,33 +50,33 @@ _CAPTIONS = {
 
 def _over_time(
     number: str, title: str, flight: FlightResult, what: tuple[str, int, str], label: str, offsets_ms: Sequence[float]
-) -> Document:
+) -> Figure:
     name, axis, noise = what
     parts = [
-        curve(milliseconds(one), flight.t_s, flight.rms[name][:, flight.at(unaugmented(one, noise)), axis])
-        for one in offsets_ms
+        series(f"{offset_ms:g} ms", flight.t_s, flight.rms[name][:, flight.at(unaugmented(offset_ms, noise)), axis])
+        for offset_ms in offsets_ms
     ]
     caption = f"Figure {number}. {_CAPTIONS[number]} {_RMS}"
-    return drawn(f"Fig. {number} {title}", caption, (_TIME, label), parts, f"figure {number}")
+    return Figure(f"Fig. {number} {title}", caption, _TIME, label, parts, f"figure {number}")
 
 
-def offset_figure(found: Results, offsets_ms: Sequence[float]) -> Documents:
+def offset_figure(results: Results, offsets_ms: Sequence[float]) -> list[Figure]:
     """Figure 11: the offset's error over the long flight, by measurement noise."""
     drawings = []
     for noise, sentence in ((LOOSE, "loose"), (TIGHT, "tight")):
-        parts: Documents = []
+        parts: list[Series] = []
         for offset_ms in offsets_ms:
-            flight, at = found.long_flight(augmented(offset_ms, noise))
+            flight, at = results.long_flight(augmented(offset_ms, noise))
             seen = flight.t_s <= _FIRST_s
-            parts.append(curve(milliseconds(offset_ms), flight.t_s[seen], 1e3 * flight.offset_rms_s[seen, at]))
-        parts.append(curve("filter's own sigma", flight.t_s[seen], 1e3 * flight.offset_sigma_s[seen, at]))
+            parts.append(series(f"{offset_ms:g} ms", flight.t_s[seen], 1e3 * flight.offset_rms_s[seen, at]))
+        parts.append(series("filter's own sigma", flight.t_s[seen], 1e3 * flight.offset_sigma_s[seen, at]))
         caption = (
             f"Figure 11. The first {_FIRST_s:g} s of the flight with images: acceleration from 20 to 30 s, turn from "
             "50 to 60 s. With tight noise the acceleration solves it already, and the filter believes too much; with "
             f"loose noise the turn does, as in the paper. {_RMS}"
         )
         drawings.append(
-            drawn(f"Fig. 11 {sentence} noise", caption, (_TIME, "offset error / ms"), parts, "figure 11", y_log=True)
+            Figure(f"Fig. 11 {sentence} noise", caption, _TIME, "offset error / ms", parts, "figure 11", y_log=True)
         )
     return drawings
 
@@ -84,16 +84,16 @@ def offset_figure(found: Results, offsets_ms: Sequence[float]) -> Documents:
 _FIRST_s = 120.0
 
 
-def observability_figures(found: Results) -> Documents:
+def observability_figures(results: Results) -> list[Figure]:
     """Figures 15 and 16: what the manoeuvres tell about the offset."""
-    flights = {name: found.flight(name, augmented=True) for name in _FLOWN}
+    flights = {name: results.flight(name, augmented=True) for name in _FLOWN}
     at = {name: flight.at(augmented(SHOWN_ms)) for name, flight in flights.items()}
 
-    def compared(attribute: str, scale: float = 1.0) -> Documents:
+    def compared(attribute: str, scale: float = 1.0) -> list[Series]:
         parts: list[tuple[str, FlightResult, Any]] = [
             (name, flight, scale * getattr(flight, attribute)[:, at[name]]) for name, flight in flights.items()
         ]
-        return [curve(name, flight.t_s, values) for name, flight, values in parts]
+        return [series(name, flight.t_s, values) for name, flight, values in parts]
 
     whole = [float(np.sqrt(np.mean(flights[name].eigenvalue[:, at[name]] ** 2))) for name in _FLOWN]
     errors = f"Figure 15. Offset of {SHOWN_ms:g} ms, base noise; manoeuvres from 20 to 40 s. {_RMS}"
@@ -104,18 +104,18 @@ def observability_figures(found: Results) -> Documents:
         + "."
     )
     return [
-        drawn("Fig. 15", errors, (_TIME, "offset error / ms"), compared("offset_rms_s", 1e3), "figure 15", y_log=True),
-        drawn("Fig. 16 eigenvalue", eigen, (_TIME, "of P'"), compared("eigenvalue"), "figure 16", y_log=True),
-        drawn("Fig. 16 P'_TdTd", eigen, (_TIME, "of P'"), compared("share"), "figure 16", y_log=True),
+        Figure("Fig. 15", errors, _TIME, "offset error / ms", compared("offset_rms_s", 1e3), "figure 15", y_log=True),
+        Figure("Fig. 16 eigenvalue", eigen, _TIME, "of P'", compared("eigenvalue"), "figure 16", y_log=True),
+        Figure("Fig. 16 P'_TdTd", eigen, _TIME, "of P'", compared("share"), "figure 16", y_log=True),
     ]
 
 
-def recovered_figure(found: Results) -> Documents:
+def recovered_figure(results: Results) -> list[Figure]:
     """The turn for every offset that the augmented filter is asked to find; it has no counterpart in the paper."""
-    flight = found.flight("turn", augmented=True)
+    flight = results.flight("turn", augmented=True)
     parts = [
-        curve(milliseconds(one), flight.t_s, 1e3 * flight.offset_mean_s[:, flight.at(augmented(one))])
-        for one in RECOVERED_ms
+        series(f"{offset_ms:g} ms", flight.t_s, 1e3 * flight.offset_mean_s[:, flight.at(augmented(offset_ms))])
+        for offset_ms in RECOVERED_ms
     ]
     caption = "Mean error of the estimated offset over the runs, turn from 20 to 40 s; no counterpart in the paper."
-    return [drawn("Recovered offsets", caption, (_TIME, "mean error / ms"), parts, "recovered")]
+    return [Figure("Recovered offsets", caption, _TIME, "mean error / ms", parts, "recovered")]

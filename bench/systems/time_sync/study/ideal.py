@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from bench.analysis import Floats
 from bench.maths.strapdown import Track, navigate
 from bench.systems.time_sync.estimators.sar.response import impulse_response
 from bench.systems.time_sync.study.flight import simulated
 from bench.systems.time_sync.study.image import scene_of
-from bench.systems.time_sync.study.results import Cut, Floats, IdealResult
+from bench.systems.time_sync.study.results import Cut, IdealResult
 from bench.systems.time_sync.study.study import ERRORLESS, APERTURE_s, LONG_s, Task
 
 _IMU_Hz = 200

@@ -12,13 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from bench.analysis import Floats
 from bench.systems.time_sync.estimators.kalman.setup import FineTrack
 from bench.systems.time_sync.estimators.sar.image import image_chip
 from bench.systems.time_sync.estimators.sar.navigation import positions_at
 from bench.systems.time_sync.estimators.sar.pulses import Pulses
 from bench.systems.time_sync.estimators.sar.response import Response, SEARCH_m, impulse_response
 from bench.systems.time_sync.study.flight import Flown, flight_result, simulated
-from bench.systems.time_sync.study.results import Chip, Cut, Floats, ImageResult
+from bench.systems.time_sync.study.results import Chip, Cut, ImageResult
 from bench.systems.time_sync.study.study import TIGHT, APERTURE_s, Group, Task
 
 _CHIP_m = 16.0  # half length: 30 ms at 250 m/s move the target by 8 m

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bench.analysis import Figure, picture, series
 from bench.systems.time_sync.estimators.sar.image import levels_dB
-from bench.systems.time_sync.study.documents import Documents, curve, drawn, milliseconds, picture, scattered
 from bench.systems.time_sync.study.images import figures_of, image_group
 from bench.systems.time_sync.study.results import Results
 
@@ -21,12 +21,12 @@ _INDICES = (
 )
 
 
-def image_figures(found: Results, offsets_ms: Sequence[float], *, augmented: bool) -> Documents:
+def image_figures(results: Results, offsets_ms: Sequence[float], *, augmented: bool) -> list[Figure]:
     """Cut, chips and indices of one of the two filters."""
     return [
-        *_cuts(found, offsets_ms, augmented),
-        *_chips(found, (min(offsets_ms, key=abs), max(offsets_ms, key=abs)), augmented),
-        *_indices(found, offsets_ms, augmented),
+        *_cuts(results, offsets_ms, augmented),
+        *_chips(results, (min(offsets_ms, key=abs), max(offsets_ms, key=abs)), augmented),
+        *_indices(results, offsets_ms, augmented),
     ]
 
 
@@ -34,39 +34,39 @@ def _which(augmented: bool) -> str:
     return "with the offset as a state" if augmented else "without compensation"
 
 
-def _cuts(found: Results, offsets_ms: Sequence[float], augmented: bool) -> Documents:
+def _cuts(results: Results, offsets_ms: Sequence[float], augmented: bool) -> list[Figure]:
     number, parts = _NUMBERS[augmented][0], []
     for offset_ms in offsets_ms:
         group = image_group(offset_ms, augmented=augmented)
-        for cut in found.image(group)[0].cuts:
+        for cut in results.image(group)[0].cuts:
             if (cut.direction, cut.offset_ms, cut.solution) == ("azimuth", group.offset_ms, group.solution):
                 level_dB = levels_dB(cut.amplitude, 1.0, _FLOOR_dB)
-                parts.append(curve(milliseconds(offset_ms), cut.at_m, level_dB))
+                parts.append(series(f"{offset_ms:g} ms", cut.at_m, level_dB))
     caption = (
         f"Figure {number}. Impulse response along the track, {_which(augmented)}, run 1; 0 m is where the target truly "
         "is, 0 dB the peak of a perfectly known track. The paper's axis: amplitude over azimuth."
     )
-    labels = ("along track / m", "level / dB")
-    return [drawn(f"Fig. {number} impulse response", caption, labels, parts, f"figure {number}")]
+    labels = "along track / m", "level / dB"
+    return [Figure(f"Fig. {number} impulse response", caption, *labels, parts, f"figure {number}")]
 
 
-def _chips(found: Results, offsets_ms: Sequence[float], augmented: bool) -> Documents:
+def _chips(results: Results, offsets_ms: Sequence[float], augmented: bool) -> list[Figure]:
     number, drawings = _NUMBERS[augmented][1], []
     caption = (
         f"Figure {number}. The target's image, {_which(augmented)}, run 1; level from -40 dB (white) to 0 dB (black)."
     )
     for letter, offset_ms in zip("ab", offsets_ms, strict=True):
         group = image_group(offset_ms, augmented=augmented)
-        result, at = found.image(group)
+        result, at = results.image(group)
         chip = result.chips[at]
         level_dB = np.minimum(levels_dB(chip.size, 1.0, _FLOOR_dB), 0.0)
-        title = f"Fig. {number} ({letter}) {milliseconds(offset_ms)}"
+        title = f"Fig. {number} ({letter}) {offset_ms:g} ms"
         parts = [picture(chip.azimuth_m, chip.range_m, np.round(level_dB.T, 1))]
-        drawings.append(drawn(title, caption, ("along track / m", "range / m"), parts, f"figure {number}"))
+        drawings.append(Figure(title, caption, "along track / m", "range / m", parts, f"figure {number}"))
     return drawings
 
 
-def _indices(found: Results, offsets_ms: Sequence[float], augmented: bool) -> Documents:
+def _indices(results: Results, offsets_ms: Sequence[float], augmented: bool) -> list[Figure]:
     number, drawings = _NUMBERS[augmented][2], []
     caption = (
         f"Figure {number}. Indices of the image over the offset, {_which(augmented)}: mean over the runs and its "
@@ -74,8 +74,9 @@ def _indices(found: Results, offsets_ms: Sequence[float], augmented: bool) -> Do
         "the text."
     )
     for name, title, unit in _INDICES:
-        values = [figures_of(found, name, one, augmented=augmented) for one in offsets_ms]
-        part = scattered("mean", offsets_ms, [one.mean() for one in values], [one.std() for one in values])
-        labels = ("offset / ms", f"{title} / {unit}")
-        drawings.append(drawn(f"Fig. {number} {title}", caption, labels, [part], f"figure {number}"))
+        values = [figures_of(results, name, offset_ms, augmented=augmented) for offset_ms in offsets_ms]
+        mean, std = np.array([of_runs.mean() for of_runs in values]), np.array([of_runs.std() for of_runs in values])
+        part = series("mean", offsets_ms, mean, "points", low=mean - std, high=mean + std)
+        labels = "offset / ms", f"{title} / {unit}"
+        drawings.append(Figure(f"Fig. {number} {title}", caption, *labels, [part], f"figure {number}"))
     return drawings

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from bench.analysis import Estimates, Floats
 from bench.systems.time_sync.study.image import FIGURES, IMAGED
-from bench.systems.time_sync.study.results import Floats, Results
+from bench.systems.time_sync.study.results import Results
 from bench.systems.time_sync.study.study import AUGMENTED, ERRORLESS, UNAUGMENTED, Group, IMAGE_SPEED_m_s
 from bench.systems.time_sync.study.tolerance import measured
 
-Documents = list[dict[str, Any]]
 IDEAL_RESOLUTION_m, IDEAL_RANGE_m, IDEAL_PSLR_dB, IDEAL_ISLR_dB = 0.2490, 2.656, -13.26, -10.12
 NAVIGATED_m = 1e-3
 _IDENTITY_m, _SHIFT, _COMPENSATED_m = 0.02, (1.00, 1.15), 0.25
@@ -34,7 +34,7 @@ def figures_of(found: Results, name: str, offset_ms: float, *, augmented: bool) 
     return np.asarray(getattr(result, name)[at])
 
 
-def image_estimates(found: Results, offsets_ms: tuple[float, ...]) -> Documents:
+def image_estimates(found: Results, offsets_ms: tuple[float, ...]) -> Estimates:
     """The ideal response, then figures of every offset and filter, then those against no offset."""
     documents = _ideal(found)
     for augmented in (False, True):
@@ -46,7 +46,7 @@ def image_estimates(found: Results, offsets_ms: tuple[float, ...]) -> Documents:
     return documents
 
 
-def _ideal(found: Results) -> Documents:
+def _ideal(found: Results) -> Estimates:
     """Nothing but the radar and the mechanisation."""
     ideal, conditions = found.ideal(), {"filter": ERRORLESS}
 
@@ -73,7 +73,7 @@ def _mean_std(values: Floats) -> tuple[float, float]:
     return float(values.mean()), float(std)
 
 
-def _figures(found: Results, offset_ms: float, augmented: bool) -> Documents:
+def _figures(found: Results, offset_ms: float, augmented: bool) -> Estimates:
     documents = []
     for name in FIGURES:
         values = figures_of(found, name, offset_ms, augmented=augmented)
@@ -87,7 +87,7 @@ def _figures(found: Results, offset_ms: float, augmented: bool) -> Documents:
     return documents
 
 
-def _identity(found: Results, offset_ms: float, augmented: bool) -> Documents:
+def _identity(found: Results, offset_ms: float, augmented: bool) -> Estimates:
     """The shift that is seen in the image is the one that the errors of navigation explain."""
     seen_m, said_m = (
         figures_of(found, name, offset_ms, augmented=augmented) for name in ("azimuth_shift_m", "predicted_m")
@@ -97,7 +97,7 @@ def _identity(found: Results, offset_ms: float, augmented: bool) -> Documents:
     return [measured("shift_unexplained_rms", "m", rms_m, 0.0, conditions, n=len(seen_m), at_most=_IDENTITY_m)]
 
 
-def _paired(found: Results, offset_ms: float, augmented: bool) -> Documents:
+def _paired(found: Results, offset_ms: float, augmented: bool) -> Estimates:
     """Every run against the same run without an offset."""
     moved_m = _difference(found, "azimuth_shift_m", offset_ms, augmented)
     mean_m, std_m = _mean_std(moved_m)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.systems.time_sync.study.documents import Document, Documents, table
+from bench.analysis import Chapter, Table
 from bench.systems.time_sync.study.flight_figures import (
     error_figures,
     observability_figures,
@@ -30,56 +30,50 @@ from bench.systems.time_sync.study.tables import (
     several_table,
 )
 
-Chapter = dict[str, Any]
 
-
-def study_chapters(options: StudyOptions, document: Mapping[str, Any], found: Results) -> list[Chapter]:
-    """Chapters: ``name``, ``paragraphs``, ``figures``, ``tables``."""
+def study_chapters(options: StudyOptions, document: Mapping[str, Any], results: Results) -> list[Chapter]:
+    """Return the chapters in the order of the page."""
     offsets_ms, estimates = options.offsets_ms, Estimates(document["estimates"])
     uncompensated = [image_table(estimates, offsets_ms), paired_table(estimates, offsets_ms)]
     return [
-        _chapter("tolerances", [], [tolerance_table(document["estimates"])], document["notes"]),
-        _chapter(
+        Chapter("tolerances", [], [tolerance_table(document["estimates"])], document["notes"]),
+        Chapter(
             "errors",
-            error_figures(found, offsets_ms),
-            [*paper_tables(found, estimates, offsets_ms), bias_table(estimates, offsets_ms)],
+            error_figures(results, offsets_ms),
+            [*paper_tables(results, estimates, offsets_ms), bias_table(estimates, offsets_ms)],
         ),
-        _chapter("image", image_figures(found, offsets_ms, augmented=False), uncompensated),
-        _chapter(
+        Chapter("image", image_figures(results, offsets_ms, augmented=False), uncompensated),
+        Chapter(
             "recovery",
-            [*offset_figure(found, offsets_ms), *recovered_figure(found)],
+            [*offset_figure(results, offsets_ms), *recovered_figure(results)],
             [recovered_table(estimates), long_table(estimates, offsets_ms)],
         ),
-        _chapter(
-            "compensated", image_figures(found, offsets_ms, augmented=True), [several_table(estimates, offsets_ms)]
+        Chapter(
+            "compensated", image_figures(results, offsets_ms, augmented=True), [several_table(estimates, offsets_ms)]
         ),
-        _chapter("observability", observability_figures(found), [observability_table(estimates)]),
-        _chapter("assumptions", [], _word_tables()),
+        Chapter("observability", observability_figures(results), [observability_table(estimates)]),
+        Chapter("assumptions", [], _word_tables()),
     ]
 
 
-def _chapter(name: str, figures: Documents, tables: Documents, paragraphs: Sequence[str] = ()) -> Chapter:
-    return {"name": name, "figures": figures, "tables": tables, "paragraphs": list(paragraphs)}
-
-
-def tolerance_table(estimates: Sequence[Mapping[str, Any]]) -> Document:
+def tolerance_table(estimates: Sequence[Mapping[str, Any]]) -> Table:
     """Everything that is judged, what failed first."""
-    judged = [one for one in estimates if one["verdict"] != "none"]
+    judged = [estimate for estimate in estimates if estimate["verdict"] != "none"]
     rows = [
         (
-            one["quantity"].replace("_", " "),
-            _where(one["conditions"]),
-            said(one),
-            one["unit"],
-            _end(one["conditions"].get("at_least")),
-            _end(one["conditions"].get("at_most")),
-            one["verdict"],
+            estimate["quantity"].replace("_", " "),
+            _where(estimate["conditions"]),
+            said(estimate),
+            estimate["unit"],
+            _end(estimate["conditions"].get("at_least")),
+            _end(estimate["conditions"].get("at_most")),
+            estimate["verdict"],
         )
-        for one in sorted(judged, key=lambda one: one["verdict"] != "fail")
+        for estimate in sorted(judged, key=lambda estimate: estimate["verdict"] != "fail")
     ]
     heads = ("quantity", "case", "value", "unit", "at least", "at most", "verdict")
     caption = "The value is judged; its standard uncertainty is that of the number of runs"
-    return table("Tolerances", caption, heads, rows, prose=True)
+    return Table("Tolerances", caption, heads, rows, prose=True)
 
 
 def _end(value: float | None) -> str:
@@ -99,12 +93,12 @@ def _where(conditions: Mapping[str, Any]) -> str:
     )
 
 
-def _word_tables() -> Documents:
+def _word_tables() -> list[Table]:
     assumed = ("What the paper does not state", "Assumed here; another choice changes the numbers")
     cannot = ("What cannot be matched, and why", "")
     misprints = ("Equations as they must read", "Errors are estimate minus truth")
     return [
-        table(*assumed, ("item", "assumption"), ASSUMED, prose=True),
-        table(*cannot, ("item", "why"), UNMATCHED, prose=True),
-        table(*misprints, ("equation", "printed", "here"), MISPRINTS, prose=True),
+        Table(*assumed, ("item", "assumption"), ASSUMED, prose=True),
+        Table(*cannot, ("item", "why"), UNMATCHED, prose=True),
+        Table(*misprints, ("equation", "printed", "here"), MISPRINTS, prose=True),
     ]

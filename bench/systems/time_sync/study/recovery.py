@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.analysis import Estimates
 from bench.systems.time_sync.study.results import FlightResult, Results
 from bench.systems.time_sync.study.study import (
     AUGMENTED,
@@ -20,7 +21,6 @@ from bench.systems.time_sync.study.study import (
 )
 from bench.systems.time_sync.study.tolerance import measured, rms_std
 
-Documents = list[dict[str, Any]]
 _MEAN_ms, _RMS_ms, _LEFT, _NEES, _NEES_MOST = 0.5, 1.0, 0.9, (0.3, 3.0), 3.0
 _SOON_s, _NEES_AT_s = MANOEUVRE_s[0] + 2.0, 100.0
 SEEN_s = 22.0  # where the observability of the manoeuvres is compared
@@ -31,7 +31,7 @@ def augmented(offset_ms: float, noise: str = BASE) -> Group:
     return Group(offset_ms * 1e-3, augmented=True, noise=noise)
 
 
-def recovery_estimates(found: Results, offsets_ms: tuple[float, ...]) -> Documents:
+def recovery_estimates(found: Results, offsets_ms: tuple[float, ...]) -> Estimates:
     """Recovered offsets by manoeuvre, consistency, observability."""
     return [*_turn(found), *_straight(found), *_others(found), *_long(found, offsets_ms), *_observability(found)]
 
@@ -45,7 +45,7 @@ def _conditions(manoeuvre: str, offset_ms: float, at_s: float, noise: str = BASE
     return {"manoeuvre": manoeuvre, "offset_ms": offset_ms, "filter": AUGMENTED, "noise": noise, "at_s": at_s}
 
 
-def _remaining(flight: FlightResult, group: Group, conditions: dict[str, Any], *, judged: bool) -> Documents:
+def _remaining(flight: FlightResult, group: Group, conditions: dict[str, Any], *, judged: bool) -> Estimates:
     """Mean and RMS error of the offset at a time."""
     at, column = near(flight, conditions["at_s"]), flight.at(group)
     mean_ms, rms_ms = 1e3 * flight.offset_mean_s[at, column], 1e3 * flight.offset_rms_s[at, column]
@@ -59,7 +59,7 @@ def _remaining(flight: FlightResult, group: Group, conditions: dict[str, Any], *
     ]
 
 
-def _turn(found: Results) -> Documents:
+def _turn(found: Results) -> Estimates:
     """The turn finds it, whatever it is."""
     flight = found.flight("turn", augmented=True)
     times_s = (_SOON_s, MANOEUVRE_s[1], SHORT_s)
@@ -71,10 +71,10 @@ def _turn(found: Results) -> Documents:
     ]
 
 
-def _straight(found: Results) -> Documents:
+def _straight(found: Results) -> Estimates:
     """Straight and level flight cannot tell an offset from a distance: a filter that converges has seen the truth."""
     flight = found.flight("linear", augmented=True)
-    documents: Documents = []
+    documents: Estimates = []
     for offset_ms in RECOVERED_ms:
         column, conditions = (
             flight.at(augmented(offset_ms)),
@@ -100,7 +100,7 @@ def _straight_consistency(flight: FlightResult) -> dict[str, Any]:
     return measured("offset_nees_over_offsets", "1", nees, 0.0, conditions, n=n, at_least=low, at_most=high)
 
 
-def _others(found: Results) -> Documents:
+def _others(found: Results) -> Estimates:
     flight = found.flight("acceleration", augmented=True)
     times_s = (_SOON_s, SHORT_s)
     return [
@@ -111,9 +111,9 @@ def _others(found: Results) -> Documents:
     ]
 
 
-def _long(found: Results, offsets_ms: tuple[float, ...]) -> Documents:
+def _long(found: Results, offsets_ms: tuple[float, ...]) -> Estimates:
     """The flight with images: after its turn, and whether the filter knows how well it does."""
-    documents: Documents = []
+    documents: Estimates = []
     low, high = _NEES
     for offset_ms in offsets_ms:
         for noise in (LOOSE, TIGHT):
@@ -135,9 +135,9 @@ def _long(found: Results, offsets_ms: tuple[float, ...]) -> Documents:
     return documents
 
 
-def _observability(found: Results) -> Documents:
+def _observability(found: Results) -> Estimates:
     """Figure 16, at a time instead of over the whole flight."""
-    documents: Documents = []
+    documents: Estimates = []
     for manoeuvre in ("linear", "acceleration", "turn"):
         flight = found.flight(manoeuvre, augmented=True)
         at, column = near(flight, SEEN_s), flight.at(augmented(SHOWN_ms))

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis import Floats
 from bench.systems.time_sync.study.study import Group, Task
 
-Floats = NDArray[np.float64]
 ERRORS = ("position_m", "velocity_m_s", "attitude_deg", "accel_bias_ug", "gyro_bias_deg_h")
 
 

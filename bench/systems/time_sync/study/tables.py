@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.analysis.numbers import number, with_uncertainty
-from bench.systems.time_sync.study.documents import Document, Documents, table
+from bench.analysis import Table, number, with_uncertainty
 from bench.systems.time_sync.study.errors import over_time, unaugmented
 from bench.systems.time_sync.study.results import Results
 from bench.systems.time_sync.study.study import (
@@ -38,20 +37,24 @@ class Estimates:
     def all(self, quantity: str, **conditions: Any) -> list[Row]:
         """Those that hold for all the conditions given."""
         return [
-            one
-            for one in self._estimates
-            if one["quantity"] == quantity and conditions.items() <= one["conditions"].items()
+            estimate
+            for estimate in self._estimates
+            if estimate["quantity"] == quantity and conditions.items() <= estimate["conditions"].items()
         ]
 
     def value(self, quantity: str, **conditions: Any) -> str:
-        """The value with its standard uncertainty as text; a dash if there is none."""
-        found = self.all(quantity, **conditions)
-        return said(found[0]) if found else _DASH
+        """Return the value with its standard uncertainty as text; a dash if there is none."""
+        results = self.all(quantity, **conditions)
+        return said(results[0]) if results else _DASH
 
 
-def said(one: Row) -> str:
-    """A value, to the digits its uncertainty supports."""
-    return with_uncertainty(one["value"], one["std_uncertainty"]) if one["std_uncertainty"] else plain(one["value"])
+def said(estimate: Row) -> str:
+    """Return a value, to the digits its uncertainty supports."""
+    return (
+        with_uncertainty(estimate["value"], estimate["std_uncertainty"])
+        if estimate["std_uncertainty"]
+        else plain(estimate["value"])
+    )
 
 
 def plain(value: float) -> str:
@@ -59,12 +62,12 @@ def plain(value: float) -> str:
     return number(float(f"{value:.4g}"))
 
 
-def paper_tables(found: Results, estimates: Estimates, offsets_ms: Sequence[float]) -> Documents:
+def paper_tables(results: Results, estimates: Estimates, offsets_ms: Sequence[float]) -> list[Table]:
     """Tables 5 to 7."""
     return [
         _position(estimates, offsets_ms),
-        _velocity(found, estimates, offsets_ms),
-        _yaw(found, estimates, offsets_ms),
+        _velocity(results, estimates, offsets_ms),
+        _yaw(results, estimates, offsets_ms),
     ]
 
 
@@ -72,73 +75,73 @@ def _paper(printed: Mapping[float, float], offset_ms: float) -> str:
     return plain(printed[offset_ms]) if offset_ms in printed else _DASH
 
 
-def _position(estimates: Estimates, offsets_ms: Sequence[float]) -> Document:
+def _position(estimates: Estimates, offsets_ms: Sequence[float]) -> Table:
     rows = [
         (
-            f"{one:g}",
-            _paper(POSITION_m, one),
-            estimates.value("position_rms", manoeuvre="linear", offset_ms=one),
-            estimates.value("position_rms_ratio", manoeuvre="linear", offset_ms=one),
-            estimates.value("position_mean", manoeuvre="linear", offset_ms=one),
-            plain(0.0 - SPEED_m_s * one * 1e-3),
+            f"{offset_ms:g}",
+            _paper(POSITION_m, offset_ms),
+            estimates.value("position_rms", manoeuvre="linear", offset_ms=offset_ms),
+            estimates.value("position_rms_ratio", manoeuvre="linear", offset_ms=offset_ms),
+            estimates.value("position_mean", manoeuvre="linear", offset_ms=offset_ms),
+            plain(0.0 - SPEED_m_s * offset_ms * 1e-3),
         )
-        for one in offsets_ms
+        for offset_ms in offsets_ms
     ]
     heads = ("T_d / ms", "paper / m", "RMS / m", "over √(RMS0² + (v T_d)²)", "mean / m", "−v T_d / m")
     caption = "Position error north in linear motion. RMS over the runs and t > 5 s; base noise"
-    return table("Table 5", caption, heads, rows)
+    return Table("Table 5", caption, heads, rows)
 
 
-def _velocity(found: Results, estimates: Estimates, offsets_ms: Sequence[float]) -> Document:
-    flight = found.flight("acceleration", augmented=False)
+def _velocity(results: Results, estimates: Estimates, offsets_ms: Sequence[float]) -> Table:
+    flight = results.flight("acceleration", augmented=False)
     rows = [
         (
-            f"{one:g}",
-            _paper(VELOCITY_m_s, one),
-            estimates.value("velocity_rms_max", manoeuvre="acceleration", offset_ms=one),
-            plain(over_time(flight, "velocity_m_s", unaugmented(one), 0, MANOEUVRE_s)),
-            plain(ACCELERATION_m_s2 * one * 1e-3),
-            estimates.value("velocity_lag", manoeuvre="acceleration", offset_ms=one),
+            f"{offset_ms:g}",
+            _paper(VELOCITY_m_s, offset_ms),
+            estimates.value("velocity_rms_max", manoeuvre="acceleration", offset_ms=offset_ms),
+            plain(over_time(flight, "velocity_m_s", unaugmented(offset_ms), 0, MANOEUVRE_s)),
+            plain(ACCELERATION_m_s2 * offset_ms * 1e-3),
+            estimates.value("velocity_lag", manoeuvre="acceleration", offset_ms=offset_ms),
         )
-        for one in offsets_ms
+        for offset_ms in offsets_ms
     ]
     heads = ("T_d / ms", "paper / m/s", "greatest RMS / m/s", "RMS 20-40 s / m/s", "a T_d / m/s", "mean over −a T_d")
     caption = "Velocity error north in acceleration; base noise. Judged is the greatest RMS over time"
-    return table("Table 6", caption, heads, rows)
+    return Table("Table 6", caption, heads, rows)
 
 
-def _yaw(found: Results, estimates: Estimates, offsets_ms: Sequence[float]) -> Document:
-    flight = found.flight("turn", augmented=False)
+def _yaw(results: Results, estimates: Estimates, offsets_ms: Sequence[float]) -> Table:
+    flight = results.flight("turn", augmented=False)
     rows = [
         (
-            f"{one:g}",
-            _paper(YAW_deg, one),
-            estimates.value("yaw_rms_max", manoeuvre="turn", offset_ms=one),
-            plain(over_time(flight, "attitude_deg", unaugmented(one), 2, MANOEUVRE_s)),
-            plain(RATE_deg_s * one * 1e-3),
+            f"{offset_ms:g}",
+            _paper(YAW_deg, offset_ms),
+            estimates.value("yaw_rms_max", manoeuvre="turn", offset_ms=offset_ms),
+            plain(over_time(flight, "attitude_deg", unaugmented(offset_ms), 2, MANOEUVRE_s)),
+            plain(RATE_deg_s * offset_ms * 1e-3),
         )
-        for one in offsets_ms
+        for offset_ms in offsets_ms
     ]
     heads = ("T_d / ms", "paper / deg", "greatest RMS / deg", "RMS 20-40 s / deg", "w T_d / deg")
     caption = "Yaw error in the turn; base noise. Judged is the greatest RMS over time"
-    return table("Table 7", caption, heads, rows)
+    return Table("Table 7", caption, heads, rows)
 
 
-def bias_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Document:
+def bias_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Table:
     """Which biases an offset reaches, figures 5 to 7."""
     rows = []
     for manoeuvre in ("acceleration", "turn"):
         for quantity, unit in (("accel_bias_rms", "ug"), ("gyro_bias_rms", "deg/h")):
             for axis in ("forward", "right", "down"):
                 where = {"manoeuvre": manoeuvre, "axis": axis}
-                values = (estimates.value(quantity, offset_ms=one, **where) for one in offsets_ms)
+                values = (estimates.value(quantity, offset_ms=offset_ms, **where) for offset_ms in offsets_ms)
                 rows.append((manoeuvre, f"{quantity.partition('_')[0]} {axis} / {unit}", *values))
-    heads = ("manoeuvre", "bias", *(f"{one:g} ms" for one in offsets_ms))
-    return table("Errors of the biases", "RMS over the runs and 20-40 s; tight noise", heads, rows)
+    heads = ("manoeuvre", "bias", *(f"{offset_ms:g} ms" for offset_ms in offsets_ms))
+    return Table("Errors of the biases", "RMS over the runs and 20-40 s; tight noise", heads, rows)
 
 
-def recovered_table(estimates: Estimates) -> Document:
-    """The offsets that the augmented filter was asked to find, by manoeuvre and time."""
+def recovered_table(estimates: Estimates) -> Table:
+    """Return the offsets that the augmented filter was asked to find, by manoeuvre and time."""
     rows = []
     for offset_ms in RECOVERED_ms:
         for manoeuvre in ("turn", "acceleration", "linear"):
@@ -153,62 +156,61 @@ def recovered_table(estimates: Estimates) -> Document:
         "there tells an offset from a distance. A NEES below 1 is due there, since the offsets are smaller than the "
         "30 ms that the filter begins with"
     )
-    return table("Recovered offsets", caption, heads, rows)
+    return Table("Recovered offsets", caption, heads, rows)
 
 
-def long_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Document:
+def long_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Table:
     """Offset and consistency on the flight with images."""
     rows = []
     for noise in (LOOSE, TIGHT):
-        for one in offsets_ms:
-            where = {"manoeuvre": "sar", "offset_ms": one, "noise": noise, "filter": AUGMENTED}
+        for offset_ms in offsets_ms:
+            where = {"manoeuvre": "sar", "offset_ms": offset_ms, "noise": noise, "filter": AUGMENTED}
             names = ("offset_error_mean", "offset_error_rms", "offset_sigma", "offset_nees", "nis_ratio", "nis_outside")
-            rows.append((noise, f"{one:g}", *(estimates.value(name, **where) for name in names)))
+            rows.append((noise, f"{offset_ms:g}", *(estimates.value(name, **where) for name in names)))
     heads = ("noise", "T_d / ms", "mean error / ms", "RMS error / ms", "sigma / ms", "NEES", "NIS", "NIS outside 95 %")
     caption = (
         "Flight with images, at 100 s. NEES and NIS are 1 for a filter that knows its errors: the EGI's are coloured, "
         "so that with tight noise the filter believes too much of the offset, and with loose noise it does not. The "
         "NIS is small because the EGI is better than the noise assumed"
     )
-    return table("Consistency", caption, heads, rows)
+    return Table("Consistency", caption, heads, rows)
 
 
-def observability_table(estimates: Estimates) -> Document:
+def observability_table(estimates: Estimates) -> Table:
     """Figure 16 in numbers."""
     rows = []
     for manoeuvre in ("linear", "acceleration", "turn"):
         names = ("offset_eigenvalue", "offset_variance_ratio", "offset_eigenvalue_rms")
         rows.append((manoeuvre, *(estimates.value(name, manoeuvre=manoeuvre) for name in names)))
     heads = ("manoeuvre", "eigenvalue at 22 s", "P'_TdTd at 22 s", "eigenvalue, RMS over 60 s")
-    return table(
-        "Observability of the offset", "Small is well observed; covariance over that of the begin", heads, rows
-    )
+    caption = "Small is well observed; covariance over that of the begin"
+    return Table("Observability of the offset", caption, heads, rows)
 
 
-def image_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Document:
+def image_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Table:
     """Figures 10 and 14 in numbers."""
     names = ("azimuth_shift", "azimuth_resolution", "pslr", "islr", "peak", "range_shift", "range_resolution")
     rows = [
-        (name, f"{one:g}", *(_value_only(estimates, quantity, name, one) for quantity in names))
+        (name, f"{offset_ms:g}", *(_value_only(estimates, quantity, name, offset_ms) for quantity in names))
         for name in (UNAUGMENTED, AUGMENTED)
-        for one in offsets_ms
+        for offset_ms in offsets_ms
     ]
     units = ("shift / m", "resolution / m", "PSLR / dB", "ISLR / dB", "peak", "range shift / m", "range resolution / m")
     caption = "Means over the runs; along the track where nothing else is said; shift = image - target"
-    return table("Indices of the image", caption, ("filter", "T_d / ms", *units), rows)
+    return Table("Indices of the image", caption, ("filter", "T_d / ms", *units), rows)
 
 
 def _value_only(estimates: Estimates, quantity: str, solution: str, offset_ms: float) -> str:
-    found = estimates.all(quantity, manoeuvre="sar", filter=solution, offset_ms=offset_ms)
-    return plain(found[0]["value"]) if found else _DASH
+    results = estimates.all(quantity, manoeuvre="sar", filter=solution, offset_ms=offset_ms)
+    return plain(results[0]["value"]) if results else _DASH
 
 
-def paired_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Document:
-    """Every run against itself without an offset."""
+def paired_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Table:
+    """Return every run against itself without an offset."""
     rows = []
     for name in (UNAUGMENTED, AUGMENTED):
-        for one in offsets_ms:
-            where = {"manoeuvre": "sar", "filter": name, "offset_ms": one}
+        for offset_ms in offsets_ms:
+            where = {"manoeuvre": "sar", "filter": name, "offset_ms": offset_ms}
             names = (
                 "shift_against_none",
                 "shift_over_lag",
@@ -216,7 +218,7 @@ def paired_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Document:
                 "resolution_ratio",
                 "islr_against_none",
             )
-            rows.append((name, f"{one:g}", *(estimates.value(quantity, **where) for quantity in names)))
+            rows.append((name, f"{offset_ms:g}", *(estimates.value(quantity, **where) for quantity in names)))
     heads = (
         "filter",
         "T_d / ms",
@@ -230,15 +232,17 @@ def paired_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Document:
         "Every run against the same run at 0 ms. Not explained: RMS of the shift seen in the image minus along-track "
         "error - (R0 / v) x velocity error along the line of sight"
     )
-    return table("What the offset does to the image", caption, heads, rows)
+    return Table("What the offset does to the image", caption, heads, rows)
 
 
-def several_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Document:
+def several_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Table:
     """Three targets of one scene."""
     rows = []
     for name in (UNAUGMENTED, AUGMENTED):
-        for one in offsets_ms:
-            where = {"filter": name, "offset_ms": one}
-            rows.append((name, f"{one:g}", *(estimates.value("target_shift", target=k, **where) for k in (1, 2, 3))))
+        for offset_ms in offsets_ms:
+            where = {"filter": name, "offset_ms": offset_ms}
+            rows.append(
+                (name, f"{offset_ms:g}", *(estimates.value("target_shift", target=k, **where) for k in (1, 2, 3)))
+            )
     heads = ("filter", "T_d / ms", "middle / m", "100 m ahead, 12 m near / m", "100 m behind, 12 m far / m")
-    return table("Shift of several targets", "One scene, run 1: the image moves as a whole", heads, rows)
+    return Table("Shift of several targets", "One scene, run 1: the image moves as a whole", heads, rows)

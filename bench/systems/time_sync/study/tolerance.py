@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from bench.analysis.estimates import estimate
+from bench.analysis import estimate
 
 
 def measured(

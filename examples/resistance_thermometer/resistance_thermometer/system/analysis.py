@@ -5,9 +5,7 @@ Source: IEC 60751:2022 (equations, classes); EURAMET cg-8 and JCGM 100:2008 (wha
 
 from __future__ import annotations
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.estimates import rule_of
-from bench.analysis.material import Material
+from bench.analysis import Analysis, Material, check_method, rule_of
 from bench.model.errors import FitError
 
 from resistance_thermometer.system.comparison import compare
@@ -27,8 +25,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     Raises: FitError B-FIT-004 for an unknown method, RT-SET-001, RT-SET-002 for what the manifest lacks, RT-SET-003 if
             no record can be used.
     """
-    if method not in METHODS:
-        raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(METHODS)}")
+    check_method(method, METHODS)
     setup = setup_of(material.campaign, material.standards)
     points = points_of(material)
     if not points:

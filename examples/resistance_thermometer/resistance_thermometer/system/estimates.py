@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-from bench.analysis.estimates import estimate
+from bench.analysis import Estimates, estimate
 
 from resistance_thermometer.system.comparison import Comparison
 from resistance_thermometer.system.estimators.callendar import NAMES
 
-Documents = list[dict[str, Any]]
 _UNITS = {
     "r0": ("ohm", 1.0), "cvd_a": ("ppm/degC", 1e6), "cvd_b": ("ppm/degC2", 1e6), "cvd_c": ("ppm/degC4", 1e6),
 }  # fmt: skip
 
 
-def estimates_of(comparison: Comparison) -> Documents:
+def estimates_of(comparison: Comparison) -> Estimates:
     """Return the deviation at every set-point, and the coefficients unless they are refused."""
     return [*_coefficients(comparison), *_deviations(comparison)]
 
@@ -25,7 +24,7 @@ def place_of(comparison: Comparison) -> dict[str, Any]:
     return {"unit": comparison.thermometer.serial, "channel": comparison.thermometer.channel}
 
 
-def _coefficients(comparison: Comparison) -> Documents:
+def _coefficients(comparison: Comparison) -> Estimates:
     fit = comparison.fit
     if fit is None or comparison.refused:
         return []
@@ -37,7 +36,7 @@ def _coefficients(comparison: Comparison) -> Documents:
     return made
 
 
-def _deviations(comparison: Comparison) -> Documents:
+def _deviations(comparison: Comparison) -> Estimates:
     tolerance = comparison.thermometer.tolerance
     columns = (comparison.setpoint_degC, comparison.t_degC, comparison.deviation_degC, comparison.std_degC)
     rows = zip(*columns, comparison.n, comparison.dropped, strict=True)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from bench.analysis.material import Material, Reading
+from bench.analysis import Material, Reading
 
 from resistance_thermometer.system.setup import CHAMBER, METER, SCANNER
 

@@ -6,19 +6,18 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from bench.analysis.numbers import number, with_uncertainty
+from bench.analysis import Documents, Table, number, with_uncertainty
 from bench.maths.verdict import coverage_factor, verdict
 
 from resistance_thermometer.system.comparison import Comparison, Part
 from resistance_thermometer.system.estimators.callendar import NAMES
 from resistance_thermometer.system.estimators.iec60751 import CLASSES, IEC_60751
 
-Documents = list[dict[str, Any]]
 _SEVERITY = ("pass", "conditional_pass", "conditional_fail", "fail")
 _TO_PPM = (1.0, 1e6, 1e6, 1e6)
 
 
-def tables_of(comparisons: Sequence[Comparison], doubts: Sequence[str], rule: str) -> Documents:
+def tables_of(comparisons: Sequence[Comparison], doubts: Sequence[str], rule: str) -> list[Table]:
     """Return all tables: those of the classes, of the coefficients and of doubts, if there are any, are read first."""
     return [_classes(comparisons, rule), _coefficients(comparisons), *_doubts(doubts), _comparisons(comparisons)]
 
@@ -44,16 +43,15 @@ def components_of(comparisons: Sequence[Comparison]) -> Documents:
     ]
 
 
-def _doubts(doubts: Sequence[str]) -> Documents:
+def _doubts(doubts: Sequence[str]) -> list[Table]:
     if not doubts:
         return []
     caption = "What the readings say against what is stated of thermometers, reference and wiring."
     rows = [[count, doubt] for count, doubt in enumerate(doubts, 1)]
-    return [{"title": "Doubts", "caption": caption, "headers": ["no.", "doubt"], "rows": rows, "prose": True,
-             "lead": True}]  # fmt: skip
+    return [Table("Doubts", caption, ["no.", "doubt"], rows, prose=True, lead=True)]
 
 
-def _classes(comparisons: Sequence[Comparison], rule: str) -> dict[str, Any]:
+def _classes(comparisons: Sequence[Comparison], rule: str) -> Table:
     rows = []
     for comparison in comparisons:
         stated = comparison.thermometer.tolerance_class
@@ -71,7 +69,7 @@ def _classes(comparisons: Sequence[Comparison], rule: str) -> dict[str, Any]:
         f"rule of decision: {rule.replace('_', ' ')}."
     )
     headers = ["thermometer", "channel", "stated class", "largest deviation, degC", *(f"class {c}" for c in CLASSES)]
-    return {"title": "Tolerance classes", "caption": caption, "headers": headers, "rows": rows, "lead": True}
+    return Table("Tolerance classes", caption, headers, rows, lead=True)
 
 
 def _worst_verdict(comparison: Comparison, name: str, rule: str) -> str:
@@ -84,7 +82,7 @@ def _worst_verdict(comparison: Comparison, name: str, rule: str) -> str:
     return max(verdicts, key=_SEVERITY.index, default="none")
 
 
-def _coefficients(comparisons: Sequence[Comparison]) -> dict[str, Any]:
+def _coefficients(comparisons: Sequence[Comparison]) -> Table:
     rows = []
     for comparison in comparisons:
         fit, cells = comparison.fit, ["–"] * len(NAMES)
@@ -100,17 +98,17 @@ def _coefficients(comparisons: Sequence[Comparison]) -> dict[str, Any]:
     headers = [
         "thermometer", "R0 / ohm", "a / ppm/°C", "b / ppm/°C²", "c / ppm/°C⁴", "chi-square / dof", "probability",
     ]  # fmt: skip
-    return {"title": "Coefficients", "caption": caption, "headers": headers, "rows": rows, "lead": True}
+    return Table("Coefficients", caption, headers, rows, lead=True)
 
 
-def _comparisons(comparisons: Sequence[Comparison]) -> dict[str, Any]:
+def _comparisons(comparisons: Sequence[Comparison]) -> Table:
     rows = [row for comparison in comparisons for row in _rows(comparison)]
     headers = [
         "thermometer", "set-point, degC", "reference, degC", "resistance / ohm", "deviation, degC", "limit, degC",
         "readings",
     ]  # fmt: skip
     caption = "Each thermometer beside the reference probe; limits are those of its stated class."
-    return {"title": "Comparison with the reference probe", "caption": caption, "headers": headers, "rows": rows}
+    return Table("Comparison with the reference probe", caption, headers, rows)
 
 
 def _rows(comparison: Comparison) -> list[list[Any]]:

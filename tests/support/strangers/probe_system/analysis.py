@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.estimates import estimate
-from bench.analysis.material import Material
+from bench.analysis import Analysis, Material, estimate
 
 METHODS = ("mean",)
 

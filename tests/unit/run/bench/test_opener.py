@@ -17,6 +17,7 @@ from bench.run.bench import opener
 from bench.run.bench.opener import OpenBench, open_bench
 from bench.run.bench.transcript import HeldTranscript, new_folder
 from bench.run.control.operator import SimulatedOperator
+from bench.run.observers import Observers, Recorder
 from bench.run.session import conduct
 
 ROOT = Path(__file__).resolve().parents[4]
@@ -145,5 +146,5 @@ def test_a_full_disk_keeps_no_command_from_an_instrument() -> None:
             raise RecordError("B-REC-003", "64 MB wait", where="session")
 
     transcript = HeldTranscript()
-    transcript.attach(Full())  # type: ignore[arg-type]
+    transcript.attach(Observers(VirtualClock(), Recorder(Full())))  # type: ignore[arg-type]
     transcript("calibrator", "tx", "STBY", 0)

@@ -360,6 +360,5 @@ def test_refused_commands_do_not_fill_a_disk_and_a_full_one_refuses_none(
         raise RecordError("B-REC-003", "no space", where="x")
 
     monkeypatch.setattr(rig.sink, "event", full)
-    context.sink = rig.sink
     assert answering.answer({"command": "abort", "reason": "fire"}, "me")["ok"]
     assert context.stop.requested == "abort by me: fire"

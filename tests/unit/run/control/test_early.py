@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 from hold_rig import HoldRig
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.early import link_checks
+from bench.analysis import Analysis, link_checks
 from bench.model.clock import WallClock
 from bench.plan.language import Early
 from bench.run.context import RunContext

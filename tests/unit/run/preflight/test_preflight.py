@@ -18,10 +18,11 @@ from bench.model.events import Event
 from bench.report.tables import analysis_tables
 from bench.run.bench.opener import OpenBench, open_bench
 from bench.run.guard.lock import BenchLock, bus_keys
-from bench.run.preflight import Finding, Preflight, Report, Status, live, report_table
+from bench.run.preflight import Finding, Preflight, Report, Status, live
 from bench.run.preflight.inhibit import stay_awake
 from bench.run.preflight.live import examine
 from bench.run.preflight.survey import Check, survey
+from bench.session.happenings import preflight_table
 
 OK = Finding("one", Status.OK, "1", "2", "fine")
 WARN = Finding("two", Status.WARN, "", "", "not so fine")
@@ -47,7 +48,7 @@ def test_one_error_lists_everything_that_does() -> None:
 def test_the_event_becomes_a_table_of_the_report() -> None:
     event = Report((OK, WARN)).event()
     assert (event.ok, event.warn, event.fail, event.skipped) == (1, 1, 0, 0)
-    (table,) = analysis_tables([report_table(event)])
+    (table,) = analysis_tables([preflight_table(event)])
     assert table.rows == (("one", "ok", "1", "2", "fine"), ("two", "warn", "", "", "not so fine"))
 
 

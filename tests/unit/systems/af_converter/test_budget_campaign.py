@@ -8,8 +8,7 @@ import fit_simulation as sim
 import numpy as np
 import pytest
 
-from bench.analysis.material import Material
-from bench.analysis.registry import analyse
+from bench.analysis import Material, analyse
 from bench.maths.budget import combine_all
 from bench.systems.af_converter.constants import Campaign, Standards, read_campaign, read_standards
 from bench.systems.af_converter.group_fit import Fitted, fit_groups
@@ -73,30 +72,30 @@ def test_tables_of_a_campaign_with_a_closing_repeat_have_its_totals() -> None:
     campaign = sim.simulate(SEED, repeat_channel=1)
     analysis = analyse(Material(campaign.rows, *sections(campaign)))
     for quantity in ("dsf_n", "dsf_p"):
-        (table,) = [one for one in analysis.tables if one["title"] == f"Uncertainty of {quantity} by channel"]
+        (table,) = [one for one in analysis.tables if one.title == f"Uncertainty of {quantity} by channel"]
         stated = {
             str(one["conditions"]["channel"]): one["expanded_uncertainty"]
             for one in analysis.estimates
             if one["quantity"] == quantity and one["conditions"]["temperature_degC"] == 20.0
         }
-        assert {row[0]: row[-1] for row in table["rows"]} == {name: f"{value:.4g}" for name, value in stated.items()}
+        assert {row[0]: row[-1] for row in table.rows} == {name: f"{value:.4g}" for name, value in stated.items()}
 
 
 def test_tables_show_every_contribution_and_the_total() -> None:
     groups, constants, standards = fitted(sim.simulate(SEED))
     tables = budget_tables(groups, constants, standards, "gls")
-    titles = [one["title"] for one in tables]
+    titles = [one.title for one in tables]
     assert sum(title.startswith("Uncertainty budget of dsf_") for title in titles) == 4
     assert sum(title.startswith("Correlation of") for title in titles) == 2
     for table in tables:
-        assert {len(row) for row in table["rows"]} <= {len(table["headers"])}
-        if table["title"].startswith("Uncertainty budget"):
-            total = sum(float(row[4].replace("−", "-")) ** 2 for row in table["rows"][:-1])
-            assert float(table["rows"][-1][4]) == pytest.approx(np.sqrt(total), rel=1e-3)
-            assert sum(float(row[5].split()[0]) for row in table["rows"][:-1]) == pytest.approx(100.0, abs=0.1)
-            names = {row[0] for row in table["rows"]}
+        assert {len(row) for row in table.rows} <= {len(table.headers)}
+        if table.title.startswith("Uncertainty budget"):
+            total = sum(float(row[4].replace("−", "-")) ** 2 for row in table.rows[:-1])
+            assert float(table.rows[-1][4]) == pytest.approx(np.sqrt(total), rel=1e-3)
+            assert sum(float(row[5].split()[0]) for row in table.rows[:-1]) == pytest.approx(100.0, abs=0.1)
+            names = {row[0] for row in table.rows}
             assert {"calibrator traceability", "calibrator drift over the campaign"} <= names
-            for row in table["rows"][:-1]:
+            for row in table.rows[:-1]:
                 u, sensitivity, contribution = (float(row[place].replace("−", "-")) for place in (1, 3, 4))
                 assert u * sensitivity == pytest.approx(contribution, rel=2e-3)
 
@@ -105,7 +104,7 @@ def test_what_is_not_stated_is_no_line() -> None:
     campaign = sim.simulate(SEED)
     constants, standards = read_campaign(campaign.campaign), read_standards(campaign.standards)
     groups = fit_groups(group_rows(campaign_rows(campaign.rows), constants.master_Hz), constants, standards, "gls")
-    names = {row[0] for table in budget_tables(groups, constants, standards, "gls") for row in table["rows"]}
+    names = {row[0] for table in budget_tables(groups, constants, standards, "gls") for row in table.rows}
     assert not any("traceability" in str(name) or "drift" in str(name) for name in names)
 
 
@@ -150,7 +149,7 @@ def test_trials_agree_with_the_budget(method: str) -> None:
         assert found.trials == TRIALS
         assert found.mean == pytest.approx(one.fit.dsf_ppm[0], abs=5 * budget.std_uncertainty / np.sqrt(TRIALS))
         assert found.std == pytest.approx(budget.std_uncertainty, rel=0.01)
-        (row,) = check_table([(one, budget)], groups, constants, standards, method)["rows"]
+        (row,) = check_table([(one, budget)], groups, constants, standards, method).rows
         assert row[-1] == "agrees"
 
 
@@ -162,7 +161,7 @@ def test_trials_notice_a_budget_without_the_common_gain() -> None:
     groups, constants, standards = fitted(sim.simulate(SEED))
     one = nearest_to_reference(groups, constants)[0]
     parts = [part for part in components_of(one, 0, groups, constants, standards) if part.common != "gain"]
-    (row,) = check_table([(one, combine_all({"": parts}).budgets[""])], groups, constants, standards, "gls")["rows"]
+    (row,) = check_table([(one, combine_all({"": parts}).budgets[""])], groups, constants, standards, "gls").rows
     assert row[-1] == "differs"
 
 

@@ -7,9 +7,7 @@ from typing import Any
 import fit_simulation as sim
 import pytest
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.material import Material, Reading
-from bench.analysis.registry import analyse
+from bench.analysis import Analysis, Material, Reading, analyse
 
 COMPONENT = "calibrator drift over the campaign"
 LEVELS_A = {1e-3: 1e-3, 1e-2: 1e-2, 1e-1: 1e-1}  # level -> range of the meter

@@ -14,10 +14,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.material import Material
-from bench.analysis.registry import analyse
-from bench.analysis.results import build_results, results_json
+from bench.analysis import Analysis, Material, analyse, build_results, results_json
 from bench.model.errors import InputError
 from bench.session.coefficients import write_coefficients
 from bench.systems.af_converter.coefficients import coefficients_of, coefficients_schema, merged
@@ -109,7 +106,7 @@ def test_coefficients_give_the_truth_back(campaign: sim.SimulatedCampaign, both:
 
 
 def test_document_is_valid_by_the_shipped_schema(both: dict[str, Any]) -> None:
-    schema = json.loads((resources.files("bench.campaigns") / "coefficients.schema.json").read_text(encoding="utf-8"))
+    schema = json.loads(resources.files("bench.systems.af_converter").joinpath("coefficients.schema.json").read_text())
     assert schema == coefficients_schema()
     jsonschema.Draft202012Validator.check_schema(schema)
     jsonschema.validate(json.loads(results_json(both)), schema)

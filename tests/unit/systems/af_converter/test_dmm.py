@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 from dmm_simulation import QUANTITIES, SPECIFICATION, analysed, material, of, readings_of, simulate, standards
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.material import Material, Reading
+from bench.analysis import Analysis, Material, Reading
 from bench.model.errors import FitError
 from bench.systems.af_converter.constants import read_campaign, read_ranges
 from bench.systems.af_converter.dmm_method import analysis as dmm_method
@@ -83,9 +82,9 @@ def test_complete_and_within_its_uncertainty(found: tuple[Analysis, sim.Simulate
 def test_agrees_with_the_calibrator_method_on_the_same_records(record_property: Callable[[str, object], None]) -> None:
     worst = 0.0
     for seed in range(40, 50):
-        (agreement,) = [table for table in analysed(seed)[0].tables if "calibrator method" in table["title"]]
-        assert len(agreement["rows"]) == 4
-        for row in agreement["rows"]:
+        (agreement,) = [table for table in analysed(seed)[0].tables if "calibrator method" in table.title]
+        assert len(agreement.rows) == 4
+        for row in agreement.rows:
             assert row[5] == pytest.approx(row[3] - row[4])
             worst = max(worst, abs(row[7]))
             assert abs(row[7]) < 1.3  # E_n of twenty standards drawn: 95 % are below 1
@@ -93,7 +92,7 @@ def test_agrees_with_the_calibrator_method_on_the_same_records(record_property: 
 
 
 def test_without_the_calibrator_in_the_register_the_method_stands_by_itself() -> None:
-    assert not [table for table in analysed(5, both=False)[0].tables if "calibrator method" in table["title"]]
+    assert not [table for table in analysed(5, both=False)[0].tables if "calibrator method" in table.title]
 
 
 def group_and_meter(seed: int, channel: int) -> tuple[Group, Any, Any, Any]:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from dmm_simulation import OFFSET_A, QUANTITIES, SPECIFICATION, material, meter_range, of, readings_of, simulate
 
-from bench.analysis.material import Reading
+from bench.analysis import Reading
 from bench.systems.af_converter.dmm_method import analysis as dmm_method
 from bench.systems.af_converter.dmm_method.readings import MeterLog, reading_sets
 
@@ -47,9 +47,9 @@ def test_both_standards_count_in_full_in_the_agreement() -> None:
     stated = copy.deepcopy(dict(plain.standards))
     stated["calibrator"]["traceability_relative"] = 4e-5
     analysis = dmm_method.analyse(dataclasses.replace(plain, standards=stated))
-    (table,) = [one for one in analysis.tables if one["title"].startswith("DMM method and")]
+    (table,) = [one for one in analysis.tables if one.title.startswith("DMM method and")]
     by_place = {(one["conditions"]["channel"], one["quantity"]): one for one in of(analysis, *QUANTITIES)}
-    for row in table["rows"]:
+    for row in table.rows:
         own_ppm = by_place[row[0], row[2]]["std_uncertainty"]
         assert row[6] == pytest.approx(1.96 * np.sqrt(own_ppm**2 + 10.0**2 + 20.0**2), rel=0.02)
 

@@ -10,10 +10,7 @@ import numpy as np
 import pytest
 from bias_simulation import MASTER_ppm, Ramp, Row, campaign, draw, ramp, rows
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.coefficients import validate
-from bench.analysis.material import Material, Trace
-from bench.analysis.results import build_results
+from bench.analysis import Analysis, Material, Trace, build_results, validate_coefficients
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.systems.af_converter.bias_ramp import analysis as bias_ramp
@@ -125,9 +122,9 @@ def test_lag_is_shown_beside_the_joint_fit(
     record_property: Callable[[str, object], None], analysis: Analysis, ramps: dict[int, Ramp]
 ) -> None:
     """Against the chamber's air separate cubics add 2 x rate x lag x slope, here of 25 min at 0.1 degC/min."""
-    table = next(one for one in analysis.tables if "separate polynomials" in one["title"])
+    table = next(one for one in analysis.tables if "separate polynomials" in one.title)
     for number, one in ramps.items():
-        (row,) = [row for row in table["rows"] if row[0] == number and row[1] == 20.0]
+        (row,) = [row for row in table.rows if row[0] == number and row[1] == 20.0]
         joint, against_air, against_sensor = float(row[2]), float(row[4]), float(row[5])
         excess = 2 * 0.1 * 25.0 * one.unit.polynomial[1] * 1e9
         record_property("obtained", f"channel {number}: {against_air - joint:.1f} of {excess:.1f} nA")
@@ -139,9 +136,9 @@ def test_lag_is_shown_beside_the_joint_fit(
 
 def test_parts_of_the_uncertainty(analysis: Analysis, ramps: dict[int, Ramp]) -> None:
     """400 ppm of the bias, and 0.05 degC times its slope, by hand; table and residual hold them, too."""
-    table = next(one for one in analysis.tables if one["title"].startswith("Components of the bias"))
+    table = next(one for one in analysis.tables if one.title.startswith("Components of the bias"))
     for number, one in ramps.items():
-        parts = {row[1]: float(row[2]) for row in table["rows"] if row[0] == number}
+        parts = {row[1]: float(row[2]) for row in table.rows if row[0] == number}
         assert parts["scale factor taken as nominal"] == pytest.approx(4e5 * abs(one.truth(0)), rel=0.01)
         expected_nA = 1e9 * 0.05 * abs(one.unit.polynomial[1])
         assert parts["temperature sensor of the unit"] == pytest.approx(expected_nA, rel=0.1)
@@ -154,21 +151,21 @@ def test_budgets_give_the_stated_uncertainty_and_the_sensor_joins_the_channels(
     analysis: Analysis, ramps: dict[int, Ramp]
 ) -> None:
     """U of the budget is that of results.json; correlation by hand: product of the sensor's parts over both u."""
-    budgets = [one for one in analysis.tables if one["title"].startswith("Uncertainty budget of the bias at 20")]
+    budgets = [one for one in analysis.tables if one.title.startswith("Uncertainty budget of the bias at 20")]
     assert len(budgets) == len({kind_of(one) for one in analysis.estimates})
     for table in budgets:
-        number = int(table["title"].split("channel ")[1].split(" ")[0])
+        number = int(table.title.split("channel ")[1].split(" ")[0])
         stated = one_of(analysis, "bias", channel=number, temperature_degC=20.0)
-        assert f"U = {stated['expanded_uncertainty'] * 1e9:.4g}" in table["caption"]
-    matrix = next(one for one in analysis.tables if one["title"].startswith("Correlation of the bias"))
-    names = matrix["headers"][1:]
+        assert f"U = {stated['expanded_uncertainty'] * 1e9:.4g}" in table.caption
+    matrix = next(one for one in analysis.tables if one.title.startswith("Correlation of the bias"))
+    names = matrix.headers[1:]
     sensor_nA = {str(n): 1e9 * 0.05 * one.unit.polynomial[1] for n, one in ramps.items()}
     u_nA = {
         name: 1e9 * one_of(analysis, "bias", channel=int(name), temperature_degC=20.0)["std_uncertainty"]
         for name in names
     }
     expected = sensor_nA[names[0]] * sensor_nA[names[1]] / (u_nA[names[0]] * u_nA[names[1]])
-    assert float(matrix["rows"][0][2].replace("−", "-")) == pytest.approx(expected, abs=0.02)
+    assert float(matrix.rows[0][2].replace("−", "-")) == pytest.approx(expected, abs=0.02)
 
 
 def kind_of(estimate: dict[str, Any]) -> Any:
@@ -197,14 +194,14 @@ def test_documents_are_valid(analysis: Analysis, ramps: dict[int, Ramp]) -> None
     }  # fmt: skip
     results = build_results("s", analysis, {}, provenance)
     document = coefficients_of(analysis, results, campaign(ramps))
-    validate(document, "s", Coefficients)
+    validate_coefficients(document, "s", Coefficients)
     bias = next(one for one in document["parameters"] if one["parameter"] == "bias" and one["channel"] == 1)
     entry = one_of(analysis, "bias", channel=1, temperature_degC=35.0)
     assert np.polynomial.polynomial.polyval(15.0, bias["coefficients"]) == pytest.approx(entry["value"], rel=1e-12)
     assert {one["parameter"] for one in document["parameters"]} == {"bias", "master_clock"}
-    groups = {one.get("group") for one in analysis.figures}
+    groups = {one.group for one in analysis.figures}
     assert {"bias over temperature", "residuals of the joint fit", "hysteresis width"} <= groups
-    assert all(len(one["x"]) == len(one.get("y", one.get("low"))) for f in analysis.figures for one in f["series"])
+    assert all(len(one.x) == len(one.y or one.low or []) for f in analysis.figures for one in f.series)
     assert analysis.components[-1]["component"] == "combined"
 
 

@@ -8,9 +8,7 @@ import fit_simulation as sim
 import numpy as np
 import pytest
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.material import Material
-from bench.analysis.registry import analyse
+from bench.analysis import Analysis, Material, analyse
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 

@@ -10,8 +10,7 @@ import pytest
 from import_sample import RAMP, LAG_s, ramp_rows
 from import_sample import lagging as lagging_by
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.material import Material
+from bench.analysis import Analysis, Material
 from bench.model.errors import FitError
 from bench.model.yamlio import parse_yaml
 from bench.plan.mapping import mapping_model
@@ -168,19 +167,19 @@ def test_overloaded_rows_are_left_out_and_counted(lagging: Analysis) -> None:
 
 
 def test_what_the_report_gets(lagging: Analysis) -> None:
-    titles = [one["title"] for one in lagging.figures]
+    titles = [one.title for one in lagging.figures]
     assert titles == ["Temperature programme", "meter up and down", "meter up minus down", "meter residuals"]
     for figure in lagging.figures:
-        for series in figure["series"]:
-            assert len(series["x"]) == len(series["y"]) > 0
-            assert np.isfinite(series["y"]).all()
+        for series in figure.series:
+            assert len(series.x) == len(series.y) > 0
+            assert np.isfinite(series.y).all()
     segments, totals, by_sensor, left = lagging.tables
-    assert [row[0] for row in segments["rows"]] == ["hold", "up", "hold", "down", "hold"]
-    assert [row[2] for row in totals["rows"]] == pytest.approx([5.0, 6.0, 5.0], rel=0.02)
-    assert by_sensor["headers"] == ["temperature / °C", "mean", "sensor_1", "sensor_2"]
-    assert by_sensor["rows"][-1][0] == "after drift"
-    assert left["rows"][1][1].startswith("joint: falling minus rising, lag ")
-    assert left["rows"][1][4] < left["rows"][0][4]
+    assert [row[0] for row in segments.rows] == ["hold", "up", "hold", "down", "hold"]
+    assert [row[2] for row in totals.rows] == pytest.approx([5.0, 6.0, 5.0], rel=0.02)
+    assert by_sensor.headers == ["temperature / °C", "mean", "sensor_1", "sensor_2"]
+    assert by_sensor.rows[-1][0] == "after drift"
+    assert left.rows[1][1].startswith("joint: falling minus rising, lag ")
+    assert left.rows[1][4] < left.rows[0][4]
 
 
 def test_without_set_point_and_reference_the_reading_is_taken_as_it_is() -> None:

@@ -9,10 +9,7 @@ import fit_simulation as sim
 import pytest
 from rich.console import Console
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.material import Material
-from bench.analysis.registry import analyse
-from bench.analysis.results import build_results
+from bench.analysis import Analysis, Material, analyse, build_results
 from bench.commands.tables import WIDTH, print_results
 from bench.model.quality import Quality
 

@@ -7,8 +7,7 @@ import fit_simulation as sim
 import numpy as np
 import pytest
 
-from bench.analysis.material import Material
-from bench.analysis.registry import analyse
+from bench.analysis import Material, analyse
 from bench.model.errors import FitError
 from bench.systems.af_converter import group_fit
 from bench.systems.af_converter.estimators import scale_factor as code

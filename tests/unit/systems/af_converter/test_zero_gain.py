@@ -8,9 +8,7 @@ import fit_simulation as sim
 import numpy as np
 import pytest
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.material import Material
-from bench.analysis.registry import analyse
+from bench.analysis import Analysis, Material, analyse
 from bench.systems.af_converter.constants import read_campaign, read_standards
 from bench.systems.af_converter.estimators.scale_factor import fit_scale_factor
 from bench.systems.af_converter.groups import campaign_rows, group_rows
@@ -27,8 +25,8 @@ def run(seed: int, method: str = "gls", **switches: Any) -> Analysis:
 def test_gain_of_zeros_in_every_range_is_shown() -> None:
     """Figures of the design: 1.82 to 1.22 ppm on gyroscope channels, 1.02 to 0.76 ppm on accelerometer channels."""
     analysis = run(3, zero_in_every_range=True)
-    (table,) = [table for table in analysis.tables if table["title"] == TITLE]
-    found = {kind: (every, one) for kind, every, one in table["rows"]}
+    (table,) = [table for table in analysis.tables if table.title == TITLE]
+    found = {kind: (every, one) for kind, every, one in table.rows}
     sys.stdout.write(f"{found}\n")
     assert found["gyro"] == pytest.approx((1.22, 1.83), abs=0.02)
     assert found["accelerometer"] == pytest.approx((0.76, 1.02), abs=0.01)
@@ -38,20 +36,20 @@ def test_gain_of_zeros_in_every_range_is_shown() -> None:
 @pytest.mark.parametrize(("method", "every"), [("gls", False), ("paper", True), ("ols", True)])
 def test_nothing_is_said_where_there_is_nothing_to_compare(method: str, every: bool) -> None:
     analysis = run(3, method, zero_in_every_range=every)
-    assert not [table for table in analysis.tables if table["title"] == TITLE]
+    assert not [table for table in analysis.tables if table.title == TITLE]
     assert not any("Zeros in every range" in note for note in analysis.notes)
 
 
 def test_the_uncertainty_with_one_pair_is_that_of_the_shorter_campaign() -> None:
     """Leaving the further zeros out of the long campaign must give what the 38-hour plan states."""
-    (table,) = [table for table in run(3, zero_in_every_range=True).tables if table["title"] == TITLE]
+    (table,) = [table for table in run(3, zero_in_every_range=True).tables if table.title == TITLE]
     plain = sim.simulate(3)
     constants, register = read_campaign(plain.campaign), read_standards(plain.standards)
     for group in group_rows(campaign_rows(plain.rows), sim.MASTER_Hz):  # type: ignore[arg-type]
         assert one_zero_pair(group.closed).all()
         fit = fit_scale_factor(group.closed, constants.converter(group.channel), register.ranges)
         kind = constants.channel(group.channel).kind
-        expected = next(one for name, _, one in table["rows"] if name == kind)
+        expected = next(one for name, _, one in table.rows if name == kind)
         assert np.sqrt(np.diag(fit.covariance_ppm2)).max() == pytest.approx(expected, rel=0.01)
 
 

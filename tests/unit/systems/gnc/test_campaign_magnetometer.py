@@ -10,7 +10,7 @@ import pytest
 from gnc_exchanges import FRAME, exchange
 from imu_material import Rig
 
-from bench.analysis.results import build_results
+from bench.analysis import build_results
 from bench.frame import load_frame
 from bench.model.errors import FitError
 from bench.systems.gnc.magnetometer.analysis import analyse
@@ -111,11 +111,11 @@ def test_the_table_must_be_declared_non_magnetic(found) -> None:
 
 def test_figures_before_and_after(found) -> None:
     plane = found.figures[0]
-    before, after = plane["series"]
-    assert (before["label"], after["label"]) == ("before", "after")
-    radius = np.hypot(after["x"], after["y"])
+    before, after = plane.series
+    assert (before.label, after.label) == ("before", "after")
+    radius = np.hypot(after.x, after.y)
     assert np.std(radius) < 1.0  # mgauss
-    assert np.std(np.hypot(before["x"], before["y"])) > 10.0
+    assert np.std(np.hypot(before.x, before.y)) > 10.0
 
 
 def test_less_than_a_turn_is_refused_and_the_other_record_is_used() -> None:

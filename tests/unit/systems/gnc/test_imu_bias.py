@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from imu_material import SITE, Rig, Unit, earth_rate, to_local, values
 
-from bench.analysis.results import build_results
+from bench.analysis import build_results
 from bench.systems.gnc.bias.analysis import analyse
 
 SEED = 607
@@ -64,11 +64,11 @@ def test_repeatability_is_reported_and_never_judged(whole) -> None:
 
 
 def test_tables_2_and_3(whole) -> None:
-    titles = [one["title"] for one in whole.tables]
+    titles = [one.title for one in whole.tables]
     table_2 = whole.tables[titles.index("Table 2: stability and repeatability")]
-    assert table_2["headers"] == ["quantity", "x", "y", "z"]
-    assert "not tested" not in str(table_2["rows"])
-    table_3 = {row[0]: row for row in whole.tables[titles.index("Table 3: specification of the module")]["rows"]}
+    assert table_2.headers == ["quantity", "x", "y", "z"]
+    assert "not tested" not in str(table_2.rows)
+    table_3 = {row[0]: row for row in whole.tables[titles.index("Table 3: specification of the module")].rows}
     assert table_3["gyro: bias stability, 1 sigma"][-1] == "PASS"
     assert table_3["gyro: bias stability, 1 sigma"][3] == "10"
     assert " ± " in table_3["gyro: bias stability, 1 sigma"][2]
@@ -89,7 +89,7 @@ def test_windows_without_gaps_and_a_short_hour_give_no_result() -> None:
     assert sum("B-FIT-092" in one for one in analysis.missing) == 6
     assert sum("B-FIT-093" in one for one in analysis.missing) == 6
     assert {"bias: no record", "flip: no record"} <= set(analysis.missing)
-    assert "not tested" in str(analysis.tables[1]["rows"])
+    assert "not tested" in str(analysis.tables[1].rows)
 
 
 def test_gravity_of_the_site_is_not_needed_for_a_bias() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from imu_material import POSES, SITE, Rig, Unit, calibration, values
 
-from bench.analysis.results import build_results
+from bench.analysis import build_results
 from bench.model.errors import FitError
 from bench.systems.gnc.calibration.analysis import analyse
 
@@ -46,7 +46,7 @@ def test_coupling_is_judged_after_compensation_by_the_second_set(twice) -> None:
         assert len(left) == 6
         assert {one["verdict"] for one in left} == {"pass"}
         assert max(abs(one["value"]) for one in left) < 1e-4
-    rows = {row[0]: row[-1] for row in twice.tables[2]["rows"]}
+    rows = {row[0]: row[-1] for row in twice.tables[2].rows}
     assert rows["gyro: coupling after compensation"] == "PASS"
     assert rows["gyro: range"] == rows["position, 1 sigma"] == "not tested"
     assert sum(verdict == "PASS" for verdict in rows.values()) == 2
@@ -69,7 +69,7 @@ def test_a_unit_that_changes_between_the_sets_fails_the_check() -> None:
 
 def test_without_a_second_set_coupling_after_compensation_is_not_tested() -> None:
     analysis = analyse(calibration(Rig(SEED), rest_s=10.0).material("imu_calibration"))
-    rows = {row[0]: row[-1] for row in analysis.tables[2]["rows"]}
+    rows = {row[0]: row[-1] for row in analysis.tables[2].rows}
     assert set(rows.values()) == {"not tested"}
     assert sum("no second set" in one for one in analysis.missing) == 2
 

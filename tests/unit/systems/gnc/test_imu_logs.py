@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from imu_material import turned, values
 
-from bench.analysis.material import Material
+from bench.analysis import Material
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.multi_position import fit_multi_position
 from bench.systems.gnc.estimators.static_intervals import static_intervals
@@ -120,7 +120,7 @@ def test_many_poses_are_found_again() -> None:
     analysis = imu_multi_position.analyse(material)
     np.testing.assert_allclose(values(analysis.estimates, "accel_sensitivity"), scale, rtol=5e-4)
     np.testing.assert_allclose(values(analysis.estimates, "accel_zero"), zero, atol=1.5)
-    assert analysis.tables[1]["rows"][0][0] == 36
+    assert analysis.tables[1].rows[0][0] == 36
     fit = fit_multi_position(static_intervals(accel, 100.0, initial_s=30.0).means(accel), 9.8)
     for quantity, stds in (("accel_sensitivity", fit.counts_per_unit_std), ("accel_zero", fit.zero_std)):
         found = [one for one in analysis.estimates if one["quantity"] == quantity]
@@ -137,7 +137,7 @@ def test_many_poses_of_another_sensor(_: int) -> None:
     np.testing.assert_allclose(values(analysis.estimates, "accel_zero"), [33123.8, 33275.1, 32364.5], atol=1.0)
     residual = next(one["value"] for one in analysis.estimates if one["quantity"] == "accel_residual")
     assert residual <= 0.0011
-    assert 36 <= analysis.tables[1]["rows"][0][0] <= 38
+    assert 36 <= analysis.tables[1].rows[0][0] <= 38
 
 
 @pytest.mark.parametrize("_", [pytest.param(0, marks=real)])
@@ -160,5 +160,5 @@ def test_six_positions_of_another_sensor(_: int) -> None:
     np.testing.assert_allclose(K, np.linalg.inv(sensitivity), atol=1e-4)
     bias = values(analysis.estimates, "accel_bias")
     np.testing.assert_allclose(bias, -np.linalg.inv(sensitivity) @ means.mean(axis=0), atol=0.03)
-    assert "Residual 0.01308 m/s2" in analysis.tables[0]["caption"]
+    assert "Residual 0.01308 m/s2" in analysis.tables[0].caption
     assert analysis.missing == []

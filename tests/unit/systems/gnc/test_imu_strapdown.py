@@ -13,9 +13,7 @@ import pytest
 from test_imu_logs import log
 from test_rest_drift import GYRO_NOISE, RATE, TURNS, noisy, poses
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.material import Material
-from bench.analysis.numbers import with_uncertainty
+from bench.analysis import Analysis, Material, with_uncertainty
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.rest_drift.rests import find_rests
 from bench.systems.gnc.estimators.rest_drift.sensor_class import NAMES
@@ -70,9 +68,9 @@ def test_a_long_rest_gives_every_horizon_and_nothing_between() -> None:
     ]
     assert horizons == [3.0, 10.0, 30.0, 60.0]
     assert analysis.missing == []
-    (table,) = (one for one in analysis.tables if one["title"] == "Class of the sensors")
+    (table,) = (one for one in analysis.tables if one.title == "Class of the sensors")
     drift = next(one for one in analysis.estimates if one["quantity"] == "gyro_drift")
-    (shown,) = (row[2] for row in table["rows"] if row[0] == "gyro drift")
+    (shown,) = (row[2] for row in table.rows if row[0] == "gyro drift")
     assert shown == with_uncertainty(drift["value"], 2.0 * drift["std_uncertainty"])
     assert {one["quantity"] for one in analysis.estimates}.isdisjoint({"level_error", "turn_scale"})
 

@@ -11,10 +11,9 @@ from typing import Any
 import pytest
 from gnc_exchanges import PATTERN, ad, exchange, exchanges, imu, material, sound_items, supply
 
-from bench.analysis.material import Exchange
-from bench.analysis.results import build_results
+from bench.analysis import Exchange, build_results
 from bench.model.errors import FitError
-from bench.systems.gnc.limits import Limits
+from bench.systems.gnc.limits import limits_of
 from bench.systems.gnc.unit_test.analysis import analyse
 from bench.systems.gnc.unit_test.units import ITEMS
 
@@ -44,7 +43,7 @@ def test_a_sound_unit_passes_everything() -> None:
     assert {one["verdict"] for one in analysis.estimates} == {"pass", "none"}
     document = build_results("one", analysis, {}, PROVENANCE)
     assert len(document["estimates"]) == len(analysis.estimates)
-    assert analysis.tables[0]["rows"][0][-1] == "PASS"
+    assert analysis.tables[0].rows[0][-1] == "PASS"
 
 
 def changed(name: str, change: Callable[[int, Exchange], Exchange | None]) -> list[Exchange]:
@@ -120,8 +119,8 @@ WRONG: list[tuple[str, str, Callable[[int, Exchange], Exchange | None], str]] = 
 def test_a_fault_fails_its_item_and_no_other(item: str, name: str, change: Any, says: str) -> None:
     found = changed(item, change)
     assert failed(found) == {item}, name
-    wrong = next(one for one in analyse(material(found)).tables if one["title"] == "Wrong results")
-    assert any(says in row[2] or says in row[5] for row in wrong["rows"])
+    wrong = next(one for one in analyse(material(found)).tables if one.title == "Wrong results")
+    assert any(says in row[2] or says in row[5] for row in wrong.rows)
 
 
 @pytest.mark.parametrize(
@@ -151,9 +150,9 @@ def test_what_was_not_tested_never_passes(item: str) -> None:
     analysis = analyse(material(found))
     assert item not in verdicts(found)
     assert analysis.missing == [f"unit GNC-01: {ITEMS[item]} was not tested"]
-    row = dict(zip(analysis.tables[1]["headers"], analysis.tables[1]["rows"][0], strict=True))
+    row = dict(zip(analysis.tables[1].headers, analysis.tables[1].rows[0], strict=True))
     assert row[ITEMS[item]] == "not tested"
-    assert analysis.tables[0]["rows"][0][-1] == "not tested"
+    assert analysis.tables[0].rows[0][-1] == "not tested"
     assert json.loads(analysis.attachments["GNC-01/summary.json"])["verdict"] == "not tested"
 
 
@@ -189,7 +188,7 @@ def test_several_units_are_told_apart_and_one_failing_loop_fails_the_item() -> N
     wrong = {(one["conditions"]["unit"], one["quantity"]): (one["value"], one["n"]) for one in analysis.estimates}
     assert wrong["A-1", "cpu_wrong"] == (0.0, 1)
     assert wrong["B-2", "cpu_wrong"] == (1.0, 3)
-    assert [row[-1] for row in analysis.tables[0]["rows"]] == ["PASS", "FAIL"]
+    assert [row[-1] for row in analysis.tables[0].rows] == ["PASS", "FAIL"]
     assert {path.split("/")[0] for path in analysis.attachments} == {"A-1", "B-2"}
 
 
@@ -241,15 +240,15 @@ def test_temperatures_that_cannot_be(place: int, counts: int, fails: bool) -> No
 
 def test_limits_without_a_sequence_are_those_of_the_paper() -> None:
     """Table 3: 26 x 26 x 32 mm, 5 V and 0.49 A within 5 %, 10 deg/h, 2 mg, couplings of 0.001; a timer within 1 %."""
-    limits = Limits({})
-    assert [limits(name) for name in ("width", "depth", "height")] == [0.026, 0.026, 0.032]
-    assert [limits(f"supply_{name}") for name in ("voltage", "current")] == [5.0, 0.49]
-    assert limits("supply_voltage_deviation") == limits("supply_current_deviation") == 0.05
-    assert 3600.0 * limits("gyro_bias_stability") == pytest.approx(10.0)
-    assert 1e3 * limits("accel_bias_stability") == pytest.approx(2.0)
-    assert limits("gyro_cross_coupling") == limits("accel_cross_coupling") == 1e-3
-    assert [limits("timer_interval_error"), limits("timer_ticks")] == [0.01, 20.0]
-    assert [limits("horizontal_error"), limits("height_error")] == [10.0, 15.0]
+    limits = limits_of({})
+    assert [limits[name] for name in ("width", "depth", "height")] == [0.026, 0.026, 0.032]
+    assert [limits[f"supply_{name}"] for name in ("voltage", "current")] == [5.0, 0.49]
+    assert limits["supply_voltage_deviation"] == limits["supply_current_deviation"] == 0.05
+    assert 3600.0 * limits["gyro_bias_stability"] == pytest.approx(10.0)
+    assert 1e3 * limits["accel_bias_stability"] == pytest.approx(2.0)
+    assert limits["gyro_cross_coupling"] == limits["accel_cross_coupling"] == 1e-3
+    assert [limits["timer_interval_error"], limits["timer_ticks"]] == [0.01, 20.0]
+    assert [limits["horizontal_error"], limits["height_error"]] == [10.0, 15.0]
 
 
 @pytest.mark.parametrize(
@@ -311,7 +310,7 @@ def test_an_item_that_nobody_judges_neither_passes_nor_fails() -> None:
     assert json.loads(analysis.attachments["GNC-01/vibration/result.json"])["verdict"] == "not tested"
     assert json.loads(analysis.attachments["GNC-01/summary.json"])["verdict"] == "pass"
     table = analysis.tables[1]
-    assert dict(zip(table["headers"], table["rows"][0], strict=True))["vibration"] == "not tested"
+    assert dict(zip(table.headers, table.rows[0], strict=True))["vibration"] == "not tested"
 
 
 def test_another_command_under_the_name_of_an_item_is_no_test_of_it() -> None:

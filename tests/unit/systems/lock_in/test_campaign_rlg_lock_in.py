@@ -12,7 +12,7 @@ import pytest
 from laser_edges import simulated_edges
 from rlg_rig import SITE, laser, material, row_of, without
 
-from bench.analysis.results import build_results
+from bench.analysis import build_results
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.systems.lock_in.analysis import METHODS, analyse
@@ -118,15 +118,15 @@ def test_path_length_exponent(whole: Any) -> None:
 
 
 def test_tables_and_figures_of_the_paper(whole: Any) -> None:
-    leads = [one["title"] for one in whole.tables if one.get("lead")]
+    leads = [one.title for one in whole.tables if one.lead]
     assert leads == ["Random walk after compensation over that before", "Alignment time"]
-    captions = " ".join(f"{one['title']} {one['caption']}" for one in whole.figures)
+    captions = " ".join(f"{one.title} {one.caption}" for one in whole.figures)
     for number in (1, 2, 7, 8, 9, 10, 11, 12):
         assert f"Figure {number}:" in captions
     assert "Nobody knows the true one" in captions
-    assert all(len(series["x"]) < 2000 for one in whole.figures for series in one["series"])
-    assert all(np.isfinite(series["y"]).all() for one in whole.figures for series in one["series"] if "y" in series)
-    assert len(whole.tables[3]["rows"]) == 4 * (1 + len(METHODS))
+    assert all(len(series.x) < 2000 for one in whole.figures for series in one.series)
+    assert all(np.isfinite(series.y).all() for one in whole.figures for series in one.series)
+    assert len(whole.tables[3].rows) == 4 * (1 + len(METHODS))
     assert whole.missing == []
 
 
@@ -155,7 +155,7 @@ def test_gaps_are_not_bridged(rows: list[Any]) -> None:
     """Two blocks lost: three stretches, and the random walk does not notice."""
     broken = analyse(material(without(rows[3], 150, 300)))
     unbroken = analyse(material(rows[3]))
-    (held,) = broken.tables[4]["rows"]
+    (held,) = broken.tables[4].rows
     assert held[7:10] == [3, 2, 0]
     assert any("2 blocks lost" in one and "3 stretches" in one for one in broken.notes)
     for method in ("raw", *COMPENSATORS):
@@ -169,7 +169,7 @@ def test_harm_is_said_aloud() -> None:
     analysis = analyse(material(row_of(edges, SLOW_HZ, path_length_m=0.28)))
     assert of(analysis, "random_walk_ratio", method="parabolas")["value"] > 1.3
     assert "parabolas, 4 a side makes the gyroscope WORSE" in analysis.notes[0]
-    assert "WORSE" in analysis.tables[0]["rows"][0][-1]
+    assert "WORSE" in analysis.tables[0].rows[0][-1]
     assert any("Found here: 20 deg" in one for one in analysis.notes)
     assert any("equation that simulated lasers obey" in one for one in analysis.notes)
 
@@ -177,7 +177,7 @@ def test_harm_is_said_aloud() -> None:
 def test_a_second_backscatter_is_seen_in_what_the_fit_leaves() -> None:
     edges = simulated_edges(laser(0.28, second_harmonic=0.2), 1.6, np.random.default_rng(SEED + 2))
     analysis = analyse(material(row_of(edges, FAST_HZ, path_length_m=0.28)))
-    assert float(analysis.tables[2]["rows"][0][-1]) > 5.0
+    assert float(analysis.tables[2].rows[0][-1]) > 5.0
     assert any("not of one constant size and phase" in one for one in analysis.notes)
 
 
@@ -204,11 +204,11 @@ def test_what_cannot_be_told_from_zero_is_a_limit(rows: list[Any]) -> None:
     one = replace(one, walks=dict(one.walks) | {"global_constants": hidden})
     requirement = requirement_of({"site": SITE})
     comparison, alignment, _, walks, _ = tables([one], requirement, "global_constants")
-    assert comparison["rows"][0][3].startswith("< 0.1")
-    assert walks["rows"][1][3] == "< 2"
-    assert [cell.startswith("<") for cell in alignment["rows"][0][2:]] == [False, True, True]
+    assert comparison.rows[0][3].startswith("< 0.1")
+    assert walks.rows[1][3] == "< 2"
+    assert [cell.startswith("<") for cell in alignment.rows[0][2:]] == [False, True, True]
     level_deg = 15.041067 * math.cos(math.radians(37.0)) * math.radians(0.05625)
-    assert float(alignment["rows"][0][3][2:]) > 3600.0 * (1.645e-3 / level_deg) ** 2
+    assert float(alignment.rows[0][3][2:]) > 3600.0 * (1.645e-3 / level_deg) ** 2
     found = squared(Measured(0.3, 0.2))
     draws = np.square(np.random.default_rng(1).normal(0.3, 0.2, 100_000))
     assert found.std == pytest.approx(draws.std(), rel=0.02)
@@ -220,8 +220,8 @@ def test_several_phase_settings_are_drawn_against_the_phase_found(edges: dict[fl
         for k, setting in enumerate((70.0, 80.0, 90.0))
     ]
     analysis = analyse(material(*rows))
-    (figure,) = [one for one in analysis.figures if one["title"] == "Ratio against backscatter phase"]
-    assert figure["series"][0]["x"] == pytest.approx([90.0] * 3, abs=0.5)
+    (figure,) = [one for one in analysis.figures if one.title == "Ratio against backscatter phase"]
+    assert figure.series[0].x == pytest.approx([90.0] * 3, abs=0.5)
     assert of(analysis, "angle_random_walk", method="raw", phase_setting_deg=80.0)["n"] > 2500
 
 

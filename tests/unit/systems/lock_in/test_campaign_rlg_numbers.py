@@ -144,41 +144,41 @@ def test_tables_say_what_the_estimates_say() -> None:
     kappa = GAIN * np.deg2rad(0.05)
     one = result(BOTH, [constants(kappa, 0.01 * kappa, np.deg2rad(40.0), np.deg2rad(0.5))])
     lead, alignment, laser, walks, _ = tables([one], Requirement(0.1125, None, 37.0), "global_constants")
-    (row,) = lead["rows"]
+    (row,) = lead.rows
     assert row[:3] == ["28", "100", "40.0"]
-    cells = dict(zip(lead["headers"], row, strict=True))
+    cells = dict(zip(lead.headers, row, strict=True))
     reach = coverage_factor() * 0.2 * np.hypot(0.05, 0.03)
     assert cells["global constants"] == f"0.200 ± {reach:.3f}"
     assert cells["Fresnel, 16 a side"] == "no result"
     assert cells["parabolas, 4 a side"].endswith(" WORSE")
-    assert "(2 NATO mil" in alignment["caption"]
+    assert "(2 NATO mil" in alignment.caption
     seconds = 0.25 * (3e-3 / 60.0 / (7.2921151e-5 * np.cos(np.deg2rad(37.0)) * 0.05625)) ** 2
-    assert float(alignment["rows"][0][2].split(" ")[0]) == pytest.approx(seconds, rel=0.01)
-    assert float(alignment["rows"][0][3].split(" ")[0]) == pytest.approx(0.04 * seconds, rel=0.02)
-    assert laser["rows"][0][2] == "50.00 ± 0.98"  # mdeg/s
-    assert laser["rows"][0][5] == "100.00"
-    assert walks["rows"][0][3].startswith("3.00 ± ")  # 1e-3 deg/h^0.5
-    assert walks["rows"][0][4].startswith("3.60 ± ")  # 1e-3 arcsec
+    assert float(alignment.rows[0][2].split(" ")[0]) == pytest.approx(seconds, rel=0.01)
+    assert float(alignment.rows[0][3].split(" ")[0]) == pytest.approx(0.04 * seconds, rel=0.02)
+    assert laser.rows[0][2] == "50.00 ± 0.98"  # mdeg/s
+    assert laser.rows[0][5] == "100.00"
+    assert walks.rows[0][3].startswith("3.00 ± ")  # 1e-3 deg/h^0.5
+    assert walks.rows[0][4].startswith("3.60 ± ")  # 1e-3 arcsec
 
 
 def test_figures_1_2_and_12_by_hand() -> None:
     """Paper: 0.005 deg/rt-h reach 1.04 mil in 10 min; half the path 5.66 times the walk, ten times the loss 3.16."""
     one = result(BOTH)
     first, second, third, *_ = campaign_figures([one], Requirement(0.1125, None, 37.0), "global_constants")
-    lines = {each["label"]: each for each in first["series"]}
-    at = [np.exp(np.interp(np.log(t_s), np.log(each["x"]), np.log(each["y"])))
+    lines = {each.label: each for each in first.series}
+    at = [np.exp(np.interp(np.log(t_s), np.log(each.x), np.log(each.y)))
           for each in (lines["0.005 deg/√h"], lines["28 cm, uncompensated"]) for t_s in (600.0, 150.0)]  # fmt: skip
     assert at[0] == pytest.approx(1.04, rel=0.005)
     assert at[1] == pytest.approx(2.0 * at[0], rel=1e-6)
     assert at[2] == pytest.approx(0.6 * at[0], rel=1e-2)  # 0.003 deg/rt-h
-    by_ppm = {each["label"]: dict(zip(np.round(each["x"], 6).tolist(), each["y"], strict=True))
-              for each in second["series"] if "ppm" in each["label"]}  # fmt: skip
+    by_ppm = {each.label: dict(zip(np.round(each.x, 6).tolist(), each.y, strict=True))
+              for each in second.series if "ppm" in each.label}  # fmt: skip
     assert by_ppm["10 ppm"][30.0] == pytest.approx(1e-3)
     assert by_ppm["10 ppm"][15.0] == pytest.approx(5.657e-3, rel=1e-3)
     assert by_ppm["100 ppm"][30.0] == pytest.approx(3.162e-3, rel=1e-3)
-    (before,) = (each for each in second["series"] if each["label"] == "uncompensated")
-    assert (before["x"], before["y"]) == ([pytest.approx(28.0)], [3e-3])
-    assert before["high"][0] == pytest.approx(3e-3 + coverage_factor() * 9e-5)
-    (ratio,) = (each for each in third["series"] if each["label"] == "global constants")
-    assert ratio["y"] == [pytest.approx(0.2)]
-    assert ratio["high"] == [pytest.approx(0.2 * (1.0 + coverage_factor() * np.hypot(0.05, 0.03)))]
+    (before,) = (each for each in second.series if each.label == "uncompensated")
+    assert (before.x, before.y) == ([pytest.approx(28.0)], [3e-3])
+    assert before.high[0] == pytest.approx(3e-3 + coverage_factor() * 9e-5)
+    (ratio,) = (each for each in third.series if each.label == "global constants")
+    assert ratio.y == [pytest.approx(0.2)]
+    assert ratio.high == [pytest.approx(0.2 * (1.0 + coverage_factor() * np.hypot(0.05, 0.03)))]

@@ -38,6 +38,7 @@ def test_an_unknown_method(rig: NorthRig) -> None:
         {"roll_error": {"value": 1.0, "unit": "deg"}},
         {"azimuth_error": {"value": 1.0, "unit": "m"}},
         {"azimuth_error": {}},
+        {"azimuth_error": {"value": 0.0, "unit": "deg"}},
     ],
 )
 def test_a_limit_that_is_none_of_a_north_finder(rig: NorthRig, limits: dict[str, object]) -> None:
@@ -89,7 +90,7 @@ def test_likelihood_without_samples(rig: NorthRig) -> None:
         pytest.approx(0.0, abs=1e-3)
     ]
     assert not {"Earth signal", "Residual of the waveform", "Errors over time"} <= {
-        one["title"] for one in analysis.figures
+        one.title for one in analysis.figures
     }
     assert "no samples" in refused("B-FOG-005", rig, "likelihood").message
 

@@ -11,8 +11,7 @@ import pytest
 from fog_material import AZIMUTH_DEG, LATITUDE_DEG, Gyro, NorthRig, campaign
 from scipy import stats
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.numbers import with_uncertainty
+from bench.analysis import Analysis, Series, with_uncertainty
 from bench.model.quality import Quality
 from bench.systems.north.accuracy import accuracies
 from bench.systems.north.analysis import analyse
@@ -35,13 +34,13 @@ def of(analysis: Analysis, quantity: str, **conditions: Any) -> list[dict[str, A
 
 
 def table(analysis: Analysis, title: str) -> list[list[Any]]:
-    (found,) = (one for one in analysis.tables if one["title"] == title)
-    return found["rows"]
+    (found,) = (one for one in analysis.tables if one.title == title)
+    return found.rows
 
 
-def drawn(analysis: Analysis, title: str) -> dict[str, Any]:
-    (found,) = (one for one in analysis.figures if one["title"] == title)
-    return {one["label"]: one for one in found["series"]}
+def drawn(analysis: Analysis, title: str) -> dict[str, Series]:
+    (found,) = (one for one in analysis.figures if one.title == title)
+    return {one.label: one for one in found.series}
 
 
 def known_errors(errors_deg: np.ndarray, noise_deg: float, common_deg: float) -> Solution:
@@ -151,35 +150,35 @@ def test_the_lead_table_has_intervals_of_95_per_cent(clockwise: Analysis) -> Non
 def test_readings_lie_on_the_curves_that_are_drawn_through_them(clockwise: Analysis) -> None:
     for title in ("Lock-in 1, reference: index B", "Lock-in 2, reference: index A"):
         parts = drawn(clockwise, title)
-        curve_V = np.interp(parts["read"]["x"], parts["calibration"]["x"], parts["calibration"]["y"])
-        assert np.abs(curve_V - parts["read"]["y"]).max() < 0.02  # of 0.7; one output scatters by 0.003
+        curve_V = np.interp(parts["read"].x, parts["calibration"].x, parts["calibration"].y)
+        assert np.abs(curve_V - parts["read"].y).max() < 0.02  # of 0.7; one output scatters by 0.003
     parts = drawn(clockwise, "Earth signal")
-    curve_V = np.interp(parts["mean of 5 deg"]["x"], parts["fit"]["x"], parts["fit"]["y"])
-    assert np.abs(curve_V - parts["mean of 5 deg"]["y"]).max() < 0.06
+    curve_V = np.interp(parts["mean of 5 deg"].x, parts["fit"].x, parts["fit"].y)
+    assert np.abs(curve_V - parts["mean of 5 deg"].y).max() < 0.06
     parts = drawn(clockwise, "Residual of the waveform")
-    mean_mV, reach_mV = np.array(parts["mean of 5 deg"]["y"]), np.array(parts["95 % of the noise"]["high"])
+    mean_mV, reach_mV = np.array(parts["mean of 5 deg"].y), np.array(parts["95 % of the noise"].high)
     samples = of(clockwise, "noise")[0]["n"]
     np.testing.assert_allclose(reach_mV, 1e3 * 1.96 * 0.2 / np.sqrt(samples / 72), rtol=0.1)
     assert np.mean(np.abs(mean_mV) < reach_mV) > 0.8
     parts = drawn(clockwise, "Phasors")
-    mean_V = np.array(parts["mean of the four"]["x"]) + 1j * np.array(parts["mean of the four"]["y"])
+    mean_V = np.array(parts["mean of the four"].x) + 1j * np.array(parts["mean of the four"].y)
     for k in range(1, 5):
-        each_V = np.array(parts[f"k = {k}"]["x"]) + 1j * np.array(parts[f"k = {k}"]["y"])
+        each_V = np.array(parts[f"k = {k}"].x) + 1j * np.array(parts[f"k = {k}"].y)
         assert np.abs(each_V - mean_V).max() < 0.2  # placements and gains are not taken out here
 
 
 def test_errors_over_time_and_their_lines(clockwise: Analysis) -> None:
     parts = drawn(clockwise, "Errors over time")
     bound_deg = of(clockwise, "azimuth_bound")[0]["value"]
-    x, y = np.array(parts["bound"]["x"]), np.array(parts["bound"]["y"])
+    x, y = np.array(parts["bound"].x), np.array(parts["bound"].y)
     np.testing.assert_allclose(y, bound_deg * np.sqrt(20.0 / x), rtol=1e-3)
-    np.testing.assert_allclose(parts["limit / 1.96"]["y"], 0.5 / 1.96)
-    assert parts["least_squares"]["x"] == pytest.approx([20.0, 40.0], rel=1e-3)
-    assert parts["least_squares"]["y"][0] != parts["least_squares"]["y"][1]
+    np.testing.assert_allclose(parts["limit / 1.96"].y, 0.5 / 1.96)
+    assert parts["least_squares"].x == pytest.approx([20.0, 40.0], rel=1e-3)
+    assert parts["least_squares"].y[0] != parts["least_squares"].y[1]
     means_deg = [one["value"] for one in of(clockwise, "azimuth_error")]
-    assert parts["least_squares"]["y"][1] == pytest.approx(np.sqrt(np.mean(np.square(means_deg))), rel=1e-6)
+    assert parts["least_squares"].y[1] == pytest.approx(np.sqrt(np.mean(np.square(means_deg))), rel=1e-6)
     band = drawn(clockwise, "Errors")["95 % at the bound"]
-    assert band["high"][0] == pytest.approx(1.96 * bound_deg, rel=1e-6)
+    assert band.high[0] == pytest.approx(1.96 * bound_deg, rel=1e-6)
 
 
 def test_repeats_are_counted_and_those_that_fell_out() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from fog_material import AZIMUTH_DEG, LATITUDE_DEG, Gyro, NorthRig, campaign
 
-from bench.analysis.results import build_results
+from bench.analysis import build_results
 from bench.model.errors import FitError
 from bench.systems.north.accuracy import accuracies, rms_std_deg
 from bench.systems.north.analysis import METHODS, analyse
@@ -31,7 +31,7 @@ def of(analysis, quantity: str, **conditions):
 
 
 def table(analysis, title: str):
-    (found,) = (one for one in analysis.tables if one["title"] == title)
+    (found,) = (one for one in analysis.tables if one.title == title)
     return found
 
 
@@ -72,14 +72,14 @@ def test_the_level_is_what_takes_the_tilt_out() -> None:
 def test_the_literal_formulas_are_half_a_turn_off_on_half_of_the_circle() -> None:
     heads = tuple(float(head) for head in range(5, 365, 30))
     analysis = analyse(campaign(NorthRig(SEED), heads, 1).material())
-    (literal,) = (row for row in table(analysis, "Methods")["rows"] if row[0] == "literal")
+    (literal,) = (row for row in table(analysis, "Methods").rows if row[0] == "literal")
     assert literal[7] == 6
     assert of(analysis, "azimuth_rms_error", method="literal")[0]["value"] == pytest.approx(180.0 / np.sqrt(2), abs=0.1)
-    (failed,) = (row for row in table(analysis, "Failures of the literal formulas")["rows"] if "half a turn" in row[0])
+    (failed,) = (row for row in table(analysis, "Failures of the literal formulas").rows if "half a turn" in row[0])
     assert failed[1] >= 6
     assert any("literal: 6 of 12 tests are more than 90 deg off" in note for note in analysis.notes)
-    (figure,) = (one for one in analysis.figures if one["title"] == "Error of the literal formulas")
-    assert max(map(abs, figure["series"][0]["y"])) == pytest.approx(180.0, abs=0.1)  # folded into one turn, not half
+    (figure,) = (one for one in analysis.figures if one.title == "Error of the literal formulas")
+    assert max(map(abs, figure.series[0].y)) == pytest.approx(180.0, abs=0.1)  # folded into one turn, not half
 
 
 @pytest.fixture(scope="module")
@@ -104,21 +104,21 @@ def test_results_with_noise_have_the_form_of_the_contract(noisy) -> None:
 
 
 def test_the_report_has_the_figures_of_the_paper_and_says_the_convention(noisy) -> None:
-    titles = [one["title"] for one in noisy.figures]
+    titles = [one.title for one in noisy.figures]
     assert titles == [
         "Earth signal", "Lock-in 1, reference: index B", "Lock-in 2, reference: index A", "Phasors",
         "Residual of the waveform", "Errors", "Error of the literal formulas", "Histogram of the errors",
         "Errors over time",
     ]  # fmt: skip
-    band = noisy.figures[5]["series"][-1]
-    assert band["high"][0] == pytest.approx(1.96 * 0.405, rel=0.02)
-    times = noisy.figures[-1]["series"][0]
-    assert times["x"] == pytest.approx([1.25, 2.5, 5.0, 20.0], rel=1e-3)
-    slope = np.polyfit(np.log(times["x"]), np.log(times["y"]), 1)[0]
+    band = noisy.figures[5].series[-1]
+    assert band.high[0] == pytest.approx(1.96 * 0.405, rel=0.02)
+    times = noisy.figures[-1].series[0]
+    assert times.x == pytest.approx([1.25, 2.5, 5.0, 20.0], rel=1e-3)
+    slope = np.polyfit(np.log(times.x), np.log(times.y), 1)[0]
     assert slope == pytest.approx(-0.5, abs=0.25)
-    rows = dict(table(noisy, "From index to north: convention index_to_north")["rows"])
+    rows = dict(table(noisy, "From index to north: convention index_to_north").rows)
     assert rows["table counter-clockwise"] == "H0 = 90 deg - phi"
-    assert {one["title"] for one in noisy.tables if one.get("lead")} == FULL_NAMES
+    assert {one.title for one in noisy.tables if one.lead} == FULL_NAMES
 
 
 def test_the_method_chosen_is_the_one_that_is_judged() -> None:
@@ -352,7 +352,7 @@ def test_an_amplitude_that_drifts_moves_north_little_and_is_told() -> None:
 
 def test_harmonics_are_named_with_what_a_square_reference_makes_of_them() -> None:
     rows = table(analyse(campaign(NorthRig(SEED, Gyro(harmonics={3: 0.01})), (0.0,), 1).material()),
-                 "Harmonics of the waveform")["rows"]  # fmt: skip
+                 "Harmonics of the waveform").rows  # fmt: skip
     assert rows[1] == [3, "1.000", "0.191"]  # design figure: 1 % of the third harmonic
 
 

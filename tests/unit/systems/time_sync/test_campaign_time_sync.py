@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 from time_sync_material import Pair
 
-from bench.analysis.analysis import Analysis
-from bench.analysis.numbers import with_uncertainty
-from bench.analysis.registry import analyse
+from bench.analysis import Analysis, analyse, with_uncertainty
 from bench.report.graphs import analysis_pictures
 from bench.systems.time_sync import filtering as time_sync_filter
 from bench.systems.time_sync import tables as time_sync_tables
@@ -151,7 +149,7 @@ def test_a_steady_turn_from_begin_to_end_is_no_confident_result() -> None:
 
 def test_table_says_the_interval_of_the_estimates() -> None:
     found = analysed()
-    for method, row in zip(METHODS, found.tables[0]["rows"], strict=False):
+    for method, row in zip(METHODS, found.tables[0].rows, strict=False):
         one = value(found, "time_offset", method=method)
         assert row[1] == with_uncertainty(1e3 * one["value"], 1e3 * one["expanded_uncertainty"])
 
@@ -162,7 +160,7 @@ def test_shift_that_is_due_is_that_of_the_offset_left_in_the_tags(beforehand_s: 
     left = SimpleNamespace(offsets={COMPENSATED: SimpleNamespace(offset_s=beforehand_s + 0.01)}, shift_s=beforehand_s)
     image: Any = SimpleNamespace(compensated=[], plain=[], pulses=9000, speed_m_s=250.0, shifts_m=np.zeros(0))
     result: Any = SimpleNamespace(found=left, image=image, chosen=SimpleNamespace(offset_s=beforehand_s + 0.01))
-    assert due in time_sync_tables._image(image, result)["caption"]
+    assert due in time_sync_tables._image(image, result).caption
 
 
 def test_joints_hold_no_frame_twice() -> None:
@@ -208,8 +206,8 @@ def test_report_draws_everything() -> None:
     pictures = analysis_pictures(found.figures)
     assert len(pictures) == 4
     assert all("nan" not in picture.svg.lower() for picture in pictures)
-    assert found.tables[0]["lead"] is True
-    assert all(len(row) == len(table["headers"]) for table in found.tables for row in table["rows"])
+    assert found.tables[0].lead is True
+    assert all(len(row) == len(table.headers) for table in found.tables for row in table.rows)
 
 
 OFFSETS_s = (-0.02, 0.0, 0.01, 0.0137, 0.02, 0.03)

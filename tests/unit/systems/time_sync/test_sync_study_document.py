@@ -163,12 +163,12 @@ def test_the_document_is_canonical_and_keeps_the_raw_cuts() -> None:
 
 def chapters_of(found: Results, options: StudyOptions = OPTIONS) -> dict[str, Any]:
     chapters = study_chapters(options, study_document(options, found, "test"), found)
-    return {chapter["name"]: chapter for chapter in chapters}
+    return {chapter.name: chapter for chapter in chapters}
 
 
 def rows_of(chapters: dict[str, Any], title: str) -> list[list[str]]:
-    found = [table for chapter in chapters.values() for table in chapter["tables"] if table["title"] == title]
-    rows: list[list[str]] = found[0]["rows"]
+    found = [table for chapter in chapters.values() for table in chapter.tables if table.title == title]
+    rows: list[list[str]] = found[0].rows
     return rows
 
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from time_sync_material import Pair, campaign
 
-from bench.analysis.material import Material
-from bench.analysis.registry import analyse
+from bench.analysis import Material, analyse
 from bench.model.errors import BenchError
 from bench.systems.time_sync.declaration import DECLARATION
 from bench.systems.time_sync.estimators.kalman.trials import EgiSpread

@@ -18,7 +18,7 @@ CONTINUES = "continues"
 
 
 def joined(rows: Sequence[RecordRow]) -> Sequence[RecordRow]:
-    """The same records; one that continues the record before it is part of that one.
+    """Return the same records; one that continues the record before it is part of that one.
 
     A record that should continue and whose frames do not follow stays alone, so that its samples are not taken for
     what they are not.

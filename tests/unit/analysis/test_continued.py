@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from imu_material import Rig
 
-from bench.analysis.joined import joined
+from bench.analysis import joined
 from bench.model.quality import Quality
 from bench.record import RecordRow
 from bench.systems.gnc.rows import sampled_rows

@@ -1,0 +1,73 @@
+"""Figures of an analysis before any drawing: curves, points, bands and images as plain numbers, with their axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+Style = Literal["line", "points", "band", "image"]
+_DRAWN = 600  # points of a thinned curve
+
+
+@dataclass(frozen=True)
+class Series:
+    """One curve, cloud of points, band or image.
+
+    ``low``, ``high``: ends of the interval of each point; of a band, which has no ``y``.   ``z`` (y, x): of an image,
+    whose ``x`` and ``y`` span its axes.
+    """
+
+    label: str
+    x: list[float]
+    y: list[float]
+    style: Style
+    low: list[float] | None = None
+    high: list[float] | None = None
+    z: list[list[float]] | None = None
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure with its axes; those of one ``group`` are panels of one picture, ``equal``: both axes to one scale."""
+
+    title: str
+    caption: str
+    x_label: str
+    y_label: str
+    series: Sequence[Series]
+    group: str = ""
+    x_log: bool = False
+    y_log: bool = False
+    equal: bool = False
+
+
+def series(label: str, x: Any, y: Any, style: Style = "line", *, low: Any = None, high: Any = None) -> Series:
+    """Return every value as drawn; ``low`` and ``high`` are the interval of each point."""
+    return Series(label, _plain(x), _plain(y), style, *(None if end is None else _plain(end) for end in (low, high)))
+
+
+def curve(label: str, x: Any, y: Any, style: Style = "line") -> Series:
+    """Return a series thinned to what can be seen."""
+    step = max(1, len(x) // _DRAWN)
+    return series(label, x[::step], y[::step], style)
+
+
+def band(label: str, x: Any, low: Any, high: Any) -> Series:
+    """Return the area between two curves."""
+    return series(label, x, [], "band", low=low, high=high)
+
+
+def picture(x: Any, y: Any, z: Any) -> Series:
+    """Return an image, ``z`` (y, x), over the span of its axes."""
+    return Series("", _span(x), _span(y), "image", z=_plain(z))
+
+
+def _span(axis: Any) -> list[float]:
+    return [float(axis[0]), float(axis[-1])]
+
+
+def _plain(values: Any) -> Any:
+    return np.asarray(values).tolist()
