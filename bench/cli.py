@@ -13,9 +13,9 @@ from typer.exceptions import Abort, TyperException
 
 import bench
 from bench.commands.batch_app import batch
-from bench.commands.history_app import app as history_app
+from bench.commands.history.app import app as history_app
 from bench.commands.session_app import AsJson, SessionFolder, fit, replay, report
-from bench.commands.study_app import study
+from bench.commands.study.app import study
 from bench.model.errors import BenchError, ExitStatus
 from bench.model.installed import OWN, checked_package
 from bench.model.shipped import find_shipped

@@ -36,8 +36,8 @@ from bench.model.clock import NS, WallClock
 from bench.record import SessionWriter
 from bench.run.feed.points import PointBatch
 from bench.run.feed.server import FeedServer
-from bench.web.cookie import Cookies, Login
-from bench.web.tokens import obtain_tokens
+from bench.web.security.cookie import Cookies, Login
+from bench.web.security.tokens import obtain_tokens
 
 SIGNALS, POINTS_HZ, KEPT = 20, 10, 600
 TICKS = os.sysconf("SC_CLK_TCK")

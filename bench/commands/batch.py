@@ -11,10 +11,7 @@ from pathlib import Path
 
 from bench.commands.console import console
 from bench.model.errors import BenchError, ExitStatus, FitError, InputError
-from bench.report.batch import batch_html
-from bench.report.batch_document import batch_json
-from bench.report.batch_model import Batch, LeftOut, Outcome
-from bench.report.batch_tables import unit_name
+from bench.report import Batch, LeftOut, Outcome, batch_html, batch_json, unit_name
 from bench.session.output import write_file
 from bench.session.service import read_view
 from bench.session.view import SOFTWARE, analyse_view

@@ -17,9 +17,8 @@ from bench.model.clock import NS, WallClock
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
 from bench.model.events import Environment
 from bench.record import SessionReader, layout
-from bench.replay import compare
-from bench.replay.compare import ABSENT, Difference
-from bench.report.dcc import (
+from bench.replay import ABSENT, Difference, compare
+from bench.report import (
     Calibration,
     CertificateSchema,
     Laboratory,

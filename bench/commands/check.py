@@ -16,8 +16,7 @@ from bench.commands.loading import checked_plan
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import ExitStatus
 from bench.model.units import hours
-from bench.plan import Plan
-from bench.plan.summary import Summary, summarise
+from bench.plan import Plan, Summary, summarise
 from bench.session.output import writing
 
 if TYPE_CHECKING:
@@ -86,6 +85,6 @@ def _print(out: Console, plan: Plan, summary: Summary, plot: Path | None, found:
         out.print(f"  timetable    {plot}")
     out.print("no mistake found")
     if found is not None:
-        from bench.commands.preflight_table import print_preflight
+        from bench.commands.tables.preflight import print_preflight
 
         print_preflight(out, found)

@@ -16,8 +16,7 @@ from bench.run.besides import besides
 from bench.run.control.asking import WaitingOperator
 from bench.run.control.operator import Operator, SimulatedOperator
 from bench.run.guard.guarding import guard_beside
-from bench.run.preflight import Preflight
-from bench.run.preflight.inhibit import stay_awake
+from bench.run.preflight import Preflight, stay_awake
 from bench.run.session import Beside, Conducted, conduct
 from bench.run.steps.position import Resumption
 from bench.run.watch.clock import clock_watch

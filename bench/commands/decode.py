@@ -7,8 +7,7 @@ import sys
 from pathlib import Path
 
 from bench.commands.console import console
-from bench.frame import load_frame
-from bench.frame.table import decode_file, write_csv
+from bench.frame import decode_file, load_frame, write_csv
 from bench.model.errors import ExitStatus
 from bench.model.shipped import find_shipped
 

@@ -10,15 +10,13 @@ from dataclasses import asdict
 from pathlib import Path
 
 from bench.commands.console import console
-from bench.commands.preflight_table import print_preflight
+from bench.commands.tables.preflight import print_preflight
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus
 from bench.model.installed import KINDS, driver_packages, offers
 from bench.model.shipped import find_shipped
 from bench.model.systems import systems
-from bench.plan import load_station
-from bench.plan.check_station import check_station
-from bench.plan.findings import Findings
+from bench.plan import Findings, check_station, load_station
 from bench.run.preflight import Finding, Report, Status, Surroundings, examine_machine
 from bench.run.provenance import software
 from bench.session.output import writing

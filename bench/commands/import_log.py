@@ -11,16 +11,13 @@ from typing import Any
 
 from bench.analysis import declared_analysis
 from bench.commands.console import console
-from bench.commands.tables import print_results, print_written
+from bench.commands.tables.results import print_results, print_written
 from bench.model.clock import NS
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.yamlio import Document
-from bench.plan.check_analysis import names_made_of_logs
-from bench.plan.mapping import LogMapping, load_mapping
+from bench.plan import LogMapping, load_mapping, names_made_of_logs
 from bench.record import SessionWriter
-from bench.replay.delimited import LogParser
-from bench.replay.series import IMPORT, LINK, MAPPING
-from bench.replay.survey import Survey, file_lines, survey
+from bench.replay import IMPORT, LINK, MAPPING, LogParser, Survey, file_lines, survey
 from bench.run.bench.transcript import new_folder
 from bench.run.provenance import software
 from bench.session.finish import finish

@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 from bench.model.errors import InputError, InputErrors
 from bench.model.shipped import find_shipped
-from bench.plan import Plan, compile_sequence, load_station
-from bench.plan.check import check_plan
+from bench.plan import Plan, check_plan, compile_sequence, load_station
 
 
 def settings_of(pairs: Sequence[str]) -> dict[str, str]:

@@ -10,8 +10,7 @@ from bench.commands.console import console
 from bench.model.errors import BenchError, ExitStatus, InputError, InputErrors
 from bench.model.units import hours
 from bench.plan import Plan, check_plan, compile_sequence
-from bench.record import SessionReader
-from bench.record.recover import Survey, recover_session
+from bench.record import SessionReader, Survey, recover_session
 from bench.replay import replay_rows
 from bench.run.frozen import frozen_plan
 from bench.session.makeup import make_up_sequence

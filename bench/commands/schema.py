@@ -9,8 +9,7 @@ from typing import Any
 from bench.analysis import results_schema
 from bench.commands.console import console
 from bench.model.errors import ExitStatus, InputError
-from bench.plan.mapping import mapping_schema
-from bench.plan.schemas import json_schemas, vscode_settings
+from bench.plan import json_schemas, mapping_schema, vscode_settings
 from bench.session.coefficients import all_modules
 from bench.session.output import write_file
 

@@ -15,9 +15,9 @@ import typer
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError
 from bench.web.app import create_app
-from bench.web.audit import Audit
+from bench.web.security.audit import Audit
+from bench.web.security.tokens import FILE, Tokens, obtain_tokens, private_folder
 from bench.web.serving import Serving, serve_until_told, server_of, written
-from bench.web.tokens import FILE, Tokens, obtain_tokens, private_folder
 
 BACKLOG = 128
 LOOPBACK_NAMES = {"localhost", "127.0.0.1", "::1"}

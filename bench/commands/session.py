@@ -10,10 +10,9 @@ from typing import Any
 
 from bench.analysis import INCOMPLETE, results_json
 from bench.commands.console import console
-from bench.commands.tables import print_results
+from bench.commands.tables.results import print_results
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
-from bench.replay import compare
-from bench.replay.compare import ABSENT, Difference
+from bench.replay import ABSENT, Difference, compare
 from bench.session.output import write_file
 from bench.session.service import analysed
 from bench.session.verification import SOFTWARE_PATH, software_of

@@ -48,7 +48,7 @@ def report(
     """Write report.html again from the session alone; or say whether results and report are what it gives."""
     session_segments(session)
     if verify:
-        from bench.commands import verify as verify_command
+        from bench.commands.verify import verify as verify_command
 
         raise typer.Exit(verify_command.verify(session, json))
     from bench.commands import session as session_command

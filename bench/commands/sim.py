@@ -16,10 +16,7 @@ from bench.commands.loading import settings_of
 from bench.model.clock import NS, WallClock
 from bench.model.errors import ExitStatus, InputError, InputErrors
 from bench.model.shipped import find_shipped
-from bench.plan import Station, load_station
-from bench.plan.check_station import check_station
-from bench.plan.findings import Findings
-from bench.plan.served import served_station
+from bench.plan import Findings, Station, check_station, load_station, served_station
 from bench.run.bench.served_world import told
 from bench.session.output import write_file
 

@@ -3,16 +3,45 @@
 from bench.frame.batch import FrameBatch, MessageBatch
 from bench.frame.commands import CommandLayout
 from bench.frame.definition import FrameDefinition, load_frame, parse_frame
+from bench.frame.layout import Message
+from bench.frame.schema import FrameSpec
+from bench.frame.signals import (
+    BENCH,
+    BENCH_FIELDS,
+    Block,
+    Signal,
+    all_signals,
+    blocks,
+    columns,
+    expand,
+    of_message,
+    signal_of,
+)
 from bench.frame.stream import LinkBatch, LinkCounts, LinkDecoder
+from bench.frame.table import decode_file, write_csv
 
 __all__ = [
+    "BENCH",
+    "BENCH_FIELDS",
+    "Block",
     "CommandLayout",
     "FrameBatch",
     "FrameDefinition",
+    "FrameSpec",
     "LinkBatch",
     "LinkCounts",
     "LinkDecoder",
+    "Message",
     "MessageBatch",
+    "Signal",
+    "all_signals",
+    "blocks",
+    "columns",
+    "decode_file",
+    "expand",
     "load_frame",
+    "of_message",
     "parse_frame",
+    "signal_of",
+    "write_csv",
 ]

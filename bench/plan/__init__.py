@@ -1,23 +1,115 @@
 """Floor 2: sequence and station files, the compiled plan, and its static check."""
 
-from bench.plan.check import check_plan as check_plan
-from bench.plan.compile import compile_sequence as compile_sequence
-from bench.plan.plan import Plan as Plan
-from bench.plan.plan import SetPoint as SetPoint
-from bench.plan.plan import Step as Step
-from bench.plan.station import Station as Station
-from bench.plan.station import load_station as load_station
-from bench.plan.step_kinds import CHAMBER as CHAMBER
-from bench.plan.step_kinds import MEASUREMENT as MEASUREMENT
-from bench.plan.step_kinds import WIRING as WIRING
-from bench.plan.step_kinds import PlannedCall as PlannedCall
-from bench.plan.step_kinds import PlannedCommand as PlannedCommand
-from bench.plan.step_kinds import PlannedPrompt as PlannedPrompt
-from bench.plan.step_kinds import PlannedRecord as PlannedRecord
-from bench.plan.step_kinds import PlannedSend as PlannedSend
-from bench.plan.step_kinds import PlannedSettle as PlannedSettle
-from bench.plan.step_kinds import PlannedSoak as PlannedSoak
-from bench.plan.step_kinds import PlannedVerify as PlannedVerify
-from bench.plan.step_kinds import plan_json as plan_json
-from bench.plan.step_kinds import step_of as step_of
-from bench.plan.step_kinds import steps_of as steps_of
+from bench.plan.bus_time import declared_action
+from bench.plan.check.analysis import names_made_of_logs
+from bench.plan.check.everything import check_plan
+from bench.plan.check.stations import check_station
+from bench.plan.compile import compile_sequence
+from bench.plan.drivers import driver_actions
+from bench.plan.findings import Findings, suggestion
+from bench.plan.language.graphs import Graph, GraphEntry, graphs_of, names_in
+from bench.plan.language.interlocks import Action, InterlockRule
+from bench.plan.language.mapping import (
+    ELAPSED,
+    ISO,
+    ROWS,
+    SAMPLES,
+    UNIX,
+    FileForm,
+    LogMapping,
+    Overload,
+    TimeColumn,
+    load_mapping,
+    mapping_model,
+    mapping_schema,
+)
+from bench.plan.language.notices import Mail, Notify, Webhook, web_address
+from bench.plan.language.sequence import Early
+from bench.plan.plan import Phase, Plan, SetPoint, Step, steps_sha256
+from bench.plan.readings import is_reading, roles_of, round_count
+from bench.plan.schemas import json_schemas, vscode_settings
+from bench.plan.served import served_station
+from bench.plan.station import Date, Station, StationFile, load_station
+from bench.plan.step_kinds import (
+    CHAMBER,
+    MEASUREMENT,
+    WIRING,
+    PlannedCall,
+    PlannedCommand,
+    PlannedPrompt,
+    PlannedRecord,
+    PlannedSend,
+    PlannedSettle,
+    PlannedSoak,
+    PlannedVerify,
+    plan_json,
+    step_of,
+    steps_of,
+)
+from bench.plan.summary import SECOND_BYTES, Summary, summarise
+
+__all__ = [
+    "CHAMBER",
+    "ELAPSED",
+    "ISO",
+    "MEASUREMENT",
+    "ROWS",
+    "SAMPLES",
+    "SECOND_BYTES",
+    "UNIX",
+    "WIRING",
+    "Action",
+    "Date",
+    "Early",
+    "FileForm",
+    "Findings",
+    "Graph",
+    "GraphEntry",
+    "InterlockRule",
+    "LogMapping",
+    "Mail",
+    "Notify",
+    "Overload",
+    "Phase",
+    "Plan",
+    "PlannedCall",
+    "PlannedCommand",
+    "PlannedPrompt",
+    "PlannedRecord",
+    "PlannedSend",
+    "PlannedSettle",
+    "PlannedSoak",
+    "PlannedVerify",
+    "SetPoint",
+    "Station",
+    "StationFile",
+    "Step",
+    "Summary",
+    "TimeColumn",
+    "Webhook",
+    "check_plan",
+    "check_station",
+    "compile_sequence",
+    "declared_action",
+    "driver_actions",
+    "graphs_of",
+    "is_reading",
+    "json_schemas",
+    "load_mapping",
+    "load_station",
+    "mapping_model",
+    "mapping_schema",
+    "names_in",
+    "names_made_of_logs",
+    "plan_json",
+    "roles_of",
+    "round_count",
+    "served_station",
+    "step_of",
+    "steps_of",
+    "steps_sha256",
+    "suggestion",
+    "summarise",
+    "vscode_settings",
+    "web_address",
+]

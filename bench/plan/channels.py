@@ -11,7 +11,7 @@ from bench.model.systems import analysis_declaration, systems
 from bench.model.units import format_quantity, read_quantity
 from bench.model.yamlio import Document
 from bench.plan.findings import Findings, suggestion
-from bench.plan.language import Sequence, UnitUnderTest
+from bench.plan.language.sequence import Sequence, UnitUnderTest
 from bench.plan.values import Channel, Quantity, read_text, traced
 
 MAX_CHANNEL = 64

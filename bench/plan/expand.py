@@ -9,9 +9,9 @@ from typing import Any, NoReturn
 
 from bench.frame import FrameDefinition
 from bench.model.yamlio import Document
-from bench.plan import language
 from bench.plan.drivers import range_after
 from bench.plan.findings import Findings, suggestion
+from bench.plan.language import sequence as language
 from bench.plan.plan import Phase, Step, StepKind
 from bench.plan.station import Station
 from bench.plan.step_kinds import KINDS

@@ -7,7 +7,7 @@ from typing import Any
 
 from bench.model.yamlio import Document
 from bench.plan.findings import Findings
-from bench.plan.interlock_language import OF_UNIT, SIGNALS, Interlock, InterlockRule, rule_of
+from bench.plan.language.interlocks import OF_UNIT, SIGNALS, Interlock, InterlockRule, rule_of
 from bench.plan.station import Station
 
 _KEY = "interlocks"

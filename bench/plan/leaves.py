@@ -13,7 +13,7 @@ from bench.model.units import parse_quantity, plain_quantity
 from bench.plan.bus_time import declared_action
 from bench.plan.expand import TIMED, Expander, Path
 from bench.plan.findings import suggestion
-from bench.plan.language_steps import (
+from bench.plan.language.steps import (
     VERBS,
     CallStep,
     Prompt,
@@ -29,8 +29,8 @@ from bench.plan.language_steps import (
     UnitStep,
     VerifyStep,
 )
+from bench.plan.language.templated import REFERENCE
 from bench.plan.readings import expand_readings
-from bench.plan.templated import REFERENCE
 from bench.plan.unit_commands import expand_test, expand_unit
 from bench.plan.values import Quantity, Scope, named, plain
 

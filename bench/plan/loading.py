@@ -9,10 +9,10 @@ from typing import TypeVar
 from bench.model.errors import InputError, InputErrors
 from bench.model.shipped import find_beside
 from bench.model.yamlio import Document, load_yaml
-from bench.plan.check_station import check_station
+from bench.plan.check.stations import check_station
 from bench.plan.findings import Findings
-from bench.plan.language import Sequence, sequence_model
-from bench.plan.names import check_names, driver_names, plain_tree
+from bench.plan.language.names import check_names, driver_names, plain_tree
+from bench.plan.language.sequence import Sequence, sequence_model
 from bench.plan.station import Station, load_station
 
 _T = TypeVar("_T")

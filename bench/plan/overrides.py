@@ -9,7 +9,7 @@ from typing import Any
 from bench.model.units import read_quantity
 from bench.model.yamlio import Document
 from bench.plan.findings import Findings, suggestion
-from bench.plan.language import Sequence
+from bench.plan.language.sequence import Sequence
 
 WORLD = "world."
 

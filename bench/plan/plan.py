@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, Literal, Self
 
 from bench.model.errors import InputError
-from bench.plan.interlock_language import InterlockRule
-from bench.plan.language import Early
+from bench.plan.language.interlocks import InterlockRule
+from bench.plan.language.sequence import Early
 from bench.plan.station import Station
 
 Phase = Literal["prepare", "campaign", "finally"]

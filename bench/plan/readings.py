@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from bench.model.ports import Action, Effect
-from bench.plan.language_steps import Record
+from bench.plan.language.steps import Record
 from bench.plan.plan import Step
 from bench.plan.step_kinds import WIRING, PlannedCall, PlannedRecord
 from bench.plan.values import Quantity, Scope, plain

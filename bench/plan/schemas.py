@@ -6,8 +6,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from bench.frame.schema import FrameSpec
-from bench.plan.language import sequence_model
+from bench.frame import FrameSpec
+from bench.plan.language.sequence import sequence_model
 from bench.plan.station import StationFile
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"

@@ -15,10 +15,10 @@ from bench.model.errors import InputErrors
 from bench.model.units import quantity, read_quantity
 from bench.model.yamlio import Document, Name, StrictModel, load_yaml
 from bench.plan.findings import Findings, suggestion
-from bench.plan.graph_language import MOST_GRAPHS, GraphEntry
-from bench.plan.interlock_language import Interlock
-from bench.plan.notify_language import Notify
-from bench.plan.templated import Scalar
+from bench.plan.language.graphs import MOST_GRAPHS, GraphEntry
+from bench.plan.language.interlocks import Interlock
+from bench.plan.language.notices import Notify
+from bench.plan.language.templated import Scalar
 
 OptionName = Annotated[str, StringConstraints(pattern=r"^[a-z][A-Za-z0-9_]{0,39}$")]  # its unit may be a capital
 Words = Annotated[str, StringConstraints(min_length=1, max_length=200)]

@@ -8,8 +8,8 @@ from bench.model.clock import NS, VIRTUAL_START_UTC_NS
 from bench.model.ports import Action, Effect
 from bench.model.units import format_quantity
 from bench.plan.bus_time import declared_action
-from bench.plan.check_actions import Judged
-from bench.plan.check_state import BenchState
+from bench.plan.check.actions import Judged
+from bench.plan.check.state import BenchState
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
 from bench.plan.readings import round_count

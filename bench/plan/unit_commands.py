@@ -14,7 +14,7 @@ from bench.frame import CommandLayout
 from bench.model.errors import InputError
 from bench.plan.expand import Expander, Path
 from bench.plan.findings import suggestion
-from bench.plan.language_steps import Test, TestStep, UnitStep
+from bench.plan.language.steps import Test, TestStep, UnitStep
 from bench.plan.values import Quantity, Scope, named, plain
 
 

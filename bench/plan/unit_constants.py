@@ -7,7 +7,7 @@ from typing import Any
 from bench.model.declaration import stated
 from bench.model.systems import systems
 from bench.model.units import read_quantity
-from bench.plan.language import Sequence, Site
+from bench.plan.language.sequence import Sequence, Site
 
 
 def unit_constants(model: Sequence, serial: str) -> dict[str, Any]:

@@ -6,11 +6,12 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.plan import language, leaves
+from bench.plan import leaves
 from bench.plan.channels import channel_numbers
 from bench.plan.expand import MAX_STEPS, Expander, Path
 from bench.plan.findings import suggestion
-from bench.plan.language_steps import ChannelPick, ForStep, ProcedureStep, TimelineEntry
+from bench.plan.language import sequence as language
+from bench.plan.language.steps import ChannelPick, ForStep, ProcedureStep, TimelineEntry
 from bench.plan.values import Channel, Quantity, Scope, named, plain, traced
 
 MAX_CALLS = 20

@@ -9,7 +9,7 @@ from typing import Any
 
 from bench.model.units import read_quantity
 from bench.plan.findings import suggestion
-from bench.plan.templated import Reference, as_reference
+from bench.plan.language.templated import Reference, as_reference
 
 SUFFIX = {"A": "A", "V": "V", "Hz": "Hz", "s": "s", "C": "C", "ohm": "ohm", "W": "W", "F": "F", "degC": "degC"}
 SUFFIX |= {"degC/min": "degC_min", "deg/s": "deg_s", "g": "g", "1": "", "1/degC": "per_degC"}

@@ -1,28 +1,67 @@
 """Floor 2: the session container: write, read, recover; records cut from frames; the step journal."""
 
+from bench.record.chunks import ChunkPlace, SegmentChunks
 from bench.record.cut import RecordCutter
-from bench.record.journal import Journal, JournalEntry, read_journal
+from bench.record.files import Files
+from bench.record.journal import Journal, JournalEntry, is_being_written, read_journal
 from bench.record.layout import Message, canonical_json
 from bench.record.packed import PackedList, PackedRows
 from bench.record.reader import SessionReader
+from bench.record.readings import RecordedReadings, row_of_readings
+from bench.record.recover import Survey, recover_session, resume_session
 from bench.record.samples import Samples
 from bench.record.scan import Damage
-from bench.record.window import RecordRow
-from bench.record.writer import RecordError, SessionWriter
+from bench.record.trend import TrendWriter
+from bench.record.trend_bench import BenchRows
+from bench.record.trend_format import FOLDER, HEAD, HELD_S, LEVELS_S, read_head, sources_of
+from bench.record.trend_reader import Part, TrendReader, TrendWindow, joined
+from bench.record.trend_rows import FrameTimes, LinkReduction, TrendRows, concatenated
+from bench.record.walk import Walk
+from bench.record.window import UNIT_TEMPERATURE, RecordRow, is_off_target
+from bench.record.writer import OPEN_MARKER, RecordError, SessionWriter
 
 __all__ = [
+    "FOLDER",
+    "HEAD",
+    "HELD_S",
+    "LEVELS_S",
+    "OPEN_MARKER",
+    "UNIT_TEMPERATURE",
+    "BenchRows",
+    "ChunkPlace",
     "Damage",
+    "Files",
+    "FrameTimes",
     "Journal",
     "JournalEntry",
+    "LinkReduction",
     "Message",
     "PackedList",
     "PackedRows",
+    "Part",
     "RecordCutter",
     "RecordError",
     "RecordRow",
+    "RecordedReadings",
     "Samples",
+    "SegmentChunks",
     "SessionReader",
     "SessionWriter",
+    "Survey",
+    "TrendReader",
+    "TrendRows",
+    "TrendWindow",
+    "TrendWriter",
+    "Walk",
     "canonical_json",
+    "concatenated",
+    "is_being_written",
+    "is_off_target",
+    "joined",
+    "read_head",
     "read_journal",
+    "recover_session",
+    "resume_session",
+    "row_of_readings",
+    "sources_of",
 ]

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame import FrameDefinition, MessageBatch
-from bench.frame.layout import Message
+from bench.frame import FrameDefinition, Message, MessageBatch
 
 PER_SAMPLE = "sample"
 Scale = tuple[float, float, str]

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from bench.frame.signals import BENCH_FIELDS
+from bench.frame import BENCH_FIELDS
 from bench.model.clock import NS
 from bench.model.events import Environment, Event, Reentry
 from bench.record.trend_format import HELD_S

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame import FrameDefinition
-from bench.frame.signals import BENCH, Signal
+from bench.frame import BENCH, FrameDefinition, Signal
 from bench.model.clock import NS
 
 VERSION = 1

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame.signals import Signal
+from bench.frame import Signal
 from bench.model.errors import InputError
 from bench.record.trend_format import FOLDER, HEAD, LEVELS_S, TrendHead, TrendSource, read_head
 from bench.record.trend_rows import TrendRows, concatenated

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame import FrameDefinition, LinkBatch, MessageBatch
-from bench.frame.signals import Block, blocks
+from bench.frame import Block, FrameDefinition, LinkBatch, MessageBatch, blocks
 from bench.model.clock import NS
 from bench.record.trend_format import TrendSource, seconds_of
 

@@ -1,6 +1,35 @@
 """Floor 3: a recorded session decoded again and compared."""
 
-from bench.replay.compare import compare
-from bench.replay.rows import replay_rows
+from bench.replay.build_trend import build_trend
+from bench.replay.compare import ABSENT, Difference, compare
+from bench.replay.delimited import LogParser
+from bench.replay.history import RAW_S_PER_POINT, history, needs_build, trend_place
+from bench.replay.parts import Splice, moved_rows
+from bench.replay.raw_window import raw_window
+from bench.replay.rows import Replayed, replay_rows
+from bench.replay.series import IMPORT, LINK, MAPPING, replay_series
+from bench.replay.survey import Survey, file_lines, survey
 
-__all__ = ["compare", "replay_rows"]
+__all__ = [
+    "ABSENT",
+    "IMPORT",
+    "LINK",
+    "MAPPING",
+    "RAW_S_PER_POINT",
+    "Difference",
+    "LogParser",
+    "Replayed",
+    "Splice",
+    "Survey",
+    "build_trend",
+    "compare",
+    "file_lines",
+    "history",
+    "moved_rows",
+    "needs_build",
+    "raw_window",
+    "replay_rows",
+    "replay_series",
+    "survey",
+    "trend_place",
+]

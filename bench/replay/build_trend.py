@@ -15,16 +15,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.frame import LinkDecoder
-from bench.frame.signals import BENCH
+from bench.frame import BENCH, LinkDecoder
 from bench.model.errors import BenchError
 from bench.model.events import event_of
 from bench.plan import steps_of
-from bench.record import Message, SessionReader, layout
-from bench.record.trend import TrendWriter
-from bench.record.trend_bench import BenchRows
-from bench.record.trend_format import FOLDER, sources_of
-from bench.record.trend_rows import LinkReduction
+from bench.record import FOLDER, BenchRows, LinkReduction, Message, SessionReader, TrendWriter, layout, sources_of
 from bench.replay.recorded_setpoints import Event, SetPoint, recorded_setpoints
 from bench.replay.session_signals import frames_of, session_signals
 from bench.replay.windows import RESUME

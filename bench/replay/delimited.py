@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 
 from bench.model.declaration import LogColumn
 from bench.model.errors import InputError
-from bench.plan.findings import suggestion
-from bench.plan.mapping import FileForm, LogMapping, Overload
+from bench.plan import FileForm, LogMapping, Overload, suggestion
 from bench.replay.log_time import TimeReader
 
 MAX_LINE_BYTES = 100_000

@@ -6,9 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bench.model.segments import segment_files
-from bench.record.trend_format import FOLDER, HEAD, read_head
-from bench.record.trend_reader import TrendReader, TrendWindow
-from bench.record.writer import OPEN_MARKER
+from bench.record import FOLDER, HEAD, OPEN_MARKER, TrendReader, TrendWindow, read_head
 from bench.replay.build_trend import build_trend
 from bench.replay.raw_window import raw_window
 

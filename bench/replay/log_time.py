@@ -8,7 +8,7 @@ from decimal import Decimal, InvalidOperation
 
 from bench.model.clock import NS
 from bench.model.units import read_quantity
-from bench.plan.mapping import ELAPSED, ISO, ROWS, SAMPLES, UNIX, TimeColumn
+from bench.plan import ELAPSED, ISO, ROWS, SAMPLES, UNIX, TimeColumn
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)

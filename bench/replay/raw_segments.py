@@ -10,9 +10,7 @@ from pathlib import Path
 
 from bench.model.clock import NS
 from bench.model.segments import segment_files
-from bench.record import layout
-from bench.record.chunks import ChunkPlace, SegmentChunks
-from bench.record.trend_format import FOLDER, read_head
+from bench.record import FOLDER, ChunkPlace, SegmentChunks, layout, read_head
 from bench.replay.windows import RESUME
 
 _LOOKED_AT = 30  # chunks of a part in which its first clock pair is looked for

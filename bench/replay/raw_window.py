@@ -8,13 +8,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame import FrameDefinition, LinkDecoder, MessageBatch
-from bench.frame.signals import BENCH, Signal, columns, of_message, signal_of
+from bench.frame import BENCH, FrameDefinition, LinkDecoder, MessageBatch, Signal, columns, of_message, signal_of
 from bench.model.clock import NS
-from bench.record import layout
-from bench.record.trend_format import FOLDER, read_head
-from bench.record.trend_reader import Part, TrendReader, TrendWindow, joined
-from bench.record.trend_rows import FrameTimes, TrendRows, concatenated
+from bench.record import (
+    FOLDER,
+    FrameTimes,
+    Part,
+    TrendReader,
+    TrendRows,
+    TrendWindow,
+    concatenated,
+    joined,
+    layout,
+    read_head,
+)
 from bench.replay.raw_segments import Stretch, stretches
 from bench.replay.session_head import session_frames
 

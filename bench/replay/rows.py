@@ -9,8 +9,7 @@ from typing import Any
 
 from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, parse_frame
 from bench.model.errors import InputError, SessionDamaged
-from bench.record import Damage, Message, RecordCutter, RecordRow, SessionReader, layout
-from bench.record.readings import RecordedReadings
+from bench.record import Damage, Message, RecordCutter, RecordedReadings, RecordRow, SessionReader, layout
 from bench.replay.parts import Part, Splice, moved_rows, splices_of, time_shifts_ns
 from bench.replay.windows import RESUME, RecordedWindow, recorded_windows
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bench.model.clock import NS
 from bench.model.errors import SessionDamaged
 from bench.model.yamlio import parse_yaml
-from bench.plan.mapping import mapping_model
+from bench.plan import mapping_model
 from bench.record import SessionReader
 from bench.replay.delimited import LogCounts, LogParser, lines_of
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.frame import FrameDefinition, parse_frame
-from bench.frame.signals import Signal, all_signals
+from bench.frame import FrameDefinition, Signal, all_signals, parse_frame
 from bench.model.errors import InputError
 from bench.model.yamlio import parse_yaml
-from bench.plan.graph_language import Graph, GraphEntry, graphs_of, names_in
-from bench.plan.station import StationFile
+from bench.plan import Graph, GraphEntry, StationFile, graphs_of, names_in
 
 
 def frames_of(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str, FrameDefinition]:

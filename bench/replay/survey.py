@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.model.errors import InputError
-from bench.plan.mapping import LogMapping
+from bench.plan import LogMapping
 from bench.replay.delimited import LogCounts, LogParser, lines_of, listed
 
 READ_BYTES = 1 << 20

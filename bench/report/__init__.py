@@ -1,8 +1,60 @@
 """Reports of a campaign: a self-contained HTML page, the same as PDF, and the picture of the timetable."""
 
 from bench.report.assemble import report_model
+from bench.report.batch.document import batch_json
+from bench.report.batch.model import Batch, LeftOut, Outcome
+from bench.report.batch.page import batch_html
+from bench.report.batch.tables import unit_name
+from bench.report.dcc import (
+    DCC,
+    Calibration,
+    CertificateSchema,
+    Laboratory,
+    Span,
+    certificate_text,
+    load_laboratory,
+    nobody,
+    not_valid,
+    overdue,
+    session_of,
+)
 from bench.report.document import Report
-from bench.report.figures import plot_timetable
 from bench.report.model import RunStory, Surrounding, TemperatureTrace
+from bench.report.plots.figures import plot_timetable
+from bench.report.plots.history import FORMATS, MOST_PANELS, Panel, line_years, plot_history
+from bench.report.study import study_html
+from bench.report.tables import Table, analysis_tables
 
-__all__ = ["Report", "RunStory", "Surrounding", "TemperatureTrace", "plot_timetable", "report_model"]
+__all__ = [
+    "DCC",
+    "FORMATS",
+    "MOST_PANELS",
+    "Batch",
+    "Calibration",
+    "CertificateSchema",
+    "Laboratory",
+    "LeftOut",
+    "Outcome",
+    "Panel",
+    "Report",
+    "RunStory",
+    "Span",
+    "Surrounding",
+    "Table",
+    "TemperatureTrace",
+    "analysis_tables",
+    "batch_html",
+    "batch_json",
+    "certificate_text",
+    "line_years",
+    "load_laboratory",
+    "nobody",
+    "not_valid",
+    "overdue",
+    "plot_history",
+    "plot_timetable",
+    "report_model",
+    "session_of",
+    "study_html",
+    "unit_name",
+]

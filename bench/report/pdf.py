@@ -14,9 +14,9 @@ from bench.model.texts import Texts
 from bench.report.fonts import FAMILY, folder, legible
 from bench.report.html import TEMPLATES
 from bench.report.model import ReportModel
+from bench.report.plots.style import Picture
 from bench.report.sections import Section
 from bench.report.sheet import ROOM_pt, Sheet, sheets
-from bench.report.style import Picture
 from bench.report.tables import Table
 from bench.report.verdict_tables import overall_verdict
 

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 from bench.model.texts import Texts
 from bench.report.across_tables import across_tables
-from bench.report.current_plots import current_picture, residual_picture
 from bench.report.estimate_tables import (
     channel_table,
     coefficient_table,
@@ -17,9 +16,12 @@ from bench.report.estimate_tables import (
     pivot_tables,
     scale_factor_tables,
 )
-from bench.report.figures import timetable_picture
-from bench.report.graphs import analysis_pictures
 from bench.report.model import ReportModel
+from bench.report.plots.currents import current_picture, residual_picture
+from bench.report.plots.figures import timetable_picture
+from bench.report.plots.graphs import analysis_pictures
+from bench.report.plots.style import Picture
+from bench.report.plots.temperatures import asymmetry_picture, bias_picture, dsf_picture, surroundings_picture
 from bench.report.run_tables import (
     channel_quality_table,
     command_parts,
@@ -30,9 +32,7 @@ from bench.report.run_tables import (
     summary_table,
 )
 from bench.report.standards_tables import identities_table, standards_table
-from bench.report.style import Picture
 from bench.report.tables import Table, analysis_tables, on_uncertainty, pairs_table, sentence
-from bench.report.temperature_plots import asymmetry_picture, bias_picture, dsf_picture, surroundings_picture
 from bench.report.verdict_tables import verdict_table
 
 _ROLES = ("prepared", "checked", "approved")

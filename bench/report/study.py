@@ -7,8 +7,8 @@ from typing import Any
 
 from bench.analysis import Chapter
 from bench.model.texts import ENGLISH, Texts
-from bench.report.graphs import analysis_pictures
 from bench.report.html import page
+from bench.report.plots.graphs import analysis_pictures
 from bench.report.sections import Section
 from bench.report.tables import analysis_tables, sentence
 from bench.report.words import words_of

@@ -11,8 +11,7 @@ from typing import Any, Literal
 
 from bench.model.errors import InputError, SessionDamaged
 from bench.model.shipped import shipped_folder
-from bench.plan import Plan, compile_sequence, load_station, steps_of
-from bench.plan.plan import steps_sha256
+from bench.plan import Plan, compile_sequence, load_station, steps_of, steps_sha256
 
 _KINDS: tuple[Literal["sequences", "stations", "frames"], ...] = ("sequences", "stations", "frames")
 _TEXT = re.compile(r"(sequences|stations|frames)/[A-Za-z0-9_][A-Za-z0-9_.-]*\.yaml")

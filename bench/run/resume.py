@@ -10,9 +10,7 @@ from typing import Any
 from bench.model.errors import InputError, InstrumentError
 from bench.model.events import Resume
 from bench.plan import Plan, PlannedSoak
-from bench.record import Damage, JournalEntry, SessionReader, layout, read_journal
-from bench.record.journal import is_being_written
-from bench.record.writer import OPEN_MARKER
+from bench.record import OPEN_MARKER, Damage, JournalEntry, SessionReader, is_being_written, layout, read_journal
 from bench.run.frozen import frozen_plan
 from bench.run.links.unit import DONE, IDENTIFY
 from bench.run.steps.position import Event, Resumption, stopped_at

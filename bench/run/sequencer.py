@@ -11,7 +11,7 @@ from bench.model.errors import BenchError, InstrumentError, OperatorStop, RunErr
 from bench.model.events import End, Error, Phase, Retake, Safe, Skip
 from bench.model.ports import actions_of
 from bench.plan import CHAMBER, PlannedRecord, PlannedVerify, Step
-from bench.plan.plan import Phase as PhaseName
+from bench.plan import Phase as PhaseName
 from bench.record import Journal, RecordRow
 from bench.run.bench.safety import heat_off, make_safe
 from bench.run.context import RunContext

@@ -16,8 +16,7 @@ from bench.model.clock import NS, Clock
 from bench.model.errors import BenchError, InputError, RunError
 from bench.model.events import Config, Error, Preflight, Retake
 from bench.plan import Plan, plan_json
-from bench.record import Journal, RecordCutter, RecordError, SessionWriter
-from bench.record.recover import resume_session
+from bench.record import Journal, RecordCutter, RecordError, SessionWriter, resume_session
 from bench.run.bench.beginning import begin_safely, check_space, identities_of
 from bench.run.bench.opener import OpenBench, open_bench
 from bench.run.bench.transcript import HeldTranscript, new_folder

@@ -8,7 +8,7 @@ from typing import Any
 from bench.frame import parse_frame
 from bench.model.errors import InputError
 from bench.model.yamlio import parse_yaml
-from bench.plan.station import StationFile
+from bench.plan import StationFile
 
 BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
 

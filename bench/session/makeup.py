@@ -27,8 +27,8 @@ from bench.plan import (
     PlannedSoak,
     PlannedVerify,
     Step,
+    declared_action,
 )
-from bench.plan.bus_time import declared_action
 from bench.session.record_states import VALID, RecordState
 
 _DROPPED = ("sequence", "title", "duration", "records", "prepare", "steps", "timeline", "finally", "procedures")

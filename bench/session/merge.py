@@ -8,7 +8,7 @@ from typing import Any
 
 from bench.model.errors import InputError
 from bench.record import RecordRow
-from bench.replay.parts import moved_rows
+from bench.replay import moved_rows
 from bench.session.record_states import condition_key, measuring, row_problem
 from bench.session.view import SessionView
 

@@ -15,7 +15,7 @@ from bench.model.errors import InputError
 from bench.model.events import Control, End, Phase
 from bench.model.units import hours
 from bench.model.yamlio import parse_yaml
-from bench.plan.station import StationFile
+from bench.plan import StationFile
 from bench.report import Surrounding
 from bench.session.happenings import Events, happening_tables
 

@@ -12,7 +12,7 @@ from bench.analysis import count_problem, flag_problem
 from bench.model.systems import analysis_declaration, named
 from bench.plan import MEASUREMENT, PlannedRecord, Step
 from bench.record import RecordRow
-from bench.replay.rows import Replayed
+from bench.replay import Replayed
 
 VALID, MISSING, INVALID = "valid", "missing", "invalid"
 

@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 from bench.analysis import Analysis
 from bench.model.errors import InputError
 from bench.plan import steps_of
-from bench.record.writer import OPEN_MARKER
-from bench.replay import replay_rows
-from bench.replay.rows import Replayed
-from bench.replay.series import IMPORT, replay_series
+from bench.record import OPEN_MARKER
+from bench.replay import IMPORT, Replayed, replay_rows, replay_series
 from bench.session.merge import merged
 from bench.session.view import SessionView, analyse_view, happened
 

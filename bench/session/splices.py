@@ -8,7 +8,7 @@ from typing import Any
 
 from bench.analysis import Table
 from bench.model.clock import NS
-from bench.replay.parts import Splice
+from bench.replay import Splice
 
 _HEADERS = ["stopped (UTC)", "gone on (UTC)", "away", "at step", "reason", "unit's temperature meanwhile", "then"]
 

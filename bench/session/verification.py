@@ -11,8 +11,7 @@ from typing import Any
 
 from bench.analysis import Analysis, results_json
 from bench.model.errors import InputError
-from bench.replay import compare
-from bench.replay.compare import Difference
+from bench.replay import Difference, compare
 from bench.report import Report
 from bench.session.coefficients import all_files, coefficients_of_session, merged_coefficients
 from bench.session.view import SessionView, report_of

@@ -29,7 +29,7 @@ from bench.model.clock import NS
 from bench.model.events import Environment, Event, Phase, Preflight, Prompt, Retake, event_of
 from bench.plan import Step
 from bench.record import Damage, RecordRow
-from bench.replay.parts import Splice
+from bench.replay import Splice
 from bench.report import Report, RunStory, TemperatureTrace, report_model
 from bench.session.happenings import happening_tables, preflight_table, punctuality
 from bench.session.line_times import line_times_s

@@ -2,7 +2,8 @@
 
 from bench.store.address import check_history_url, chosen_url
 from bench.store.approval import approve
-from bench.store.comparison import Comparison, ParameterHistory, compare_unit
+from bench.store.comparison import LEAST_FOR_CONTROL, Comparison, ParameterHistory, compare_unit
+from bench.store.contents import digest_of_file, started_utc_ns
 from bench.store.due import Due, dues_of
 from bench.store.errors import StoreError
 from bench.store.export import export_history
@@ -10,8 +11,10 @@ from bench.store.pair import compare_pair
 from bench.store.reading import Shown, list_calibrations, show_calibration, units_of
 from bench.store.recording import Recorded, record_calibration
 from bench.store.selection import Filters
+from bench.store.series import conditions_text
 
 __all__ = [
+    "LEAST_FOR_CONTROL",
     "Comparison",
     "Due",
     "Filters",
@@ -24,10 +27,13 @@ __all__ = [
     "chosen_url",
     "compare_pair",
     "compare_unit",
+    "conditions_text",
+    "digest_of_file",
     "dues_of",
     "export_history",
     "list_calibrations",
     "record_calibration",
     "show_calibration",
+    "started_utc_ns",
     "units_of",
 ]

@@ -8,8 +8,7 @@ from typing import Any
 
 from bench.model.errors import BenchError
 from bench.model.events import End, Error, Resume, event_of
-from bench.record import SessionReader
-from bench.record.writer import OPEN_MARKER
+from bench.record import OPEN_MARKER, SessionReader
 from bench.run.guard.diary import read_diary
 
 DIARY = "guard.jsonl"

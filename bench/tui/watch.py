@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bench.model.clock import NS, Clock
 from bench.model.errors import BenchError
-from bench.record.trend_reader import TrendReader
+from bench.record import TrendReader
 from bench.tui.ending import guard_word
 from bench.tui.plot import Range
 

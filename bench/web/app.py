@@ -12,10 +12,10 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from bench.model.errors import BenchError
-from bench.web.gate import Gate
 from bench.web.hub import Hub
-from bench.web.refusal import Refusal, on_bench_error
 from bench.web.routes import routes
+from bench.web.security.gate import Gate
+from bench.web.security.refusal import Refusal, on_bench_error
 from bench.web.serving import Serving
 
 

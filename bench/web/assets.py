@@ -12,7 +12,7 @@ from pathlib import Path
 from starlette.requests import Request
 from starlette.responses import Response
 
-from bench.web.refusal import Refusal
+from bench.web.security.refusal import Refusal
 
 BOKEH_FILES = ("bokeh.min.js",)
 _OWN = Path(__file__).parent / "static"

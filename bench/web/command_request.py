@@ -13,8 +13,8 @@ from typing import Any
 
 from starlette.requests import Request
 
-from bench.web.cookie import Login
-from bench.web.refusal import Refusal
+from bench.web.security.cookie import Login
+from bench.web.security.refusal import Refusal
 
 COMMANDS = ("pause", "resume", "abort", "acknowledge", "answer")
 NEED_REASON = ("pause", "abort")

@@ -15,9 +15,9 @@ from starlette.responses import JSONResponse, Response
 
 from bench.web.asking import NoAnswer, ask_run
 from bench.web.command_request import Command, command_of, json_object, taken
-from bench.web.cookie import Login
 from bench.web.places import run_folder
-from bench.web.refusal import Refusal
+from bench.web.security.cookie import Login
+from bench.web.security.refusal import Refusal
 from bench.web.serving import Serving
 
 

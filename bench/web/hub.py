@@ -12,17 +12,17 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from bench.model.clock import Clock, pause
-from bench.record.trend_reader import TrendWindow
+from bench.record import TrendWindow
 from bench.run.feed.client import FeedReply
-from bench.web.history_query import HistoryQuery
-from bench.web.listing import Row, RunList
 from bench.web.live import FeedLine, LiveRun, listens, state_of
 from bench.web.partial import PartialFits
-from bench.web.past import Past
 from bench.web.places import run_folder
 from bench.web.points import Points
-from bench.web.refusal import Refusal
-from bench.web.replaying import ReplayRun
+from bench.web.recorded.history_query import HistoryQuery
+from bench.web.recorded.listing import Row, RunList
+from bench.web.recorded.past import Past
+from bench.web.recorded.replaying import ReplayRun
+from bench.web.security.refusal import Refusal
 from bench.web.viewer import Viewer
 
 FEED_THREADS = 8

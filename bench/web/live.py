@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from bench.model.clock import NS, Clock, pause, to_ns
-from bench.record.writer import OPEN_MARKER
+from bench.record import OPEN_MARKER
 from bench.run.control.place import LIVE, find_socket
 from bench.run.feed.client import FeedClient, FeedGone, FeedReply
 from bench.web.points import MISSING_BEFORE, Points

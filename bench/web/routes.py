@@ -8,9 +8,10 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
 
-from bench.web import assets, commands, login, pages, runs
+from bench.web import assets, commands, pages, runs
 from bench.web.places import run_folder
-from bench.web.refusal import Refusal
+from bench.web.security import login
+from bench.web.security.refusal import Refusal
 from bench.web.socket import socket
 
 Handler = Callable[[Request], Awaitable[Response]]

@@ -8,10 +8,10 @@ from typing import Any
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
-from bench.web.history_query import history_query
 from bench.web.hub import Hub
 from bench.web.places import content_of
-from bench.web.refusal import Refusal
+from bench.web.recorded.history_query import history_query
+from bench.web.security.refusal import Refusal
 
 
 async def runs(request: Request) -> Response:
@@ -68,6 +68,6 @@ def _figures(state: dict[str, Any]) -> dict[str, Any]:
 
 
 def _calibrations(history: str | None, out: Path) -> list[dict[str, Any]]:
-    from bench.web.calibrations import calibration_rows  # and so does SQLAlchemy
+    from bench.web.recorded.calibrations import calibration_rows  # and so does SQLAlchemy
 
     return calibration_rows(history, out)

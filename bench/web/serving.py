@@ -14,12 +14,12 @@ import uvicorn
 from starlette.applications import Starlette
 
 from bench.model.clock import Clock
-from bench.web.audit import Audit
 from bench.web.command_request import SentCommands
 from bench.web.connections import PatientHttp, PatientSocket
-from bench.web.cookie import Cookies
-from bench.web.operator import Lease
-from bench.web.tokens import LoginLimit, Tokens
+from bench.web.security.audit import Audit
+from bench.web.security.cookie import Cookies
+from bench.web.security.operator import Lease
+from bench.web.security.tokens import LoginLimit, Tokens
 
 MOST_CONNECTIONS = 256
 LARGEST_MESSAGE = 65_536  # bytes of a WebSocket message from a page

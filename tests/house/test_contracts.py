@@ -18,7 +18,7 @@ PLANTED = {
     "floors": ("bench.maths.allan", "bench.plan.compile"),
     "systems": ("bench.systems.north.solve", "bench.systems.gnc.rows"),
     "engine-names-no-system": ("bench.session.partial", "bench.systems.north.analysis"),
-    "declarations-are-plain": ("bench.systems.north.declaration", "bench.plan.language"),
+    "declarations-are-plain": ("bench.systems.north.declaration", "bench.plan.language.sequence"),
     "estimators": ("bench.systems.north.estimators.tilt", "bench.analysis.numbers"),
     "worlds": ("sim_instruments.worlds.north.world", "sim_instruments.worlds.gnc.world"),
     "simulated-bench": ("sim_instruments.worlds.common.world", "sim_instruments.bus.live"),
@@ -29,7 +29,7 @@ PLANTED = {
     "buses-in-one-opener": ("bench.run.links.port", "serial"),
     "a-run-does-not-die-of-a-fit": ("bench.run.watch.trend", "scipy"),
     "the-guard-needs-nothing-that-can-fail": ("bench.run.guard.decision", "bench.frame.batch"),
-    "clusters-in-one-place": ("bench.commands.study", "distributed"),
+    "clusters-in-one-place": ("bench.commands.study.study", "distributed"),
 }
 
 

@@ -357,7 +357,7 @@ MUTANTS = [
     ),
     Mutant(
         "page that asks nobody for a login",
-        "bench/web/gate.py",
+        "bench/web/security/gate.py",
         "if not is_login:",
         "if is_login:",
         ["tests/unit/web/test_gate.py::test_every_route_without_a_login_is_401"],

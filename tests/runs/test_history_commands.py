@@ -14,7 +14,7 @@ import pytest
 from bench import cli
 from bench.model.errors import ExitStatus
 from bench.record import SessionReader
-from bench.report.history_plot import MOST_PANELS
+from bench.report.plots.history import MOST_PANELS
 from bench.store import Filters, list_calibrations, record_calibration
 
 ROOT = Path(__file__).resolve().parents[2]

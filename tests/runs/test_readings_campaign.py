@@ -39,7 +39,7 @@ from bench.tui.glyphs import UNICODE
 from bench.tui.look import Look, catalogue
 from bench.tui.tables import records as record_lines
 from bench.tui.watch import Seen
-from bench.web.past import Past
+from bench.web.recorded.past import Past
 from sim_instruments.worlds.common.terminals import Source
 from sim_instruments.worlds.common.world import World
 

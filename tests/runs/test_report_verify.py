@@ -18,7 +18,7 @@ from rehearsal import ROOT
 from bench.commands import run as run_command
 from bench.commands.certificate import Request, certificate
 from bench.commands.session import report
-from bench.commands.verify import verify
+from bench.commands.verify.verify import verify
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
 from bench.session import verification
 
@@ -193,7 +193,7 @@ def test_numbers_of_another_software_are_named(
     session: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The software of today gives another number than the one of the run."""
-    from bench.commands import verify as command
+    from bench.commands.verify import verify as command
 
     plain = command.analyse_view
 

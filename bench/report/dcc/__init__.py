@@ -2,11 +2,13 @@
 
 from bench.report.dcc.calibration import Calibration, Span, nobody
 from bench.report.dcc.certificate import certificate_text, session_of
+from bench.report.dcc.elements import DCC
 from bench.report.dcc.laboratory import Laboratory, load_laboratory
 from bench.report.dcc.schema import CertificateSchema, not_valid
 from bench.report.dcc.standards import overdue
 
 __all__ = [
+    "DCC",
     "Calibration",
     "CertificateSchema",
     "Laboratory",

@@ -9,7 +9,7 @@ from pydantic import Field, StringConstraints, model_validator
 
 from bench.model.units import quantity
 from bench.model.yamlio import StrictModel, load_yaml
-from bench.plan.station import Date
+from bench.plan import Date
 
 Words = Annotated[str, StringConstraints(min_length=1, max_length=200, strip_whitespace=True)]
 Prose = Annotated[str, StringConstraints(min_length=1, max_length=2000, strip_whitespace=True)]

@@ -9,8 +9,7 @@ from pathlib import Path
 from bench.model.clock import Clock
 from bench.model.errors import BenchError, InputError, InstrumentError
 from bench.model.ports import Identity
-from bench.plan import Plan, Station
-from bench.plan.summary import summarise
+from bench.plan import Plan, Station, summarise
 from bench.run.bench.opener import OpenBench
 from bench.run.bench.safety import make_safe
 from bench.run.stop import unforeseen

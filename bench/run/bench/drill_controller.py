@@ -17,8 +17,7 @@ from typing import Any
 from bench.model.clock import Clock, WallClock
 from bench.model.errors import BenchError, InputError
 from bench.model.ports import Effect, Instrument, actions_of
-from bench.plan import Station, load_station
-from bench.plan.drivers import driver_actions
+from bench.plan import Station, driver_actions, load_station
 from bench.run.bench.beginning import begin_safely
 from bench.run.bench.opener import open_bench
 from bench.run.bench.safety import make_safe

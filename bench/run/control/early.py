@@ -18,7 +18,7 @@ from bench.model.clock import NS
 from bench.model.errors import RunError
 from bench.model.events import Verdict
 from bench.model.processes import EARLY_VERDICT, own_process
-from bench.plan.language import Early
+from bench.plan import Early
 from bench.run.context import RunContext
 from bench.run.control.channel import EARLY
 from bench.run.hold.holds import HOLD_LIMIT_S

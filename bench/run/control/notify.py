@@ -18,7 +18,7 @@ from typing import Any
 from bench.model.clock import NS
 from bench.model.events import Alarm, End, Error, Event, Hold, Interlock, Notify, Release, Verdict
 from bench.model.yamlio import load_yaml
-from bench.plan.notify_language import Notify as NotifySection
+from bench.plan import Notify as NotifySection
 from bench.run.context import RunContext
 from bench.run.control.notify_ways import NotSent, by_command, by_mail, by_webhook
 from bench.run.observers import Observer

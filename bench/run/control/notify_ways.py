@@ -15,7 +15,7 @@ from collections.abc import Mapping
 from email.message import EmailMessage
 from typing import Any
 
-from bench.plan.notify_language import Mail, Webhook, web_address
+from bench.plan import Mail, Webhook, web_address
 
 TIMEOUT_S = 10.0
 

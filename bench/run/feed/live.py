@@ -10,13 +10,11 @@ from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any
 
-from bench.frame import LinkBatch
-from bench.frame.signals import all_signals
+from bench.frame import LinkBatch, all_signals
 from bench.model.clock import NS, WallClock, to_ns
 from bench.model.events import Environment, Event, Reentry
 from bench.model.quality import Quality
-from bench.plan import Step
-from bench.plan.graph_language import graphs_of, names_in
+from bench.plan import Step, graphs_of, names_in
 from bench.record import RecordRow
 from bench.run.context import RunContext
 from bench.run.control.asking import WaitingOperator

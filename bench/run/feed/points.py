@@ -14,10 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame import LinkBatch, MessageBatch
-from bench.frame.signals import BENCH, Signal, columns, of_message
+from bench.frame import BENCH, LinkBatch, MessageBatch, Signal, columns, of_message
 from bench.model.clock import NS
-from bench.record.trend_format import HELD_S
+from bench.record import HELD_S
 
 POINT_NS = NS // 10
 KEPT = 600

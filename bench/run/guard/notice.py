@@ -13,7 +13,7 @@ from functools import partial
 from typing import Any
 
 from bench.model.processes import NOTICE, own_process
-from bench.plan.notify_language import Notify
+from bench.plan import Notify
 from bench.run.control.notify_ways import NotSent, by_command, by_mail, by_webhook
 
 ATTEMPTS = 3

@@ -10,8 +10,7 @@ from pathlib import Path
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, Clock
 from bench.model.errors import BenchError
 from bench.model.ports import ByteLink, Instrument
-from bench.plan import Plan, Station
-from bench.plan.readings import roles_of
+from bench.plan import Plan, Station, roles_of
 from bench.run.preflight.host import Host
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from bench.model.clock import NS, Clock
 from bench.model.errors import InputError
-from bench.plan.summary import summarise
+from bench.plan import summarise
 from bench.run.bench.beginning import SPACE_FACTOR, check_space
 from bench.run.preflight.context import PreflightContext
 from bench.run.preflight.finding import Finding, Status

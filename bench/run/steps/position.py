@@ -9,8 +9,17 @@ from typing import Any
 
 from bench.model.events import Resume
 from bench.model.ports import Action
-from bench.plan import Plan, PlannedCall, PlannedCommand, PlannedPrompt, PlannedRecord, PlannedSoak, PlannedVerify, Step
-from bench.plan.drivers import driver_actions
+from bench.plan import (
+    Plan,
+    PlannedCall,
+    PlannedCommand,
+    PlannedPrompt,
+    PlannedRecord,
+    PlannedSoak,
+    PlannedVerify,
+    Step,
+    driver_actions,
+)
 from bench.record import JournalEntry
 from bench.run.steps.motion_again import is_motion
 

@@ -9,10 +9,8 @@ from bench.model.errors import InstrumentError
 from bench.model.events import Reading
 from bench.model.ports import Instrument, RecordWindow, actions_of
 from bench.model.quality import Quality
-from bench.plan import PlannedCall, PlannedRecord, PlannedVerify
-from bench.plan.readings import is_reading, round_count
-from bench.record import RecordRow
-from bench.record.readings import row_of_readings
+from bench.plan import PlannedCall, PlannedRecord, PlannedVerify, is_reading, round_count
+from bench.record import RecordRow, row_of_readings
 from bench.run.context import RunContext
 
 OVERLOAD = "B-INST-007"

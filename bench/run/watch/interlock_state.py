@@ -6,7 +6,7 @@ import math
 from typing import Literal
 
 from bench.model.clock import NS
-from bench.plan.interlock_language import InterlockRule
+from bench.plan import InterlockRule
 
 Change = Literal["tripped", "stale", "released", "lasting"]
 LASTING_S = 2.0  # a glitch is over by then

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from bench.model.clock import NS
 from bench.model.errors import RunError
 from bench.model.events import Interlock
-from bench.plan.interlock_language import Action, InterlockRule
+from bench.plan import Action, InterlockRule
 from bench.record import RecordRow
 from bench.run.context import RunContext
 from bench.run.control.following import Following

@@ -18,9 +18,7 @@ from bench.model.clock import NS
 from bench.model.errors import InstrumentError
 from bench.model.events import Error, Surroundings
 from bench.model.ports import Instrument
-from bench.plan import CHAMBER
-from bench.plan.interlock_language import InterlockRule
-from bench.plan.summary import SECOND_BYTES
+from bench.plan import CHAMBER, SECOND_BYTES, InterlockRule
 from bench.run.bench.safety import hurried
 from bench.run.context import RunContext
 from bench.run.guard.health import CHAMBER_AIR

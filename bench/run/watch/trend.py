@@ -11,18 +11,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from bench.frame import LinkBatch
-from bench.frame.signals import BENCH, all_signals
+from bench.frame import BENCH, LinkBatch, all_signals
 from bench.model.errors import BenchError
 from bench.model.events import Event
-from bench.plan import Step
-from bench.plan.graph_language import names_in
-from bench.record import read_journal
-from bench.record.files import Files
-from bench.record.trend import TrendWriter
-from bench.record.trend_bench import BenchRows
-from bench.record.trend_format import FOLDER, HEAD, read_head, sources_of
-from bench.record.trend_rows import LinkReduction
+from bench.plan import Step, names_in
+from bench.record import FOLDER, HEAD, BenchRows, Files, LinkReduction, TrendWriter, read_head, read_journal, sources_of
 from bench.run.context import RunContext
 from bench.run.observers import Observer
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from bench.analysis import count_problem
 from bench.model.errors import FitError
-from bench.record.window import is_off_target
+from bench.record import is_off_target
 from bench.systems.af_converter.estimators.noise import Readings
 from bench.systems.af_converter.temperatures import UnitTemperature, unit_temperatures
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.record.window import UNIT_TEMPERATURE
+from bench.record import UNIT_TEMPERATURE
 
 if TYPE_CHECKING:
     from bench.record import RecordRow

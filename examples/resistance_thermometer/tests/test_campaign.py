@@ -10,7 +10,7 @@ import pytest
 from bench.cli import app
 from bench.model.errors import InputErrors
 from bench.plan import compile_sequence
-from bench.web.past import Past
+from bench.web.recorded.past import Past
 from block import SEQUENCE, SETPOINTS_DEGC, by_place
 from typer.testing import CliRunner
 

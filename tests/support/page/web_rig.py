@@ -19,10 +19,10 @@ from websockets.sync.client import connect
 
 from bench.model.clock import WallClock
 from bench.web.app import create_app
-from bench.web.audit import FILE, Audit
-from bench.web.cookie import Login
+from bench.web.security.audit import FILE, Audit
+from bench.web.security.cookie import Login
+from bench.web.security.tokens import obtain_tokens
 from bench.web.serving import Serving, server_of, written
-from bench.web.tokens import obtain_tokens
 
 RUN = "20000101T000000Z_scale_factor_short_SIM-1"
 COMMAND = {"X-Bench-Command": "1", "Content-Type": "application/json"}

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
+from bench.report.plots.style import drawing
 from bench.report.sheet import ROOM_pt
-from bench.report.style import drawing
 
 POINTS_PER_INCH, LEAST_pt = 72.0, 6.5
 TOUCH_px = 0.5  # texts may come as near as this fraction of a pixel at 100 dots per inch

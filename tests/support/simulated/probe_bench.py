@@ -14,7 +14,7 @@ import pytest
 from bench.model import installed as installed_module
 from bench.model import systems
 from bench.plan import Plan, compile_sequence
-from bench.plan.check import check_plan
+from bench.plan.check.everything import check_plan
 
 STRANGERS = Path(__file__).resolve().parents[1] / "strangers"
 ANALYSIS = "probe_means"

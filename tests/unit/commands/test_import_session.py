@@ -12,7 +12,7 @@ from import_sample import LOG, RAMP, SHORT, ramp_rows, write_ramp
 from bench.commands import import_log
 from bench.commands.import_log import import_log as import_file
 from bench.model.errors import InputError, SessionDamaged
-from bench.plan.mapping import load_mapping
+from bench.plan.language.mapping import load_mapping
 from bench.record import SessionReader, SessionWriter
 from bench.replay import replay_rows
 from bench.replay.series import replay_series

@@ -8,7 +8,7 @@ from dataclasses import replace
 from rich.console import Console
 
 from bench.analysis import Analysis, Table
-from bench.commands.tables import print_results
+from bench.commands.tables.results import print_results
 
 UNITS = Table(
     "Units tested", "", ["unit", "failed", "verdict"], [["GNC-01", "–", "PASS"], ["GNC-02", "memory", "FAIL"]],

@@ -21,7 +21,7 @@ def loaded(module: str) -> set[str]:
     return set(done.stdout.split())
 
 
-@pytest.mark.parametrize("module", ["bench.commands.check", "bench.commands.history"])
+@pytest.mark.parametrize("module", ["bench.commands.check", "bench.commands.history.show"])
 def test_neither_the_check_nor_the_history_loads_scipy_or_matplotlib(module: str) -> None:
     packages = loaded(module)
     assert "bench" in packages

@@ -7,7 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
-from bench.commands.summary_table import print_summary
+from bench.commands.tables.summary import print_summary
 
 
 def one(

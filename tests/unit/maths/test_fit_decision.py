@@ -15,7 +15,7 @@ from bench.maths.decision import Rule, conformance_probability, decide
 from bench.maths.verdict import RULES, coverage_factor
 from bench.model.errors import FitError
 from bench.plan import compile_sequence
-from bench.plan.language import Decision
+from bench.plan.language.sequence import Decision
 
 PROVENANCE = {"simulated": True, "plan_sha256": "a", "frame_sha256": "b", "session_sha256": "c", "software": "1"}
 U_ppm = 2.0 * math.sqrt(10.0**2 + 1.2**2 + 2.0**2)  # gain, fit and drift of the calibrator

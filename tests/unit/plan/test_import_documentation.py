@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from bench.model.yamlio import parse_yaml
-from bench.plan.mapping import FileForm, TimeColumn, ValueColumn, mapping_model
+from bench.plan.language.mapping import FileForm, TimeColumn, ValueColumn, mapping_model
 from bench.replay.delimited import LogParser
 
 PAGE = (Path(__file__).resolve().parents[3] / "docs" / "importing.md").read_text(encoding="utf-8")

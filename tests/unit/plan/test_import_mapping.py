@@ -13,7 +13,7 @@ from pydantic import RootModel
 
 from bench.model.errors import InputErrors
 from bench.model.yamlio import load_yaml, parse_yaml
-from bench.plan.mapping import load_mapping, mapping_model, mapping_schema
+from bench.plan.language.mapping import load_mapping, mapping_model, mapping_schema
 
 ROOT = Path(__file__).resolve().parents[3]
 SHIPPED = sorted((ROOT / "docs" / "mappings").glob("*.yaml"))

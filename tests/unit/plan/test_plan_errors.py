@@ -248,7 +248,7 @@ def test_no_way_to_the_safe_state_b_plan_075_and_no_raw_text_b_plan_053(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plant(monkeypatch, "test_heater", Heater)
-    monkeypatch.setattr("bench.plan.check_station.simulator_module", lambda name: name)
+    monkeypatch.setattr("bench.plan.check.stations.simulator_module", lambda name: name)
     text = changed("call: switch.open_all", "call: aux_supply.output_on", FLAT)
     text = changed("record: 10 s", 'send: {aux_supply: "ON"}', text)
     found = mistakes(make_bench(tmp_path, text, ("driver: agilent_e3631a", "driver: test_heater")))

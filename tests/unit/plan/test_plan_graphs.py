@@ -12,7 +12,7 @@ from trend_sample import FRAMES, ROOT
 from bench.frame import load_frame
 from bench.model.yamlio import parse_yaml
 from bench.plan import load_station
-from bench.plan.graph_language import GraphEntry, graphs_of, names_in
+from bench.plan.language.graphs import GraphEntry, graphs_of, names_in
 from bench.plan.served import served_station
 from bench.plan.station import StationFile
 from bench.replay.session_signals import session_graphs, session_signals

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from plan_sample import FLAT, changed, make_bench, mistakes
 
-from bench.plan.check_station import canonical_address
+from bench.plan.check.stations import canonical_address
 from sim_instruments.bus.ranges import CURRENT_RANGES
 
 MISTAKES = [
@@ -108,7 +108,7 @@ def test_values_of_world_options(tmp_path: Path, overrides: dict[str, str], code
 
 
 def test_a_driver_without_a_simulator_b_plan_016(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.plan.check_station.simulator_module", lambda name: None if "3458" in name else name)
+    monkeypatch.setattr("bench.plan.check.stations.simulator_module", lambda name: None if "3458" in name else name)
     found = mistakes(make_bench(tmp_path, FLAT))
     assert [error.code for error in found] == ["B-PLAN-016"]
 

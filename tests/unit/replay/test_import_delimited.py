@@ -10,7 +10,7 @@ from import_sample import LOG, SHORT
 
 from bench.model.errors import InputError
 from bench.model.yamlio import parse_yaml
-from bench.plan.mapping import LogMapping, mapping_model
+from bench.plan.language.mapping import LogMapping, mapping_model
 from bench.replay.delimited import MAX_LINE_BYTES, LogParser, LogRow, lines_of
 from bench.replay.survey import Survey, survey
 

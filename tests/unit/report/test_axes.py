@@ -7,7 +7,8 @@ import pytest
 import report_sample
 from matplotlib.figure import Figure
 
-from bench.report import history_plot, temperature_plots
+from bench.report.plots import history as history_plot
+from bench.report.plots import temperatures as temperature_plots
 from bench.report.words import words_of
 
 

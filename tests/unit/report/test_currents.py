@@ -10,7 +10,7 @@ import pytest
 
 from bench.analysis import Material
 from bench.report import report_model
-from bench.report.current_plots import level_errors
+from bench.report.plots.currents import level_errors
 from bench.systems.af_converter.scale_factor.analysis import analyse
 
 SEED, LEVEL_A, FEWER = 4, 1e-2, 1e-3

@@ -12,7 +12,7 @@ from report_sample import sample_model
 from bench import analysis
 from bench.analysis import band, series
 from bench.report import Report
-from bench.report.graphs import analysis_pictures
+from bench.report.plots.graphs import analysis_pictures
 
 
 def test_figures_of_a_scale_factor_campaign(monkeypatch: pytest.MonkeyPatch) -> None:

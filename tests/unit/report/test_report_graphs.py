@@ -12,7 +12,7 @@ from report_sample import small_model
 from bench.analysis import Figure, Table, band, series
 from bench.report import Report
 from bench.report.estimate_tables import coefficient_table
-from bench.report.graphs import analysis_pictures
+from bench.report.plots.graphs import analysis_pictures
 from bench.report.words import words_of
 
 

@@ -13,7 +13,7 @@ from report_sample import sample_model, sample_results, small_model
 from bench.model.quality import Quality
 from bench.report import Report
 from bench.report.model import ReportModel
-from bench.report.style import GREY, INK, MARKERS, PALETTE
+from bench.report.plots.style import GREY, INK, MARKERS, PALETTE
 from bench.report.verdict_tables import verdict_counts
 
 WATERMARK = "SIMULATED — not a calibration"

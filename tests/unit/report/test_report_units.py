@@ -14,9 +14,9 @@ from bench.analysis import Figure, Table, series
 from bench.report import Report, TemperatureTrace
 from bench.report.across_tables import across_tables
 from bench.report.estimate_tables import coverage_table, other_table
-from bench.report.figures import timetable_picture
-from bench.report.graphs import analysis_pictures
 from bench.report.model import Bar, ReportModel, Timetable
+from bench.report.plots.figures import timetable_picture
+from bench.report.plots.graphs import analysis_pictures
 from bench.report.sections import sections_of
 from bench.report.verdict_tables import verdict_table
 from bench.report.words import words_of

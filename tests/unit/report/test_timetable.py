@@ -11,9 +11,9 @@ from report_sample import SamplePlan, sample_steps
 from bench.model.shipped import find_shipped
 from bench.plan import Step, compile_sequence
 from bench.report import TemperatureTrace, plot_timetable
-from bench.report.figures import thin, timetable_picture
-from bench.report.planned import planned_temperature
-from bench.report.timetable import timetable
+from bench.report.plots.figures import thin, timetable_picture
+from bench.report.plots.planned import planned_temperature
+from bench.report.plots.timetable import timetable
 from bench.report.words import words_of
 
 

@@ -17,10 +17,11 @@ from websockets.protocol import State
 from websockets.server import ServerProtocol
 
 from bench.model.clock import WallClock
-from bench.web import connections, gate
+from bench.web import connections
 from bench.web.connections import PatientSocket
-from bench.web.gate import Gate
-from bench.web.tokens import OPERATOR, VIEWER
+from bench.web.security import gate
+from bench.web.security.gate import Gate
+from bench.web.security.tokens import OPERATOR, VIEWER
 
 CUT_S = 30.0  # the test waits no longer
 

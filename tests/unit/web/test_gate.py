@@ -13,9 +13,9 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import Receive, Scope, Send
 from web_rig import COMMAND, RUN, Page, served
 
-from bench.web.cookie import Login
-from bench.web.gate import Gate
-from bench.web.tokens import OPERATOR, VIEWER
+from bench.web.security.cookie import Login
+from bench.web.security.gate import Gate
+from bench.web.security.tokens import OPERATOR, VIEWER
 
 CSP = (
     "default-src 'self'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "

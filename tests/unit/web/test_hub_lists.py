@@ -17,13 +17,13 @@ from web_rig import RUN, Page, served
 from bench.model.clock import VirtualClock
 from bench.record.writer import OPEN_MARKER
 from bench.web import partial
-from bench.web.calibrations import calibration_rows
-from bench.web.history_query import MOST_POINTS, history_query
-from bench.web.listing import READ_AT_ONCE, RunList, verdict_of
 from bench.web.partial import KEPT_IN_ALL, KEPT_PER_ROW, PartialFits, finished_estimates, joined
-from bench.web.past import Past
-from bench.web.refusal import Refusal
-from bench.web.trends import Trends
+from bench.web.recorded.calibrations import calibration_rows
+from bench.web.recorded.history_query import MOST_POINTS, history_query
+from bench.web.recorded.listing import READ_AT_ONCE, RunList, verdict_of
+from bench.web.recorded.past import Past
+from bench.web.recorded.trends import Trends
+from bench.web.security.refusal import Refusal
 
 GOOD = {"signals": "a.b,a.c,a.b", "t0": "1.5", "t1": "2.5", "n": "10"}
 
@@ -121,7 +121,7 @@ def test_no_history_is_an_empty_list(page: Page) -> None:
 
 
 def test_a_session_is_read_once_until_its_folder_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from bench.web import listing
+    from bench.web.recorded import listing
 
     for number in range(READ_AT_ONCE + 6):
         write_sample(tmp_path / f"20260101T0000{number:02d}Z_x_1", seconds=1)

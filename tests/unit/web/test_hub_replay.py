@@ -16,11 +16,11 @@ from bench.model.clock import NS, VirtualClock
 from bench.model.events import Resume
 from bench.record import SessionWriter
 from bench.record.recover import resume_session
-from bench.web import replaying
 from bench.web.points import Points
-from bench.web.recorded import RecordedState, scenery_of
-from bench.web.recording import Recording, read_recording
-from bench.web.replaying import BLOCK, ReplayRun
+from bench.web.recorded import replaying
+from bench.web.recorded.recording import Recording, read_recording
+from bench.web.recorded.replaying import BLOCK, ReplayRun
+from bench.web.recorded.state import RecordedState, scenery_of
 from bench.web.viewer import LONGEST_QUEUE, Viewer
 
 UTC_S = 946_684_800

@@ -9,8 +9,8 @@ import pytest
 from web_rig import COMMAND, FORM, Page, served
 
 from bench.model.clock import VirtualClock
-from bench.web.cookie import VALID_S, Cookies, Login, clean_name
-from bench.web.tokens import OPERATOR, VIEWER, obtain_tokens
+from bench.web.security.cookie import VALID_S, Cookies, Login, clean_name
+from bench.web.security.tokens import OPERATOR, VIEWER, obtain_tokens
 
 KIM = Login("kim", OPERATOR, "0123456789abcdef")
 

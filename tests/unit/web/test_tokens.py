@@ -11,8 +11,8 @@ import pytest
 
 from bench.model.clock import VirtualClock
 from bench.model.errors import InputError
-from bench.web.audit import Audit
-from bench.web.tokens import FILE, MOST_IN_ALL, OPERATOR, VIEWER, LoginLimit, obtain_tokens, private_folder
+from bench.web.security.audit import Audit
+from bench.web.security.tokens import FILE, MOST_IN_ALL, OPERATOR, VIEWER, LoginLimit, obtain_tokens, private_folder
 
 
 def mode(path: Path) -> int:

@@ -14,9 +14,9 @@ from bench.model.clock import VirtualClock, WallClock
 from bench.run.control.place import socket_path
 from bench.run.control.server import ControlServer
 from bench.web.command_request import MOST_KEPT
-from bench.web.cookie import Login
-from bench.web.operator import AWAY_S, Lease
-from bench.web.tokens import OPERATOR, VIEWER
+from bench.web.security.cookie import Login
+from bench.web.security.operator import AWAY_S, Lease
+from bench.web.security.tokens import OPERATOR, VIEWER
 
 KIM, LEE = Login("kim", OPERATOR, "1"), Login("lee", OPERATOR, "2")
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bench.analysis import Floats, count_problem
 from bench.model.errors import FitError
-from bench.record.window import UNIT_TEMPERATURE
+from bench.record import UNIT_TEMPERATURE
 from bench.systems.af_converter.constants import Campaign, Channel
 from bench.systems.af_converter.estimators.gates import Whitener, series_covariance
 from bench.systems.af_converter.estimators.hysteresis.model import Gates

@@ -15,7 +15,7 @@ from hold_rig import HoldRig
 
 from bench.analysis import Analysis, link_checks
 from bench.model.clock import WallClock
-from bench.plan.language import Early
+from bench.plan.language.sequence import Early
 from bench.run.context import RunContext
 from bench.run.control.early import EarlyVerdicts, judge_command
 from bench.systems.af_converter.constants import Campaign

@@ -19,7 +19,7 @@ from hold_rig import HoldRig
 from bench.model.clock import VirtualClock
 from bench.model.errors import InputErrors
 from bench.model.events import End, Error, Hold, Interlock, Phase, Verdict, event_of
-from bench.plan.notify_language import Mail, Notify, Webhook
+from bench.plan.language.notices import Mail, Notify, Webhook
 from bench.run.context import RunContext
 from bench.run.control.notify import LONGEST_QUEUE, Notifier, notifications, occasion, user_notify
 from bench.run.control.notify_ways import NotSent, by_command, by_mail, by_webhook

@@ -19,7 +19,7 @@ from bench.model.errors import ExitStatus, InputError, RunError
 from bench.model.ports import Effect, action
 from bench.model.shipped import find_shipped
 from bench.plan import load_station
-from bench.plan.notify_language import Notify
+from bench.plan.language.notices import Notify
 from bench.run.bench.drill import drill, latest_drill
 from bench.run.bench.drill_controller import source_of
 from bench.run.guard.act import act

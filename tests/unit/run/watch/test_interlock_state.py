@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bench.model.clock import NS
-from bench.plan.interlock_language import InterlockRule
+from bench.plan.language.interlocks import InterlockRule
 from bench.run.watch.interlock_state import InterlockState
 
 

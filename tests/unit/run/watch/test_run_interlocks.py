@@ -15,7 +15,7 @@ from run_rig import instrument_error
 from test_interlock_state import rule
 
 from bench.model.errors import ExitStatus
-from bench.plan.interlock_language import InterlockRule
+from bench.plan.language.interlocks import InterlockRule
 from bench.run.context import RunContext
 from bench.run.control.following import Following
 from bench.run.watch.interlocks import InterlockWatch, interlocks

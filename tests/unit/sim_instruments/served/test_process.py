@@ -17,7 +17,7 @@ from bench.model.clock import NS, VirtualClock, WallClock
 from bench.model.errors import InputError, InputErrors
 from bench.model.shipped import find_shipped
 from bench.plan import check_plan, compile_sequence, load_station
-from bench.plan.check_station import check_station
+from bench.plan.check.stations import check_station
 from bench.plan.findings import Findings
 from bench.plan.served import served_station
 from sim_instruments.faults.switchboard import LinkFaults

@@ -13,7 +13,7 @@ from import_sample import lagging as lagging_by
 from bench.analysis import Analysis, Material
 from bench.model.errors import FitError
 from bench.model.yamlio import parse_yaml
-from bench.plan.mapping import mapping_model
+from bench.plan.language.mapping import mapping_model
 from bench.systems.af_converter.estimators.drift_ramp import block_means, drift_columns, fit_drift
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
 from bench.systems.af_converter.estimators.hysteresis.model import Gates, HysteresisModel, ModelShape

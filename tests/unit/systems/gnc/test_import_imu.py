@@ -11,7 +11,7 @@ import pytest
 from bench.commands.import_log import import_log
 from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import parse_yaml
-from bench.plan.mapping import mapping_model
+from bench.plan.language.mapping import mapping_model
 from bench.record import SessionReader
 from bench.replay.series import ImportedSeries, replay_series
 

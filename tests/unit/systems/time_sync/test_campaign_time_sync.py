@@ -11,7 +11,7 @@ import pytest
 from time_sync_material import Pair
 
 from bench.analysis import Analysis, analyse, with_uncertainty
-from bench.report.graphs import analysis_pictures
+from bench.report.plots.graphs import analysis_pictures
 from bench.systems.time_sync import filtering as time_sync_filter
 from bench.systems.time_sync import tables as time_sync_tables
 from bench.systems.time_sync.analysis import METHODS

@@ -1,0 +1,136 @@
+"""Arguments of ``bench history``; the work is imported when it is asked for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(no_args_is_help=True, help="Earlier calibrations: drift, agreement, due dates, approvals, export.")
+
+_LONGEST_DAYS = 365
+
+History = Annotated[
+    str | None,
+    typer.Option("--history", metavar="URL", help="sqlite:///FILE or postgresql://...; default: $BENCH_HISTORY"),
+]
+Out = Annotated[
+    Path | None, typer.Option("--out", help="folder of the sessions, with history.sqlite; default: sessions")
+]
+Unit = Annotated[str | None, typer.Option("--uut", metavar="SERIAL", help="serial number, or 'MODEL SERIAL'")]
+Campaign = Annotated[str | None, typer.Option("--campaign", help="such as scale_factor")]
+Quantity = Annotated[str | None, typer.Option("--quantity", help="such as dsf_n")]
+Session = Annotated[str, typer.Argument(help="name or folder of a session, or the beginning of its SHA-256")]
+AsJson = Annotated[bool, typer.Option("--json", help="print one JSON document on standard output and nothing else")]
+Longest = Annotated[int, typer.Option("--max-interval", metavar="DAYS", min=1, max=3653, help="longest interval")]
+
+
+@app.command("list", epilog="Example: bench history list --uut SIM-1 --quantity dsf_n")
+def list_all(
+    uut: Unit = None,
+    campaign: Campaign = None,
+    quantity: Quantity = None,
+    history: History = None,
+    out: Out = None,
+    json: AsJson = False,
+) -> None:
+    """One line per calibration, in order of time."""
+    from bench.commands.history import show as work
+    from bench.store import Filters
+
+    raise typer.Exit(work.list_all(work.Place(history, out), Filters(uut, campaign, quantity), json))
+
+
+@app.command(epilog="Example: bench history show 20260401T080000Z_scale_factor_38h_A1")
+def show(session: Session, history: History = None, out: Out = None, json: AsJson = False) -> None:
+    """One calibration: revisions, approvals, standards, every estimate."""
+    from bench.commands.history import show as work
+
+    raise typer.Exit(work.show(work.Place(history, out), session, json))
+
+
+@app.command(epilog="Example: bench history compare --uut SIM-1 --quantity dsf_n --plot drift.svg")
+def compare(
+    sessions: Annotated[list[str] | None, typer.Argument(help="two sessions; without them all of a unit")] = None,
+    uut: Unit = None,
+    campaign: Campaign = None,
+    quantity: Quantity = None,
+    plot: Annotated[Path | None, typer.Option("--plot", help="draw the clearest drifts as .svg or .png")] = None,
+    max_interval: Longest = _LONGEST_DAYS,
+    history: History = None,
+    out: Out = None,
+    json: AsJson = False,
+) -> None:
+    """Drift with its interval, E_n, control limits and due date of a unit; or two of its calibrations."""
+    from bench.commands.history import show as work
+    from bench.store import Filters
+
+    filters = Filters(uut, campaign, quantity)
+    place = work.Place(history, out)
+    raise typer.Exit(work.compare(place, sessions or [], filters, max_interval, plot, json))
+
+
+@app.command(epilog="Example: bench history due --max-interval 730")
+def due(
+    uut: Unit = None,
+    campaign: Campaign = None,
+    quantity: Quantity = None,
+    max_interval: Longest = _LONGEST_DAYS,
+    history: History = None,
+    out: Out = None,
+    json: AsJson = False,
+) -> None:
+    """When each unit is due again by its drift; exit status 1 if a real one is overdue."""
+    from bench.commands.history import show as work
+    from bench.store import Filters
+
+    place = work.Place(history, out)
+    raise typer.Exit(work.due(place, Filters(uut, campaign, quantity), max_interval, json))
+
+
+@app.command(epilog="Example: bench history export history.csv --uut SIM-1")
+def export(
+    file: Annotated[Path, typer.Argument(help="a .csv or .parquet file")],
+    uut: Unit = None,
+    campaign: Campaign = None,
+    quantity: Quantity = None,
+    history: History = None,
+    out: Out = None,
+    json: AsJson = False,
+) -> None:
+    """Every estimate of every revision, one a row."""
+    from bench.commands.history import show as work
+    from bench.store import Filters
+
+    raise typer.Exit(work.export(work.Place(history, out), file, Filters(uut, campaign, quantity), json))
+
+
+@app.command("import", epilog="Example: bench history import sessions/*")
+def import_sessions(
+    sessions: Annotated[list[Path], typer.Argument(help="folders of sessions")],
+    reason: Annotated[str, typer.Option("--reason", help="why there is a new revision")] = "",
+    history: History = None,
+    out: Out = None,
+    json: AsJson = False,
+) -> None:
+    """Add recorded sessions with their results; one that is known already changes nothing."""
+    from bench.commands.history import show as work
+    from bench.commands.history.entering import import_sessions as add
+
+    raise typer.Exit(add(work.Place(history, out), sessions, reason, json))
+
+
+@app.command(epilog='Example: bench history approve SESSION --by "A. Meyer" --statement "checked and released"')
+def approve(
+    session: Session,
+    by: Annotated[str, typer.Option("--by", help="who approves")],
+    statement: Annotated[str, typer.Option("--statement", help="what is approved, and for what use")],
+    history: History = None,
+    out: Out = None,
+    json: AsJson = False,
+) -> None:
+    """Approve the newest revision of a session; earlier approvals stay."""
+    from bench.commands.history import show as work
+
+    raise typer.Exit(work.approve_session(work.Place(history, out), session, by, statement, json))

@@ -1,0 +1,119 @@
+"""``bench history import``: a recorded session, with the results it holds, into the history."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from bench.analysis import validate_results
+from bench.commands.console import console
+from bench.commands.history.show import Place
+from bench.model.errors import BenchError, ExitStatus, InputError
+from bench.record import SessionReader
+from bench.session.service import read_view
+from bench.session.view import analyse_view
+from bench.store import Recorded, StoreError, digest_of_file, record_calibration, started_utc_ns
+
+NO_ANALYSIS = "none"
+_CLOCK = frozenset({"/clock"})
+
+
+def import_sessions(place: Place, folders: list[Path], reason: str, as_json: bool) -> int:
+    """Add each session; what cannot be added is said, and the others are added all the same.
+
+    ``sessions/*`` also names the history itself, files of simulated truth and recordings without an analysis: with
+    other names beside them these are passed over, each with a line.
+    """
+    url = place.of([str(folder) for folder in folders])
+    done: list[Recorded] = []
+    status: int = ExitStatus.PASS
+    for folder in folders:
+        try:
+            if len(folders) > 1 and (why := _no_calibration(folder)):
+                console(stderr=True).print(f"{'skipped':<10} {folder}: {why}")
+            else:
+                done.append(import_session(url, folder, reason))
+        except BenchError as error:
+            console(stderr=True).print(str(error))
+            status = error.exit_status
+    if as_json:
+        sys.stdout.write(json.dumps({"sessions": [vars(one) for one in done]}, indent=1) + "\n")
+    else:
+        for one in done:
+            console().print(f"{one.outcome:<10} {one.session}, revision {one.revision}")
+    return status
+
+
+def _no_calibration(folder: Path) -> str:
+    """Why something beside the sessions is none of a calibration, else ""."""
+    if folder.is_file():
+        return "a file, no session"
+    analysis = SessionReader(folder).manifest["campaign"].get("analysis", NO_ANALYSIS)
+    return "its sequence asks for no analysis" if analysis == NO_ANALYSIS else ""
+
+
+def import_session(url: str, folder: Path, reason: str = "") -> Recorded:
+    """Add one session with its results.json (computed again if it is lost) and the hash of its report.
+
+    Raises: StoreError B-STORE-001 to B-STORE-006 (the history), B-STORE-008 (the documents), B-STORE-013 (the run did
+            not finish, or the results are of another recording); InputError B-REC-010, B-CLI-008, B-FIT-010;
+            SessionDamaged B-REC-011, B-REC-012.
+    """
+    reader = SessionReader(folder)
+    manifest, results, report = reader.manifest, folder / "results.json", folder / "report.html"
+    document = _stored(results) if results.exists() else _computed(reader)
+    computed_from = document["provenance"]["session_sha256"]
+    if computed_from != reader.sha256:
+        raise StoreError(
+            "B-STORE-013",
+            f"results.json was computed from another recording ({computed_from[:12]}, this is {reader.sha256[:12]})",
+            where=str(folder),
+            next_step="'bench recover' says whether the recording is whole; without results.json they are computed",
+        )
+    return record_calibration(
+        url,
+        document,
+        manifest,
+        digest_of_file(report) if report.is_file() else None,
+        reason=reason,
+        started_utc_ns=started_utc_ns(str(document["session"])) or _first_label(reader),
+    )
+
+
+def _stored(path: Path) -> Mapping[str, Any]:
+    try:
+        document: Any = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InputError(
+            "B-FIT-010",
+            f"cannot be read ({error})",
+            where=str(path),
+            next_step="remove it to have the results computed again",
+        ) from error
+    validate_results(document, str(path))
+    found: Mapping[str, Any] = document
+    return found
+
+
+def _computed(reader: SessionReader) -> Mapping[str, Any]:
+    """Results of a whole session that has none."""
+    if reader.unfinished:
+        raise StoreError(
+            "B-STORE-013",
+            "the run did not finish and has no results",
+            where=str(reader.folder),
+            next_step="'bench fit' prints what its records give; only complete campaigns enter the history",
+        )
+    view = read_view(reader.folder, strict=True)
+    if not view.has_analysis:
+        raise InputError("B-CLI-008", "the sequence of this session asks for no analysis", where=str(reader.folder))
+    return analyse_view(view)[0]
+
+
+def _first_label(reader: SessionReader) -> int | None:
+    """UTC of the first clock pair of a session whose name does not say when it began."""
+    message = next(reader.select(_CLOCK), None)
+    return None if message is None else int(message.document()["t_utc_ns"])

@@ -1,0 +1,56 @@
+"""The panels of ``bench history compare --plot``."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+
+from bench.maths.verdict import coverage_factor
+from bench.model.errors import InputError
+from bench.report import FORMATS, MOST_PANELS, Panel, line_years, plot_history
+from bench.session.output import writing
+from bench.store import Comparison, ParameterHistory
+
+_EPOCH_YEAR = 1970.0
+
+
+def draw(comparison: Comparison, path: Path) -> None:
+    """Draw the parameters with the clearest drift. Raises: InputError B-CLI-007 if the file cannot be written."""
+    if path.suffix not in FORMATS:
+        raise InputError("B-CLI-007", "is neither .svg nor .png", where=str(path), next_step="name such a file")
+    histories = sorted(comparison.parameters, key=_clearest)[:MOST_PANELS]
+    series = comparison.series
+    left = len(comparison.parameters) - len(histories)
+    more = f", {left} more parameters not drawn" if left > 0 else ""
+    title = f"{' '.join(series.uut)}: {len(series.calibrations)} calibrations, clearest drift first{more}"
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        plot_history([_panel(one) for one in histories], title, bool(series.calibrations[-1]["simulated"]), path)
+
+
+def _clearest(one: ParameterHistory) -> float:
+    """Drift over its standard uncertainty, the largest first; what has no line comes last."""
+    return 0.0 if one.line is None else -abs(one.line.rate) / one.line.rate_std
+
+
+def _panel(one: ParameterHistory) -> Panel:
+    empty = np.empty(0)
+    at = line_years(one.t_year[0], one.t_year[-1]) if one.line else empty
+    unit = one.parameter.unit
+    nano = unit == "A" or unit.startswith("A/")
+    scale = 1e9 if nano else 1.0
+    return Panel(
+        title=one.parameter.label,
+        unit=f"n{unit}" if nano else unit,
+        year=one.t_year + _EPOCH_YEAR,
+        value=scale * one.value,
+        expanded=scale * one.factor * one.std,
+        line_year=at + _EPOCH_YEAR,
+        line=scale * one.line.at(at) if one.line else empty,
+        line_expanded=scale * coverage_factor() * one.line.std_at(at) if one.line else empty,
+        action_sigma=3.0 * scale * one.chart.sigma if one.chart else math.nan,
+        limit=scale * one.limit,
+        outside=np.isin(one.rows, one.outside),
+    )

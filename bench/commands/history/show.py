@@ -1,0 +1,146 @@
+"""``bench history``: what earlier calibrations of a unit were, how it drifts, when it is due."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.commands.console import console
+from bench.commands.history import tables
+from bench.model.clock import WallClock
+from bench.model.errors import ExitStatus, InputError
+from bench.session.output import writing
+from bench.store import (
+    Filters,
+    approve,
+    chosen_url,
+    compare_pair,
+    compare_unit,
+    digest_of_file,
+    dues_of,
+    export_history,
+    list_calibrations,
+    show_calibration,
+    units_of,
+)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the history is: a URL, or history.sqlite in the folder of the sessions."""
+
+    url: str | None
+    out: Path | None
+
+    def of(self, sessions: Sequence[str] = ()) -> str:
+        """The history asked for, else the one beside the first session that is named by its folder."""
+        beside = next((Path(name).resolve().parent for name in sessions if Path(name).is_dir()), Path("sessions"))
+        return chosen_url(self.url, beside if self.out is None else self.out, os.environ)
+
+
+def list_all(place: Place, filters: Filters, as_json: bool) -> int:
+    """One line per calibration."""
+    rows = list_calibrations(place.of(), filters)
+    if as_json:
+        return _json({"calibrations": rows})
+    tables.print_listing(console(), rows)
+    return ExitStatus.PASS
+
+
+def show(place: Place, session: str, as_json: bool) -> int:
+    """Everything about one calibration."""
+    shown = show_calibration(place.of([session]), named(session))
+    if as_json:
+        return _json(shown.as_json())
+    tables.print_shown(console(), shown)
+    return ExitStatus.PASS
+
+
+def compare(
+    place: Place, sessions: list[str], filters: Filters, most_days: int, plot: Path | None, as_json: bool
+) -> int:
+    """Two calibrations against each other, or all of a unit."""
+    url = place.of(sessions)
+    if sessions:
+        if len(sessions) != 2 or plot is not None or filters != Filters():
+            raise InputError(
+                "B-CLI-011",
+                "compare takes two sessions and no filter, or no session; --plot needs all calibrations of a unit",
+                where="bench history compare",
+                next_step="for example: bench history compare --uut SERIAL --plot drift.svg",
+            )
+        pair = compare_pair(url, named(sessions[0]), named(sessions[1]))
+        if as_json:
+            return _json(pair)
+        tables.print_pair(console(), pair)
+        return ExitStatus.PASS
+    comparison = compare_unit(url, filters)
+    due = dues_of(comparison, most_days)
+    if plot is not None:
+        from bench.commands.history.plots import draw  # matplotlib takes longer to load than the comparison itself
+
+        draw(comparison, plot)
+    if as_json:
+        return _json(tables.comparison_document(comparison, due, WallClock().utc_ns()))
+    tables.print_comparison(console(), comparison, due)
+    if plot is not None:
+        console().print(f"plot     {plot}")
+    return ExitStatus.PASS
+
+
+def due(place: Place, filters: Filters, most_days: int, as_json: bool) -> int:
+    """When every unit is due again; exit status 1 if a real one is overdue."""
+    url = place.of()
+    wanted = [filters.uut] if filters.uut is not None else [f"{model} {serial}" for model, serial in units_of(url)]
+    found = [
+        one
+        for unit in wanted
+        for one in dues_of(compare_unit(url, Filters(unit, filters.campaign, filters.quantity)), most_days)
+    ]
+    now_ns = WallClock().utc_ns()
+    rows = [one.as_json(now_ns) for one in found]
+    if as_json:
+        _json({"due": rows})
+    else:
+        tables.print_due(console(), rows)
+    return ExitStatus.VERDICT_FAIL if any(row["overdue"] and not row["simulated"] for row in rows) else ExitStatus.PASS
+
+
+def export(place: Place, path: Path, filters: Filters, as_json: bool) -> int:
+    """Every estimate of every revision, as CSV or Parquet."""
+    with writing(path):
+        rows = export_history(place.of(), filters, path)
+    if as_json:
+        return _json({"file": str(path), "rows": rows})
+    console().print(f"{rows} estimates written to {path}")
+    return ExitStatus.PASS
+
+
+def approve_session(place: Place, session: str, by: str, statement: str, as_json: bool) -> int:
+    """Approve the newest revision of a session."""
+    report = Path(session) / "report.html"
+    report_sha256 = digest_of_file(report) if report.is_file() else None
+    done = approve(place.of([session]), named(session), by, statement, report_sha256)
+    if as_json:
+        return _json({**vars(done), "approved_by": by, "statement": statement})
+    console().print(f"{done.session}: revision {done.revision} approved by {by}")
+    return ExitStatus.PASS
+
+
+def named(session: str) -> str:
+    """What the history calls a session: a folder stands for the recording that its results were computed from."""
+    results = Path(session) / "results.json"
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        return str(json.loads(results.read_text(encoding="utf-8"))["provenance"]["session_sha256"])
+    return session
+
+
+def _json(document: Any) -> int:
+    sys.stdout.write(json.dumps(document, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False) + "\n")
+    return ExitStatus.PASS

@@ -1,0 +1,155 @@
+"""Tables of ``bench history`` on a terminal, and their JSON document."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from bench.store import LEAST_FOR_CONTROL, Comparison, Due, Shown, conditions_text
+
+Row = Mapping[str, Any]
+_LEFT = {
+    "session",
+    "sha-256",
+    "unit",
+    "campaign",
+    "unit under test",
+    "approved by",
+    "quantity",
+    "conditions",
+    "parameter",
+    "governed by",
+    "statement",
+}
+_WHOLE = {"sha-256", "campaign", "revision", "value", "first", "second", "change", "U 95 %", "E_n", "verdict"}
+_LONGEST = "longest interval"
+
+
+def print_listing(out: Console, rows: Sequence[Row]) -> None:
+    """One line per calibration."""
+    heads = ("session", "sha-256", "unit", "campaign", "verdict", "revision", "approved by")
+    table = _table(f"{len(rows)} calibrations", heads)
+    for row in rows:
+        table.add_row(
+            row["session"] + _mark(row["simulated"]),
+            row["session_sha256"][:8],
+            f"{row['uut_model']} {row['uut_serial']}",
+            row["campaign"],
+            row["verdict"].replace("_", " "),
+            str(row["revision"]),
+            ", ".join(row["approved_by"]) or "-",
+        )
+    out.print(table)
+
+
+def print_shown(out: Console, shown: Shown) -> None:
+    """Everything about one calibration."""
+    head = shown.calibration
+    out.print(f"{head['session']}{_mark(head['simulated'])}")
+    for name in ("campaign", "started_utc", "imported_utc", "sequence", "station", "session_sha256", "plan_sha256"):
+        out.print(f"  {name.replace('_', ' '):<16} {head[name]}")
+    out.print(f"  {'unit under test':<16} {head['uut_model']} {head['uut_serial']}")
+    out.print("  " + ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in shown.quality.items()))
+    for one in shown.standards:
+        out.print(f"  standard {one['role']}: {one['model']} {one['serial']}, {one['certificate']}, due {one['due']}")
+    for one in shown.revisions:
+        report = (one["report_sha256"] or "no report")[:12]
+        out.print(f"  revision {one['number']}: {one['created_utc']}, {one['reason']}, {one['software']}, {report}")
+        for approval in one["approvals"]:
+            out.print(f"    approved by {approval['by']}, {approval['approved_utc']}: {approval['statement']}")
+    table = _table("Estimates", ("quantity", "conditions", "value", "U 95 %", "unit", "n", "limit", "verdict"))
+    for one in shown.estimates:
+        limit = "-" if one["limit"] is None else f"{one['limit']:g}"
+        table.add_row(
+            one["quantity"], conditions_text(one["conditions"]), f"{one['value']:.6g}",
+            f"{one['expanded_uncertainty']:.3g}", one["unit"],
+            str(one["n"]), limit, one["verdict"].replace("_", " "),
+        )  # fmt: skip
+    out.print(table)
+
+
+def print_pair(out: Console, pair: Row) -> None:
+    """Two calibrations, parameter by parameter."""
+    first, second = pair["sessions"]
+    out.print(f"{pair['uut_model']} {pair['uut_serial']}: {first} (method {pair['methods'][0]})")
+    out.print(f"  against {second} (method {pair['methods'][1]})")
+    table = _table("", ("quantity", "conditions", "first", "second", "change", "U 95 %", "unit", "E_n"))
+    for one in pair["parameters"]:
+        table.add_row(
+            one["quantity"], conditions_text(one["conditions"]), *(f"{value:.6g}" for value in one["values"]),
+            f"{one['change']:+.3g}",
+            f"{one['change_expanded_uncertainty']:.3g}", one["unit"], _number(one["en"], "+.2f"),
+        )  # fmt: skip
+    out.print(table)
+    scores = [one["en"] for one in pair["parameters"] if one["en"] is not None]
+    above = sum(abs(score) > 1.0 for score in scores)
+    out.print(f"{above} of {len(scores)} parameters changed by more than their uncertainty (|E_n| > 1)")
+
+
+def comparison_document(comparison: Comparison, due: Sequence[Due], now_utc_ns: int) -> dict[str, Any]:
+    """A comparison as one JSON document."""
+    series = comparison.series
+    return {
+        "uut_model": series.uut[0],
+        "uut_serial": series.uut[1],
+        "sessions": [row["session"] for row in series.calibrations],
+        "parameters": [one.as_json(series) for one in comparison.parameters],
+        "due": [one.as_json(now_utc_ns) for one in due],
+        "notes": list(series.notes),
+    }
+
+
+def print_comparison(out: Console, comparison: Comparison, due: Sequence[Due]) -> None:
+    """Drift, agreement and control of every parameter, and the due dates."""
+    series = comparison.series
+    heads = ("parameter", "calibr.", "last", "U 95 %", "unit", "drift/year", "U 95 %", "E_n last", "|E_n|>1", "out")
+    table = _table(f"{' '.join(series.uut)}: {len(series.calibrations)} calibrations", heads)
+    for history in comparison.parameters:
+        one = history.as_json(series)
+        table.add_row(
+            history.parameter.label, str(one["calibrations"]), f"{one['value']:.6g}",
+            f"{one['expanded_uncertainty']:.3g}", one["unit"], _number(one["rate_per_year"], "+.3g"),
+            _number(one["rate_expanded_uncertainty"], ".2g"), _number(one["en"], "+.2f"), str(one["en_above_1"]),
+            "-" if history.chart is None else str(len(one["out_of_control"])),
+        )  # fmt: skip
+    out.print(table)
+    for note in series.notes:
+        out.print(note)
+    if all(history.line is None for history in comparison.parameters):
+        out.print("No drift is known: there are no two calibrations at different times")
+    if all(history.chart is None for history in comparison.parameters):
+        out.print(f"No control limits: they need {LEAST_FOR_CONTROL} calibrations")
+    for item in due:
+        row = item.as_json(0)
+        out.print(f"{row['campaign']}: next due {row['due_utc'][:10]}, because of {row['governed_by'] or _LONGEST}")
+
+
+def print_due(out: Console, rows: Sequence[Row]) -> None:
+    """One line per unit and campaign."""
+    table = _table("", ("unit under test", "campaign", "last", "due", "governed by", "state"))
+    for row in sorted(rows, key=lambda one: str(one["due_utc"])):
+        unit = f"{row['uut_model']} {row['uut_serial']}{_mark(row['simulated'])}"
+        state = "-" if row["simulated"] else "OVERDUE" if row["overdue"] else "valid"
+        table.add_row(
+            unit, row["campaign"], row["last_utc"][:10], row["due_utc"][:10], row["governed_by"] or _LONGEST, state
+        )
+    out.print(table)
+
+
+def _table(title: str, heads: Sequence[str]) -> Table:
+    table = Table(title=title or None, box=box.SIMPLE, title_justify="left", collapse_padding=True, pad_edge=False)
+    for name in heads:
+        table.add_column(name, justify="left" if name in _LEFT else "right", overflow="fold", no_wrap=name in _WHOLE)
+    return table
+
+
+def _mark(simulated: bool) -> str:
+    return " (SIMULATED)" if simulated else ""
+
+
+def _number(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)

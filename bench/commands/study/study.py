@@ -1,0 +1,106 @@
+"""``bench study``: a Monte Carlo study on this machine or on many; writes study.json and report.html."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.analysis import Study, Task
+from bench.commands.console import console
+from bench.model.errors import ExitStatus, InputError
+from bench.model.systems import named, systems
+from bench.report import study_html
+from bench.session.output import make_folder, write_file
+from bench.session.view import SOFTWARE
+
+JSON_NAME, PAGE_NAME = "study.json", "report.html"
+
+
+@dataclass(frozen=True)
+class Request:
+    """The command line. ``dask``: where to compute, None for this process."""
+
+    name: str
+    runs: int | None
+    seed: int
+    offsets: str
+    quick: bool
+    dask: str | None
+    out: Path
+    as_json: bool
+
+
+def study(request: Request) -> int:
+    """Run a study.
+
+    Returns: 1 if a verdict fails, else 0.
+    Raises:  InputError B-STUDY-001 to B-STUDY-006 before anything is computed, B-CLI-007 if a file cannot be written;
+             RunError B-STUDY-007 if the cluster fails.
+    """
+    offered = {name: module for system in systems() for name, module in system.studies.items()}
+    if request.name not in offered:
+        known = f"known: {', '.join(offered)}"
+        raise InputError("B-STUDY-001", f"there is no study {request.name!r}", next_step=known)
+    chosen: Study = named(offered[request.name])
+    options = chosen.checked_options(request.runs, request.seed, request.offsets, request.quick)
+    make_folder(request.out)
+    results = _computed(chosen, chosen.tasks_of(options), request.dask)
+    return _written(request, chosen, options, results)
+
+
+def _computed(chosen: Study, tasks: Sequence[Task], where: str | None) -> list[Any]:
+    """The result of each task, in the order of the tasks, wherever they ran."""
+    progress = Progress(len(tasks))
+    if where is None:
+        return [progress.done(task, chosen.run_task(task)) for task in tasks]
+    from bench.commands.study.cluster import run_on_cluster
+
+    return run_on_cluster(where, tasks, chosen.run_task, progress)
+
+
+class Progress:
+    """A line on standard error for each task that is done."""
+
+    def __init__(self, total: int) -> None:
+        self._total, self._count, self._out = total, 0, console(stderr=True)
+
+    def done(self, task: Task, result: Any) -> Any:
+        """Tell it; returns the result."""
+        self._count += 1
+        self._out.print(f"{self._count}/{self._total}  {task.name}")
+        return result
+
+    def said(self, text: str) -> None:
+        """Any other line."""
+        self._out.print(text)
+
+
+def _written(request: Request, chosen: Study, options: Any, results: Sequence[Any]) -> int:
+    found = chosen.results_of(options, results)
+    document = chosen.study_document(options, found, SOFTWARE)
+    text = chosen.study_json(document)
+    page = study_html(document, chosen.study_chapters(options, document, found), SOFTWARE)
+    written = [(request.out / JSON_NAME, text), (request.out / PAGE_NAME, page)]
+    for path, content in written:
+        write_file(path, content)
+    if request.as_json:
+        sys.stdout.write(text)
+    else:
+        _tell(document, [path for path, _ in written])
+    failed = any(one["verdict"] == "fail" for one in document["estimates"])
+    return ExitStatus.VERDICT_FAIL if failed else ExitStatus.PASS
+
+
+def _tell(document: dict[str, Any], written: Sequence[Path]) -> None:
+    out = console()
+    judged = [one for one in document["estimates"] if one["verdict"] != "none"]
+    failed = [one for one in judged if one["verdict"] == "fail"]
+    out.print(f"{len(judged) - len(failed)} tolerances kept, {len(failed)} not, {document['runs']} runs of each case")
+    for one in failed:
+        where = ", ".join(f"{name} {value}" for name, value in one["conditions"].items())
+        out.print(f"fail       {one['quantity']} = {one['value']:.5g} {one['unit']}  ({where})")
+    for path in written:
+        out.print(f"wrote      {path}")

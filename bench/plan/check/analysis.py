@@ -1,0 +1,136 @@
+"""Static check of what the analysis will ask of the records and of the data sheet: it asks when the campaign is over.
+
+The analyses themselves live floors above; what they ask stands in the declarations of the systems.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from difflib import get_close_matches
+
+from bench.model.declaration import AnalysisDeclaration, Limit
+from bench.model.systems import analyses, analysis_declaration, systems
+from bench.model.units import parse_quantity
+from bench.model.yamlio import Document
+from bench.plan.findings import Findings, suggestion
+from bench.plan.language.sequence import Sequence
+from bench.plan.plan import Plan, Step
+from bench.plan.step_kinds import PlannedCall, PlannedCommand, PlannedRecord
+
+NONE = "none"
+
+
+def names_made_of_logs(logs: bool) -> list[str]:
+    """Return the names of the analyses that are made of imported logs, or of all others."""
+    return [name for name, (analysis, _, _) in analyses().items() if (analysis.made_of == "logs") == logs]
+
+
+def check_named(document: Document[Sequence], findings: Findings) -> None:
+    """Note an analysis that does not exist or is not made of records (B-PLAN-077)."""
+    name, known = document.model.analysis, names_made_of_logs(False)
+    if name not in (NONE, *known):
+        where = document.where(("analysis",))
+        if name in names_made_of_logs(True):
+            message = f"the analysis {name!r} is made of imported logs, not of records"
+        else:
+            message = f"there is no analysis {name!r}{suggestion(name, (NONE, *known))}"
+        findings.add("B-PLAN-077", where, message, f"write one of: {', '.join((*known, NONE))}")
+
+
+def check_limits(document: Document[Sequence], findings: Findings) -> None:
+    """Note limits that no analysis knows, with the unit of something else, or of errors not above 0 (B-PLAN-093)."""
+    uut, declared = document.model.uut, analysis_declaration(document.model.analysis)
+    shared = {name: limit for system in systems() for name, limit in system.limits.items()}
+    known: Mapping[str, Limit] = declared.limits if declared is not None and declared.limits else shared
+    for name, text in ({} if uut is None else uut.limits).items():
+        where = document.where(("uut", "limits", name))
+        if name not in known:
+            message = f"no analysis knows the limit {name!r}{suggestion(name, known)}"
+            if declared is not None and declared.limits:
+                message = f"the analysis {declared.name} knows no limit {name!r}{suggestion(name, known)}"
+            findings.add("B-PLAN-093", where, message, f"use one of: {', '.join(known)}")
+            continue
+        try:
+            value = parse_quantity(text, known[name].dimension)
+        except ValueError as error:
+            findings.add("B-PLAN-093", where, f"limit {name}: {error}")
+            continue
+        if known[name].above_zero and not value > 0.0:
+            findings.add("B-PLAN-093", where, f"limit {name}: {text} is not above zero")
+
+
+def check_asked(plan: Plan, findings: Findings) -> None:
+    """Note what an analysis would leave out or take for something else (B-PLAN-078)."""
+    asked = analysis_declaration(str(plan.campaign.get("analysis", NONE)))
+    if asked is None or asked.made_of == "logs":
+        return
+    records = [step for step in plan.phase("campaign") if isinstance(step, PlannedRecord)]
+    for step in records:
+        if step.conditions.get("purpose", "measurement") == "measurement":
+            _check_conditions(asked, step, findings)
+    if asked.made_of != "readings" and not plan.frames:
+        message = f"the analysis {asked.name} is made of frames of a unit, and the sequence names no link"
+        findings.add("B-PLAN-078", plan.steps[0].where, message, "name the link under 'frame', or another analysis")
+    if asked.reading:
+        _check_reading(asked, plan, records, findings)
+    if asked.made_of != "readings" and not plan.frames:
+        message = f"the analysis {asked.name} is made of frames of a unit, and the sequence names no link"
+        findings.add("B-PLAN-078", plan.steps[0].where, message, "name the link under 'frame', or another analysis")
+    if asked.made_of == "tests":
+        _check_tests(asked, plan, findings)
+    elif not records:
+        message = f"the analysis {asked.name} is made of records, and there is none"
+        findings.add("B-PLAN-078", plan.steps[0].where, message, "add 'record' steps, or name another analysis")
+    for step in records if asked.made_of == "samples" else ():
+        if not step.samples:
+            message = f"the analysis {asked.name} needs the samples of each record"
+            findings.add("B-PLAN-078", step.where, message, "write 'samples: true'")
+    if asked.beside and records and asked.beside not in {*plan.frames} - {plan.measurement_link}:
+        message = (
+            f"the analysis {asked.name} needs the link {asked.beside!r} beside the one that is recorded, the first one"
+        )
+        findings.add("B-PLAN-078", records[0].where, message, "name both links in 'frame', the recorded one first")
+
+
+def _check_reading(asked: AnalysisDeclaration, plan: Plan, records: list[PlannedRecord], findings: Findings) -> None:
+    read = any(isinstance(step, PlannedCall) and step.name == asked.reading for step in plan.phase("campaign"))
+    if records and not read:
+        message = f"the analysis {asked.name} needs readings of the meter, and no step calls {asked.reading}"
+        findings.add("B-PLAN-078", records[0].where, message, "read the meter before each record with a closed route")
+
+
+def _check_tests(asked: AnalysisDeclaration, plan: Plan, findings: Findings) -> None:
+    tests = [step for step in plan.steps if isinstance(step, PlannedCommand) and step.item]
+    if not tests:
+        message = f"the analysis {asked.name} is made of 'test' steps, and there is none"
+        findings.add("B-PLAN-078", plan.steps[0].where, message, f"add 'test' steps; {asked.page} describes them")
+    for step in tests:
+        item = step.item
+        if item not in asked.items and get_close_matches(item, asked.items, n=1):  # a slip of the pen
+            message = f"the analysis {asked.name} does not judge the item {item!r}{suggestion(item, asked.items)}"
+            cure = "use that name, or one that is not nearly the same"
+            findings.add("B-PLAN-078", step.where, message, cure)
+
+
+def _check_conditions(asked: AnalysisDeclaration, step: Step, findings: Findings) -> None:
+    stated, where = step.conditions, step.where
+    conditions, rule = asked.conditions, asked.rule
+    if asked.conditions_of_open is not None and stated.get("route") == "open":
+        conditions = asked.conditions_of_open
+    if missing := [name for name in conditions if name not in stated]:
+        message = (
+            f"the analysis {asked.name} asks for the condition {', '.join(missing)}, which the record does not have"
+        )
+        findings.add("B-PLAN-078", where, message, "docs/sequences.md says what each analysis asks for")
+        return
+    for name, words in asked.words.items():
+        if stated[name] not in words:
+            message = (
+                f"the analysis {asked.name} knows no {name} {stated[name]!r}{suggestion(str(stated[name]), words)}"
+            )
+            findings.add("B-PLAN-078", where, message, f"write one of: {', '.join(words)}")
+            return
+    if rule is not None:
+        kept = all(stated[name] == value for name, value in rule.fixed.items())
+        if not kept or any(name in stated for name in rule.absent):
+            findings.add("B-PLAN-078", where, f"the analysis {asked.name} asks for {rule.asks}", rule.cure)

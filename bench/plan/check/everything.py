@@ -1,0 +1,128 @@
+"""The static check: walks the flat plan without touching an instrument and proves that it is safe to run.
+
+What is proved, from the declarations of the drivers alone: every action exists and its arguments are inside the limits
+of driver and station; no two routes are closed at once; no relay moves under current; the output goes on only with a
+route closed and within the full scale of that channel; every record says of itself what the bench does; bus calls fit
+in the settle time they share; every instrument that can hold energy has a declared way to its safe state; the standards
+are valid until the end and cover the ranges that are used; the station can be opened.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from datetime import UTC, date, datetime, timedelta
+
+from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
+from bench.model.errors import InputError
+from bench.plan.bus_time import bus_s
+from bench.plan.check.actions import ActionCheck
+from bench.plan.check.analysis import check_asked
+from bench.plan.check.pose import check_poses
+from bench.plan.check.records import check_record
+from bench.plan.check.register import check_used_ranges
+from bench.plan.check.sets import check_sets
+from bench.plan.check.state import BenchState
+from bench.plan.check.stations import check_station
+from bench.plan.check.windows import check_windows
+from bench.plan.expand import DURATION
+from bench.plan.findings import Findings
+from bench.plan.plan import Plan, Step
+from bench.plan.readings import roles_of
+from bench.plan.station import Station
+from bench.plan.step_kinds import PlannedRecord, PlannedSettle, PlannedSoak, PlannedVerify
+
+
+def check_plan(plan: Plan, station: Station | None = None, start_utc_ns: int | None = None) -> list[InputError]:
+    """All mistakes of a plan on a station, in order of their place in the sequence; empty if it may run.
+
+    Args:
+        station: None means the one the plan was compiled for.
+        start_utc_ns: planned start, for the due dates of the standards; None means now, and the virtual start for a
+            station that this process simulates.
+    """
+    station = plan.station if station is None else station
+    if start_utc_ns is None:
+        start_utc_ns = VIRTUAL_START_UTC_NS if station.in_process else WallClock().utc_ns()
+    findings = Findings()
+    state = check_steps(plan, station, findings)
+    check_station(station, findings)
+    check_used_ranges(station, state.used_A, findings)
+    _due_dates(plan, station, start_utc_ns, findings)
+    for remark in plan.remarks:
+        findings.extend(remark)
+    if not findings:  # a condition may be missing because of one of those
+        check_asked(plan, findings)
+    return findings.sorted()
+
+
+def check_steps(
+    plan: Plan, station: Station, findings: Findings, doubtful: Collection[int] = frozenset()
+) -> BenchState:
+    """Note the mistakes of the steps alone; returns the state of the bench after the last one.
+
+    ``doubtful`` are the numbers of steps whose duration could not be read.
+    """
+    actions = ActionCheck(plan, station, findings)
+    state = BenchState(plan, station, findings)
+    for step in plan.steps:
+        state.take(step, actions.check(step))
+        if isinstance(step, PlannedRecord):
+            check_record(plan, step, state, findings)
+            _check_readings(step, actions, state, station, findings)
+    _bus_time(plan, findings, doubtful)
+    check_windows(plan, station, findings, doubtful)
+    check_poses(plan, station, findings)
+    check_sets(plan, station, findings)
+    return state
+
+
+def _check_readings(
+    record: PlannedRecord, actions: ActionCheck, state: BenchState, station: Station, findings: Findings
+) -> None:
+    """What a record reads must be readings, and one round of them over before the next one is due (B-PLAN-060)."""
+    for index, call in enumerate(record.calls):
+        state.take(call, actions.check_reading(record, index, call))
+    takes_s = sum(bus_s(call, station) for call in record.calls)
+    if takes_s > record.every_s:
+        message = f"one round of the record's readings takes up to {takes_s:g} s; one is due each {record.every_s:g} s"
+        findings.add("B-PLAN-060", record.where, message, "read less often, or less")
+
+
+def _bus_time(plan: Plan, findings: Findings, doubtful: Collection[int]) -> None:
+    """Calls need a settle time (or a soak) after them that is long enough; a record must not wait for the bus."""
+    first: Step | None = None
+    for step in plan.steps:
+        if step.on_the_bus:
+            first = step if first is None else first
+        elif isinstance(step, PlannedSettle):
+            if step.bus_s > step.duration_s and step.number not in doubtful:
+                message = f"the calls before it take up to {step.bus_s:g} s; it lasts {step.duration_s:g} s"
+                origin = plan.origins[step.number].get(DURATION, "")
+                findings.add("B-PLAN-060", step.where, message, "settle longer, or call less", origin)
+            first = None
+        elif isinstance(step, PlannedRecord) and first is not None:
+            if not isinstance(first, PlannedVerify) and not step.follows:
+                message = f"{first.role}.{first.name} is followed by a record without a settle time"
+                findings.add("B-PLAN-061", step.where, message, "add a settle step before the record")
+            first = None
+        elif isinstance(step, PlannedSoak):
+            first = None
+
+
+def _due_dates(plan: Plan, station: Station, start_utc_ns: int, findings: Findings) -> None:
+    used = roles_of(plan.steps) & station.instruments.keys()
+    length_s = plan.prepare_s + plan.duration_s + plan.finally_s
+    end = datetime.fromtimestamp(start_utc_ns / NS, UTC) + timedelta(seconds=length_s)
+    for role in [*sorted(used), *station.file.standards]:
+        passive = station.file.standards.get(role)
+        where = station.document.where(("instruments", role, "standard") if passive is None else ("standards", role))
+        standard = station.instruments[role].standard if passive is None else passive
+        if standard is None:
+            findings.add("B-PLAN-062", where, f"{role} is used but has no entry in the standards register")
+        elif not standard.calibrated <= _start(start_utc_ns) or end.date() > standard.due:
+            message = f"{role}: calibrated {standard.calibrated}, due {standard.due}; the run ends {end:%Y-%m-%d}"
+            findings.add("B-PLAN-063", where, message, "use a standard that is valid until the end")
+
+
+def _start(start_utc_ns: int) -> date:
+    return datetime.fromtimestamp(start_utc_ns / NS, UTC).date()

@@ -1,0 +1,226 @@
+"""Static check of order: what is switched on, closed and set at each step of the plan."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from bench.model.drivers import driver_class
+from bench.model.errors import InputError
+from bench.model.ports import Action, Effect
+from bench.model.systems import analysis_declaration
+from bench.plan.check.actions import Judged
+from bench.plan.check.motion import MotionState, tables_of
+from bench.plan.drivers import driver_actions, driver_ladder_A, range_after
+from bench.plan.findings import Findings
+from bench.plan.plan import Plan, Step
+from bench.plan.station import Station
+from bench.plan.step_kinds import PlannedCall, PlannedPrompt, PlannedSend, PlannedSoak
+
+_ENERGY = (Effect.STIMULUS_ON, Effect.POWER, Effect.THERMAL, Effect.MOTION_ON)
+_RELEASES = ("output_off", "stop")
+_OVER_RANGE = 1.2  # a meter reads up to 120 % of a range
+
+
+class BenchState:
+    """Follows the effects of the steps.
+
+    ``raw`` effects are unknown: after raw text to an instrument with an output, that output counts as on until a call
+    switches it off; after raw text to a switch, its route counts as unknown until a call routes or opens it.
+    ``untrusted`` roles had a call that could not be read: what is said of their order from there on would be guessed.
+    ``closed`` holds the arguments of the route that each switch has closed; ``level_A`` and ``range_A`` what each
+    source was last set to (None: not known), ``used_A`` every range a source or a meter was set to,
+    ``meter_A`` the range a meter is on;
+    ``target_degC`` is where the temperature was last sent; ``motion`` follows the tables that move.
+    """
+
+    def __init__(self, plan: Plan, station: Station, findings: Findings) -> None:
+        self._findings = findings
+        self._station = station
+        self._origins = plan.origins
+        asked = analysis_declaration(str(plan.campaign.get("analysis")))
+        self._metered = asked is not None and bool(asked.reading)
+        self._full_scale = {int(c["number"]): float(c["full_scale_A"]) for c in plan.campaign.get("channels", [])}
+        actions = {role: _actions(entry.driver) for role, entry in station.instruments.items()}
+        self._effects = {role: frozenset(one.effect for one in known.values()) for role, known in actions.items()}
+        self.motion = MotionState(plan, tables_of(actions), findings)
+        self.switches = _with(Effect.ROUTE, self._effects)
+        self.sources = _with(Effect.STIMULUS_ON, self._effects)
+        self.energised: dict[str, str] = {}
+        self.output_on: set[str] = set()
+        self.unknown: set[str] = set()
+        self.untrusted: set[str] = set()
+        self.closed: dict[str, Mapping[str, Any]] = {}
+        self.level_A: dict[str, float | None] = {}
+        self.range_A: dict[str, float | None] = {}
+        self.used_A: dict[str, set[float]] = {}
+        self.meter_A: dict[str, float] = {}
+        self.target_degC: float | None = None
+
+    def take(self, step: Step, judged: Judged) -> None:
+        """Apply one step; note what it breaks."""
+        if isinstance(step, PlannedSoak):
+            self.target_degC = None if math.isnan(step.temperature_degC) else step.temperature_degC
+            self._energise(step, step.role)
+        elif isinstance(step, PlannedSend):
+            self._raw(step)
+            self.motion.raw(step)
+        elif isinstance(step, PlannedPrompt):
+            self.motion.prompt(step)
+        elif isinstance(step, PlannedCall) and judged.action is not None:
+            self._call(step, judged.action.effect, judged.usable)
+            self.motion.call(step, judged.action, judged.usable)
+            self._measure(step.role, judged.usable)
+            if judged.action.returns == "A":
+                self._readable(step)
+        elif isinstance(step, PlannedCall):
+            self._forget(step.role)
+
+    def _forget(self, role: str) -> None:
+        """A call that names nothing may have been meant for the source or the switch: their order is not judged."""
+        if role not in self._station.instruments or not self._effects[role]:
+            self.untrusted |= self.switches | self.sources
+        self.untrusted |= {role} & (self.switches | self.sources)
+
+    def _call(self, step: Step, effect: Effect, usable: Mapping[str, Any]) -> None:
+        role = step.role
+        if effect in (Effect.ROUTE, Effect.ROUTES_OPEN):
+            self._route(step, effect, usable)
+        elif effect is Effect.STIMULUS_SET:
+            self._set(role, usable)
+            self._within_full_scale(step, role)
+        elif effect is Effect.STIMULUS_ON:
+            self._switch_on(step)
+        elif effect is Effect.STIMULUS_OFF:
+            self.output_on.discard(role)
+            self.unknown.discard(role)
+            self.energised.pop(role, None)
+        elif effect is Effect.THERMAL and "temperature" in usable:
+            self.target_degC = usable["temperature"]
+            self._energise(step, role)
+        elif effect is Effect.MOTION_OFF or (effect in _ENERGY and step.name in _RELEASES):
+            self.energised.pop(role, None)
+        elif effect in _ENERGY:
+            self._energise(step, role)
+
+    def _set(self, role: str, usable: Mapping[str, Any]) -> None:
+        level_A = usable.get("current")
+        self.level_A[role] = level_A
+        ladder_A = driver_ladder_A(self._station.instruments[role].driver) or self._station.ranges_A(role)
+        locked = usable.get("range") == "locked"
+        held_A = None if level_A is None else range_after(ladder_A, level_A, locked, self.range_A.get(role))
+        self.range_A[role] = held_A
+        if held_A is not None:
+            self.used_A.setdefault(role, set()).add(held_A)
+
+    def _measure(self, role: str, usable: Mapping[str, Any]) -> None:
+        """Range of a meter that is a standard: the register gives it uncertainties, or the analysis asks for them."""
+        wanted_A = usable.get("range")
+        standard = self._metered or bool(self._station.ranges_A(role))
+        if role in self.sources or not isinstance(wanted_A, float) or not standard:
+            return
+        held_A = range_after(driver_ladder_A(self._station.instruments[role].driver), wanted_A, False, None)
+        if held_A is not None:
+            self.used_A.setdefault(role, set()).add(held_A)
+            self.meter_A[role] = held_A
+
+    def _readable(self, step: Step) -> None:
+        """A reading of the loop's current must fit the range of the meter: an overload costs the point it is for."""
+        limit_A = self.meter_A.get(step.role)
+        if limit_A is None or self.untrusted:
+            return
+        for role in sorted(self.output_on - self.unknown):
+            level_A = self.level_A.get(role)
+            if level_A is not None and abs(level_A) > _OVER_RANGE * limit_A:
+                message = f"{step.role} is on its {limit_A:g} A range and cannot read the {level_A:g} A of {role}"
+                self._findings.add("B-PLAN-079", step.where, message, "configure a range that holds the level")
+
+    def _route(self, step: Step, effect: Effect, usable: Mapping[str, Any]) -> None:
+        if self.output_on and not self.untrusted:
+            source = sorted(self.output_on)[0]
+            state = "may be on after a raw command" if source in self.unknown else "is on"
+            message = f"{step.role}.{step.name} moves a relay while the output of {source} {state}"
+            self._findings.add(
+                "B-PLAN-070", step.where, message, f"call the action that switches {source} off before it"
+            )
+        self.unknown.discard(step.role)
+        self.closed.pop(step.role, None)
+        if effect is Effect.ROUTES_OPEN:
+            return
+        if self.closed and not self.untrusted:
+            other = sorted(self.closed)[0]
+            message = f"{step.role}.{step.name} closes a second route; one of {other} is closed already"
+            self._findings.add("B-PLAN-071", step.where, message, f"open the routes of {other} before it")
+        self.closed[step.role] = usable
+        self._exit(step, step.role)
+
+    def _switch_on(self, step: Step) -> None:
+        role = step.role
+        if self.switches and not self.closed and not self.untrusted:
+            message = f"{role}.{step.name} switches the output on without a closed route"
+            self._findings.add("B-PLAN-072", step.where, message, "route it before")
+        self.output_on.add(role)
+        self._within_full_scale(step, role)
+        self._energise(step, role)
+
+    def _within_full_scale(self, step: Step, role: str) -> None:
+        channel = next((route["channel"] for route in self.closed.values() if "channel" in route), None)
+        limit_A = self._full_scale.get(channel) if isinstance(channel, int) else None
+        level_A = self.level_A.get(role)
+        if limit_A is not None and level_A is not None and abs(level_A) > limit_A and not self.untrusted:
+            message = f"{level_A:g} A is above the full scale {limit_A:g} A of channel {channel}"
+            origin = self._origins[step.number].get("current", "")
+            self._findings.add("B-PLAN-073", step.where, message, origin=origin)
+
+    def _raw(self, step: PlannedSend) -> None:
+        effects = self._effects.get(step.role, frozenset())
+        if Effect.STIMULUS_ON in effects:
+            if self.switches and not self.closed and not self.untrusted:
+                message = f"raw text to {step.role} may switch its output on without a closed route"
+                self._findings.add("B-PLAN-074", step.where, message, "write a call instead")
+            self.output_on.add(step.role)
+            self.unknown.add(step.role)
+            self.level_A[step.role] = self.range_A[step.role] = None
+        if Effect.ROUTE in effects:
+            message = f"raw text to {step.role} may close any route, so the plan cannot be proved safe"
+            self._findings.add("B-PLAN-074", step.where, message, "write a call instead")
+        if Effect.MOTION_ON in effects and not _only_asks(step.text):
+            message = f"raw text to {step.role} may move it, faster and further than its limits allow"
+            self._findings.add("B-PLAN-074", step.where, message, "write a call instead")
+        if effects & {*_ENERGY, Effect.ROUTE}:
+            self._energise(step, step.role)
+
+    def _energise(self, step: Step, role: str) -> None:
+        self.energised[role] = step.where
+        self._exit(step, role)
+
+    def _exit(self, step: Step, role: str) -> None:
+        """Whatever can hold energy or a closed relay must have a declared way to its safe state."""
+        entry = self._station.instruments.get(role)
+        if entry is None:
+            return
+        try:
+            safe = callable(getattr(driver_class(entry.driver), "make_safe", None))
+        except InputError:
+            return
+        if not safe:
+            message = f"from here on {role} ({entry.driver}) has no way to a safe state: its driver has no make_safe"
+            self._findings.add("B-PLAN-075", step.where, message)
+
+
+def _only_asks(text: str) -> bool:
+    """Every command of the text is a question; what follows the mark is its argument."""
+    return all(re.match(r"[^\s?]+\?", part.strip()) for part in text.split(";"))
+
+
+def _with(effect: Effect, effects: Mapping[str, frozenset[Effect]]) -> frozenset[str]:
+    return frozenset(role for role, known in effects.items() if effect in known)
+
+
+def _actions(driver: str) -> Mapping[str, Action]:
+    try:
+        return driver_actions(driver)
+    except InputError:
+        return {}

@@ -1,0 +1,159 @@
+"""Static check of a station by itself: addresses, links, drivers and their options, the simulated world."""
+
+from __future__ import annotations
+
+import re
+from importlib import import_module
+from pathlib import Path
+
+from bench.frame import load_frame
+from bench.model.drivers import driver_class
+from bench.model.errors import InputError
+from bench.model.installed import offers, simulator_module
+from bench.model.shipped import find_beside
+from bench.model.units import read_quantity
+from bench.plan.check.register import check_register
+from bench.plan.drivers import driver_actions
+from bench.plan.findings import Findings, suggestion
+from bench.plan.interlocks import station_rules
+from bench.plan.language.graphs import check_graphs
+from bench.plan.station import InstrumentEntry, Station, option_text, wrong_option
+
+SIMULATION = "sim_instruments.worlds.simulation"  # by name: the bench never imports its simulators
+_ADDRESS = re.compile(r"(ASRL|GPIB|PRLGX-ASRL|PRLGX-TCPIP|PXI|TCPIP|USB|VICP|VXI)([^:]*)(?:::(.+))?", re.IGNORECASE)
+_KINDS = ("INSTR", "SOCKET", "RAW", "BACKPLANE", "MEMACC", "SERVANT", "INTFC")
+
+
+def check_station(station: Station, findings: Findings) -> None:
+    """Note every mistake of a station that opening it would meet later."""
+    _addresses(station, findings)
+    _links(station, findings)
+    for role, entry in station.instruments.items():
+        _driver(station, role, entry, findings)
+    if station.file.world is not None:
+        _world(station, findings)
+    check_register(station, findings)
+    station_rules(station, findings)
+    _graphs(station, findings)
+
+
+def canonical_address(resource: str) -> str | None:
+    """A VISA address in its full form, so that two ways to write it are equal; None if it is none.
+
+    ``GPIB::4`` and ``gpib0::4::INSTR`` are both ``GPIB0::4::INSTR``. Source: VPP-4.3, address strings, defaults.
+    """
+    match = _ADDRESS.fullmatch(resource.strip())
+    if match is None:
+        return None
+    interface, board, rest = match.groups()
+    parts = rest.upper().split("::") if rest else []
+    kind = parts.pop() if parts and parts[-1] in _KINDS else "INSTR"
+    if interface.upper() == "ASRL":
+        return None if parts else f"ASRL{board or '0'}::{kind}"  # a device file, where case counts
+    if interface.upper() == "GPIB":
+        if not all(part.isdecimal() for part in parts) or len(parts) > 2:
+            return None
+        parts = [str(int(part)) for part in parts]
+        parts = parts[:1] if parts[1:] == ["0"] else parts
+    if not parts or "" in parts:
+        return None
+    return "::".join([f"{interface.upper()}{board.upper() or '0'}", *parts, kind])
+
+
+def _addresses(station: Station, findings: Findings) -> None:
+    taken: dict[str, str] = {}
+    for role, entry in station.instruments.items():
+        where = station.document.where(("instruments", role, "resource"))
+        address = canonical_address(entry.resource)
+        if address is None:
+            message = f"{role}: {entry.resource!r} is not a VISA address"
+            findings.add("B-PLAN-012", where, message, "write it as GPIB0::4::INSTR")
+        elif address in taken:
+            message = f"{role} and {taken[address]} both stand at {address}"
+            findings.add("B-PLAN-013", where, message, "give each its own address")
+        else:
+            taken[address] = role
+
+
+def _links(station: Station, findings: Findings) -> None:
+    taken: dict[str, str] = {}
+    for name, link in station.links.items():
+        where = station.document.where(("links", name))
+        if name in station.instruments:
+            findings.add("B-PLAN-013", where, f"{name!r} is a link and an instrument", "give each its own name")
+        if link.url is not None and link.url in taken:
+            message = f"the links {name} and {taken[link.url]} both use {link.url}"
+            findings.add("B-PLAN-013", where, message, "give each its own port")
+        if link.url is not None:
+            taken.setdefault(link.url, name)
+
+
+def _graphs(station: Station, findings: Findings) -> None:
+    """Graphs are checked against the frames that the unit sends after power on, where those can be read."""
+    if not station.file.graphs:
+        return
+    frames = {}
+    for name, link in station.links.items():
+        try:
+            frames[name] = load_frame(find_beside(Path(station.document.name), "frames", link.frame))
+        except InputError:
+            return  # the sequence that uses the link says so
+    check_graphs(station.file.graphs, frames, lambda path: station.document.where(("graphs", *path)), findings)
+
+
+def _driver(station: Station, role: str, entry: InstrumentEntry, findings: Findings) -> None:
+    place = ("instruments", role, "driver")
+    try:
+        driver = driver_class(entry.driver)
+    except InputError as error:
+        findings.add(error.code, station.document.where(place), error.message)
+        return
+    _limits(station, role, entry, findings)
+    known = getattr(driver, "default_options", {})
+    for option in entry.options:
+        if option not in known:
+            where = station.document.where(("instruments", role, "options", option))
+            message = f"{role} ({entry.driver}) has no option {option!r}{suggestion(option, known)}"
+            findings.add("B-INST-020", where, message, "correct the station file")
+    if station.simulated and simulator_module(entry.driver) is None:
+        message = f"there is no simulator of the driver {entry.driver!r}"
+        findings.add("B-PLAN-016", station.document.where(place), message, "use a driver that has one")
+
+
+def _limits(station: Station, role: str, entry: InstrumentEntry, findings: Findings) -> None:
+    """A limit of what no action takes protects nothing."""
+    taken = {one.name: one for action in driver_actions(entry.driver).values() for one in action.parameters}
+    for name, (lowest, _) in entry.limits.items():
+        where, found = station.document.where(("instruments", role, "limits", name)), read_quantity(lowest)
+        if name not in taken:
+            message = f"no action of {role} ({entry.driver}) takes {name!r}{suggestion(name, taken)}"
+            findings.add("B-PLAN-095", where, message, "correct the name, or the limit holds for nothing")
+        elif found is not None and found[1] != taken[name].dimension:
+            message = f"{name} of {role} ({entry.driver}) is no quantity in {found[1]}"
+            findings.add("B-PLAN-095", where, message, f"write it in {taken[name].dimension or 'no unit at all'}")
+
+
+def _world(station: Station, findings: Findings) -> None:
+    world = station.file.world
+    assert world is not None
+    simulation = import_module(SIMULATION)
+    worlds = offers("worlds")
+    if world.name not in worlds:
+        known = suggestion(world.name, worlds)
+        findings.add("B-PLAN-014", station.document.where(("world", "name")), f"no world {world.name!r}{known}")
+        return
+    options = simulation.options_of(world.name)
+    before = len(findings.all())
+    for name, value in world.options.items():
+        where = station.document.where(("world", "options", name))
+        if name not in options:
+            findings.add("B-PLAN-004", where, f"the world has no option {name!r}{suggestion(name, options)}")
+        elif value is not None and (due := wrong_option(name, option_text(value))):
+            findings.add("B-PLAN-015", where, f"world option {name} is {value!r}; {due}")
+    if len(findings.all()) == before:
+        given = {name: option_text(value) for name, value in world.options.items() if value is not None}
+        try:
+            simulation.check_options(world.name, given)
+        except InputError as error:
+            where = station.document.where(("world", "options"))
+            findings.add("B-PLAN-015", where, error.message, error.next_step)

@@ -1,0 +1,139 @@
+"""The graph windows of a station: up to three, each with signals of one unit and a length of time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from pydantic import Field, StringConstraints
+
+from bench.frame import BENCH, BENCH_FIELDS, FrameDefinition, Signal, all_signals, expand, signal_of
+from bench.model.errors import InputError
+from bench.model.units import quantity
+from bench.model.yamlio import StrictModel
+from bench.plan.findings import Findings, suggestion
+
+MOST_GRAPHS, MOST_CURVES = 3, 10
+WINDOW_S = 60.0
+COUNTS = ("npp", "ppp")  # pulses of the two directions, of which the difference is the input
+SignalName = Annotated[str, StringConstraints(min_length=3, max_length=100)]
+
+
+class GraphEntry(StrictModel):
+    """One graph window of the live page."""
+
+    title: Annotated[str, StringConstraints(min_length=1, max_length=80)]
+    signals: list[SignalName] = Field(min_length=1, description="names or ranges such as port_a.npp-ppp[1..6]")
+    window: Annotated[float, *quantity("s", 1.0, 3600.0)] = Field(WINDOW_S, description="time that is shown at first")
+
+
+@dataclass(frozen=True)
+class Graph:
+    """A graph window: signals by name, all in ``unit``; ``window_s`` is shown at first, second."""
+
+    title: str
+    unit: str
+    signals: tuple[str, ...]
+    window_s: float
+
+
+def names_in(entries: Iterable[GraphEntry], frames: Mapping[str, FrameDefinition]) -> tuple[str, ...]:
+    """Signals that graphs ask for, as far as these frames have them."""
+    return tuple(signal.name for entry in entries for signal in _known(entry, frames))
+
+
+def graphs_of(entries: Sequence[GraphEntry], frames: Mapping[str, FrameDefinition], measured: str = "") -> list[Graph]:
+    """Graph windows of a station; without any, some that suit the frames.
+
+    Args:   entries: the section ``graphs``.   frames: by link.   measured: the measurement link, which comes first.
+    A signal that these frames do not have is left out: another sequence may choose another frame of a link.
+    """
+    found = []
+    for entry in entries:
+        signals = _known(entry, frames)
+        if signals:
+            found.append(Graph(entry.title, signals[0].unit, tuple(one.name for one in signals), entry.window))
+    return found or _default(frames, measured)
+
+
+def check_graphs(
+    entries: Sequence[GraphEntry], frames: Mapping[str, FrameDefinition], place: Any, findings: Findings
+) -> None:
+    """Note what a graph cannot show.
+
+    Args:     place: gives file:line:column of (number of the graph, key).
+    Findings: B-PLAN-084 (no such signal), B-PLAN-085 (too many curves), B-PLAN-086 (more than one unit).
+    """
+    for number, entry in enumerate(entries):
+        where = place((number, "signals"))
+        signals = [one for text in entry.signals for one in _checked(text, frames, where, findings)]
+        units = sorted({one.unit or "1" for one in signals})
+        if len(signals) > MOST_CURVES:
+            message = f"graph {entry.title!r} has {len(signals)} curves, {MOST_CURVES} can be told apart"
+            findings.add("B-PLAN-085", where, message, "leave some out, or make two graphs")
+        if len(units) > 1:
+            message = f"graph {entry.title!r} has signals in {' and '.join(units)}; it has one axis"
+            findings.add("B-PLAN-086", where, message, "make a graph of each unit")
+
+
+def _checked(text: str, frames: Mapping[str, FrameDefinition], where: str, findings: Findings) -> list[Signal]:
+    try:
+        return [signal_of(name, frames) for name in expand(text)]
+    except InputError as error:
+        advice = suggestion(text, [*_patterns(frames), *(f"{BENCH}.{field}" for field in BENCH_FIELDS)])
+        findings.add("B-PLAN-084", where, f"{error.message}{advice}")
+        return []
+
+
+def _patterns(frames: Mapping[str, FrameDefinition]) -> list[str]:
+    """Names of all signals, an array as its range."""
+    lengths: dict[str, int] = {}
+    for signal in all_signals(frames):
+        stem = signal.name.partition("[")[0]
+        lengths[stem] = max(lengths.get(stem, 0), signal.element or 0)
+    return [f"{stem}[1..{length}]" if length else stem for stem, length in lengths.items()]
+
+
+def _known(entry: GraphEntry, frames: Mapping[str, FrameDefinition]) -> list[Signal]:
+    found: list[Signal] = []
+    for text in entry.signals:
+        for name in _names(text):
+            try:
+                found.append(signal_of(name, frames))
+            except InputError:
+                continue
+    return list(dict.fromkeys(found))[:MOST_CURVES]
+
+
+def _names(text: str) -> tuple[str, ...]:
+    try:
+        return expand(text)
+    except InputError:
+        return ()
+
+
+def _default(frames: Mapping[str, FrameDefinition], measured: str) -> list[Graph]:
+    """What the unit sends, in groups of one unit, the measurement link first; and the temperatures of the bench."""
+    links = sorted(frames, key=lambda link: (link != measured, link))
+    groups: dict[tuple[str, str, bool], list[Signal]] = {}
+    for link in links:
+        for signal in all_signals({link: frames[link]}, _differences(link, frames[link])):
+            if signal.link != BENCH:
+                groups.setdefault((link, signal.unit, bool(signal.minus)), []).append(signal)
+    ranked = sorted(groups, key=lambda key: (links.index(key[0]), not key[2]))
+    chosen = {(link, unit): groups[link, unit, minus] for link, unit, minus in reversed(ranked)}
+    graphs = []
+    for signals in [chosen[key] for key in dict.fromkeys(one[:2] for one in ranked)][: MOST_GRAPHS - 1]:
+        names = tuple(one.name for one in signals[:MOST_CURVES])
+        graphs.append(Graph(names[0].partition("[")[0], signals[0].unit, names, WINDOW_S))
+    bench = tuple(f"{BENCH}.{field}" for field in BENCH_FIELDS)
+    return [*graphs, Graph("Temperature", "degC", bench, WINDOW_S)]
+
+
+def _differences(link: str, definition: FrameDefinition) -> list[str]:
+    """The input of each channel, where the frames count pulses of both directions."""
+    for message in definition.layout.messages:
+        if set(COUNTS) <= set(message.by_name) and message.by_name[COUNTS[0]].count:
+            return [f"{link}.{COUNTS[0]}-{COUNTS[1]}[1..{message.by_name[COUNTS[0]].count}]"]
+    return []

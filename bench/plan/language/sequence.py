@@ -1,0 +1,145 @@
+"""The sequence language: what a file in sequences/ may say (docs/sequences.md is the user's description)."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, create_model, model_validator
+
+from bench.model.systems import systems, with_sections
+from bench.model.units import quantity, read_quantity
+from bench.model.yamlio import Name, StrictModel
+from bench.plan.language.interlocks import Interlock
+from bench.plan.language.steps import Step_, TimelineEntry
+from bench.plan.language.templated import Scalar
+
+Title = Annotated[str, StringConstraints(max_length=200)]
+ChannelNumbers = int | str
+Share = Annotated[float, *quantity("1", 0.0, 1.0)]
+
+
+class Early(StrictModel):
+    """The section ``early`` of a sequence. Durations in second, shares as numbers."""
+
+    after: Annotated[float, *quantity("s", 1.0, 1e6)] = Field(3600.0, description="first verdict after this time")
+    every: Annotated[float, *quantity("s", 1.0, 1e6)] = Field(3600.0, description="then one each")
+    on_fail: Literal["warn", "hold", "abort"] = "warn"
+    max_lost: Share = Field(0.001, description="largest share of frames that may be missing")
+    max_bad: Share = Field(0.001, description="largest share of frames that may be damaged")
+    max_dispersion: float = Field(5.0, gt=0, description="largest change of a repeated point, in its own sigma")
+    max_residual: float = Field(6.0, gt=0, description="largest residual of a partial fit, in its own sigma")
+
+
+def _limit(text: object) -> object:
+    if not isinstance(text, str) or read_quantity(text) is None:
+        raise ValueError(f"{text!r} is not a quantity with its unit, for example '10 deg/h'")
+    return text
+
+
+class UnitUnderTest(StrictModel):
+    """The unit under test as its data sheet declares it; the systems that are installed add their sections."""
+
+    model: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,39}$")]
+    serial: Title = Field(description="serial number, or a parameter such as '{serial}'")
+    limits: dict[Name, Annotated[str, BeforeValidator(_limit)]] = Field(
+        default_factory=dict, description="limits of the data sheet by name, each with its unit"
+    )
+
+
+class Site(StrictModel):
+    """Where the bench stands: what the Earth does to gyroscopes and accelerometers there."""
+
+    latitude: Annotated[float, *quantity("deg", -90.0, 90.0)] = Field(description="positive north")
+    longitude: Annotated[float, *quantity("deg", -180.0, 180.0)] | None = Field(None, description="positive east")
+    height: Annotated[float, *quantity("m", -500.0, 9000.0)] | None = None
+    gravity: Annotated[float, *quantity("m/s2", 9.7, 9.9)]
+    azimuth: Annotated[float, *quantity("deg", -360.0, 360.0)] = Field(
+        description="of the turntable's inner axis with all axes at zero, from north, positive east"
+    )
+    azimuth_uncertainty: Annotated[float, *quantity("deg", 0.0, 90.0)] | None = Field(
+        None, description="standard uncertainty of the azimuth, as surveyed"
+    )
+    tilt: Annotated[float, *quantity("deg", 0.0, 5.0)] | None = Field(
+        None, description="standard uncertainty of the unit's attitude in a pose, about each axis: table and fixture"
+    )
+
+
+def _hexadecimal(text: str) -> str:
+    bytes.fromhex(text)
+    return text
+
+
+class UnitCommand(StrictModel):
+    """A command the unit under test takes: its number and its payload, bytes in hexadecimal."""
+
+    code: int = Field(ge=0, le=255)
+    payload: Annotated[str, StringConstraints(max_length=400), AfterValidator(_hexadecimal)] = ""
+
+
+class ChannelGroup(StrictModel):
+    """Channels that are alike: the same kind and the same levels, if they have any."""
+
+    numbers: ChannelNumbers | list[ChannelNumbers] = Field(description="a number, a range such as 1-6, or a list")
+    kind: Literal["gyro", "accelerometer"]
+    levels: Name | None = Field(None, description="name of a table of currents; none for channels that stay open")
+
+
+class Procedure(StrictModel):
+    """Steps with a name. Arguments have a default, or ``required``."""
+
+    arguments: dict[Name, Scalar] = Field(default_factory=dict)
+    do: list[Step_] = Field(min_length=1)
+
+
+class Decision(StrictModel):
+    """How a value is judged against its limit (ILAC-G8:09/2019)."""
+
+    rule: Literal["simple", "guard_band", "non_binary"] = "non_binary"
+
+
+class Sequence(StrictModel):
+    """One campaign."""
+
+    sequence: Name
+    title: Title = ""
+    station: Name
+    frame: dict[Name, Name] = Field({}, description="link: frame definition; records count the first link")
+    analysis: Name = "none"
+    reference_temperature: Annotated[float, *quantity("degC", -273.15, 1000.0)] = 20.0
+    decision: Decision = Decision()
+    duration: Annotated[float, *quantity("s", 0.0)] | None = Field(None, description="the plan must last exactly this")
+    records: int | None = Field(None, ge=0, description="the campaign must hold exactly this many records")
+    uut: UnitUnderTest | None = None
+    site: Site | None = Field(None, description="where the bench stands, for the analyses of inertial sensors")
+    unit_commands: dict[Name, UnitCommand] = Field(default_factory=dict)
+    parameters: dict[Name, Scalar | list[Scalar]] = Field({}, description="what --set may change")
+    tables: dict[Name, list[Scalar]] = Field(default_factory=dict)
+    channels: list[ChannelGroup] = Field(default_factory=list)
+    prepare: list[Step_] = Field(default_factory=list)
+    steps: list[Step_] = Field(default_factory=list)
+    timeline: list[TimelineEntry] = Field(default_factory=list)
+    finally_: list[Step_] = Field([], alias="finally")
+    procedures: dict[Name, Procedure] = Field(default_factory=dict)
+    interlocks: dict[Name, Interlock] = Field({}, description="wins over one of the station with the same name")
+    early: Early | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_form(cls, value: Any) -> Any:
+        if isinstance(value, dict) and bool(value.get("steps")) == bool(value.get("timeline")):
+            raise ValueError("a sequence has either 'steps' (structured form) or 'timeline' (flat form)")
+        return value
+
+
+@cache
+def sequence_model() -> type[Sequence]:
+    """Return the language with the sections of the systems that are installed; a key that nobody declares is refused.
+
+    Raises: InstallationError B-PKG-001 if two systems declare one section.
+    """
+    bases = with_sections(UnitUnderTest, [system.unit for system in systems() if system.unit is not None])
+    unit: Any = create_model(
+        "UnitUnderTest", __base__=bases, __doc__="The unit under test as its data sheet declares it."
+    )
+    return create_model("Sequence", __base__=Sequence, __doc__=Sequence.__doc__, uut=(unit | None, None))

@@ -1,0 +1,306 @@
+"""The kinds of step a sequence can hold. A step is one word, or a mapping whose key says what it is."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    GetJsonSchemaHandler,
+    RootModel,
+    StringConstraints,
+    Tag,
+    WithJsonSchema,
+    model_validator,
+)
+
+from bench.model.units import parse_quantity
+from bench.model.yamlio import NAME_PATTERN, Name, StrictModel
+from bench.plan.language.templated import ACTION_PATTERN, ActionName, Scalar, templated, within
+
+Duration = Annotated[Any, *templated("s", 0.0, 1e7)]
+Arguments = dict[Name, Scalar]
+Text = Annotated[str, StringConstraints(min_length=1, max_length=2000)]
+_CLOCK = re.compile(r"(\d{1,3}):([0-5]\d):([0-5]\d)")
+VERBS = ("for", "settle", "record", "soak", "prompt", "verify", "unit", "test", "send")
+
+
+def _one_entry(value: dict[Any, Any]) -> None:
+    if len(value) != 1:
+        raise ValueError(f"one entry is due, {len(value)} found")
+
+
+class _OrText:
+    """JSON Schema of a field that may also be written as one text."""
+
+    def __get_pydantic_json_schema__(self, core: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        return {"anyOf": [{"type": "string"}, handler(core)]}
+
+
+def _record_shorthand(value: object) -> object:
+    return {"seconds": value} if isinstance(value, str) else value
+
+
+def _prompt_shorthand(value: object) -> object:
+    return {"text": value} if isinstance(value, str) else value
+
+
+def _with_unit(value: object) -> object:
+    if isinstance(value, int | float):
+        raise ValueError(f"{value} has no unit; write a quantity, for example '26 mm'")
+    return value
+
+
+def _clock_time(value: object) -> float:
+    match = _CLOCK.fullmatch(value) if isinstance(value, str) else None
+    if match is None:
+        return within(parse_quantity(value, "s"), "s", 0.0, 1e7)
+    hours, minutes, seconds = (int(part) for part in match.groups())
+    return 3600.0 * hours + 60.0 * minutes + seconds
+
+
+class Stable(StrictModel):
+    """When the temperature counts as reached: inside ``within`` of the target during the last ``for``."""
+
+    within: Annotated[Any, *templated("degC", 0.0, 100.0)]
+    for_: Duration = Field(alias="for")
+    sensor: Literal["unit", "air"] = "unit"
+
+
+class Soak(StrictModel):
+    """A slot of fixed length: ramp the chamber to a temperature and wait."""
+
+    chamber: Name = "chamber"
+    temperature: Annotated[Any, *templated("degC")]
+    ramp: Annotated[Any, *templated("degC/min", 0.0)]
+    slot: Duration
+    stable: Stable
+    late: Literal["hold", "abort", "skip"] = "hold"
+    hold_limit: Duration | None = None
+
+
+def _named_call(value: object) -> object:
+    return {value: None} if isinstance(value, str) else value
+
+
+def _call_schema(pattern: str) -> WithJsonSchema:
+    values = {"type": ["string", "number", "boolean"]}
+    arguments = {"anyOf": [{"type": "object", "additionalProperties": values}, {"type": "null"}]}
+    named = {"type": "object", "patternProperties": {pattern: arguments}, "additionalProperties": False}
+    return WithJsonSchema({"anyOf": [{"type": "string", "pattern": pattern}, {**named, "maxProperties": 1}]})
+
+
+class CallStep(RootModel[Annotated[dict[ActionName, Arguments | None], _call_schema(f"^{ACTION_PATTERN}$")]]):
+    """An action of an instrument: ``calibrator.standby`` or ``switch.route: {channel: 1, polarity: +}``."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _word(cls, value: object) -> object:
+        return _named_call(value)
+
+    @model_validator(mode="after")
+    def _single(self) -> CallStep:
+        _one_entry(self.root)
+        return self
+
+
+class Record(StrictModel):
+    """Take a record of the counted link, or of readings where there is no link.
+
+    It is taken again up to ``retry`` times when more than ``max_lost`` of its frames or readings is lost.
+    """
+
+    seconds: Duration
+    readings: list[CallStep] = Field(default_factory=list, description="actions that measure, read one after another")
+    every: Duration | None = Field(None, description="all of 'readings' are taken again after this time")
+    windows: int | None = Field(None, strict=True, ge=1, le=10_000, description="this many records without a gap")
+    follows: bool = Field(False, strict=True, description="begins with the frame behind the record before it")
+    pulse_timing: bool = Field(False, strict=True, description="keep when in the record the pulses came")
+    samples: bool = Field(False, strict=True, description="keep every sample of the record, not only its sums")
+    retry: int = Field(0, ge=0, le=10)
+    max_lost: Annotated[Any, *templated("1", 0.0, 1.0)] = 0.0
+    purpose: Name = "measurement"
+    label: Name | None = None
+    conditions: Arguments = Field(default_factory=dict)
+
+
+class PromptValue(StrictModel):
+    """A value the operator must give, inside limits."""
+
+    unit: Literal["A", "V", "ohm", "s", "degC", "m"]
+    low: Annotated[Text | None, BeforeValidator(_with_unit)] = None
+    high: Annotated[Text | None, BeforeValidator(_with_unit)] = None
+
+
+class Prompt(StrictModel):
+    """Something only a person can do; waits for the confirmation. ``{name}`` in the text is that variable.
+
+    ``sets`` says what the person's act changes on the bench, for example which unit sits on the test board.
+    """
+
+    text: Text
+    confirm: Literal["operator"] = "operator"
+    value: PromptValue | None = None
+    sets: Arguments = Field(default_factory=dict)
+
+
+class SettleStep(StrictModel):
+    """Wait until this much planned time has passed; bus time of the calls before it is included."""
+
+    settle: Duration
+
+
+class SoakStep(StrictModel):
+    """Change the temperature of the unit."""
+
+    soak: Soak
+
+
+class RecordStep(StrictModel):
+    """Take data."""
+
+    record: Annotated[Record, BeforeValidator(_record_shorthand), _OrText()]
+
+
+class PromptStep(StrictModel):
+    """Ask the operator."""
+
+    prompt: Annotated[Prompt, BeforeValidator(_prompt_shorthand), _OrText()]
+
+
+class VerifyStep(StrictModel):
+    """The named action must answer true."""
+
+    verify: ActionName
+
+
+UnitCall = dict[Name, Name | dict[Name, Arguments | None]]
+
+
+class UnitStep(StrictModel):
+    """A command to the unit under test over a link: ``{port_b: start_stream}``.
+
+    The command is one of ``unit_commands``, or one that the frame of the link declares; that one takes arguments:
+    ``{rs422: {stream_start: {rate: 200 Hz}}}``.
+    """
+
+    unit: UnitCall
+
+    @model_validator(mode="after")
+    def _single(self) -> UnitStep:
+        _one_entry(self.unit)
+        called = next(iter(self.unit.values()))
+        if isinstance(called, dict):
+            _one_entry(called)
+        return self
+
+
+class Test(StrictModel):
+    """A command whose outcome is judged when the session is analysed; whatever comes back, the run goes on."""
+
+    link: Name | None = Field(None, description="the first link, if left out")
+    item: Name = Field(description="the test item it belongs to, for example memory")
+    command: Name = Field(description="a command that the frame of the link declares")
+    arguments: Arguments = Field(default_factory=dict)
+    takes: Duration | None = Field(None, description="time from command to answer as planned; 0.1 s if left out")
+
+
+class TestStep(StrictModel):
+    """Test one thing of the unit under test."""
+
+    test: Test
+
+
+class SendStep(StrictModel):
+    """Raw text to an instrument, as it is. The static check cannot see what it does."""
+
+    send: dict[Name, Text]
+
+    @model_validator(mode="after")
+    def _single(self) -> SendStep:
+        _one_entry(self.send)
+        return self
+
+
+class ChannelPick(StrictModel):
+    """Some of the declared channels, in this order."""
+
+    channels: int | str | list[int | str]
+
+
+class ForStep(StrictModel):
+    """Repeat ``do`` for each value; ``{name}`` is the value and ``{name_index}`` counts from 0."""
+
+    for_: Name = Field(alias="for")
+    in_: str | ChannelPick | list[Scalar] = Field(alias="in")
+    do: list[Step_] = Field(min_length=1)
+
+
+_PROCEDURE = f"^(?!(?:{'|'.join(VERBS)})$){NAME_PATTERN}$"
+
+
+class ProcedureStep(RootModel[Annotated[dict[Name, Arguments | None], _call_schema(_PROCEDURE)]]):
+    """A procedure by its name: ``point: {current: 1 mA, polarity: +}``."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _word(cls, value: object) -> object:
+        return _named_call(value)
+
+
+def step_tag(value: object) -> str | None:
+    """Which kind of step a value is (the tag never stands in a file, hence the brackets)."""
+    if isinstance(value, str):
+        return "<call>" if "." in value else "<procedure>"
+    if isinstance(value, dict):
+        verb = next((verb for verb in VERBS if verb in value), None)
+        if verb is not None:
+            return f"<{verb}>"
+        if len(value) == 1:
+            return step_tag(next(iter(value)))
+    return None
+
+
+_MESSAGE = f"not a step; write role.action, a procedure, or one mapping with one of: {', '.join(VERBS)}"
+Step_ = Annotated[
+    Annotated[ForStep, Tag("<for>")]
+    | Annotated[SettleStep, Tag("<settle>")]
+    | Annotated[RecordStep, Tag("<record>")]
+    | Annotated[SoakStep, Tag("<soak>")]
+    | Annotated[PromptStep, Tag("<prompt>")]
+    | Annotated[VerifyStep, Tag("<verify>")]
+    | Annotated[UnitStep, Tag("<unit>")]
+    | Annotated[TestStep, Tag("<test>")]
+    | Annotated[SendStep, Tag("<send>")]
+    | Annotated[CallStep, Tag("<call>")]
+    | Annotated[ProcedureStep, Tag("<procedure>")],
+    Discriminator(step_tag, custom_error_type="step", custom_error_message=_MESSAGE),
+]
+ForStep.model_rebuild()
+
+
+class TimelineEntry(StrictModel):
+    """One line of the flat form: at a time, do one thing."""
+
+    at: Annotated[float, BeforeValidator(_clock_time), WithJsonSchema({"type": "string"})] = Field(
+        description="'HH:MM:SS' or a duration such as '20 s'"
+    )
+    send: dict[Name, Text] | None = None
+    call: CallStep | None = None
+    unit: UnitCall | None = None
+    record: Annotated[Record, BeforeValidator(_record_shorthand), _OrText()] | None = None
+    soak: Soak | None = None
+    prompt: Annotated[Prompt, BeforeValidator(_prompt_shorthand), _OrText()] | None = None
+    verify: ActionName | None = None
+
+    @model_validator(mode="after")
+    def _one_thing(self) -> TimelineEntry:
+        if len(self.model_fields_set - {"at"}) != 1:
+            raise ValueError("one thing to do is due: send, call, unit, record, soak, prompt or verify")
+        for entry in (self.send, self.unit):
+            if entry is not None:
+                _one_entry(entry)
+        return self

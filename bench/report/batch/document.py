@@ -1,0 +1,79 @@
+"""batch.json: the numbers of a batch; the same sessions give the same bytes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any
+
+from bench.report.batch.model import Batch, Yield
+from bench.report.batch.spread import Member, Spread, Unit
+
+
+def batch_json(batch: Batch, software: str) -> str:
+    """The document as text: sorted keys, one newline at its end."""
+    return (
+        json.dumps(batch_document(batch, software), sort_keys=True, ensure_ascii=False, allow_nan=False, indent=1)
+        + "\n"
+    )
+
+
+def batch_document(batch: Batch, software: str) -> dict[str, Any]:
+    """Units, sessions, yield and quantities as plain values; every value in the unit that stands beside it."""
+    return {
+        "schema": 1,
+        "software": software,
+        "simulated": bool(batch.simulated),
+        "yield": {
+            "units": _yield(batch.yield_of()),
+            "campaigns": {name: _yield(batch.yield_of(name)) for name in batch.campaigns},
+        },
+        "units": [{**_unit(unit), "verdict": outcome} for unit, outcome in batch.outcomes.items()],
+        "parts": [
+            {
+                **_unit(part.unit), "session": part.session, "campaign": part.campaign, "judged": part.judged,
+                "failed": part.failed, "verdict": part.outcome,
+            }
+            for part in batch.parts
+        ],
+        "sessions": [
+            {
+                "session": name, "session_sha256": sha256, "simulated": name in batch.simulated,
+                "damaged": name in batch.damaged,
+            }
+            for name, sha256 in batch.hashes.items()
+        ],
+        "left_out": [{"session": one.session, "code": one.code, "text": one.text} for one in batch.left_out],
+        "quantities": [_spread(one) for one in batch.spreads],
+        "worst": [
+            {"quantity": quantity.name, "unit": quantity.unit, "conditions": quantity.where, **_member(one)}
+            for quantity, one in batch.worst
+        ],
+    }  # fmt: skip
+
+
+def _unit(unit: Unit) -> dict[str, str]:
+    return {"model": unit.model, "serial": unit.serial}
+
+
+def _yield(found: Yield) -> dict[str, Any]:
+    return {
+        "pass": found.passed, "fail": found.failed, "without_verdict": found.without, "yield": found.share,
+        "interval_95": list(found.interval),
+    }  # fmt: skip
+
+
+def _member(one: Member) -> Mapping[str, Any]:
+    return {
+        **_unit(one.unit), "session": one.session, "value": one.value, "expanded_uncertainty": one.expanded,
+        "limit": one.limit, "verdict": one.verdict, "conformance_probability": one.probability,
+    }  # fmt: skip
+
+
+def _spread(one: Spread) -> dict[str, Any]:
+    return {
+        "campaign": one.quantity.campaign, "quantity": one.quantity.name, "unit": one.quantity.unit,
+        "conditions": one.quantity.where, "n": len(one.members), "mean": one.mean, "std": one.std, "limit": one.limit,
+        "failed": one.failed, "min": _member(one.least), "max": _member(one.greatest),
+        "worst": None if one.worst is None else _member(one.worst),
+    }  # fmt: skip

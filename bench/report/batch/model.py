@@ -1,0 +1,171 @@
+"""Many sessions of many units as one: who passed, how the values are distributed, which are nearest to a limit.
+
+Sessions are added one by one; of each nothing stays but its estimates.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+from bench.maths.proportion import clopper_pearson
+from bench.report.batch.spread import FAILED, Member, Quantity, Spread, Unit
+
+_OF_ONE_UNIT = ("unit", "unit_temperature_degC")  # conditions that differ from unit to unit
+WORST = 20
+
+
+class Outcome(StrEnum):
+    """What is said of a unit; of several statements about one unit the first of these counts."""
+
+    FAIL = "fail"
+    NO_RESULT = "no_result"
+    PASS = "pass"
+    NOT_JUDGED = "not_judged"
+
+
+@dataclass(frozen=True)
+class Part:
+    """What one session says of one unit: how many of its estimates are judged, and how many of them failed."""
+
+    unit: Unit
+    session: str
+    campaign: str
+    judged: int
+    failed: int
+    outcome: Outcome
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A session that is not, or not wholly, in the batch: the code of the error and why."""
+
+    session: str
+    code: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Yield:
+    """How many units passed, failed, gave no verdict; the share of those judged that passed, 95 % interval."""
+
+    passed: int
+    failed: int
+    without: int
+
+    @property
+    def share(self) -> float | None:
+        """Passed of judged; None without any."""
+        judged = self.passed + self.failed
+        return self.passed / judged if judged else None
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Clopper-Pearson, 95 %."""
+        return clopper_pearson(self.passed, self.passed + self.failed)
+
+
+@dataclass
+class Batch:
+    """Sessions added so far. ``simulated``: names of those that are; ``damaged``: of those that are not whole."""
+
+    parts: list[Part] = field(default_factory=list)
+    left_out: list[LeftOut] = field(default_factory=list)
+    simulated: list[str] = field(default_factory=list)
+    damaged: list[str] = field(default_factory=list)
+    hashes: dict[str, str] = field(default_factory=dict)
+    values: dict[Quantity, list[Member]] = field(default_factory=dict)
+
+    def add(self, results: Mapping[str, Any], session: str, missing: Sequence[str] = ()) -> None:
+        """Add the results of a session (results.json); ``session`` is the name it has in the batch.
+
+        ``missing``: what it promised without a result, a sentence each. A unit of which something is missing does not
+        pass; a sentence that begins with "unit SERIAL:" is about that unit alone.
+        """
+        whole = Unit(str(results["uut"]["model"]), str(results["uut"]["serial"]))
+        counts: dict[Unit, Counter[str]] = {}
+        for one in results["estimates"]:
+            unit = Unit(whole.model, str(one["conditions"].get("unit", whole.serial)))
+            counts.setdefault(unit, Counter())[one["verdict"]] += 1
+            self._keep(results["campaign"], unit, session, one)
+        incomplete = bool(results.get("incomplete"))
+        for unit, verdicts in (counts or {whole: Counter()}).items():
+            judged = sum(verdicts.values()) - verdicts["none"]
+            failed = sum(verdicts[name] for name in FAILED)
+            lacking = incomplete or not counts or (not failed and any(_concerns(one, unit) for one in missing))
+            outcome = Outcome.NO_RESULT if lacking else _outcome(judged, failed)
+            self.parts.append(Part(unit, session, results["campaign"], judged, failed, outcome))
+        self.hashes[session] = str(results["provenance"]["session_sha256"])
+        if results["provenance"]["simulated"]:
+            self.simulated.append(session)
+
+    def _keep(self, campaign: str, unit: Unit, session: str, one: Mapping[str, Any]) -> None:
+        where = {name: value for name, value in one["conditions"].items() if name not in _OF_ONE_UNIT}
+        quantity = Quantity(campaign, one["quantity"], one["unit"], json.dumps(where, sort_keys=True))
+        chance, expanded = one.get("conformance_probability"), one["expanded_uncertainty"]
+        member = Member(unit, session, one["value"], expanded, one["limit"], one["verdict"], chance)
+        self.values.setdefault(quantity, []).append(member)
+
+    def without_result(self, manifest: Mapping[str, Any], session: str) -> None:
+        """A session that can be read and determines nothing: its unit has no result."""
+        campaign = manifest.get("campaign", {})
+        uut = campaign.get("uut", {})
+        unit = Unit(str(uut.get("model", "")), str(uut.get("serial", "")))
+        self.parts.append(Part(unit, session, str(campaign.get("analysis", "")), 0, 0, Outcome.NO_RESULT))
+        if manifest.get("simulated"):
+            self.simulated.append(session)
+
+    # --- what they say together ------------------------------------------------------------------------------------
+
+    @property
+    def outcomes(self) -> dict[Unit, Outcome]:
+        """Of each unit over all its sessions: it passes if no session fails it or gives no result."""
+        return _outcomes(self.parts)
+
+    @property
+    def campaigns(self) -> list[str]:
+        """Names of the campaigns, in order."""
+        return sorted({part.campaign for part in self.parts})
+
+    def yield_of(self, campaign: str | None = None) -> Yield:
+        """Of all units, or of those of one campaign by its sessions alone."""
+        found = Counter(_outcomes(one for one in self.parts if campaign in (None, one.campaign)).values())
+        without = found[Outcome.NO_RESULT] + found[Outcome.NOT_JUDGED]
+        return Yield(found[Outcome.PASS], found[Outcome.FAIL], without)
+
+    @property
+    def spreads(self) -> list[Spread]:
+        """Every quantity, by campaign; those of one name together, in the order in which they came."""
+        came = {name: place for place, name in enumerate(dict.fromkeys(one.name for one in self.values))}
+        return [
+            Spread(*one) for one in sorted(self.values.items(), key=lambda one: (one[0].campaign, came[one[0].name]))
+        ]
+
+    @property
+    def worst(self) -> list[tuple[Quantity, Member]]:
+        """The values that most likely are outside their limits, the worst first."""
+        judged = [
+            (quantity, one) for quantity, members in self.values.items() for one in members if one.limit is not None
+        ]
+        return sorted(judged, key=lambda one: one[1].nearness)[:WORST]
+
+
+def _concerns(missing: str, unit: Unit) -> bool:
+    return not missing.startswith("unit ") or missing.startswith(f"unit {unit.serial}: ")
+
+
+def _outcome(judged: int, failed: int) -> Outcome:
+    if failed:
+        return Outcome.FAIL
+    return Outcome.PASS if judged else Outcome.NOT_JUDGED
+
+
+def _outcomes(parts: Iterable[Part]) -> dict[Unit, Outcome]:
+    found: dict[Unit, set[Outcome]] = {}
+    for part in parts:
+        found.setdefault(part.unit, set()).add(part.outcome)
+    return {unit: next(one for one in Outcome if one in said) for unit, said in sorted(found.items())}

@@ -1,0 +1,138 @@
+"""How the values of a batch are distributed: for each quantity a strip of bars per condition, and the limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from bench.analysis import number, unit_text
+from bench.model.texts import Texts
+from bench.report.batch.model import Batch
+from bench.report.batch.spread import Spread
+from bench.report.estimate_tables import readable
+from bench.report.plots.multiples import panels_of
+from bench.report.plots.style import BLUE, GREY, INK, VERMILION, Picture, drawing, inline_svg
+from bench.report.tables import label
+
+MOST_PANELS = 24  # of a campaign; judged quantities come first
+_PER_PICTURE = 8
+_MOST_STRIPS = 9
+_LONGEST = 14  # characters of a strip's label
+_BINS = 24
+_FEW = 30  # values whose dashes can be told apart
+_FAR = 20.0  # means this many times farther apart than the widest strip is wide: each strip about its own mean
+_LIMIT_IN_SIGHT = 4.0  # limits within this many times the greatest value are drawn
+Strips = Sequence[tuple[str, NDArray[np.float64], NDArray[np.bool_]]]
+
+
+def strip_pictures(batch: Batch, words: Texts) -> list[Picture]:
+    """Pictures of at most ``_PER_PICTURE`` quantities; of a quantity of one value nothing is drawn."""
+    pictures: list[Picture] = []
+    for campaign in batch.campaigns:
+        groups = [one for one in _by_name(batch, campaign) if sum(len(spread.members) for spread in one) > 1]
+        groups = sorted(groups, key=lambda one: one[0].worst is None)[:MOST_PANELS]
+        for at in range(0, len(groups), _PER_PICTURE):
+            shown, name = groups[at : at + _PER_PICTURE], f"strips{len(pictures) + 1}"
+            titles = ", ".join(group[0].quantity.name.replace("_", " ") for group in shown)
+            told = words("batch.strips_of", campaign=campaign.replace("_", " "), quantities=titles)
+            pictures.append(Picture(name, _drawn(shown, name, words), words("batch.strips"), told))
+    return pictures
+
+
+def _by_name(batch: Batch, campaign: str) -> list[list[Spread]]:
+    spreads = [one for one in batch.spreads if one.quantity.campaign == campaign]
+    ordered = sorted(spreads, key=lambda one: (one.quantity.name, one.quantity.unit))
+    return [list(group) for _, group in groupby(ordered, key=lambda one: (one.quantity.name, one.quantity.unit))]
+
+
+def _drawn(groups: Sequence[Sequence[Spread]], name: str, words: Texts) -> str:
+    with drawing():
+        figure, panels = panels_of([one[0].quantity.name.replace("_", " ") for one in groups], legend_rows=0)
+        for axes, group in zip(panels, groups, strict=True):
+            _draw(axes, group, words)
+        return inline_svg(figure, name)
+
+
+def _draw(axes: Axes, group: Sequence[Spread], words: Texts) -> None:
+    members = [one for spread in group for one in spread.members]
+    scale, unit = readable([{"unit": group[0].quantity.unit, "value": one.value} for one in members])
+    strips = _strips(group, scale, words)
+    limits = {spread.limit for spread in group}
+    limit = next(iter(limits)) if len(limits) == 1 else None
+    about_means = limit is None and _far_apart(strips)
+    if about_means:
+        strips = [(text, values - values.mean(), failed) for text, values, failed in strips]
+    edges = _edges([values for _, values, _ in strips])
+    for place, (_, values, failed) in enumerate(reversed(strips)):
+        _strip(axes, place, values, failed, edges)
+    axes.set_yticks([place + 0.35 for place in range(len(strips))], [text for text, _, _ in reversed(strips)])
+    axes.set_ylim(-0.1, len(strips))
+    axes.grid(visible=False, axis="y")
+    axes.tick_params(axis="y", length=0)
+    axes.locator_params(axis="x", nbins=5)
+    _limits(axes, None if limit is None else scale * limit, members_reach=float(np.abs(edges).max()))
+    axes.set_xlabel(_axis_text(unit, None if limit is None else scale * limit, about_means, words))
+
+
+def _strips(group: Sequence[Spread], scale: float, words: Texts) -> Strips:
+    """Label, values and which of them failed, for each condition; all in one strip where there are too many."""
+    found = []
+    shared = {name for name in group[0].quantity.where if len({_text(one, name) for one in group}) == 1}
+    for spread in group:
+        label_text = " ".join(_text(spread, name) for name in spread.quantity.where if name not in shared)
+        values = np.array([scale * one.value for one in spread.members])
+        found.append((label_text, values, np.array([one.failed for one in spread.members])))
+    if len(found) <= _MOST_STRIPS and all(len(text) <= _LONGEST for text, _, _ in found):
+        return found
+    everything = (np.concatenate([one[1] for one in found]), np.concatenate([one[2] for one in found]))
+    return [(words("batch.together", count=len(found)), *everything)]
+
+
+def _text(spread: Spread, name: str) -> str:
+    where: Mapping[str, Any] = spread.quantity.where
+    value = where.get(name, "")
+    return number(value) if isinstance(value, float) else str(value)
+
+
+def _far_apart(strips: Strips) -> bool:
+    means = [float(values.mean()) for _, values, _ in strips]
+    return max(means) - min(means) > _FAR * max(float(np.ptp(values)) for _, values, _ in strips)
+
+
+def _edges(values: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    low, high = min(one.min() for one in values), max(one.max() for one in values)
+    room = 0.02 * (high - low) or max(abs(high) * 1e-3, 1e-12)
+    return np.linspace(low - room, high + room, _BINS + 1)
+
+
+def _strip(
+    axes: Axes, place: int, values: NDArray[np.float64], failed: NDArray[np.bool_], edges: NDArray[np.float64]
+) -> None:
+    counts, _ = np.histogram(values, edges)
+    middles, width = (edges[:-1] + edges[1:]) / 2.0, float(edges[1] - edges[0])
+    alpha = 0.9 if len(values) <= _FEW else 0.25
+    axes.axhline(place, color=GREY, linewidth=0.5)
+    axes.bar(middles, 0.8 * counts / counts.max(), width=width, bottom=place, color=BLUE, alpha=0.55, linewidth=0.0)
+    axes.plot(
+        values, np.full(len(values), place + 0.05), linestyle="none", marker="|", markersize=3.5, color=INK, alpha=alpha
+    )
+    if failed.any():
+        axes.plot(values[failed], np.full(failed.sum(), place + 0.3), linestyle="none", marker="^", color=VERMILION)
+
+
+def _limits(axes: Axes, limit: float | None, members_reach: float) -> None:
+    if limit is not None and limit <= _LIMIT_IN_SIGHT * members_reach:
+        for sign in (-1.0, 1.0) if limit else (1.0,):
+            axes.axvline(sign * limit, color=VERMILION, linewidth=1.0)
+
+
+def _axis_text(unit: str, limit: float | None, about_means: bool, words: Texts) -> str:
+    text = label(unit_text(unit)) if unit != "1" else ""
+    if limit is not None:
+        return words("batch.axis_limits", unit=text, limit=number(limit)).strip()
+    return words("batch.axis_deviation", unit=text).strip() if about_means else text

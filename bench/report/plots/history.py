@@ -1,0 +1,93 @@
+"""Drift of a unit over its calibrations: one panel per parameter with intervals, drift line and limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from bench.analysis import Floats
+from bench.report.plots.style import BLUE, GREY, INK, VERMILION, drawing, svg_text
+
+FORMATS = (".svg", ".png")
+MOST_PANELS = 12
+_PANELS_PER_ROW = 3
+_LEAST_YEARS = 2.0  # to each side of calibrations that were made at one time
+_WATERMARK = "SIMULATED — not a calibration"
+_LINE_POINTS = 60
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One parameter; arrays (m,) in order of time, ``line`` and ``line_expanded`` (k,) at ``line_year``."""
+
+    title: str
+    unit: str
+    year: Floats
+    value: Floats
+    expanded: Floats
+    line_year: Floats
+    line: Floats
+    line_expanded: Floats
+    action_sigma: float = math.nan  # distance of the action limits (3 sigma) from the line
+    limit: float = math.nan
+    outside: NDArray[np.bool_] | None = None
+
+
+def line_years(first: float, last: float) -> Floats:
+    """Where a drift line is drawn."""
+    return np.linspace(first, last, _LINE_POINTS)
+
+
+def plot_history(panels: Sequence[Panel], title: str, simulated: bool, path: Path) -> None:
+    """Draw at most ``MOST_PANELS`` panels into a .svg or .png file; the same panels give the same bytes."""
+    shown = list(panels[:MOST_PANELS])
+    columns = min(_PANELS_PER_ROW, len(shown))
+    rows = math.ceil(len(shown) / columns)
+    with drawing():
+        figure = Figure(figsize=(3.4 * columns + 0.4, 2.3 * rows + 0.8), layout="constrained")
+        grid = figure.subplots(rows, columns, squeeze=False).flat
+        for axes, panel in zip(grid, shown, strict=False):
+            _draw(axes, panel)
+        for axes in list(grid)[len(shown) :]:
+            axes.set_axis_off()
+        figure.suptitle(title, fontsize=9.5)
+        if simulated:
+            figure.text(0.5, 0.5, _WATERMARK, rotation=25, ha="center", va="center", fontsize=26, color=GREY, alpha=0.4)
+        if path.suffix == ".svg":
+            path.write_text(svg_text(figure, "history"), encoding="utf-8")
+        else:
+            FigureCanvasAgg(figure)
+            figure.savefig(path, dpi=150, metadata={"Software": None})
+
+
+def _draw(axes: Axes, panel: Panel) -> None:
+    axes.errorbar(panel.year, panel.value, yerr=panel.expanded, fmt="none", ecolor=BLUE, elinewidth=0.6, alpha=0.5)
+    axes.plot(panel.year, panel.value, linestyle="none", marker="o", color=BLUE)
+    if panel.outside is not None and panel.outside.any():
+        out = panel.outside
+        axes.plot(panel.year[out], panel.value[out], linestyle="none", marker="s", color=VERMILION)
+    if panel.line.size:
+        low, high = panel.line - panel.line_expanded, panel.line + panel.line_expanded
+        axes.fill_between(panel.line_year, low, high, color=INK, alpha=0.15, linewidth=0.0)
+        axes.plot(panel.line_year, panel.line, color=INK)
+        for sign in (-1.0, 1.0):
+            axes.plot(panel.line_year, panel.line + sign * panel.action_sigma, color=GREY, linestyle=(0, (4, 2)))
+    if math.isfinite(panel.limit):
+        for sign in (-1.0, 1.0):
+            axes.axhline(sign * panel.limit, color=VERMILION, linewidth=0.9)
+    middle, span = float(panel.year[0] + panel.year[-1]) / 2.0, float(panel.year[-1] - panel.year[0])
+    if span == 0.0:
+        axes.set_xlim(middle - _LEAST_YEARS, middle + _LEAST_YEARS)
+    axes.set_title(panel.title)
+    axes.set_xlabel("Year")
+    axes.set_ylabel(panel.unit)
+    axes.ticklabel_format(axis="x", useOffset=False)
+    axes.locator_params(axis="x", nbins=5, integer=True)

@@ -1,0 +1,117 @@
+"""Estimates against the unit's temperature, one panel per channel: scale-factor errors, their asymmetry, bias."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bench.model.texts import Texts
+from bench.report.estimate_tables import readable
+from bench.report.model import ReportModel
+from bench.report.plots.figures import thin
+from bench.report.plots.multiples import channels_of, legend_of, panels_of
+from bench.report.plots.style import BLUE, VERMILION, Picture, drawing, inline_svg, look
+from bench.report.words import channel_title
+
+_APART = 0.008  # of the span of temperatures, to each side
+_LEAST_SPAN_degC = 1.0  # of the axis: a campaign at one temperature differs by hundredths between its records
+Row = Mapping[str, Any]
+_LEAST_SPAN_degC = 2.0
+
+
+@dataclass(frozen=True)
+class _Series:
+    quantity: str
+    colour: str
+    drawn: str
+    side: float  # where it stands beside its temperature: -1, 0 or 1
+
+
+def dsf_picture(model: ReportModel, words: Texts) -> Picture | None:
+    """Scale-factor error N and P of every channel against temperature, with expanded-uncertainty bars."""
+    series = (_Series("dsf_n", BLUE, "o-", -1.0), _Series("dsf_p", VERMILION, "s--", 1.0))
+    return _picture(model, words, "dsf", series)
+
+
+def asymmetry_picture(model: ReportModel, words: Texts) -> Picture | None:
+    """Scale-factor asymmetry N minus P of every channel against temperature."""
+    return _picture(model, words, "asymmetry", (_Series("dsf_asymmetry", BLUE, "o-", 0.0),))
+
+
+def bias_picture(model: ReportModel, words: Texts) -> Picture | None:
+    """Bias of every channel against temperature."""
+    return _picture(model, words, "bias", (_Series("bias", BLUE, "o-", 0.0),))
+
+
+def unit_temperature_degC(conditions: Mapping[str, Any]) -> float:
+    """The measured temperature of the unit where there is one, else the set-point, degC."""
+    measured = conditions.get("unit_temperature_degC")
+    return float(conditions.get("temperature_degC", math.nan) if measured is None else measured)
+
+
+def _picture(model: ReportModel, words: Texts, name: str, series: Sequence[_Series]) -> Picture | None:
+    rows = {one.quantity: _at_temperatures(model.estimates(one.quantity)) for one in series}
+    everything = [row for found in rows.values() for row in found]
+    channels = channels_of(everything)
+    if not channels:
+        return None
+    warmth = [unit_temperature_degC(row["conditions"]) for row in everything]
+    span_degC = max(max(warmth) - min(warmth), _LEAST_SPAN_degC)
+    middle_degC = (max(warmth) + min(warmth)) / 2.0
+    scale, unit = readable(everything)
+    with drawing():
+        titles = [channel_title(words, *channel) for channel in channels]
+        figure, panels = panels_of(titles, legend_rows=int(len(series) > 1))
+        for (number, _), axes in zip(channels, panels, strict=True):
+            for one in series:
+                chosen = [row for row in rows[one.quantity] if row["conditions"]["channel"] == number]
+                _error_bars(axes, chosen, one, words, one.side * _APART * span_degC, scale)
+            axes.set_xlim(middle_degC - 0.55 * span_degC, middle_degC + 0.55 * span_degC)
+            axes.set_ylabel(words(f"{name}.axis", unit=unit))
+            axes.set_xlabel(words("axis.unit_temperature"))
+        if len(series) > 1:
+            legend_of(figure, panels)
+        svg = inline_svg(figure, name)
+    return Picture(name, svg, words(f"{name}.caption"), words(f"{name}.description"))
+
+
+def _at_temperatures(rows: Sequence[Row]) -> list[Row]:
+    """Estimates that belong to a channel and a temperature, repeats left out."""
+    return [row for row in rows if {"channel", "temperature_degC"} <= row["conditions"].keys()]
+
+
+def _error_bars(axes: Axes, rows: Sequence[Row], one: _Series, words: Texts, shift_degC: float, scale: float) -> None:
+    temperature = [unit_temperature_degC(row["conditions"]) + shift_degC for row in rows]
+    value = [scale * row["value"] for row in rows]
+    expanded = [scale * (row["expanded_uncertainty"] or 0.0) for row in rows]
+    axes.errorbar(
+        temperature, value, expanded, fmt=one.drawn, label=words(f"series.{one.quantity}"), color=one.colour,
+        linewidth=0.7, capsize=2.0,
+    )  # fmt: skip
+
+
+def surroundings_picture(model: ReportModel, words: Texts) -> Picture | None:
+    """Temperature of the laboratory against time from hour 0; None if it was not logged."""
+    shown = [one for one in model.run.surroundings if one.laboratory and one.t_s.size]
+    if not shown:
+        return None
+    with drawing():
+        figure = Figure(figsize=(7.2, 1.9), layout="constrained")
+        axes = figure.subplots()
+        for index, one in enumerate(shown):
+            t_s, degC = thin(one.t_s, one.degC)
+            axes.plot(t_s / 3600.0, degC, label=words("environment.laboratory", channel=one.name), **look(index))
+        low, high = axes.get_ylim()
+        short = max(0.0, _LEAST_SPAN_degC - (high - low)) / 2.0
+        axes.set_ylim(low - short, high + short)
+        axes.set_xlabel(words("axis.time", unit="h"))
+        axes.set_ylabel(words("axis.temperature"))
+        axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3)
+        axes.margins(x=0.01)
+        svg = inline_svg(figure, "surroundings")
+    return Picture("surroundings", svg, words("environment.caption"), words("environment.description"))

@@ -1,0 +1,1 @@
+"""Finished sessions on the page: listing, history, replay."""

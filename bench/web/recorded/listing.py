@@ -1,0 +1,131 @@
+"""The sessions of a folder as a list: each is read once, and again only after something in its folder has changed."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import Counter
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+from bench.model.errors import BenchError
+from bench.record import OPEN_MARKER, Walk, layout
+from bench.web.places import content_of, run_folder
+
+READ_AT_ONCE = 24  # sessions that one request reads; the rest follows with the next requests
+_FIRST_SEGMENT = layout.segment_name(1)
+_HEAD_BYTES = (1 << 18, 1 << 21)  # the manifest is the first message; its chunk holds the plan too
+_WORST = ("fail", "conditional_fail", "conditional_pass", "pass")
+_STARTED = re.compile(r"(\d{8}T\d{6})Z_")
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Entry:
+    changed: tuple[int, int]
+    row: Row
+
+
+class RunList:
+    """Sessions of a folder, newest first; safe to be asked from several threads."""
+
+    def __init__(self, out: Path) -> None:
+        self.out = out
+        self._entries: dict[str, _Entry] = {}
+        self._lock = Lock()
+
+    def rows(self, most: int = READ_AT_ONCE) -> tuple[list[Row], int]:
+        """A row for each session, and how many of them could not be read yet (their title is null).
+
+        Args: most: sessions that may be read in this call.
+        """
+        with self._lock:
+            found = sorted(self._folders(), key=lambda one: one[0], reverse=True)
+            self._forget({name for name, _ in found})
+            unread = 0
+            rows = []
+            for name, changed in found:
+                entry = self._entries.get(name)
+                if entry is None or entry.changed != changed:
+                    if most > 0:
+                        most -= 1
+                        entry = self._entries[name] = _Entry(changed, session_row(self.out / name))
+                    elif entry is None:
+                        unread += 1
+                        entry = _Entry(changed, _unread(name))
+                rows.append(entry.row)
+            return rows, unread
+
+    def _folders(self) -> list[tuple[str, tuple[int, int]]]:
+        found = []
+        for path in self.out.iterdir() if self.out.is_dir() else ():
+            if run_folder(self.out, path.name) is not None:
+                results = path / "results.json"
+                changed = results.stat().st_mtime_ns if results.is_file() else 0
+                found.append((path.name, (path.stat().st_mtime_ns, changed)))
+        return found
+
+    def _forget(self, there: set[str]) -> None:
+        for name in set(self._entries) - there:
+            del self._entries[name]
+
+
+def session_row(folder: Path) -> Row:
+    """One session, by its manifest and its results; what cannot be read is null."""
+    manifest, results = _manifest(folder / _FIRST_SEGMENT), results_of(folder)
+    campaign = manifest.get("campaign") or {}
+    quality = results.get("quality") or {}
+    return {
+        **_unread(folder.name),
+        "title": manifest.get("title"),
+        "sequence": manifest.get("sequence"),
+        "state": "stopped" if (folder / OPEN_MARKER).exists() else "ended",
+        "uut": results.get("uut") or campaign.get("uut"),
+        "simulated": manifest.get("simulated"),
+        "verdict": verdict_of(results) if results else None,
+        "records": {"done": quality.get("records"), "planned": (manifest.get("planned") or {}).get("records")},
+        "report": (folder / "report.html").is_file(),
+    }
+
+
+def verdict_of(results: Row) -> str:
+    """The worst verdict of all estimates; ``none`` if no estimate has one."""
+    said = Counter(one.get("verdict") for one in results.get("estimates") or ())
+    return next((one for one in _WORST if said[one]), "none")
+
+
+def _unread(name: str) -> Row:
+    started, utc = _STARTED.match(name), None
+    if started:
+        with suppress(ValueError):  # digits that are no time: somebody named the folder
+            utc = datetime.strptime(started[1], "%Y%m%dT%H%M%S").replace(tzinfo=UTC).timestamp()
+    empty = dict.fromkeys(("title", "sequence", "state", "uut", "simulated", "verdict", "records", "report"))
+    return {"run": name, "started_utc_s": utc, **empty}
+
+
+def _manifest(segment: Path) -> Row:
+    for size in _HEAD_BYTES:
+        try:
+            with segment.open("rb") as stream:
+                head = stream.read(size)
+            for message in Walk(None).segment(segment.name, head):
+                if message.topic == layout.MANIFEST:
+                    found = message.document()
+                    return found if isinstance(found, dict) else {}
+        except (BenchError, OSError, ValueError):
+            return {}
+    return {}
+
+
+def results_of(folder: Path) -> Row:
+    """results.json of a session; empty if there is none that can be read."""
+    try:
+        found = json.loads(content_of(folder / "results.json") or b"")
+    except (ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
