@@ -60,7 +60,7 @@ class _Fault(Exception):
 
 
 def parse_value(text: str) -> tuple[float, str]:
-    """Number and unit ("A", "V", "HZ", "OHM" or "") of one parameter, multiplier applied."""
+    """Return number and unit ("A", "V", "HZ", "OHM" or "") of one parameter, multiplier applied."""
     match = _VALUE.fullmatch(text.strip())
     if match is None:
         raise _Fault(703)

@@ -79,7 +79,7 @@ class Hp3458A(LiveDevice):
         self._answer(self.reading(f"{value: .8E}"), after_s=self.reading_s)
 
     def error_A(self, true_A: float) -> float:
-        """What the present range adds to a current: its gain, its zero, its linearity; ampere."""
+        """Return what the present range adds to a current: its gain, its zero, its linearity; ampere."""
         if self.function != "DCI" or not self.world.options.get("dmm_errors", True):
             return 0.0
         number = CURRENT_RANGES_A.index(self.range)

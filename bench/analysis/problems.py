@@ -18,13 +18,13 @@ _COUNTS = {"npp", "ppp"}
 
 
 def flag_problem(row: RecordRow) -> str:
-    """What is wrong with a record whatever it holds, "" if nothing is."""
+    """Return what is wrong with a record whatever it holds, "" if nothing is."""
     flags = Quality(row.quality) & ~_LINK_FLAGS & ~Quality.STALE
     return ", ".join(str(flag.name).lower().replace("_", " ") for flag in flags)
 
 
 def count_problem(row: RecordRow) -> str:
-    """Why the counts of a record may not enter an estimate, "" if they may.
+    """Return why the counts of a record may not enter an estimate, "" if they may.
 
     Rates are taken over the frames that did arrive, so a loss of up to 0.1 % costs resolution, not truth.
     """

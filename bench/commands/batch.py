@@ -64,14 +64,14 @@ def _is_session(path: Path) -> bool:
 
 
 def _matches(pattern: Path) -> Iterator[Path]:
-    """What a pattern in quotes matches; a shell has replaced any other."""
+    """Return what a pattern in quotes matches; a shell has replaced any other."""
     anchor = Path(pattern.anchor) if pattern.anchor else Path()
     relative = pattern.relative_to(pattern.anchor) if pattern.anchor else pattern
     return anchor.glob(str(relative)) if any(sign in str(pattern) for sign in "*?[") else iter(())
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
-    """Names of the folders; with that of the folder around them where two have one name."""
+    """Return names of the folders; with that of the folder around them where two have one name."""
     names = [folder.resolve().name for folder in folders]
     if len(set(names)) == len(names):
         return names

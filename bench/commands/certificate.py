@@ -179,7 +179,7 @@ def _other(message: str, folder: Path) -> SessionDamaged:
 
 
 def _days(folder: Path) -> tuple[date, date]:
-    """UTC days on which the recording began and ended, by its first and last pair of times."""
+    """Return UTC days on which the recording began and ended, by its first and last pair of times."""
     pairs = [message.document() for message in SessionReader(folder).select(frozenset({layout.CLOCK}))]
     if not pairs:
         raise InputError(
@@ -210,7 +210,7 @@ def _day(utc_ns: int) -> date:
 
 
 def _span(view: SessionView, name: str) -> Span | None:
-    """Lowest and highest reading of a temperature in the session."""
+    """Return lowest and highest reading of a temperature in the session."""
     readings = (getattr(event, name) for _, event in view.events_of(Environment))
     values = [float(one) for one in readings if one is not None]
     return Span(min(values), max(values)) if values else None

@@ -27,7 +27,7 @@ class _Console(Console):
 
 
 def console(stderr: bool = False) -> Console:
-    """The console of the command line; it falls back to plain text where there is no terminal.
+    """Return the console of the command line; it falls back to plain text where there is no terminal.
 
     A terminal that is narrower than the tables breaks their lines; a table made to fit it would cut numbers off.
     """

@@ -72,7 +72,7 @@ def _offers() -> list[dict[str, str]]:
 
 
 def _of_station(path: Path) -> list[Finding]:
-    """The static check of a station by itself."""
+    """Return the static check of a station by itself."""
     mistakes = Findings()
     loaded = load_station(path)
     check_station(loaded, mistakes)

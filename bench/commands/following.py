@@ -21,7 +21,7 @@ class Follower:
         self._seq = 0
 
     def look(self) -> Document | None:
-        """The state document of a run under way; None if nobody answers or it does not say where it is yet."""
+        """Return the state document of a run under way; None if nobody answers or it does not say where it is yet."""
         try:
             header = self._client.poll(self._seq).header
         except FeedGone:
@@ -51,7 +51,7 @@ def doing(document: Document) -> str:
 
 
 def _since(wait: Document | None, now: float) -> str:
-    """How long a wait has lasted, of how long."""
+    """Return how long a wait has lasted, of how long."""
     if wait is None or wait.get("since_utc_s") is None:
         return ""
     since, until = wait["since_utc_s"], wait.get("until_utc_s")
@@ -60,14 +60,14 @@ def _since(wait: Document | None, now: float) -> str:
 
 
 def losses(document: Document) -> str:
-    """Frames lost and damaged, over all links."""
+    """Return frames lost and damaged, over all links."""
     links = (document.get("links") or {}).values()
     lost, bad = (sum(int(link.get(what) or 0) for link in links) for what in ("lost", "bad"))
     return f"{lost} lost" + (f", {bad} bad" if bad else "")
 
 
 def ends(document: Document) -> str:
-    """The end as a range, UTC; nothing for a rehearsal, whose time is not that of anybody."""
+    """Return the end as a range, UTC; nothing for a rehearsal, whose time is not that of anybody."""
     eta = document.get("eta")
     if not eta or document.get("clock") != "wall":
         return ""

@@ -81,7 +81,7 @@ def _results(folder: Path, out: Path) -> None:
 
 
 def _write(document: Document[LogMapping], file: Path, found: Survey, out: Path) -> Path:
-    """The session: every line of the file is a message, stamped with the time of its row."""
+    """Return the session: every line of the file is a message, stamped with the time of its row."""
     mapping = document.model
     name = session_name(mapping, found)
     folder = new_folder(out, name)

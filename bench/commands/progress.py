@@ -27,7 +27,7 @@ NARROW = 120  # a terminal that has less shows no bar: figures tell more
 
 
 def _counts(row: RecordRow) -> bool:
-    """Whether a record is one of the campaign's, which the plan counts; those of the wiring check are not."""
+    """Return whether a record is one of the campaign's, which the plan counts; those of the wiring check are not."""
     return str(row.window.conditions.get("purpose", "measurement")) != "wiring"
 
 
@@ -212,5 +212,5 @@ class ProgressBar:
 
 
 def watcher(plan: Plan, out: Console, *, asks: bool) -> PlainLines | ProgressBar:
-    """Two lines on a terminal, plain lines otherwise; ``asks``: prompts are put to somebody."""
+    """Return two lines on a terminal, plain lines otherwise; ``asks``: prompts are put to somebody."""
     return ProgressBar(plan, out) if sys.stderr.isatty() else PlainLines(plan, out, asks=asks)

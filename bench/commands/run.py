@@ -105,7 +105,7 @@ def _say_happenings(view: SessionView, out: Console) -> None:
 
 
 def view_of(plan: Plan, done: Conducted) -> SessionView:
-    """What the run itself knows about its session."""
+    """Return what the run itself knows about its session."""
     return SessionView(
         manifest=done.manifest,
         rows=done.outcome.rows,

@@ -48,14 +48,14 @@ def replay(folder: Path, as_json: bool) -> int:
 
 
 def _differences(stored: Any, now: Any) -> tuple[list[Difference], int]:
-    """What the run wrote and is not the same now, and how many values only today's software gives."""
+    """Return what the run wrote and is not the same now, and how many values only today's software gives."""
     found = [one for one in compare(stored, now) if one.path != SOFTWARE_PATH]
     added = sum(one.first == ABSENT for one in found)
     return [one for one in found if one.first != ABSENT], added
 
 
 def _why(stored: Mapping[str, Any], results: Mapping[str, Any]) -> str:
-    """What to look at first: the recording, the software, or else the file of results."""
+    """Return what to look at first: the recording, the software, or else the file of results."""
     recordings = [one.get("provenance", {}).get("session_sha256") for one in (stored, results)]
     if recordings[0] != recordings[1]:
         return "results.json is of another recording, or this one is not whole: 'bench recover' says which"

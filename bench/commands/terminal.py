@@ -37,7 +37,7 @@ class TerminalOperator:
 
 
 def _typed(prompt: str) -> str:
-    """One line from the terminal. Raises: OperatorStop B-CLI-006 for "stop" and at the end of the input."""
+    """Return one line from the terminal. Raises: OperatorStop B-CLI-006 for "stop" and at the end of the input."""
     try:
         reply = input(prompt).strip()
     except EOFError:

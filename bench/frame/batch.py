@@ -58,18 +58,18 @@ class MessageBatch:
         return column
 
     def scaled(self, name: str) -> NDArray[np.float64]:
-        """Values in the field's unit (raw * scale + offset) as float64, (n,) or (n, count)."""
+        """Return values in the field's unit (raw * scale + offset) as float64, (n,) or (n, count)."""
         item = self._field(name)
         values = self.raw(name).astype(np.float64)
         return values * item.scale + item.shift if self.has_scale(name) else values
 
     def has_scale(self, name: str) -> bool:
-        """Whether physical and raw values of a field differ."""
+        """Return whether physical and raw values of a field differ."""
         item = self._field(name)
         return "." not in name and (item.scale != 1.0 or item.shift != 0.0)
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """All fields by name, in wire order."""
+        """Return all fields by name, in wire order."""
         return {item.name: self.raw(item.name) for item in self.message.fields}
 
     @staticmethod

@@ -196,6 +196,6 @@ ALIASES: dict[str, str] = {
 
 
 def find_model(name: str) -> CrcModel | None:
-    """The published model of that name or alias; letter case does not matter."""
+    """Return the published model of that name or alias; letter case does not matter."""
     key = name.lower()
     return CATALOGUE.get(ALIASES.get(key, key))

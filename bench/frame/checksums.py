@@ -29,7 +29,7 @@ class Check(Protocol):
         """Value over a message."""
 
     def of_rows(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
-        """Values over the rows of a (n, length) uint8 matrix, (n,) unsigned integers."""
+        """Return values over the rows of a (n, length) uint8 matrix, (n,) unsigned integers."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Checksum:
     _rows: Callable[[NDArray[np.uint8]], NDArray[Any]]
 
     def of_rows(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
-        """Values over the rows of a (n, length) uint8 matrix, (n,) uint64."""
+        """Return values over the rows of a (n, length) uint8 matrix, (n,) uint64."""
         return self._rows(rows).astype(np.uint64)
 
 

@@ -28,7 +28,7 @@ class PayloadLayout:
         return tuple(item.name for item in self.fields)
 
     def encode(self, values: Mapping[str, Any]) -> bytes:
-        """Bytes of physical values.
+        """Return bytes of physical values.
 
         Args: values: by field, in its unit: a number, a text with a unit of the same kind ("200 Hz"), a list for an
             array, bytes or hex text for bytes. Fields with a scale take the nearest step, others need whole numbers.
@@ -91,7 +91,7 @@ class PayloadLayout:
             raise self._wrong("B-FRAME-021", text, "correct the value") from None
 
     def _number(self, item: Field, value: Any) -> Any:
-        """A finite number in the unit of the field; numpy's numbers become Python's."""
+        """Return a finite number in the unit of the field; numpy's numbers become Python's."""
         number = value.item() if hasattr(value, "item") else value
         if isinstance(number, str):
             given, unit = read_quantity(number), read_quantity(f"1 {item.unit or '1'}")
@@ -122,17 +122,17 @@ class CommandLayout:
         return self.request.encode(values)
 
     def decode(self, payload: bytes) -> dict[str, Any]:
-        """Values of an answer from its payload behind the status byte; see PayloadLayout.decode."""
+        """Return values of an answer from its payload behind the status byte; see PayloadLayout.decode."""
         return self.answer.decode(payload)
 
 
 def scaled(item: Field) -> bool:
-    """Whether physical and raw values of a field differ."""
+    """Return whether physical and raw values of a field differ."""
     return item.scale != 1.0 or item.shift != 0.0
 
 
 def canonical_commands(commands: Sequence[CommandLayout]) -> dict[str, Any]:
-    """JSON-able content of the commands of a link."""
+    """Return JSON-able content of the commands of a link."""
     return {
         one.name: [
             one.code,

@@ -79,7 +79,7 @@ class CounterUnwrapper:
         return self._rejected is None and self._last == self._highest
 
     def _advance(self, count: int, raw: int) -> Unwrapped:
-        """Nothing lost, nothing repeated."""
+        """Return nothing lost, nothing repeated."""
         counter = np.arange(self._last + 1, self._last + 1 + count, dtype=np.int64)
         self._raw, self._last = raw, self._last + count
         self._highest = self._last

@@ -67,7 +67,7 @@ class FrameDefinition:
         self.sha256 = hashlib.sha256(content.encode()).hexdigest()
 
     def message(self, name: str = "frame") -> Message:
-        """The layout of one message. Raises: InputError B-FRAME-023 for an unknown name."""
+        """Return the layout of one message. Raises: InputError B-FRAME-023 for an unknown name."""
         for message in self.layout.messages:
             if message.name == name:
                 return message
@@ -79,11 +79,11 @@ class FrameDefinition:
         return next((one for one in self.commands.values() if one.code == code), None)
 
     def decoder(self, engine: Engine = "numpy") -> Decoder:
-        """A fresh decoder at the start of a stream."""
+        """Return a fresh decoder at the start of a stream."""
         return NumpyDecoder(self.layout) if engine == "numpy" else ReferenceDecoder(self.layout)
 
     def encode(self, columns: Mapping[str, Any], n: int, message: str = "frame") -> NDArray[np.uint8]:
-        """Frames of a message of fixed length, check included.
+        """Return frames of a message of fixed length, check included.
 
         Args:
             columns: raw values by field, (n,) or (n, count), or one value for all; named bits as "field.bits".

@@ -15,7 +15,7 @@ _WHERE = "frame encoder"
 
 
 def encode_rows(layout: Layout, message: Message, columns: Mapping[str, Any], count: int) -> NDArray[np.uint8]:
-    """Frames (count, length) uint8, check included; see FrameDefinition.encode."""
+    """Return frames (count, length) uint8, check included; see FrameDefinition.encode."""
     if message.length == 0:
         text = f"the message {message.name!r} has no fixed length"
         raise InputError("B-FRAME-020", text, where=_WHERE, next_step="encode it one by one with encode_one")
@@ -33,7 +33,7 @@ def encode_rows(layout: Layout, message: Message, columns: Mapping[str, Any], co
 
 
 def encode_frame(layout: Layout, message: Message, values: Mapping[str, Any]) -> bytes:
-    """One frame of any message, check included; see FrameDefinition.encode_one."""
+    """Return one frame of any message, check included; see FrameDefinition.encode_one."""
     rest = b""
     columns = dict(values)
     if message.rest is not None:
@@ -57,7 +57,7 @@ def encode_frame(layout: Layout, message: Message, values: Mapping[str, Any]) ->
 
 
 def _with_automatic(layout: Layout, message: Message, columns: Mapping[str, Any], total: int) -> dict[str, Any]:
-    """Columns with the fields that follow from the definition: length, type, constants."""
+    """Return columns with the fields that follow from the definition: length, type, constants."""
     fields = message.by_name
     given = dict(columns)
     for name in columns:
@@ -104,7 +104,7 @@ def _put(rows: NDArray[np.uint8], item: Field, given: Mapping[str, Any], count: 
 
 
 def _join_bits(item: Field, given: Mapping[str, Any]) -> NDArray[Any]:
-    """A whole field from its named bits; bits that are not given are 0."""
+    """Return a whole field from its named bits; bits that are not given are 0."""
     whole: NDArray[Any] = np.zeros((), item.dtype)
     for part, (low, width) in item.bits.items():
         values = np.asarray(given.get(f"{item.name}.{part}", 0))
@@ -115,7 +115,7 @@ def _join_bits(item: Field, given: Mapping[str, Any]) -> NDArray[Any]:
 
 
 def _checked(full: NDArray[Any], values: NDArray[Any], item: Field) -> NDArray[Any]:
-    """The values in the memory type of the field; never wrapped, never clipped."""
+    """Return the values in the memory type of the field; never wrapped, never clipped."""
     if item.kind == "f":
         return full.astype(item.dtype, copy=False)
     bits = 8 * item.size

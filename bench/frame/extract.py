@@ -55,6 +55,6 @@ def _padded(rows: NDArray[np.uint8], item: Field, elements: int, width: int) -> 
 
 
 def _sign(values: NDArray[Any], size: int, width: int) -> NDArray[Any]:
-    """Two's complement of ``size`` bytes in a wider word: shift up, back down with the sign."""
+    """Return two's complement of ``size`` bytes in a wider word: shift up, back down with the sign."""
     shift = 8 * (width - size)
     return np.asarray((values << values.dtype.type(shift)).view(f"i{width}") >> shift)

@@ -43,7 +43,7 @@ def check_golden(document: Document[FrameSpec], layout: Layout) -> None:
 
 
 def _refused(layout: Layout, message: Message, text: str) -> str:
-    """Why the golden frame is no frame of this message; empty if it is one."""
+    """Return why the golden frame is no frame of this message; empty if it is one."""
     frame = read_hex(text)
     if frame is None:
         return "the golden frame is no hex text"

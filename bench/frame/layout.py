@@ -152,7 +152,7 @@ def _message_content(message: Message) -> dict[str, Any]:
 
 
 def field_content(item: Field) -> list[Any]:
-    """JSON-able content of a field; what was added to the language later stands there only where it is used."""
+    """Return JSON-able content of a field; what was added to the language later stands there only where it is used."""
     bits = {name: list(span) for name, span in item.bits.items()}
     constant = None if item.constant is None else item.constant.hex()
     later = [*([] if item.default is None else [item.default.hex()]), *([] if item.wrap is None else [item.wrap])]

@@ -71,7 +71,7 @@ class NumpyDecoder:
         return self._batch(stream, buffer, found, np.concatenate([_NONE, *bad]), at)
 
     def _lattice(self, buffer: NDArray[np.uint8], at: int) -> Run:
-        """Number of good rows from ``at`` on before the first bad one, and number of rows looked at."""
+        """Return number of good rows from ``at`` on before the first bad one, and number of rows looked at."""
         message = self._layout.messages[0]
         rows = min((len(buffer) - at) // message.length, _BLOCK_ROWS)
         block = buffer[at : at + rows * message.length].reshape(rows, message.length)
@@ -111,7 +111,7 @@ class NumpyDecoder:
 
 
 def _leading(good: NDArray[np.bool_]) -> int:
-    """Number of True before the first False."""
+    """Return number of True before the first False."""
     first = int(good.argmin()) if len(good) else 0
     return len(good) if not len(good) or good[first] else first
 
@@ -135,7 +135,7 @@ def _starts(found: list[Run | Found], index: int, length: int) -> tuple[NDArray[
 
 
 def _rows(buffer: NDArray[np.uint8], starts: NDArray[np.int64], message: Message) -> NDArray[np.uint8]:
-    """Frame bytes (n, body): a view of the stream where it is one unbroken lattice, else gathered."""
+    """Return frame bytes (n, body): a view of the stream where it is one unbroken lattice, else gathered."""
     if not len(starts):
         return np.empty((0, message.body), np.uint8)
     first, last = int(starts[0]), int(starts[-1])

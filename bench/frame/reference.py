@@ -113,7 +113,7 @@ class ReferenceDecoder:
 
 
 def _read(frame: bytes, item: Field, element: int = 0) -> Any:
-    """One element of a field, by the standard library."""
+    """Return one element of a field, by the standard library."""
     raw = frame[item.offset + element * item.size : item.offset + (element + 1) * item.size]
     order: Any = "big" if item.big else "little"
     if item.kind == "f":

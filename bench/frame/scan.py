@@ -106,7 +106,7 @@ class Scanner:
 
 
 def _find(window: NDArray[np.uint8], pattern: bytes) -> NDArray[np.int64]:
-    """Offsets of the whole pattern, ascending."""
+    """Return offsets of the whole pattern, ascending."""
     ends = len(window) - len(pattern) + 1
     if ends <= 0:
         return np.empty(0, np.int64)

@@ -61,7 +61,7 @@ def expand(text: str) -> tuple[str, ...]:
 
 
 def signal_of(name: str, frames: Mapping[str, FrameDefinition]) -> Signal:
-    """The signal of a name. Raises: InputError B-FRAME-024 if the frames have none of that name."""
+    """Return the signal of a name. Raises: InputError B-FRAME-024 if the frames have none of that name."""
     match = _NAME.fullmatch(name)
     if match is None or match[5]:
         raise _unknown(name, "it is not the name of one signal")
@@ -92,12 +92,12 @@ def all_signals(frames: Mapping[str, FrameDefinition], wanted: Sequence[str] = (
 
 
 def of_message(signals: Iterable[Signal], link: str, message: str) -> tuple[Signal, ...]:
-    """Signals of one message of one link, in the order given."""
+    """Return signals of one message of one link, in the order given."""
     return tuple(signal for signal in signals if signal.link == link and signal.message == message)
 
 
 def columns(signals: Iterable[Signal], link: str, batch: MessageBatch) -> NDArray[np.float64]:
-    """Values of the signals of one message of a link, (n, k) in the unit of each field, in the order given."""
+    """Return values of the signals of one message of a link, (n, k) in the unit of each field, in the order given."""
     chosen = of_message(signals, link, batch.message.name)
     found = np.empty((len(batch), len(chosen)))
     for block in blocks(chosen):
@@ -138,7 +138,7 @@ class Block:
 
 
 def blocks(signals: Sequence[Signal]) -> tuple[Block, ...]:
-    """The signals of one message, those of one field together."""
+    """Return the signals of one message, those of one field together."""
     groups: dict[tuple[str, str], list[int]] = {}
     for place, signal in enumerate(signals):
         groups.setdefault((signal.field, signal.minus), []).append(place)

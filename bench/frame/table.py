@@ -100,7 +100,7 @@ def _titles(item: Field) -> Iterator[str]:
 
 
 def _texts(batch: MessageBatch, item: Field, part: slice) -> Iterator[list[Any]]:
-    """The CSV columns of one field; floats in the fewest digits that give the same number back."""
+    """Yield the CSV columns of one field; floats in the fewest digits that give the same number back."""
     if item.kind == "b":
         yield [bytes(value).hex() for value in batch.raw(item.name)[part]]
         return

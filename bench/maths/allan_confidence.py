@@ -19,7 +19,7 @@ _CORRELATED = 3  # averages over which differences are correlated, flicker noise
 
 
 def noise_exponents(rate: Array, factors: Int64) -> Int64:
-    """Power law of the rate's spectrum at each averaging factor.
+    """Return power law of the rate's spectrum at each averaging factor.
 
     Args:    rate: (n,), NaN in gaps.   factors: samples per average, ascending, (k,).
     Returns: exponents from -2 to 2, (k,). Where fewer than 30 averages fit, that of the last factor with enough;
@@ -79,7 +79,7 @@ def degrees_of_freedom(factor: int, differences: int, exponent: int, *, modified
 
 
 def _difference_covariance(lags: Int64, factor: int, exponent: int) -> Array:
-    """Covariance of second differences of the angle over ``factor`` samples, up to its size."""
+    """Return covariance of second differences of the angle over ``factor`` samples, up to its size."""
     far = _angle_covariance(lags - 2 * factor, exponent) + _angle_covariance(lags + 2 * factor, exponent)
     near = _angle_covariance(lags - factor, exponent) + _angle_covariance(lags + factor, exponent)
     return np.asarray(6.0 * _angle_covariance(lags, exponent) - 4.0 * near + far)

@@ -42,7 +42,7 @@ class VarianceCovariance:
 
 
 def variance_covariance(factors: Int64, differences: Int64, interval_s: float) -> VarianceCovariance:
-    """Covariance of overlapping Allan variances of one record of Gaussian noise.
+    """Return covariance of overlapping Allan variances of one record of Gaussian noise.
 
     Args:    factors: samples per average, (k,).   differences: in each variance, (k,).   interval_s: of one sample.
     Returns: VarianceCovariance.

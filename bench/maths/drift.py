@@ -52,11 +52,11 @@ class DriftLine:
         return coverage_factor() * self.rate_std
 
     def at(self, t: Array) -> Array:
-        """The line at times, (k,), years."""
+        """Return the line at times, (k,), years."""
         return np.asarray(self.mean + self.rate * (t - self.t_mean))
 
     def std_at(self, t: Array) -> Array:
-        """Standard uncertainty of the line at times, (k,), years; enlarged like the rate."""
+        """Return standard uncertainty of the line at times, (k,), years; enlarged like the rate."""
         later = t - self.t_mean
         variance = self.covariance[0, 0] + 2.0 * later * self.covariance[0, 1] + later**2 * self.covariance[1, 1]
         return np.asarray(np.sqrt(variance) * (max(1.0, self.birge_ratio) if self.dof else 1.0))

@@ -73,7 +73,7 @@ class Extended:
         return root + Extended.of(rest.high / (2.0 * root.high))
 
     def sum(self) -> Extended:
-        """Sum over the first axis, in pairs of pairs."""
+        """Return sum over the first axis, in pairs of pairs."""
         total = self
         while len(total.high) > 1:
             half = len(total.high) // 2
@@ -83,7 +83,7 @@ class Extended:
 
 
 def stacked(*parts: Extended) -> Extended:
-    """The parts one after the other along the first axis.
+    """Return the parts one after the other along the first axis.
 
     Args:    parts: arrays of numbers, alike but for their first axis.
     Returns: Extended.
@@ -99,7 +99,7 @@ def _two_sum(a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def _fast_two_sum(a: Array, b: Array) -> tuple[Array, Array]:
-    """The same where |a| >= |b|."""
+    """Return the same where |a| >= |b|."""
     total = a + b
     return total, b - (total - a)
 

@@ -87,7 +87,7 @@ def _back_substitute(upper: Extended, sides: Extended) -> Extended:
 
 
 def _undetermined(upper: Extended, rank: int, order: NDArray[np.int64]) -> Undetermined:
-    """Which columns take part in the combinations that vanish."""
+    """Return which columns take part in the combinations that vanish."""
     columns = len(order)
     null = np.eye(columns)[:, rank:]
     null[:rank] = -_back_substitute(upper[:rank, :rank], upper[:rank, rank:]).high

@@ -79,7 +79,7 @@ class TangentFrame:
     longitude_deg: float
 
     def positions_m(self, latitude_deg: Array, longitude_deg: Array, height_m: Array) -> Array:
-        """Positions in this frame.
+        """Return positions in this frame.
 
         Args:    as ``geocentric_m``, (n,) each.
         Returns: (n, 3), metre.
@@ -90,7 +90,7 @@ class TangentFrame:
         return np.asarray((geocentric_m(latitude_deg, longitude_deg, height_m) - origin_m) @ self._axes.T)
 
     def from_level(self, latitude_deg: Array, longitude_deg: Array) -> Array:
-        """What takes a vector from the level frame of a vehicle to this one.
+        """Return what takes a vector from the level frame of a vehicle to this one.
 
         Args:    latitude_deg, longitude_deg: of the vehicle, (n,).
         Returns: (n, 3, 3).

@@ -138,7 +138,7 @@ def _whitened(factor: Array, rows: Array) -> Array:
 
 
 def _whitened_extended(factor: Array, rows: Extended) -> Extended:
-    """The same in twice the precision: one row after the other, from the top."""
+    """Return the same in twice the precision: one row after the other, from the top."""
     if factor.ndim == 1:
         return rows / Extended.of(factor[:, None])
     lower, done = Extended.of(factor), rows[:1] / Extended.of(factor[:1, :1])

@@ -175,7 +175,7 @@ class Strapdown:
         np.add.reduce(self._cube, axis=1, out=self.C)
 
     def _across(self, matrix: Array, out: Array) -> Array:
-        """Rows of ``matrix`` times the rotation vector."""
+        """Return rows of ``matrix`` times the rotation vector."""
         rows, phi = self._rows, self._phi
         rows[:, :3] = matrix
         rows[:, 3:] = matrix[:, :2]

@@ -33,6 +33,6 @@ def gradient(latitude_deg: float) -> Array:
 
 
 def earth_rate(latitude_deg: float) -> Array:
-    """Rate of the Earth in t, (3,), rad/s."""
+    """Return rate of the Earth in t, (3,), rad/s."""
     angle = np.deg2rad(latitude_deg)
     return EARTH_RATE_rad_s * np.array([np.cos(angle), 0.0, -np.sin(angle)])

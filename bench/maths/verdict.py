@@ -15,7 +15,7 @@ _NORMAL_95 = 1.959963984540054  # two-sided; known without scipy, which takes lo
 
 @cache
 def coverage_factor(dof: float = math.inf, probability: float = 0.95) -> float:
-    """Two-sided coverage factor: Student's t for ``dof`` degrees of freedom, the normal one for infinity.
+    """Return two-sided coverage factor: Student's t for ``dof`` degrees of freedom, the normal one for infinity.
 
     Args:    dof: degrees of freedom, not necessarily whole.   probability: of the interval.
     Returns: coverage factor.

@@ -18,7 +18,7 @@ VIRTUAL_START_UTC_NS = 946_684_800 * NS  # 2000-01-01T00:00:00Z
 
 
 def to_ns(seconds: float) -> int:
-    """Seconds to whole nanoseconds, rounded to the nearest."""
+    """Return seconds to whole nanoseconds, rounded to the nearest."""
     return round(seconds * NS)
 
 
@@ -38,7 +38,7 @@ class Clock(Protocol):
         """Monotonic time, nanoseconds from an arbitrary origin (0 at the start of a virtual run)."""
 
     def utc_ns(self) -> int:
-        """UTC, nanoseconds since 1970-01-01."""
+        """Return UTC, nanoseconds since 1970-01-01."""
 
     def sleep_until_ns(self, t_mono_ns: int) -> None:
         """Return at or after ``t_mono_ns``; callbacks that fall due are run on the way."""

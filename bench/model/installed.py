@@ -44,7 +44,7 @@ class Offer:
 
 @cache
 def offers(kind: Kind) -> Mapping[str, Offer]:
-    """All offers of one kind, sorted by name.
+    """Return all offers of one kind, sorted by name.
 
     Raises: InstallationError B-PKG-001 if two distributions offer one name, B-PKG-002 if the bench itself offers none.
     """

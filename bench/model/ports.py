@@ -72,7 +72,7 @@ def action(
 
 
 def actions_of(driver: type) -> dict[str, Action]:
-    """All actions a driver class declares, by name."""
+    """Return all actions a driver class declares, by name."""
     found: dict[str, Action] = {}
     for name in dir(driver):
         declaration = getattr(getattr(driver, name, None), _DECLARATION, None)

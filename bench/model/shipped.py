@@ -16,18 +16,18 @@ _PACKAGE = Path(__file__).resolve().parent.parent
 
 
 def shipped_folder(kind: Kind) -> Path:
-    """The folder of shipped files: inside the installed package, or at the top of a checkout."""
+    """Return the folder of shipped files: inside the installed package, or at the top of a checkout."""
     installed = _PACKAGE / "shipped" / kind
     return installed if installed.is_dir() else _PACKAGE.parent / kind
 
 
 def shipped_names(kind: Kind) -> list[str]:
-    """Names of the shipped files of a kind, sorted, without ``.yaml``."""
+    """Return names of the shipped files of a kind, sorted, without ``.yaml``."""
     return sorted(path.stem for path in shipped_folder(kind).glob("*.yaml"))
 
 
 def find_shipped(kind: Kind, name_or_path: str | Path) -> Path:
-    """The file meant by a path, or by the plain name of a shipped file with or without ``.yaml``.
+    """Return the file meant by a path, or by the plain name of a shipped file with or without ``.yaml``.
 
     Raises: InputError B-SHIP-001 if there is neither; a name never leaves the shipped folder.
     """

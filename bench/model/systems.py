@@ -15,7 +15,7 @@ from bench.model.yamlio import StrictModel
 
 @cache
 def systems() -> tuple[System, ...]:
-    """All declarations, by name. Raises: InstallationError B-PKG-001, B-PKG-002, B-PKG-004."""
+    """Return all declarations, by name. Raises: InstallationError B-PKG-001, B-PKG-002, B-PKG-004."""
     return tuple(declared for declared, _ in _offered())
 
 
@@ -42,7 +42,7 @@ def _unusable(offer: Offer, why: str) -> InstallationError:
 
 @cache
 def analyses() -> Mapping[str, tuple[AnalysisDeclaration, System, Offer]]:
-    """All analyses by name, each with its system. Raises: InstallationError B-PKG-001 if two have one name."""
+    """Return all analyses by name, each with its system. Raises: InstallationError B-PKG-001 if two have one name."""
     found: dict[str, tuple[AnalysisDeclaration, System, Offer]] = {}
     for system, offer in _offered():
         for analysis in system.analyses:

@@ -142,7 +142,7 @@ class _Problem:
 
 
 def _all(problems: list[_Problem]) -> InputErrors:
-    """Every problem once, in order of position, at most MAX_LISTED of them."""
+    """Return every problem once, in order of position, at most MAX_LISTED of them."""
     unique = sorted(set(problems))
     errors = [problem.error() for problem in unique[:MAX_LISTED]]
     if len(unique) > MAX_LISTED:
@@ -314,7 +314,7 @@ def _position(error: yaml.YAMLError, text: str) -> tuple[int, int]:
 
 
 def _plain(text: str) -> Any:
-    """Value of an unquoted scalar by the core rules of YAML 1.2; what is no number is text."""
+    """Return value of an unquoted scalar by the core rules of YAML 1.2; what is no number is text."""
     if text in _CONSTANTS:
         return _CONSTANTS[text]
     if _INT.fullmatch(text):

@@ -41,7 +41,7 @@ def bus_s(step: Step, station: Station) -> float:
 
 
 def with_bus_time(steps: Iterable[Step], station: Station) -> tuple[Step, ...]:
-    """The same steps; ``bus_s`` of each settle step is the bus time of the calls that share it, second."""
+    """Return the same steps; ``bus_s`` of each settle step is the bus time of the calls that share it, second."""
     done: list[Step] = []
     total_s = 0.0
     for step in steps:

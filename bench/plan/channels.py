@@ -19,7 +19,7 @@ _RANGE = re.compile(r"(\d{1,4})\s*-\s*(\d{1,4})")
 
 
 def channel_numbers(raw: int | str | list[int | str]) -> list[int]:
-    """Numbers meant by ``3``, ``"1-6"`` or a list of both. Raises ValueError."""
+    """Return numbers meant by ``3``, ``"1-6"`` or a list of both. Raises ValueError."""
     if isinstance(raw, list):
         return [number for item in raw for number in channel_numbers(item)]
     match = _RANGE.fullmatch(raw) if isinstance(raw, str) else None
@@ -32,7 +32,7 @@ def channel_numbers(raw: int | str | list[int | str]) -> list[int]:
 
 
 def declared_channels(document: Document[Sequence], findings: Findings) -> dict[int, Channel]:
-    """All channels of a sequence by number; mistakes go to ``findings`` (B-PLAN-020, -021, -022)."""
+    """Return all channels of a sequence by number; mistakes go to ``findings`` (B-PLAN-020, -021, -022)."""
     channels: dict[int, Channel] = {}
     for index, group in enumerate(document.model.channels):
         where = document.where(("channels", index, "numbers"))

@@ -68,7 +68,7 @@ class _Compiler:
     findings: Findings
 
     def plan(self) -> Plan:
-        """The plan. A draft with mistakes is checked as far as that can be done, so that all come at once."""
+        """Return the plan. A draft with mistakes is checked as far as that can be done, so that all come at once."""
         document, findings = self.document, self.findings
         frames = self._frames()
         check_declared(document, findings)

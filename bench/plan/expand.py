@@ -164,13 +164,13 @@ class Expander:
 
 
 def counts_pulses(definition: FrameDefinition) -> bool:
-    """Whether a message of these frames holds what the pulses of a record are timed by."""
+    """Return whether a message of these frames holds what the pulses of a record are timed by."""
     messages = definition.layout.messages
     return any({item.name for item in one.fields if item.per == "frame"}.issuperset(TIMED) for one in messages)
 
 
 def has_samples(definition: FrameDefinition) -> bool:
-    """Whether a message of these frames holds samples."""
+    """Return whether a message of these frames holds samples."""
     return any(item.per == "sample" for one in definition.layout.messages for item in one.fields)
 
 

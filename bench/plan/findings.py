@@ -38,7 +38,7 @@ class Findings:
         return bool(self._found)
 
     def all(self) -> list[InputError]:
-        """Every mistake by file and position."""
+        """Return every mistake by file and position."""
         unique = {(error.code, error.where, error.message): error for error in self._found.values()}
         return sorted(unique.values(), key=lambda error: _position(error.where))
 

@@ -38,7 +38,7 @@ def plan_rules(
 
 
 def _is_told(rule: InterlockRule, links: Collection[str]) -> bool:
-    """Whether something will tell the signal of a rule: an instrument, or one of the sequence's links."""
+    """Return whether something will tell the signal of a rule: an instrument, or one of the sequence's links."""
     if SIGNALS[rule.signal].of == "link":
         return rule.of in links
     return bool(links) or rule.signal not in OF_UNIT

@@ -264,7 +264,7 @@ def prompt(plan: Expander, step: Prompt, path: Path, scope: Scope) -> None:
 
 
 def _filled(plan: Expander, text: str, scope: Scope, path: Path) -> str:
-    """A text for a person with its variables written out; nobody is shown a brace (B-PLAN-030)."""
+    """Return a text for a person with its variables written out; nobody is shown a brace (B-PLAN-030)."""
     if left := re.search(r"\{[^{}]*\}?|\}", REFERENCE.sub("", text)):
         plan.fail("B-PLAN-030", path, f"{left[0]!r} in the text is no variable", "write {name}, in lower case")
 

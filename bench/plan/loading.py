@@ -19,7 +19,7 @@ _T = TypeVar("_T")
 
 
 def load_both(source: Path, station: Station | None) -> tuple[Document[Sequence], Station]:
-    """The sequence, and the station given or else the one it names.
+    """Return the sequence, and the station given or else the one it names.
 
     Raises: InputErrors with the mistakes of both files; if one of them cannot be compiled, the names in it are still
     looked at.

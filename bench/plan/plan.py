@@ -136,12 +136,12 @@ class Plan:
         return self.station.name
 
     def phase(self, phase: Phase) -> tuple[Step, ...]:
-        """Steps of one phase, in order."""
+        """Return steps of one phase, in order."""
         return tuple(step for step in self.steps if step.phase == phase)
 
 
 def steps_sha256(steps: Iterable[Step]) -> str:
-    """Hash of a step list: SHA-256 of its canonical JSON, positions in the YAML left out."""
+    """Return hash of a step list: SHA-256 of its canonical JSON, positions in the YAML left out."""
     digest = hashlib.sha256()
     encode = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=False).encode
     for step in steps:

@@ -300,7 +300,7 @@ class Station:
         }
 
     def standards(self) -> dict[str, dict[str, Any]]:
-        """The standards register for the session's manifest, by role, in SI base units."""
+        """Return the standards register for the session's manifest, by role, in SI base units."""
         of_instruments = {
             role: _standard(entry.driver, entry.standard)
             for role, entry in self.instruments.items()
@@ -349,7 +349,7 @@ def load_station(path: Path) -> Station:
 
 
 def wrong_option(name: str, text: str) -> str:
-    """What is due if an option of a simulated world cannot have this value, else "".
+    """Return what is due if an option of a simulated world cannot have this value, else "".
 
     As everywhere a name with the suffix of a unit is a number; every other option is on or off.
     """

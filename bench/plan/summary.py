@@ -124,7 +124,7 @@ def _afterwards(plan: Plan) -> list[str]:
 
 
 def _left_on(plan: Plan) -> list[str]:
-    """What still holds energy after the last step, before every instrument is made safe."""
+    """Return what still holds energy after the last step, before every instrument is made safe."""
     state = BenchState(plan, plan.station, Findings())
     for step in plan.steps:
         state.take(step, Judged(_action(plan, step), step.arguments if isinstance(step, PlannedCall) else {}))

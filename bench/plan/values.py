@@ -27,7 +27,7 @@ class Quantity:
 
 
 def traced(value: Any, origin: str) -> Any:
-    """The same value; a quantity that does not know yet where it was written remembers it."""
+    """Return the same value; a quantity that does not know yet where it was written remembers it."""
     return replace(value, origin=origin) if isinstance(value, Quantity) and not value.origin else value
 
 
@@ -41,7 +41,7 @@ class Channel:
     group: int
 
     def attribute(self, name: str) -> Any:
-        """Value of ``{channel.name}``; KeyError if there is none."""
+        """Return value of ``{channel.name}``; KeyError if there is none."""
         return {"number": self.number, "kind": self.kind, "levels": self.levels}[name]
 
 
@@ -51,7 +51,7 @@ class UnknownVariable(Exception):
 
 @lru_cache(maxsize=4096)
 def read_text(text: str) -> Any:
-    """What a written-out text is: a Quantity, a sign (``+`` and ``-``), a Reference, or the text itself."""
+    """Return what a written-out text is: a Quantity, a sign (``+`` and ``-``), a Reference, or the text itself."""
     reference = as_reference(text)
     if reference is not None:
         return reference
@@ -70,7 +70,7 @@ class Scope:
         self._role_attribute = role_attribute
 
     def extended(self, more: Mapping[str, Any], context: Mapping[str, Any] | None = None) -> Scope:
-        """A scope with more variables; ``context`` adds to what identifies the position in the loops."""
+        """Return a scope with more variables; ``context`` adds to what identifies the position in the loops."""
         merged = self.context if context is None else {**self.context, **context}
         return Scope({**self.variables, **more}, self._role_attribute, merged)
 
@@ -99,7 +99,7 @@ class Scope:
 
 
 def plain(value: Any) -> Any:
-    """A resolved value as a JSON value: quantities in base units, channels by number."""
+    """Return a resolved value as a JSON value: quantities in base units, channels by number."""
     if isinstance(value, Quantity):
         return value.value
     if isinstance(value, Channel):
@@ -108,6 +108,6 @@ def plain(value: Any) -> Any:
 
 
 def named(name: str, value: Any) -> str:
-    """Name of a condition with the suffix of its unit: ``("current", 1 mA)`` is ``current_A``."""
+    """Return name of a condition with the suffix of its unit: ``("current", 1 mA)`` is ``current_A``."""
     suffix = SUFFIX[value.dimension] if isinstance(value, Quantity) else ""
     return f"{name}_{suffix}" if suffix else name

@@ -67,7 +67,7 @@ class SegmentChunks:
         return cls(path)
 
     def messages(self, places: Collection[ChunkPlace], topics: frozenset[str]) -> Iterator[Message]:
-        """Messages of some topics in some of the chunks, in order."""
+        """Yield messages of some topics in some of the chunks, in order."""
         if self._content:
             self._learn(topics)
         walk = Walk(topics)
@@ -80,7 +80,7 @@ class SegmentChunks:
                 yield from walk.chunks(self._path.name, content, summary, [0])
 
     def _finished(self) -> tuple[dict[int, str], list[ChunkPlace]] | None:
-        """Channels and chunks as the summary lists them; None if there is none or it does not list them."""
+        """Return channels and chunks as the summary lists them; None if there is none or it does not list them."""
         size = self._path.stat().st_size
         if size < _TAIL + len(mcap.MAGIC):
             return None

@@ -108,7 +108,7 @@ class RecordCutter:
         raise KeyError(f"record {number} is not open")
 
     def close_all(self) -> list[RecordRow]:
-        """Rows of all windows, complete or not: nothing will follow."""
+        """Return rows of all windows, complete or not: nothing will follow."""
         rows = [item.row() for item in self._open]
         self._open = []
         return rows

@@ -27,10 +27,10 @@ class Files(Protocol):
     """Where segments and journals are created."""
 
     def create(self, path: Path) -> AppendFile:
-        """A new, empty file; an existing one is an error. Raises OSError."""
+        """Return a new, empty file; an existing one is an error. Raises OSError."""
 
     def append(self, path: Path) -> AppendFile:
-        """An existing or new file, positioned at its end. Raises OSError."""
+        """Return an existing or new file, positioned at its end. Raises OSError."""
 
     def remove(self, path: Path) -> None:
         """Remove a file if it is there."""

@@ -23,7 +23,7 @@ EDGE_COUNTS = 2
 
 
 def implausible(pieces: Sequence[Columns]) -> NDArray[np.bool_] | None:
-    """Which frames of a record cannot be true; None if all can.
+    """Return which frames of a record cannot be true; None if all can.
 
     Args: pieces: consecutive parts of the record, each with its count fields by name, (n,) or (n, channels).
     Returns: (frames,) bool over all parts in order, or None. Fields a frame format does not have are not judged.

@@ -146,7 +146,7 @@ def _locked(path: Path) -> int:
 
 
 def is_being_written(folder: Path) -> bool:
-    """Whether a living process has the journal of a session open."""
+    """Return whether a living process has the journal of a session open."""
     path = folder / JOURNAL_NAME
     if not path.is_file():
         return False

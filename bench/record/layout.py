@@ -43,14 +43,14 @@ class Message(NamedTuple):
     payload: bytes
 
     def document(self) -> Any:
-        """The payload as JSON. Raises: SessionDamaged B-REC-014 if it is none."""
+        """Return the payload as JSON. Raises: SessionDamaged B-REC-014 if it is none."""
         try:
             return json.loads(self.payload)
         except ValueError as error:
             raise self._not_as_documented(str(error)) from error
 
     def text(self) -> str:
-        """The payload as text. Raises: SessionDamaged B-REC-014 if it is not UTF-8."""
+        """Return the payload as text. Raises: SessionDamaged B-REC-014 if it is not UTF-8."""
         try:
             return self.payload.decode()
         except ValueError as error:
@@ -78,17 +78,17 @@ def segment_name(number: int) -> str:
 
 
 def is_bench_topic(topic: str) -> bool:
-    """True if the topic belongs to the layout; other topics of a file are ignored."""
+    """Return True if the topic belongs to the layout; other topics of a file are ignored."""
     return topic in _EXACT or topic.startswith(_PREFIXES)
 
 
 def matches(topic: str, selection: frozenset[str]) -> bool:
-    """True if ``topic`` is selected; a selected name that ends in "/" stands for all topics below it."""
+    """Return True if ``topic`` is selected; a selected name that ends in "/" stands for all topics below it."""
     return topic in selection or any(topic.startswith(name) for name in selection if name.endswith("/"))
 
 
 def payload_kind(topic: str) -> str:
-    """What a payload is: ``raw`` bytes, ``text`` (UTF-8) or ``json`` (canonical JSON)."""
+    """Return what a payload is: ``raw`` bytes, ``text`` (UTF-8) or ``json`` (canonical JSON)."""
     if topic.startswith(LINK):
         return "raw"
     return "text" if topic.startswith(TEXT) else "json"
@@ -131,7 +131,7 @@ _ENCODER = json.JSONEncoder(
 
 
 def canonical_json(value: Any) -> bytes:
-    """JSON with sorted keys, no blanks, UTF-8; numbers that are not finite become null."""
+    """Return JSON with sorted keys, no blanks, UTF-8; numbers that are not finite become null."""
     try:
         return _ENCODER.encode(value).encode()
     except (ValueError, TypeError):

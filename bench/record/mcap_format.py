@@ -28,18 +28,18 @@ FOOTER_RECORD = struct.Struct("<BQQQI")
 
 
 def record(opcode: int, content: bytes) -> bytes:
-    """A complete record."""
+    """Return a complete record."""
     return RECORD.pack(opcode, len(content)) + content
 
 
 def text(value: str) -> bytes:
-    """A length-prefixed UTF-8 string."""
+    """Return a length-prefixed UTF-8 string."""
     raw = value.encode()
     return len(raw).to_bytes(4, "little") + raw
 
 
 def text_map(values: Mapping[str, str]) -> bytes:
-    """A length-prefixed map of strings, sorted by key."""
+    """Return a length-prefixed map of strings, sorted by key."""
     raw = b"".join(text(key) + text(values[key]) for key in sorted(values))
     return len(raw).to_bytes(4, "little") + raw
 
@@ -50,7 +50,7 @@ def header(profile: str, library: str) -> bytes:
 
 
 def channel(number: int, topic: str, encoding: str, metadata: Mapping[str, str]) -> bytes:
-    """Channel record without a schema (schema 0)."""
+    """Return channel record without a schema (schema 0)."""
     content = struct.pack("<HH", number, 0) + text(topic) + text(encoding) + text_map(metadata)
     return record(CHANNEL, content)
 
@@ -64,7 +64,7 @@ def chunk(start_ns: int, end_ns: int, size: int, crc: int, compression: str, pac
 
 
 def message_index(number: int, entries: list[int]) -> bytes:
-    """Message index of one channel in one chunk; ``entries`` is log time, offset, log time, offset ..."""
+    """Return message index of one channel in one chunk; ``entries`` is log time, offset, log time, offset ..."""
     count = len(entries)
     return struct.pack(f"<BQHI{count}Q", MESSAGE_INDEX, 6 + 8 * count, number, 8 * count, *entries)
 

@@ -47,7 +47,7 @@ class SessionReader:
         self._walk = walk
 
     def select(self, topics: frozenset[str]) -> Iterator[Message]:
-        """Messages of a few topics, through the chunk indexes: fast, and nothing else is read or verified."""
+        """Yield messages of a few topics, through the chunk indexes: fast, and nothing else is read or verified."""
         walk = Walk(topics)
         for path in self.segments:
             content = path.read_bytes()
@@ -61,7 +61,7 @@ class SessionReader:
                 yield from walk.chunks(path.name, content, summary, offsets)
 
     def events(self, kind: str | None = None) -> Iterator[tuple[str, int, dict[str, Any]]]:
-        """Events (kind, t_mono_ns, fields) in order, all or of one kind."""
+        """Yield events (kind, t_mono_ns, fields) in order, all or of one kind."""
         for message in self.select(frozenset({layout.EVENT})):
             found, fields = message.event()
             if kind is None or found == kind:

@@ -49,7 +49,7 @@ class Survey:
         return sum(item.lost or 0 for item in self.damage)
 
     def as_json(self) -> dict[str, Any]:
-        """The survey as JSON values."""
+        """Return the survey as JSON values."""
         return {
             "session": self.folder, "damaged": self.damaged, "segments": list(self.segments),
             "unfinished": list(self.unfinished), "messages": self.counts, "lost": self.lost,
@@ -59,7 +59,7 @@ class Survey:
         }  # fmt: skip
 
     def lines(self) -> list[str]:
-        """The survey for a person."""
+        """Return the survey for a person."""
         total = sum(self.counts.values())
         said = [
             f"{self.folder}: {len(self.segments)} segments, {total} good messages over {self.span_s:.0f} s, "

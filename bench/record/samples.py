@@ -41,7 +41,7 @@ class Samples:
         return self.scales[name][2]
 
     def until(self, last_ns: int) -> Samples:
-        """Those received up to ``last_ns``."""
+        """Return those received up to ``last_ns``."""
         stop = int(np.searchsorted(self.t_ns, last_ns, side="right"))
         columns = {name: column[:stop] for name, column in self.columns.items()}
         return Samples(columns, self.counter[:stop], self.t_ns[:stop], self.scales)
@@ -74,7 +74,7 @@ class SampleKeeper:
         self._pieces.append((counter.copy(), t_ns.copy(), {name: columns[name].copy() for name in self._scales}))
 
     def samples(self) -> Samples:
-        """Everything taken so far."""
+        """Return everything taken so far."""
         return Samples(
             {name: _joined([piece[2][name] for piece in self._pieces]) for name in self._scales},
             _joined([piece[0] for piece in self._pieces]).astype(np.int64),
@@ -105,7 +105,7 @@ class BesideKeeper:
             self._highest[link] = int(frames.counter[rows[-1]])
 
     def samples(self, last_ns: int) -> dict[str, Samples]:
-        """Everything received up to ``last_ns``, by link; a link that sent nothing is left out."""
+        """Return everything received up to ``last_ns``, by link; a link that sent nothing is left out."""
         kept = {link: keeper.samples().until(last_ns) for link, keeper in self._keepers.items()}
         return {link: samples for link, samples in kept.items() if len(samples)}
 

@@ -64,7 +64,7 @@ class SegmentScan:
     data_stop: int = 0
 
     def spans(self) -> Iterator[Span]:
-        """Every readable chunk in file order; a message outside a chunk is a span of its own (not proved)."""
+        """Yield every readable chunk in file order; a message outside a chunk is a span of its own (not proved)."""
         view = memoryview(self.content)
         if view[: len(mcap.MAGIC)] != mcap.MAGIC and len(view) > 0:
             self._report(0, "is not an MCAP file: wrong magic")

@@ -25,7 +25,7 @@ class Channel:
 
     @classmethod
     def make(cls, number: int, topic: str) -> Channel:
-        """Channel ``number`` for ``topic``; the record says what its payload is."""
+        """Return channel ``number`` for ``topic``; the record says what its payload is."""
         record = mcap_format.channel(number, topic, layout.ENCODING, {"payload": layout.payload_kind(topic)})
         return cls(number, topic, layout.topic_seed(topic), record)
 

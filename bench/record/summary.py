@@ -23,7 +23,7 @@ class Summary:
 
 
 def channel_of(content: bytes) -> tuple[int, str]:
-    """Number and topic of a channel record's content. Raises ValueError if it is damaged."""
+    """Return number and topic of a channel record's content. Raises ValueError if it is damaged."""
     if len(content) < 8:
         raise ValueError("channel record is too short")
     number, _, size = struct.unpack_from("<HHI", content)
@@ -59,7 +59,7 @@ def read_summary(content: bytes, at_byte: int = 0) -> Summary | None:
 
 
 def chunks_with(content: bytes, summary: Summary, numbers: frozenset[int]) -> list[int] | None:
-    """Offsets of the chunks that hold messages of any of these channels; None if the file does not say."""
+    """Return offsets of the chunks that hold messages of any of these channels; None if the file does not say."""
     offsets = []
     indexed = False
     for opcode, begin, _ in _records(content, summary.start, summary.stop):

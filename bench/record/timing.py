@@ -43,7 +43,7 @@ def _moments(counts: NDArray[Any]) -> dict[str, NDArray[np.int64]]:
 
 
 def _ends(counts: NDArray[Any], first_counter: int) -> dict[str, NDArray[np.int64]]:
-    """First and last frame with a pulse, by channel."""
+    """Return first and last frame with a pulse, by channel."""
     channels = np.ascontiguousarray(counts.T)
     pulsed = channels != 0
     first, last = pulsed.argmax(axis=1), len(counts) - 1 - pulsed[:, ::-1].argmax(axis=1)

@@ -66,7 +66,7 @@ class _Level:
         return int(read_rows(self._path, self._source, rows - 1).start_s[-1]) if rows else None
 
     def since(self, start_s: int) -> TrendRows:
-        """Rows of the file from a time on."""
+        """Return rows of the file from a time on."""
         rows = read_rows(self._path, self._source)
         return rows.cut(int(np.searchsorted(rows.start_s, start_s)))
 
@@ -86,7 +86,7 @@ class _Level:
             self.above.end()
 
     def take(self) -> bytes:
-        """What waits to be written; it is the caller's now."""
+        """Return what waits to be written; it is the caller's now."""
         block = b"".join(self._pending)
         self._pending.clear()
         return block
@@ -160,7 +160,7 @@ class TrendWriter:
             self._waiting[source].append(rows)
 
     def take(self) -> list[tuple[_Level, bytes]]:
-        """What is complete, for ``hand_over``; quick, unlike that."""
+        """Return what is complete, for ``hand_over``; quick, unlike that."""
         self._feed()
         return [(level, block) for levels in self._levels.values() for level in levels if (block := level.take())]
 

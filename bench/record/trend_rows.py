@@ -26,7 +26,7 @@ class TrendRows:
         return len(self.start_s)
 
     def merged(self, period_s: int) -> TrendRows:
-        """One row for each bucket of a longer period."""
+        """Return one row for each bucket of a longer period."""
         if not len(self):
             return self
         start_s = np.maximum.accumulate(self.start_s // period_s * period_s)
@@ -43,21 +43,21 @@ class TrendRows:
 
 
 def concatenated(parts: Sequence[TrendRows]) -> TrendRows:
-    """Rows of several parts, one behind the other; at least one is needed."""
+    """Return rows of several parts, one behind the other; at least one is needed."""
     if len(parts) == 1:
         return parts[0]
     return TrendRows(*(np.concatenate([getattr(one, key) for one in parts]) for key in ("start_s", "low", "high")))
 
 
 def _changes(values: NDArray[np.int64]) -> NDArray[np.intp]:
-    """Where a value differs from the one before it; 0 is always among them."""
+    """Return where a value differs from the one before it; 0 is always among them."""
     first = np.flatnonzero(values[1:] != values[:-1])
     first += 1
     return np.concatenate((np.zeros(1, np.intp), first))
 
 
 def spread_ns(stamps_ns: NDArray[np.int64], period_ns: int, before_ns: int) -> NDArray[np.int64]:
-    """Times of frames from the receive stamps of the chunks they came in, (n,) ns.
+    """Return times of frames from the receive stamps of the chunks they came in, (n,) ns.
 
     Frames of one chunk carry one stamp; they are laid back from it by the frame period, or closer where they would
     come before the chunk in front of it. Times never fall.

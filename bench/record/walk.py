@@ -54,7 +54,7 @@ class Walk:
         return {number: topic.name for number, topic in sorted(self._channels.items())}
 
     def segment(self, name: str, content: bytes) -> Iterator[Message]:
-        """All good and wanted messages of the next segment; verifies what can be verified."""
+        """Yield all good and wanted messages of the next segment; verifies what can be verified."""
         scan = self._begin(name, content, read_summary(content))
         for span in scan.spans():
             yield from self._messages(span)

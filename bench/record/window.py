@@ -25,7 +25,7 @@ _LATE_NS = 10 * NS  # how much later than due the last frame of a record may com
 
 
 def beside_keeper(window: RecordWindow, chained: bool) -> BesideKeeper:
-    """What keeps the samples of other links for a record; ``chained``: it follows another one without a gap."""
+    """Return what keeps the samples of other links for a record; ``chained``: it follows another one without a gap."""
     begin_ns = window.t_start_ns - (OVERLAP_NS if chained else 0)
     return BesideKeeper(begin_ns - 1, window.t_end_ns + _LATE_NS)
 

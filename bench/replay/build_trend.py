@@ -102,7 +102,7 @@ class _Building:
 
 
 def _first_look(reader: SessionReader) -> tuple[list[_Begin], list[Event]]:
-    """Where the parts of a session begin, and its events with the part they belong to."""
+    """Return where the parts of a session begin, and its events with the part they belong to."""
     begins: list[_Begin] = [_Begin()]
     events: list[Event] = []
     for message in reader.select(frozenset({layout.EVENT, layout.CLOCK})):

@@ -22,7 +22,7 @@ class Difference:
 
 
 def compare(first: Any, second: Any, path: str = "") -> list[Difference]:
-    """Every difference between two JSON documents (mappings, lists, numbers, texts), in order.
+    """Return every difference between two JSON documents (mappings, lists, numbers, texts), in order.
 
     Numbers are equal only if every bit is: 1 and 1.0 differ, 0.0 and -0.0 differ, NaN equals NaN.
     """

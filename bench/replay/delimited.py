@@ -40,7 +40,7 @@ class LogCounts:
     bad: list[tuple[int, str]] = field(default_factory=list)
 
     def sentences(self) -> list[str]:
-        """What a reader of the results must know about rows that do not count."""
+        """Return what a reader of the results must know about rows that do not count."""
         found = []
         if self.overload_rows:
             where = ", ".join(f"{name} {count}" for name, count in self.overloads.items())
@@ -51,7 +51,7 @@ class LogCounts:
 
 
 def listed(bad: Sequence[tuple[int, str]]) -> str:
-    """The first bad rows with their line numbers."""
+    """Return the first bad rows with their line numbers."""
     return "; ".join(f"line {line}: {why}" for line, why in bad)
 
 
@@ -75,7 +75,7 @@ class LogParser:
             self._take_header(self._form.names)
 
     def row(self, raw: bytes) -> LogRow | None:
-        """The next line of the file; None if it is no row (comment, blank, header) or a bad one.
+        """Return the next line of the file; None if it is no row (comment, blank, header) or a bad one.
 
         Raises: InputError B-IMP-002 (not text), B-IMP-003 (a column is missing), B-IMP-006 (time goes back).
         """

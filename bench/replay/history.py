@@ -17,7 +17,7 @@ STALE_S = 600.0  # a trend made of a session that is still written is made again
 def history(
     folder: Path, names: Sequence[str], t0_utc_s: float, t1_utc_s: float, n: int, cache: Path | None = None
 ) -> TrendWindow:
-    """Points of some signals in a window.
+    """Return points of some signals in a window.
 
     Args:   n: points a figure has room for.   cache: where the trend is made of a session that has none; this takes
             a while, so not in a process that people wait for.
@@ -40,7 +40,7 @@ def trend_place(folder: Path, cache: Path | None = None) -> Path | None:
 
 
 def needs_build(folder: Path, trend: Path) -> bool:
-    """Whether a trend outside its session is not there, or older than the session."""
+    """Return whether a trend outside its session is not there, or older than the session."""
     if trend == folder:
         return False
     if read_head(trend / FOLDER) is None:

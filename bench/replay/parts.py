@@ -64,7 +64,7 @@ class Splice:
 
 
 def time_shifts_ns(parts: Sequence[Part]) -> list[int]:
-    """What is added to the times of each part, ns; 0 for the first, and for one on the same running clock."""
+    """Return what is added to the times of each part, ns; 0 for the first, and for one on the same running clock."""
     shifts = [0]
     for before, part in pairwise(parts):
         first_ns = before.last_ns if part.first_ns is None else part.first_ns

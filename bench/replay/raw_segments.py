@@ -76,7 +76,7 @@ def _begin_of(path: Path, file: int) -> tuple[int, bool]:
 
 
 def _offset_ns(path: Path) -> int:
-    """UTC minus monotonic time by the first clock pair of a segment; 0 if it has none near its begin."""
+    """Return UTC minus monotonic time by the first clock pair of a segment; 0 if it has none near its begin."""
     chunks = SegmentChunks(path)
     for message in chunks.messages(list(islice(chunks.places, _LOOKED_AT)), frozenset({layout.CLOCK})):
         pair = message.document()

@@ -36,7 +36,7 @@ Pieces = dict[tuple[str, str], list[TrendRows]]  # by link and message; times in
 def raw_window(
     folder: Path, names: Sequence[str], t0_utc_s: float, t1_utc_s: float, trend: Path | None = None
 ) -> TrendWindow:
-    """Every reading of some signals in a window; ``bucket_s`` is 0, least and greatest value are the same.
+    """Return every reading of some signals in a window; ``bucket_s`` is 0, least and greatest value are the same.
 
     Receive stamps are those of a chunk of bytes: frames of one stamp are laid back from it by the frame period, so
     that a curve is a curve. A row of NaN stands where the counter misses frames. Temperatures of the bench, which are
@@ -82,7 +82,7 @@ def _decode(stretch: Stretch, frames: Mapping[str, FrameDefinition], signals: Se
 
 
 def _with_gaps(batch: MessageBatch, t_ns: NDArray[np.int64], values: NDArray[np.float64]) -> TrendRows:
-    """Readings as rows; one of NaN in front of each frame before which the counter misses some."""
+    """Return readings as rows; one of NaN in front of each frame before which the counter misses some."""
     missing = np.empty(0, np.intp)
     if batch.counter is not None and batch.message.counter is not None:
         missing = np.flatnonzero(np.diff(batch.counter) > 1) + 1

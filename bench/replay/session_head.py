@@ -22,7 +22,7 @@ def session_frames(folder: Path) -> Mapping[str, FrameDefinition]:
 
 
 def _first_file(folder: Path) -> int:
-    """Number of the first segment's file: another one at the same place is another session."""
+    """Return number of the first segment's file: another one at the same place is another session."""
     return SessionReader(folder).segments[0].stat().st_ino
 
 

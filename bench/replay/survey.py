@@ -50,7 +50,7 @@ def survey(path: Path, mapping: LogMapping) -> Survey:
 
 
 def file_lines(path: Path, size: int | None = None) -> Iterator[bytes]:
-    """Lines of a file, or of its first ``size`` bytes: a log may grow while it is read. Raises B-IMP-001."""
+    """Yield lines of a file, or of its first ``size`` bytes: a log may grow while it is read. Raises B-IMP-001."""
     yield from lines_of(_chunks(path, size))
 
 

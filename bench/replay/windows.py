@@ -53,7 +53,7 @@ def recorded_windows(events: Iterable[Message]) -> list[RecordedWindow]:
 
 
 def _follows(window: RecordWindow, part: int, before: RecordedWindow | None) -> bool:
-    """Whether a record begins with the frame behind the one before it."""
+    """Return whether a record begins with the frame behind the one before it."""
     if before is None or not window.link or (before.part, before.window.link) != (part, window.link):
         return False
     return before.window.first_counter + before.window.frames == window.first_counter

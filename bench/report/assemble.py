@@ -112,7 +112,7 @@ def _prepare_s(steps: Sequence[Step]) -> float:
 
 
 def _residual(item: Mapping[str, Any]) -> Residual | None:
-    """One residual in ppm of its level; rows at zero current have none."""
+    """Return one residual in ppm of its level; rows at zero current have none."""
     current_A = float(item.get("current_A", 0.0))
     ppm = item.get("residual_ppm")
     if ppm is None and current_A and item.get("residual_A") is not None:

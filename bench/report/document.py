@@ -19,7 +19,7 @@ class Report:
         self.sections = sections_of(model, self._words)
 
     def html(self) -> str:
-        """One self-contained page; the same model gives the same bytes."""
+        """Return one self-contained page; the same model gives the same bytes."""
         return html_page(self._model, self.sections, self._words)
 
     def pdf(self) -> bytes:
@@ -27,5 +27,5 @@ class Report:
         return pdf_pages(self._model, self.sections, self._words)
 
     def pages(self, dots_per_inch: float = 100.0) -> list[bytes]:
-        """The pages of the PDF as PNG pictures. Raises: InputError B-REP-001."""
+        """Return the pages of the PDF as PNG pictures. Raises: InputError B-REP-001."""
         return png_pages(self._model, self.sections, self._words, dots_per_inch)

@@ -21,7 +21,7 @@ Row = Mapping[str, Any]
 
 
 def scale_factor_tables(model: ReportModel, words: Texts) -> list[Table]:
-    """One table per kind of sensor: errors in ppm, and at full scale in nA and in the sensor's unit."""
+    """Return one table per kind of sensor: errors in ppm, and at full scale in nA and in the sensor's unit."""
     by_number = {entry["number"]: entry for entry in model.campaign.get("channels", ())}
     kinds = dict.fromkeys(row["conditions"].get("kind", "") for row in model.estimates("dsf_n"))
     return [table for kind in kinds if (table := _scale_factor_table(model, words, str(kind), by_number)).rows]
@@ -71,7 +71,7 @@ def _at_full_scale(row: Row | None, full_scale: float | None, factor: float) -> 
 
 
 def coefficient_table(model: ReportModel, words: Texts) -> Table | None:
-    """Temperature coefficients, one row per channel and quantity, about the reference temperature."""
+    """Return temperature coefficients, one row per channel and quantity, about the reference temperature."""
     found: dict[tuple[str, str], dict[str, Row]] = {}
     for row in model.results.get("estimates", ()):
         quantity, _, order = row["quantity"].rpartition("_")
@@ -106,7 +106,7 @@ def _add_reference_values(model: ReportModel, found: dict[tuple[str, str], dict[
 
 
 def value_text(row: Row | None, scale: float = 1.0) -> str:
-    """A value with its expanded uncertainty, times ``scale``; a dash for none."""
+    """Return a value with its expanded uncertainty, times ``scale``; a dash for none."""
     if row is None:
         return "–"
     expanded = row.get("expanded_uncertainty")
@@ -142,7 +142,7 @@ def _further(model: ReportModel) -> list[Row]:
 
 
 def _pivots(row: Row) -> bool:
-    """True for a quantity known once by channel and set temperature."""
+    """Return True for a quantity known once by channel and set temperature."""
     return row["conditions"].keys() >= _PIVOT and "repeat" not in row["conditions"]
 
 
@@ -154,7 +154,7 @@ def readable(rows: Sequence[Row]) -> tuple[float, str]:
 
 
 def channel_table(model: ReportModel, words: Texts) -> Table | None:
-    """Quantities known once per channel: channels down, quantities across."""
+    """Return quantities known once per channel: channels down, quantities across."""
     found: dict[str, dict[Any, Row]] = {}
     for row in _further(model):
         if _once_per_channel(row):
@@ -202,13 +202,13 @@ def pivot_of(row: Row) -> str | None:
 
 
 def conditions_text(words: Texts, conditions: Row) -> str:
-    """Conditions in words; the kind of a channel is known from the channel."""
+    """Return conditions in words; the kind of a channel is known from the channel."""
     shown = {name: value for name, value in conditions.items() if name != "kind" or "channel" not in conditions}
     return ", ".join(f"{column(words, name)}: {cell(value)}" for name, value in shown.items())
 
 
 def coverage_table(model: ReportModel, words: Texts) -> Table | None:
-    """What is stated for each quantity: how many values, their standard and expanded uncertainties, and k."""
+    """Return what is stated for each quantity: how many values, their standard and expanded uncertainties, and k."""
     by_quantity: dict[str, list[Row]] = {}
     for row in model.results.get("estimates", ()):
         by_quantity.setdefault(row["quantity"], []).append(row)
@@ -234,7 +234,7 @@ def _span(words: Texts, values: Sequence[float | None], factor: float) -> str:
 
 
 def components_table(model: ReportModel, words: Texts) -> Table | None:
-    """Components with three significant digits: more of an uncertainty says nothing."""
+    """Return components with three significant digits: more of an uncertainty says nothing."""
     rounded = [
         {name: float(f"{value:.3g}") if isinstance(value, float) else value for name, value in one.items()}
         for one in model.components

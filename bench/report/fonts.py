@@ -16,7 +16,7 @@ _FILES = {False: "DejaVuSans.ttf", True: "DejaVuSans-Bold.ttf"}
 
 
 def folder() -> Path:
-    """The folder of the font files."""
+    """Return the folder of the font files."""
     return Path(mpl.get_data_path()) / "fonts" / "ttf"
 
 
@@ -38,7 +38,7 @@ def legible(text: str) -> str:
 
 @cache
 def _advance(character: str, bold: bool) -> float:
-    """How far a character moves the pen, in parts of the size."""
+    """Return how far a character moves the pen, in parts of the size."""
     font = _font(bold)
     code = ord(character if ord(character) in _characters(bold) else "M")
     return float(font.load_char(code, flags=LoadFlags.NO_SCALE).horiAdvance / font.units_per_EM)

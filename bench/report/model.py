@@ -174,5 +174,5 @@ class ReportModel:
         return self.results.get("provenance", {}).get("simulated") is not False
 
     def estimates(self, quantity: str) -> list[Mapping[str, Any]]:
-        """The estimates of one quantity, in the order of results.json."""
+        """Return the estimates of one quantity, in the order of results.json."""
         return [row for row in self.results.get("estimates", ()) if row["quantity"] == quantity]

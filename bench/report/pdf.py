@@ -25,7 +25,7 @@ _NO_DATE = datetime(1980, 1, 1, tzinfo=UTC)
 
 
 def pdf_pages(model: ReportModel, sections: list[Section], words: Texts) -> bytes:
-    """The report as a PDF of A4 pages; no date and no random id enters, the fonts are inside.
+    """Return the report as a PDF of A4 pages; no date and no random id enters, the fonts are inside.
 
     Raises: InputError B-REP-001 if typst, the extra 'pdf', is not installed.
     """
@@ -33,7 +33,7 @@ def pdf_pages(model: ReportModel, sections: list[Section], words: Texts) -> byte
 
 
 def png_pages(model: ReportModel, sections: list[Section], words: Texts, dots_per_inch: float) -> list[bytes]:
-    """The same pages as pictures, for eyes and tests. Raises: InputError B-REP-001."""
+    """Return the same pages as pictures, for eyes and tests. Raises: InputError B-REP-001."""
     found = _typeset(document_files(model, sections, words), "png", dots_per_inch)
     return found if isinstance(found, list) else [found]
 
@@ -58,7 +58,7 @@ def _typst() -> Callable[..., Any]:
 
 
 def document_files(model: ReportModel, sections: list[Section], words: Texts) -> dict[str, bytes]:
-    """The typst document, the content as JSON and every figure as SVG."""
+    """Return the typst document, the content as JSON and every figure as SVG."""
     files = {"main": (TEMPLATES / "report.typ").read_bytes()}
     chapters = [_chapter(section) for section in sections]
     for section in sections:
@@ -69,7 +69,7 @@ def document_files(model: ReportModel, sections: list[Section], words: Texts) ->
 
 
 def _frame(model: ReportModel, words: Texts) -> dict[str, Any]:
-    """What stands on every page and at the head of the first."""
+    """Return what stands on every page and at the head of the first."""
     kind, verdict = overall_verdict(model, words)
     sha256 = str(model.results.get("provenance", {}).get("session_sha256", ""))
     return {

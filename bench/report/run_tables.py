@@ -17,7 +17,7 @@ _COUNTS = ("records", "flagged", "frames", "bad", "lost")
 
 
 def summary_table(model: ReportModel, words: Texts) -> Table | None:
-    """The campaign at a glance."""
+    """Return the campaign at a glance."""
     results, quality = model.results, model.results.get("quality", {})
     uut = results.get("uut", {})
     estimates = results.get("estimates", ())
@@ -67,7 +67,7 @@ def _span(values: Floats) -> tuple[str, ...]:
 
 
 def quality_table(model: ReportModel, words: Texts) -> Table | None:
-    """Records and frames of the session; flagged readings stay recorded."""
+    """Return records and frames of the session; flagged readings stay recorded."""
     counts = model.counts
     quality: Mapping[str, Any] = model.results.get("quality", {})
     lines: dict[str, Any] = {words.all.get(f"quality.{name}", name): value for name, value in quality.items()}
@@ -77,14 +77,14 @@ def quality_table(model: ReportModel, words: Texts) -> Table | None:
 
 
 def channel_quality_table(model: ReportModel, words: Texts) -> Table | None:
-    """Records and frames of each channel, where records belong to one."""
+    """Return records and frames of each channel, where records belong to one."""
     rows = tuple((str(channel), *map(number, found)) for channel, found in model.counts.by_channel.items())
     headers = (words("column.channel"), *(words(f"quality.by_channel.{name}") for name in _COUNTS))
     return Table(words("quality.by_channel"), headers, rows) if rows else None
 
 
 def prompt_table(model: ReportModel, words: Texts) -> Table | None:
-    """What the operator was asked, what was allowed, the answer and who gave it."""
+    """Return what the operator was asked, what was allowed, the answer and who gave it."""
     rows = tuple(
         (
             cell(one.get("step")),
@@ -107,7 +107,7 @@ def _allowed(prompt: Mapping[str, Any]) -> str:
 
 
 def _whole(value: Any) -> str:
-    """A whole number to its last digit, whatever its size."""
+    """Return a whole number to its last digit, whatever its size."""
     return number(value, 0) if isinstance(value, float) and value.is_integer() else cell(value)
 
 

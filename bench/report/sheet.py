@@ -45,7 +45,7 @@ def sheets(table: Table, room_pt: float) -> list[Sheet]:
 
 
 def _open(least: Sequence[float], room_pt: float) -> tuple[float, ...]:
-    """A table to fill in: what is left of the width goes to the empty columns in equal parts."""
+    """Return a table to fill in: what is left of the width goes to the empty columns in equal parts."""
     each = (room_pt - least[0]) / (len(least) - 1)
     return (least[0], *(each for _ in least[1:]))
 
@@ -112,7 +112,7 @@ def _word_pt(text: str, size_pt: float, bold: bool) -> float:
 
 
 def _shared(least: Sequence[float], natural: Sequence[float], room_pt: float) -> tuple[float, ...]:
-    """What room is left goes to the columns that would use it, in proportion."""
+    """Return what room is left goes to the columns that would use it, in proportion."""
     wanted = sum(natural) - sum(least)
     share = min(1.0, (room_pt - sum(least)) / wanted) if wanted > 0 else 0.0
     return tuple(low + share * (high - low) for low, high in zip(least, natural, strict=True))

@@ -50,6 +50,6 @@ def _corrections(words: Texts, corrections: Iterable[Mapping[str, Any]]) -> str:
 
 
 def identities_table(model: ReportModel, words: Texts) -> Table | None:
-    """What the instruments answered to the question who they are."""
+    """Return what the instruments answered to the question who they are."""
     found = [{"role": role, **identity} for role, identity in sorted(model.identities.items())]
     return documents_table(words, words("identities.table"), found)

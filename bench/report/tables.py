@@ -63,14 +63,14 @@ def _stub(rows: Sequence[Sequence[Any]]) -> int:
 
 
 def _is_prose(table: analysis.Table) -> bool:
-    """True for a table of words: it says so, is a budget, or has a cell that is a sentence."""
+    """Return True for a table of words: it says so, is a budget, or has a cell that is a sentence."""
     if table.prose or set(table.headers) >= _BUDGET:
         return True
     return any(isinstance(value, str) and len(value) > _PROSE for row in table.rows for value in row)
 
 
 def on_uncertainty(table: analysis.Table) -> bool:
-    """True for a table of an analysis on its uncertainty: a budget, budgets side by side, or correlations."""
+    """Return True for a table of an analysis on its uncertainty: a budget, budgets side by side, or correlations."""
     heads = list(table.headers)
     square = heads[:1] == [""] and heads[1:] == [str(row[0]) for row in table.rows]
     return square or set(heads) >= _BUDGET or set(heads) >= _TOTALS

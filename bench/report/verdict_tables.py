@@ -19,7 +19,7 @@ _NO_CHANNEL = "–"
 
 
 def verdict_counts(model: ReportModel) -> Counter[str]:
-    """How many estimates carry each verdict other than none."""
+    """Return how many estimates carry each verdict other than none."""
     rows = model.results.get("estimates", ())
     return Counter(str(row["verdict"]) for row in rows if row.get("verdict", "none") != "none")
 
@@ -55,7 +55,7 @@ def verdict_table(model: ReportModel, words: Texts) -> Table | None:
 
 
 def _use(row: Mapping[str, Any]) -> float:
-    """How much of its limit a value with its interval uses; of a limit of zero, anything is too much."""
+    """Return how much of its limit a value with its interval uses; of a limit of zero, anything is too much."""
     reach = abs(row["value"]) + row["expanded_uncertainty"]
     if not row["limit"]:
         return math.inf if reach > 0.0 else 0.0

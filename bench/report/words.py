@@ -11,17 +11,17 @@ FOLDER = Path(__file__).parent
 
 
 def words_of(language: str) -> Texts:
-    """The texts of the report in a language; English stands in for what it does not have."""
+    """Return the texts of the report in a language; English stands in for what it does not have."""
     return Texts(FOLDER, language)
 
 
 def column(words: Texts, key: str) -> str:
-    """The heading of a field: that of the catalogue, else made of the field's own name."""
+    """Return the heading of a field: that of the catalogue, else made of the field's own name."""
     return words.all.get(f"column.{key}") or header(key)
 
 
 def kind_of(words: Texts, kind: object) -> str:
-    """The word for a kind of channel; a kind that the catalogue does not have stands as it is."""
+    """Return the word for a kind of channel; a kind that the catalogue does not have stands as it is."""
     return words.all.get(f"kind.{kind}", str(kind))
 
 

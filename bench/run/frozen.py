@@ -19,7 +19,7 @@ PLAN = "plan.json"
 
 
 def frozen_plan(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, str]) -> Plan:
-    """The plan of a session: steps as they were stored, everything else from its own YAML texts.
+    """Return the plan of a session: steps as they were stored, everything else from its own YAML texts.
 
     Nothing outside the session is read. ``files`` of the plan are the shipped files of the same names, if there are.
     Raises: InputError B-RES-003 (the session holds no plan), SessionDamaged B-RES-004 (texts or plan are not whole).

@@ -95,7 +95,7 @@ def _has_not_ended(folder: Path, events: list[Event]) -> None:
 
 
 def resumption(stopped: Stopped, utc_ns: int) -> Resumption:
-    """How the run goes on; ``utc_ns`` is the UTC of now."""
+    """Return how the run goes on; ``utc_ns`` is the UTC of now."""
     position = stopped_at(stopped.plan, stopped.entries, stopped.events)
     known = stopped.last_utc_ns >= 0
     event = Resume(

@@ -143,7 +143,7 @@ class Sequencer:
             self._lateness_ns += context.timeline.lateness_ns
 
     def _again(self, error: RunError, steps: Sequence[Step], position: int, attempts: dict[int, int]) -> int:
-        """Where to go on after a verify step failed: its point is taken again while attempts are left."""
+        """Return where to go on after a verify step failed: its point is taken again while attempts are left."""
         step = steps[position]
         record = next((before for before in reversed(steps[:position]) if isinstance(before, PlannedRecord)), None)
         tried = attempts.get(step.number, 0)

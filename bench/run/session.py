@@ -74,7 +74,7 @@ def session_name(plan: Plan, clock: Clock) -> str:
 def manifest_of(
     plan: Plan, name: str, seed: int, clock: Clock, identities: Mapping[str, Any], frames: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Everything a reader needs to know before the first stimulus (docs/session-format.md)."""
+    """Return everything a reader needs to know before the first stimulus (docs/session-format.md)."""
     station = plan.station
     return {
         "schema": 1,
@@ -299,7 +299,7 @@ class _Run:
         self.writer.clock_pair(t_mono_ns, t_utc_ns)
 
     def counts(self) -> dict[str, int]:
-        """Frames of all links: good, bad, lost."""
+        """Return frames of all links: good, bad, lost."""
         totals = [reader.decoder.counts for reader in self.readers.values()]
         return {
             "frames": sum(link.frames for link in totals),

@@ -26,7 +26,7 @@ class Events(Protocol):
         """Return all that is kept, with its time."""
 
     def events_of(self, model: type[E]) -> list[tuple[int, E]]:
-        """Times and events of one kind."""
+        """Return times and events of one kind."""
 
 
 def happenings(view: Events) -> list[str]:

@@ -14,7 +14,7 @@ BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
 
 
 def line_times_s(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str, float]:
-    """Seconds of a frame by link; links that are no serial port or whose frames vary in length are left out."""
+    """Return seconds of a frame by link; links that are no serial port or whose frames vary in length are left out."""
     station = next((name for name in texts if name.startswith("stations/")), None)
     if station is None:
         return {}

@@ -115,7 +115,7 @@ def _soak_key(soak: PlannedSoak | None) -> str:
 
 
 def _steps(plan: Plan, chosen: Sequence[RecordState]) -> Iterator[str]:
-    """Each temperature once, in the order of the plan; the overlap first, then what is made up."""
+    """Yield each temperature once, in the order of the plan; the overlap first, then what is made up."""
     visits: dict[str, tuple[PlannedSoak | None, list[RecordState]]] = {}
     for one in sorted(chosen, key=lambda one: one.step.number):
         soak = _soak_before(plan, one.step)
@@ -175,7 +175,7 @@ def _head(plan: Plan) -> list[str]:
 
 
 def _without_tail(section: str) -> str:
-    """A section without the comments and blank lines in front of the next one."""
+    """Return a section without the comments and blank lines in front of the next one."""
     lines = section.splitlines()
     while lines and (not lines[-1].strip() or lines[-1].startswith("#")):
         lines.pop()

@@ -17,7 +17,7 @@ _SAME = ("analysis", "channels", "uut", "rate_Hz", "af_clock_Hz", "master_Hz", "
 
 
 def merged(view: SessionView, others: Sequence[SessionView]) -> SessionView:
-    """One view of several sessions of one unit; times of the later ones are placed by UTC, behind the first.
+    """Return one view of several sessions of one unit; times of the later ones are placed by UTC, behind the first.
 
     It is complete when every planned record is valid in one of them. The notes name the overlap.
     Raises: InputError B-RES-010 if a session is of another unit, analysis or set of channels, or of other standards.
@@ -55,7 +55,7 @@ def _compatible(view: SessionView, other: SessionView) -> None:
 
 
 def _standards(view: SessionView) -> dict[str, dict[str, Any]]:
-    """What the values and uncertainties of the standards rest on, by role."""
+    """Return what the values and uncertainties of the standards rest on, by role."""
     register = view.manifest.get("standards", {})
     return {role: {name: one.get(name) for name in _OF_STANDARD} for role, one in register.items()}
 

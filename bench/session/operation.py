@@ -26,7 +26,7 @@ _PLAN = "plan.json"
 
 
 def commands_given(view: Events) -> list[dict[str, Any]]:
-    """Every command a person gave: when since the run began, what, who, why, and what else was said with it."""
+    """Return every command a person gave: when since the run began, what, who, why, and what else was said with it."""
     start_ns = _start_ns(view)
     found = []
     for t_ns, command in view.events_of(Control):
@@ -38,7 +38,7 @@ def commands_given(view: Events) -> list[dict[str, Any]]:
 
 
 def alarms_raised(view: Events) -> list[dict[str, Any]]:
-    """Every alarm and what the interlocks did, in order of time."""
+    """Return every alarm and what the interlocks did, in order of time."""
     rows = (row for table in happening_tables(view) for row in table.rows)
     return [{"time": time, "what": kind, "text": text} for time, kind, text in rows if kind in _ALARMS]
 
@@ -50,7 +50,7 @@ def length_s(view: Events) -> float:
 
 
 def surroundings(view: Events, texts: Mapping[str, str], campaign_ns: int) -> list[Surrounding]:
-    """Temperatures that a logger scanned, by channel, against the start of the campaign phase."""
+    """Return temperatures that a logger scanned, by channel, against the start of the campaign phase."""
     scans: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for t_ns, scan in view.events_of(events.Surroundings):
         for channel, degC in scan.degC.items():

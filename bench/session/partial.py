@@ -45,7 +45,7 @@ def partial(folder: Path) -> dict[str, Any]:
 
 
 def _row(estimate: Mapping[str, Any]) -> dict[str, Any]:
-    """What is measured of the conditions changes with each record; what is left names the estimate."""
+    """Return what is measured of the conditions changes with each record; what is left names the estimate."""
     row = {key: estimate.get(key) for key in KEYS}
     conditions = {key: value for key, value in dict(row["conditions"] or {}).items() if key != MEASURED}
     return {**row, "conditions": conditions}

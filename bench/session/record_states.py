@@ -27,13 +27,13 @@ class RecordState:
     why: str = ""
 
     def as_json(self) -> dict[str, Any]:
-        """The state as JSON values."""
+        """Return the state as JSON values."""
         found = {"step": self.step.number, "number": self.number, "state": self.state, "why": self.why}
         return {**found, "conditions": dict(self.step.conditions)}
 
 
 def record_states(steps: Sequence[Step], replayed: Replayed) -> list[RecordState]:
-    """State of every measuring record of the campaign phase, in the order of the plan."""
+    """Return state of every measuring record of the campaign phase, in the order of the plan."""
     rows = {row.window.step: row for row in replayed.rows}
     skips = [fields for kind, _, fields in replayed.events if kind == "skip"]
     reached = max(rows, default=-1)
@@ -47,7 +47,7 @@ def record_states(steps: Sequence[Step], replayed: Replayed) -> list[RecordState
 
 
 def _problems(replayed: Replayed) -> Iterator[tuple[RecordRow, str]]:
-    """Why the analysis of the session leaves each record out, "" if it does not."""
+    """Yield why the analysis of the session leaves each record out, "" if it does not."""
     asked = analysis_declaration(str(replayed.manifest.get("campaign", {}).get("analysis")))
     if asked is None or not asked.problems:
         yield from ((row, row_problem(row)) for row in replayed.rows)
@@ -74,17 +74,17 @@ def _state(
 
 
 def sample_problem(row: RecordRow) -> str:
-    """Why no analysis of samples can use a record, "" if it can; lost frames are seen from the counter."""
+    """Return why no analysis of samples can use a record, "" if it can; lost frames are seen from the counter."""
     return flag_problem(row) or ("" if row.frames else "no frames")
 
 
 def row_problem(row: RecordRow) -> str:
-    """Why every analysis leaves a record out, "" if its counts are good, or if something was read."""
+    """Return why every analysis leaves a record out, "" if its counts are good, or if something was read."""
     return count_problem(row) if row.window.link else flag_problem(row)
 
 
 def summary_lines(states: Sequence[RecordState]) -> list[str]:
-    """The states for a person: counts, and each record that is not valid."""
+    """Return the states for a person: counts, and each record that is not valid."""
     counts = Counter(one.state for one in states)
     said = [", ".join(f"{counts[state]} {state}" for state in (VALID, MISSING, INVALID)) + f" of {len(states)} records"]
     said += [

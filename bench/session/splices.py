@@ -14,7 +14,7 @@ _HEADERS = ["stopped (UTC)", "gone on (UTC)", "away", "at step", "reason", "unit
 
 
 def splice_documents(splices: Sequence[Splice]) -> list[dict[str, Any]]:
-    """Entries of "splices" in results.json."""
+    """Return entries of "splices" in results.json."""
     return [
         {
             "stopped": _utc(one.stopped_utc_ns),

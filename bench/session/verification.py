@@ -175,5 +175,5 @@ def check_coefficients(
 
 
 def software_of(results: Mapping[str, Any]) -> str:
-    """Name and version of the software that wrote results."""
+    """Return name and version of the software that wrote results."""
     return str(results.get("provenance", {}).get("software", "unknown"))

@@ -96,7 +96,7 @@ class SessionView:
 
 
 def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str, Any], Analysis]:
-    """Estimates of a session and the document results.json."""
+    """Return estimates of a session and the document results.json."""
     manifest = view.manifest
     analysis = analyse(material_of(view), method)
     counts = {
@@ -123,7 +123,7 @@ def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str
 
 
 def material_of(view: SessionView) -> Material:
-    """What the analysis may see of a session."""
+    """Return what the analysis may see of a session."""
     return Material(
         rows=joined(view.rows),
         campaign=view.manifest["campaign"],
@@ -180,12 +180,12 @@ def _reading(t_ns: int, event: events.Reading) -> Reading:
 
 
 def report_html(view: SessionView, results: Mapping[str, Any], analysis: Analysis) -> str:
-    """The report as one HTML page."""
+    """Return the report as one HTML page."""
     return report_of(view, results, analysis).html()
 
 
 def report_of(view: SessionView, results: Mapping[str, Any], analysis: Analysis) -> Report:
-    """The report, drawn; it can be written as a page and on paper."""
+    """Return the report, drawn; it can be written as a page and on paper."""
     model = report_model(
         results,
         view.rows,
@@ -221,7 +221,7 @@ def _about_the_run(view: SessionView) -> list[Table]:
 
 
 def temperature_trace(view: SessionView) -> TemperatureTrace:
-    """Temperatures against seconds from the start of the campaign phase."""
+    """Return temperatures against seconds from the start of the campaign phase."""
     start_ns = _campaign_ns(view)
     trace = _trace(view)
     gaps_s = [splice.at_ns / NS for splice in view.splices]  # the lines are broken where nothing was recorded

@@ -40,7 +40,7 @@ class ParameterHistory:
         return self.rows[(self.line.residual < low) | (self.line.residual > high)]
 
     def as_json(self, series: Series) -> dict[str, Any]:
-        """Numbers for people and machines."""
+        """Return numbers for people and machines."""
         line, chart = self.line, self.chart
         en = self.en[np.isfinite(self.en)]
         return {

@@ -42,7 +42,7 @@ class Contents:
 
 
 def canonical(document: Any) -> str:
-    """The one text of a JSON document: sorted keys, shortest exact floats."""
+    """Return the one text of a JSON document: sorted keys, shortest exact floats."""
     return json.dumps(document, sort_keys=True, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 

@@ -34,7 +34,7 @@ class Due:
     governed_by: str
 
     def as_json(self, now_utc_ns: int) -> dict[str, Any]:
-        """Numbers for people and machines; ``overdue`` at the time given."""
+        """Return numbers for people and machines; ``overdue`` at the time given."""
         return {
             "uut_model": self.uut[0],
             "uut_serial": self.uut[1],
@@ -49,7 +49,7 @@ class Due:
 
 
 def dues_of(comparison: Comparison, most_days: int) -> list[Due]:
-    """One per campaign of the unit; ``most_days``: the longest interval between two calibrations.
+    """Return one per campaign of the unit; ``most_days``: the longest interval between two calibrations.
 
     A parameter that the last calibration of its campaign does not have says nothing; where it has none at all, the
     campaign is due at once, because nothing is known of the unit since.
@@ -90,7 +90,7 @@ def _days_left(members: list[ParameterHistory], most_days: int) -> NDArray[np.in
 
 
 def _tells_drift(one: ParameterHistory, most_days: int) -> bool:
-    """Whether a drift line may be carried on: calibrations far enough apart, or a drift that is plain to see.
+    """Return whether a drift line may be carried on: calibrations far enough apart, or a drift that is plain to see.
 
     Two calibrations of one week that agree say nothing about a year; the uncertainty of their rate, carried on, would
     make a unit due the sooner the more often it is checked.

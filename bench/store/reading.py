@@ -29,7 +29,7 @@ _WORST = ("fail", "conditional_fail", "conditional_pass", "pass")
 
 
 def utc_text(utc_ns: int) -> str:
-    """A time as people write it, to the second."""
+    """Return a time as people write it, to the second."""
     return datetime.fromtimestamp(utc_ns // NS, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
@@ -93,12 +93,12 @@ class Shown:
     notes: list[str]
 
     def as_json(self) -> Row:
-        """One JSON document."""
+        """Return one JSON document."""
         return {**self.calibration, **{name: value for name, value in vars(self).items() if name != "calibration"}}
 
 
 def show_calibration(url: str, name: str) -> Shown:
-    """One calibration, named by its session or the beginning of its SHA-256.
+    """Return one calibration, named by its session or the beginning of its SHA-256.
 
     Raises: StoreError B-STORE-001 to B-STORE-005, B-STORE-007, B-STORE-009.
     """
@@ -142,7 +142,7 @@ def _estimate(row: Row) -> Row:
 
 
 def _calibration(found: Row) -> Row:
-    """What a person asks of a calibration, with times as text."""
+    """Return what a person asks of a calibration, with times as text."""
     left_out = ("id", "started_utc_ns", "imported_utc_ns", "estimates", "revision_id", "result_set_id")
     times = {"started_utc": utc_text(found["started_utc_ns"]), "imported_utc": utc_text(found["imported_utc_ns"])}
     return {**times, **{name: value for name, value in found.items() if name not in left_out}}

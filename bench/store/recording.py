@@ -130,7 +130,7 @@ def _new_results(connection: Connection, contents: Contents, calibration: int) -
 
 
 def _parameters(connection: Connection, wanted: Sequence[Row]) -> dict[str, int]:
-    """Keys of the parameters by their hash; those that no calibration had yet are added."""
+    """Return keys of the parameters by their hash; those that no calibration had yet are added."""
     by_hash = {row["sha256"]: row for row in wanted}
     query = select(tables.parameters.c.sha256, tables.parameters.c.id).where(tables.parameters.c.sha256.in_(by_hash))
     known = {row.sha256 for row in connection.execute(query)}

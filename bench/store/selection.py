@@ -27,7 +27,7 @@ class Filters:
 
 
 def latest_revisions() -> Select[Any]:
-    """Every calibration with its newest revision and the results that belong to it."""
+    """Return every calibration with its newest revision and the results that belong to it."""
     newest = (
         select(report_revisions.c.calibration_id, func.max(report_revisions.c.number).label("number"))
         .group_by(report_revisions.c.calibration_id)
@@ -98,7 +98,7 @@ def find_unit(connection: Connection, name: str | None) -> tuple[str, str]:
 
 
 def find_calibration(connection: Connection, name: str) -> dict[str, Any]:
-    """A calibration with its newest revision, named by its session or the beginning of the session's SHA-256.
+    """Return a calibration with its newest revision, named by its session or the beginning of the session's SHA-256.
 
     Raises: StoreError B-STORE-009 if it is not known, or not the only one of that name.
     """

@@ -138,7 +138,7 @@ def _series(
 
 
 def _places(known: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Where each of ``wanted`` stands in ``known``."""
+    """Return where each of ``wanted`` stands in ``known``."""
     order = known.argsort()
     return order[np.searchsorted(known[order], wanted)]
 
@@ -172,7 +172,7 @@ def _plain_rows(connection: Connection, query: Select[Any]) -> list[tuple[Any, .
 def _limits(
     connection: Connection, rows: list[dict[str, Any]], column_of: dict[tuple[str, int], int]
 ) -> tuple[Array, Array]:
-    """Limits of the newest calibration of every campaign: of the value, and of its change."""
+    """Return limits of the newest calibration of every campaign: of the value, and of its change."""
     newest = {str(row["campaign"]): int(row["result_set_id"]) for row in rows}
     limits = np.full((2, len(column_of)), np.nan)
     for campaign, result_set in newest.items():

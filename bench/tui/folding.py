@@ -24,7 +24,7 @@ def folded(text: str, width: int, style: str = "", first: str = "", rest: str = 
 
 
 def cut(text: str, width: int) -> str:
-    """A text cut to so many columns; what is cut is marked with a tilde."""
+    """Return a text cut to so many columns; what is cut is marked with a tilde."""
     if cell_len(text) <= width:
         return text
     return (chop_cells(text, max(1, width - 1)) or [""])[0] + "~"

@@ -30,7 +30,7 @@ class Look:
     local: bool = False
 
     def at(self, *, width: int | None = None, local: bool | None = None) -> Look:
-        """The same with another width or time zone."""
+        """Return the same with another width or time zone."""
         return replace(self, width=self.width if width is None else width, local=self.local if local is None else local)
 
     def time(self, t_utc_s: float | None, now_utc_s: float | None = None) -> str:
@@ -53,7 +53,7 @@ class Look:
         return self.glyphs.clean(text)
 
     def degC(self, value: float | None) -> str:
-        """A temperature with its unit, a dash for none."""
+        """Return a temperature with its unit, a dash for none."""
         return self.texts("none") if value is None or math.isnan(value) else self.texts("value.degC", value=value)
 
 

@@ -74,7 +74,7 @@ def _wait(document: Mapping[str, Any], look: Look, now: float | None) -> list[Te
 
 
 def outcome(seen: Seen, look: Look) -> list[Text]:
-    """How the run ended, and where its session is."""
+    """Return how the run ended, and where its session is."""
     found = seen.document.get("outcome")
     if seen.document.get("state") != "ended":
         return []
@@ -91,7 +91,7 @@ def outcome(seen: Seen, look: Look) -> list[Text]:
 
 
 def prompt(seen: Seen, look: Look) -> list[Text]:
-    """What a person is asked, and how to answer: not from here."""
+    """Return what a person is asked, and how to answer: not from here."""
     asked = seen.document.get("prompt")
     if not asked:
         return []
@@ -109,7 +109,7 @@ def _limits(asked: Mapping[str, Any], look: Look) -> str:
 
 
 def holds(seen: Seen, look: Look) -> list[Text]:
-    """Why the run stands still."""
+    """Return why the run stands still."""
     found: Mapping[str, Any] = seen.document.get("holds") or {}
     if not found:
         return []

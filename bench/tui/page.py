@@ -34,7 +34,7 @@ class Page:
 
 
 def state_of(seen: Seen) -> str:
-    """The state of a run as the page names it: also ``lost`` and ``failed``, which no run says of itself."""
+    """Return the state of a run as the page names it: also ``lost`` and ``failed``, which no run says of itself."""
     document = seen.document
     if seen.lost:
         return "lost"
@@ -69,7 +69,7 @@ def _head(seen: Seen, look: Look) -> list[Text]:
 
 
 def _guard(seen: Seen, look: Look) -> list[Text]:
-    """Whether the bench was left safe by the guard of a run that is gone."""
+    """Return whether the bench was left safe by the guard of a run that is gone."""
     if seen.guard is None:
         return []
     key = {True: "guard.safe", False: "guard.unsafe", None: "guard.acting"}[seen.guard["safe"]]
@@ -89,7 +89,7 @@ def _what(document: Mapping[str, Any], look: Look, width: int) -> str:
 
 
 def _fresh(seen: Seen, look: Look) -> Text:
-    """How old what is shown is; a run that has ended does not get old."""
+    """Return how old what is shown is; a run that has ended does not get old."""
     document = seen.document
     if document.get("source") == "replay":
         return Text(look.texts("fresh.replay"))

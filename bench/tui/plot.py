@@ -13,12 +13,12 @@ Range = tuple[float, float]
 
 
 def dots_across(columns: int, braille: bool) -> int:
-    """How many values a plot of so many columns shows."""
+    """Return how many values a plot of so many columns shows."""
     return columns * (2 if braille else 1)
 
 
 def plot(ranges: Sequence[Range | None], rows: int, braille: bool) -> list[str]:
-    """Rows of a plot, top first; (least, greatest) per dot across, None where there was nothing.
+    """Return rows of a plot, top first; (least, greatest) per dot across, None where there was nothing.
 
     The axis spans all values, at least ``LEAST_SPAN``.
     """

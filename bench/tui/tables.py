@@ -18,7 +18,7 @@ LINK_GOOD = ("streaming", "open", "back")
 
 
 def titled(look: Look, key: str, lines: list[Text], style: str = TITLE) -> list[Text]:
-    """A section with its title and a blank line before it; nothing without content."""
+    """Return a section with its title and a blank line before it; nothing without content."""
     return [Text(""), Text(look.texts(key), style=style), *lines] if lines else []
 
 
@@ -56,7 +56,7 @@ def links(seen: Seen, look: Look) -> list[Text]:
 
 
 def records(seen: Seen, look: Look) -> list[Text]:
-    """The last records, newest first."""
+    """Return the last records, newest first."""
     lines: list[Text] = []
     now = seen.document.get("t_utc_s")
     for one in (seen.document.get("records") or {}).get("last") or ():
@@ -81,7 +81,7 @@ def _conditions(record: Mapping[str, Any], look: Look) -> str:
 
 
 def instruments(seen: Seen, look: Look) -> list[Text]:
-    """The last word with each instrument, one line each; what is wrong below it."""
+    """Return the last word with each instrument, one line each; what is wrong below it."""
     lines: list[Text] = []
     now = seen.document.get("t_utc_s")
     for role, one in (seen.document.get("instruments") or {}).items():
@@ -100,7 +100,7 @@ def instruments(seen: Seen, look: Look) -> list[Text]:
 
 
 def log(seen: Seen, look: Look) -> list[Text]:
-    """What happened, newest first."""
+    """Return what happened, newest first."""
     lines: list[Text] = []
     now = seen.document.get("t_utc_s")
     for one in seen.document.get("log") or ():

@@ -19,7 +19,7 @@ PLOT_COLUMNS = 60
 
 
 def temperature(seen: Seen, look: Look) -> list[Text]:
-    """One line of values and the plot."""
+    """Return one line of values and the plot."""
     document = seen.document
     planned = planned_degC(document.get("timetable") or {}, document.get("t_utc_s"))
     values = {"planned": planned, "air": seen.last.get(AIR), "unit": seen.last.get(UNIT)}

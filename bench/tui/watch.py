@@ -43,7 +43,7 @@ class Feed(Protocol):
     """Who answers for a run."""
 
     def poll(self, since: int, state: bool = True) -> Points:
-        """State and points from number ``since`` on. Raises: BenchError if nobody answers."""
+        """Return state and points from number ``since`` on. Raises: BenchError if nobody answers."""
 
 
 @dataclass
@@ -69,7 +69,7 @@ class Trend:
         return (self.newest + 1 - min(self.buckets, default=self.newest)) * BUCKET_S
 
     def ranges(self, count: int) -> list[Range | None]:
-        """The known span in ``count`` parts of equal length, None for a part without a reading."""
+        """Return the known span in ``count`` parts of equal length, None for a part without a reading."""
         first = min(self.buckets, default=0)
         size = self.newest + 1 - first
         found: list[Range | None] = [None] * count
@@ -137,7 +137,7 @@ class Watch:
         return self._copy()
 
     def _copy(self) -> Seen:
-        """What is drawn does not change while it is drawn, on another thread."""
+        """Return what is drawn does not change while it is drawn, on another thread."""
         trend = Trend(dict(self.seen.trend.buckets), self.seen.trend.newest)
         return replace(self.seen, last=dict(self.seen.last), trend=trend)
 

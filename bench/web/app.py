@@ -20,7 +20,7 @@ from bench.web.serving import Serving
 
 
 def create_app(serving: Serving) -> Starlette:
-    """The application of one server; ``app.state`` holds ``serving`` and ``hub``."""
+    """Return the application of one server; ``app.state`` holds ``serving`` and ``hub``."""
     hub = Hub(serving)
     hub.lease = serving.lease.document
 

@@ -29,23 +29,23 @@ class Asset:
 
 
 async def static(request: Request) -> Response:
-    """A file of the page."""
+    """Return a file of the page."""
     return _send(request, own_files().get(request.path_params["file"]))
 
 
 async def bokeh(request: Request) -> Response:
-    """A file of BokehJS."""
+    """Return a file of BokehJS."""
     return _send(request, bokeh_files().get(request.path_params["file"]))
 
 
 def own_files() -> dict[str, Path]:
-    """What there is to send of our own, by name."""
+    """Return what there is to send of our own, by name."""
     return {path.name: path for path in _OWN.iterdir() if path.is_file() and not path.name.startswith(".")}
 
 
 @cache
 def bokeh_files() -> dict[str, Path]:
-    """What is sent of BokehJS, by name; found without importing the package."""
+    """Return what is sent of BokehJS, by name; found without importing the package."""
     package = find_spec("bokeh")
     assert package is not None
     assert package.origin is not None

@@ -38,7 +38,7 @@ class Command:
 
 
 async def json_object(request: Request) -> dict[str, Any]:
-    """The body as a JSON object; empty if it is none, which no command is."""
+    """Return the body as a JSON object; empty if it is none, which no command is."""
     try:
         found = json.loads(await request.body())
     except (ValueError, RecursionError):
@@ -63,7 +63,7 @@ def command_of(document: dict[str, Any]) -> Command:
 
 
 def taken(document: dict[str, Any]) -> bool:
-    """Whether the command is to be taken or given up. Raises: Refusal B-WEB-017."""
+    """Return whether the command is to be taken or given up. Raises: Refusal B-WEB-017."""
     take = document.get("take")
     if not isinstance(take, bool):
         raise _wrong("take: true or false is due")
@@ -113,7 +113,7 @@ class SentCommands:
         self._sent: OrderedDict[tuple[str, str], Sent] = OrderedDict()
 
     def known(self, who: Login, command: Command) -> Sent | None:
-        """What was sent under this id. Raises: Refusal B-WEB-019 if it was another command."""
+        """Return what was sent under this id. Raises: Refusal B-WEB-019 if it was another command."""
         sent = self._sent.get((who.id, command.id))
         if sent is not None and sent.command != command:
             raise Refusal(409, "B-WEB-019", "another command had this id", next_step="give each command its own id")

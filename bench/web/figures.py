@@ -129,7 +129,7 @@ def run_figures(state: dict[str, Any]) -> dict[str, Any]:
 
 @lru_cache(maxsize=32)
 def _figures(graphs: tuple[tuple[str, int], ...]) -> dict[str, Any]:
-    """Figures for graphs of given units and numbers of curves; making them takes a quarter of a second."""
+    """Return figures for graphs of given units and numbers of curves; making them takes a quarter of a second."""
     plots = [line_plot(f"graph-{index}", unit, curves) for index, (unit, curves) in enumerate(graphs)]
     most = max((curves for _, curves in graphs), default=1)
     return {

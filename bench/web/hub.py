@@ -107,7 +107,7 @@ class Hub:
                 yield replay
 
     async def document(self, run: str) -> dict[str, Any]:
-        """The state document of a run now; of a recording at its end. Raises: Refusal B-WEB-013."""
+        """Return the state document of a run now; of a recording at its end. Raises: Refusal B-WEB-013."""
         folder = self.folder(run)
         if run in self._live and self._live[run].room.state:
             return self._live[run].room.state
@@ -117,7 +117,7 @@ class Hub:
         return {**await self.work(self.past.final, folder), "operator": self.lease()}
 
     async def history(self, run: str, query: HistoryQuery) -> TrendWindow:
-        """Signals of a run over time. Raises: Refusal B-WEB-013, InputError for a signal that is not there."""
+        """Return signals of a run over time. Raises: Refusal B-WEB-013, InputError for a signal that is not there."""
         return await self.work(
             self.past.history, self.folder(run), query.signals, query.t0_utc_s, query.t1_utc_s, query.n
         )
@@ -138,7 +138,7 @@ class Hub:
         return {**row, "state": state["state"], "live": True, "records": {key: records.get(key) for key in _COUNTED}}
 
     async def _state_of(self, folder: Path) -> dict[str, Any] | None:
-        """What the run itself says; None if nobody answers in time."""
+        """Return what the run itself says; None if nobody answers in time."""
         try:
             return await asyncio.wait_for(self._feed(state_of, folder), LISTED_S)
         except TimeoutError:

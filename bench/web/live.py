@@ -143,7 +143,7 @@ class FeedLine:
 
 
 def listens(folder: Path) -> bool:
-    """True if a process has the feed of a session open, be it too busy to answer. Takes at most a moment."""
+    """Return True if a process has the feed of a session open, be it too busy to answer. Takes at most a moment."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
         connection.setblocking(False)
         try:

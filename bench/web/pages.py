@@ -38,7 +38,7 @@ def language_of(request: Request) -> str:
 
 @cache
 def _modules(first: str) -> tuple[str, ...]:
-    """A script and every script it imports, so that the browser fetches all of them at once."""
+    """Return a script and every script it imports, so that the browser fetches all of them at once."""
     found, waiting = [first], [first]
     while waiting:
         for name in _IMPORT.findall((_HERE / "static" / waiting.pop()).read_text(encoding="utf-8")):

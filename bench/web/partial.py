@@ -37,7 +37,7 @@ class PartialFits:
         self._one = asyncio.Lock()
 
     def of(self, run: str) -> Estimates | None:
-        """What is known of a run so far, as the key ``estimates`` of its state; None if nothing is."""
+        """Return what is known of a run so far, as the key ``estimates`` of its state; None if nothing is."""
         return self._found.get(run)
 
     async def keep(self, folder: Path) -> None:
@@ -62,7 +62,7 @@ class PartialFits:
                 self._not_before_ns.pop(gone, None)
 
     async def _answer(self, folder: Path) -> dict[str, Any] | None:
-        """What the process prints; None if it fails: a page without estimates is better than none."""
+        """Return what the process prints; None if it fails: a page without estimates is better than none."""
         process = await asyncio.create_subprocess_exec(
             *self._command, str(folder), stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.DEVNULL,
@@ -81,7 +81,7 @@ class PartialFits:
 
 
 def joined(before: Estimates | None, answer: dict[str, Any], t_utc_s: float) -> Estimates:
-    """Estimates with those of a new fit behind their history; a fit of the same records adds nothing."""
+    """Return estimates with those of a new fit behind their history; a fit of the same records adds nothing."""
     known = {_key(row): row for row in (before or {}).get("rows", ())}
     records = int(answer["records"])
     kept = max(1, min(KEPT_PER_ROW, KEPT_IN_ALL // len(answer["rows"])))
@@ -95,7 +95,7 @@ def joined(before: Estimates | None, answer: dict[str, Any], t_utc_s: float) -> 
 
 
 def finished_estimates(results: dict[str, Any], t_utc_s: float) -> Estimates | None:
-    """Estimates of a finished session from its results.json; None if it has none."""
+    """Return estimates of a finished session from its results.json; None if it has none."""
     records = int((results.get("quality") or {}).get("records") or 0)
     rows = [
         {**{key: one.get(key) for key in ("quantity", "unit", "value", "std_uncertainty")},

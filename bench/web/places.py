@@ -31,7 +31,7 @@ def run_folder(out: Path, name: str) -> Path | None:
 
 
 def content_of(path: Path) -> bytes | None:
-    """What a plain file of a session holds; None if it is not there, cannot be read, or is no plain file."""
+    """Return what a plain file of a session holds; None if it is not there, cannot be read, or is no plain file."""
     try:
         with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
             return file.read() if stat.S_ISREG(os.fstat(file.fileno()).st_mode) else None

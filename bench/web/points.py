@@ -35,7 +35,7 @@ class Points:
         return self.first + len(self)
 
     def batch(self, flags: int = 0) -> bytes:
-        """The binary message of these points."""
+        """Return the binary message of these points."""
         head = _HEAD.pack(self.first & 0xFFFFFFFF, len(self), flags)
         return head + self.t_utc_s.astype("<f8").tobytes() + self.pairs.astype("<f4").tobytes()
 

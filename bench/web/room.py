@@ -26,7 +26,7 @@ class Room:
             viewer.ask_snapshot()
 
     def snapshot(self, viewer: Viewer) -> list[Outgoing]:
-        """What a page needs to begin: the whole state, and the newest points as one batch."""
+        """Return what a page needs to begin: the whole state, and the newest points as one batch."""
         points = self.points.all()
         document = {
             "type": "snapshot",

@@ -18,7 +18,7 @@ Handler = Callable[[Request], Awaitable[Response]]
 
 
 def routes() -> list[BaseRoute]:
-    """Paths, methods and who answers; docs/live-protocol.md."""
+    """Return paths, methods and who answers; docs/live-protocol.md."""
     return [
         Route("/", pages.index),
         Route("/runs/{run}", of_a_run(pages.run_page)),

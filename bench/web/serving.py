@@ -59,11 +59,11 @@ class Serving:
         self.sent = SentCommands()
 
     def is_host(self, host: str, arrived_at: tuple[str, int] | None) -> bool:
-        """True if a Host header may say ``host``. ``arrived_at``: our own end of the connection."""
+        """Return True if a Host header may say ``host``. ``arrived_at``: our own end of the connection."""
         return host.lower() in self.hosts or (self.any_address and host in written(arrived_at, self.secure))
 
     def is_origin(self, origin: str, arrived_at: tuple[str, int] | None) -> bool:
-        """True if a request may come from a page of this origin."""
+        """Return True if a request may come from a page of this origin."""
         scheme, _, host = origin.partition("://")
         return origin in self.origins or (
             self.any_address and scheme == self.scheme and host in written(arrived_at, self.secure)
@@ -86,7 +86,7 @@ def written(place: tuple[str, int] | None, secure: bool) -> frozenset[str]:
 
 
 def server_of(app: Starlette, cert: Path | None = None, key: Path | None = None) -> uvicorn.Server:
-    """The server of ``app``, not started: plain HTTP without ``cert``, bounded in everything."""
+    """Return the server of ``app``, not started: plain HTTP without ``cert``, bounded in everything."""
     config = uvicorn.Config(
         app,
         http=PatientHttp,

@@ -135,7 +135,7 @@ class BenchVisaLibrary(SimVisaLibrary):
         return live[1]
 
     def _answering(self, session: Any) -> LiveDevice:
-        """The instrument of a session; one that hangs answers no poll and no clear: VI_ERROR_TMO."""
+        """Return the instrument of a session; one that hangs answers no poll and no clear: VI_ERROR_TMO."""
         device = self._device(session)
         if device.faults.hang:
             self._time_out(self._deadline_ns(session))
@@ -159,7 +159,7 @@ class BenchVisaLibrary(SimVisaLibrary):
         return StatusCode.success
 
     def assert_trigger(self, session: Any, protocol: constants.TriggerProtocol) -> StatusCode:
-        """Group execute trigger."""
+        """Return group execute trigger."""
         del protocol
         device = self._device(session)
         with self._bus(session, device):

@@ -84,7 +84,7 @@ class LiveDevice(Device):
         """Group execute trigger."""
 
     def outputs(self) -> dict[str, Any]:
-        """What the instrument puts out or switches at this moment; empty for one that only measures."""
+        """Return what the instrument puts out or switches at this moment; empty for one that only measures."""
         return {}
 
     # --- used by subclasses ------------------------------------------------------------------------------------
@@ -153,7 +153,7 @@ class LiveDevice(Device):
         self.on_clear()
 
     def next_reply(self) -> Reply | None:
-        """The oldest reply, ready or not; it stays in the output. One that hangs gives none."""
+        """Return the oldest reply, ready or not; it stays in the output. One that hangs gives none."""
         return self._replies[0] if self._replies and not self.faults.hang else None
 
     def take(self, reply: Reply, count: int) -> bytes:

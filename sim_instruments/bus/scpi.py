@@ -101,7 +101,7 @@ class ScpiDevice(LiveDevice):
             self.errors.append((number, text))
 
     def number(self, text: str, low: float, high: float, **names: float) -> float:
-        """A numeric parameter inside [low, high]; MIN, MAX and the given names stand for values."""
+        """Return a numeric parameter inside [low, high]; MIN, MAX and the given names stand for values."""
         word = text.strip().upper()
         named = {"MIN": low, "MINIMUM": low, "MAX": high, "MAXIMUM": high} | names
         if word in named:

@@ -67,7 +67,7 @@ class TagBlocks:
         self._ticks, self._words = self._ticks[ends[-1] :], self._words[ends[-1] :]
 
     def take(self, most_bytes: int) -> bytes:
-        """The oldest whole blocks, at most so many bytes; they leave the memory."""
+        """Return the oldest whole blocks, at most so many bytes; they leave the memory."""
         found: list[bytes] = []
         while self._memory and len(self._memory[0]) <= most_bytes:
             found.append(self._memory.popleft())

@@ -71,7 +71,7 @@ class LinkFaults:
         self.unplugged = unplugged
 
     def frames(self, first_index: int, frames: np.ndarray) -> np.ndarray:
-        """Frames (n, length) from ``first_index`` on, as they arrive."""
+        """Return frames (n, length) from ``first_index`` on, as they arrive."""
         n, length = frames.shape
         if self.stuck:
             places = first_index * length + np.arange(n * length)
@@ -81,7 +81,7 @@ class LinkFaults:
         return frames
 
     def copies(self, first_index: int, n: int) -> np.ndarray:
-        """How often each of ``n`` frames from ``first_index`` on arrives: (n,) int64 of 0, 1 or 2."""
+        """Return how often each of ``n`` frames from ``first_index`` on arrives: (n,) int64 of 0, 1 or 2."""
         if self.silent or self.unplugged:
             return np.zeros(n, np.int64)
         draws = self._by_block(first_index, n, self._draws)
@@ -90,7 +90,7 @@ class LinkFaults:
         return copies
 
     def flips(self, first_index: int, n: int, length: int) -> np.ndarray:
-        """Bits to turn over in ``n`` frames of ``length`` bytes: (n, length) uint8 to xor with the frames."""
+        """Return bits to turn over in ``n`` frames of ``length`` bytes: (n, length) uint8 to xor with the frames."""
         return self._by_block(first_index, n, lambda block: self._mask(block, length))
 
     def _rng(self, what: str, block: int) -> np.random.Generator:
@@ -186,7 +186,7 @@ class InstrumentFaults:
         return text
 
     def garble(self, reply: bytes) -> bytes:
-        """The reply as it arrives: one or more of its bytes turned into other printable ones; counts it."""
+        """Return the reply as it arrives: one or more of its bytes turned into other printable ones; counts it."""
         if self.garbled_replies <= 0 or not reply:
             return reply
         self.garbled_replies -= 1

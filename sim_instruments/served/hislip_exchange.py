@@ -52,7 +52,7 @@ class Exchange:
         return self._act(lambda: self._device.receive(message, end=True), message_id)
 
     def trigger(self, message_id: int) -> bool:
-        """Group execute trigger; returns the same."""
+        """Return group execute trigger; returns the same."""
         return self._act(self._device.trigger, message_id)
 
     def status_byte(self) -> int:

@@ -65,14 +65,14 @@ class HislipLocks:
             self._sharing.discard(client)
 
     def shut_out(self, client: object) -> bool:
-        """Whether a lock of others keeps this client's commands waiting."""
+        """Return whether a lock of others keeps this client's commands waiting."""
         with self._guard:
             if self._exclusive is not None:
                 return self._exclusive is not client
             return bool(self._sharing) and client not in self._sharing
 
     def holders(self) -> tuple[bool, int]:
-        """Whether the exclusive lock is held, and by how many clients any lock is."""
+        """Return whether the exclusive lock is held, and by how many clients any lock is."""
         with self._guard:
             alone = {self._exclusive} - {None}
             return self._exclusive is not None, len(self._sharing | alone)

@@ -91,7 +91,7 @@ class Message:
     too_large: bool = False
 
     def packed(self) -> bytes:
-        """The bytes of the message."""
+        """Return the bytes of the message."""
         return HEADER.pack(PROLOGUE, self.type, self.control, self.parameter, len(self.payload)) + self.payload
 
 
@@ -131,7 +131,7 @@ class Inbox:
 
 
 def receive_now(sock: socket.socket) -> bytes | None:
-    """What has arrived on a non-blocking socket: None if nothing has, empty if the other side is gone."""
+    """Return what has arrived on a non-blocking socket: None if nothing has, empty if the other side is gone."""
     try:
         return sock.recv(CHUNK)
     except BlockingIOError:

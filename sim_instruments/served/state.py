@@ -28,7 +28,7 @@ class OutputWatch:
                     self._last[role], self._changed_ns[role] = outputs, now_ns
 
     def unchanged_s(self, role: str) -> float:
-        """Seconds of the bench's time since an output of this role last changed."""
+        """Return seconds of the bench's time since an output of this role last changed."""
         return (self._world.clock.now_ns() - self._changed_ns[role]) / NS
 
 

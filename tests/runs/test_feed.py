@@ -14,6 +14,7 @@ import pytest
 from rehearsal import Watched, tiny_plan
 
 from bench.model.clock import VirtualClock
+from bench.model.events import event_of
 from bench.plan import Plan, steps_of
 from bench.record import SessionReader
 from bench.run.besides import besides
@@ -129,7 +130,7 @@ def documents_of(folder: Path, look: Callable[[float, RunState], None]) -> RunSt
         if message.topic == "/event":
             look(t_utc_s, state)
             kind, fields = message.event()
-            state.on_event(kind, t_utc_s, fields)
+            state.on_event(event_of(kind, fields), t_utc_s)
         else:
             line = message.document()
             state.on_traffic(message.topic.rpartition("/")[2], line["direction"], line["text"], t_utc_s)

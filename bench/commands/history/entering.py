@@ -48,7 +48,7 @@ def import_sessions(place: Place, folders: list[Path], reason: str, as_json: boo
 
 
 def _no_calibration(folder: Path) -> str:
-    """Why something beside the sessions is none of a calibration, else ""."""
+    """Return why something beside the sessions is none of a calibration, else ""."""
     if folder.is_file():
         return "a file, no session"
     analysis = SessionReader(folder).manifest["campaign"].get("analysis", NO_ANALYSIS)

@@ -45,7 +45,7 @@ class Place:
 
 
 def list_all(place: Place, filters: Filters, as_json: bool) -> int:
-    """One line per calibration."""
+    """Return one line per calibration."""
     rows = list_calibrations(place.of(), filters)
     if as_json:
         return _json({"calibrations": rows})
@@ -54,7 +54,7 @@ def list_all(place: Place, filters: Filters, as_json: bool) -> int:
 
 
 def show(place: Place, session: str, as_json: bool) -> int:
-    """Everything about one calibration."""
+    """Return everything about one calibration."""
     shown = show_calibration(place.of([session]), named(session))
     if as_json:
         return _json(shown.as_json())
@@ -65,7 +65,7 @@ def show(place: Place, session: str, as_json: bool) -> int:
 def compare(
     place: Place, sessions: list[str], filters: Filters, most_days: int, plot: Path | None, as_json: bool
 ) -> int:
-    """Two calibrations against each other, or all of a unit."""
+    """Return two calibrations against each other, or all of a unit."""
     url = place.of(sessions)
     if sessions:
         if len(sessions) != 2 or plot is not None or filters != Filters():
@@ -113,7 +113,7 @@ def due(place: Place, filters: Filters, most_days: int, as_json: bool) -> int:
 
 
 def export(place: Place, path: Path, filters: Filters, as_json: bool) -> int:
-    """Every estimate of every revision, as CSV or Parquet."""
+    """Return every estimate of every revision, as CSV or Parquet."""
     with writing(path):
         rows = export_history(place.of(), filters, path)
     if as_json:

@@ -91,7 +91,7 @@ def print_pair(out: Console, pair: Row) -> None:
 
 
 def comparison_document(comparison: Comparison, due: Sequence[Due], now_utc_ns: int) -> dict[str, Any]:
-    """A comparison as one JSON document."""
+    """Return a comparison as one JSON document."""
     series = comparison.series
     return {
         "uut_model": series.uut[0],

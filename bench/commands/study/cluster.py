@@ -38,7 +38,7 @@ class Listener(Protocol):
 
 
 def run_on_cluster(where: str, tasks: Sequence[Task], run_task: Callable[[Any], Any], listener: Listener) -> list[Any]:
-    """Results of the tasks, in their order.
+    """Return results of the tasks, in their order.
 
     Args:    where: ``tcp://host:port`` or ``local:N``.
     Raises:  InputError B-STUDY-003 for any other place, B-STUDY-004 without Dask, B-STUDY-005 if the scheduler or a

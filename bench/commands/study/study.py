@@ -52,7 +52,7 @@ def study(request: Request) -> int:
 
 
 def _computed(chosen: Study, tasks: Sequence[Task], where: str | None) -> list[Any]:
-    """The result of each task, in the order of the tasks, wherever they ran."""
+    """Return the result of each task, in the order of the tasks, wherever they ran."""
     progress = Progress(len(tasks))
     if where is None:
         return [progress.done(task, chosen.run_task(task)) for task in tasks]

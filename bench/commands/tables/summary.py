@@ -66,7 +66,7 @@ def _worst(by_quantity: Mapping[str, Mapping[Any, Estimate]], channel: Any) -> s
 
 
 def _scale(one: Estimate) -> float:
-    """Currents of a converter read best in nanoampere; that of a supply does not."""
+    """Return currents of a converter read best in nanoampere; that of a supply does not."""
     return 1e9 if _AMPERE.match(one["unit"]) and abs(one["value"]) < _SMALL_A else 1.0
 
 

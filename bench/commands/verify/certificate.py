@@ -51,7 +51,7 @@ def _hashes(content: bytes, folder: Path, results: Mapping[str, Any]) -> list[st
 
 
 def _numbers(content: bytes, manifest: Mapping[str, Any], results: Mapping[str, Any]) -> list[str]:
-    """Where the results of a certificate are not those of the session."""
+    """Return where the results of a certificate are not those of the session."""
     specimen = session_of(content).specimen
     calibration = Calibration(results, manifest, nobody(), {}, _ANY_DAY, _ANY_DAY, specimen=specimen)
     said, due = _leaves(content), _leaves(certificate_text(calibration).encode())
@@ -63,7 +63,7 @@ def _numbers(content: bytes, manifest: Mapping[str, Any], results: Mapping[str, 
 
 
 def _leaves(content: str | bytes) -> list[str]:
-    """Every text and name below the results, in order; references to other parts are the laboratory's."""
+    """Return every text and name below the results, in order; references to other parts are the laboratory's."""
     found = []
     for results in ET.fromstring(content).findall(_RESULTS):
         for element in results.iter():

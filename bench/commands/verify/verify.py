@@ -88,7 +88,7 @@ def _tell(found: Verification, folder: Path, view: SessionView, as_json: bool) -
 
 
 def _shortened(names: list[str]) -> list[str]:
-    """Names of files; of many segments the number."""
+    """Return names of files; of many segments the number."""
     segments = [name for name in names if name.endswith(".mcap")]
     return [f"{len(segments)} segments" if len(segments) != 1 else segments[0], *names[len(segments) :]]
 

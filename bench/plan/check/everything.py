@@ -33,7 +33,7 @@ from bench.plan.step_kinds import PlannedRecord, PlannedSettle, PlannedSoak, Pla
 
 
 def check_plan(plan: Plan, station: Station | None = None, start_utc_ns: int | None = None) -> list[InputError]:
-    """All mistakes of a plan on a station, in order of their place in the sequence; empty if it may run.
+    """Return all mistakes of a plan on a station, in order of their place in the sequence; empty if it may run.
 
     Args:
         station: None means the one the plan was compiled for.

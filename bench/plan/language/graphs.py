@@ -87,7 +87,7 @@ def _checked(text: str, frames: Mapping[str, FrameDefinition], where: str, findi
 
 
 def _patterns(frames: Mapping[str, FrameDefinition]) -> list[str]:
-    """Names of all signals, an array as its range."""
+    """Return names of all signals, an array as its range."""
     lengths: dict[str, int] = {}
     for signal in all_signals(frames):
         stem = signal.name.partition("[")[0]
@@ -132,7 +132,7 @@ def _default(frames: Mapping[str, FrameDefinition], measured: str) -> list[Graph
 
 
 def _differences(link: str, definition: FrameDefinition) -> list[str]:
-    """The input of each channel, where the frames count pulses of both directions."""
+    """Return the input of each channel, where the frames count pulses of both directions."""
     for message in definition.layout.messages:
         if set(COUNTS) <= set(message.by_name) and message.by_name[COUNTS[0]].count:
             return [f"{link}.{COUNTS[0]}-{COUNTS[1]}[1..{message.by_name[COUNTS[0]].count}]"]

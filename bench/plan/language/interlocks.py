@@ -86,11 +86,11 @@ class InterlockRule:
     where: str
 
     def beyond(self, value: float) -> bool:
-        """True on the wrong side of a trip level; a value on the level itself is not beyond it."""
+        """Return True on the wrong side of a trip level; a value on the level itself is not beyond it."""
         return (self.high is not None and value > self.high) or (self.low is not None and value < self.low)
 
     def back(self, value: float) -> bool:
-        """True on the right side of every release level, or on it."""
+        """Return True on the right side of every release level, or on it."""
         above = self.release_high is not None and value > self.release_high
         below = self.release_low is not None and value < self.release_low
         return not above and not below

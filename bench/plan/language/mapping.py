@@ -238,7 +238,7 @@ class LogMapping(StrictModel):
         return self.time[1].rate
 
     def campaign(self) -> dict[str, Any]:
-        """The section ``campaign`` of the manifest of an imported session."""
+        """Return the section ``campaign`` of the manifest of an imported session."""
         found = {
             "analysis": self.analysis,
             "reference_temperature_degC": self.reference_temperature,
@@ -285,6 +285,6 @@ def load_mapping(path: Path) -> Document[LogMapping]:
 
 
 def mapping_schema() -> dict[str, Any]:
-    """JSON Schema of a mapping file, for editors."""
+    """Return JSON Schema of a mapping file, for editors."""
     schema = mapping_model().model_json_schema()
     return {"$schema": DIALECT, "$id": "mapping.schema.json", **schema, "title": "inertial-bench mapping"}

@@ -25,7 +25,7 @@ _NAMING = ("call", "verify")  # keys whose value may be an action
 
 
 def plain_tree(path: Path) -> Document[RootModel[Any]] | None:
-    """A YAML file as plain values with their positions; None if even the loader refuses it."""
+    """Return a YAML file as plain values with their positions; None if even the loader refuses it."""
     try:
         return load_yaml(path, RootModel[Any])
     except InputError:

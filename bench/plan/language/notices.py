@@ -17,7 +17,7 @@ LOCAL = ("localhost", "127.0.0.1", "::1")
 
 
 def web_address(text: str) -> str:
-    """The same text. Raises: ValueError if it is no https address, or holds a password."""
+    """Return the same text. Raises: ValueError if it is no https address, or holds a password."""
     parts = urlsplit(text)
     if parts.scheme != "https" and not (parts.scheme == "http" and parts.hostname in LOCAL):
         raise ValueError(f"{text!r} is not an https address")

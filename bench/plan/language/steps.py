@@ -252,7 +252,7 @@ class ProcedureStep(RootModel[Annotated[dict[Name, Arguments | None], _call_sche
 
 
 def step_tag(value: object) -> str | None:
-    """Which kind of step a value is (the tag never stands in a file, hence the brackets)."""
+    """Return which kind of step a value is (the tag never stands in a file, hence the brackets)."""
     if isinstance(value, str):
         return "<call>" if "." in value else "<procedure>"
     if isinstance(value, dict):

@@ -11,7 +11,7 @@ from bench.report.batch.spread import Member, Spread, Unit
 
 
 def batch_json(batch: Batch, software: str) -> str:
-    """The document as text: sorted keys, one newline at its end."""
+    """Return the document as text: sorted keys, one newline at its end."""
     return (
         json.dumps(batch_document(batch, software), sort_keys=True, ensure_ascii=False, allow_nan=False, indent=1)
         + "\n"

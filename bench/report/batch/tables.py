@@ -43,7 +43,7 @@ def _yield_cells(found: Yield) -> tuple[str, ...]:
 
 
 def unit_table(batch: Batch, words: Texts) -> Table:
-    """Every unit in every session: judged, failed, verdict; those that did not pass first."""
+    """Return every unit in every session: judged, failed, verdict; those that did not pass first."""
     parts = sorted(batch.parts, key=lambda part: (part.outcome == Outcome.PASS, part.unit, part.session))
     rows = tuple(
         (
@@ -64,7 +64,7 @@ def unit_name(unit: Unit) -> str:
 
 
 def spread_tables(batch: Batch, words: Texts) -> list[Table]:
-    """How each quantity is distributed, a table for each campaign."""
+    """Return how each quantity is distributed, a table for each campaign."""
     heads = (
         "batch.quantity", "batch.conditions", "batch.measure", "batch.n", "batch.mean", "batch.std", "batch.least",
         "batch.of_unit", "batch.greatest", "batch.of_unit", "batch.limit", "batch.failed", "batch.worst",
@@ -145,6 +145,6 @@ def left_out_table(batch: Batch, words: Texts) -> Table | None:
 
 
 def conditions_text(words: Texts, conditions: Mapping[str, Any], names: Sequence[str] = ()) -> str:
-    """Conditions in words; only those named, if any are."""
+    """Return conditions in words; only those named, if any are."""
     chosen = {name: value for name, value in conditions.items() if not names or name in names}
     return ", ".join(f"{column(words, name)} {cell(value)}" for name, value in chosen.items()) or "–"

@@ -13,7 +13,7 @@ HASH_REF = "bench_{}Sha256"
 
 
 def administrative(calibration: Calibration) -> Element:
-    """The element administrativeData."""
+    """Return the element administrativeData."""
     return dcc(
         "administrativeData",
         dcc("dccSoftware", _own_software()),

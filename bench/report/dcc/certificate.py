@@ -32,7 +32,7 @@ class CertifiedSession:
 
 
 def certificate_text(calibration: Calibration) -> str:
-    """The certificate as XML, the same bytes for the same calibration.
+    """Return the certificate as XML, the same bytes for the same calibration.
 
     Raises: InputError B-DCC-007 for an estimate whose unit has no form in D-SI.
     """

@@ -73,7 +73,7 @@ def condition_unit(name: str) -> SiUnit | None:
 
 
 def si_number(value: float, power: int = 0) -> str:
-    """Every digit of a number, times ten to a power, exactly: the digits stay, the exponent moves.
+    """Return every digit of a number, times ten to a power, exactly: the digits stay, the exponent moves.
 
     Raises: ValueError if the number is not finite.
     """

@@ -17,12 +17,12 @@ Element = ET.Element
 
 
 def dcc(tag: str, *children: Element | None, text: str | None = None, **attributes: str | None) -> Element:
-    """An element of the certificate; None among children and attributes is left out."""
+    """Return an element of the certificate; None among children and attributes is left out."""
     return _element(DCC, tag, children, text, attributes)
 
 
 def si(tag: str, *children: Element | None, text: str | None = None) -> Element:
-    """An element of the D-SI format."""
+    """Return an element of the D-SI format."""
     return _element(SI, tag, children, text, {})
 
 
@@ -32,7 +32,7 @@ def words(tag: str, text: str, **attributes: str | None) -> Element:
 
 
 def number_list(values: Iterable[str], unit: str) -> Element:
-    """Numbers of one D-SI unit."""
+    """Return numbers of one D-SI unit."""
     return si("realListXMLList", si("valueXMLList", text=" ".join(values)), si("unitXMLList", text=unit))
 
 
@@ -58,7 +58,7 @@ def _element(
 
 
 def document_text(root: Element) -> str:
-    """The whole document, one element a line, the same for the same elements."""
+    """Return the whole document, one element a line, the same for the same elements."""
     for prefix, space in (("dcc", DCC), ("si", SI), ("xsi", XSI)):
         ET.register_namespace(prefix, space)
     ET.indent(root)

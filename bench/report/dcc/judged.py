@@ -15,7 +15,7 @@ STATUS = {
 
 
 def is_judged(estimate: Mapping[str, Any]) -> bool:
-    """True for an estimate with a limit and a verdict."""
+    """Return True for an estimate with a limit and a verdict."""
     return estimate["limit"] is not None and estimate["verdict"] in STATUS
 
 

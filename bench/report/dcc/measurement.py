@@ -16,7 +16,7 @@ METHOD_ID, UNCERTAINTY_ID, SOFTWARE_ID = "method_campaign", "method_uncertainty"
 
 
 def measurement(calibration: Calibration) -> Element:
-    """The element measurementResults; one measurementResult, the campaign."""
+    """Return the element measurementResults; one measurementResult, the campaign."""
     standards = sorted(calibration.manifest.get("standards", {}))
     refs = [METHOD_ID, UNCERTAINTY_ID, SOFTWARE_ID, *(equipment_id(role) for role in standards)]
     title = str(calibration.manifest.get("title") or calibration.results["campaign"])

@@ -42,7 +42,7 @@ def left_out(estimate: Estimate) -> bool:
 
 
 def tables_of(estimates: Sequence[Estimate]) -> list[Table]:
-    """Tables in the order of results.json; every estimate that can be given is in one of them."""
+    """Return tables in the order of results.json; every estimate that can be given is in one of them."""
     found: dict[tuple[Any, ...], list[Estimate]] = {}
     for one in estimates:
         if not left_out(one):
@@ -77,7 +77,7 @@ def _text(value: Any) -> str:
 
 
 def results(calibration: Calibration, ref_ids: Sequence[str]) -> Element:
-    """The element results; ``ref_ids``: methods, software and equipment that every result was made with."""
+    """Return the element results; ``ref_ids``: methods, software and equipment that every result was made with."""
     refs = " ".join(ref_ids)
     tables = tables_of(calibration.results["estimates"])
     return dcc("results", *(_result(calibration, table, refs) for table in tables))

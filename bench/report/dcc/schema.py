@@ -56,7 +56,7 @@ class CertificateSchema:
             raise _unusable(path, f"is not a usable schema: {first}", "fetch it again from its publisher") from error
 
     def violations(self, text: str) -> list[Violation]:
-        """What does not hold in a certificate, in the order of its lines."""
+        """Return what does not hold in a certificate, in the order of its lines."""
         root = ET.fromstring(text)
         lines = {id(element): line for element, line in zip(root.iter(), lines_of(text), strict=True)}
         resource = self._package.XMLResource(root, allow="none")
@@ -80,7 +80,7 @@ def not_valid(violations: list[Violation], where: Path, schema: Path) -> InputEr
 
 
 def _short(text: str) -> str:
-    """One line, with the prefixes of the certificate instead of its namespaces."""
+    """Return one line, with the prefixes of the certificate instead of its namespaces."""
     for prefix, space in (("dcc", DCC), ("si", SI)):
         text = text.replace(f"{{{space}}}", f"{prefix}:")
     return " ".join(text.split())

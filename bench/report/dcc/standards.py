@@ -22,7 +22,7 @@ def overdue(standards: Mapping[str, Mapping[str, Any]], began: date, ended: date
 
 
 def equipment(calibration: Calibration) -> Element | None:
-    """The element measuringEquipments; None if the register is empty."""
+    """Return the element measuringEquipments; None if the register is empty."""
     standards = calibration.manifest.get("standards", {})
     made = [_standard(calibration, role, entry) for role, entry in sorted(standards.items())]
     return dcc("measuringEquipments", *made) if made else None

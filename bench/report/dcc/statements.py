@@ -14,7 +14,7 @@ _WORST_FIRST = ("fail", "conditional_fail", "conditional_pass", "pass")
 
 
 def statements(calibration: Calibration) -> Element:
-    """The element statements."""
+    """Return the element statements."""
     laboratory = calibration.laboratory
     return dcc(
         "statements",

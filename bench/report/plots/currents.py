@@ -75,7 +75,7 @@ def _current_svg(errors: Sequence[tuple[Residual, float]], words: Texts) -> str:
 
 
 def residual_picture(model: ReportModel, words: Texts) -> Picture | None:
-    """Residuals in ppm of the level for every channel, level and temperature."""
+    """Return residuals in ppm of the level for every channel, level and temperature."""
     residuals = _residuals(model)
     channels = sorted({(one.channel, one.kind) for one in residuals})
     if not channels:

@@ -33,7 +33,7 @@ def timetable_picture(table: Timetable, trace: TemperatureTrace, words: Texts) -
 
 
 def _has_readings(trace: TemperatureTrace) -> bool:
-    """Whether anybody read a temperature; a bench without a chamber notes its environment without one."""
+    """Return whether anybody read a temperature; a bench without a chamber notes its environment without one."""
     return any(np.isfinite(one).any() for one in (trace.air_degC, trace.unit_degC, trace.planned_degC))
 
 

@@ -42,7 +42,7 @@ class Panel:
 
 
 def line_years(first: float, last: float) -> Floats:
-    """Where a drift line is drawn."""
+    """Return where a drift line is drawn."""
     return np.linspace(first, last, _LINE_POINTS)
 
 

@@ -57,6 +57,6 @@ def legend_of(figure: Figure, panels: Iterable[Axes], columns: int = 5, least: i
 
 
 def channels_of(rows: Iterable[Mapping[str, Any]]) -> list[tuple[Any, str]]:
-    """Number and kind of every channel in some estimates, by number."""
+    """Return number and kind of every channel in some estimates, by number."""
     found = {row["conditions"]["channel"]: row["conditions"].get("kind", "") for row in rows}
     return sorted(found.items())

@@ -80,7 +80,7 @@ def look(index: int) -> dict[str, Any]:
 
 
 def svg_text(figure: Figure, name: str) -> str:
-    """The figure as a complete SVG document; no date, no version, and the same ids for the same drawing."""
+    """Return the figure as a complete SVG document; no date, no version, and the same ids for the same drawing."""
     with mpl.rc_context({"svg.hashsalt": name}):
         FigureCanvasSVG(figure)
         sheet = io.StringIO()
@@ -91,7 +91,7 @@ def svg_text(figure: Figure, name: str) -> str:
 
 
 def inline_svg(figure: Figure, name: str) -> str:
-    """The figure as an ``<svg>`` element that scales with the page."""
+    """Return the figure as an ``<svg>`` element that scales with the page."""
     text = svg_text(figure, name)
     text = text[text.index("<svg") :]
     return _HEIGHT.sub(r"\1", _SIZE.sub(r'\1 width="100%"', text, count=1), count=1).strip()

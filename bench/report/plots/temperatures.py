@@ -81,7 +81,7 @@ def _picture(model: ReportModel, words: Texts, name: str, series: Sequence[_Seri
 
 
 def _at_temperatures(rows: Sequence[Row]) -> list[Row]:
-    """Estimates that belong to a channel and a temperature, repeats left out."""
+    """Return estimates that belong to a channel and a temperature, repeats left out."""
     return [row for row in rows if {"channel", "temperature_degC"} <= row["conditions"].keys()]
 
 
@@ -96,7 +96,7 @@ def _error_bars(axes: Axes, rows: Sequence[Row], one: _Series, words: Texts, shi
 
 
 def surroundings_picture(model: ReportModel, words: Texts) -> Picture | None:
-    """Temperature of the laboratory against time from hour 0; None if it was not logged."""
+    """Return temperature of the laboratory against time from hour 0; None if it was not logged."""
     shown = [one for one in model.run.surroundings if one.laboratory and one.t_s.size]
     if not shown:
         return None

@@ -38,7 +38,7 @@ def timetable(steps: Sequence[Step], prepare_s: float) -> Timetable:
 
 
 def _conditions_served(steps: Sequence[Step]) -> list[Mapping[str, Any]]:
-    """The conditions that each step serves: to settle is a part of the record that comes after it."""
+    """Return the conditions that each step serves: to settle is a part of the record that comes after it."""
     found: list[Mapping[str, Any]] = []
     ahead: Mapping[str, Any] | None = None
     for step in reversed(steps):

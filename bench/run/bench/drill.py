@@ -97,7 +97,7 @@ def drill(station: Station, station_path: Path, out: Path, clock: Clock) -> dict
 
 
 def latest_drill(out: Path, station: Station) -> dict[str, Any] | None:
-    """The newest drill of a station in the folder of sessions, passed or not; None if there is none.
+    """Return the newest drill of a station in the folder of sessions, passed or not; None if there is none.
 
     ``utc`` is when it began, in ISO form.
     """
@@ -111,7 +111,7 @@ def latest_drill(out: Path, station: Station) -> dict[str, Any] | None:
 
 
 def drill_age(found: Mapping[str, Any], clock: Clock) -> timedelta:
-    """How long ago a drill was."""
+    """Return how long ago a drill was."""
     return datetime.fromtimestamp(clock.utc_ns() // NS, UTC) - datetime.fromisoformat(str(found["utc"]))
 
 
@@ -178,7 +178,7 @@ def _guard_s(folder: Path, killed_utc_ns: int) -> tuple[float | None, bool]:
 
 
 def _read_back(station: Station, clock: Clock, killed_ns: int) -> tuple[dict[str, object], float]:
-    """What is still on, by sessions of the drill's own, and when that was known."""
+    """Return what is still on, by sessions of the drill's own, and when that was known."""
     roles = [role for role in station.safe_order if drives(driver_class(station.instruments[role].driver))]
     bench = open_bench(station, clock, HeldTranscript(), seed=0, links=False, roles=roles)
     try:

@@ -33,7 +33,7 @@ _LOOK_S = 0.1
 
 
 def source_of(station: Station, drivers: dict[str, type]) -> str:
-    """The role that switches a stimulus on. Raises: InputError B-RUN-095 if the station has none."""
+    """Return the role that switches a stimulus on. Raises: InputError B-RUN-095 if the station has none."""
     for role in station.safe_order:
         if any(one.effect is Effect.STIMULUS_ON for one in actions_of(drivers[role]).values()):
             return role
@@ -41,7 +41,7 @@ def source_of(station: Station, drivers: dict[str, type]) -> str:
 
 
 def has_source(station: Station) -> bool:
-    """Whether there is a stimulus that a drill can switch on."""
+    """Return whether there is a stimulus that a drill can switch on."""
     return any(
         action.effect is Effect.STIMULUS_ON
         for entry in station.instruments.values()
@@ -60,7 +60,7 @@ def stimulate(instruments: dict[str, Instrument], source: str) -> None:
 
 
 def stimulated(instruments: dict[str, Instrument]) -> dict[str, object]:
-    """What is on by read-back: roles in operate, closed routes; empty when nothing is."""
+    """Return what is on by read-back: roles in operate, closed routes; empty when nothing is."""
     found: dict[str, object] = {}
     for role, instrument in instruments.items():
         effects = {one.effect for one in actions_of(type(instrument)).values()}

@@ -43,7 +43,7 @@ class World(Protocol):
         """pySerial URL of a link."""
 
     def truth(self, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
-        """What an analysis of these records should have found."""
+        """Return what an analysis of these records should have found."""
 
     def operate(self, name: str, value: Any) -> None:
         """What a person does at the bench: put a unit on it, set a switch. Raises: InputError for an unknown name."""
@@ -117,7 +117,7 @@ def open_bench(
 
 
 def open_visa(library: str) -> pyvisa.ResourceManager:
-    """The VISA library of a station. Raises: InstrumentError B-RUN-002."""
+    """Return the VISA library of a station. Raises: InstrumentError B-RUN-002."""
     try:
         return pyvisa.ResourceManager(library)
     except (pyvisa.Error, OSError, ValueError) as error:

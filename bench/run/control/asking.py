@@ -86,7 +86,7 @@ class WaitingOperator:
                 self._open = None
 
     def propose(self, prompt: str | None, value: object, by: str) -> str:
-        """An answer that came through the control socket; what the one who gave it is told. Raises: Refused."""
+        """Return an answer that came through the control socket; what the one who gave it is told. Raises: Refused."""
         with self._lock:
             asked = self._open
             if asked is None or prompt not in (None, asked.id):
@@ -98,7 +98,7 @@ class WaitingOperator:
         return "confirmed" if given is None else f"answered with {plain_quantity(given, asked.question.unit)}"
 
     def document(self, utc_s: Callable[[int], float]) -> dict[str, Any] | None:
-        """The question as part of the state document; ``utc_s`` turns the run's clock into UTC."""
+        """Return the question as part of the state document; ``utc_s`` turns the run's clock into UTC."""
         with self._lock:
             asked = self._open
         if asked is None or asked.answer is not None:

@@ -56,7 +56,7 @@ class Control:
         self._refused = 0
 
     def answer(self, request: dict[str, Any], peer: str) -> dict[str, Any]:
-        """The reply to one request; it never waits and never raises for what a client sends."""
+        """Return the reply to one request; it never waits and never raises for what a client sends."""
         request = {key: _written(value) for key, value in request.items()}
         command, reason, name = request.get("command"), request.get("reason", ""), request.get("by", "")
         if command not in COMMANDS:
@@ -129,7 +129,7 @@ class Control:
             raise Refusal(str(why)) from why
 
     def status(self) -> dict[str, Any]:
-        """What the run does now, as JSON values."""
+        """Return what the run does now, as JSON values."""
         context, step = self._context, self._following.step_under_way
         holding = context.stop.holds.reasons
         ending = context.stop.over or bool(context.stop.requested) or context.stop.fault is not None

@@ -31,7 +31,7 @@ MOST_OUTPUT = 1_000_000
 
 
 def judge_command(folder: Path, early: Early) -> list[str]:
-    """The process that judges a session."""
+    """Return the process that judges a session."""
     limits = {name: getattr(early, name) for name in LIMITS}
     return own_process(EARLY_VERDICT, str(folder), json.dumps(limits))
 

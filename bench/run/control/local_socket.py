@@ -25,7 +25,7 @@ POLL_S = 0.25
 
 
 def listen(path: Path) -> socket.socket:
-    """A socket that listens at a path, without waiting; what was left there is replaced. Raises: OSError."""
+    """Return a socket that listens at a path, without waiting; what was left there is replaced. Raises: OSError."""
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
         path.unlink(missing_ok=True)
@@ -43,7 +43,7 @@ def listen(path: Path) -> socket.socket:
 
 
 def peer_of(connection: socket.socket) -> str | None:
-    """Name and process of who connected; None for another user, who is not heard (root is)."""
+    """Return name and process of who connected; None for another user, who is not heard (root is)."""
     try:
         raw = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
     except OSError:

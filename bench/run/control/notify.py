@@ -33,7 +33,7 @@ Message = dict[str, Any]
 
 
 def occasion(event: Event) -> str:
-    """Which occasion an event is: hold, alarm, end, error, or "" for one that nobody is told of."""
+    """Return which occasion an event is: hold, alarm, end, error, or "" for one that nobody is told of."""
     match event:
         case Hold() | Release():
             return "hold"

@@ -72,7 +72,7 @@ def judge(question: Question, answer: Answer, where: str) -> None:
 
 
 def limits_of(question: Question) -> str:
-    """What value is due, for a person, such as "at most 0.5 ohm"; "" for a plain confirmation."""
+    """Return what value is due, for a person, such as "at most 0.5 ohm"; "" for a plain confirmation."""
     low, high = (None if one is None else plain_quantity(one, question.unit) for one in (question.low, question.high))
     if high is None:
         return question.unit if low is None or not question.unit else f"at least {low}"
@@ -80,7 +80,7 @@ def limits_of(question: Question) -> str:
 
 
 def changes_of(steps: Iterable[Step]) -> dict[str, Any]:
-    """What the prompts among some steps have changed on the bench, by name; of two changes the later counts."""
+    """Return what the prompts among some steps have changed on the bench, by name; of two changes the later counts."""
     changes: dict[str, Any] = {}
     for step in steps:
         if isinstance(step, PlannedPrompt):

@@ -71,11 +71,11 @@ class Alarms:
         return False
 
     def waits(self, alarm: str) -> bool:
-        """Whether there is such an alarm and nobody has acknowledged it."""
+        """Return whether there is such an alarm and nobody has acknowledged it."""
         return any(known.id == alarm and known.acknowledged is None for known in self._alarms)
 
     def documents(self) -> list[dict[str, Any]]:
-        """All alarms, newest first."""
+        """Return all alarms, newest first."""
         return [alarm.document() for alarm in sorted(self._alarms, key=lambda alarm: -alarm.t_utc_s)]
 
     def _end(self, event: End, t_utc_s: float) -> None:

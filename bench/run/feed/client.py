@@ -48,7 +48,7 @@ class FeedClient:
         self._connection: socket.socket | None = None
 
     def poll(self, since: int, state: bool = True) -> FeedReply:
-        """Points from number ``since`` on, and the state document.
+        """Return points from number ``since`` on, and the state document.
 
         Raises: FeedGone B-RUN-100 if nobody answers within 2 s, or not in the protocol.
         """

@@ -14,7 +14,7 @@ DECODED_S = 62.0  # a rehearsal decodes that seldom: what it received since then
 
 
 def links_of(context: RunContext, now_ns: int) -> dict[str, dict[str, Any]]:
-    """All links by name, as in docs/live-protocol.md."""
+    """Return all links by name, as in docs/live-protocol.md."""
     stale = context.health.values()
     return {
         name: _link(reader, now_ns, bool(stale.get(f"{name}_stale")), virtual=context.clock.virtual)

@@ -103,7 +103,7 @@ class LiveFeed(Observer):
         self.broken = True
 
     def document(self) -> dict[str, Any]:
-        """The state document of now; on the thread of the feed. Raises: RuntimeError if the feed is broken."""
+        """Return the state document of now; on the thread of the feed. Raises: RuntimeError if the feed is broken."""
         if self.broken:
             raise RuntimeError("the feed of this run is broken")
         context, stop = self._context, self._context.stop

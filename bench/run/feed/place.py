@@ -207,6 +207,6 @@ class Place:
         return since + late.duration_s + late.hold_limit_s
 
     def grace_s(self, t: float) -> float:
-        """How much longer a soak that is late may last, second."""
+        """Return how much longer a soak that is late may last, second."""
         limit = None if self._late is None else self.late_until(self._late)
         return 0.0 if limit is None else max(0.0, limit - t)

@@ -13,7 +13,7 @@ TELLING = ("prompt", "record", "unit", "verify")  # kinds of step that always le
 
 
 def is_measurement(conditions: Mapping[str, Any]) -> bool:
-    """Whether a record counts as one of the campaign's (those of the wiring check do not)."""
+    """Return whether a record counts as one of the campaign's (those of the wiring check do not)."""
     return bool(conditions.get("purpose", MEASUREMENT) == MEASUREMENT)
 
 
@@ -46,7 +46,7 @@ class PlannedRun:
         return ends
 
     def first(self, phase: str) -> Step | None:
-        """The first step of a phase; None if it has none."""
+        """Return the first step of a phase; None if it has none."""
         return self.steps[self._first[phase]] if self._starts.get(phase) else None
 
     def before_s(self, phase: str) -> float:
@@ -54,7 +54,7 @@ class PlannedRun:
         return sum(self.length_s[one] for one in ORDER[: ORDER.index(phase)])
 
     def step_at(self, phase: str, seconds: float) -> Step | None:
-        """The step under way at a planned moment; None if the phase has no step."""
+        """Return the step under way at a planned moment; None if the phase has no step."""
         starts = self._starts.get(phase)
         if not starts:
             return None

@@ -181,5 +181,5 @@ def moments_ns(stamps_ns: NDArray[np.int64], period_ns: int) -> NDArray[np.int64
 
 
 def _starts(numbers: NDArray[np.int64]) -> NDArray[np.intp]:
-    """Where runs of equal numbers begin; there is at least one number."""
+    """Return where runs of equal numbers begin; there is at least one number."""
     return np.flatnonzero(np.diff(numbers, prepend=numbers[0] - 1))

@@ -112,7 +112,7 @@ class FeedServer(LocalServer[_Client]):
             self._watch(client, selectors.EVENT_WRITE if client.out else selectors.EVENT_READ)
 
     def _reply(self, line: bytes, now_ns: int) -> bytes | None:
-        """The reply to one request; None for one that is not understood, or that cannot be answered."""
+        """Return the reply to one request; None for one that is not understood, or that cannot be answered."""
         try:
             request = json.loads(line)
             since, with_state = request.get("since", 0), request.get("state", False)

@@ -154,7 +154,7 @@ class RunState:
             self._stopping = True
 
     def waits(self, alarm: str) -> bool:
-        """Whether there is an alarm of this id that nobody has acknowledged."""
+        """Return whether there is an alarm of this id that nobody has acknowledged."""
         with self._lock:
             return self.alarms.waits(alarm)
 
@@ -204,7 +204,7 @@ class RunState:
     # --- the document ------------------------------------------------------------------------------------------
 
     def document(self, t_utc_s: float) -> dict[str, Any]:
-        """The state document at a moment of the bench."""
+        """Return the state document at a moment of the bench."""
         with self._lock:
             if self._outcome is None and not self._holds and self._prompt is None:
                 self._place.follow(t_utc_s)

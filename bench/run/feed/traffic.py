@@ -83,7 +83,7 @@ class InstrumentPanel:
         return f"{line.command}" if line.reply is None else f"{line.command} -> {line.reply}"
 
     def documents(self) -> dict[str, dict[str, Any]]:
-        """All lines, as part of the state document."""
+        """Return all lines, as part of the state document."""
         return {role: _document(line) for role, line in self._lines.items()}
 
 

@@ -38,7 +38,7 @@ class Temperature:
 
 
 def wait_of(t: float, step: Step, place: Place, unit: Temperature, said: str | None) -> dict[str, Any] | None:
-    """What a step waits for; None for one that takes no time worth telling."""
+    """Return what a step waits for; None for one that takes no time worth telling."""
     if isinstance(step, PlannedSoak):
         limit = place.late_until(step)
         until = place.time_of(step, step.at_s + step.duration_s) if limit is None else limit

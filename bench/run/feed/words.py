@@ -10,7 +10,7 @@ from bench.plan import PlannedSoak, Step
 
 
 def conditions_in_words(conditions: Mapping[str, Any]) -> str:
-    """Temperature, channel, level and branch of a step or record, such as "50 degC channel 3 -10 mA"."""
+    """Return temperature, channel, level and branch of a step or record, such as "50 degC channel 3 -10 mA"."""
     parts = []
     if "temperature_degC" in conditions:
         parts.append(f"{conditions['temperature_degC']:g} degC")
@@ -27,7 +27,7 @@ def conditions_in_words(conditions: Mapping[str, Any]) -> str:
 
 
 def in_words(step: Step) -> str:
-    """One line about a step: what is done and under which conditions."""
+    """Return one line about a step: what is done and under which conditions."""
     conditions = conditions_in_words(step.conditions)
     if isinstance(step, PlannedSoak) and "temperature_degC" not in step.conditions:
         conditions = f"{step.temperature_degC:g} degC {conditions}"

@@ -82,7 +82,7 @@ class _Bench:
         self._safe: set[str] = set()
 
     def make_safe(self) -> list[str]:
-        """One quick pass in order, then more with patience; returns the roles that are not confirmed safe."""
+        """Return one quick pass in order, then more with patience; returns the roles that are not confirmed safe."""
         end_ns = self._clock.now_ns() + to_ns(LAST_S)
         self._pass(TURN_S, QUICK_S)
         while self._left() and self._clock.now_ns() < end_ns:

@@ -41,7 +41,7 @@ class Brief:
     notify: tuple[str, ...] = ()
 
     def line(self) -> bytes:
-        """The brief as one line of JSON."""
+        """Return the brief as one line of JSON."""
         return json.dumps(asdict(self), separators=(",", ":")).encode() + b"\n"
 
     @classmethod

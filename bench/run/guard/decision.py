@@ -37,7 +37,7 @@ class Action:
 
 
 def decide(state: Watched, now_ns: int) -> Action | None:
-    """What the guard has to do at ``now_ns``, None if nothing.
+    """Return what the guard has to do at ``now_ns``, None if nothing.
 
     A limit counts as crossed where it is reached. A value that is not a number crosses nothing: a reading that fails
     is the interlocks' business.

@@ -53,7 +53,7 @@ class Diary:
 
 
 def read_diary(path: Path) -> list[dict[str, Any]]:
-    """The whole lines of a guard's diary, oldest first; empty if there is none."""
+    """Return the whole lines of a guard's diary, oldest first; empty if there is none."""
     try:
         lines = path.read_bytes().split(b"\n")[:-1]
     except OSError:

@@ -23,7 +23,7 @@ DIARY = "guard.jsonl"
 
 
 def guard_beside(station: Station) -> Callable[[RunContext], AbstractContextManager[object]]:
-    """What guards a run on this station, as something that goes on beside the sequencer.
+    """Return what guards a run on this station, as something that goes on beside the sequencer.
 
     A bench that other processes can reach gets a guard process, started before the first step. Raises: RunError
     B-RUN-090 if it does not start. A bench simulated in this process gets a task with the same decision.
@@ -38,7 +38,7 @@ def guard_beside(station: Station) -> Callable[[RunContext], AbstractContextMana
 
 
 def station_lock(station: Station, what: str, clock: Clock, roles: Collection[str] = ()) -> BenchLock:
-    """The lock of a controller on a station, or on some roles of it; a bench inside this process needs none.
+    """Return the lock of a controller on a station, or on some roles of it; a bench inside this process needs none.
 
     ``what``: "run", "talk" ... A guard that is making the bench safe is waited for.
     """
@@ -47,7 +47,7 @@ def station_lock(station: Station, what: str, clock: Clock, roles: Collection[st
 
 
 def brief_of(station: Station, diary: Path) -> Brief:
-    """What the guard of this process is told about a station."""
+    """Return what the guard of this process is told about a station."""
     entries = {role: station.instruments[role] for role in station.safe_order}
     addresses = (Address(role, entry.driver, entry.resource, dict(entry.options)) for role, entry in entries.items())
     return Brief(

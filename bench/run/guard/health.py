@@ -58,7 +58,7 @@ class Health:
         self._values[name] = (value, self._clock.now_ns())
 
     def values(self) -> dict[str, float]:
-        """The newest values."""
+        """Return the newest values."""
         return {name: value for name, (value, _) in list(self._values.items())}
 
     def age_s(self, name: str) -> float | None:

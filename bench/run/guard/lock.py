@@ -42,7 +42,7 @@ def bus_keys(resources: Iterable[str]) -> tuple[str, ...]:
 
 
 def bench_lock(resources: Iterable[str], what: str, clock: Clock) -> BenchLock:
-    """The lock of a controller on these VISA addresses; it waits for a guard that is making the bench safe."""
+    """Return the lock of a controller on these VISA addresses; it waits for a guard that is making the bench safe."""
     return BenchLock(bus_keys(resources), what, clock, patience_s=GUARD_PATIENCE_S)
 
 
@@ -103,7 +103,7 @@ class BenchLock:
             self._clock.sleep(_POLL_S)
 
     def _patience_with(self, holder: Mapping[str, Any]) -> float:
-        """Seconds; one that has not named itself yet may be a guard that the machine gives no time."""
+        """Return seconds; one that has not named itself yet may be a guard that the machine gives no time."""
         if not holder:
             return min(self._patience_s, UNNAMED_PATIENCE_S)
         return self._patience_s if holder.get("what") == GUARD else 0.0

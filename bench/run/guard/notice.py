@@ -21,7 +21,7 @@ Send = Callable[[dict[str, Any]], None]
 
 
 def notice_command(notify: Notify | None) -> tuple[str, ...]:
-    """The program and its arguments; empty if nobody is told of alarms."""
+    """Return the program and its arguments; empty if nobody is told of alarms."""
     if notify is None or "alarm" not in notify.on:
         return ()
     document = notify.model_dump_json(exclude={"heartbeat"}, exclude_none=True)

@@ -102,7 +102,7 @@ def _unheard(role: str, direction: str, text: str, t_mono_ns: int) -> None:
 
 
 def _hear(state: Watched, line: bytes, now_ns: int) -> float | None:
-    """One message of the controller: {"values": ...} is a heartbeat, {"goodbye": ...} the end.
+    """Return one message of the controller: {"values": ...} is a heartbeat, {"goodbye": ...} the end.
 
     Returns: how old the controller's reading of the chamber's air is, second; None if it has none to take.
     """

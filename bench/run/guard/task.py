@@ -54,7 +54,7 @@ class GuardTask:
 
 
 def limit_crossed(action: Action) -> RunError:
-    """The error of a run that reached a hard limit."""
+    """Return the error of a run that reached a hard limit."""
     return RunError(
         "B-RUN-094",
         f"{action.text}; the heat was switched off",

@@ -76,7 +76,7 @@ class Holds:
             return None
 
     def take(self) -> Wish | None:
-        """What is wished now: standing still comes first. A retake or skip is handed out once."""
+        """Return what is wished now: standing still comes first. A retake or skip is handed out once."""
         with self._lock:
             if self._reasons:
                 by, reason = next(iter(self._reasons.items()))

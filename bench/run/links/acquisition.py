@@ -256,7 +256,7 @@ class Acquisition:
         return {name: status_of(reader, now_ns) for name, reader in self.readers.items()}
 
     def unit_temperature_degC(self) -> float:
-        """Mean of the unit's temperature sensors in its newest housekeeping frame, degC.
+        """Return mean of the unit's temperature sensors in its newest housekeeping frame, degC.
 
         NaN before the first frame and when the newest is older than ``STALE_S``.
         """

@@ -13,7 +13,7 @@ class StreamSource(Protocol):
     """An instrument that measures by itself and keeps what it finds until it is read."""
 
     def read_stream(self, most_bytes: int) -> bytes:
-        """What is buffered, at most so much; b"" at once if there is nothing. Raises: InstrumentError."""
+        """Return what is buffered, at most so much; b"" at once if there is nothing. Raises: InstrumentError."""
 
 
 class InstrumentLink:
@@ -29,7 +29,7 @@ class InstrumentLink:
         self._source: StreamSource = instrument
 
     def read(self, size: int = 1) -> bytes:
-        """What the instrument has buffered. Raises: OSError if it cannot be read."""
+        """Return what the instrument has buffered. Raises: OSError if it cannot be read."""
         try:
             return self._source.read_stream(size)
         except InstrumentError as error:

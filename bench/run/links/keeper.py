@@ -135,7 +135,7 @@ class LinkKeeper(Observer):
                 self._context.stop.holds.hold(kept.by, kept.reason)
 
     def _expected(self, kept: Kept) -> bool:
-        """Whether the run needs the link now."""
+        """Return whether the run needs the link now."""
         if not self._active:
             return False
         if kept.trouble == "lost" and kept.reader.name == self._commanded:

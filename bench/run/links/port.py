@@ -93,7 +93,7 @@ def descriptor_of(link: object) -> int | None:
 
 
 def kernel_counts(link: object) -> dict[str, int] | None:
-    """What the kernel counted since the driver was loaded: frame, overrun, parity, buf_overrun.
+    """Return what the kernel counted since the driver was loaded: frame, overrun, parity, buf_overrun.
 
     None where the driver does not count (pseudo-terminals, other URL handlers). Source: tty_ioctl(2), TIOCGICOUNT.
     """

@@ -52,7 +52,7 @@ class SequenceNumbers:
         self._overtaken = -1  # the step whose command had no answer yet when another one was sent
 
     def new(self) -> int:
-        """The next number."""
+        """Return the next number."""
         self._overtaken = self._step if self._step >= 0 else self._overtaken
         self.last, self._step = (self.last + 1) % _NUMBERS, -1
         self._asked.discard(self.last)
@@ -78,7 +78,7 @@ class SequenceNumbers:
         self._asked.add(number)
 
     def asks(self, number: int) -> bool:
-        """Whether the command with this number asked the unit who it is."""
+        """Return whether the command with this number asked the unit who it is."""
         return number in self._asked
 
 
@@ -262,7 +262,7 @@ class LinkReader:
 
 
 def answers_of(message: str, frames: MessageBatch) -> list[UnitAnswer]:
-    """The answers or refusals of a batch, in order."""
+    """Return the answers or refusals of a batch, in order."""
     count, fields = len(frames), frames.message.by_name
     payloads = frames.raw("payload") if "payload" in fields else [b""] * count
     numbers = frames.raw(SEQUENCE) if SEQUENCE in fields else [-1] * count

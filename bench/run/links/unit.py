@@ -30,7 +30,7 @@ class CounterMark:
 
     @classmethod
     def of(cls, reader: LinkReader) -> CounterMark:
-        """The newest good frame of a link."""
+        """Return the newest good frame of a link."""
         return cls(reader.last_raw, reader.last_frame_ns)
 
 
@@ -40,7 +40,7 @@ NOWHERE = CounterMark(-1, -1)
 def went_on(
     before: CounterMark, after: CounterMark, rate_Hz: float | None, wrap: int, *, buffered: bool = False
 ) -> bool:
-    """Whether a counter stands where the time since ``before`` predicts; True where no rate predicts anything.
+    """Return whether a counter stands where the time since ``before`` predicts; True where no rate predicts anything.
 
     A unit that was restarted, and another unit, begin anew somewhere else. What comes from a buffer (``buffered``) may
     be as old as the last frame before.
@@ -85,7 +85,7 @@ class Unit:
         return self._identify is not None and self._send(self._identify)
 
     def verdict(self) -> Verdict:
-        """What the answer to ``ask`` says: none (the plan has no way to ask), pending, same, other."""
+        """Return what the answer to ``ask`` says: none (the plan has no way to ask), pending, same, other."""
         if self._identify is None:
             return "none"
         if self._heard is None:
@@ -117,7 +117,7 @@ class Unit:
         return str(uut.get("serial", ""))
 
     def _is_known(self, answer: bytes) -> bool:
-        """The answer of before; if it was never asked, the serial number of the campaign is a word of it."""
+        """Return the answer of before; if it was never asked, the serial number of the campaign is a word of it."""
         if self._known is not None:
             return answer == self._known
         return not self._serial or self._serial in re.split(r"[\s,;]+", answer.decode("ascii", "replace"))

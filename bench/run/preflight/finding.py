@@ -42,7 +42,7 @@ class Report:
     findings: tuple[Finding, ...]
 
     def of(self, status: Status) -> list[Finding]:
-        """The findings of one status."""
+        """Return the findings of one status."""
         return [finding for finding in self.findings if finding.status is status]
 
     def refusal(self) -> BenchError | None:
@@ -70,14 +70,14 @@ class Report:
 
 
 def told(finding: Finding) -> str:
-    """A finding in one clause."""
+    """Return a finding in one clause."""
     limit = f" (due: {finding.limit})" if finding.limit else ""
     value = f" {finding.value}" if finding.value else ""
     return f"{finding.name}:{value}{limit}{', ' if value or limit else ' '}{finding.text}".rstrip(", :")
 
 
 def fields_of(finding: Finding) -> dict[str, str]:
-    """A finding as plain words."""
+    """Return a finding as plain words."""
     return {
         "name": finding.name,
         "status": str(finding.status),

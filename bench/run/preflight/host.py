@@ -43,14 +43,14 @@ class Host:
             return None
 
     def names(self, folder: str) -> list[str]:
-        """What a folder holds, [] if it cannot be read."""
+        """Return what a folder holds, [] if it cannot be read."""
         try:
             return sorted(path.name for path in Path(folder).iterdir())
         except OSError:
             return []
 
     def exists(self, path: str) -> bool:
-        """Whether there is such a file or folder."""
+        """Return whether there is such a file or folder."""
         return Path(path).exists()
 
     def terminal(self, descriptor: int | None) -> str:
@@ -61,7 +61,7 @@ class Host:
             return ""
 
     def output(self, words: Sequence[str], limit_s: float = 5.0) -> str | None:
-        """What a program prints; None if it is missing, fails or takes longer than ``limit_s``."""
+        """Return what a program prints; None if it is missing, fails or takes longer than ``limit_s``."""
         try:
             done = subprocess.run(words, capture_output=True, text=True, timeout=limit_s, check=True)
         except (OSError, subprocess.SubprocessError):
@@ -69,7 +69,7 @@ class Host:
         return done.stdout.strip()
 
     def kernel_clock(self) -> KernelClock | None:
-        """The kernel's clock; None where it cannot be asked."""
+        """Return the kernel's clock; None where it cannot be asked."""
         if struct.calcsize("l") != 8:
             return None
         try:

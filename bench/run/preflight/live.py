@@ -27,7 +27,7 @@ SEED = 1  # of a bench that is simulated in this process
 
 
 def examine(plan: Plan, clock: Clock, out: Path, host: Host | None = None) -> Report:
-    """Everything the pre-flight of a run would find now; no output is switched, nothing is made safe.
+    """Return everything the pre-flight of a run would find now; no output is switched, nothing is made safe.
 
     Instruments and ports that another controller uses are not touched: nothing of the bench is opened then.
     """
@@ -55,7 +55,7 @@ def examine(plan: Plan, clock: Clock, out: Path, host: Host | None = None) -> Re
 
 
 def examine_machine(around: Surroundings) -> Report:
-    """What can be said of a machine without a plan or a bench."""
+    """Return what can be said of a machine without a plan or a bench."""
     return Report(tuple(look(around) for _, look in MACHINE))
 
 
@@ -64,7 +64,7 @@ def _unheard(role: str, direction: str, text: str, t_mono_ns: int) -> None:
 
 
 def _untouched(context: PreflightContext, error: BenchError) -> Report:
-    """What can be said about a bench that somebody else is using; not even its disk is kept busy."""
+    """Return what can be said about a bench that somebody else is using; not even its disk is kept busy."""
     used = Finding("second controller", Status.FAIL, error.code, "the bench is free", error.message)
     skipped = Finding("instruments and links", Status.SKIPPED, text="not touched while the bench is in use")
     harmless = [check for check in (*ALWAYS, *ON_THE_MACHINE) if not check.on_bus and check.look not in _TOUCHING]

@@ -40,7 +40,7 @@ def _line(context: PreflightContext, link: str) -> Finding:
 
 
 def _wrong_modes(modes: list[int], baud: int) -> list[str]:
-    """What is not as it should be, by termios(3)."""
+    """Return what is not as it should be, by termios(3)."""
     input_modes, _, control_modes, _ = modes[:4]
     speed = _SPEEDS.get(modes[_BAUD])  # a speed without a name of its own is not in the list: nothing to compare
     wrong = [
@@ -70,7 +70,7 @@ def latency_timers(context: PreflightContext) -> list[Finding]:
 
 
 def quiet(context: PreflightContext) -> list[Finding]:
-    """What the links deliver before the unit is powered: nothing, or garbage, both are fine; it is said."""
+    """Return what the links deliver before the unit is powered: nothing, or garbage, both are fine; it is said."""
     findings = []
     for link, port in context.links.items():
         name = f"silence of {link}"

@@ -100,7 +100,7 @@ def _too_slow(check: Check) -> Finding:
 
 
 def _guarded(check: Check, context: PreflightContext) -> Looked:
-    """What the check found; whatever it raises is a finding, too."""
+    """Return what the check found; whatever it raises is a finding, too."""
     try:
         return check.look(context)
     except BenchError as error:
@@ -148,7 +148,7 @@ class OverdueError(Exception):
 
 
 def within(limit_s: float, call: Callable[[], T]) -> T:
-    """What the call returns or raises. Raises: OverdueError after ``limit_s`` (second)."""
+    """Return what the call returns or raises. Raises: OverdueError after ``limit_s`` (second)."""
     returned: list[T] = []
     raised: list[Exception] = []
 

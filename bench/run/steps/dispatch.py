@@ -106,7 +106,7 @@ def _command(context: RunContext, step: PlannedCommand) -> None:
 
 
 def _answer_of(context: RunContext, step: PlannedCommand, reader: LinkReader) -> UnitAnswer | None:
-    """The answer of a unit whose commands carry no number: the first one to a command of this code."""
+    """Return the answer of a unit whose commands carry no number: the first one to a command of this code."""
     with context.acquisition.lock:
         context.acquisition.refresh()  # an answer that is there already belongs to somebody else's command
         reader.answers.clear()

@@ -115,7 +115,7 @@ def _exchanged(
 
 
 def _awaited(context: RunContext, reader: LinkReader, due: tuple[int, int], until_ns: int) -> UnitAnswer | None:
-    """The answer with this number and code; None if there is none in time."""
+    """Return the answer with this number and code; None if there is none in time."""
 
     def found() -> UnitAnswer | None:
         return next((one for one in reader.answers if (one.sequence, one.command) == due), None)

@@ -19,12 +19,12 @@ Drivers = Mapping[str, Mapping[str, Action]]
 
 
 def can_move(actions: Mapping[str, Action]) -> bool:
-    """Whether an instrument with these actions is a table."""
+    """Return whether an instrument with these actions is a table."""
     return any(action.effect is Effect.MOTION_ON for action in actions.values())
 
 
 def is_motion(step: Step) -> bool:
-    """Whether a step of the plan sets an axis of a table moving."""
+    """Return whether a step of the plan sets an axis of a table moving."""
     return isinstance(step, PlannedCall) and step.name in (_MOVE, _TURN, _SPIN) and step.axis is not None
 
 
@@ -47,7 +47,7 @@ def motion_again(steps: Sequence[Step], number: int, drivers: Drivers) -> list[S
 
 
 def changes_motion(step: Step, drivers: Drivers) -> bool:
-    """Whether a step moves a table, or opens or closes its interlock."""
+    """Return whether a step moves a table, or opens or closes its interlock."""
     effect = _effect(step, drivers.get(step.role, {})) if isinstance(step, PlannedCall) else Effect.NONE
     return effect in (Effect.MOTION_ON, Effect.MOTION_OFF)
 
@@ -91,5 +91,5 @@ def _axes(
 
 
 def _settle_behind(steps: Sequence[Step], at: int, number: int) -> list[PlannedSettle]:
-    """The first settle step behind step ``at``, before step ``number``."""
+    """Return the first settle step behind step ``at``, before step ``number``."""
     return [step for step in steps[at + 1 : number] if isinstance(step, PlannedSettle)][:1]

@@ -62,7 +62,7 @@ class Position:
 
 
 def stopped_at(plan: Plan, entries: Sequence[JournalEntry], events: Sequence[Event]) -> Position:
-    """Position of a stopped run, from its journal and the events of its session.
+    """Return position of a stopped run, from its journal and the events of its session.
 
     Either may have lost its end in a power cut. A record counts if its event is there; the point of the first one that
     is missing is taken again, and so is a point whose record was not verified any more. Of a run that could still say
@@ -161,7 +161,7 @@ def _item(step: Step) -> tuple[Any, ...] | None:
 
 
 def readings_of(steps: Sequence[Step], drivers: Mapping[str, Mapping[str, Action]]) -> frozenset[int]:
-    """Numbers of the steps that only read an instrument; ``drivers``: declared actions by role."""
+    """Return numbers of the steps that only read an instrument; ``drivers``: declared actions by role."""
     return frozenset(step.number for step in steps if isinstance(step, PlannedCall) and _reads(step, drivers))
 
 
@@ -198,7 +198,7 @@ def _recording_start(steps: Sequence[Step], record: int) -> int:
 
 
 def in_point(steps: Sequence[Step], index: int, readings: Container[int] = ()) -> bool:
-    """Whether ``steps[index]`` belongs to a point, so that there is one to skip."""
+    """Return whether ``steps[index]`` belongs to a point, so that there is one to skip."""
     record = _record_of(steps, index, readings)
     return record is not None and _start_of(steps, record) <= index
 

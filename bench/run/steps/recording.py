@@ -40,7 +40,7 @@ def take_record(context: RunContext, step: PlannedRecord) -> None:
 
 
 def _losses(row: RecordRow) -> tuple[int, int, str]:
-    """How many frames or readings of a record are lost, of how many, and what they are called."""
+    """Return how many frames or readings of a record are lost, of how many, and what they are called."""
     if not row.window.link:
         return row.unread, row.readings + row.unread, "readings"
     return row.lost, row.window.frames, "frames"
@@ -53,7 +53,7 @@ def _read(context: RunContext, step: PlannedRecord, number: int) -> RecordRow:
 
 
 def _goes_on(context: RunContext, row: RecordRow) -> bool:
-    """Frames came behind the record: the unit is not silent, and a window that is lost costs no other one."""
+    """Return frames came behind the record: the unit is not silent, and a window that is lost costs no other one."""
     reader = context.acquisition.readers[context.measurement_link]
     return reader.last_counter >= row.window.first_counter + row.window.frames
 
@@ -96,5 +96,5 @@ def _event_of(
 
 
 def measurement_rows(rows: Mapping[int, RecordRow]) -> list[RecordRow]:
-    """The records that count, in order; wiring records are left out."""
+    """Return the records that count, in order; wiring records are left out."""
     return [row for _, row in sorted(rows.items()) if row.window.conditions.get("purpose", MEASUREMENT) == MEASUREMENT]

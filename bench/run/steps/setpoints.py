@@ -29,7 +29,7 @@ Readings = dict[str, dict[str, Any]]
 
 
 def setpoint_of(step: Step, instruments: Mapping[str, Instrument]) -> dict[str, Any]:
-    """What a finished step has set and its instrument has confirmed: {"role.action": arguments}, else empty."""
+    """Return what a finished step has set and its instrument has confirmed: {"role.action": arguments}, else empty."""
     if isinstance(step, PlannedSoak):
         target = {"temperature": step.temperature_degC, "ramp": step.ramp_degC_min}
         return {f"{step.role}.set_temperature": target}

@@ -22,7 +22,7 @@ AHEAD_S = 100.0  # how late a step between two records may be (a bus that asks a
 
 
 def begin_window(context: RunContext, step: PlannedRecord, number: int) -> RecordWindow:
-    """The window of a record step, open, and with it those that follow it without a gap.
+    """Return the window of a record step, open, and with it those that follow it without a gap.
 
     A step that follows another one begins anew if its first frames have gone by already.
     Raises: RunError B-RUN-021 if the unit is silent where a window begins anew.
@@ -41,12 +41,12 @@ def begin_window(context: RunContext, step: PlannedRecord, number: int) -> Recor
 
 
 def patience_s(context: RunContext, step: PlannedRecord) -> float:
-    """How much later than due the last frame of a record may come, second."""
+    """Return how much later than due the last frame of a record may come, second."""
     return SILENCE_S + 3.0 / float(context.plan.campaign["rate_Hz"]) + 0.001 * step.seconds
 
 
 def is_chained(context: RunContext, step: PlannedRecord) -> bool:
-    """Whether a record follows another one without a gap, or is followed by one."""
+    """Return whether a record follows another one without a gap, or is followed by one."""
     return step.follows or next(_followers(context.plan.steps, step), None) is not None
 
 

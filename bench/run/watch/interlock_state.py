@@ -30,7 +30,7 @@ class InterlockState:
         self._lasting_ns: int | None = None
 
     def take(self, t_ns: int, value: float | None) -> Change | None:
-        """What changes with the reading at ``t_ns`` (None: there was none).
+        """Return what changes with the reading at ``t_ns`` (None: there was none).
 
         "lasting" comes once, when a tripped interlock is still beyond after another dwell, 2 s at least.
         """

@@ -38,7 +38,7 @@ class RateStep:
             self._frames -= len(self._kept.popleft()[0])
 
     def of(self, row: RecordRow) -> float:
-        """Mean net rate of the record's channel in its second half minus that in its first, absolute, hertz.
+        """Return mean net rate of the record's channel in its second half minus that in its first, absolute, hertz.
 
         NaN if the record names no channel or a half of it has no frames.
         """

@@ -122,7 +122,7 @@ def read_campaign(campaign: Mapping[str, Any]) -> Campaign:
 
 
 def read_ranges(standards: Mapping[str, Mapping[str, Any]], role: str) -> dict[float, RangeSpecification]:
-    """Uncertainty (95 %, k = 2) and correction of each range of a standard, by full scale in ampere.
+    """Return uncertainty (95 %, k = 2) and correction of each range of a standard, by full scale in ampere.
 
     Raises: FitError B-FIT-009 if the register has no such standard or one of its numbers is missing.
     """

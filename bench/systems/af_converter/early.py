@@ -87,7 +87,7 @@ def residual_check(analysis: Analysis, limit: float) -> Check:
 
 
 def drift_check(analysis: Analysis, limit: float) -> Check:
-    """The largest drift between a first visit and its repeat, in its own standard uncertainty."""
+    """Return the largest drift between a first visit and its repeat, in its own standard uncertainty."""
     drifts = [
         (abs(one["value"]) / one["std_uncertainty"], one)
         for one in analysis.estimates
@@ -102,7 +102,7 @@ def drift_check(analysis: Analysis, limit: float) -> Check:
 def _neighbours(
     rows: Iterable[RecordRow], campaign: Campaign
 ) -> Iterator[tuple[int, list[tuple[RecordRow, RecordRow]]]]:
-    """Pairs of open records that follow each other without a gap, for every channel: a ramp's windows."""
+    """Yield pairs of open records that follow each other without a gap, for every channel: a ramp's windows."""
     opened = [row for row in rows if row.window.conditions.get("route") == "open" and row.frames]
     pairs = [
         (one, two)

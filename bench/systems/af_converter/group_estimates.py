@@ -14,7 +14,7 @@ _PPM = 1e6
 
 
 def conditions_of(one: GroupFit, campaign: Campaign) -> dict[str, Any]:
-    """Conditions of an estimate: nominal and measured temperature of a channel."""
+    """Return conditions of an estimate: nominal and measured temperature of a channel."""
     return {
         "channel": one.group.channel,
         "kind": campaign.channel(one.group.channel).kind,
@@ -24,7 +24,7 @@ def conditions_of(one: GroupFit, campaign: Campaign) -> dict[str, Any]:
 
 
 def common_relative_ppm(standards: Standards) -> float:
-    """What a stated traceability and drift of the calibrator add to every scale-factor error, standard, ppm."""
+    """Return what a stated traceability and drift of the calibrator add to every scale-factor error, standard, ppm."""
     return float(np.hypot(standards.traceability or 0.0, standards.drift or 0.0)) * _PPM
 
 

@@ -35,18 +35,18 @@ class Fitted:
     polynomials: Mapping[tuple[str, int], TemperaturePolynomial]
 
     def slopes_ppm_degC(self, channel: int, temperature_degC: float) -> tuple[float, float]:
-        """Temperature coefficients (N, P) of a channel at a temperature; 0 where they are not known."""
+        """Return temperature coefficients (N, P) of a channel at a temperature; 0 where they are not known."""
         known = [self.polynomials.get((quantity, channel)) for quantity in QUANTITIES]
         slopes = [one.slope(temperature_degC) if one else 0.0 for one in known]
         return slopes[0], slopes[1]
 
     def visits(self, channel: int) -> list[GroupFit]:
-        """First visits of a channel to its temperatures: what its polynomials are made of."""
+        """Return first visits of a channel to its temperatures: what its polynomials are made of."""
         return first_visits(self.groups, channel)
 
 
 def first_visits(groups: Iterable[GroupFit], channel: int) -> list[GroupFit]:
-    """Groups of a channel without its repeats."""
+    """Return groups of a channel without its repeats."""
     return [one for one in groups if one.group.channel == channel and one.group.repeat == 0]
 
 
@@ -96,7 +96,7 @@ def _fit_one(group: Group, campaign: Campaign, standards: Standards, method: str
 
 
 def reasons(group: Group) -> str:
-    """Why records of a group were left out, in words."""
+    """Return why records of a group were left out, in words."""
     return ", ".join(f"{count} {reason}" for reason, count in sorted(group.left_out.items())) or "none: none was taken"
 
 

@@ -54,7 +54,7 @@ class Group:
 
 
 def place_name(place: Place) -> str:
-    """Name of a group in messages and notes."""
+    """Return name of a group in messages and notes."""
     channel, temperature_degC, repeat = place
     return f"channel {channel} at {temperature_degC:g} degC" + (f", repeat {repeat}" if repeat else "")
 

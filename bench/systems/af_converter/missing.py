@@ -20,7 +20,7 @@ def missing_groups(
     refused: Iterable[tuple[Group, FitError]],
     campaign: Campaign,
 ) -> list[str]:
-    """Every promised channel and temperature without scale-factor errors, with the reason; one sentence each.
+    """Return every promised channel and temperature without scale-factor errors, with the reason; one sentence each.
 
     Promised are all places the records name, and every declared channel at every temperature any record names.
     A channel without any record is named once.

@@ -31,7 +31,7 @@ class UnitTemperature:
 
 
 def unit_temperatures(rows: Iterable[RecordRow]) -> dict[int, UnitTemperature]:
-    """Temperatures by record number; a record whose temperature is not known is not in the answer.
+    """Return temperatures by record number; a record whose temperature is not known is not in the answer.
 
     A record without housekeeping takes the straight line in time between the nearest records of its link that have
     some, one before and one after, both at the same nominal temperature and, middle to middle, not more than

@@ -65,7 +65,7 @@ def _summary(unit: UnitResult, offset_s: float | None) -> dict[str, Any]:
 
 
 def _times(begin_s: float | None, end_s: float | None, offset_s: float | None) -> dict[str, Any]:
-    """Times of the bench clock; UTC labels beside them where the session says how the two belong together."""
+    """Return times of the bench clock; UTC labels beside them where the session says how the two belong together."""
     if begin_s is None or end_s is None:
         return {"begin_s": None, "elapsed_s": None, "end_s": None}
     found: dict[str, Any] = {"begin_s": begin_s, "elapsed_s": end_s - begin_s, "end_s": end_s}

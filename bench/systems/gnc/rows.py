@@ -112,7 +112,7 @@ def clock_of(rows: Sequence[SampledRow]) -> UnitClock:
 
 
 def power_on_of(rows: Sequence[SampledRow]) -> dict[int, int]:
-    """Number of the power-on of the unit, from 0, by the number of the record."""
+    """Return number of the power-on of the unit, from 0, by the number of the record."""
     return {rows[place].number: number for number, places in enumerate(power_ons(_stamps(rows))) for place in places}
 
 
@@ -156,6 +156,6 @@ def _no_site(error: KeyError) -> FitError:
 
 
 def temperature_span(rows: Sequence[SampledRow]) -> tuple[float, float]:
-    """Lowest and highest mean temperature of the records, degC."""
+    """Return lowest and highest mean temperature of the records, degC."""
     means = [float(np.mean(row.temperature_degC)) for row in rows]
     return min(means), max(means)

@@ -70,7 +70,7 @@ def _check(row: SampledRow, kinds: Sequence[str], limits: Mapping[str, float], d
 
 
 def _limits(kinds: Sequence[str], imu: Mapping[str, Any]) -> dict[str, float]:
-    """Steps of the output at the end of each range; a sensor of which the sequence declares none has none."""
+    """Return steps of the output at the end of each range; a sensor of which the sequence declares none has none."""
     steps = {}
     for kind in kinds:
         reach, step = (imu.get(name) for name in _STEPS[kind])
@@ -85,7 +85,7 @@ def check_notes(rows: Sequence[CheckedRow]) -> list[str]:
 
 
 def check_table(checked_rows: Sequence[CheckedRow]) -> Table:
-    """Samples, gaps and time stamps of every record."""
+    """Return samples, gaps and time stamps of every record."""
     rows = []
     for seen in checked_rows:
         ticks, checks = seen.checks.ticks, seen.checks

@@ -96,7 +96,7 @@ class _Part:
 
 
 def compensated(events: Events, number: int) -> Compensated:
-    """Every compensator over every stretch of one record.
+    """Return every compensator over every stretch of one record.
 
     Raises: FitError B-RLG-007 if no stretch has edges of the beat and of the dither pick-off over some dither periods.
     """

@@ -95,12 +95,12 @@ def _is_seen(walk: RandomWalk | None) -> bool:
 
 
 def paths_of(results: Sequence[LaserResult]) -> list[float]:
-    """Path lengths in metres, rising."""
+    """Return path lengths in metres, rising."""
     return sorted({one.record.path_length_m for one in results})
 
 
 def value_of(estimates: Estimates, quantity: str, **place: Any) -> dict[str, Any] | None:
-    """The first estimate of a quantity under these conditions."""
+    """Return the first estimate of a quantity under these conditions."""
     for one in estimates:
         if one["quantity"] == quantity and all(one["conditions"].get(key) == value for key, value in place.items()):
             return one

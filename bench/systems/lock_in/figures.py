@@ -27,7 +27,7 @@ _FEWEST_PHASES = 3
 
 
 def campaign_figures(results: Sequence[LaserResult], requirement: Requirement, method: str) -> list[Figure]:
-    """Figures 1, 2 and 12, the ratio against the backscatter phase, and the Allan deviations."""
+    """Return figures 1, 2 and 12, the ratio against the backscatter phase, and the Allan deviations."""
     return [
         _alignment(results, requirement, method),
         _path_length(results, method),

@@ -22,7 +22,7 @@ _PROBABILITY = 1e-4  # of a false note per record and constant
 
 
 def notes(results: Sequence[LaserResult], requirement: Requirement, judged: str) -> list[str]:
-    """Sentences in the order of their weight; ``judged`` is the method of the verdict."""
+    """Return sentences in the order of their weight; ``judged`` is the method of the verdict."""
     return [
         *_harm(results),
         *_better(results, judged),
@@ -130,7 +130,7 @@ def _off(results: Sequence[LaserResult]) -> list[str]:
 
 
 def _moved(one: LaserResult) -> str:
-    """Which constants differ from block to block, in words; "" if none does."""
+    """Return which constants differ from block to block, in words; "" if none does."""
     found = []
     for fit in one.found.constants:
         blocks = (

@@ -45,7 +45,7 @@ class LaserRecord:
         return self.sensed(_DITHER)
 
     def place(self, clock_Hz: float) -> dict[str, Any]:
-        """Conditions that tell its estimates from those of the others."""
+        """Return conditions that tell its estimates from those of the others."""
         found: dict[str, Any] = {PATH: self.path_length_m, CLOCK: clock_Hz}
         if self.phase_setting_deg is not None:
             found[PHASE] = self.phase_setting_deg
@@ -53,7 +53,7 @@ class LaserRecord:
 
 
 def laser_records(material: Material) -> list[LaserRecord]:
-    """The records with a path length, in their order; without those that were taken again.
+    """Return the records with a path length, in their order; without those that were taken again.
 
     Raises: FitError B-RLG-001 if there is not one; B-RLG-006 for a path length that is none.
     """

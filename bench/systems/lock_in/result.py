@@ -48,7 +48,7 @@ def misfit(walk: RandomWalk) -> float:
 
 
 def walk_std_deg_rth(walk: RandomWalk) -> float:
-    """Standard uncertainty of a random walk; of one that quantisation hides, from its upper limit.
+    """Return standard uncertainty of a random walk; of one that quantisation hides, from its upper limit.
 
     Where the two terms do not describe the deviation, as much wider as it is off them.
     """
@@ -94,7 +94,7 @@ class LaserResult:
         return Measured(value, math.hypot(walk_std_deg_rth(one), value * walk_std_deg_rth(raw)) / raw.n_deg_rth)
 
     def is_worse(self, method: str) -> bool:
-        """Whether the compensator adds random walk, beyond the uncertainty of the ratio."""
+        """Return whether the compensator adds random walk, beyond the uncertainty of the ratio."""
         ratio = self.ratio(method)
         return ratio is not None and ratio.value - coverage_factor() * ratio.std > 1.0
 
@@ -179,7 +179,7 @@ def _without_edges(events: Events) -> Events:
 
 
 def _weighted(values: list[tuple[float, float]]) -> Measured | None:
-    """Mean of values, each with its standard uncertainty."""
+    """Return mean of values, each with its standard uncertainty."""
     if not values:
         return None
     weight = np.array([1.0 / std**2 for _, std in values])

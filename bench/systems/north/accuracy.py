@@ -45,7 +45,7 @@ class Accuracy:
 
 
 def accuracies(found: Solution, limit_deg: float) -> list[Accuracy]:
-    """Every method, in the order of METHODS."""
+    """Return every method, in the order of METHODS."""
     return [_accuracy(found, method, limit_deg) for method in METHODS]
 
 
@@ -127,7 +127,7 @@ def scatter_over_time(found: Solution) -> tuple[Floats, Floats]:
 
 
 def _pieces(one: NorthSet, waveform: Waveform) -> list[tuple[float, float]]:
-    """Length in seconds and phase in degrees of pieces of at least a turn, over all records of a set."""
+    """Return length in seconds and phase in degrees of pieces of at least a turn, over all records of a set."""
     found: list[tuple[float, float]] = []
     for record in sorted(one.rows):
         u_V, theta_deg, per_turn = waveform.turns(record)

@@ -22,7 +22,7 @@ _MOST_REPEATS = 4  # a calibration of fewer sets than that limits what repeats c
 
 
 def north_notes(found: Solution, method: str, accuracy: list[Accuracy]) -> list[str]:
-    """All of them."""
+    """Return all of them."""
     notes = [
         *_bounded(found), *_uncertainty(found, method, accuracy), *_doubts(found, method), *_formulas(accuracy),
         *_whiteness(found),
@@ -70,7 +70,7 @@ def _uncertainty(found: Solution, method: str, accuracy: list[Accuracy]) -> list
 
 
 def _doubts(found: Solution, method: str) -> list[str]:
-    """What no uncertainty can know: a weak signal, sets without a level, two rates, methods that contradict."""
+    """Return what no uncertainty can know: a weak signal, sets without a level, two rates, methods that contradict."""
     notes = _unsteady(found) if method != LIKELIHOOD else []
     one_deg = math.hypot(found.by_method[method].noise_deg, found.by_method[method].common_deg)
     if one_deg > _MOST_NOISE_deg:

@@ -41,7 +41,7 @@ class Waveform:
         return float(np.sqrt(np.mean(squares)))
 
     def standing(self) -> list[int]:
-        """Records in which the table turned at less than half of the highest rate of the set, or backwards."""
+        """Return records in which the table turned at less than half of the highest rate of the set, or backwards."""
         per_sample_deg = {}
         for record in np.unique(self.record).tolist():
             theta_deg = np.unwrap(self.theta_deg[self.record == record], period=360.0)
@@ -58,7 +58,7 @@ class Waveform:
 
 
 def waveform_of(one: NorthSet) -> Waveform | None:
-    """The four records of a set in one; None if any of them is missing or has gaps."""
+    """Return the four records of a set in one; None if any of them is missing or has gaps."""
     if one.raw_faults:
         return None
     samples = [(index, row.samples) for index, row in sorted(one.rows.items()) if row.samples is not None]
@@ -71,6 +71,6 @@ def waveform_of(one: NorthSet) -> Waveform | None:
 
 
 def _rate_Hz(samples: Samples, rate_deg_s: float) -> float:
-    """Samples per second by the turning of the table: a serial line hands samples over in blocks."""
+    """Return samples per second by the turning of the table: a serial line hands samples over in blocks."""
     theta_deg = np.unwrap(samples.scaled("encoder"), period=360.0)
     return (len(samples) - 1) * abs(rate_deg_s) / max(abs(float(theta_deg[-1] - theta_deg[0])), 1e-9)

@@ -120,7 +120,7 @@ def _keep(found: dict[tuple[Any, ...], NorthSet], conditions: Mapping[str, Any],
 
 
 def _around(reading: Reading, rows: Iterable[RecordRow]) -> dict[str, Any]:
-    """Conditions of a reading: its own, and those of the record that ended just before it."""
+    """Return conditions of a reading: its own, and those of the record that ended just before it."""
     own = dict(reading.conditions)
     before = [row for row in rows if 0.0 <= reading.t_s - 1e-9 * row.window.t_end_ns + 0.1 <= _NEAR_s]
     near = [dict(row.window.conditions) for row in before if agree(row.window.conditions, own)]
@@ -128,7 +128,7 @@ def _around(reading: Reading, rows: Iterable[RecordRow]) -> dict[str, Any]:
 
 
 def agree(one: Mapping[str, Any], other: Mapping[str, Any], keys: Sequence[str] = _PLACE) -> bool:
-    """Whether two sets of conditions say nothing different about where a sample belongs."""
+    """Return whether two sets of conditions say nothing different about where a sample belongs."""
     return all(one[key] == other[key] for key in keys if key in one and key in other)
 
 
@@ -172,7 +172,7 @@ def _wrong(value: Mapping[str, Any], rate_deg_s: float) -> list[str]:
 
 
 def _tilt(one: NorthSet, readings: Iterable[Reading]) -> tuple[float, float] | None:
-    """The level reading of the same head next to the middle of the set."""
+    """Return the level reading of the same head next to the middle of the set."""
     own = {"item": one.item, "place": one.place, "head_deg": one.head_deg, "repeat": one.repeat}
     middle_s = (one.begin_s + one.end_s) / 2.0
     near = [

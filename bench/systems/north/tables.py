@@ -87,7 +87,7 @@ def _seconds(time_s: float) -> str:
 
 
 def error_table(solution: Solution) -> list[Table]:
-    """Mean error of each known azimuth, by every method side by side."""
+    """Return mean error of each known azimuth, by every method side by side."""
     by_method = {
         method: {mean.head_deg: mean for mean in solution.means(method) if mean.item == TEST} for method in METHODS
     }

@@ -24,7 +24,7 @@ METHODS: tuple[str, ...] = _METHODS
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
-    """Offset by all filters and by the receive stamps; ``method`` says which filter is judged.
+    """Return offset by all filters and by the receive stamps; ``method`` says which filter is judged.
 
     Raises: FitError B-FIT-004 (unknown method), B-SYNC-001 to -009 and -011; a radar without an image is missing.
     """

@@ -50,7 +50,7 @@ class SyncResult:
 
 
 def sync_estimates(result: SyncResult) -> Estimates:
-    """All of them; judged are the interval of the chosen method and its agreement with the stamps."""
+    """Return all of them; judged are the interval of the chosen method and its agreement with the stamps."""
     estimates: Estimates = []
     for name in METHODS:
         estimates += _offset(result, name)

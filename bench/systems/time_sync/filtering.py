@@ -87,7 +87,7 @@ class Filtered:
     samples: int
 
     def history_s(self, method: str) -> tuple[Array, Array]:
-        """Offset of one method over time and its standard uncertainty by the filter, (m,) each."""
+        """Return offset of one method over time and its standard uncertainty by the filter, (m,) each."""
         group = GROUPS.index(method)
         return self.run.offset_s[:, group, 0] + self.shift_s, self.run.sigma[:, group, OFFSET]
 
@@ -216,7 +216,7 @@ def ratio_of(run: FilterRun, group: int, block: int = 0) -> float:
 
 
 def outside_of(run: FilterRun, group: int, block: int = 0) -> float:
-    """Share of the innovations outside their 95 % interval."""
+    """Return share of the innovations outside their 95 % interval."""
     count = run.nis_count[:, group, block]
     use = (count > 0) & np.isfinite(run.nis_outside[:, group, block])
     return float(np.average(run.nis_outside[use, group, block], weights=count[use])) if use.any() else math.nan

@@ -37,7 +37,7 @@ class Latency:
 
 
 def demands_of(campaign: Mapping[str, Any]) -> Demands:
-    """Limits of the campaign, those of ``SPECIFIED`` where it states none.
+    """Return limits of the campaign, those of ``SPECIFIED`` where it states none.
 
     Raises: FitError B-SYNC-005 for a limit that no time offset has, in a wrong unit or not above zero.
     """

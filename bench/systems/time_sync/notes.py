@@ -12,7 +12,7 @@ _MOST_RATIO = 1.5
 
 
 def notes(result: SyncResult) -> list[str]:
-    """All of them."""
+    """Return all of them."""
     return [*result.ready.notes, *_observable(result), *_against_stamps(result), *_clocks(result), *_filter(result)]
 
 

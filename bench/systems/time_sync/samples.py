@@ -40,7 +40,7 @@ class EgiSamples:
     groups: int = 1
 
     def block(self, k0: int, k1: int) -> tuple[Array, Array, Array]:
-        """Samples k0 to k1 - 1, the same for every group."""
+        """Return samples k0 to k1 - 1, the same for every group."""
         count = min(k1, self.t_s.size) - k0
         p, v, C = self.p[k0:k1], self.v[k0:k1], self.C[k0:k1]
         vector = (count, self.groups, 1, 3)
@@ -114,7 +114,7 @@ def steady_s(stream: Stream) -> Array:
 
 
 def _longest_piece(imu: Stream, notes: list[str]) -> Stream:
-    """The longest stretch without a gap of more than ``LONGEST_GAP`` samples."""
+    """Return the longest stretch without a gap of more than ``LONGEST_GAP`` samples."""
     steps = np.diff(imu.counter)
     cuts = np.flatnonzero(steps > LONGEST_GAP + 1) + 1
     edges = [0, *cuts.tolist(), len(imu)]

@@ -33,7 +33,7 @@ _MS = 1e3
 
 
 def tables(result: SyncResult) -> list[Table]:
-    """All, the result in front."""
+    """Return all, the result in front."""
     first = [_result(result), _filters(result), _clocks(result), _consistency(result), _biases(result)]
     return [*first, *([_image(result.image, result)] if result.image else []), _received(result)]
 

@@ -76,7 +76,7 @@ class RunList:
 
 
 def session_row(folder: Path) -> Row:
-    """One session, by its manifest and its results; what cannot be read is null."""
+    """Return one session, by its manifest and its results; what cannot be read is null."""
     manifest, results = _manifest(folder / _FIRST_SEGMENT), results_of(folder)
     campaign = manifest.get("campaign") or {}
     quality = results.get("quality") or {}
@@ -94,7 +94,7 @@ def session_row(folder: Path) -> Row:
 
 
 def verdict_of(results: Row) -> str:
-    """The worst verdict of all estimates; ``none`` if no estimate has one."""
+    """Return the worst verdict of all estimates; ``none`` if no estimate has one."""
     said = Counter(one.get("verdict") for one in results.get("estimates") or ())
     return next((one for one in _WORST if said[one]), "none")
 

@@ -52,7 +52,7 @@ class Past:
             return unreadable(folder, error)
 
     def points(self, folder: Path, t0_utc_s: float, t1_utc_s: float, width_s: float) -> Points:
-        """All signals of a session between two times, in points of a width.
+        """Return all signals of a session between two times, in points of a width.
 
         Raises: BenchError if the session cannot be read or decoded.
         """
@@ -66,7 +66,7 @@ class Past:
         return binned(window.t_utc_s, window.low, window.high, width_s)
 
     def history(self, folder: Path, names: Sequence[str], t0_utc_s: float, t1_utc_s: float, n: int) -> TrendWindow:
-        """Signals of a session over time, in about ``n`` points at most or as single readings.
+        """Return signals of a session over time, in about ``n`` points at most or as single readings.
 
         Raises: BenchError if the session cannot be read, or has no signal of that name.
         """

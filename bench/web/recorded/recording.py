@@ -38,7 +38,7 @@ class Recording:
         return self.t_utc_s[-1] if self.t_utc_s else 0.0
 
     def until(self, t_utc_s: float) -> int:
-        """How many messages are not later than a time."""
+        """Return how many messages are not later than a time."""
         return bisect_right(self.t_utc_s, t_utc_s)
 
 

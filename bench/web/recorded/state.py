@@ -56,7 +56,7 @@ class RecordedState:
         self._taken = 0
 
     def at(self, t_utc_s: float) -> dict[str, Any]:
-        """The state document at a time of the recording."""
+        """Return the state document at a time of the recording."""
         count = self.recording.until(t_utc_s)
         if count < self._taken:
             self._builder = self._anew()

@@ -53,16 +53,16 @@ class Cookies:
         )
 
     def header(self, login: Login) -> str:
-        """Value of Set-Cookie for a login."""
+        """Return value of Set-Cookie for a login."""
         signed = self._serializer.dumps([login.name, login.role, login.id])
         return self._attributes(signed if isinstance(signed, str) else signed.decode(), VALID_S)
 
     def forget(self) -> str:
-        """Value of Set-Cookie that removes it."""
+        """Return value of Set-Cookie that removes it."""
         return self._attributes("", 0)
 
     def read(self, header: str) -> Login | None:
-        """The login in a Cookie header; None if there is none, it is not signed by us, or too old."""
+        """Return the login in a Cookie header; None if there is none, it is not signed by us, or too old."""
         try:
             # not http.cookies, which stops at the first cookie of another program that it does not like
             content, signed = self._serializer.loads(cookie_parser(header).get(self.name, ""), return_timestamp=True)

@@ -28,7 +28,7 @@ _BACK = re.compile(r"/(runs/[A-Za-z0-9_-][A-Za-z0-9._-]{0,199})?")
 
 
 async def login(request: Request) -> Response:
-    """Name and token against a cookie; the way back is a page of this server."""
+    """Return name and token against a cookie; the way back is a page of this server."""
     serving: Serving = request.app.state.serving
     if request.method != "POST":
         return RedirectResponse("/", 303)  # somebody who is in already
@@ -82,7 +82,7 @@ async def session(request: Request) -> Response:
 
 
 async def _form(request: Request) -> dict[str, str]:
-    """Fields of the form, the first of each name; nothing for what is none."""
+    """Return fields of the form, the first of each name; nothing for what is none."""
     try:
         found = parse_qs((await request.body()).decode(), keep_blank_values=True, max_num_fields=_FIELDS)
     except ValueError:
@@ -93,7 +93,7 @@ async def _form(request: Request) -> dict[str, str]:
 def login_page(
     request: Request, status: int, back_to: str = "/", wrong: str = "", name: str = "", wait_s: int = 0
 ) -> Response:
-    """The form; ``back_to`` is where a login leads, ``wrong`` the key of the text that says what went wrong
+    """Return the form; ``back_to`` is where a login leads, ``wrong`` the key of the text that says what went wrong
     with what was typed as ``name``."""
     texts = Texts(FOLDER, language_of(request))
     page = _template().render(

@@ -60,7 +60,7 @@ class Lease:
         return True
 
     def held_by(self, login: Login) -> bool:
-        """True if this login has the command."""
+        """Return True if this login has the command."""
         holder = self.holder()
         return holder is not None and holder.login.id == login.id
 
@@ -73,6 +73,6 @@ class Lease:
         return self._holder
 
     def document(self) -> dict[str, object] | None:
-        """The key ``operator`` of the state document (docs/live-protocol.md)."""
+        """Return the key ``operator`` of the state document (docs/live-protocol.md)."""
         holder = self.holder()
         return None if holder is None else {"name": holder.login.name, "since_utc_s": holder.since_utc_s}

@@ -47,7 +47,7 @@ class Tokens:
 
 
 def private_folder() -> Path:
-    """Where the tokens and the audit of the page are kept."""
+    """Return where the tokens and the audit of the page are kept."""
     base = os.environ.get("XDG_CONFIG_HOME", "")
     return (Path(base) if base.startswith("/") else Path.home() / ".config") / "inertial-bench"
 

@@ -39,7 +39,7 @@ class Request:
     payload: bytes
 
     def verdict(self) -> Status:
-        """Whether the unit can do it."""
+        """Return whether the unit can do it."""
         if self.command not in tuple(Command):
             return Status.UNKNOWN_COMMAND
         allowed = START_MODES if self.command == Command.START_STREAM else (b"",)
@@ -53,7 +53,7 @@ class CommandReader:
         self._decoder = definition.decoder("reference")
 
     def feed(self, sent: bytes) -> list[Request]:
-        """Commands completed by these bytes, in order."""
+        """Return commands completed by these bytes, in order."""
         found = self._decoder.feed(sent).messages.get("command")
         if found is None:
             return []

@@ -42,7 +42,7 @@ class Drive:
         return np.floor(self.fg_phase + self.fg_Hz * elapsed_s).astype(np.int64)
 
     def with_fg(self, frequency_Hz: float, t_ns: int) -> Drive:
-        """The same with another frequency from ``t_ns`` on; the phase goes on."""
+        """Return the same with another frequency from ``t_ns`` on; the phase goes on."""
         phase = self.fg_phase + self.fg_Hz * (t_ns - self.fg_since_ns) / NS
         return replace(self, fg_Hz=frequency_Hz, fg_since_ns=t_ns, fg_phase=phase)
 

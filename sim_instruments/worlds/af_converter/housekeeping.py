@@ -75,7 +75,7 @@ class Housekeeping:
         self._port.append(np.array([t_ns]), np.frombuffer(frame, np.uint8)[None, :])
 
     def _draws(self, period: int, number: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Standard normal numbers of the frames, (n, readings)."""
+        """Return standard normal numbers of the frames, (n, readings)."""
         if not self._noise:
             return np.zeros((len(number), _READINGS))
         first, last = int(number[0]) // _BLOCK, int(number[-1]) // _BLOCK

@@ -68,7 +68,7 @@ class Ngu:
     # --- the ports ---------------------------------------------------------------------------------------------
 
     def has_port(self, name: str) -> bool:
-        """Whether the unit has a port of this name."""
+        """Return whether the unit has a port of this name."""
         return name in self._ports
 
     def connect(self, name: str, baud: int, faults: LinkFaults | None = None) -> None:

@@ -16,7 +16,7 @@ from sim_instruments.worlds.common.world import entry
 
 
 def estimates(truth: UnitTruth, thermal: Thermal, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
-    """True values in the contract's form, one block per channel and temperature of the measuring windows.
+    """Return True values in the contract's form, one block per channel and temperature of the measuring windows.
 
     Scale factors are those at the unit's true temperature averaged over the windows of that channel and temperature
     (wiring checks and closing repeats left out); the bias is averaged over the open-input windows among them, with

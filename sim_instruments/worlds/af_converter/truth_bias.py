@@ -16,7 +16,7 @@ _REFERENCE = {"reference_temperature_degC": REFERENCE_TEMPERATURE_DEGC}
 
 
 def bias_windows(windows: Sequence[RecordWindow]) -> list[RecordWindow]:
-    """The windows of a bias campaign: on a branch of the temperature, of no single channel."""
+    """Return the windows of a bias campaign: on a branch of the temperature, of no single channel."""
     return [w for w in windows if "branch" in w.conditions and "channel" not in w.conditions]
 
 

@@ -118,7 +118,7 @@ class NguTruth:
         return float(self._master[order])
 
     def _draw_bias(self, rng: np.random.Generator) -> Float:
-        """Coefficients of the centre curve, (4, 10), ampere per degC^order."""
+        """Return coefficients of the centre curve, (4, 10), ampere per degC^order."""
         spread = np.clip(rng.standard_normal(CHANNELS), -2.5, 2.5)
         offset = np.array([k.bias_A for k in KINDS]) + spread * [k.bias_spread_A for k in KINDS]
         slope = _signed(rng, (CHANNELS,), 1.0, 0.1) * [k.bias_tc1_A for k in KINDS]
@@ -155,7 +155,7 @@ def _polynomial(coefficients: Sequence[float] | Float, rise_degC: Float) -> Floa
 
 
 def _signed(rng: np.random.Generator, shape: tuple[int, ...], size: float, spread: float) -> Float:
-    """Values of about ``size`` with either sign."""
+    """Return values of about ``size`` with either sign."""
     return rng.choice((-1.0, 1.0), shape) * size * rng.uniform(1 - spread, 1 + spread, shape)
 
 

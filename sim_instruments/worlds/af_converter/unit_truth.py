@@ -29,7 +29,7 @@ class UnitTruth(Protocol):
         """Scale-factor error of the P pulses, ppm."""
 
     def tc_ppm(self, channel: int, polarity: str, about_degC: float) -> tuple[float, float]:
-        """Coefficients of side "n" or "p" about a temperature: ppm/degC and ppm/degC²."""
+        """Return coefficients of side "n" or "p" about a temperature: ppm/degC and ppm/degC²."""
 
     def bias_A(self, channel: Any, unit_degC: Any, t_s: Any, play_offset_degC: Any = 0.0) -> Any:
         """i_AFbias, ampere: the correction added to the reading, negative of the open-input reading."""

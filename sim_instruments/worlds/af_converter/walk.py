@@ -50,7 +50,7 @@ class BiasWalk:
         return np.asarray(low_A + (place - cell) * (high_A - low_A))
 
     def _grid_A(self, block: int) -> Float:
-        """Values at the steps of a block and at the first of the next one, (4097, 10)."""
+        """Return values at the steps of a block and at the first of the next one, (4097, 10)."""
         while len(self._starts_A) <= block:
             self._starts_A.append(self._grid_A(len(self._starts_A) - 1)[_BLOCK - 1].copy())
         if self._newest[0] != block:
@@ -61,5 +61,5 @@ class BiasWalk:
         return self._newest[1]
 
     def _steps_A(self, block: int, count: int) -> Float:
-        """The first ``count`` steps of a block, (count, 10)."""
+        """Return the first ``count`` steps of a block, (count, 10)."""
         return generator(self._seed, "ngu bias walk", block).standard_normal((count, CHANNELS)) * _STEP_A

@@ -26,10 +26,10 @@ class AxisMotion(Protocol):
     """Angle and rate of one axis of the table at bench times."""
 
     def angle_deg(self, t_ns: Int64) -> Float:
-        """Angle at bench times (n,), degrees."""
+        """Return angle at bench times (n,), degrees."""
 
     def rate_deg_s(self, t_ns: Int64) -> Float:
-        """Its derivative, degrees per second."""
+        """Return its derivative, degrees per second."""
 
 
 class Surroundings(Protocol):
@@ -67,7 +67,7 @@ class Still:
     angle: float = 0.0
 
     def angle_deg(self, t_ns: Int64) -> Float:
-        """The angle, (n,)."""
+        """Return the angle, (n,)."""
         return np.full(np.shape(t_ns), self.angle)
 
     def rate_deg_s(self, t_ns: Int64) -> Float:
@@ -107,7 +107,7 @@ def angles_deg(motion: Sequence[AxisMotion], t_ns: Int64) -> Float:
 
 
 def in_inner_axes(vector: Float, angles: Float, site: Site) -> Float:
-    """A vector of the local frame (3,) in the axes of the inner gimbal at table angles (n, 3): (n, 3)."""
+    """Return a vector of the local frame (3,) in the axes of the inner gimbal at table angles (n, 3): (n, 3)."""
     outer, middle, inner = np.deg2rad(angles).T
     turn = outer + np.deg2rad(90.0 - site.azimuth_deg)
     east, north, up = vector
@@ -147,7 +147,7 @@ def _shared(way_deg: Float, gain_deg: Float, share: Float) -> Float:
 
 
 def rates_in_inner_axes(motion: Sequence[AxisMotion], t_ns: Int64) -> Float:
-    """Rate of the inner gimbal against the local frame about its own axes at bench times, (n, 3), deg/s."""
+    """Return rate of the inner gimbal against the local frame about its own axes at bench times, (n, 3), deg/s."""
     outer, middle, inner = (axis.rate_deg_s(t_ns) for axis in motion)
     _, about_y, about_x = np.deg2rad(angles_deg(motion, t_ns)).T
     forward = outer * np.cos(about_y)

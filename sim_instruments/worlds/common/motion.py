@@ -43,13 +43,13 @@ class AxisMotion:
         self._table: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]] | None = None
 
     def angle_deg(self, t_ns: Any) -> NDArray[np.float64]:
-        """Angle at each time, not wrapped at a turn: degree, shape of ``t_ns``."""
+        """Return angle at each time, not wrapped at a turn: degree, shape of ``t_ns``."""
         since_s, rows = self._at(t_ns)
         angle_deg: NDArray[np.float64] = rows[..., 1] + since_s * (rows[..., 2] + 0.5 * rows[..., 3] * since_s)
         return angle_deg
 
     def rate_deg_s(self, t_ns: Any) -> NDArray[np.float64]:
-        """Rate at each time: deg/s, shape of ``t_ns``."""
+        """Return rate at each time: deg/s, shape of ``t_ns``."""
         since_s, rows = self._at(t_ns)
         rate_deg_s: NDArray[np.float64] = rows[..., 2] + since_s * rows[..., 3]
         return rate_deg_s
@@ -104,7 +104,7 @@ class AxisMotion:
         self._pieces.append(Piece(t_ns, start_s, here_deg, speed, 0.0))
 
     def _at(self, t_ns: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Seconds since the piece began, and the piece's (start, angle, rate, acceleration), of each time."""
+        """Return seconds since the piece began, and the piece's (start, angle, rate, acceleration), of each time."""
         if self._table is None:
             self._table = (
                 np.array([piece.key_ns for piece in self._pieces], np.int64),

@@ -22,7 +22,7 @@ class OnePortUnit:
         self.lock = threading.RLock()
 
     def has_port(self, name: str) -> bool:
-        """Whether the unit has a port of this name."""
+        """Return whether the unit has a port of this name."""
         return name == self.port_name
 
     def connect(self, name: str, baud: int, faults: LinkFaults | None = None) -> None:

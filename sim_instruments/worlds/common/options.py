@@ -16,7 +16,7 @@ def unknown_option(key: str, known: Sequence[str]) -> InputError:
 
 
 def switch_of(key: str, value: str) -> bool:
-    """Whether an option is on. Raises: InputError B-SIM-002 if it is neither on nor off."""
+    """Return whether an option is on. Raises: InputError B-SIM-002 if it is neither on nor off."""
     if value not in ("on", "off"):
         raise InputError("B-SIM-002", f"world option {key} is {value!r}", next_step=f"write {key}=on or {key}=off")
     return value == "on"

@@ -117,7 +117,7 @@ class Port:
         self._busy_ns = int(self._stretches[-1].end_ns[-1]) if self._stretches else 0
 
     def _on_line(self, first: int, frames: NDArray[np.uint8]) -> tuple[bytes, Int64]:
-        """Bytes that arrive, and the offset behind each frame, (n,), with the faults of the link."""
+        """Return bytes that arrive, and the offset behind each frame, (n,), with the faults of the link."""
         n, length = frames.shape
         if self._faults is None or not self._faults.active:
             return frames.tobytes(), np.arange(1, n + 1, dtype=np.int64) * length

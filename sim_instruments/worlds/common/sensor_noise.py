@@ -31,7 +31,7 @@ class WhiteNoise:
         self._keys = generator(seed, purpose).integers(0, 2**64, (2, pairs), np.uint64)
 
     def at(self, t_ns: Int64) -> Float:
-        """Numbers at bench times (n,), (n, columns)."""
+        """Return numbers at bench times (n,), (n, columns)."""
         stamps = np.asarray(t_ns).astype(np.uint64)
         drawn = np.empty((stamps.size, 2 * self._keys.shape[1]))
         for pair, (first, second) in enumerate(self._keys.T):
@@ -79,7 +79,7 @@ class SlowNoise:
         return np.asarray(values * self._sigmas)
 
     def _grid(self, block: int) -> Float:
-        """Values of unit variance at the grid points of a block and at the first of the next, (1025, c)."""
+        """Return values of unit variance at the grid points of a block and at the first of the next, (1025, c)."""
         while len(self._starts) <= block:
             self._starts.append(self._walked(len(self._starts) - 1)[-1])
         if self._newest[0] != block:

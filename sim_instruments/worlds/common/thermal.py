@@ -170,7 +170,7 @@ class Thermal:
         return line + slope * t_s + fast * np.exp(-t_s / lag) + slow * np.exp(-t_s / self.unit_lag_s)
 
     def unit_rate_degC_s(self, t_ns: int) -> float:
-        """How fast the unit warms at ``t_ns``, degC per second; what it will be told later does not enter."""
+        """Return how fast the unit warms at ``t_ns``, degC per second; what it will be told later does not enter."""
         t_s, (slope, lag, _, _, _, fast, slow) = self._elapsed(t_ns)
         return float(slope - fast / lag * np.exp(-t_s / lag) - slow / self.unit_lag_s * np.exp(-t_s / self.unit_lag_s))
 
@@ -219,7 +219,7 @@ class Thermal:
         self._turns = self._find_turns()
 
     def _find_turns(self) -> tuple[list[int], tuple[float, ...]]:
-        """Times and temperatures: the start of every segment (a turn or not) and every turn inside one."""
+        """Return times and temperatures: the start of every segment (a turn or not) and every turn inside one."""
         ends_ns = [s.start_ns for s in self._segments[1:]] + [self._segments[-1].start_ns + round(_SETTLED_S * NS)]
         times_ns = []
         for segment, end_ns in zip(self._segments, ends_ns, strict=True):

@@ -72,7 +72,7 @@ class Wiring:
         self._update(t_ns)
 
     def channel_inputs_A(self) -> dict[int, float | None]:
-        """Current into each channel, ampere; None where nothing is connected.
+        """Return current into each channel, ampere; None where nothing is connected.
 
         Parallel columns share the current evenly (equal input resistances); a column with both rows closed shorts
         HI to LO, so no channel gets the calibrator's current then.

@@ -63,7 +63,7 @@ class Instrument(Protocol):
     named_faults: Mapping[str, Fault]
 
     def outputs(self) -> dict[str, Any]:
-        """What the instrument puts out or switches at this moment."""
+        """Return what the instrument puts out or switches at this moment."""
 
 
 class World:
@@ -133,7 +133,7 @@ class World:
         return next(iter(self.instruments_of(kind)), None)
 
     def instruments_of(self, kind: type) -> list[Any]:
-        """All instruments of a class in the order of the station."""
+        """Return all instruments of a class in the order of the station."""
         return [device for device in self.instruments.values() if isinstance(device, kind)]
 
     def rng(self, purpose: str, *indexes: int) -> np.random.Generator:
@@ -141,7 +141,7 @@ class World:
         return generator(self.seed, purpose, *indexes)
 
     def truth(self, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
-        """True values of what the campaign estimates, in the form of the contract's ``estimates``."""
+        """Return True values of what the campaign estimates, in the form of the contract's ``estimates``."""
         raise NotImplementedError
 
     def operate(self, name: str, value: Any) -> None:

@@ -64,7 +64,7 @@ class Converter:
         self._readings = 0
 
     def read_V(self, sources_V: Float, switch: int, field_gauss: Float) -> Float:
-        """The eight channels, (8,), volt.
+        """Return the eight channels, (8,), volt.
 
         Args: sources_V: what channels 4 to 7 are connected to, (4,).   switch: DIP switch that is on, 0 for none.
             field_gauss: what the magnetometer gives, (3,).
@@ -114,7 +114,7 @@ class Receiver:
         return "gps_silent" not in self._faults
 
     def hot_start(self) -> Fix:
-        """The fix of the next start; 1.3 to 1.7 s from the command, 1.5 m of noise across and 2.5 m upwards."""
+        """Return the fix of the next start; 1.3 to 1.7 s from the command, 1.5 m of noise across and 2.5 m upwards."""
         self._starts += 1
         rng = self._draws.generator("hot start", self._starts)
         north_m, east_m = rng.normal(0.0, 1.5, 2)

@@ -127,7 +127,7 @@ class GncBoard(OnePortUnit):
                 self._at(end_ns, lambda t_ns: self._hear(arriving, begin_ns, t_ns))
 
     def _damaged(self, sent: bytes) -> bytes:
-        """What arrives of it: the link damages both directions alike."""
+        """Return what arrives of it: the link damages both directions alike."""
         if not sent or not self._link.active:
             return sent
         for switch in ("bit_error_rate", "drop_rate", "duplicate_rate", "silent", "unplugged"):

@@ -112,22 +112,22 @@ class GncImu:
         )
 
     def readings(self, t_ns: Int64, interval_ns: int = SAMPLE_NS) -> Readings:
-        """The same before range and quantisation; nothing is lost of a noise-free reading."""
+        """Return the same before range and quantisation; nothing is lost of a noise-free reading."""
         times_ns = np.asarray(t_ns, np.int64)
         parts = [self._part(times_ns[at : at + _CHUNK], interval_ns) for at in range(0, times_ns.size, _CHUNK)]
         parts = parts or [self._part(times_ns, interval_ns)]
         return Readings(*(np.concatenate(one) for one in zip(*parts, strict=True)))
 
     def temperature_degC(self, t_ns: Int64) -> Float:
-        """True temperature of the module at bench times, (n,), degC."""
+        """Return True temperature of the module at bench times, (n,), degC."""
         return self._ambient_degC(t_ns) + self.power.rise_degC(t_ns)
 
     def gyro_bias_deg_s(self, t_ns: Int64) -> Float:
-        """True b of N = S (w + b) at bench times, slow noise and turn-on included, (n, 3), deg/s."""
+        """Return True b of N = S (w + b) at bench times, slow noise and turn-on included, (n, 3), deg/s."""
         return self._biases(t_ns)[:, :3]
 
     def accel_bias_g(self, t_ns: Int64) -> Float:
-        """True b of N = S (a + b), (n, 3), standard g."""
+        """Return True b of N = S (a + b), (n, 3), standard g."""
         return self._biases(t_ns)[:, 3:]
 
     def _part(self, t_ns: Int64, interval_ns: int) -> tuple[Float, Float, Float, Float]:

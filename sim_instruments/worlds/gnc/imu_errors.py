@@ -75,7 +75,7 @@ class Triad:
         return self.row_factor(degC)[:, :, None] * self.sensitivity
 
     def row_factor(self, degC: Float) -> Float:
-        """What temperature multiplies each sensor's row with, (n, 3)."""
+        """Return what temperature multiplies each sensor's row with, (n, 3)."""
         return 1.0 + (degC - REFERENCE_DEGC)[:, None] * self.scale_per_degC
 
     def bias_at(self, degC: Float) -> Float:
@@ -118,12 +118,12 @@ def drawn(rng: np.random.Generator, sigma: ArrayLike, shape: int | tuple[int, ..
 
 
 def signed(rng: np.random.Generator, size: float, shape: int) -> Float:
-    """Numbers of half to one and a half times ``size``, of either sign."""
+    """Return numbers of half to one and a half times ``size``, of either sign."""
     return np.asarray(rng.choice((-1.0, 1.0), shape) * size * rng.uniform(0.5, 1.5, shape))
 
 
 def _gyro_white(seed: int, serial: str, imu_class: str) -> Float:
-    """Angle random walk of the three sensors, deg/rt_s."""
+    """Return angle random walk of the three sensors, deg/rt_s."""
     if imu_class != "table_2":
         return np.full(3, ARW_DEG_RT_H / 60.0)
     means_deg_h = generator(seed, f"gnc table 2 {serial}").uniform(3.6, 9.1, 3)
@@ -142,7 +142,7 @@ def _triad(rng: np.random.Generator, name: str, bias: float, scale_degC: float, 
 
 
 def _chosen(options: ImuOptions, triad: Triad, turn_on: Float, white: Float) -> Triad:
-    """The triad with what the options leave of it."""
+    """Return the triad with what the options leave of it."""
     wrong, noisy = float(options.errors), float(options.noise)
     return Triad(
         np.eye(3) + wrong * (triad.sensitivity - np.eye(3)),

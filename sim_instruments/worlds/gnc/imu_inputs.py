@@ -33,7 +33,7 @@ def true_inputs(
     interval_ns: int,
     lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> tuple[Float, Float]:
-    """Mean rate (deg/s, against inertial space) and specific force (standard g) in body axes, (n, 3) each.
+    """Return mean rate (deg/s, against inertial space) and specific force (standard g) in body axes, (n, 3) each.
 
     The turn of a single axis enters as the exact difference of its angle over the interval. Earth's rate and gravity
     are turned into the body at two nodes of each 5 ms: at 400 deg/s that leaves 3e-10 of them.

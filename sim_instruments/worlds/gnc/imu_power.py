@@ -53,7 +53,7 @@ class PowerPeriods:
         return np.asarray(last + (first - last) * np.exp(-since_s / WARM_UP_LAG_S))
 
     def period(self, t_ns: Int64) -> Int64:
-        """Number of the power-on period at bench times (n,), from 0."""
+        """Return number of the power-on period at bench times (n,), from 0."""
         return np.array([s.period for s in self._stretches], np.int64)[self._at(t_ns)]
 
     def _at(self, t_ns: Int64) -> Int64:

@@ -49,12 +49,12 @@ class Wires:
         return {pin: min(drivers[number], default=0) for pin, number in nets.items()}
 
     def read(self, pins: Mapping[int, int]) -> list[int]:
-        """What the module reads on its lines 1 to 4; one that reaches no pin is pulled down inside."""
+        """Return what the module reads on its lines 1 to 4; one that reaches no pin is pulled down inside."""
         places = (self.pin(line) for line in LINES)
         return [0 if pin is None else pins[pin] for pin in places]
 
     def _nets(self, joined: Set[int]) -> dict[int, int]:
-        """Number of the net of each pin."""
+        """Return number of the net of each pin."""
         nets = {pin: pin for pin in LINES}
         groups = [set(joined)] + ([{2, 3}] if "io_short" in self.faults else [])
         for group in groups:
@@ -78,7 +78,7 @@ def io_test(faults: Set[str], output: int, source: int, level: int) -> tuple[int
 
 
 def spi_test(faults: Set[str], word: int) -> tuple[int, int]:
-    """A word sent by the SPI and seen by the IO lines, then sent back by them: what came back, what was seen.
+    """Return a word sent by the SPI and seen by the IO lines, then sent back by them: what came back, what was seen.
 
     The SPI has its own way to the socket's pins 1 to 4, where the IO lines of the module end.
     """
@@ -102,7 +102,7 @@ def _bits(word: int) -> list[int]:
 
 
 def sci_test(faults: Set[str], pattern: bytes) -> bytes:
-    """What comes back over the asynchronous interface."""
+    """Return what comes back over the asynchronous interface."""
     if "sci_silent" in faults:
         return b""
     if "sci_bit_errors" not in faults:

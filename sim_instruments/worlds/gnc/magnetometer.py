@@ -77,7 +77,7 @@ class Magnetometer:
         self.offset_gauss = drawn(rng, 0.1, 3) * errors
 
     def indicated_gauss(self, field_gauss: Float) -> Float:
-        """What it shows of a field in body axes (n, 3), without noise, gauss."""
+        """Return what it shows of a field in body axes (n, 3), without noise, gauss."""
         return np.asarray(field_gauss @ self.matrix.T + self.offset_gauss)
 
     def in_plane(self, across_z_gauss: float, along_z_gauss: float) -> InPlane:

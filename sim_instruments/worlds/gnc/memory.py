@@ -61,7 +61,7 @@ class MemoryResult:
 
 
 def pattern_of(pattern: int, words: Words) -> U32:
-    """What is written: 0x55555555, 0xAAAAAAAA, or each word its byte address."""
+    """Return what is written: 0x55555555, 0xAAAAAAAA, or each word its byte address."""
     if pattern == 2:
         return (words * WORD).astype(np.uint32)
     return np.full(len(words), 0x55555555 if pattern == 0 else 0xAAAAAAAA, np.uint32)

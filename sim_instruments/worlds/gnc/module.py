@@ -56,7 +56,7 @@ class GncModule:
         self._crystal_ppm = float(draws.generator("crystal").normal(0.0, CRYSTAL_SIGMA_PPM))
 
     def samples(self, t_ns: Int64, interval_ns: int) -> Counts:
-        """What the processor reads from its sensors, as ``Sensors.sample``, with the faults of the module."""
+        """Return what the processor reads from its sensors, as ``Sensors.sample``, with the faults of the module."""
         if "imu_frozen" in self.faults:
             self._frozen = self._frozen or self._sensors.sample(t_ns[:1], interval_ns)
             old = self._frozen
@@ -71,7 +71,7 @@ class GncModule:
         return counts
 
     def field_counts(self, t_ns: int) -> Int64:
-        """The magnetometer at one bench time, (3,)."""
+        """Return the magnetometer at one bench time, (3,)."""
         return self.samples(np.array([t_ns]), SAMPLE_NS).mag[0]
 
     def set_power(self, on: bool, t_ns: int) -> None:
@@ -82,7 +82,7 @@ class GncModule:
             self._sensors.power.off(t_ns)
 
     def gyro_temperature(self, temperature: Int64) -> Int64:
-        """What the gyro's own thermometer gives where the module has this temperature, 0.01 degC."""
+        """Return what the gyro's own thermometer gives where the module has this temperature, 0.01 degC."""
         return np.full_like(temperature, NO_TEMPERATURE) if "imu_temperature_open" in self.faults else temperature
 
     def crystal_error(self, t_ns: int) -> float:

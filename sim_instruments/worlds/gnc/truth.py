@@ -35,7 +35,7 @@ _POINT_NS = NS // 2  # true values are averaged over points so far apart
 
 
 def estimates(modules: Mapping[str, GncImu], windows: Sequence[RecordWindow]) -> list[Entry]:
-    """True values in the contract's form.
+    """Return True values in the contract's form.
 
     Biases of a calibration (positions, rotations) are those of a = K N + bias and w = K N - bias. Biases of a unit that
     was only observed at rest (bias, flip) have the same signs and are those of the indicated values: S b.
@@ -87,7 +87,7 @@ def _of_module(module: GncImu, windows: Sequence[RecordWindow]) -> list[Entry]:
 
 
 def _triad(name: str, triad: Triad, degC: float) -> Iterator[Entry]:
-    """Matrix, scale errors and cross coupling at one temperature."""
+    """Yield matrix, scale errors and cross coupling at one temperature."""
     sensitivity = triad.sensitivity_at(np.array([degC]))[0]
     matrix = np.linalg.inv(sensitivity)
     kind = _kind(name)
@@ -106,7 +106,7 @@ def _mean(bias: Callable[[Int64], Float], windows: Sequence[RecordWindow]) -> Fl
 
 
 def _at_no_input(triad: Triad, bias: Float, degC: float) -> Float:
-    """What sensors with this b indicate without any input, (3,)."""
+    """Return what sensors with this b indicate without any input, (3,)."""
     return np.asarray(triad.sensitivity_at(np.array([degC]))[0] @ bias)
 
 
@@ -160,7 +160,7 @@ def _repeatability(module: GncImu, windows: Sequence[RecordWindow]) -> Iterator[
 
 
 def _magnetometer(module: GncImu, windows: Sequence[RecordWindow]) -> Iterator[Entry]:
-    """The sensor itself, in Earth's field alone: what a table of steel adds is an error of the measurement."""
+    """Yield the sensor itself, in Earth's field alone: what a table of steel adds is an error of the measurement."""
     mounting = str(windows[0].conditions.get("mounting", module.surroundings.mounting))
     tilt, times_ns = module.errors.tilt(mounting), _times_ns(windows)
     field = field_gauss(module.surroundings.motion, "non_magnetic", module.site, module.earth, tilt, times_ns, mounting)

@@ -100,7 +100,7 @@ class GncWorld(World):
         return estimates({first: self._imus[first], **self._imus}, windows)
 
     def _module(self, serial: str, seed: int) -> GncModule:
-        """The module of a serial number; one that comes back is the same one."""
+        """Return the module of a serial number; one that comes back is the same one."""
         if serial not in self._modules:
             imu = GncImu(seed, serial, self._imu_options, surroundings=self, site=SITE)
             place = (SITE.latitude_deg, LONGITUDE_DEG, HEIGHT_M)

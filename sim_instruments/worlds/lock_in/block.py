@@ -52,7 +52,7 @@ class LaserBlock:
 
     @classmethod
     def drawn(cls, seed: int, path_m: float, options: Mapping[str, Any]) -> LaserBlock:
-        """The block of a path length, with completed options of the world."""
+        """Return the block of a path length, with completed options of the world."""
         number = round(path_m * MM)
         draws = generator(seed, "ring laser block", number).standard_normal(7)
         second_rad = float(generator(seed, "ring laser second harmonic", number).uniform(-math.pi, math.pi))
@@ -80,11 +80,11 @@ class LaserBlock:
         )
 
     def beta_deg(self, setting_deg: Any, on_s: Any) -> Any:
-        """Phase of the backscatter for a setting of the transducers, so long after switching on, degree."""
+        """Return phase of the backscatter for a setting of the transducers, so long after switching on, degree."""
         return setting_deg + self.phase_offset_deg + self.drift_deg_h * on_s / S_PER_H
 
     def degC(self, on_s: Float) -> Float:
-        """What its thermometer shows so long after switching on, without noise: it always starts cold."""
+        """Return what its thermometer shows so long after switching on, without noise: it always starts cold."""
         warmed = SELF_HEATING_DEGC * -np.expm1(-on_s / SELF_HEATING_S)
         return np.asarray(LAB_DEGC + self.warmth_degC + warmed)
 

@@ -98,7 +98,7 @@ class RingLaser:
         return math.degrees(walk_rad_rt_s) * math.sqrt(S_PER_H)
 
     def drive(self, dither_deg_s: Float, first_sense: int, noise: Float | None, beta_rad: Float | float) -> Drive:
-        """What drives the phase in consecutive half cycles.
+        """Return what drives the phase in consecutive half cycles.
 
         Args: dither_deg_s: amplitudes (n,).   first_sense: +1 if the first half cycle begins at a positive rate.
             noise: standard normal draws (n, steps), None without quantum noise.   beta_rad: (n,) or one for all.
@@ -121,7 +121,7 @@ class RingLaser:
 
 
 def quantum_deg_rt_h(path_m: float) -> float:
-    """Angle random walk of the quantum noise, deg/rt-h: 1.15e-4 at 28 cm, falls with the square of the path.
+    """Return angle random walk of the quantum noise, deg/rt-h: 1.15e-4 at 28 cm, falls with the square of the path.
 
     Source: paper 004, equation (3): power, losses and transmission of the mirrors alike for all paths.
     """

@@ -55,7 +55,7 @@ class _Cubics(NamedTuple):
 
 
 def crossings(drive: Drive, motion: Motion, noise_rad: Float | None) -> Crossings:
-    """All crossings of multiples of pi.
+    """Return all crossings of multiples of pi.
 
     Args: noise_rad: of the comparator in each step, (n, steps), in parts of the beat's amplitude, or None: an edge
         comes where psi is that much off its level. A pair of edges about a turnaround that so never reaches its level
@@ -106,7 +106,7 @@ def _cubics(drive: Drive, psi: Float, half: Int64, step: Int64) -> _Cubics:
 
 
 def _solve(curve: _Cubics, target: Float) -> Float:
-    """Where each cubic passes its target, once in its step."""
+    """Return where each cubic passes its target, once in its step."""
     rise = curve.b + curve.c + curve.d
     x = (target - curve.a) / rise
     for _ in range(_NEWTON):

@@ -25,5 +25,5 @@ _USUAL: dict[str, Any] = {
 
 
 def completed(options: Mapping[str, Any]) -> dict[str, Any]:
-    """All options: those given, and the usual values of the others."""
+    """Return all options: those given, and the usual values of the others."""
     return {**_USUAL, **options}

@@ -92,7 +92,7 @@ class EdgeStream:
             self._blocks.append(_Block(block.first, _cut(block.columns, slice(0, stop)), kept))
 
     def dither_deg_s(self, t_ps: int, seconds: float) -> float:
-        """Mean amplitude of the half cycles that ended in so many seconds before ``t_ps``, deg/s."""
+        """Return mean amplitude of the half cycles that ended in so many seconds before ``t_ps``, deg/s."""
         last = (t_ps - self._begin_ps) // self._half_ps
         first = max(0, last - round(seconds / self.laser.half_s))
         if last <= first:
@@ -127,7 +127,7 @@ class EdgeStream:
         self._next, self._psi_rad = self._next + len(halves), float(motion.psi_rad[-1, -1])
 
     def _noise(self, purpose: str, block: int, skip: int) -> Float:
-        """Standard normal draws of the half cycles of a block from the ``skip``-th on, one for each step."""
+        """Return standard normal draws of the half cycles of a block from the ``skip``-th on, one for each step."""
         return np.asarray(self._draw(purpose, block).standard_normal((AT_ONCE, self.laser.steps))[skip:])
 
     def _amplitudes(self, block: int) -> Float:
@@ -147,7 +147,7 @@ class EdgeStream:
 
 
 def joined(parts: list[Columns]) -> Columns:
-    """Parts in order as one."""
+    """Return parts in order as one."""
     if not parts:
         return NOTHING
     t_ps, *others = (np.concatenate(column) for column in zip(*parts, strict=True))

@@ -21,7 +21,7 @@ _POINTS = 11  # of a window
 
 
 def estimates(lives: Sequence[Life], windows: Sequence[RecordWindow]) -> list[Entry]:
-    """True values in the contract's form, by the conditions of the records.
+    """Return True values in the contract's form, by the conditions of the records.
 
     ``angle_random_walk`` is what theory says of the laser that was on: W_L / sqrt(K W_D) of lock-in and dither and the
     quantum noise, root of the sum of squares; ``quantum_random_walk`` is the floor under every compensation.
@@ -42,7 +42,7 @@ def estimates(lives: Sequence[Life], windows: Sequence[RecordWindow]) -> list[En
 
 
 def walk_deg_rt_h(laser: RingLaser) -> float:
-    """Angle random walk of the laser without any compensation, theory, deg/rt-h."""
+    """Return angle random walk of the laser without any compensation, theory, deg/rt-h."""
     return math.hypot(laser.lock_in_walk_deg_rt_h, laser.quantum_deg_rt_h)
 
 

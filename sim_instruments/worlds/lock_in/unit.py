@@ -38,7 +38,7 @@ class Life:
     stream: EdgeStream | None = field(default=None, repr=False)
 
     def beta_deg(self, t_ns: Int64) -> Float:
-        """Phase of the backscatter at bench times, degree."""
+        """Return phase of the backscatter at bench times, degree."""
         since, values = zip(*self.settings, strict=True)
         which = np.maximum(np.searchsorted(np.array(since), t_ns, side="right") - 1, 0)
         return np.asarray(self.block.beta_deg(np.array(values)[which], (t_ns - self.on_ns) / NS))

@@ -35,7 +35,7 @@ _BISECTIONS = 20  # of a millisecond: 1 ns
 
 
 def variation(kind: str, seed: int, parameter: str, ramp_s: float) -> Variation:
-    """How one parameter varies with bench time; "double" is none of these, it goes with the table's angle."""
+    """Return how one parameter varies with bench time; "double" is none of these, it goes with the table's angle."""
     rng = generator(seed, f"fog variation of {parameter}")
     if kind == "slow":
         return drawn_slow(rng)
@@ -96,7 +96,7 @@ class FogSensor:
     # --- the table ---------------------------------------------------------------------------------------------
 
     def table_deg(self, t_ns: Int64) -> Float:
-        """True angle of the table at bench times (n,), not wrapped at a turn; the encoder reads it."""
+        """Return True angle of the table at bench times (n,), not wrapped at a turn; the encoder reads it."""
         t_ns = np.asarray(t_ns, np.int64)
         angle = self._motion.angle_deg(t_ns)
         if self.options.wobble_arcmin == 0.0:

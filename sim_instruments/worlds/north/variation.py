@@ -25,7 +25,7 @@ class Variation(Protocol):
         """Relative change at times in seconds."""
 
     def integral_s(self, t_s: Float) -> Float:
-        """Its integral from 0 to each time, seconds."""
+        """Return its integral from 0 to each time, seconds."""
 
 
 class Constant:
@@ -64,7 +64,7 @@ class Linear:
     ramp_s: float
 
     def at(self, t_s: Float) -> Float:
-        """The triangle."""
+        """Return the triangle."""
         return np.asarray(SHARE * (1.0 - 2.0 * np.abs(1.0 - self._place(t_s))))
 
     def integral_s(self, t_s: Float) -> Float:
@@ -93,7 +93,7 @@ class Steps:
         return np.asarray(self._values[..., self._place(t_s)[1]])
 
     def integral_s(self, t_s: Float) -> Float:
-        """Sum of the steps so far."""
+        """Return sum of the steps so far."""
         rounds, step, part = self._place(t_s)
         inside = self._sums[..., step] + part * self._values[..., step]
         return np.asarray(self._step_s * (inside + rounds * self._sums[..., -1:]))
@@ -112,6 +112,6 @@ def drawn_steps(rng: np.random.Generator, shape: tuple[int, ...], step_s: float)
 
 
 def drawn_slow(rng: np.random.Generator, shape: tuple[int, ...] = ()) -> Sine:
-    """A sine of 0.02 to 0.1 Hz with a drawn phase; ``shape`` for several at once."""
+    """Return a sine of 0.02 to 0.1 Hz with a drawn phase; ``shape`` for several at once."""
     frequency_Hz, phase_rad = rng.uniform(SLOWEST_HZ, FASTEST_HZ, shape), rng.uniform(0.0, 2.0 * np.pi, shape)
     return Sine(frequency_Hz, phase_rad)

@@ -86,11 +86,11 @@ class FogWorld(World):
         return self.gyroscope.waveform(n0, n1)
 
     def pulses(self, index: str, t0_ns: int, t1_ns: int) -> Int64:
-        """Times of the pulses of index mark "a" or "b" in [t0, t1), bench time in ns; only what is past."""
+        """Return times of the pulses of index mark "a" or "b" in [t0, t1), bench time in ns; only what is past."""
         return self.sensor.pulses(index, t0_ns, t1_ns)
 
     def heading_deg(self, t_ns: Int64) -> Float:
-        """True heading of the sensing axis at encoder zero, head included, at bench times (n,)."""
+        """Return True heading of the sensing axis at encoder zero, head included, at bench times (n,)."""
         since_ns, headings_deg = (np.array(column) for column in zip(*self._headings, strict=True))
         which = np.searchsorted(since_ns, np.asarray(t_ns, np.int64), side="right") - 1
         return np.asarray(headings_deg[np.maximum(which, 0)])

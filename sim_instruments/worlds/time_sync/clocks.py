@@ -31,7 +31,7 @@ class UnitClock:
     rate: float
 
     def reading_s(self, t_ns: int) -> float:
-        """What the clock reads at a bench time."""
+        """Return what the clock reads at a bench time."""
         return self.start_s + (t_ns - self.on_ns) / NS * self.rate
 
     def since_on_s(self, reading_s: Float) -> Float:
@@ -60,7 +60,7 @@ class Clocks:
         return cls(UnitClock(on_ns, start_s, rate), UnitClock(on_ns, egi_s, rate * (1.0 + 1e-6 * drift_ppm)))
 
     def offset_s(self, t_ns: int) -> float:
-        """Time offset at a bench time."""
+        """Return time offset at a bench time."""
         gained = (t_ns - self.imu.on_ns) / NS * (self.egi.rate - self.imu.rate)
         return self.egi.start_s - self.imu.start_s + gained
 

@@ -86,7 +86,7 @@ class EgiSamples:
         self.solutions: dict[int, Solutions] = {}  # by number of the flight
 
     def columns(self, number: Int64, counter: Int64) -> Mapping[str, Any]:
-        """Fields of samples in a row, by number and by counter."""
+        """Return fields of samples in a row, by number and by counter."""
         since_on_s = self._clock.since_on_s(number * PERIOD_S)
         errors, mode = np.empty((number.size, 10)), np.empty(number.size, np.int64)
         p, v, yaw = np.empty((number.size, 3)), np.empty((number.size, 3)), np.empty(number.size)

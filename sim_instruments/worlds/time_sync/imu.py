@@ -39,7 +39,7 @@ class ImuSamples:
         self._clock, self._flights, self._noise, self._tag_noise_s = clock, flights, noise, tag_noise_s
 
     def columns(self, number: Int64, counter: Int64) -> Mapping[str, Any]:
-        """Fields of samples in a row, by number and by counter."""
+        """Return fields of samples in a row, by number and by counter."""
         since_on_s = self._clock.since_on_s(np.append(number[0] - 1, number) * PERIOD_S)
         dv, dtheta = (np.empty((number.size, 3)) for _ in range(2))
         for flight, first, part in self._flights.split(self._clock, PERIOD_S, number):

@@ -39,7 +39,7 @@ class RadarPulses:
         self.targets_m = scene(self.radar, now.p[0], now.v[0])
 
     def columns(self, number: Int64, counter: Int64) -> Mapping[str, Any]:
-        """Fields of pulses in a row, by number and by counter."""
+        """Return fields of pulses in a row, by number and by counter."""
         own_s = number * PERIOD_S
         self._flight.upto(int(self._clock.times_ns(own_s[-1:])[0]))
         flight_s = self._clock.since_on_s(own_s) + self._flight.seconds(self._clock.on_ns)

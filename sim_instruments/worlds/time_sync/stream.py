@@ -43,7 +43,7 @@ class Numbered:
         self._newest: tuple[int, Float] = (-1, np.empty(0))
 
     def upto(self, first: int, stop: int) -> Float:
-        """Those of the numbers ``first`` to ``stop`` - 1, from 0 on."""
+        """Return those of the numbers ``first`` to ``stop`` - 1, from 0 on."""
         parts = []
         for block in range(first // _BLOCK, (stop - 1) // _BLOCK + 1):
             if self._newest[0] != block:

@@ -100,7 +100,7 @@ class SyncUnit:
     # --- the ports ---------------------------------------------------------------------------------------------
 
     def has_port(self, name: str) -> bool:
-        """Whether there is a port of this name."""
+        """Return whether there is a port of this name."""
         return name in self._streams
 
     def connect(self, name: str, baud: int, faults: LinkFaults | None = None) -> None:

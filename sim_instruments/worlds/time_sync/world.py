@@ -84,7 +84,7 @@ class SyncWorld(World):
 
 
 def _number(value: Any, unit: str) -> float:
-    """A number of that unit, or a quantity as text; nan if it is neither."""
+    """Return a number of that unit, or a quantity as text; nan if it is neither."""
     with contextlib.suppress(TypeError, ValueError):
         return float(value)
     with contextlib.suppress(ValueError):

@@ -45,7 +45,7 @@ def bias_budgets(fits: Sequence[ChannelFit], campaign: Campaign) -> list[Table]:
 
 
 def bias_components(channel: ChannelFit, campaign: Campaign) -> list[Component]:
-    """Components of the bias of one channel at the reference temperature, in nA."""
+    """Return components of the bias of one channel at the reference temperature, in nA."""
     coefficients, _ = on_sensor(channel)
     parts = bias_parts(channel, np.eye(coefficients.size)[0], campaign)
     fit, nominal, sensor = parts

@@ -39,7 +39,7 @@ def temperatures(one: ChannelFit) -> list[float]:
 
 
 def on_sensor(one: ChannelFit) -> tuple[Floats, Floats]:
-    """Coefficients (order + 1,) of the centre curve against the unit's sensor, and their covariance of the fit.
+    """Return coefficients (order + 1,) of the centre curve against the unit's sensor, and their covariance of the fit.
 
     The sensor reads ``offset_degC`` more than the temperature of the fit: b(T) = sum c_k (T - offset - T_ref)^k.
     """

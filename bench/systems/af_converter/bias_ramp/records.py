@@ -96,7 +96,7 @@ def _belongs(conditions: Mapping[str, Any]) -> bool:
 
 
 def channel_readings(records: RampRecords, campaign: Campaign) -> dict[int, ChannelReadings]:
-    """Readings of every declared channel that the records hold, by number.
+    """Return readings of every declared channel that the records hold, by number.
 
     The estimator of each window is the one with the least stated uncertainty (estimators.record_rate.rate).
     """

@@ -37,7 +37,7 @@ Refused = list[tuple[Group, FitError]]
 
 
 def analyse(material: Material, method: str = "joint") -> Analysis:
-    """Estimate scale-factor errors against the current meter, and test that nothing moved between its readings.
+    """Return estimate scale-factor errors against the current meter, and test that nothing moved between its readings.
 
     Args:    material: records, readings of the role "dmm", sections of the session manifest.
              method: "joint" (differential and common-mode rows) or "as_printed" (equation (18), the mean only).

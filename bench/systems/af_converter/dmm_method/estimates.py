@@ -37,7 +37,7 @@ class DmmFit:
 
 
 def conditions_of(one: DmmFit, campaign: Campaign) -> dict[str, Any]:
-    """Conditions of an estimate: nominal and measured temperature of a channel."""
+    """Return conditions of an estimate: nominal and measured temperature of a channel."""
     return {
         "channel": one.group.channel,
         "kind": campaign.channel(one.group.channel).kind,

@@ -82,7 +82,7 @@ class MeterLog:
             before_s = 1e-9 * row.window.t_end_ns
 
     def meter(self, numbers: Sequence[int]) -> Meter:
-        """Readings beside these records, minus the zero of their range; NaN for a record without any."""
+        """Return readings beside these records, minus the zero of their range; NaN for a record without any."""
         rows = [self._row(self._of.get(number)) for number in numbers]
         current_A, std_A, zero_std_A, range_A = np.array(rows, dtype=np.float64).reshape(-1, 4).T
         return Meter(current_A=current_A, std_A=std_A, zero_std_A=zero_std_A, range_A=range_A)

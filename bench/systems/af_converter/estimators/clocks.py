@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def clock_ratio(af_count: Array, gate_s: Array, af_clock_Hz: float) -> Array:
-    """Ratio r = (1 + dMSTR) / (1 + dAF) = f_AF0 * t_INT0 / n_AF, which turns counted rates into current.
+    """Return ratio r = (1 + dMSTR) / (1 + dAF) = f_AF0 * t_INT0 / n_AF, which turns counted rates into current.
 
     Args:    af_count: AF-clock pulses counted in each gate, (m,).   gate_s: nominal gate t_INT0 = master pulses over
              nominal master frequency, (m,), second.   af_clock_Hz: nominal AF clock, hertz.

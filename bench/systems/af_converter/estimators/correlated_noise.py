@@ -66,7 +66,7 @@ class CorrelatedNoise:
 
 
 def whitened(t_s: Array, columns: Array, noise: tuple[float, float, float]) -> tuple[Array, float]:
-    """Columns without the correlation of their noise, and log|V| / 2; takes m steps, not m^3.
+    """Return columns without the correlation of their noise, and log|V| / 2; takes m steps, not m^3.
 
     The slow part is a Markov process, so a Kalman filter of one state predicts each reading from all before it.
 

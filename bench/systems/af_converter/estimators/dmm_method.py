@@ -121,7 +121,7 @@ class _Problem:
         return self.pairs[: self.level_A.size]
 
     def relative(self, pairs: Array) -> Array:
-        """Rows with a stimulus as multiples of it: what equation (18) makes of (17)."""
+        """Return rows with a stimulus as multiples of it: what equation (18) makes of (17)."""
         driven = self.level_A > 0
         chosen = np.tile(driven, pairs.shape[0] // driven.size)
         weight = np.tile(1.0 / self.level_A[driven], pairs.shape[0] // driven.size)

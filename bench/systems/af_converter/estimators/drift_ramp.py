@@ -40,7 +40,7 @@ class Blocks:
         return np.asarray(np.bincount(self.member, values) / self.count)
 
     def hours(self) -> Array:
-        """Time from the middle of the record, (m,), hours."""
+        """Return time from the middle of the record, (m,), hours."""
         return np.asarray((self.middle_s - (self.start_s[0] + self.end_s[-1]) / 2.0) / 3600.0)
 
 
@@ -58,7 +58,7 @@ class DriftFit:
     middle_s: Array
 
     def estimate(self, name: str) -> tuple[float, float, float]:
-        """Value, standard uncertainty and degrees of freedom of a parameter."""
+        """Return value, standard uncertainty and degrees of freedom of a parameter."""
         index = self.names.index(name)
         variance, dof = self.noise.variance_of(self.operator[index], self.middle_s)
         return float(self.parameters[index]), float(np.sqrt(variance)), dof
@@ -90,7 +90,7 @@ def block_means(t_s: Array, count: int) -> Blocks:
 
 
 def drift_columns(blocks: Blocks) -> Array:
-    """Time and its square about the middle of the record, (m, 2), hours and hours squared.
+    """Return time and its square about the middle of the record, (m, 2), hours and hours squared.
 
     Args:    blocks: of the readings.
     Source:  see the module.

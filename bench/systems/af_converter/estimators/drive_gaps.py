@@ -41,7 +41,7 @@ def require_known(drive: Drive, from_s: float) -> Drive:
 
 
 def hidden_degC(drive: Drive, k: int) -> float:
-    """How far the drive may have been from the chord between its readings k and k + 1, degC.
+    """Return how far the drive may have been from the chord between its readings k and k + 1, degC.
 
     Source: see the module; a and b follow from how far each side's line misses the other end of the gap.
     """

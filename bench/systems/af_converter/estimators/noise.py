@@ -141,7 +141,7 @@ def specification(standard: Mapping[float, RangeSpecification], range_A: float) 
 
 
 def calibrator_effects(rows: Readings, standard: Mapping[float, RangeSpecification]) -> Effects:
-    """Offsets of the calibrator ranges and linearity errors of its levels, prior floor / 2 each.
+    """Return offsets of the calibrator ranges and linearity errors of its levels, prior floor / 2 each.
 
     Raises: FitError B-FIT-003 for a range the register does not hold.
     """

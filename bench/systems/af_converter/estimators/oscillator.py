@@ -90,7 +90,7 @@ class OscillatorFit:
         }
 
     def std_ppm(self, temperature_degC: float) -> float:
-        """Standard uncertainty of ``value_ppm``, everything included."""
+        """Return standard uncertainty of ``value_ppm``, everything included."""
         return float(np.linalg.norm(list(self.components_ppm(temperature_degC).values())))
 
     def coefficient_components_ppm(self, order: int) -> dict[str, float]:
@@ -103,7 +103,7 @@ class OscillatorFit:
         }
 
     def coefficient_std_ppm(self, order: int) -> float:
-        """Standard uncertainty of the coefficient of x^order, ppm/degC^order, everything included."""
+        """Return standard uncertainty of the coefficient of x^order, ppm/degC^order, everything included."""
         return float(np.linalg.norm(list(self.coefficient_components_ppm(order).values())))
 
     def _powers(self, temperature_degC: float) -> Array:
@@ -165,7 +165,7 @@ def fit_oscillator(
 
 
 def _kept(windows: OscillatorWindows, used: NDArray[np.bool_]) -> OscillatorWindows:
-    """The usable windows; one after a dropped window no longer follows its neighbour."""
+    """Return the usable windows; one after a dropped window no longer follows its neighbour."""
     beside = np.concatenate(([False], used[:-1]))
     return OscillatorWindows(
         windows.times_s[used],
@@ -192,7 +192,7 @@ def _require(windows: OscillatorWindows, order: int) -> None:
 
 
 def _noise(windows: OscillatorWindows, x: Array, error: Array, order: int) -> Whitener:
-    """Covariance of the relative errors: telescoping counts, and at least as much of independent noise."""
+    """Return covariance of the relative errors: telescoping counts, and at least as much of independent noise."""
     design = np.vander(x, order + 1, increasing=True)
     residual = solve(design, error, np.eye(error.size), _names(order)).residual
     count_variance = float(np.mean((1.0 / windows.fg_count) ** 2 / 6.0))
@@ -203,7 +203,7 @@ def _noise(windows: OscillatorWindows, x: Array, error: Array, order: int) -> Wh
 
 
 def _weighted(whitener: Whitener, x: Array, error: Array, order: int) -> tuple[Array, Array, float, float]:
-    """Coefficients, covariance, reduced chi-square and lag-1 autocorrelation of the whitened residuals."""
+    """Return coefficients, covariance, reduced chi-square and lag-1 autocorrelation of the whitened residuals."""
     basis, triangle = np.linalg.qr(whitener.whiten(np.vander(x, order + 1, increasing=True)))
     white = whitener.whiten(error)
     fit = solve(triangle, basis.T @ white, np.eye(order + 1), _names(order))
@@ -217,7 +217,7 @@ def _weighted(whitener: Whitener, x: Array, error: Array, order: int) -> tuple[A
 
 
 def _inflation(autocorrelation: float) -> float:
-    """How much larger the variance of a mean is when neighbours agree; 0.99 keeps it finite."""
+    """Return how much larger the variance of a mean is when neighbours agree; 0.99 keeps it finite."""
     correlated = min(max(autocorrelation, 0.0), 0.99)
     return (1.0 + correlated) / (1.0 - correlated)
 

@@ -43,7 +43,7 @@ class RampHysteresis:
 
 
 def search_bounds(blocks: Blocks, drive: Drive) -> Bounds:
-    """Where lag and play half-width are looked for: what a record of this length, step and span can show.
+    """Return where lag and play half-width are looked for: what a record of this length, step and span can show.
 
     Args:    blocks: of the readings.   drive: temperature.
     Returns: lag from a tenth of a block to a tenth of the record; half-width from 0.2 % to a third of the span.

@@ -153,7 +153,7 @@ def _set_up(
 
 
 def thermal_response_A_degC(n_A: Array, p_A: Array, referral: Referral) -> Array:
-    """What the temperature coefficients make of a degC of unit temperature in each row, (m,), signed.
+    """Return what the temperature coefficients make of a degC of unit temperature in each row, (m,), signed.
 
     Source: derivative of AF-converter paper equation (1) with respect to the scale-factor errors.
     """
@@ -168,7 +168,7 @@ def usable_rows(rows: Readings) -> NDArray[np.bool_]:
 
 
 def pulse_currents_A(rows: Readings, converter: Converter) -> tuple[Array, Array]:
-    """Currents K0 C_N and K0 C_P, (m,) each, ampere, corrected by the clock ratio.
+    """Return currents K0 C_N and K0 C_P, (m,) each, ampere, corrected by the clock ratio.
 
     Source: AF-converter paper equations (1), (2).
     """
@@ -210,7 +210,7 @@ def require_polarities(rows: Readings, n_A: Array, p_A: Array) -> None:
 
 
 def zero_difference(rows: Readings) -> Array:
-    """Matrix (d, m) that subtracts the zero row of the same polarity (same range first) from every level row.
+    """Return matrix (d, m) that subtracts the zero row of the same polarity (same range first) from every level row.
 
     Raises: FitError B-FIT-006 if a polarity has no zero row.
     Source: AF-converter paper equations (6), (9).

@@ -73,7 +73,7 @@ class TrialModel:
         return np.asarray(dsf_ppm + sensor_degC * np.array(self.referral.slope_ppm_degC))
 
     def _transform(self, rows: Readings, response_A_degC: Array) -> Array:
-        """What the method multiplies design and readings with before it takes equal weights."""
+        """Return what the method multiplies design and readings with before it takes equal weights."""
         if self.method != "gls":
             difference = zero_difference(rows)
             return difference / rows.level_A[rows.level_A > 0, None] if self.method == "paper" else difference

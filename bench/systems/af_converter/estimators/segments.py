@@ -139,7 +139,7 @@ def _line(kind: Kind, t_s: Array, values: Array) -> Segment:
 
 
 def _joined(inner: list[Segment], first_s: float, last_s: float) -> list[Segment]:
-    """Lines carried on to where they meet, at most half the gap between them beyond it."""
+    """Return lines carried on to where they meet, at most half the gap between them beyond it."""
     corners = [first_s]
     for before, after in pairwise(inner):
         low, high = before.end_s, after.start_s

@@ -34,7 +34,7 @@ class TemperaturePolynomial:
         return float(np.polynomial.polynomial.polyval(temperature_degC - self.reference_degC, powers))
 
     def std_uncertainty(self, order: int) -> float:
-        """Standard uncertainty of the coefficient of (T - T_ref)^order."""
+        """Return standard uncertainty of the coefficient of (T - T_ref)^order."""
         return float(np.sqrt(self.covariance[order, order]))
 
 

@@ -48,7 +48,7 @@ def usable_drive(t_s: Array, degC: Array, start_degC: float | None = None) -> Dr
 
 
 def lagged(t_s: Array, drive_degC: Array, lag_s: float, start_degC: float | None = None) -> Array:
-    """Temperature of the unit at the times of the drive, exact for straight lines between them.
+    """Return temperature of the unit at the times of the drive, exact for straight lines between them.
 
     Args:    t_s, drive_degC: (k,), times rising, second.   lag_s: first-order lag, 0 = none, second.
              start_degC: temperature of the unit at the first time, None = that of the drive.
@@ -68,7 +68,7 @@ def lagged(t_s: Array, drive_degC: Array, lag_s: float, start_degC: float | None
 
 
 def lagged_means(t_s: Array, drive_degC: Array, unit_degC: Array, lag_s: float) -> Array:
-    """Mean of the unit's temperature between neighbouring times, (k - 1,), exact.
+    """Return mean of the unit's temperature between neighbouring times, (k - 1,), exact.
 
     Args:    as for ``lagged``; unit_degC: its answer.
     Source:  the heat balance integrated: mean(T) = mean(u) - lag (T1 - T0) / dt.

@@ -28,7 +28,7 @@ METHODS: tuple[str, ...] = FIT_METHODS
 
 
 def analyse(material: Material, method: str = "gls") -> Analysis:
-    """Estimate scale-factor errors, their temperature coefficients, biases and clock errors of a campaign.
+    """Return estimate scale-factor errors, their temperature coefficients, biases and clock errors of a campaign.
 
     Args:    material: records with their counts and conditions, sections of the session manifest.
              method: "gls", "paper" (equation 11) or "ols" (equation 10).

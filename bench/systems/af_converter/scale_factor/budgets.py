@@ -38,7 +38,7 @@ _COLUMNS = {  # of the table of all channels, by the beginning of a component's 
 
 
 def budget_tables(fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> list[Table]:
-    """Tables of the report at the temperature nearest to the reference.
+    """Return tables of the report at the temperature nearest to the reference.
 
     Full budgets of dsf_n and dsf_p for the first channel of each kind, contributions of all channels side by side, the
     correlation between the channels, and the check of dsf_n by Monte Carlo.
@@ -66,7 +66,7 @@ def budget_tables(fitted: Fitted, campaign: Campaign, standards: Standards, meth
 
 
 def nearest_to_reference(fitted: Fitted, campaign: Campaign) -> list[GroupFit]:
-    """First visits at the nominal temperature nearest to the reference temperature, by channel."""
+    """Return first visits at the nominal temperature nearest to the reference temperature, by channel."""
     visits = [visit for visit in fitted.groups if visit.group.repeat == 0]
     reference_degC = campaign.reference_temperature_degC
     nominal = min(
@@ -126,7 +126,7 @@ def _noise(visit: GroupFit, index: int, campaign: Campaign) -> list[Component]:
 
 
 def _range_errors(visit: GroupFit, index: int, standards: Standards) -> list[Component]:
-    """Offsets of the calibrator's ranges and linearity errors of its levels."""
+    """Return offsets of the calibrator's ranges and linearity errors of its levels."""
     effects = calibrator_effects(visit.group.closed, standards.ranges)
     u_A = dict(zip(effects.labels, np.abs(effects.matrix).max(axis=0), strict=True))
     return [

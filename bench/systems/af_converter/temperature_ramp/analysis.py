@@ -44,7 +44,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 
 
 def _estimates(fit: ReadingFit, columns: RampColumns, reference_degC: float) -> Estimates:
-    """Entries of results.json for one reading; positive ``up_minus_down``: the ramp up reads more."""
+    """Return entries of results.json for one reading; positive ``up_minus_down``: the ramp up reads more."""
     unit, dropped = columns.unit, columns.dropped
     about = {"reading": fit.name, "reference_temperature_degC": reference_degC}
 
@@ -73,7 +73,7 @@ def _estimates(fit: ReadingFit, columns: RampColumns, reference_degC: float) -> 
 
 
 def _joint_estimates(fit: ReadingFit, unit: str) -> Iterator[tuple[str, str, tuple[float, float, float]]]:
-    """Quantity, unit and (value, standard uncertainty, degrees of freedom) of the joint fit."""
+    """Yield quantity, unit and (value, standard uncertainty, degrees of freedom) of the joint fit."""
     if fit.joint is None or fit.joint.fit.beyond:
         return
     joint, many = fit.joint.fit, float(fit.joint.fit.dof)

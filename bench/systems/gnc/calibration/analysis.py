@@ -34,7 +34,7 @@ _OF_ONE_PART = ("B-FIT-001", "B-FIT-080", "B-FIT-081", "B-FIT-082", "B-FIT-083")
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
-    """Matrices, biases, scale-factor errors and couplings of both triads; what is missing is named.
+    """Return matrices, biases, scale-factor errors and couplings of both triads; what is missing is named.
 
     Raises: FitError B-FIT-004 (unknown method), B-GNC-001, -003, -004, -005; that of the fit if nothing is determined.
     """
@@ -104,7 +104,7 @@ def _turns(parts: Calibration, site: Site, resolution_deg_s: float) -> None:
 
 
 def compensated(triad: TriadFit, indicated: Floats) -> Floats:
-    """Rates after compensation, (n, 3) deg/s: w = K N - bias."""
+    """Return rates after compensation, (n, 3) deg/s: w = K N - bias."""
     return triad.apply(np.asarray(indicated), bias_sign=-1)
 
 

@@ -29,5 +29,5 @@ class Calibration:
     refused: list[FitError] = field(default_factory=list)
 
     def one_power_on(self, rows: Collection[SampledRow]) -> bool:
-        """Whether the unit was not switched off between these records."""
+        """Return whether the unit was not switched off between these records."""
         return len({self.power_on[row.number] for row in rows}) <= 1

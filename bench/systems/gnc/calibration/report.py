@@ -12,7 +12,7 @@ from bench.systems.gnc.sets import rotation_record
 
 
 def matrix_table(calibration: Calibration) -> list[Table]:
-    """Matrix, bias, scale-factor errors and couplings of each triad, each with its expanded uncertainty."""
+    """Return matrix, bias, scale-factor errors and couplings of each triad, each with its expanded uncertainty."""
     tables = []
     if calibration.accelerometer is not None:
         tables.append(_triad("Accelerometers: a = K N + bias", "mg", 1e3, calibration.accelerometer))
@@ -41,7 +41,7 @@ def _triad(title: str, unit: str, factor: float, fit: TriadFit) -> Table:
 
 
 def position_figure(calibration: Calibration) -> list[Figure]:
-    """Residuals of the positions."""
+    """Return residuals of the positions."""
     fit = calibration.accelerometer
     if fit is None:
         return []
@@ -52,7 +52,7 @@ def position_figure(calibration: Calibration) -> list[Figure]:
 
 
 def rotation_figures(calibration: Calibration) -> list[Figure]:
-    """Rates of each rotation record against time, one panel per record."""
+    """Return rates of each rotation record against time, one panel per record."""
     figures = []
     for row in calibration.sets.rotations.values():
         record = rotation_record(row)

@@ -96,7 +96,7 @@ def earth_rate_body_deg_s(pose: Pose, site: Site) -> Array:
 
 
 def earth_rate_covariance(pose: Pose, site: Site) -> Array:
-    """Covariance (3, 3), (deg/s)^2, of ``earth_rate_body_deg_s`` from latitude, azimuth and tilt of the site.
+    """Return covariance (3, 3), (deg/s)^2, of ``earth_rate_body_deg_s`` from latitude, azimuth and tilt of the site.
 
     Args:    pose, site: as above, the standard uncertainties of the site in degrees.
     Returns: (3, 3).

@@ -152,7 +152,7 @@ def _worst_direction(parameters: Array, scaled: Array) -> tuple[float, Array]:
 
 
 def _directions(count: int) -> Array:
-    """Points spread evenly over the sphere along a spiral (golden angle)."""
+    """Return points spread evenly over the sphere along a spiral (golden angle)."""
     place = np.arange(count) + 0.5
     height = 1.0 - 2.0 * place / count
     turn = math.pi * (3.0 - math.sqrt(5.0)) * place

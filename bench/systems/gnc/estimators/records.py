@@ -88,7 +88,7 @@ def record_about(records: Sequence[RotationRecord], axis: str, sign: float | Non
 
 
 def tick_seconds(tick_us: NDArray[np.integer]) -> Array:
-    """Seconds since the first sample from a 32-bit microsecond counter that wraps.
+    """Return seconds since the first sample from a 32-bit microsecond counter that wraps.
 
     Args:    tick_us: (n,), in order of the samples, less than 71 minutes from one to the next.
     Returns: (n,) s.
@@ -176,7 +176,7 @@ def quantisation_variance(std: Array, resolution: float) -> Array:
 def static_means(
     poses: list[Array], rate_Hz: float, *, resolution: float = 0.0, blocks: int = 20
 ) -> tuple[Array, Array, float]:
-    """Mean output of each record at rest and its covariance, the noise density pooled over all records.
+    """Return mean output of each record at rest and its covariance, the noise density pooled over all records.
 
     What the halves of the records differ by beyond that noise is slower than it and averages out no further: it is
     added to each mean.

@@ -42,7 +42,7 @@ def roll_deg(x: Array, y: Array) -> Array:
 
 
 def roll_uncertainty(parameters: PlaneParameters, noise: float) -> RollUncertainty:
-    """What the uncertainty of the five parameters and the noise of a reading make of the roll angle.
+    """Return what the uncertainty of the five parameters and the noise of a reading make of the roll angle.
 
     Args:    parameters: with covariance and expected error of the method, both taken as random here.
              noise: of one reading on each axis, unit of the readings.

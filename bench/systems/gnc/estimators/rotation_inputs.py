@@ -72,7 +72,7 @@ class Inputs:
         return np.concatenate([self.integral.ravel(), np.zeros(len(self.known) + 9), self.local])
 
     def at(self, vector: Array) -> Inputs:
-        """The same with the values of a vector."""
+        """Return the same with the values of a vector."""
         count = len(self.known)
         turn, tilt = vector[3 * count : 4 * count], vector[4 * count : 4 * count + 9].reshape(3, 3)
         about = tilt[np.argmax(np.abs(self.known), axis=1)]

@@ -72,7 +72,7 @@ class SampleChecks:
         return tuple(finding.sentence for finding in self.findings)
 
     def count(self, kind: str) -> int:
-        """Samples with this kind of finding, added over channels."""
+        """Return samples with this kind of finding, added over channels."""
         return sum(finding.count for finding in self.findings if finding.kind == kind)
 
 

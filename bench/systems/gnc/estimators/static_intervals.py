@@ -29,7 +29,7 @@ class StaticIntervals:
     initial: float
 
     def means(self, samples: Array) -> Array:
-        """Mean of each interval, (k, 3)."""
+        """Return mean of each interval, (k, 3)."""
         return np.stack([samples[a:b].mean(axis=0) for a, b in zip(self.begin, self.end, strict=True)])
 
 

@@ -94,7 +94,7 @@ class TriadFit:
 
 
 def improbable(chi2: float, dof: int, below: float = _IMPROBABLE) -> bool:
-    """Whether a chi-square is less probable than 0.1 %, or ``below``: then something was larger than declared.
+    """Return whether a chi-square is less probable than 0.1 %, or ``below``: then something was larger than declared.
 
     Source: JCGM 100:2008 annex G.
     """
@@ -104,7 +104,7 @@ def improbable(chi2: float, dof: int, below: float = _IMPROBABLE) -> bool:
 
 
 def propagate_inputs(function: Callable[[Array], Array], at: Array, covariance: Array) -> Array:
-    """Covariance of ``function`` of correlated inputs, by central differences.
+    """Return covariance of ``function`` of correlated inputs, by central differences.
 
     Args:    function: (k,) -> (p,).   at: (k,), where.   covariance: (k, k); an input of no variance is left out.
     Returns: (p, p).

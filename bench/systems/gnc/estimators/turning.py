@@ -60,7 +60,7 @@ def turn_and_rest(record: RotationRecord, samples: Samples) -> tuple[Turn, Turn]
 
 
 def _angle_deg(record: RotationRecord, samples: Samples, rest: Array) -> Array:
-    """Angle turned about the body axis in the middle of each sample."""
+    """Return angle turned about the body axis in the middle of each sample."""
     axis = AXES.index(record.axis)
     steps = samples.step_s * (samples.rate[:, axis] - rest[axis])
     turned = np.cumsum(steps)
@@ -104,7 +104,7 @@ def _seen(record: RotationRecord, angle_deg: Array, step_s: Array) -> Array:
 
 
 def _integral_of_rotation(axis: int, angle_deg: Array, step_s: Array) -> Array:
-    """Sum of step times rotation matrix about axis 0 or 2."""
+    """Return sum of step times rotation matrix about axis 0 or 2."""
     angle, one, two = np.radians(angle_deg), (axis + 1) % 3, (axis + 2) % 3
     matrix = np.zeros((3, 3))
     matrix[axis, axis] = np.sum(step_s)

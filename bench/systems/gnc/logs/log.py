@@ -30,7 +30,7 @@ class ImuLog:
     segments: tuple[Mapping[str, Any], ...]
 
     def rows(self, segment: Mapping[str, Any]) -> slice:
-        """Rows of a segment; its last one is included."""
+        """Return rows of a segment; its last one is included."""
         return slice(int(segment["first"]), int(segment["last"]) + 1)
 
 

@@ -26,7 +26,7 @@ _OF_ONE_PART = ("B-FIT-001", "B-FIT-080", "B-FIT-081", "B-FIT-082", "B-FIT-083")
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
-    """Matrix and bias of the accelerometers from the positions, of the gyros from the turns.
+    """Return matrix and bias of the accelerometers from the positions, of the gyros from the turns.
 
     Raises: FitError B-FIT-004 (unknown method), B-GNC-006, -007; B-FIT-001 if the positions determine no matrix.
     """
@@ -110,7 +110,7 @@ def _record(log: ImuLog, gyro: Floats, segment: Mapping[str, Any]) -> RotationRe
 
 
 def _estimates(fit: TriadFit, prefix: str, kind: str, unit: str, read: str) -> list[dict[str, Any]]:
-    """Matrix (true input per indicated) and bias; unit of the matrix: 1 where both are the same."""
+    """Return matrix (true input per indicated) and bias; unit of the matrix: 1 where both are the same."""
     per = "1" if unit == read else f"{unit}/{'count' if read == '1' else read}"
     entries: list[dict[str, Any]] = []
     count = len(fit.residual)

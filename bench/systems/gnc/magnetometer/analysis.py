@@ -31,7 +31,7 @@ _PARAMETERS = (("mag_offset", "gauss", "x"), ("mag_offset", "gauss", "y"), ("mag
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
-    """Offsets, gain and non-orthogonality by both methods; ``method`` says which one compensates.
+    """Return offsets, gain and non-orthogonality by both methods; ``method`` says which one compensates.
 
     Raises: FitError B-FIT-004 (unknown method), B-GNC-001, -003; B-FIT-090, -091 if no record determines an ellipse.
     """

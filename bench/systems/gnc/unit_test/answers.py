@@ -83,7 +83,7 @@ class Answer:
 
 
 def answers_of(exchanges: Iterable[Exchange], layouts: Mapping[str, Any]) -> list[Answer]:
-    """Every exchange, decoded by the layout of its command."""
+    """Return every exchange, decoded by the layout of its command."""
     return [_answer(one, layouts) for one in exchanges]
 
 
@@ -120,7 +120,7 @@ def _trouble(exchange: Exchange) -> str:
 
 
 def _asked(exchange: Exchange) -> dict[str, Any]:
-    """Fields of a request; {} if it is not as long as it must be (the board refuses such a one)."""
+    """Return fields of a request; {} if it is not as long as it must be (the board refuses such a one)."""
     form, names = _REQUESTS.get(exchange.name, ("", ()))
     size = struct.calcsize(form)
     head = names[:-1] if names[-1:] == ("pattern",) and exchange.name != "memory" else names

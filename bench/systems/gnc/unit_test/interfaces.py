@@ -44,7 +44,7 @@ def judge_spi(answers: Sequence[Answer], limits: Limits) -> Findings:
 
 
 def judge_sci(answers: Sequence[Answer], limits: Limits) -> Findings:
-    """What was sent comes back unchanged, and it is not nothing."""
+    """Return what was sent comes back unchanged, and it is not nothing."""
     found = Findings()
     for one in whole(answers, found):
         sent, echo = str(one.asked.get("pattern", "")), str(one.fields["echo"])

@@ -107,7 +107,7 @@ def _complete_memory(answers: Sequence[Answer], found: Findings) -> None:
 
 
 def _in_order(steps: Sequence[int]) -> bool:
-    """True if the steps hold a whole FLASH cycle, in its order."""
+    """Return True if the steps hold a whole FLASH cycle, in its order."""
     left = iter(steps)
     return all(step in left for step in _FLASH_ORDER)
 

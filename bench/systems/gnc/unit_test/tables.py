@@ -13,7 +13,7 @@ _MOST_WRONG = 200  # rows that are printed; the folders of the units hold all
 
 
 def title_of(item: str) -> str:
-    """Name of an item as people read it."""
+    """Return name of an item as people read it."""
     return {SUPPLY: "supply", IDENTITY: "identity"}.get(item, ITEMS.get(item, item))
 
 
@@ -57,7 +57,7 @@ def item_table(units: Sequence[UnitResult]) -> Table:
 
 
 def measured_table(units: Sequence[UnitResult]) -> list[Table]:
-    """Lowest and highest value of what the tests measured, by quantity; the limits it is judged by."""
+    """Return lowest and highest value of what the tests measured, by quantity; the limits it is judged by."""
     values: dict[tuple[str, str, str], list[float]] = {}
     limits: dict[tuple[str, str, str], float | None] = {}
     for unit in units:

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 def dither_shape(turns: Turnarounds, crossings: int = 4) -> Jumps:
-    """Phase = (c before | c behind) + s A (1 - cos w (t - t0)) + input rate, four unknowns, all linear.
+    """Return phase = (c before | c behind) + s A (1 - cos w (t - t0)) + input rate, four unknowns, all linear.
 
     Args:    turns: at least that many crossings a side.   crossings: on each side, 4 or 16.
     Returns: Jumps, method "dither_shape", or "dither_shape_16" with 16 crossings.

@@ -79,7 +79,7 @@ def edge_levels(tick: Int64, rising: ArrayLike, cosine: ArrayLike) -> EdgeLevels
 
 
 def _pairs_and_breaks(torn: Int64) -> tuple[Int64, Int64]:
-    """First edges of pairs that changed places, and edges behind a loss at a turnaround.
+    """Return first edges of pairs that changed places, and edges behind a loss at a turnaround.
 
     A pair that changed places, at edges i + 1 and i + 2, leaves two doubtful steps: i to i + 1 and i + 2 to i + 3.
     """

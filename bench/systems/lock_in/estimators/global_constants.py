@@ -75,11 +75,11 @@ class _Projection:
         self.inverse = scale[:, :, None] * inverse * scale[:, None, :]
 
     def solve(self, values: Array) -> Array:
-        """Coefficients of the columns, (u, 3, r), of values (u, k, r)."""
+        """Return coefficients of the columns, (u, 3, r), of values (u, k, r)."""
         return np.asarray(self.inverse @ (self.across @ values))
 
     def residual(self, values: Array) -> Array:
-        """Values without what the columns explain, (u, k, r)."""
+        """Return values without what the columns explain, (u, k, r)."""
         return np.asarray(values - self.columns @ self.solve(values))
 
 

@@ -53,7 +53,7 @@ class DitherMotion:
     rate_rad_s: float
 
     def phase(self, time_s: Array) -> Array:
-        """Phase at times (u, k), rad."""
+        """Return phase at times (u, k), rad."""
         moving = np.einsum("ukp,up->uk", dither_columns(time_s, self.omega_rad_s), self.coefficients[:, 1:])
         return np.asarray(self.coefficients[:, :1] + moving + self.rate_rad_s * time_s)
 
@@ -85,7 +85,7 @@ class DitherMotion:
 
 
 def dither_columns(time_s: Array, omega_rad_s: float) -> Array:
-    """Columns (1 - cos w t) / w^2 and sin(w t) / w: with a constant they are any dither about any instant.
+    """Return columns (1 - cos w t) / w^2 and sin(w t) / w: with a constant they are any dither about any instant.
 
     Args:    time_s: (u, k).   omega_rad_s: of the dither.
     Returns: (u, k, 2).

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 
 def parabolas(turns: Turnarounds, crossings: int = 4) -> Jumps:
-    """Two parabolas, carried on to the instant midway between their vertices; their difference is the jump.
+    """Return two parabolas, carried on to the instant midway between their vertices; their difference is the jump.
 
     Args:    turns: at least that many crossings a side.   crossings: on each side, 3 or 4.
     Returns: Jumps, method "parabolas".
@@ -38,7 +38,7 @@ def parabolas(turns: Turnarounds, crossings: int = 4) -> Jumps:
 
 
 def _parabola(time_s: Array, phase: Array) -> tuple[Array, Array]:
-    """Coefficients (u, 3) and residuals of one side."""
+    """Return coefficients (u, 3) and residuals of one side."""
     return solve_rows(np.stack((np.ones_like(time_s), time_s, time_s**2), axis=-1), phase)
 
 

@@ -80,7 +80,7 @@ class Jumps:
 
 
 def spread(usable: Bool, values: Array) -> Array:
-    """Values of the usable turnarounds, (u,), in their places among all, (n,), NaN elsewhere.
+    """Return values of the usable turnarounds, (u,), in their places among all, (n,), NaN elsewhere.
 
     Source: none; bookkeeping.
     """
@@ -203,7 +203,7 @@ def _grazing(edges: EdgeLevels, before: Int64, behind: Int64, enough: Bool, cros
 
 
 def _any_within(flags: Bool, first: Int64, behind: Int64) -> Bool:
-    """Whether a flag is set at first ... behind - 1, (n,)."""
+    """Return whether a flag is set at first ... behind - 1, (n,)."""
     set_at = np.flatnonzero(flags)
     return np.asarray(np.searchsorted(set_at, behind) > np.searchsorted(set_at, first))
 

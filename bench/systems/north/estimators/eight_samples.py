@@ -34,7 +34,7 @@ LARGEST_deg = 90.0  # between the two placements
 def eight_sample_north(
     u1: ArrayLike, u2: ArrayLike, *, gains: tuple[float, float] | None = None, f2_deg: float = 0.0, f5_deg: float = 0.0
 ) -> North:
-    """Phase of the earth signal from eight samples.
+    """Return phase of the earth signal from eight samples.
 
     Args:    u1, u2: oriented samples of lock-in 1 and 2 by index position, (..., 4), one unit.
              gains: of lock-in 1 and 2 against their mean, from a calibration; None for alike.
@@ -72,7 +72,7 @@ def check_placement(f2_deg: float, f5_deg: float) -> None:
 
 
 def _unmixed(gains: tuple[float, float], f2_deg: float, f5_deg: float) -> tuple[complex, complex]:
-    """What one unit of U1 and of U2 gives to cos phi + i sin phi: columns of the inverse 2 x 2 map."""
+    """Return what one unit of U1 and of U2 gives to cos phi + i sin phi: columns of the inverse 2 x 2 map."""
     f2, f5 = np.deg2rad(f2_deg), np.deg2rad(f5_deg)
     forward = np.array([
         [gains[0] * np.cos(f2), gains[0] * np.sin(f2)],
@@ -83,7 +83,7 @@ def _unmixed(gains: tuple[float, float], f2_deg: float, f5_deg: float) -> tuple[
 
 
 def _noise(first: Array, second: Array, gains: tuple[float, float], f2_deg: float, f5_deg: float) -> Array:
-    """Standard deviation of one output from the residuals of the fit with both lock-ins weighted alike."""
+    """Return standard deviation of one output from the residuals of the fit with both lock-ins weighted alike."""
     scale_1 = gains[0] * np.exp(1j * np.deg2rad(f2_deg))
     scale_2 = gains[1] * np.exp(1j * np.deg2rad(f5_deg))
     seen_1, seen_2 = lock_in_phasors(first, second)

@@ -91,7 +91,7 @@ class _Record:
 
 
 def likelihood_north(u_V: ArrayLike, theta_deg: ArrayLike, *, harmonics: Sequence[int] = ()) -> LikelihoodNorth:
-    """Phase of the earth signal from raw samples and encoder angles.
+    """Return phase of the earth signal from raw samples and encoder angles.
 
     Args:    u_V: output of the gyroscope, (..., n), in order of time; NaN for a sample that is missing.
              theta_deg: encoder angle at the middle of each sample, (n,) or (..., n), modulo a turn or not.
@@ -133,7 +133,7 @@ def likelihood_north(u_V: ArrayLike, theta_deg: ArrayLike, *, harmonics: Sequenc
 
 
 def _fit(u: Array, theta_deg: Array, turning: _Turning | None, orders: tuple[int, ...]) -> _Record:
-    """One record; ``turning`` is given where all records share their angles."""
+    """Return one record; ``turning`` is given where all records share their angles."""
     good = np.isfinite(u) & np.isfinite(theta_deg)
     dropped = int(good.size - np.count_nonzero(good))
     if turning is None or dropped:
@@ -154,7 +154,7 @@ def _fit(u: Array, theta_deg: Array, turning: _Turning | None, orders: tuple[int
 
 
 def _turning(theta_deg: Array, orders: tuple[int, ...]) -> _Turning:
-    """What follows from the encoder angles; refuses those that do not determine north."""
+    """Return what follows from the encoder angles; refuses those that do not determine north."""
     angle, unknown = np.deg2rad(np.mod(theta_deg, 360.0)), 3 + 2 * len(orders)
     if angle.size <= unknown:
         raise _undetermined(f"{angle.size} good samples for {unknown} unknowns")

@@ -56,7 +56,7 @@ class LiteralNorth:
 
 
 def literal_north(u1: ArrayLike, u2: ArrayLike, *, f5_deg: float = 0.0) -> LiteralNorth:
-    """Phase by (15) to (21) as printed, with U_LA1 = U11, U_LA2 = U21.
+    """Return phase by (15) to (21) as printed, with U_LA1 = U11, U_LA2 = U21.
 
     Args:    u1, u2: oriented samples, (..., 4).   f5_deg: what (21) takes off at its end; the eight samples do not
              contain it, and the paper does not say where it comes from.
@@ -90,7 +90,7 @@ def literal_north(u1: ArrayLike, u2: ArrayLike, *, f5_deg: float = 0.0) -> Liter
 
 
 def _terms(u1: Array, u2: Array) -> tuple[Array, Array]:
-    """The four signed terms of (17) and of (18), (4, ...) each, radian."""
+    """Return the four signed terms of (17) and of (18), (4, ...) each, radian."""
     u11, u12, u13, u14 = np.moveaxis(u1 - u1.mean(-1, keepdims=True), -1, 0)
     u21, u22, u23, u24 = np.moveaxis(u2 - u2.mean(-1, keepdims=True), -1, 0)
     of_17 = (np.arctan(u11 / u12), -np.arctan(u11 / u14), np.arctan(u13 / u14), -np.arctan(u13 / u12))

@@ -63,7 +63,7 @@ class North:
 
 
 def eight(u1: ArrayLike, u2: ArrayLike) -> tuple[Array, Array]:
-    """Samples of both lock-ins as arrays (..., 4).
+    """Return samples of both lock-ins as arrays (..., 4).
 
     Raises:  FitError B-FIT-110 unless both have the same shape and four index positions.
     """
@@ -79,7 +79,7 @@ def eight(u1: ArrayLike, u2: ArrayLike) -> tuple[Array, Array]:
 
 
 def oriented(u1: ArrayLike, u2: ArrayLike, sense: int) -> tuple[Array, Array]:
-    """Samples as if pulse B led pulse A, whichever way the table turned; all estimators expect these.
+    """Return samples as if pulse B led pulse A, whichever way the table turned; all estimators expect these.
 
     Args:    u1, u2: (..., 4).   sense: +1 if the table angle grew, -1 if it fell.
     Returns: u1, u2; at sense -1 the placements f2, f5 change their sign as well.
@@ -134,7 +134,7 @@ def left_over(u1: Array, u2: Array, of_1: Complex, of_2: Complex) -> Array:
 
 
 def angle_deg(phasor: Complex) -> Array:
-    """Angle of a phasor in -180 (excluded) to 180 degrees; NaN for one of no length, which points nowhere."""
+    """Return angle of a phasor in -180 (excluded) to 180 degrees; NaN for one of no length, which points nowhere."""
     found = wrapped_deg(np.rad2deg(np.angle(phasor)))
     return np.asarray(np.where(np.abs(phasor) > 0.0, found, np.nan))
 

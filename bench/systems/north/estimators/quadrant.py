@@ -35,7 +35,7 @@ _STEP = 1e-6  # of the amplitude, for derivatives
 
 
 def quadrant_north(u1: ArrayLike, u2: ArrayLike, *, f5_deg: float = 0.0) -> North:
-    """Phase by (21) with both quadrants kept; noisier than least squares, and off where the amplitude drifts.
+    """Return phase by (21) with both quadrants kept; noisier than least squares, and off where the amplitude drifts.
 
     Args:    u1, u2: oriented samples, (..., 4).   f5_deg: placement of the index pulse of lock-in 2.
     Returns: North, NaN in the rows whose samples say |f2 - f5| >= 90 degrees; noise as of least squares.

@@ -35,7 +35,7 @@ def tilt_correction_deg(x_mrad: ArrayLike, y_mrad: ArrayLike, heading_deg: Array
 
 
 def tilt_std_deg(level_std_mrad: float, latitude_deg: float) -> float:
-    """Standard uncertainty of the heading from that of the level, alike and independent on both axes: degrees.
+    """Return standard uncertainty of the heading from that of the level, alike and independent on both axes: degrees.
 
     Raises:  FitError B-FIT-115 within one degree of a pole.
     """

@@ -58,7 +58,7 @@ class PortClock:
         return self.delay_s + self.rate * (at_s - self.at_s)
 
     def std_s(self, at_s: float) -> float:
-        """Its standard uncertainty, s."""
+        """Return its standard uncertainty, s."""
         row = np.array([1.0, at_s - self.at_s])
         return math.sqrt(float(row @ self.covariance @ row))
 

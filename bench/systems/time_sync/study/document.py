@@ -16,12 +16,12 @@ from bench.systems.time_sync.study.tolerance import unjudged
 
 
 def results_of(options: StudyOptions, gave: Sequence[Any]) -> Results:
-    """What the tasks gave, in their order."""
+    """Return what the tasks gave, in their order."""
     return Results(tuple(zip(tasks_of(options), gave, strict=True)))
 
 
 def study_document(options: StudyOptions, found: Results, software: str) -> dict[str, Any]:
-    """The document; where and by how many it was computed does not stand in it."""
+    """Return the document; where and by how many it was computed does not stand in it."""
     offsets_ms = options.offsets_ms
     estimates = [
         *error_estimates(found, offsets_ms),

@@ -36,7 +36,7 @@ def error_estimates(found: Results, offsets_ms: Sequence[float]) -> Estimates:
 
 
 def unaugmented(offset_ms: float, noise: str = BASE) -> Group:
-    """The filter without a state for the offset."""
+    """Return the filter without a state for the offset."""
     return Group(offset_ms * 1e-3, augmented=False, noise=noise)
 
 
@@ -57,12 +57,12 @@ def mean_error(flight: FlightResult, name: str, group: Group, axis: int, between
 
 
 def after_s(flight: FlightResult) -> tuple[float, float]:
-    """Everything but the first seconds."""
+    """Return everything but the first seconds."""
     return SETTLED_s, float(flight.t_s[-1])
 
 
 def case(manoeuvre: str, offset_ms: float, **more: Any) -> dict[str, Any]:
-    """Conditions of an estimate."""
+    """Return conditions of an estimate."""
     return {"manoeuvre": manoeuvre, "offset_ms": offset_ms, "filter": UNAUGMENTED, **more}
 
 

@@ -44,7 +44,7 @@ class Flown:
 
 
 def simulated(module: str) -> Any:
-    """A module of the simulator."""
+    """Return a module of the simulator."""
     return import_module(f"{offers('worlds')[WORLD].package}.{module}")
 
 

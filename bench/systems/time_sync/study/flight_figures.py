@@ -19,7 +19,7 @@ _RMS = "Ours: RMS over the runs. The paper's axis: error over time, its scale no
 
 
 def error_figures(results: Results, offsets_ms: Sequence[float]) -> list[Figure]:
-    """Figures 3 to 7: the filter without a state for the offset."""
+    """Return figures 3 to 7: the filter without a state for the offset."""
     still, linear, faster, turn = (
         results.flight(manoeuvre, augmented=False) for manoeuvre in ("stationary", "linear", "acceleration", "turn")
     )
@@ -85,7 +85,7 @@ _FIRST_s = 120.0
 
 
 def observability_figures(results: Results) -> list[Figure]:
-    """Figures 15 and 16: what the manoeuvres tell about the offset."""
+    """Return figures 15 and 16: what the manoeuvres tell about the offset."""
     flights = {name: results.flight(name, augmented=True) for name in _FLOWN}
     at = {name: flight.at(augmented(SHOWN_ms)) for name, flight in flights.items()}
 

@@ -38,7 +38,7 @@ def ideal_result(task: Task) -> IdealResult:
 
 
 def _distances(path: Any, duration_s: float) -> tuple[float, float]:
-    """Greatest distance of position, m, and velocity, m/s, over the flight."""
+    """Return greatest distance of position, m, and velocity, m/s, over the flight."""
     t_s = np.arange(round(duration_s * _IMU_Hz) + 1) / _IMU_Hz
     true = path.state(t_s)
     dv, dtheta = simulated("flight.imu").exact_increments(path, t_s, LATITUDE_deg)

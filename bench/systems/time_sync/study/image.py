@@ -103,7 +103,7 @@ def _figures(found: list[list[tuple[Response, float]]], name: str) -> Floats:
 
 
 def _track(scene: Scene, fine: FineTrack, group: int, run: int) -> Floats:
-    """Where navigation says the antenna was at the pulses, (n, 3)."""
+    """Return where navigation says the antenna was at the pulses, (n, 3)."""
     return positions_at(scene.pulse_s, fine.t_s, fine.p[:, group, run], fine.v[:, group, run])
 
 

@@ -35,7 +35,7 @@ def figures_of(found: Results, name: str, offset_ms: float, *, augmented: bool) 
 
 
 def image_estimates(found: Results, offsets_ms: tuple[float, ...]) -> Estimates:
-    """The ideal response, then figures of every offset and filter, then those against no offset."""
+    """Return the ideal response, then figures of every offset and filter, then those against no offset."""
     documents = _ideal(found)
     for augmented in (False, True):
         for offset_ms in offsets_ms:
@@ -47,7 +47,7 @@ def image_estimates(found: Results, offsets_ms: tuple[float, ...]) -> Estimates:
 
 
 def _ideal(found: Results) -> Estimates:
-    """Nothing but the radar and the mechanisation."""
+    """Return nothing but the radar and the mechanisation."""
     ideal, conditions = found.ideal(), {"filter": ERRORLESS}
 
     def within(quantity: str, unit: str, value: float, due: float, by: float) -> dict[str, Any]:
@@ -98,7 +98,7 @@ def _identity(found: Results, offset_ms: float, augmented: bool) -> Estimates:
 
 
 def _paired(found: Results, offset_ms: float, augmented: bool) -> Estimates:
-    """Every run against the same run without an offset."""
+    """Return every run against the same run without an offset."""
     moved_m = _difference(found, "azimuth_shift_m", offset_ms, augmented)
     mean_m, std_m = _mean_std(moved_m)
     conditions, n = _conditions(offset_ms, augmented), len(moved_m)

@@ -57,7 +57,7 @@ def study_chapters(options: StudyOptions, document: Mapping[str, Any], results: 
 
 
 def tolerance_table(estimates: Sequence[Mapping[str, Any]]) -> Table:
-    """Everything that is judged, what failed first."""
+    """Return everything that is judged, what failed first."""
     judged = [estimate for estimate in estimates if estimate["verdict"] != "none"]
     rows = [
         (

@@ -27,7 +27,7 @@ SEEN_s = 22.0  # where the observability of the manoeuvres is compared
 
 
 def augmented(offset_ms: float, noise: str = BASE) -> Group:
-    """The filter with a state for the offset."""
+    """Return the filter with a state for the offset."""
     return Group(offset_ms * 1e-3, augmented=True, noise=noise)
 
 
@@ -46,7 +46,7 @@ def _conditions(manoeuvre: str, offset_ms: float, at_s: float, noise: str = BASE
 
 
 def _remaining(flight: FlightResult, group: Group, conditions: dict[str, Any], *, judged: bool) -> Estimates:
-    """Mean and RMS error of the offset at a time."""
+    """Return mean and RMS error of the offset at a time."""
     at, column = near(flight, conditions["at_s"]), flight.at(group)
     mean_ms, rms_ms = 1e3 * flight.offset_mean_s[at, column], 1e3 * flight.offset_rms_s[at, column]
     std_ms = float(np.sqrt(max(rms_ms**2 - mean_ms**2, 0.0) / flight.runs))
@@ -112,7 +112,7 @@ def _others(found: Results) -> Estimates:
 
 
 def _long(found: Results, offsets_ms: tuple[float, ...]) -> Estimates:
-    """The flight with images: after its turn, and whether the filter knows how well it does."""
+    """Return the flight with images: after its turn, and whether the filter knows how well it does."""
     documents: Estimates = []
     low, high = _NEES
     for offset_ms in offsets_ms:

@@ -49,7 +49,7 @@ class FlightResult:
         return self.groups.index(group)
 
     def during(self, begin_s: float, end_s: float) -> NDArray[np.bool_]:
-        """Which times lie in an interval, its ends included."""
+        """Return which times lie in an interval, its ends included."""
         return np.asarray((self.t_s >= begin_s - 1e-9) & (self.t_s <= end_s + 1e-9))
 
 
@@ -121,7 +121,7 @@ class Results:
     pairs: Sequence[tuple[Task, Any]] = field(default_factory=tuple)
 
     def flight(self, manoeuvre: str, *, augmented: bool) -> FlightResult:
-        """The 60-second flight of a manoeuvre."""
+        """Return the 60-second flight of a manoeuvre."""
         found: FlightResult = next(
             result
             for task, result in self.pairs
@@ -130,7 +130,7 @@ class Results:
         return found
 
     def images(self) -> Iterator[ImageResult]:
-        """The blocks of the long flight."""
+        """Return the blocks of the long flight."""
         return (result for task, result in self.pairs if task.kind == "image")
 
     def image(self, group: Group) -> tuple[ImageResult, int]:
@@ -138,10 +138,10 @@ class Results:
         return next((one, one.groups.index(group)) for one in self.images() if group in one.groups)
 
     def long_flight(self, group: Group) -> tuple[FlightResult, int]:
-        """The long flight of a group, and the group's place in it."""
+        """Return the long flight of a group, and the group's place in it."""
         return next((one.flight, one.flight.at(group)) for one in self.images() if group in one.flight.groups)
 
     def ideal(self) -> IdealResult:
-        """The case without errors."""
+        """Return the case without errors."""
         found: IdealResult = next(result for task, result in self.pairs if task.kind == "ideal")
         return found

@@ -124,7 +124,7 @@ def _wrong(where: str, value: object, limit: str) -> InputError:
 
 
 def tasks_of(options: StudyOptions) -> list[Task]:
-    """All tasks of a study, the longest first: whoever shares them out ends with short ones."""
+    """Return all tasks of a study, the longest first: whoever shares them out ends with short ones."""
     offsets_s = [one * 1e-3 for one in options.offsets_ms]
     return [*image_tasks(options), *_unaugmented(options, offsets_s), *_augmented(options), _ideal(options)]
 

@@ -35,7 +35,7 @@ class Estimates:
         self._estimates = estimates
 
     def all(self, quantity: str, **conditions: Any) -> list[Row]:
-        """Those that hold for all the conditions given."""
+        """Return those that hold for all the conditions given."""
         return [
             estimate
             for estimate in self._estimates
@@ -63,7 +63,7 @@ def plain(value: float) -> str:
 
 
 def paper_tables(results: Results, estimates: Estimates, offsets_ms: Sequence[float]) -> list[Table]:
-    """Tables 5 to 7."""
+    """Return tables 5 to 7."""
     return [
         _position(estimates, offsets_ms),
         _velocity(results, estimates, offsets_ms),
@@ -128,7 +128,7 @@ def _yaw(results: Results, estimates: Estimates, offsets_ms: Sequence[float]) ->
 
 
 def bias_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Table:
-    """Which biases an offset reaches, figures 5 to 7."""
+    """Return which biases an offset reaches, figures 5 to 7."""
     rows = []
     for manoeuvre in ("acceleration", "turn"):
         for quantity, unit in (("accel_bias_rms", "ug"), ("gyro_bias_rms", "deg/h")):
@@ -160,7 +160,7 @@ def recovered_table(estimates: Estimates) -> Table:
 
 
 def long_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Table:
-    """Offset and consistency on the flight with images."""
+    """Return offset and consistency on the flight with images."""
     rows = []
     for noise in (LOOSE, TIGHT):
         for offset_ms in offsets_ms:
@@ -188,7 +188,7 @@ def observability_table(estimates: Estimates) -> Table:
 
 
 def image_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Table:
-    """Figures 10 and 14 in numbers."""
+    """Return figures 10 and 14 in numbers."""
     names = ("azimuth_shift", "azimuth_resolution", "pslr", "islr", "peak", "range_shift", "range_resolution")
     rows = [
         (name, f"{offset_ms:g}", *(_value_only(estimates, quantity, name, offset_ms) for quantity in names))
@@ -236,7 +236,7 @@ def paired_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Table:
 
 
 def several_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Table:
-    """Three targets of one scene."""
+    """Return three targets of one scene."""
     rows = []
     for name in (UNAUGMENTED, AUGMENTED):
         for offset_ms in offsets_ms:

@@ -10,7 +10,7 @@ from bench.systems.time_sync.study.study import Task
 
 
 def run_task(task: Task) -> FlightResult | ImageResult | IdealResult:
-    """Everything of a task: it depends on nothing but the task, and leaves nothing behind."""
+    """Return everything of a task: it depends on nothing but the task, and leaves nothing behind."""
     if task.kind == "ideal":
         return ideal_result(task)
     flown = fly(task)

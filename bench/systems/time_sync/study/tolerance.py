@@ -25,7 +25,7 @@ def measured(
     at_least: float | None = None,
     at_most: float | None = None,
 ) -> dict[str, Any]:
-    """An estimate; judged if a tolerance is given.
+    """Return an estimate; judged if a tolerance is given.
 
     Args:    std: standard uncertainty from the number of runs, 0 for what has none; all in ``unit``.
     Returns: an entry of the flat list of results.json.
@@ -41,10 +41,10 @@ def measured(
 
 
 def rms_std(rms: float, runs: int) -> float:
-    """Standard uncertainty of the RMS of so many independent normal errors of mean zero."""
+    """Return standard uncertainty of the RMS of so many independent normal errors of mean zero."""
     return rms / math.sqrt(2.0 * runs)
 
 
 def unjudged(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """The same without a verdict: the tolerance was stated for more runs than there are."""
+    """Return the same without a verdict: the tolerance was stated for more runs than there are."""
     return {**entry, "limit": None, "verdict": "none"}

@@ -30,7 +30,7 @@ def normal_gravity_m_s2(latitude_deg: float) -> float:
 
 
 def earth_rate_rad_s(latitude_deg: float) -> Float:
-    """Rate of the Earth against inertial space, (north, east, down), rad/s."""
+    """Return rate of the Earth against inertial space, (north, east, down), rad/s."""
     latitude = math.radians(latitude_deg)
     return EARTH_RATE_RAD_S * np.array([math.cos(latitude), 0.0, -math.sin(latitude)])
 

@@ -175,7 +175,7 @@ class _ErrorModel:
         return transitions
 
     def start(self) -> Float:
-        """Standard deviations at the beginning, (15,).
+        """Return standard deviations at the beginning, (15,).
 
         As a levelling and a gyrocompass leave them: tilt as the accelerometers' biases look like, yaw as the gyroscope
         to the east does, 0.003 deg/h / (15.04 deg/h cos lat) = 0.0144 deg at 37.5 deg. Not correlated with the biases:

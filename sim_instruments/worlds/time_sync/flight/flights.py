@@ -75,7 +75,7 @@ class Flight:
         self.path = FlightPath([(0.0, 0.0, 0.0)], speed_m_s=speed_m_s)
 
     def seconds(self, t_ns: int) -> float:
-        """Time of the flight at a bench time."""
+        """Return time of the flight at a bench time."""
         return (t_ns - self.begin_ns) / NS
 
     def upto(self, t_ns: int) -> None:
@@ -138,11 +138,11 @@ class Flights:
         self.newest.break_at(t_ns)
 
     def at(self, t_ns: int) -> Flight:
-        """The flight of a bench time."""
+        """Return the flight of a bench time."""
         return next((flight for flight in reversed(self.all) if flight.begin_ns <= t_ns), self.all[0])
 
     def split(self, clock: UnitClock, period_s: float, number: Int64) -> Iterator[tuple[Flight, int, slice]]:
-        """Samples in a row by flight: the flight, the number of its first sample on that clock, and which ones.
+        """Yield samples in a row by flight: the flight, the number of its first sample on that clock, and which ones.
 
         A sample belongs to the flight of the moment it is valid, at the end of its interval. The paths are complete up
         to the last of them, which must be in the past or sure.

@@ -59,16 +59,16 @@ class HysteresisFit:
         return self.chi2 / self.dof
 
     def value(self, name: str) -> float:
-        """Estimate of the parameter called ``name``."""
+        """Return estimate of the parameter called ``name``."""
         return float(self.parameters[self.names.index(name)])
 
     def std(self, name: str) -> float:
-        """Standard uncertainty of the parameter called ``name``."""
+        """Return standard uncertainty of the parameter called ``name``."""
         index = self.names.index(name)
         return float(np.sqrt(self.covariance[index, index]))
 
     def combination(self, weights: Array) -> tuple[float, float]:
-        """Value and standard uncertainty of a linear combination of the leading parameters, weights (k,)."""
+        """Return value and standard uncertainty of a linear combination of the leading parameters, weights (k,)."""
         k = weights.size
         return float(weights @ self.parameters[:k]), float(np.sqrt(weights @ self.covariance[:k, :k] @ weights))
 

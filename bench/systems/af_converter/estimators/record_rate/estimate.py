@@ -83,7 +83,7 @@ def on_whole_records(
 
 
 def gated(records: PulseRecords, converters: PulseConverters) -> RateEstimate:
-    """Current from the pulses counted in the gate.
+    """Return current from the pulses counted in the gate.
 
     The integrator holds a part of a pulse at each end. While one polarity pulses that part is uniform over one pulse,
     so u = q / (t sqrt(6)), on average over all rates: at a given rate the error takes two values one pulse apart, and
@@ -184,7 +184,7 @@ def _leak(rate: Array, frames: Array) -> Array:
 
 
 def reciprocal(records: PulseRecords, converters: PulseConverters) -> RateEstimate:
-    """Current from the charge of whole pulses over the time they took.
+    """Return current from the charge of whole pulses over the time they took.
 
     The first pulse is the last one of the record before, if that one follows without a gap and the polarity is the
     same; otherwise the first of the record, so two are needed. It is never of the other polarity: the integrator

@@ -132,7 +132,7 @@ def _from_the_middle(field: Array) -> Array:
 
 
 def _weakness(sizes: Array, vectors: Array, columns: Array) -> Array:
-    """How far quadrics that the readings hardly tell apart differ in each direction, (directions,).
+    """Return how far quadrics that the readings hardly tell apart differ in each direction, (directions,).
 
     Of the quadrics that pass through the readings one is the surface itself; it is taken away as the part that is
     nearest to a sphere, because noise may mix it with the others.

@@ -52,7 +52,7 @@ class PlaneParameters:
         return np.asarray(np.sqrt(np.diag(self.covariance) + self.bias**2))
 
     def corrected(self, x_out: Array, y_out: Array) -> tuple[Array, Array]:
-        """Components without zero, gain and non-orthogonality, in units of axis X.
+        """Return components without zero, gain and non-orthogonality, in units of axis X.
 
         Args:    x_out, y_out: (n,), unit of the readings.
         Returns: x, y: (n,) each, on a circle of ``radius`` about the origin.
@@ -83,7 +83,7 @@ class EllipseFit:
 
 
 def corrected(values: Array, x_out: Array, y_out: Array) -> tuple[Array, Array]:
-    """Components corrected by five values in the order of ``PARAMETERS``; see ``PlaneParameters.corrected``."""
+    """Return components corrected by five values in the order of ``PARAMETERS``; see ``PlaneParameters.corrected``."""
     sine, cosine = np.sin(np.deg2rad(values[3])), np.cos(np.deg2rad(values[3]))
     y = values[2] * (y_out - values[1])
     return (x_out - values[0] - y * sine) / cosine, y
@@ -149,7 +149,7 @@ def _derivative(quadric: Quadric) -> Array:
 
 
 def _largest_gap(phase_deg: Array) -> tuple[float, float]:
-    """Largest empty part of the turn and its middle, degrees."""
+    """Return largest empty part of the turn and its middle, degrees."""
     ordered = np.sort(phase_deg)
     gaps = np.diff(np.concatenate((ordered, [ordered[0] + 360.0])))
     place = int(np.argmax(gaps))
@@ -165,7 +165,7 @@ def _distinct(phase_deg: Array, noise_deg: float) -> int:
 
 
 def _shape_misfit(phase_deg: Array, distance: Array, noise: float) -> float:
-    """Mean distances in sectors of the turn against what their noise allows, 1 for points on an ellipse."""
+    """Return mean distances in sectors of the turn against what their noise allows, 1 for points on an ellipse."""
     sector = ((phase_deg + 180.0) / 360.0 * _SECTORS).astype(np.int64) % _SECTORS
     counts = np.bincount(sector, minlength=_SECTORS)
     sums = np.bincount(sector, weights=distance, minlength=_SECTORS)

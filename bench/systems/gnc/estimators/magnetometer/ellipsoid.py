@@ -56,7 +56,7 @@ class EllipsoidFit:
     coverage: SphereCoverage
 
     def corrected(self, field: Array, *, triangular: bool = False) -> Array:
-        """Readings (n, 3) without hard and soft iron, unit of ``norm``."""
+        """Return readings (n, 3) without hard and soft iron, unit of ``norm``."""
         return np.asarray((field - self.hard_iron) @ (self.triangular if triangular else self.symmetric).T)
 
 

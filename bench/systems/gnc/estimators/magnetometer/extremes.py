@@ -49,7 +49,7 @@ class _Top:
 
 
 def fit_extremes(x_out: Array, y_out: Array, ellipse: EllipseFit) -> ExtremesFit:
-    """The paper's five equations, with an uncertainty of what they leave out.
+    """Return the paper's five equations, with an uncertainty of what they leave out.
 
     Args:    x_out, y_out: (n,), same unit.   ellipse: of the same readings; its phases and noise serve the
              uncertainty only, no value comes from it.

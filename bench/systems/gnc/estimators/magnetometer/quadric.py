@@ -48,7 +48,7 @@ class Quadric:
     wander: float
 
     def corrected(self, points: Array) -> Array:
-        """Points on a circle or sphere of radius 1 about the origin, the shape of ``points`` (n, d)."""
+        """Return points on a circle or sphere of radius 1 about the origin, the shape of ``points`` (n, d)."""
         return np.asarray((points - self.centre) @ self.shape.T)
 
 
@@ -173,7 +173,7 @@ def _feet(local: Array, axes: Array) -> Array:
 
 
 def _uncertainty(jacobian: Array, distance: Array) -> tuple[Array, float, float]:
-    """Covariance of the parameters, noise of the distances, mean square pull of the blocks."""
+    """Return covariance of the parameters, noise of the distances, mean square pull of the blocks."""
     count, parameters = jacobian.shape
     noise = float(np.sqrt(distance @ distance / (count - parameters)))
     normal = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-15, hermitian=True)

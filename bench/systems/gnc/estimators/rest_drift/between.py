@@ -98,7 +98,7 @@ class TurnScale:
 
 
 def turn_scale(accel: Array, gyro: Array, rests: StaticIntervals, rate_Hz: float) -> TurnScale | None:
-    """One factor on all angles, by the level before and behind each motion.
+    """Return one factor on all angles, by the level before and behind each motion.
 
     Args:    accel, gyro: (n, 3), any units; the gyroscopes' factor may be anything.   rests, rate_Hz: as found.
     Returns: TurnScale, degrees per unit of the gyroscopes and second; None with fewer than three motions that tip

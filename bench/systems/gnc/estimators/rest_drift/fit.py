@@ -63,7 +63,7 @@ class RestDrift:
         return math.sqrt(2.0) * _rms(self.position_m[:, :2])
 
     def std(self, value: float) -> float:
-        """Standard uncertainty of an RMS from so many windows, each counted as one degree of freedom."""
+        """Return standard uncertainty of an RMS from so many windows, each counted as one degree of freedom."""
         return value / math.sqrt(2.0 * self.windows)
 
 

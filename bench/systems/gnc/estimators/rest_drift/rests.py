@@ -58,7 +58,7 @@ def quiet_level(size: Array) -> float:
 
 
 def _size(samples: Array, half: int, what: str) -> Array:
-    """Length of the vector of variances, at least that of the resolution; infinite near the ends."""
+    """Return length of the vector of variances, at least that of the resolution; infinite near the ends."""
     steps = [np.diff(np.unique(column)) for column in samples.T]
     if not all(one.size for one in steps):
         raise _none(f"an output of the {what} does not change at all")
@@ -69,7 +69,7 @@ def _size(samples: Array, half: int, what: str) -> Array:
 def _not_turning(
     gyro: Array, begin: NDArray[np.intp], end: NDArray[np.intp], keep: NDArray[np.bool_], steady: float
 ) -> NDArray[np.bool_]:
-    """Whether the mean rate is near the usual one, weighted by length: turning evenly is as quiet as rest."""
+    """Return whether the mean rate is near the usual one, weighted by length: turning evenly is as quiet as rest."""
     means = np.stack([gyro[a:b].mean(axis=0) for a, b in zip(begin, end, strict=True)])
     usual = np.median(np.repeat(means[keep], (end - begin)[keep], axis=0), axis=0)
     return np.asarray(np.linalg.norm(means - usual, axis=1) < steady)

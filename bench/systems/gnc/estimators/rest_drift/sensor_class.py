@@ -53,7 +53,7 @@ def class_of(figure: str, value: float) -> str:
 
 
 def worst_class(names: Sequence[str]) -> str:
-    """The class of a unit: that of its worst figure.
+    """Return the class of a unit: that of its worst figure.
 
     Args:    names: of ``NAMES``, at least one.
     Returns: one of them.

@@ -38,7 +38,7 @@ class SampleStamps:
 
 
 def sample_stamps(t_s: Array) -> SampleStamps:
-    """Rate and gaps from the stamps of a log.
+    """Return rate and gaps from the stamps of a log.
 
     Stamps in bursts give the mean rate of the whole log and no gaps: one sample more or less cannot be told.
 

@@ -53,7 +53,7 @@ def refresh_model(F: Array, force: Array, C: Array) -> None:
 
 
 def propagate(P: Array, F: Array, dt: float, noise: Array) -> Array:
-    """Covariance ``dt`` seconds later; ``noise`` (16,): variance each state gains in that time."""
+    """Return covariance ``dt`` seconds later; ``noise`` (16,): variance each state gains in that time."""
     step = F * dt
     phi = 0.5 * np.matmul(step, step)
     phi += step
@@ -64,7 +64,7 @@ def propagate(P: Array, F: Array, dt: float, noise: Array) -> Array:
 
 
 def measurement_rows(F: Array, age_s: Array, sensitivity: Array) -> Array:
-    """Rows of the innovation (estimate minus EGI: position, velocity, rotation) over the states, (G, 9, 16).
+    """Return rows of the innovation (estimate minus EGI: position, velocity, rotation) over the states, (G, 9, 16).
 
     Args:   F: error model.   age_s: (G,) how long ago the EGI sample was valid; the errors of then are those of now
             less F times that.   sensitivity: (G, 9) velocity, acceleration, rate at that time.
@@ -86,7 +86,7 @@ def gain(P: Array, H: Array, noise: Array) -> tuple[Array, Array]:
 
 
 def update(P: Array, K: Array, H: Array, noise: Array) -> Array:
-    """Covariance after the correction, Joseph's form, made symmetric."""
+    """Return covariance after the correction, Joseph's form, made symmetric."""
     rest = -np.matmul(K, H)
     rest[:, range(STATES), range(STATES)] += 1.0
     out: Array = np.matmul(np.matmul(rest, P), rest.transpose(0, 2, 1))

@@ -73,7 +73,7 @@ class History:
         self.store(self._newest, state)
 
     def read(self, s_s: Array) -> Past:
-        """States at times ``s_s`` (G, R) of the IMU; beyond the stored ones they are carried on straight."""
+        """Return states at times ``s_s`` (G, R) of the IMU; beyond the stored ones they are carried on straight."""
         oldest = max(self._first, self._newest - self._size + 1)
         s = s_s.ravel()
         before = np.clip(np.searchsorted(self._t_s, s) - 1, oldest, self._newest - 1)

@@ -34,7 +34,7 @@ class EgiSample(NamedTuple):
 
 
 def predicted_at(t_s: float, offset_s: Array) -> Array:
-    """Time of which a sample tagged ``t_s`` speaks, by the present estimate of the offset (G, R)."""
+    """Return time of which a sample tagged ``t_s`` speaks, by the present estimate of the offset (G, R)."""
     return t_s - offset_s
 
 
@@ -95,7 +95,7 @@ class NisSums:
         self._count[:, where] += dz.shape[-1] * usable[:, None]
 
     def take(self) -> tuple[Array, Array, Array]:
-        """Mean, share outside the 95 % interval and count, (G, 4) each; begins anew."""
+        """Return mean, share outside the 95 % interval and count, (G, 4) each; begins anew."""
         count = self._count.copy()
         known = np.where(count > 0.0, count, np.nan)
         mean, share = self._sum / known, self._outside / known

@@ -48,7 +48,7 @@ class Keeping:
         self._fine_p[k], self._fine_v[k], self._fine_C[k] = (lanes_first(x) for x in (ins.p, ins.v, ins.C))
 
     def result(self) -> FilterRun:
-        """What was kept."""
+        """Return what was kept."""
         k, q = slice(self._count), slice(self._fine)
         fine = FineTrack(self._fine_t_s[q], self._fine_p[q], self._fine_v[q], self._fine_C[q])
         return FilterRun(

@@ -35,7 +35,7 @@ def _usable(p: Array, v: Array, C: Array) -> NDArray[np.bool_]:
 
 
 def egi_samples(egi: EgiSource, first: int) -> Iterator[EgiSample]:
-    """Samples from ``first`` on."""
+    """Yield samples from ``first`` on."""
     for k0 in range(first, egi.t_s.size, _EGI_BLOCK):
         p, v, C = egi.block(k0, min(k0 + _EGI_BLOCK, egi.t_s.size))
         usable = _usable(p, v, C)

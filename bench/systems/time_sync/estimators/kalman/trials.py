@@ -91,7 +91,7 @@ class EgiTrials:
         self._dphi[..., 2] = np.radians(spread.heading_deg) * heading
 
     def block(self, k0: int, k1: int) -> tuple[Array, Array, Array]:
-        """Samples k0 to k1 - 1: (k, G, R, 3) twice, (k, G, R, 3, 3)."""
+        """Return samples k0 to k1 - 1: (k, G, R, 3) twice, (k, G, R, 3, 3)."""
         p, v = self._p[k0:k1, None] + self._dp[k0:k1], self._v[k0:k1, None] + self._dv[k0:k1]
         C = (np.eye(3) + skew(self._dphi[k0:k1])) @ self._C[k0:k1, None]
         return tuple(np.repeat(one[:, None], self._groups, axis=1) for one in (p, v, C))  # type: ignore[return-value]
@@ -122,7 +122,7 @@ def imu_trials(
 
 
 def _between(at_s: Array, t_s: Array, values: Array) -> Array:
-    """Values (n, ...) at other times by lines between them; NaN before the first and behind the last."""
+    """Return values (n, ...) at other times by lines between them; NaN before the first and behind the last."""
     flat = values.reshape(len(values), -1)
     found = np.stack([np.interp(at_s, t_s, column, np.nan, np.nan) for column in flat.T], axis=1)
     return found.reshape(at_s.size, *values.shape[1:])

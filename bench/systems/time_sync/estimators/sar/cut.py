@@ -82,7 +82,7 @@ def cut_figures(cut: Cut) -> CutFigures:
 
 
 def _highest_side(power: CubicSpline) -> float:
-    """Highest power in the side lobes' window."""
+    """Return highest power in the side lobes' window."""
     level = power.derivative().roots(extrapolate=False)
     inside = level[(np.abs(level) >= ZERO_CELLS) & (np.abs(level) <= REACH_CELLS)]
     return float(power(np.append(inside, [-ZERO_CELLS, ZERO_CELLS])).max())

@@ -37,12 +37,12 @@ class Axes:
     wavelength_m: float
 
     def points(self, azimuth_m: Array | float, range_m: Array | float) -> Array:
-        """Points (..., 3) at offsets from the origin."""
+        """Return points (..., 3) at offsets from the origin."""
         out = np.multiply.outer(azimuth_m, self.azimuth) + np.multiply.outer(range_m, self.sight)
         return np.asarray(self.origin_m + out)
 
     def block_m(self, reach_m: float, phase_rad: float = BLOCK_PHASE_rad) -> float:
-        """Length of a block of pulses over which a point `reach_m` away in azimuth turns by `phase_rad`."""
+        """Return length of a block of pulses over which a point `reach_m` away in azimuth turns by `phase_rad`."""
         return phase_rad * self.wavelength_m * self.range_m / (4.0 * np.pi * reach_m)
 
 
@@ -122,7 +122,7 @@ def image_chip(
 
 
 def symmetric(half_m: float, step_m: float) -> Array:
-    """Offsets at multiples of the step, as far as `half_m` on both sides of 0."""
+    """Return offsets at multiples of the step, as far as `half_m` on both sides of 0."""
     count = int(np.floor(half_m / step_m + 1e-9))
     return np.asarray(np.arange(-count, count + 1) * step_m)
 

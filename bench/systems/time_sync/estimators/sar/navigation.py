@@ -9,7 +9,7 @@ from bench.systems.time_sync.estimators.sar.pulses import Array
 
 
 def positions_at(pulse_s: Array, epoch_s: Array, position_m: Array, velocity_m_s: Array) -> Array:
-    """Positions at the pulses by cubic Hermite interpolation between the epochs of a navigation solution.
+    """Return positions at the pulses by cubic Hermite interpolation between the epochs of a navigation solution.
 
     Args:    pulse_s: (n,), on the clock of the epochs.   epoch_s: (m,) rising.   position_m, velocity_m_s:
              (m, ..., 3); further axes are lanes.

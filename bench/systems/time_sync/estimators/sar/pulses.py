@@ -108,7 +108,7 @@ def turns(cycles: Array, precision: np.dtype[np.complexfloating[Any, Any]] = _DO
 
 
 def finer(gates: Complex) -> Complex:
-    """Values at eight places a gate, (m, 8 (g - 1) + 1), of gates (m, g)."""
+    """Return values at eight places a gate, (m, 8 (g - 1) + 1), of gates (m, g)."""
     weights = _kernel(gates.shape[1]).astype(gates.real.dtype)
     out = np.empty((len(gates), weights.shape[1]), gates.dtype)
     out.real = np.ascontiguousarray(gates.real) @ weights
@@ -117,7 +117,7 @@ def finer(gates: Complex) -> Complex:
 
 
 def at_places(fine: Complex, place: Array) -> Complex:
-    """Values (m, q) between the finer ones (m, f) at fractional places (m, q) in gates; beyond the gates 0."""
+    """Return values (m, q) between the finer ones (m, f) at fractional places (m, q) in gates; beyond the gates 0."""
     place = place * _FINER
     low = np.clip(np.floor(place), 1, fine.shape[1] - 3).astype(np.int32)
     x = (place - low).astype(fine.real.dtype)

@@ -83,7 +83,7 @@ def impulse_response(
 
 
 def _peak(pulses: Pulses, positions_m: Array, axes: Axes, search_m: tuple[float, float]) -> tuple[float, float]:
-    """Offsets of the image's highest place: grids of smaller and smaller steps, then a paraboloid."""
+    """Return offsets of the image's highest place: grids of smaller and smaller steps, then a paraboloid."""
     sums = sums_of(pulses, positions_m, axes.origin_m, axes.block_m(search_m[0], _COARSE_PHASE_rad), coarse=True)
     steps = _STEPS_CELLS[0] * np.array([axes.azimuth_cell_m, axes.range_cell_m])
     found = _highest(chip_of(sums, axes, symmetric(search_m[0], steps[0]), symmetric(search_m[1], steps[1])))
@@ -111,7 +111,7 @@ def _highest(chip: Chip) -> Array:
 
 
 def _vertex(power: Array) -> Array:
-    """Highest place, in steps from the middle, of the paraboloid through 3 by 3 values (least squares)."""
+    """Return highest place, in steps from the middle, of the paraboloid through 3 by 3 values (least squares)."""
     x, y = (axis.ravel() for axis in np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0], indexing="ij"))
     design = np.stack([np.ones(9), x, y, x * x, x * y, y * y], axis=1)
     _, slope_x, slope_y, xx, xy, yy = np.linalg.lstsq(design, power.ravel())[0]
