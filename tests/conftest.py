@@ -10,8 +10,12 @@ from pathlib import Path
 
 import pytest
 from crashes import Crashes, crashed_everywhere, crashes_in
+from hypothesis import HealthCheck, settings
 from recorded import recorded
 from rehearsal import NAME, SAID, Inside, Rehearsal, main_of, record_ramp, record_short, rehearsed
+
+settings.register_profile("any machine", suppress_health_check=[HealthCheck.too_slow], deadline=None)
+settings.load_profile("any machine")  # how fast inputs are drawn says something of the machine only
 
 
 @pytest.fixture(scope="session")

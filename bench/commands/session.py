@@ -30,7 +30,7 @@ def replay(folder: Path, as_json: bool) -> int:
         sys.stdout.write(results_json({"identical": not differences, "results": results}))
     else:
         print_results(console(), results, analysis)
-        for note in view.notes:
+        for note in view.remarks:
             console().print(note)
     if differences:
         for one in differences[:SHOWN_DIFFERENCES]:
@@ -71,7 +71,7 @@ def fit(folder: Path, method: str | None, as_json: bool, make_up: Sequence[Path]
         sys.stdout.write(results_json(results))
         return _status(view)
     print_results(console(), results, analysis)
-    for note in [*([INCOMPLETE] if view.incomplete else []), *analysis.notes, *view.notes]:
+    for note in [*([INCOMPLETE] if view.incomplete else []), *analysis.notes, *view.remarks]:
         console().print(note)
     return _status(view)
 

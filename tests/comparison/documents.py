@@ -20,6 +20,7 @@ from mcap.stream_reader import StreamReader
 ABSENT = "(absent)"
 _SEALED = struct.Struct("<IQQ")  # in front of each payload: CRC, running number, time
 _REVISION = re.compile(r"\b[0-9a-f]{40}\b( with local modifications)?")
+_DISTRIBUTION = re.compile(r"^.*>software\.distributions\..*\n", re.MULTILINE)  # of younger sessions only
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ def _tables(path: Path) -> dict[str, Any]:
 def _lines(text: str, marks: Mapping[str, str]) -> dict[str, str]:
     for value, word in marks.items():
         text = text.replace(value, word)
-    text = _REVISION.sub("<revision>", text)
+    text = _DISTRIBUTION.sub("", _REVISION.sub("<revision>", text))
     return {f"line {number}": line for number, line in enumerate(text.splitlines(), 1)}
 
 

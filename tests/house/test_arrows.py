@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Mapping
 
 import pytest
-from tree import PRODUCT, TOP, imported, python_files, tree_of
+from structure import arrows, circles
+from tree import PRODUCT, TOP, python_files, tree_of
 
 FILES = {
     ".".join(path.relative_to(TOP).with_suffix("").parts).removesuffix(".__init__"): path
@@ -17,40 +17,6 @@ BESIDE = ("sim_instruments", "sim_instruments.seeds")  # no models, in the folde
 MODELS = {name for name, path in FILES.items() if path.parent == TOP / "sim_instruments"}.difference(BESIDE)
 SHARED = tuple(f"sim_instruments.{room}" for room in ("bus", "faults", "seeds", "worlds.common"))
 OF_A_SYSTEM = re.compile(r"sim_instruments\.worlds\.(?!common\b|kinds\b|simulation\b)")
-Arrows = Mapping[str, set[str]]
-
-
-def arrows(trees: Mapping[str, ast.Module]) -> Arrows:
-    """Modules among ``trees`` that each of them imports; a name taken from a module is an arrow to the module."""
-    pointed = {}
-    for name, tree in trees.items():
-        full = {target if target in trees else target.rpartition(".")[0] for target in imported(tree)}
-        pointed[name] = (full & trees.keys()) - {name}
-    return pointed
-
-
-def circles(pointed: Arrows) -> list[set[str]]:
-    """Groups of modules each of which is reached from every other one."""
-    reached = {name: _reached(name, pointed) for name in pointed}
-    groups: list[set[str]] = []
-    for name, others in reached.items():
-        group = {other for other in others if name in reached[other]}
-        if name in group and group not in groups:
-            groups.append(group)
-    return groups
-
-
-def _reached(start: str, pointed: Arrows) -> set[str]:
-    reached: set[str] = set()
-    ahead = list(pointed[start])
-    while ahead:
-        name = ahead.pop()
-        if name not in reached:
-            reached.add(name)
-            ahead += pointed[name]
-    return reached
-
-
 ARROWS = arrows({name: tree_of(path) for name, path in FILES.items()})
 
 

@@ -172,7 +172,7 @@ def held_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def holding(self: StopSwitch) -> None:
         seen.append(1)
-        if len(seen) == 400:
+        if len(seen) == 200:
             self.holds.hold("operator", "door")
         check(self)
 
@@ -181,7 +181,7 @@ def held_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def looking(self: StopSwitch) -> None:
         stand(self)
-        if len(seen) >= 400 and "operator" in self.holds.reasons:
+        if len(seen) >= 200 and "operator" in self.holds.reasons:
             seen.append(1)
             if len(seen) > 1200:
                 self.holds.release("operator")

@@ -18,7 +18,7 @@ from bench.report.plots.history import MOST_PANELS
 from bench.store import Filters, list_calibrations, record_calibration
 
 ROOT = Path(__file__).resolve().parents[2]
-GOLDEN = next((ROOT / "tests" / "golden" / "sessions").glob("*/*/session.0001.mcap")).parent
+GOLDEN = ROOT / "tests" / "golden" / "sessions" / "0.1.0" / "20000101T000000Z_golden_GOLDEN"
 Say = Callable[..., tuple[int, str, str]]
 
 

@@ -20,8 +20,8 @@ from bench.report.words import channel_title
 
 _APART = 0.008  # of the span of temperatures, to each side
 _LEAST_SPAN_degC = 1.0  # of the axis: a campaign at one temperature differs by hundredths between its records
+_LEAST_AIR_SPAN_degC = 2.0  # of the axis of the laboratory
 Row = Mapping[str, Any]
-_LEAST_SPAN_degC = 2.0
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def surroundings_picture(model: ReportModel, words: Texts) -> Picture | None:
             t_s, degC = thin(one.t_s, one.degC)
             axes.plot(t_s / 3600.0, degC, label=words("environment.laboratory", channel=one.name), **look(index))
         low, high = axes.get_ylim()
-        short = max(0.0, _LEAST_SPAN_degC - (high - low)) / 2.0
+        short = max(0.0, _LEAST_AIR_SPAN_degC - (high - low)) / 2.0
         axes.set_ylim(low - short, high + short)
         axes.set_xlabel(words("axis.time", unit="h"))
         axes.set_ylabel(words("axis.temperature"))

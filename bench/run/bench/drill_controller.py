@@ -83,7 +83,7 @@ def main(station_file: str, folder: str) -> int:
         stack.callback(bench.close)
         identities = begin_safely(bench, clock)
         brief = brief_of(station, Path(folder) / DIARY)
-        stack.enter_context(GuardProcess(brief, health, stop, clock, lambda **fields: None))
+        stack.enter_context(GuardProcess(brief, health, stop, clock, lambda event: None))
         stack.callback(make_safe, bench.instruments, station.safe_order, clock)
         stimulate(bench.instruments, source_of(station, {r: type(i) for r, i in bench.instruments.items()}))
         _say(on=stimulated(bench.instruments), identities={role: asdict(who) for role, who in identities.items()})

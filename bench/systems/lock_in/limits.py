@@ -8,9 +8,9 @@ from typing import Any
 
 from bench.analysis import stated_limits
 from bench.model.errors import FitError
+from bench.systems.lock_in.declaration import DECLARATION
 
 NATO_MIL_DEG = 360.0 / 6400.0
-DIMENSIONS: Mapping[str, str] = {"alignment_error": "deg", "alignment_time": "s"}
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,8 @@ def requirement_of(campaign: Mapping[str, Any]) -> Requirement:
 
     Raises: FitError B-RLG-004 (a limit that no ring laser has, or in a wrong unit), B-RLG-005 (no latitude).
     """
-    stated = stated_limits(campaign, DIMENSIONS, "B-RLG-004", "an alignment with a ring laser has no such limit")
+    (declared,) = DECLARATION.analyses
+    stated = stated_limits(campaign, declared.limits, "B-RLG-004", "an alignment with a ring laser has no such limit")
     try:
         latitude_deg = float((campaign.get("site") or {})["latitude_deg"])
     except KeyError as error:

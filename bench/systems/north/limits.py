@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from bench.analysis import stated_limits
+from bench.systems.north.declaration import DECLARATION
 
-AZIMUTH_ERROR = "azimuth_error"
-SPECIFIED: Mapping[str, tuple[str, float]] = {AZIMUTH_ERROR: ("deg", 0.5)}  # name -> (dimension, value in it)
-DIMENSIONS: Mapping[str, str] = {name: dimension for name, (dimension, _) in SPECIFIED.items()}
+AZIMUTH_ERROR, SPECIFIED_deg = "azimuth_error", 0.5
 
 
 def azimuth_error_limit_deg(campaign: Mapping[str, Any]) -> float:
@@ -18,5 +17,6 @@ def azimuth_error_limit_deg(campaign: Mapping[str, Any]) -> float:
     Raises: FitError B-FOG-001 for a limit of the sequence that is not one of a north finder, in a wrong unit or not
             above zero.
     """
-    stated = stated_limits(campaign, DIMENSIONS, "B-FOG-001", "a north finder has no such limit")
-    return stated.get(AZIMUTH_ERROR, SPECIFIED[AZIMUTH_ERROR][1])
+    (declared,) = DECLARATION.analyses
+    stated = stated_limits(campaign, declared.limits, "B-FOG-001", "a north finder has no such limit")
+    return stated.get(AZIMUTH_ERROR, SPECIFIED_deg)

@@ -9,12 +9,12 @@ from typing import Any
 
 from bench.analysis import stated_limits
 from bench.model.errors import FitError
+from bench.systems.time_sync.declaration import DECLARATION
 from bench.systems.time_sync.estimators.kalman.setup import ImuDensities
 from bench.systems.time_sync.estimators.kalman.trials import EgiSpread
 
 UNCERTAINTY, DIFFERENCE = "time_offset_uncertainty", "stamps_difference"
-SPECIFIED: Mapping[str, tuple[str, float]] = {UNCERTAINTY: ("s", 2e-3), DIFFERENCE: ("s", 5e-3)}
-DIMENSIONS: Mapping[str, str] = {name: dimension for name, (dimension, _) in SPECIFIED.items()}
+SPECIFIED_s: Mapping[str, float] = {UNCERTAINTY: 2e-3, DIFFERENCE: 5e-3}
 
 
 @dataclass(frozen=True)
@@ -37,12 +37,15 @@ class Latency:
 
 
 def demands_of(campaign: Mapping[str, Any]) -> Demands:
-    """Return limits of the campaign, those of ``SPECIFIED`` where it states none.
+    """Return limits of the campaign, those of ``SPECIFIED_s`` where it states none.
 
     Raises: FitError B-SYNC-005 for a limit that no time offset has, in a wrong unit or not above zero.
     """
-    stated = stated_limits(campaign, DIMENSIONS, "B-SYNC-005", "a time offset has no such limit")
-    limits = {name: value for name, (_, value) in SPECIFIED.items()} | stated
+    (declared,) = DECLARATION.analyses
+    limits = {
+        **SPECIFIED_s,
+        **stated_limits(campaign, declared.limits, "B-SYNC-005", "a time offset has no such limit"),
+    }
     return Demands(limits[UNCERTAINTY], limits[DIFFERENCE])
 
 

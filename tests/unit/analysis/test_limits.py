@@ -3,23 +3,24 @@
 import pytest
 
 from bench.analysis import check_method, stated_limits
+from bench.model.declaration import Limit
 from bench.model.errors import FitError
 
-DIMENSIONS = {"azimuth_error": "deg", "temperature_low": "degC"}
+DECLARED = {"azimuth_error": Limit("deg", above_zero=True), "temperature_low": Limit("degC")}
 
 
-def stated(value: float, unit: str, name: str = "azimuth_error", *, two_sided: bool = False) -> dict[str, float]:
+def stated(value: float, unit: str, name: str = "azimuth_error") -> dict[str, float]:
     limits = {"limits": {name: {"value": value, "unit": unit}}}
-    return stated_limits(limits, DIMENSIONS, "B-FOG-001", "nobody knows it", two_sided=two_sided)
+    return stated_limits(limits, DECLARED, "B-FOG-001", "nobody knows it")
 
 
 def test_limits_are_in_the_base_unit_and_those_not_stated_are_left_out() -> None:
     assert stated(30.0, "arcmin") == {"azimuth_error": 0.5}
-    assert stated_limits({}, DIMENSIONS, "B-FOG-001", "nobody knows it") == {}
+    assert stated_limits({}, DECLARED, "B-FOG-001", "nobody knows it") == {}
 
 
 def test_an_end_of_a_range_has_either_sign_and_an_error_is_above_zero() -> None:
-    assert stated(-40.0, "degC", "temperature_low", two_sided=True) == {"temperature_low": -40.0}
+    assert stated(-40.0, "degC", "temperature_low") == {"temperature_low": -40.0}
     for value in (0.0, -1.0, float("nan")):
         with pytest.raises(FitError, match="limit 'azimuth_error'") as caught:
             stated(value, "deg")

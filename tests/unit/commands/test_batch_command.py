@@ -15,7 +15,7 @@ from batch_sample import LIMIT, coupling, results
 from bench.commands import batch as command
 from bench.model.errors import BenchError, ExitStatus, FitError, InputError
 
-GOLDEN = next((Path(__file__).resolve().parents[2] / "golden" / "sessions" / "0.1.0").iterdir())
+GOLDEN = Path(__file__).resolve().parents[2] / "golden" / "sessions" / "0.1.0" / "20000101T000000Z_golden_GOLDEN"
 
 
 def made(folder: Path, *names: str) -> Path:

@@ -13,9 +13,6 @@ from bench.systems.gnc.declaration import DECLARATION
 from bench.systems.gnc.limits import SPECIFIED
 from bench.systems.gnc.unit_test.units import IDENTITY, SUPPLY
 from bench.systems.gnc.unit_test.units import ITEMS as JUDGED
-from bench.systems.lock_in import limits as rlg_limits
-from bench.systems.north import limits as fog_limits
-from bench.systems.time_sync import limits as time_sync_limits
 
 SEQUENCE = """\
 sequence: sample
@@ -160,13 +157,14 @@ def test_an_analysis_of_records_needs_one(tmp_path: Path) -> None:
 
 
 def test_the_limits_are_those_of_the_analyses() -> None:
-    shared = {name: limit.dimension for name, limit in DECLARATION.limits.items()}
-    assert {name: dimension for name, (dimension, _) in SPECIFIED.items()} == shared
-    of_fog = {name: dimension for name, (dimension, _) in fog_limits.SPECIFIED.items()}
-    of_sync = {name: dimension for name, (dimension, _) in time_sync_limits.SPECIFIED.items()}
+    assert SPECIFIED.keys() == DECLARATION.limits.keys()
     declared = {name: analysis.limits for name, (analysis, _, _) in analyses().items() if analysis.limits}
     dimensions = {name: {key: limit.dimension for key, limit in limits.items()} for name, limits in declared.items()}
-    assert dimensions == {"fog_north": of_fog, "rlg_lock_in": rlg_limits.DIMENSIONS, "time_sync": of_sync}
+    assert dimensions == {
+        "fog_north": {"azimuth_error": "deg"},
+        "rlg_lock_in": {"alignment_error": "deg", "alignment_time": "s"},
+        "time_sync": {"time_offset_uncertainty": "s", "stamps_difference": "s"},
+    }
     assert all(limit.above_zero for limits in declared.values() for limit in limits.values())
 
 

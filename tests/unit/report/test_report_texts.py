@@ -13,7 +13,7 @@ from bench.report import Report
 from bench.report.model import ReportModel
 from bench.report.words import FOLDER, words_of
 
-SOURCES = sorted(Path(bench.report.__file__).parent.glob("*.py"))
+SOURCES = sorted(path for path in Path(bench.report.__file__).parent.rglob("*.py") if path.parent.name != "dcc")
 KEYS = words_of("en").all
 
 

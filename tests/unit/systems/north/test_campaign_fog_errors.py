@@ -10,7 +10,7 @@ from fog_material import AZIMUTH_DEG, NorthRig, campaign
 from bench.model.errors import FitError
 from bench.systems.north.analysis import analyse
 from bench.systems.north.declaration import DECLARATION
-from bench.systems.north.limits import SPECIFIED
+from bench.systems.north.limits import AZIMUTH_ERROR
 
 SEED = 703
 
@@ -47,8 +47,7 @@ def test_a_limit_that_is_none_of_a_north_finder(rig: NorthRig, limits: dict[str,
 
 def test_the_limits_are_those_the_check_of_a_sequence_knows() -> None:
     (declared,) = DECLARATION.analyses
-    dimensions = {name: limit.dimension for name, limit in declared.limits.items()}
-    assert {name: dimension for name, (dimension, _) in SPECIFIED.items()} == dimensions
+    assert {name: limit.dimension for name, limit in declared.limits.items()} == {AZIMUTH_ERROR: "deg"}
 
 
 def test_no_reading_of_a_lock_in(rig: NorthRig) -> None:
