@@ -63,23 +63,22 @@ class PartialFits:
 
     async def _answer(self, folder: Path) -> dict[str, Any] | None:
         """Return what the process prints; None if it fails: a page without estimates is better than none."""
-        start = asyncio.create_subprocess_exec(
+        process = await asyncio.create_subprocess_exec(
             *self._command, str(folder), stdin=asyncio.subprocess.DEVNULL, stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.DEVNULL,
         )  # fmt: skip
-        starting = asyncio.ensure_future(start)  # whoever is cancelled while it starts still ends it
         try:
-            process = await asyncio.shield(starting)
             printed, _ = await asyncio.wait_for(process.communicate(), LONGEST_FIT_S)
             answer = json.loads(printed)
         except (ValueError, TimeoutError):
             return None
         finally:
-            process = await starting
             if process.returncode is None:
                 with suppress(ProcessLookupError):
                     process.kill()
-                await process.wait()
+            while process.returncode is None:  # a page server that ends cancels this a second time
+                with suppress(asyncio.CancelledError):
+                    await process.communicate()
         return answer if isinstance(answer, dict) else None
 
 
