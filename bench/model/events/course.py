@@ -116,7 +116,7 @@ class Slip(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class Late(Event):
-    """A soak is not stable at the end of its slot; ``policy``: hold, skip or abort."""
+    """A soak of the chamber ``role`` is not stable at the end of its slot; ``policy``: hold, skip or abort."""
 
     kind: ClassVar[str] = "late"
     at_terminal: ClassVar[bool] = True
@@ -124,11 +124,14 @@ class Late(Event):
     policy: str
     last_degC: float
     slope_degC_min: float
+    role: str = left_out("")
+    target_degC: float | None = left_out()
 
     def _words(self) -> str:
         last, slope = number(self.last_degC, ".2f"), number(self.slope_degC_min, "+.3f")
-        where = f"step {self.step}: not stable at the end of its slot"
-        return f"{where}, last {last} degC, {slope} degC/min: {self.policy}"
+        target = "" if self.target_degC is None else f" {self.target_degC:g} degC"
+        soak = f"{self.role}{target} not stable at the end of its slot".strip()
+        return f"step {self.step}: {soak}, last {last} degC, {slope} degC/min: {self.policy}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -88,7 +88,16 @@ def _sensor(context: RunContext, step: PlannedSoak) -> float:
 
 def _late(context: RunContext, step: PlannedSoak, watch: Stability) -> None:
     last = watch.readings[-1][1]
-    context.event(Late(step=step.number, policy=step.late, last_degC=last, slope_degC_min=watch.slope_degC_min))
+    context.event(
+        Late(
+            step=step.number,
+            policy=step.late,
+            last_degC=last,
+            slope_degC_min=watch.slope_degC_min,
+            role=step.role,
+            target_degC=watch.target_degC,
+        )
+    )
     if step.late == "skip":
         return
     waited_s = 0.0

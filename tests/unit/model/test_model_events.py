@@ -42,6 +42,12 @@ def test_a_number_that_was_none_comes_back_as_none() -> None:
     assert late.sentence == "step 2: not stable at the end of its slot, last none degC, +0.500 degC/min: hold"
 
 
+def test_a_late_soak_names_its_chamber_and_its_target() -> None:
+    late = Late(step=2, policy="hold", last_degC=48.2, slope_degC_min=0.01, role="chamber", target_degC=50.0)
+    said = "step 2: chamber 50 degC not stable at the end of its slot, last 48.20 degC, +0.010 degC/min: hold"
+    assert late.sentence == said
+
+
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
 def test_no_event_of_a_foreign_session_is_refused(model: type[Event]) -> None:
     for document in ({}, {field.name: {"strange": [1]} for field in fields(model)}):
