@@ -77,6 +77,7 @@ class VirtualClock:
         self._now_ns = 0
         self._utc_start_ns = utc_start_ns
         self._tasks: list[_Task] = []
+        self._running: list[_Task] = []
         self._sleepers: list[int] = []
         self._order = 0
 
@@ -117,20 +118,33 @@ class VirtualClock:
                 horizon = min(horizon, task.due_ns)
         return max(horizon, self._now_ns)
 
+    def turns_ahead_ns(self) -> range:
+        """Coming turns of the callback that asks, up to and without the time when anybody else does anything.
+
+        Until then the callback is alone: it may sleep through these turns and do at once what they would have done.
+        """
+        task = self._running[-1]
+        others = (other.due_ns for other in self._tasks if other.active and not other.running)
+        return range(self._following(task), min((self._sleepers[-1], *others)), task.period_ns)
+
     def _next_due(self, limit_ns: int) -> _Task | None:
         due = [t for t in self._tasks if t.active and not t.running and t.due_ns <= limit_ns]
         return min(due, key=lambda task: (task.due_ns, task.order), default=None)
 
     def _run(self, task: _Task) -> None:
         task.running = True
+        self._running.append(task)
         try:
             task.callback()
         finally:
+            self._running.pop()
             task.running = False
-            task.due_ns += task.period_ns
-            if task.due_ns <= self._now_ns:
-                missed = (self._now_ns - task.due_ns) // task.period_ns + 1
-                task.due_ns += missed * task.period_ns
+            task.due_ns = self._following(task)
+
+    def _following(self, task: _Task) -> int:
+        """Return the first turn of a task after now and after the one that is due."""
+        passed = max(self._now_ns - task.due_ns, 0) // task.period_ns
+        return task.due_ns + (passed + 1) * task.period_ns
 
 
 class _Ticker:

@@ -6,9 +6,11 @@ world, so a blocking read under a virtual clock lets that clock go on. The recei
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 from urllib.parse import urlsplit
 
+import numpy as np
 from serial.serialutil import PortNotOpenError, SerialBase, SerialException, to_bytes
 
 from bench.model.clock import NS, to_ns
@@ -65,6 +67,15 @@ class Serial(SerialBase):
         """Bytes that can be read at once."""
         self._require_open()
         return int(self._unit.waiting(self._name))
+
+    def arrivals(self, turns_ns: Sequence[int]) -> Sequence[int]:
+        """Bytes that can be read at each of the coming times if nobody reads or does anything else before.
+
+        Only as far as the unit knows them now: the answer may be shorter.
+        """
+        self._require_open()
+        coming: Sequence[int] = self._unit.arrivals(self._name, np.asarray(turns_ns, np.int64)).tolist()
+        return coming
 
     def read(self, size: int = 1) -> bytes:
         """Up to ``size`` bytes; waits for them as long as ``timeout`` says (None: until all are there)."""

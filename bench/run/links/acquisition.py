@@ -1,7 +1,7 @@
 """Serial acquisition: all links of the bench, read without a pause, recorded at once, decoded in blocks.
 
-Virtual clock: one task reads each second, in one thread; a link of which the station asks it is read more often. Wall
-clock: a thread waits for each port and records what it reads; decoding, the recorder's ticks and the return of lost
+Virtual clock: one task reads each second, in one thread; a link of which the station asks it is read more often. Where
+nobody else does anything for some turns, they are taken at once, with the parts and the stamps of each turn. Wall clock: a thread waits for each port and records what it reads; decoding, the recorder's ticks and the return of lost
 ports have threads of their own, and one more reads while a disk holds the others up
 (docs/decisions/0010-serial-acquisition.md).
 """
@@ -15,7 +15,10 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Protocol
 
-from bench.model.clock import NS, Clock, Periodic, to_ns
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.model.clock import NS, Clock, Periodic, VirtualClock, to_ns
 from bench.run.links.instrument import InstrumentLink
 from bench.run.links.port import descriptor_of
 from bench.run.links.reader import BatchListener, LinkReader
@@ -41,8 +44,16 @@ TEMPERATURE = "unit_temperature"
 STALE_S = 10.0  # housekeeping comes ten times a second; older temperatures say nothing about now
 
 
+Int64 = NDArray[np.int64]
+_NOTHING: Int64 = np.empty((0, 0), np.int64)
+
+
 class LinkWatch(Protocol):
     """Who looks after the links (bench.run.links.keeper)."""
+
+    @property
+    def calm(self) -> bool:
+        """Whether no link is in trouble."""
 
     def judge(self) -> None:
         """Everything received is decoded: ask the run to stand still for a link that is lost or silent."""
@@ -77,42 +88,86 @@ class Acquisition:
         self._turned_ns: dict[str, int] = {}
         for reader in self.readers.values():
             reader.on_broken = self._check_links
-        self._periodics = self._begin_virtual() if clock.virtual else self._begin_wall()
+        self._periodics = self._begin_virtual(clock) if isinstance(clock, VirtualClock) else self._begin_wall()
 
     # --- virtual clock ---------------------------------------------------------------------------------------------
 
-    def _begin_virtual(self) -> list[Periodic]:
+    def _begin_virtual(self, clock: VirtualClock) -> list[Periodic]:
         often: dict[float, list[LinkReader]] = {}
         for reader in self.readers.values():
             if reader.poll_s < VIRTUAL_POLL_S:
                 often.setdefault(reader.poll_s, []).append(reader)
         tasks: dict[float, Callable[[], None]] = {
-            period_s: partial(self._poll_some, readers) for period_s, readers in often.items()
+            period_s: partial(self._poll_some, clock, readers) for period_s, readers in often.items()
         }
-        tasks[VIRTUAL_POLL_S] = self._poll_all
-        return [self._clock.every(period_s, guarded(task, self._stop)) for period_s, task in tasks.items()]
+        tasks[VIRTUAL_POLL_S] = partial(self._poll_all, clock)
+        return [clock.every(period_s, guarded(task, self._stop)) for period_s, task in tasks.items()]
 
-    def _poll_some(self, readers: Sequence[LinkReader]) -> None:
+    def _poll_some(self, clock: VirtualClock, readers: Sequence[LinkReader]) -> None:
         """Links whose receive stamps matter are read more often; the others wait for the second."""
         with self.lock:
+            turns_ns = [clock.now_ns(), *clock.turns_ahead_ns()]
+            arrivals = _arrivals(readers, turns_ns[:-1])
+            self._take_at_once(clock, turns_ns[: len(arrivals) + 1], readers, arrivals, lambda now_ns: None)
             for reader in readers:
                 if reader.link.in_waiting:
                     self._poll(reader)
 
-    def _poll_all(self) -> None:
-        pending, now = 0, self._clock.now_ns()
+    def _poll_all(self, clock: VirtualClock) -> None:
         with self.lock:
-            for reader in self.readers.values():
+            readers = list(self.readers.values())
+            turns_ns = [clock.now_ns(), *clock.turns_ahead_ns()]
+            arrivals = self._uneventful(readers, turns_ns[:-1])
+            self._take_at_once(clock, turns_ns[: len(arrivals) + 1], readers, arrivals, self._second)
+            pending, now_ns = 0, clock.now_ns()
+            for reader in readers:
                 self._poll(reader)
                 pending += reader.decoder.pending_bytes
-            if pending >= VIRTUAL_DECODE_BYTES or now - self._decoded_ns >= VIRTUAL_LAG_NS:
+            if pending >= VIRTUAL_DECODE_BYTES or now_ns - self._decoded_ns >= VIRTUAL_LAG_NS:
                 self.decode()
         self.on_serviced()
         if self.watch is not None:
             self.watch.service()
-        if now >= self._next_second_ns:
-            self._on_tick(now)
-            self._next_second_ns = (now // NS + 1) * NS
+        self._second(now_ns)
+
+    def _uneventful(self, readers: Sequence[LinkReader], turns_ns: Sequence[int]) -> Int64:
+        """Return what arrives by those of the coming turns, (n, links), at which nothing is decoded or judged.
+
+        That is: all is well, bytes arrive at every link in each of them, and they may wait to be decoded.
+        """
+        if self.watch is not None and not self.watch.calm:
+            return _NOTHING
+        arrivals = _arrivals(readers, turns_ns)
+        pending = sum(reader.decoder.pending_bytes for reader in readers) + arrivals.sum(axis=1)
+        waits = (pending < VIRTUAL_DECODE_BYTES) & (
+            np.asarray(turns_ns[: len(arrivals)]) - self._decoded_ns < VIRTUAL_LAG_NS
+        )
+        goes_on = waits & (np.diff(arrivals, axis=0, prepend=0) > 0).all(axis=1)
+        return arrivals[: len(goes_on) if goes_on.all() else int(goes_on.argmin())]
+
+    def _take_at_once(
+        self,
+        clock: VirtualClock,
+        turns_ns: Sequence[int],
+        readers: Sequence[LinkReader],
+        arrivals: Int64,
+        after: Callable[[int], None],
+    ) -> None:
+        """Sleep through all turns but the last one, then record what each of them would have read."""
+        if not len(arrivals):
+            return
+        clock.sleep_until_ns(turns_ns[-1])
+        parts = [reader.receive_parts(column.tolist()) for reader, column in zip(readers, arrivals.T, strict=True)]
+        for turn_ns, *of_turn in zip(turns_ns[:-1], *parts, strict=True):
+            for reader, part in zip(readers, of_turn, strict=True):
+                if part:
+                    reader.take(turn_ns, part)
+            after(turn_ns)
+
+    def _second(self, now_ns: int) -> None:
+        if now_ns >= self._next_second_ns:
+            self._on_tick(now_ns)
+            self._next_second_ns = (now_ns // NS + 1) * NS
 
     # --- wall clock ------------------------------------------------------------------------------------------------
 
@@ -283,3 +338,12 @@ class Acquisition:
         for reader in self.readers.values():
             self.unlisten(reader)
         self.catch_up()
+
+
+def _arrivals(readers: Sequence[LinkReader], turns_ns: Sequence[int]) -> Int64:
+    """Return the bytes that arrive at each link by coming turns, (n, links): as many turns as all links know."""
+    if not turns_ns or any(reader.lost for reader in readers):
+        return _NOTHING
+    arrivals = [reader.arrivals(turns_ns) for reader in readers]
+    known = min(map(len, arrivals))
+    return np.array([column[:known] for column in arrivals], np.int64).T.reshape(known, len(readers))

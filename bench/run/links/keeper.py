@@ -162,6 +162,11 @@ class LinkKeeper(Observer):
         self._remember(kept, now_ns)
         self._context.event(Link(link=kept.reader.name, state=trouble, reason=reason))
 
+    @property
+    def calm(self) -> bool:
+        """Whether no link is in trouble; to be asked with the lock held."""
+        return not any(kept.trouble for kept in self._links)
+
     # --- bringing back ---------------------------------------------------------------------------------------------
 
     def service(self) -> None:

@@ -6,7 +6,7 @@ import fcntl
 import os
 import select
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Protocol, runtime_checkable
 
@@ -54,6 +54,11 @@ class PortLink:
         if not chunk:
             raise OSError("the port was hung up")
         return chunk
+
+    def arrivals(self, turns_ns: Sequence[int]) -> Sequence[int]:
+        """Bytes that can be read at each of the coming times; nobody knows them of a real port. Raises: OSError."""
+        ask = getattr(self._port, "arrivals", None)
+        return () if ask is None else ask(turns_ns)
 
     def write(self, data: bytes) -> int | None:
         """Send bytes. Raises: OSError."""

@@ -10,6 +10,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 from bench.frame import FrameDefinition, LinkBatch, LinkDecoder, MessageBatch
@@ -153,6 +154,23 @@ class LinkReader:
             if self._held > HELD_BYTES:
                 raise self._refused()
             return True
+
+    def arrivals(self, turns_ns: Sequence[int]) -> Sequence[int]:
+        """Return the bytes that will have arrived at coming times, as far as a simulated link knows them."""
+        ask = getattr(self.link, "arrivals", None)
+        return () if ask is None or self._arrived else ask(turns_ns)
+
+    def receive_parts(self, ends: Sequence[int]) -> list[bytes]:
+        """Read what has arrived, cut behind the given numbers of bytes."""
+        with self._gate:
+            chunk = self.link.read(ends[-1]) if ends[-1] else b""
+        return [chunk[start:end] for start, end in pairwise((0, *ends))]
+
+    def take(self, stamp: int, chunk: bytes) -> None:
+        """Record and queue bytes that were there at a time."""
+        self.last_byte_ns = stamp
+        self.sink.raw(self.name, "rx", stamp, chunk)
+        self.decoder.push(stamp, chunk)
 
     def record(self, room: int) -> bool:
         """Record and queue what was read, until ``room`` bytes wait to be decoded; True if more was read."""

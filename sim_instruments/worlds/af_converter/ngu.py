@@ -14,7 +14,7 @@ from sim_instruments.faults.switchboard import LinkFaults
 from sim_instruments.worlds.af_converter.commands import CommandReader, Request
 from sim_instruments.worlds.af_converter.core import AHEAD_NS, UnitCore
 from sim_instruments.worlds.af_converter.unit_constants import NguTruth
-from sim_instruments.worlds.common.port import Port
+from sim_instruments.worlds.common.port import Int64, Port
 from sim_instruments.worlds.common.thermal import TemperatureFunction
 
 ANSWER_NS = 2_000_000  # from a command to its answer
@@ -91,6 +91,12 @@ class Ngu:
         """Up to ``size`` bytes of those that have arrived by now."""
         with self._lock:
             return self._ports[name].read(size, self._upto_now())
+
+    def arrivals(self, name: str, t_ns: Int64) -> Int64:
+        """Bytes that can be read at each of the coming times, as far as the unit has worked ahead."""
+        with self._lock:
+            self._upto_now()
+            return self._ports[name].arrivals(t_ns[t_ns <= self._core.generated_ns])
 
     def discard(self, name: str) -> None:
         """Lose what has arrived by now."""

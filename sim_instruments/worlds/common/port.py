@@ -50,6 +50,14 @@ class _Stretch:
         sent = (now_ns - int(self.start_ns[at])) * baud // (BITS_PER_BYTE * NS)
         return min(before + sent, int(self.stops[at]))
 
+    def arrived_by(self, t_ns: Int64, baud: int) -> Int64:
+        """``arrived`` at several times, (n,); 0 before the first bit."""
+        at = self.start_ns.searchsorted(t_ns, "right") - 1
+        before = np.where(at > 0, self.stops[at - 1], self.base)
+        sending_ns = np.minimum(t_ns, self.end_ns[at]) - self.start_ns[at]
+        arrived = np.minimum(before + sending_ns * baud // (BITS_PER_BYTE * NS), self.stops[at])
+        return np.where(at < 0, 0, arrived)
+
 
 class Port:
     """Frames go in with the time they are ready, bytes come out when the line has carried them.
@@ -137,6 +145,13 @@ class Port:
                     break
             self._arrived = (now_ns, arrived)
         return self._arrived[1] - self._read
+
+    def arrivals(self, t_ns: Int64) -> Int64:
+        """Bytes that can be read at each of the coming times, (n,), if nobody reads before."""
+        arrived = np.full(t_ns.shape, self._read, np.int64)
+        for stretch in self._stretches:
+            np.maximum(arrived, stretch.arrived_by(t_ns, self._baud), out=arrived)
+        return arrived - self._read
 
     def read(self, size: int, now_ns: int) -> bytes:
         """Up to ``size`` bytes of those that have arrived."""

@@ -127,6 +127,14 @@ class SyncUnit:
         with self.lock:
             return self._streams[name].port.read(size, self._upto(name))
 
+    def arrivals(self, name: str, t_ns: Int64) -> Int64:
+        """Bytes that can be read at each of the coming times, before which nobody changes anything."""
+        with self.lock:
+            self._upto(name)
+            stream, last_ns = self._streams[name], int(t_ns[-1])
+            stream.send(last_ns, last_ns)
+            return stream.port.arrivals(t_ns)
+
     def discard(self, name: str) -> None:
         """Lose what has arrived by now."""
         with self.lock:
