@@ -53,7 +53,7 @@ class _Stretch:
     def arrived_by(self, t_ns: Int64, baud: int) -> Int64:
         """``arrived`` at several times, (n,); 0 before the first bit."""
         at = self.start_ns.searchsorted(t_ns, "right") - 1
-        before = np.where(at > 0, self.stops[at - 1], self.base)
+        before = np.where(at > 0, self.stops[np.maximum(at - 1, 0)], self.base)
         sending_ns = np.minimum(t_ns, self.end_ns[at]) - self.start_ns[at]
         arrived = np.minimum(before + sending_ns * baud // (BITS_PER_BYTE * NS), self.stops[at])
         return np.where(at < 0, 0, arrived)

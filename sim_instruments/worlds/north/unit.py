@@ -77,6 +77,15 @@ class FogUnit(OnePortUnit):
                     found[alive] = self.sensor.output_V(number[alive])
         return found
 
+    def arrivals(self, name: str, t_ns: Int64) -> Int64:
+        """Bytes that can be read at each of the coming times, before which nobody changes anything."""
+        del name
+        with self.lock:
+            self._upto_now()
+            if self._supplied:
+                self._send(int(t_ns[-1]))
+            return self.port.arrivals(t_ns)
+
     # --- frames ------------------------------------------------------------------------------------------------
 
     def _upto_now(self) -> int:
