@@ -1,7 +1,8 @@
 """Serial acquisition: all links of the bench, read without a pause, recorded at once, decoded in blocks.
 
 Virtual clock: one task reads each second, in one thread; a link of which the station asks it is read more often. Where
-nobody else does anything for some turns, they are taken at once, with the parts and the stamps of each turn. Wall clock: a thread waits for each port and records what it reads; decoding, the recorder's ticks and the return of lost
+nobody else does anything for some turns, they are taken at once, with the parts and the stamps of each turn. Wall
+clock: a thread waits for each port and records what it reads; decoding, the recorder's ticks and the return of lost
 ports have threads of their own, and one more reads while a disk holds the others up
 (docs/decisions/0010-serial-acquisition.md).
 """

@@ -18,8 +18,7 @@ from bench.model.clock import NS, Clock, to_ns
 from bench.model.shipped import find_shipped
 from sim_instruments.faults.switchboard import LinkFaults
 from sim_instruments.worlds.common.one_port import OnePortUnit
-from sim_instruments.worlds.common.port import Int64
-from sim_instruments.worlds.common.port import BITS_PER_BYTE
+from sim_instruments.worlds.common.port import BITS_PER_BYTE, Int64
 from sim_instruments.worlds.gnc.commands import HANDLERS, BadParameterError, Job, Status
 from sim_instruments.worlds.gnc.module import GncModule
 from sim_instruments.worlds.gnc.receiver import BOARD, SILENCE_NS, BoardReceiver, Request

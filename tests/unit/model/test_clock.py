@@ -130,3 +130,27 @@ def test_an_error_on_a_thread_of_the_wall_clock_reaches_the_main_thread() -> Non
     clock.sleep(0.03)
     ticking.cancel()
     assert calls == [1]
+
+
+def test_turns_ahead_are_those_before_anybody_else_acts() -> None:
+    clock = VirtualClock()
+    ahead: list[list[float]] = []
+    clock.every(1.0, lambda: ahead.append([turn / NS for turn in clock.turns_ahead_ns()]))
+    clock.every(3.0, lambda: None)
+    clock.sleep(4.5)
+    assert ahead == [[2.0], [], [], []]  # at 3 s the other one is due as well
+
+
+def test_turns_slept_through_are_not_taken_again() -> None:
+    clock = VirtualClock()
+    taken: list[float] = []
+
+    def turn() -> None:
+        taken.append(clock.now_ns() / NS)
+        for due_ns in clock.turns_ahead_ns():
+            clock.sleep_until_ns(due_ns)
+
+    clock.every(1.0, turn)
+    clock.every(4.0, lambda: None)
+    clock.sleep(9.5)
+    assert taken == [1.0, 4.0, 5.0, 8.0, 9.0]
