@@ -21,7 +21,7 @@ from bench.frame import LinkDecoder, load_frame
 from bench.model.clock import NS, Clock, VirtualClock, WallClock
 from instruments.pendulum_cnt_91 import PendulumCnt91
 from sim_instruments.bus.time_tag_blocks import TagBlocks
-from sim_instruments.served.instrument_servers import InstrumentServers
+from sim_instruments.served.process import InstrumentServers
 from sim_instruments.worlds.common.world import World
 from sim_instruments.worlds.simulation import open_world
 

@@ -22,7 +22,7 @@ from bench.model.errors import InstrumentError
 from bench.model.ports import Effect, Parameter, action
 from instruments.base import BaseInstrument
 from instruments.bus import TIMED_OUT
-from instruments.readback import either
+from instruments.commands import either
 from instruments.scpi import read_scpi_error
 from instruments.values import plain_form, read_integer, read_number
 

@@ -8,7 +8,7 @@ when it is wrong; this driver always says high impedance, so amplitudes are thos
 from __future__ import annotations
 
 from bench.model.ports import Parameter, action
-from instruments.readback import either
+from instruments.commands import Setting, either
 from instruments.scpi import ScpiInstrument
 from instruments.values import OVERLOAD_FROM, exponent_form
 
@@ -22,8 +22,6 @@ class Agilent33250A(ScpiInstrument):
     identity_pattern = r".*,33250A"
     safe_state = "output off (OUTP OFF), confirmed by OUTP?"
 
-    wave: tuple[float, float] | None = None  # hertz, volt peak to peak
-
     @action(Parameter("frequency", "Hz", 1e-6, 80e6), Parameter("amplitude", "V", 0.02, 20.0), bus_s=0.8)
     def square(self, frequency: float, amplitude: float) -> None:
         """Set a square wave: ``frequency`` hertz with every digit, ``amplitude`` volt peak to peak, no offset.
@@ -31,15 +29,16 @@ class Agilent33250A(ScpiInstrument):
         Raises: InstrumentError B-INST-008, B-INST-005, B-INST-011.
         """
         frequency, amplitude = self.checked("square", frequency=frequency, amplitude=amplitude)
-        self.wave = None
+        self.kept = ()
         self.set("FUNC SQU", self.word("FUNC?", "SQU"))
         self.set("OUTP:LOAD INF", either(self._load_is_infinite, True))
         self.set(f"FREQ {exponent_form(frequency)}", self.number("FREQ?", frequency, _FREQUENCY_STEP_HZ))
         self.set("VOLT:UNIT VPP", self.word("VOLT:UNIT?", "VPP"))
         self.set(f"VOLT {exponent_form(amplitude)}", self.number("VOLT?", amplitude, _AMPLITUDE_STEP_V))
         self.set("VOLT:OFFS 0", self.number("VOLT:OFFS?", 0.0, _AMPLITUDE_STEP_V))
-        self._confirm(frequency, amplitude)
-        self.wave = (frequency, amplitude)
+        self.keep(
+            Setting("FREQ?", frequency, _FREQUENCY_STEP_HZ, "Hz"), Setting("VOLT?", amplitude, _AMPLITUDE_STEP_V, "V")
+        )
 
     @action(bus_s=0.2)
     def output_on(self) -> None:
@@ -47,8 +46,7 @@ class Agilent33250A(ScpiInstrument):
 
         Raises: InstrumentError B-INST-010 before ``square``, B-INST-011.
         """
-        if self.wave is None:
-            raise self.error("B-INST-010", "output_on refused: no waveform was set by this run", "set the waveform")
+        self.require_kept("output_on", "waveform was", "set the waveform")
         self._recheck()
         self.switch_output_on()
 
@@ -57,19 +55,8 @@ class Agilent33250A(ScpiInstrument):
         """Set the output off and confirm it. Raises: InstrumentError B-INST-009."""
         self.switch_output_off()
 
-    def _confirm(self, frequency_Hz: float, amplitude_V: float) -> None:
-        self.confirm("FREQ?", frequency_Hz, _FREQUENCY_STEP_HZ, "Hz")
-        self.confirm("VOLT?", amplitude_V, _AMPLITUDE_STEP_V, "V")
-
     def _load_is_infinite(self) -> bool:
         return abs(self.ask("OUTP:LOAD?", float)) >= OVERLOAD_FROM
-
-    def _recheck(self) -> None:
-        if self.wave is not None:
-            self._confirm(*self.wave)
-
-    def _forget(self) -> None:
-        self.wave = None
 
     def _safe_command(self) -> str:
         return "OUTP OFF"

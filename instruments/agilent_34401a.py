@@ -8,9 +8,8 @@ a reading takes twice its integration time.
 from __future__ import annotations
 
 from bench.model.ports import Parameter, action
-from instruments.ohms import RANGES_OHM, is_range
-from instruments.readback import either
-from instruments.scpi import ScpiInstrument
+from instruments.commands import either
+from instruments.scpi import RANGES_OHM, ScpiInstrument, is_range
 from instruments.values import exponent_form, read_number, read_text
 
 _READING_LIMIT_S = 5.0
@@ -26,9 +25,7 @@ class Agilent34401A(ScpiInstrument):
     def measure_voltage(self) -> float:
         """Measure one dc voltage, volt. Raises: InstrumentError B-INST-007 on overload."""
         self.set("CONF:VOLT:DC", either(self._is_set_up, True))
-        voltage_V = self.ask("READ?", read_number, patience_s=_READING_LIMIT_S)
-        self.check_errors("READ?")
-        return voltage_V
+        return self.measured(read_number, _READING_LIMIT_S)
 
     @action(
         Parameter("range", "ohm", RANGES_OHM[0], RANGES_OHM[-1], values=RANGES_OHM),
@@ -45,9 +42,7 @@ class Agilent34401A(ScpiInstrument):
         configured = either(lambda: is_range(self.ask("CONF?", read_text), range_ohm), True)
         self.set(f"CONF:FRES {exponent_form(range_ohm)}", configured)
         self.set(f"FRES:NPLC {cycles}", self.number("FRES:NPLC?", cycles, 0.0))
-        resistance_ohm = self.ask("READ?", read_number, patience_s=_READING_LIMIT_S)
-        self.check_errors("READ?")
-        return resistance_ohm
+        return self.measured(read_number, _READING_LIMIT_S)
 
     def _is_set_up(self) -> bool:
         return self.ask("CONF?", read_text).strip('"').upper().startswith("VOLT ")

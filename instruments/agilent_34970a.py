@@ -12,9 +12,8 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 from bench.model.ports import Parameter, action
-from instruments.ohms import RANGES_OHM, is_range
-from instruments.readback import either
-from instruments.scpi import ScpiInstrument
+from instruments.commands import either
+from instruments.scpi import RANGES_OHM, ScpiInstrument, is_range
 from instruments.values import exponent_form, read_number, read_text
 
 _SCAN_LIMIT_S = 10.0
@@ -51,9 +50,7 @@ class Agilent34970A(ScpiInstrument):
         if not self.options["channels"]:
             raise self.error("B-INST-008", "scan: the station gives the unit no thermocouples; nothing was sent")
         self.set(f"ROUT:SCAN {channels}", either(lambda: self.ask("ROUT:SCAN?", read_scan_list), channels))
-        temperatures_degC = self.ask("READ?", self._read_scan, patience_s=_SCAN_LIMIT_S)
-        self.check_errors("READ?")
-        return temperatures_degC
+        return self.measured(self._read_scan, _SCAN_LIMIT_S)
 
     @action(
         Parameter("channel", choices=_FOUR_WIRE),
@@ -77,9 +74,7 @@ class Agilent34970A(ScpiInstrument):
         self.set(f"CONF:FRES {exponent_form(range_ohm)},{at}", configured)
         self.set(f"FRES:NPLC {cycles},{at}", self.number(f"FRES:NPLC? {at}", cycles, 0.0))
         self.set(f"ROUT:SCAN {at}", either(lambda: self.ask("ROUT:SCAN?", read_scan_list), at))
-        resistance_ohm = self.ask("READ?", read_number, patience_s=_SCAN_LIMIT_S)
-        self.check_errors("READ?")
-        return resistance_ohm
+        return self.measured(read_number, _SCAN_LIMIT_S)
 
     def _read_scan(self, reply: str) -> list[float]:
         readings = [read_number(reading) for reading in reply.split(",")]
@@ -110,8 +105,7 @@ class Agilent34970A(ScpiInstrument):
         self.set(f"UNIT:TEMP C,{channels}")
 
     def _go_safe(self) -> None:
-        self.bus.write("ABOR", self.timeout_s)
-        self.drain_errors()
+        self.abort()
 
 
 DRIVER = Agilent34970A

@@ -7,7 +7,7 @@ reference not usable). 9.91E37 is the answer without a signal. The 53131A has ot
 from __future__ import annotations
 
 from bench.model.ports import Parameter, action
-from instruments.readback import either
+from instruments.commands import either
 from instruments.scpi import ScpiInstrument
 from instruments.values import exponent_form, read_integer, read_number, read_text
 
@@ -32,9 +32,7 @@ class Agilent53230A(ScpiInstrument):
         self.set('FUNC "FREQ 1"', either(self._counts_frequency, True))
         self.set("FREQ:GATE:SOUR TIME", either(lambda: self.ask("FREQ:GATE:SOUR?", read_text), "TIME"))
         self.set(f"FREQ:GATE:TIME {exponent_form(gate)}", either(lambda: self._has_gate(gate), True))
-        frequency_Hz = self.ask("READ?", read_number, patience_s=gate + _BEYOND_GATE_S)
-        self.check_errors("READ?")
-        return frequency_Hz
+        return self.measured(read_number, gate + _BEYOND_GATE_S)
 
     @action(bus_s=0.2)
     def reference_locked(self) -> bool:
@@ -53,8 +51,7 @@ class Agilent53230A(ScpiInstrument):
         self.set("ROSC:SOUR EXT", either(lambda: self.ask("ROSC:SOUR?", read_text), "EXT"))
 
     def _go_safe(self) -> None:
-        self.bus.write("ABOR", self.timeout_s)
-        self.drain_errors()
+        self.abort()
 
 
 DRIVER = Agilent53230A

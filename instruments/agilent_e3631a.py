@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from bench.model.ports import Effect, Parameter, action
+from instruments.commands import Setting
 from instruments.scpi import ScpiSupply
 from instruments.values import exponent_form, read_number
 
@@ -27,7 +28,7 @@ class AgilentE3631A(ScpiSupply):
 
     identity_pattern = r"(HEWLETT-PACKARD|HP|AGILENT.*|KEYSIGHT.*),E3631A"
 
-    configured: Mapping[int, tuple[float, float]] = MappingProxyType({})  # rail: current limit (A), voltage (V)
+    configured: Mapping[int, tuple[Setting, ...]] = MappingProxyType({})  # by rail; ``kept`` are those of the selected
     selected = 0
 
     @action(
@@ -52,8 +53,8 @@ class AgilentE3631A(ScpiSupply):
             self._select(rail)
             self.set(f"CURR {exponent_form(limit)}", self.number("CURR?", limit, _CURRENT_STEP_A))
             self.set(f"VOLT {exponent_form(voltage)}", self.number("VOLT?", voltage, _VOLTAGE_STEP_V))
-            self._confirm(limit, voltage)
-        self.configured = MappingProxyType({**self.configured, rail: (limit, voltage)})
+            self.keep(Setting("CURR?", limit, _CURRENT_STEP_A, "A"), Setting("VOLT?", voltage, _VOLTAGE_STEP_V, "V"))
+        self.configured = MappingProxyType({**self.configured, rail: self.kept})
 
     @action(effect=Effect.POWER, bus_s=1.0)
     def output_on(self) -> None:
@@ -64,15 +65,10 @@ class AgilentE3631A(ScpiSupply):
         if not self.configured:
             raise self.error("B-INST-010", "output_on refused: no rail was set by this run", "configure it first")
         with self.bus.lock:
-            for rail, levels in self.configured.items():
+            for rail in self.configured:
                 self._select(rail)
-                self._confirm(*levels)
+                self.confirm_kept()
             self.switch_output_on()
-
-    @action(effect=Effect.POWER, bus_s=0.3)
-    def output_off(self) -> None:
-        """Set all outputs off and confirm it. Raises: InstrumentError B-INST-009."""
-        self.switch_output_off()
 
     @action(_RAIL, bus_s=0.5, returns="V")
     def measure_voltage(self, rail: int) -> float:
@@ -85,25 +81,21 @@ class AgilentE3631A(ScpiSupply):
     def _select(self, rail: int) -> None:
         if rail != self.selected:
             self.seen.clear()  # it was about another rail
-        self.selected = 0
+        self.selected, self.kept = 0, ()
         self.set(f"INST:NSEL {rail}", self.number("INST:NSEL?", rail, 0))
-        self.selected = rail
-
-    def _confirm(self, limit_A: float, voltage_V: float) -> None:
-        self.confirm("CURR?", limit_A, _CURRENT_STEP_A, "A")
-        self.confirm("VOLT?", voltage_V, _VOLTAGE_STEP_V, "V")
+        self.selected, self.kept = rail, self.configured.get(rail, ())
 
     def _recheck(self) -> None:
-        """Of the rail that is selected; another one would be answered for it."""
+        """Look at the rail that is selected; another one would be answered for it."""
         if self.selected:
             self.confirm("INST:NSEL?", self.selected, 0, "")
-        if self.selected in self.configured:
-            self._confirm(*self.configured[self.selected])
+        self.confirm_kept()
 
     def _forget_rail(self, rail: int) -> None:
         self.configured = MappingProxyType({kept: set_ for kept, set_ in self.configured.items() if kept != rail})
 
     def _forget(self) -> None:
+        super()._forget()
         self.configured = MappingProxyType({})
 
 

@@ -57,6 +57,7 @@ class BaseInstrument(Commands):
         self.options = {**self.default_options, **(options or {})}
         self.identity: Identity | None = None
         self.seen: dict[str, object] = {}
+        self.kept = ()
         self._said = ""  # the last reply to the identity question
         self.bus = BusSession(resource, role, clock, transcript, self.spacing_s)
         self.bus.climb = Ladder(self.bus, self._drain_known, self._readmit, reopen, interface_clear).climb
@@ -132,7 +133,7 @@ class BaseInstrument(Commands):
         self.bus.close()
 
     def bad_option(self, message: str) -> InputError:
-        """The error of a wrong option in the station file."""
+        """Return the error of a wrong option in the station file."""
         return InputError("B-INST-020", message, where=self.bus.where, next_step="correct the station file")
 
     def _check_options(self) -> None:
@@ -147,9 +148,11 @@ class BaseInstrument(Commands):
 
     def _recheck(self) -> None:
         """Raise InstrumentError B-INST-011 unless what this run has set, and relies on, is still set."""
+        self.confirm_kept()
 
     def _forget(self) -> None:
-        """Another instrument is at the address: what this run has set is not set there."""
+        """Drop what this run has set: another instrument is at the address, and there it is not set."""
+        self.kept = ()
 
     def _safe_command(self) -> str:
         """The command towards the safe state, "" if there is none; sent unconfirmed to an instrument that is mute."""

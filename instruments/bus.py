@@ -17,8 +17,7 @@ from pyvisa.resources import MessageBasedResource
 from bench.model.clock import Clock, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Transcript
-from instruments.block import CutOffError, block_content
-from instruments.values import OverloadReadingError
+from instruments.values import CutOffError, OverloadReadingError, block_content
 from instruments.wire import BUS_ERRORS, MESSAGE_AVAILABLE, Wire, is_unsupported
 
 TIMED_OUT = "B-INST-001"

@@ -7,22 +7,51 @@ the driver goes on; as before, the command is sent once more and read back again
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, TypeVar
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from bench.model.clock import Clock, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Action
 from instruments.bus import DOUBTFUL, BusSession
-from instruments.readback import ReadBack, either
 from instruments.values import check_argument, read_integer, read_number, read_text
 
 T = TypeVar("T")
 
 
+@dataclass(frozen=True)
+class ReadBack:
+    """How it is found out whether a command that may not have arrived took effect.
+
+    ``see`` asks for the state; ``done`` and ``untouched`` judge it: as the command wants it, as it was before.
+
+    What is neither is an error. ``untouched`` allows the command to be sent a second time.
+    """
+
+    see: Callable[[], Any]
+    done: Callable[[Any], bool]
+    untouched: Callable[[Any], bool]
+
+
+def either(see: Callable[[], Any], wanted: object) -> ReadBack:
+    """Return the read-back of a state that is as wanted or as before, there is no third: an output on or off."""
+    return ReadBack(see, lambda found: found == wanted, lambda found: found != wanted)
+
+
+class Setting(NamedTuple):
+    """A number that was set: its question, its value, within what it must read back, in which unit."""
+
+    query: str
+    wanted: float
+    tolerance: float
+    unit: str
+
+
 class Commands:
     """Commands with their checks; ``timeout_s`` limits a plain command, 1.5 s is the most.
 
-    ``seen`` holds the last setting read back, by question: what it was before a command that is in doubt.
+    ``seen`` holds the last setting read back, by question: what it was before a command that is in doubt. ``kept`` is
+    what this run has set, has read back and relies on.
     """
 
     timeout_s: ClassVar[float] = 1.0
@@ -30,6 +59,7 @@ class Commands:
     clock: Clock
     actions: Mapping[str, Action]
     seen: dict[str, object]
+    kept: tuple[Setting, ...]
 
     def set(self, command: str, read_back: ReadBack | None = None) -> None:
         """Send one set command and read the error queue empty; see the module about what is in doubt.
@@ -76,7 +106,7 @@ class Commands:
         return self.bus.query(query, parse, self.timeout_s, patience_s=patience_s)
 
     def number(self, query: str, wanted: float, tolerance: float) -> ReadBack:
-        """Read-back of a number."""
+        """Return the read-back of a number."""
         before = self.seen.get(query)
         return ReadBack(
             lambda: self.ask(query, read_number),
@@ -85,17 +115,34 @@ class Commands:
         )
 
     def word(self, query: str, wanted: str) -> ReadBack:
-        """Read-back of a word, of which there may be many."""
+        """Return the read-back of a word, of which there may be many."""
         before = self.seen.get(query)
         return ReadBack(lambda: self.ask(query, read_text).upper(), wanted.__eq__, lambda found: found == before)
 
     def switch(self, query: str, wanted: int) -> ReadBack:
-        """Read-back of something that is on (1) or off (0)."""
+        """Return the read-back of something that is on (1) or off (0)."""
         return either(lambda: self.ask(query, read_integer), wanted)
 
     def confirm(self, query: str, wanted: float, tolerance: float, unit: str) -> None:
         """Raise InstrumentError B-INST-011 unless the setting read back is ``wanted`` within ``tolerance``."""
         self.agree(query, self.ask(query, read_number), wanted, tolerance, unit)
+
+    def keep(self, *settings: Setting) -> None:
+        """Confirm each of these settings, then rely on them. Raises: InstrumentError B-INST-011."""
+        self.kept = ()
+        for setting in settings:
+            self.confirm(*setting)
+        self.kept = settings
+
+    def confirm_kept(self) -> None:
+        """Raise InstrumentError B-INST-011 unless everything this run relies on is as it was set."""
+        for setting in self.kept:
+            self.confirm(*setting)
+
+    def require_kept(self, action: str, missing: str, next_step: str) -> None:
+        """Raise InstrumentError B-INST-010 unless this run has set what an action needs."""
+        if not self.kept:
+            raise self.error("B-INST-010", f"{action} refused: no {missing} set by this run", next_step)
 
     def agree(self, query: str, found: float, wanted: float, tolerance: float, unit: str) -> None:
         """Raise InstrumentError B-INST-011 unless ``found`` is ``wanted`` within ``tolerance``."""
@@ -105,7 +152,7 @@ class Commands:
             raise self.error("B-INST-011", message, "look for another controller or a front panel in use")
 
     def checked(self, action: str, **arguments: object) -> list[Any]:
-        """The arguments of an action after its declared limits. Raises: InstrumentError B-INST-008."""
+        """Return the arguments of an action after its declared limits. Raises: InstrumentError B-INST-008."""
         accepted = []
         for parameter in self.actions[action].parameters:
             try:
@@ -140,7 +187,7 @@ class Commands:
         return is_off()
 
     def error(self, code: str, message: str, next_step: str = "") -> InstrumentError:
-        """An error that names this role and resource."""
+        """Return an error that names this role and resource."""
         return InstrumentError(code, message, where=self.bus.where, next_step=next_step)
 
     def drain_errors(self) -> list[str]:

@@ -21,7 +21,7 @@ from contextlib import suppress
 from bench.model.errors import InstrumentError
 from bench.model.ports import Effect, Parameter, action
 from instruments.base import BaseInstrument
-from instruments.readback import ReadBack, either
+from instruments.commands import ReadBack, either
 from instruments.values import exponent_form, read_integer, read_number, read_text
 
 _OPERATING = 1 << 0

@@ -15,6 +15,7 @@ from bench.model.errors import InstrumentError
 from bench.model.ports import Identity, Parameter, action
 from instruments.base import BaseInstrument
 from instruments.bus import DOUBTFUL
+from instruments.commands import Setting
 from instruments.scpi import read_scpi_error
 from instruments.values import exponent_form, read_number
 
@@ -48,8 +49,6 @@ class Hp3458A(BaseInstrument):
 
     warm_up_s = 4 * 3600.0
 
-    nominal_A: float | None = None  # the range this run has set
-
     def self_calibration(self) -> tuple[float, float, str, str]:
         """Get how far it is from its last ACAL DCV: (found, limit, unit, from what); the age of that it does not tell.
 
@@ -70,7 +69,7 @@ class Hp3458A(BaseInstrument):
         """
         (largest_A,) = self.checked("configure_current", range=range)
         nominal_A = next(nominal for nominal, limit in _RANGES_A if largest_A <= limit)
-        self.nominal_A = None
+        self.kept = ()
         try:
             self._set_up(nominal_A)
         except InstrumentError as doubt:
@@ -78,7 +77,7 @@ class Hp3458A(BaseInstrument):
                 raise
             self.bus.note("tx", "<the set-up begins again: PRESET NORM leaves nothing of it>")
             self._set_up(nominal_A)
-        self.nominal_A = nominal_A
+        self.kept = (*self.kept, Setting("NPLC?", 100.0, 0.0, ""))  # 10 after power on
         return nominal_A
 
     @action(bus_s=6.0, returns="A")
@@ -100,18 +99,7 @@ class Hp3458A(BaseInstrument):
             self.set(command)
         for command in ("NPLC 100", "NDIG 8", "AZERO ON", "TRIG HOLD"):
             self.set(command)
-        self._confirm_range(nominal_A)
-
-    def _confirm_range(self, nominal_A: float) -> None:
-        self.confirm("RANGE?", nominal_A, 1e-6 * nominal_A, "A")
-
-    def _recheck(self) -> None:
-        if self.nominal_A is not None:
-            self._confirm_range(self.nominal_A)
-            self.confirm("NPLC?", 100.0, 0.0, "")  # 10 after power on
-
-    def _forget(self) -> None:
-        self.nominal_A = None
+        self.keep(Setting("RANGE?", nominal_A, 1e-6 * nominal_A, "A"))
 
     def _ask_identity(self) -> Identity:
         self.bus.write("END ALWAYS", self.timeout_s)

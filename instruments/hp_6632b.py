@@ -11,6 +11,7 @@ hardware: programming ranges 20.475 V, 5.1188 A and 22 V over-voltage, and the r
 from __future__ import annotations
 
 from bench.model.ports import Effect, Parameter, action
+from instruments.commands import Setting
 from instruments.scpi import ScpiSupply
 from instruments.values import exponent_form, read_number
 
@@ -23,8 +24,6 @@ class Hp6632B(ScpiSupply):
     """Control of the supply with current limit, over-current and over-voltage protection."""
 
     identity_pattern = r"(HEWLETT-PACKARD|HP|AGILENT.*|KEYSIGHT.*),6632B"
-
-    configured: tuple[float, float, float] | None = None  # current limit, over-voltage trip, voltage
 
     @action(
         Parameter("voltage", "V", 0.0, 20.475),
@@ -44,13 +43,16 @@ class Hp6632B(ScpiSupply):
         if trip <= voltage:
             message = f"configure: over_voltage {trip!r} V is not above voltage {voltage!r} V; nothing was sent"
             raise self.error("B-INST-008", message)
-        self.configured = None
+        self.kept = ()
         self.set(f"CURR {exponent_form(limit)}", self.number("CURR?", limit, _CURRENT_STEP_A))
         self.set("CURR:PROT:STAT ON", self.switch("CURR:PROT:STAT?", 1))
         self.set(f"VOLT:PROT {exponent_form(trip)}", self.number("VOLT:PROT?", trip, _TRIP_STEP_V))
         self.set(f"VOLT {exponent_form(voltage)}", self.number("VOLT?", voltage, _VOLTAGE_STEP_V))
-        self._confirm(limit, trip, voltage)
-        self.configured = (limit, trip, voltage)
+        self.keep(
+            Setting("CURR?", limit, _CURRENT_STEP_A, "A"),
+            Setting("VOLT:PROT?", trip, _TRIP_STEP_V, "V"),
+            Setting("VOLT?", voltage, _VOLTAGE_STEP_V, "V"),
+        )
 
     @action(effect=Effect.POWER, bus_s=0.3)
     def output_on(self) -> None:
@@ -58,15 +60,9 @@ class Hp6632B(ScpiSupply):
 
         Raises: InstrumentError B-INST-010 before ``configure``, B-INST-011.
         """
-        if self.configured is None:
-            raise self.error("B-INST-010", "output_on refused: no limits were set by this run", "configure it first")
+        self.require_kept("output_on", "limits were", "configure it first")
         self._recheck()
         self.switch_output_on()
-
-    @action(effect=Effect.POWER, bus_s=0.3)
-    def output_off(self) -> None:
-        """Set the output off and confirm it. Raises: InstrumentError B-INST-009."""
-        self.switch_output_off()
 
     @action(bus_s=0.3, returns="V")
     def measure_voltage(self) -> float:
@@ -77,18 +73,6 @@ class Hp6632B(ScpiSupply):
     def measure_current(self) -> float:
         """Measure the output current, ampere."""
         return self.ask("MEAS:CURR?", read_number)
-
-    def _confirm(self, limit_A: float, trip_V: float, voltage_V: float) -> None:
-        self.confirm("CURR?", limit_A, _CURRENT_STEP_A, "A")
-        self.confirm("VOLT:PROT?", trip_V, _TRIP_STEP_V, "V")
-        self.confirm("VOLT?", voltage_V, _VOLTAGE_STEP_V, "V")
-
-    def _recheck(self) -> None:
-        if self.configured is not None:
-            self._confirm(*self.configured)
-
-    def _forget(self) -> None:
-        self.configured = None
 
 
 DRIVER = Hp6632B

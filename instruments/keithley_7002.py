@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 
 from bench.model.errors import InstrumentError
 from bench.model.ports import Effect, Parameter, action
-from instruments.readback import ReadBack
+from instruments.commands import ReadBack
 from instruments.scpi import ScpiInstrument
 
 _RELAYS_S = 0.25

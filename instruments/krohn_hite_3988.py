@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 from bench.model.ports import Identity, Parameter, action
 from instruments.base import BaseInstrument
-from instruments.readback import ReadBack
+from instruments.commands import ReadBack
 from instruments.values import exponent_form
 
 _DISPLAY = re.compile(r"(\d\d) +([\w.]+?)(E\+[036])? +(\d\d)\.\d (\d\d) (AC|DC)\*?")

@@ -27,7 +27,7 @@ from typing import Any, ClassVar
 from bench.model.clock import to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Parameter, action
-from instruments.readback import either
+from instruments.commands import either
 from instruments.scpi import ScpiInstrument
 from instruments.values import exponent_form, read_integer, read_text
 

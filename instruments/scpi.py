@@ -1,18 +1,22 @@
-"""Instruments with the error queue of SCPI (SCPI-99 vol. 2, 21.8: SYSTem:ERRor?)."""
+"""Instruments with the error queue of SCPI (SCPI-99 vol. 2, 21.8: SYSTem:ERRor?): those with an output, with ohms."""
 
 from __future__ import annotations
 
 import re
-from typing import Any, ClassVar
+from collections.abc import Callable
+from typing import Any, ClassVar, TypeVar
 
+from bench.model.ports import Effect, action
 from instruments.base import BaseInstrument
-from instruments.values import read_integer
+from instruments.values import read_integer, read_number
 
+RANGES_OHM = (1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8)  # of the 34401A and the 34970A
+T = TypeVar("T")
 _ERROR = re.compile(r'([+-]?\d+)\s*,\s*"?(.*?)"?', re.DOTALL)
 
 
 def read_scpi_error(reply: str) -> str | None:
-    """The error of a ``SYST:ERR?`` reply such as ``-222,"Data out of range"``, or None for number 0.
+    """Return the error of a ``SYST:ERR?`` reply such as ``-222,"Data out of range"``, or None for number 0.
 
     Raises: ValueError if the reply has another form.
     """
@@ -22,8 +26,25 @@ def read_scpi_error(reply: str) -> str | None:
     return None if int(match[1]) == 0 else f"{int(match[1])} {match[2]}"
 
 
+def is_range(configuration: str, range_ohm: float) -> bool:
+    """Return whether a ``CONF?`` reply such as ``"FRES +1.000000E+02,+3.000000E-04"`` is four wires on this range."""
+    name, _, parameters = configuration.strip('"').upper().partition(" ")
+    return name == "FRES" and read_number(parameters.partition(",")[0]) == range_ohm
+
+
 class ScpiInstrument(BaseInstrument):
     """A driver of an instrument that answers ``*IDN?`` and ``SYST:ERR?``."""
+
+    def measured(self, parse: Callable[[str], T], patience_s: float) -> T:
+        """Measure by ``READ?``, which may take ``patience_s`` (second), and read the error queue empty."""
+        found = self.ask("READ?", parse, patience_s=patience_s)
+        self.check_errors("READ?")
+        return found
+
+    def abort(self) -> None:
+        """Set an end to what is measured (``ABOR``): the safe state of what drives nothing."""
+        self.bus.write("ABOR", self.timeout_s)
+        self.drain_errors()
 
     def output_is_on(self) -> bool:
         """Get whether the output is switched on (``OUTP?``)."""
@@ -49,6 +70,11 @@ class ScpiSupply(ScpiInstrument):
 
     safe_state = "output off (OUTP OFF), confirmed by OUTP?; with option safe_state keep as it is"
     default_options: ClassVar[dict[str, Any]] = {"safe_state": "off"}
+
+    @action(effect=Effect.POWER, bus_s=0.3)
+    def output_off(self) -> None:
+        """Set the output off, of all rails if there are more, and confirm it. Raises: InstrumentError B-INST-009."""
+        self.switch_output_off()
 
     def _check_options(self) -> None:
         if self.options["safe_state"] not in ("off", "keep"):

@@ -22,7 +22,7 @@ from bench.model.errors import InstrumentError
 from bench.model.ports import Identity, Parameter, action
 from instruments.base import BaseInstrument
 from instruments.bus import DOUBTFUL
-from instruments.readback import ReadBack
+from instruments.commands import ReadBack, Setting
 from instruments.values import plain_form, read_integer, read_number
 
 TIME_CONSTANTS_S = tuple(float(f"{digit}e{power}") for power in range(-5, 5) for digit in (1, 3))
@@ -77,7 +77,6 @@ class SrsSr830(BaseInstrument):
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
-        self.settings: dict[str, float] = {}  # by question, as this run has set them
         self.phase_deg: float | None = None
 
     @action(
@@ -102,14 +101,12 @@ class SrsSr830(BaseInstrument):
             "SYNC": int(synchronous == "on"),
         }
         self._ready()
-        self.settings = {}
+        self.kept = ()
         for name, value in (*_FIXED, *chosen.items()):
             self.set(f"{name} {value}", self.number(f"{name}?", value, 0.0))
         for quantity in (1, 2):
             self._no_offset(quantity)
-        settings = {f"{name}?": float(value) for name, value in (*_FIXED, *chosen.items())}
-        self._confirm_settings(settings)
-        self.settings = settings
+        self.keep(*(Setting(f"{name}?", float(value), 0.0, "") for name, value in (*_FIXED, *chosen.items())))
         self._status()
 
     @action(Parameter("phase", "deg", -360.0, 729.99), bus_s=0.5)
@@ -192,10 +189,6 @@ class SrsSr830(BaseInstrument):
         if (found := self.ask(query, read_offset)) != (0.0, 0):
             raise self.error("B-INST-011", f"{query!r} reads back {found!r}, but no offset and no expand was set")
 
-    def _confirm_settings(self, settings: Mapping[str, float]) -> None:
-        for query, value in settings.items():
-            self.confirm(query, value, 0.0, "")
-
     def _confirm_phase(self, phase_deg: float) -> None:
         found = self.ask("PHAS?", read_number)
         self.agree("PHAS?", phase_deg + _part_of_turn(found - phase_deg), phase_deg, _PHASE_STEP_DEG, "deg")
@@ -207,12 +200,13 @@ class SrsSr830(BaseInstrument):
         return super()._ask_identity()
 
     def _recheck(self) -> None:
-        self._confirm_settings(self.settings)
+        super()._recheck()
         if self.phase_deg is not None:
             self._confirm_phase(self.phase_deg)
 
     def _forget(self) -> None:
-        self.settings, self.phase_deg = {}, None
+        super()._forget()
+        self.phase_deg = None
 
     def _check_options(self) -> None:
         for name, words in WIRING.items():

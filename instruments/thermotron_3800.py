@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 
 from bench.model.ports import Effect, Identity, Parameter, action
 from instruments.base import BaseInstrument
-from instruments.readback import either
+from instruments.commands import Setting, either
 from instruments.values import plain_form, read_integer, read_number
 
 _MANUAL_RUNS = 1 << 4
@@ -41,8 +41,6 @@ class Thermotron3800(BaseInstrument):
     )
     default_options: ClassVar[dict[str, Any]] = {"dialect": "3800", "safe_state": "hold"}
 
-    wanted: tuple[float, float] | None = None  # degC, degC/min
-
     @action(
         Parameter("temperature", "degC", -68.0, 177.0),
         Parameter("ramp", "degC/min", 0.1, 20.0),
@@ -55,11 +53,10 @@ class Thermotron3800(BaseInstrument):
         Raises: InstrumentError B-INST-008, B-INST-005 (refused or process alarm), B-INST-011.
         """
         temperature, ramp = self.checked("set_temperature", temperature=temperature, ramp=ramp)
-        self.wanted = None
+        self.kept = ()
         self.set(f"MRMP1,{plain_form(ramp)}", self.number("MRMP1?", ramp, _STEP))
         self.set(f"SETP1,{plain_form(temperature)}", self.number("SETP1?", temperature, _STEP))
-        self._confirm(temperature, ramp)
-        self.wanted = (temperature, ramp)
+        self.keep(Setting("MRMP1?", ramp, _STEP, "degC/min"), Setting("SETP1?", temperature, _STEP, "degC"))
 
     @action(effect=Effect.THERMAL, bus_s=2.0)
     def run(self) -> None:
@@ -135,17 +132,6 @@ class Thermotron3800(BaseInstrument):
 
     def _is_stopped(self) -> bool:
         return self.poll(lambda: not self._mode() & (_ANY_RUN | _ON_HOLD), _MODE_LIMIT_S, _MODE_POLL_S)
-
-    def _confirm(self, temperature_degC: float, ramp_degC_min: float) -> None:
-        self.confirm("MRMP1?", ramp_degC_min, _STEP, "degC/min")
-        self.confirm("SETP1?", temperature_degC, _STEP, "degC")
-
-    def _recheck(self) -> None:
-        if self.wanted is not None:
-            self._confirm(*self.wanted)
-
-    def _forget(self) -> None:
-        self.wanted = None
 
     def _check_options(self) -> None:
         if self.options["dialect"] not in _DIALECTS:

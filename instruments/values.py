@@ -1,4 +1,4 @@
-"""Numbers on their way to and from an instrument: full precision out, nothing but finite numbers in."""
+"""Values on their way to and from an instrument: full precision out, nothing but finite numbers and whole blocks in."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from bench.model.ports import Parameter
 
 # SCPI-99 vol. 1, 7.2.1.4 and 7.2.1.5: 9.9E37 is infinity, 9.91E37 not a number; the 3458A sends 1E+38 on overload.
 OVERLOAD_FROM = 9.9e37
+_LONGEST_HEADER = 11  # of a block: "#9" and nine digits
 
 
 class OverloadReadingError(ValueError):
@@ -16,7 +17,7 @@ class OverloadReadingError(ValueError):
 
 
 def exponent_form(value: float) -> str:
-    """Every digit of a float in exponent form, ``12345678.0 -> "1.2345678E+07"``; reading it back gives the same float.
+    """Return every digit of a float in exponent form, ``12345678.0 -> "1.2345678E+07"``; it reads back as the same.
 
     Raises: ValueError if the value is not finite.
     """
@@ -27,7 +28,7 @@ def exponent_form(value: float) -> str:
 
 
 def plain_form(value: float) -> str:
-    """Every digit of a float without an exponent, ``-10.0 -> "-10"``, for instruments that know no exponents."""
+    """Return every digit of a float without an exponent, ``-10.0 -> "-10"``, for instruments that know no exponents."""
     text = f"{_decimal(value):f}"
     return (text.rstrip("0").rstrip(".") if "." in text else text) or "0"
 
@@ -40,7 +41,7 @@ def _decimal(value: float) -> Decimal:
 
 
 def read_number(reply: str) -> float:
-    """A reply as a finite float.
+    """Return a reply as a finite float.
 
     Raises: OverloadReadingError for overload and not-a-number sentinels; ValueError for anything that is no number.
     """
@@ -56,7 +57,7 @@ def read_number(reply: str) -> float:
 
 
 def read_integer(reply: str) -> int:
-    """A reply as an integer (a register or a number of an error). Raises: ValueError for anything else."""
+    """Return a reply as an integer (a register or a number of an error). Raises: ValueError for anything else."""
     value = read_number(reply)
     if value != int(value):
         raise ValueError("an integer is due")
@@ -70,8 +71,48 @@ def read_text(reply: str) -> str:
     return reply
 
 
+class CutOffError(ValueError):
+    """A block that ends before its length; ``content`` is what came of it."""
+
+    def __init__(self, content: bytes, length: int) -> None:
+        super().__init__(f"{len(content)} of {length} bytes" if length else "a block that ends in its header")
+        self.content = content
+
+
+def block_content(reply: bytes | bytearray) -> bytes:
+    """Return the bytes inside a definite-length block (IEEE Std 488.2, 8.7.9), in front of the line feed that ends it.
+
+    It is ``#``, a digit, that many digits of length, the bytes.
+
+    Raises: CutOffError if it is shorter than it says; ValueError if it is no such block.
+    """
+    if not reply:
+        raise CutOffError(b"", 0)
+    if reply[:1] != b"#":
+        raise ValueError("a block is due, and it begins with '#'")
+    header = bytes(reply[:_LONGEST_HEADER])
+    digits = header[1:2]
+    if digits == b"":
+        raise CutOffError(b"", 0)
+    if digits not in b"123456789":
+        raise ValueError("a block of definite length is due")
+    begin = 2 + int(digits)
+    text = header[2:begin]
+    if text and not text.isdigit():
+        raise ValueError("the length of the block is no number")
+    if len(text) < int(digits):
+        raise CutOffError(b"", 0)
+    length = int(text)
+    content = bytes(reply[begin : begin + length])
+    if len(content) < length:
+        raise CutOffError(content, length)
+    if len(reply) > begin + length and bytes(reply[begin + length :]).strip(b"\r\n"):
+        raise ValueError("more than one block has come")
+    return content
+
+
 def check_argument(parameter: Parameter, value: object) -> float | int | str:
-    """The argument if it is inside the limits its action declares; it is never clipped or rounded.
+    """Return the argument if it is inside the limits its action declares; it is never clipped or rounded.
 
     Raises: ValueError naming the value and the limit.
     """

@@ -7,9 +7,9 @@ impedance: with the load setting at 50 ohm its amplitude is twice the programmed
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
-from sim_instruments.bus.scpi import OUT_OF_RANGE, SETTINGS_CONFLICT, ScpiDevice, ScpiError, command, words
+from sim_instruments.bus.scpi import OUT_OF_RANGE, SETTINGS_CONFLICT, Answers, ScpiDevice, ScpiError, command, words
 
 FREQUENCY_ERROR_PPM = 3.0
 UNIT_THRESHOLD_VPP = 0.5  # smaller signals are not counted by the unit
@@ -21,6 +21,15 @@ class Agilent33250A(ScpiDevice):
     """Function generator; its frequency error is drawn once, uniform within 3 ppm."""
 
     identity = "Agilent Technologies,33250A,SIM33250,1.05-1.01-1.00-03-1"
+    answers: ClassVar[Answers] = {
+        "[:SOURce]:FUNCtion[:SHAPe]?": lambda self: self.function,
+        "[:SOURce]:FREQuency?": lambda self: f"{self.frequency_Hz:+.13E}",
+        "[:SOURce]:VOLTage?": lambda self: f"{self.amplitude_V:+.13E}",
+        "[:SOURce]:VOLTage:OFFSet?": lambda self: f"{self.offset_V:+.13E}",
+        "[:SOURce]:VOLTage:UNIT?": lambda self: self.amplitude_unit,
+        ":OUTPut:LOAD?": lambda self: f"{self.load_ohm:+.13E}",
+        ":OUTPut?": lambda self: "1" if self.on else "0",
+    }
 
     def __init__(self, *arguments: Any) -> None:
         self.error_ppm = 0.0
@@ -66,18 +75,10 @@ class Agilent33250A(ScpiDevice):
         self.function = function
         self._apply()
 
-    @command("[:SOURce]:FUNCtion[:SHAPe]?")
-    def _get_function(self, _: str) -> str:
-        return self.function
-
     @command("[:SOURce]:FREQuency")
     def _set_frequency(self, text: str) -> None:
         self.frequency_Hz = round(self.number(text, 1e-6, _HIGHEST_HZ[self.function]), 6)
         self._apply()
-
-    @command("[:SOURce]:FREQuency?")
-    def _get_frequency(self, _: str) -> str:
-        return f"{self.frequency_Hz:+.13E}"
 
     @command("[:SOURce]:VOLTage")
     def _set_amplitude(self, text: str) -> None:
@@ -87,27 +88,15 @@ class Agilent33250A(ScpiDevice):
         self.amplitude_V = round(amplitude_V, 4)
         self._apply()
 
-    @command("[:SOURce]:VOLTage?")
-    def _get_amplitude(self, _: str) -> str:
-        return f"{self.amplitude_V:+.13E}"
-
     @command("[:SOURce]:VOLTage:OFFSet")
     def _set_offset(self, text: str) -> None:
         room_V = (self._largest_V() - self.amplitude_V) / 2
         self.offset_V = self.number(text, -room_V, room_V)
 
-    @command("[:SOURce]:VOLTage:OFFSet?")
-    def _get_offset(self, _: str) -> str:
-        return f"{self.offset_V:+.13E}"
-
     @command("[:SOURce]:VOLTage:UNIT")
     def _set_unit(self, text: str) -> None:
         if self.word(text, "VPP", "VRMS", "DBM") != "VPP":
             raise ScpiError(*SETTINGS_CONFLICT)
-
-    @command("[:SOURce]:VOLTage:UNIT?")
-    def _get_unit(self, _: str) -> str:
-        return self.amplitude_unit
 
     @command("[:SOURce]:APPLy:SQUare")
     def _apply_square(self, text: str) -> None:
@@ -128,18 +117,10 @@ class Agilent33250A(ScpiDevice):
         self.amplitude_V = open_V * (1.0 if load_ohm == INFINITE_OHM else load_ohm / (load_ohm + 50.0))
         self._apply()
 
-    @command(":OUTPut:LOAD?")
-    def _get_load(self, _: str) -> str:
-        return f"{self.load_ohm:+.13E}"
-
     @command(":OUTPut")
     def _set_output(self, text: str) -> None:
         self.on = self.boolean(text)
         self._apply()
-
-    @command(":OUTPut?")
-    def _get_output(self, _: str) -> str:
-        return "1" if self.on else "0"
 
 
 SIMULATOR = Agilent33250A

@@ -6,11 +6,11 @@ Source: 34401A User's Guide (CONFigure, READ?, INITiate, FETCh?, NPLCycles, ZERO
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 from sim_instruments.agilent_e3631a import AgilentE3631A
 from sim_instruments.bus.ohms import RESOLUTION, Ohmmeter, OhmsSetting
-from sim_instruments.bus.scpi import ScpiDevice, ScpiError, command, words
+from sim_instruments.bus.scpi import Answers, ScpiDevice, ScpiError, command, words
 
 RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)
 OVERLOAD = 9.9e37
@@ -26,6 +26,10 @@ class Agilent34401A(ScpiDevice):
     """
 
     identity = "HEWLETT-PACKARD,34401A,0,11-5-2"
+    answers: ClassVar[Answers] = {
+        "[:SENSe]:FRESistance:NPLCycles?": lambda self: f"{10.0 if self.ohms is None else self.ohms.cycles:+.8E}",
+        "[:SENSe]:ZERO:AUTO?": lambda self: str(int(self.autozero)),
+    }
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -92,19 +96,11 @@ class Agilent34401A(ScpiDevice):
         if self.ohms is not None:
             self.ohms.cycles = cycles
 
-    @command("[:SENSe]:FRESistance:NPLCycles?")
-    def _get_ohms_cycles(self, _: str) -> str:
-        return f"{10.0 if self.ohms is None else self.ohms.cycles:+.8E}"
-
     @command("[:SENSe]:ZERO:AUTO")
     def _set_autozero(self, text: str) -> None:
         on = self.word(text, "ON", "OFF", "ONCE") == "ON"
         if self.ohms is None or self.ohms.wires == 2:
             self.autozero = on
-
-    @command("[:SENSe]:ZERO:AUTO?")
-    def _get_autozero(self, _: str) -> str:
-        return str(int(self.autozero))
 
     @command(":CONFigure?")
     def _get_configuration(self, _: str) -> str:

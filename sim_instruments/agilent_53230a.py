@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from sim_instruments.agilent_33250a import Agilent33250A
-from sim_instruments.bus.scpi import ScpiDevice, command, words
+from sim_instruments.bus.scpi import Answers, ScpiDevice, command, words
 from sim_instruments.faults.fault import Fault, becomes
 
 NOT_A_NUMBER = 9.91e37
@@ -30,6 +30,11 @@ class Agilent53230A(ScpiDevice):
     }  # fmt: skip
     reference_lost = False
     identity = "Agilent Technologies,53230A,SIM53230,02.05-1519.666-1.19-4.15-127-155-35"
+    answers: ClassVar[Answers] = {
+        "[:SENSe]:FUNCtion[:ON]?": lambda _: '"FREQ 1"',
+        "[:SENSe]:FREQuency:GATE:TIME?": lambda self: f"{self.gate_s:+.15E}",
+        "[:SENSe]:ROSCillator:SOURce?": lambda self: self.reference,
+    }
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -57,10 +62,6 @@ class Agilent53230A(ScpiDevice):
     def _set_function(self, text: str) -> None:
         self.word(text, "FREQ 1", "FREQ", "FREQUENCY 1", "FREQUENCY")
 
-    @command("[:SENSe]:FUNCtion[:ON]?")
-    def _get_function(self, _: str) -> str:
-        return '"FREQ 1"'
-
     @command(":CONFigure:FREQuency")
     def _configure(self, text: str) -> None:
         if words(text):
@@ -75,19 +76,11 @@ class Agilent53230A(ScpiDevice):
     def _set_gate(self, text: str) -> None:
         self.gate_s = self.number(text, 1e-6, 1000.0)
 
-    @command("[:SENSe]:FREQuency:GATE:TIME?")
-    def _get_gate(self, _: str) -> str:
-        return f"{self.gate_s:+.15E}"
-
     @command("[:SENSe]:ROSCillator:SOURce")
     def _set_reference(self, text: str) -> None:
         self.reference = self.word(text, "INTernal", "EXTernal")
         if self.reference == "EXT" and self.reference_lost:
             self._event |= REFERENCE_BIT
-
-    @command("[:SENSe]:ROSCillator:SOURce?")
-    def _get_reference(self, _: str) -> str:
-        return self.reference
 
     @command("[:SENSe]:ROSCillator:EXTernal:FREQuency")
     def _set_external(self, text: str) -> None:

@@ -8,9 +8,9 @@ Source: E3631A User's Guide (INSTrument, VOLTage, CURRent, APPLy, MEASure, OUTPu
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
-from sim_instruments.bus.scpi import MISSING_PARAMETER, ScpiDevice, ScpiError, command, words
+from sim_instruments.bus.scpi import MISSING_PARAMETER, Answers, ScpiDevice, ScpiError, command, words
 
 _READ_S = 0.1
 GAIN_SIGMA = 1e-4
@@ -33,6 +33,13 @@ class AgilentE3631A(ScpiDevice):
     """Three rails; each has a gain error of its own, drawn once."""
 
     identity = "HEWLETT-PACKARD,E3631A,0,2.1-5.0-1.0"
+    answers: ClassVar[Answers] = {
+        ":INSTrument:NSELect?": lambda self: f"{self.selected + 1}",
+        ":INSTrument[:SELect]?": lambda self: self.rails[self.selected].name,
+        "[:SOURce]:VOLTage?": lambda self: f"{self.rails[self.selected].voltage_V:+.8E}",
+        "[:SOURce]:CURRent?": lambda self: f"{self.rails[self.selected].current_A:+.8E}",
+        ":OUTPut[:STATe]?": lambda self: "1" if self.on else "0",
+    }
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -76,19 +83,11 @@ class AgilentE3631A(ScpiDevice):
     def _select_number(self, text: str) -> None:
         self.selected = int(self.number(text, 1, 3)) - 1
 
-    @command(":INSTrument:NSELect?")
-    def _selected_number(self, _: str) -> str:
-        return f"{self.selected + 1}"
-
     @command(":INSTrument[:SELect]")
     def _select(self, text: str) -> None:
         if not text:
             raise ScpiError(*MISSING_PARAMETER)
         self.selected = self._index(text)
-
-    @command(":INSTrument[:SELect]?")
-    def _selected_name(self, _: str) -> str:
-        return self.rails[self.selected].name
 
     @command(":APPLy")
     def _apply(self, text: str) -> None:
@@ -103,27 +102,15 @@ class AgilentE3631A(ScpiDevice):
             raise ScpiError(*MISSING_PARAMETER)
         self._limited(self.rails[self.selected], text, "")
 
-    @command("[:SOURce]:VOLTage?")
-    def _get_voltage(self, _: str) -> str:
-        return f"{self.rails[self.selected].voltage_V:+.8E}"
-
     @command("[:SOURce]:CURRent")
     def _set_current(self, text: str) -> None:
         if not text:
             raise ScpiError(*MISSING_PARAMETER)
         self._limited(self.rails[self.selected], "", text)
 
-    @command("[:SOURce]:CURRent?")
-    def _get_current(self, _: str) -> str:
-        return f"{self.rails[self.selected].current_A:+.8E}"
-
     @command(":OUTPut[:STATe]")
     def _set_output(self, text: str) -> None:
         self.on = self.boolean(text)
-
-    @command(":OUTPut[:STATe]?")
-    def _get_output(self, _: str) -> str:
-        return "1" if self.on else "0"
 
     @command(":MEASure[:VOLTage]?")
     def _measure_voltage(self, text: str) -> str:

@@ -13,13 +13,13 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
 from bench.model.clock import NS, to_ns
 from sim_instruments.bus.live import LiveDevice
-from sim_instruments.bus.ranges import CURRENT_RANGES, lowest_range
 from sim_instruments.faults.fault import Fault
 from sim_instruments.worlds.common.wiring import TRIP_CURRENT_A
 
@@ -53,6 +53,29 @@ FAULTS = {
 }
 _MULTIPLIER = {"": 1.0, "P": 1e-12, "N": 1e-9, "U": 1e-6, "M": 1e-3, "K": 1e3, "MA": 1e6}
 _VALUE = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:E[-+]?\d+)?)\s*(?:(MA|[PNUMK])?(A|V|HZ|OHM))?", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class CurrentRange:
+    """One range: full scale it is named after (A), decimals a setting has, 95 % floor of Table 2 (A)."""
+
+    full_scale_A: float
+    decimals: int
+    floor_A: float
+
+
+CURRENT_RANGES = (
+    CurrentRange(2.2e-4, 10, 6e-9),
+    CurrentRange(2.2e-3, 9, 7e-9),
+    CurrentRange(2.2e-2, 8, 4e-8),
+    CurrentRange(2.2e-1, 7, 7e-7),
+    CurrentRange(2.2, 6, 1.2e-5),
+)
+
+
+def _lowest_range(current_A: float) -> int | None:
+    """Return the index of the lowest range that holds a current (either sign), None above 2.2 A."""
+    return next((i for i, r in enumerate(CURRENT_RANGES) if abs(current_A) <= r.full_scale_A * (1 + 1e-12)), None)
 
 
 class _Fault(Exception):
@@ -219,7 +242,7 @@ class Fluke5720A(LiveDevice):
         low, high = self.limits[unit]
         if not low <= value <= high:
             raise _Fault(705)
-        found = lowest_range(value) if unit == "A" else self.range_index
+        found = _lowest_range(value) if unit == "A" else self.range_index
         if found is None:
             raise _Fault(704)
         if unit == "A" and self.range_locked and self.unit == "A":
@@ -270,15 +293,6 @@ class Fluke5720A(LiveDevice):
             raise _Fault(701)
         return text.upper()
 
-    def _ask_out(self, _: str) -> None:
-        self._say(f"{self.value:.7E},{self.unit},0.00E+00")
-
-    def _ask_status(self, _: str) -> None:
-        self._say(str((OPERATING_BIT if self.operating else 0) | (SETTLED_BIT if self.settled else 0)))
-
-    def _ask_fault(self, _: str) -> None:
-        self._say(str(self.faults_queued.popleft() if self.faults_queued else 0))
-
     def _explain(self, text: str) -> None:
         try:
             self._say(f'"{FAULTS[int(text)]}"')
@@ -310,13 +324,15 @@ _COMMANDS: dict[str, Callable[[Fluke5720A, str], None]] = {
     "*ESR?": Fluke5720A._ask_event_status,
     "*STB?": lambda self, _: self._say(str(self.status_byte())),
     "OUT": Fluke5720A._out,
-    "OUT?": Fluke5720A._ask_out,
+    "OUT?": lambda self, _: self._say(f"{self.value:.7E},{self.unit},0.00E+00"),
     "OPER": Fluke5720A._oper,
     "STBY": lambda self, _: self._standby(),
-    "ISR?": Fluke5720A._ask_status,
+    "ISR?": lambda self, _: self._say(
+        str((OPERATING_BIT if self.operating else 0) | (SETTLED_BIT if self.settled else 0))
+    ),
     "ONTIME?": lambda self, _: self._say(str(ON_MIN + (self.now_ns - self._began_ns) // (60 * NS))),
     "CAL_DAYS?": lambda self, _: self._say(str(SINCE_CALIBRATION_DAYS)),
-    "FAULT?": Fluke5720A._ask_fault,
+    "FAULT?": lambda self, _: self._say(str(self.faults_queued.popleft() if self.faults_queued else 0)),
     "EXPLAIN?": Fluke5720A._explain,
     "RANGELCK": Fluke5720A._lock,
     "RANGELCK?": lambda self, _: self._say("ON" if self.range_locked else "OFF"),

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from sim_instruments.bus.scpi import ScpiDevice, command
+from sim_instruments.bus.scpi import Answers, ScpiDevice, command
 from sim_instruments.faults.fault import Fault
 
 HIGHEST_V, HIGHEST_A, HIGHEST_TRIP_V = 20.475, 5.1188, 22.0
@@ -25,6 +25,14 @@ class Hp6632B(ScpiDevice):
     """DC supply with over-voltage and over-current trips that stay latched until cleared."""
 
     identity = "HEWLETT-PACKARD,6632B,SIM6632,A.03.01"
+    answers: ClassVar[Answers] = {
+        "[:SOURce]:VOLTage[:LEVel]?": lambda self: f"{self.voltage_V:.5E}",
+        "[:SOURce]:CURRent[:LEVel]?": lambda self: f"{self.current_A:.5E}",
+        "[:SOURce]:VOLTage:PROTection[:LEVel]?": lambda self: f"{self.trip_V:.5E}",
+        "[:SOURce]:CURRent:PROTection:STATe?": lambda self: "1" if self.over_current_trip else "0",
+        ":OUTPut[:STATe]?": lambda self: "1" if self.on else "0",
+        ":STATus:QUEStionable:CONDition?": lambda self: str(_QUESTIONABLE.get(self.tripped, 0)),
+    }
 
     def __init__(self, *arguments: Any) -> None:
         self.supplied_V = 0.0
@@ -83,54 +91,30 @@ class Hp6632B(ScpiDevice):
         self.voltage_V = self.number(text, 0.0, HIGHEST_V)
         self._apply()
 
-    @command("[:SOURce]:VOLTage[:LEVel]?")
-    def _get_voltage(self, _: str) -> str:
-        return f"{self.voltage_V:.5E}"
-
     @command("[:SOURce]:CURRent[:LEVel]")
     def _set_current(self, text: str) -> None:
         self.current_A = self.number(text, 0.0, HIGHEST_A)
         self._apply()
-
-    @command("[:SOURce]:CURRent[:LEVel]?")
-    def _get_current(self, _: str) -> str:
-        return f"{self.current_A:.5E}"
 
     @command("[:SOURce]:VOLTage:PROTection[:LEVel]")
     def _set_trip(self, text: str) -> None:
         self.trip_V = self.number(text, 0.0, HIGHEST_TRIP_V)
         self._apply()
 
-    @command("[:SOURce]:VOLTage:PROTection[:LEVel]?")
-    def _get_trip(self, _: str) -> str:
-        return f"{self.trip_V:.5E}"
-
     @command("[:SOURce]:CURRent:PROTection:STATe")
     def _set_over_current(self, text: str) -> None:
         self.over_current_trip = self.boolean(text)
         self._apply()
-
-    @command("[:SOURce]:CURRent:PROTection:STATe?")
-    def _get_over_current(self, _: str) -> str:
-        return "1" if self.over_current_trip else "0"
 
     @command(":OUTPut[:STATe]")
     def _set_output(self, text: str) -> None:
         self.on = self.boolean(text)
         self._apply()
 
-    @command(":OUTPut[:STATe]?")
-    def _get_output(self, _: str) -> str:
-        return "1" if self.on else "0"
-
     @command(":OUTPut:PROTection:CLEar")
     def _clear_protection(self, _: str) -> None:
         self.tripped = ""
         self._apply()
-
-    @command(":STATus:QUEStionable:CONDition?")
-    def _questionable(self, _: str) -> str:
-        return str(_QUESTIONABLE.get(self.tripped, 0))
 
     @command(":MEASure[:SCALar]:VOLTage?")
     def _measure_voltage(self, _: str) -> str:

@@ -7,13 +7,13 @@ no limit of edges per second but 6,000 in 10 ms, settings that can be changed on
 
 from __future__ import annotations
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.clock import NS
-from sim_instruments.bus.scpi import OUT_OF_RANGE, SETTINGS_CONFLICT, ScpiDevice, ScpiError, command
+from sim_instruments.bus.scpi import OUT_OF_RANGE, SETTINGS_CONFLICT, Answers, ScpiDevice, ScpiError, command
 from sim_instruments.bus.time_tag_blocks import TagBlocks
 
 CLOCKS_HZ = (10_000_000, 20_000_000, 50_000_000, 100_000_000)
@@ -46,6 +46,15 @@ class PendulumCnt91(ScpiDevice):
     """Tagger; option ``clock_error_ppm``: how much faster than nominal its clock runs."""
 
     identity = "PENDULUM, CNT-91, 919191, V1.28 02 Mar 2017"
+    answers: ClassVar[Answers] = {
+        ":INITiate:CONTinuous?": lambda self: str(int(self.continuous)),
+        ":STATus:OPERation:CONDition?": lambda self: str(MEASUREMENT_STARTED if self.running else 0),
+        ":STReam:CLOCk?": lambda self: str(self.clock_Hz),
+        ":INPut1:LEVel?": lambda self: f"{self.level_V[1]:+.8E}",
+        ":INPut2:LEVel?": lambda self: f"{self.level_V[2]:+.8E}",
+        ":INPut1:COUPling?": lambda self: self.coupling[1],
+        ":INPut2:COUPling?": lambda self: self.coupling[2],
+    }
 
     def __init__(self, *arguments: Any) -> None:
         self.blocks = TagBlocks()
@@ -113,14 +122,6 @@ class PendulumCnt91(ScpiDevice):
         self._only_at_rest()
         self.continuous = self.boolean(text)
 
-    @command(":INITiate:CONTinuous?")
-    def _get_continuous(self, _: str) -> str:
-        return str(int(self.continuous))
-
-    @command(":STATus:OPERation:CONDition?")
-    def _condition(self, _: str) -> str:
-        return str(MEASUREMENT_STARTED if self.running else 0)
-
     @command(":STReam:CLOCk")
     def _set_clock(self, text: str) -> None:
         self._only_at_rest()
@@ -128,10 +129,6 @@ class PendulumCnt91(ScpiDevice):
         if found not in CLOCKS_HZ:
             raise ScpiError(*OUT_OF_RANGE)
         self.clock_Hz = int(found)
-
-    @command(":STReam:CLOCk?")
-    def _get_clock(self, _: str) -> str:
-        return str(self.clock_Hz)
 
     @command(":STReam:CLEar")
     def _clear_memory(self, _: str) -> None:
@@ -160,14 +157,6 @@ class PendulumCnt91(ScpiDevice):
     def _set_level_b(self, text: str) -> None:
         self._set_level(2, text)
 
-    @command(":INPut1:LEVel?")
-    def _get_level_a(self, _: str) -> str:
-        return f"{self.level_V[1]:+.8E}"
-
-    @command(":INPut2:LEVel?")
-    def _get_level_b(self, _: str) -> str:
-        return f"{self.level_V[2]:+.8E}"
-
     @command(":INPut1:COUPling")
     def _set_coupling_a(self, text: str) -> None:
         self.coupling[1] = self.word(text, "AC", "DC")
@@ -175,14 +164,6 @@ class PendulumCnt91(ScpiDevice):
     @command(":INPut2:COUPling")
     def _set_coupling_b(self, text: str) -> None:
         self.coupling[2] = self.word(text, "AC", "DC")
-
-    @command(":INPut1:COUPling?")
-    def _get_coupling_a(self, _: str) -> str:
-        return self.coupling[1]
-
-    @command(":INPut2:COUPling?")
-    def _get_coupling_b(self, _: str) -> str:
-        return self.coupling[2]
 
     def _set_level(self, number: int, text: str) -> None:
         level_V = self.number(text, -5.0, 5.0)

@@ -7,7 +7,9 @@
 from __future__ import annotations
 
 import contextlib
+from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import Any
 
 from pyvisa import constants, errors
@@ -18,11 +20,77 @@ from pyvisa_sim.sessions.session import Session
 
 from bench.model.clock import NS
 from sim_instruments.bus.live import LiveDevice
-from sim_instruments.bus.locks import ResourceLocks
 from sim_instruments.worlds.common.world import live_world
 
 _DEFAULT_TIMEOUT_MS = 2000
 _LINE_FEED = 10
+
+
+@dataclass
+class _Holders:
+    exclusive: int | None = None
+    key: str = ""
+    counts: Counter[int] = field(default_factory=Counter)
+
+
+class _ResourceLocks:
+    """Who holds which instrument, by the handle of a VISA session: exclusive locks nest, shared ones go by key."""
+
+    def __init__(self) -> None:
+        self._holders: dict[int, _Holders] = {}
+
+    def check(self, session: int, device: LiveDevice) -> None:
+        """Raise VI_ERROR_RSRC_LOCKED if another session has locked the instrument."""
+        if not self._holders:
+            return
+        holders = self._holders.get(id(device))
+        if holders is None or session in holders.counts:
+            return
+        raise errors.VisaIOError(StatusCode.error_resource_locked)
+
+    def acquire(self, session: int, device: LiveDevice, kind: Lock, key: str | None) -> bool:
+        """Take a lock; return False while another session's lock is in the way."""
+        holders = self._holders.setdefault(id(device), _Holders())
+        others = [holder for holder in holders.counts if holder != session]
+        if kind == Lock.exclusive:
+            if others:
+                return False
+            holders.exclusive = session
+        else:
+            wanted = key or holders.key or device.role
+            if holders.exclusive not in (None, session) or (others and wanted != holders.key):
+                return False
+            holders.key = wanted
+        holders.counts[session] += 1
+        return True
+
+    def release(self, session: int, device: LiveDevice) -> bool:
+        """Give one lock back; return False if the session holds none."""
+        holders = self._holders.get(id(device))
+        if holders is None or session not in holders.counts:
+            return False
+        holders.counts[session] -= 1
+        if holders.counts[session] == 0:
+            self._drop(session, id(device), holders)
+        return True
+
+    def key(self, device: LiveDevice) -> str:
+        """Return the access key of a shared lock, empty for an exclusive one."""
+        holders = self._holders.get(id(device))
+        return holders.key if holders is not None and holders.exclusive is None else ""
+
+    def forget(self, session: int) -> None:
+        """Give back everything a closed session held."""
+        for device_id, holders in list(self._holders.items()):
+            if session in holders.counts:
+                self._drop(session, device_id, holders)
+
+    def _drop(self, session: int, device_id: int, holders: _Holders) -> None:
+        del holders.counts[session]
+        if holders.exclusive == session:
+            holders.exclusive = None
+        if not holders.counts:
+            del self._holders[device_id]
 
 
 class BenchVisaLibrary(SimVisaLibrary):
@@ -31,7 +99,7 @@ class BenchVisaLibrary(SimVisaLibrary):
     def _init(self) -> None:
         self._world = live_world(str(self.library_path))
         self._live: dict[int, tuple[Session, LiveDevice]] = {}
-        self._locks = ResourceLocks()
+        self._locks = _ResourceLocks()
         if self._world is None:
             super()._init()
             return
@@ -146,20 +214,20 @@ class BenchVisaLibrary(SimVisaLibrary):
         return int(self._world.clock.now_ns()) + int(timeout_ms) * (NS // 1000)
 
     def read_stb(self, session: Any) -> tuple[int, StatusCode]:
-        """Serial poll."""
+        """Return the status byte, by serial poll."""
         device = self._answering(session)
         with self._bus(session, device):
             return device.status_byte(), StatusCode.success
 
     def clear(self, session: Any) -> StatusCode:
-        """Selected device clear."""
+        """Clear the selected device."""
         device = self._answering(session)
         with self._bus(session, device):
             device.clear()
         return StatusCode.success
 
     def assert_trigger(self, session: Any, protocol: constants.TriggerProtocol) -> StatusCode:
-        """Return group execute trigger."""
+        """Trigger the device, as group execute trigger does."""
         del protocol
         device = self._device(session)
         with self._bus(session, device):
@@ -167,13 +235,13 @@ class BenchVisaLibrary(SimVisaLibrary):
         return StatusCode.success
 
     def flush(self, session: Any, mask: constants.BufferOperation) -> StatusCode:
-        """Nothing is buffered on this side of the bus."""
+        """Do nothing: nothing is buffered on this side of the bus."""
         del mask
         self._device(session)
         return StatusCode.success
 
     def gpib_control_ren(self, session: Any, mode: constants.RENLineOperation) -> StatusCode:
-        """Remote enable: live instruments are always in remote."""
+        """Do nothing: live instruments are always in remote."""
         del mode
         self._device(session)
         return StatusCode.success

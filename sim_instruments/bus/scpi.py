@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Callable
-from typing import Any, TypeVar
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, ClassVar, TypeVar
 
 from bench.model.clock import NS
 from sim_instruments.bus.live import LiveDevice
@@ -25,6 +26,7 @@ EVENT_SUMMARY = 32
 _EVENT_BIT = {1: 32, 2: 16, 3: 8, 4: 4}  # hundreds of a SCPI error number -> bit of the event status register
 
 Method = TypeVar("Method", bound=Callable[..., Any])
+Answers = Mapping[str, Callable[[Any], str]]
 
 
 class ScpiError(Exception):
@@ -46,7 +48,7 @@ def command(pattern: str) -> Callable[[Method], Method]:
 
 
 def _expression(pattern: str) -> str:
-    """Regular expression of a header pattern: short and long form of each node, optional nodes in brackets."""
+    """Return the expression of a header pattern: short and long form of each node, optional nodes in brackets."""
     if pattern.startswith("*"):
         return re.escape(pattern)
     parts = []
@@ -63,14 +65,18 @@ def _expression(pattern: str) -> str:
 
 
 def words(text: str) -> list[str]:
-    """Parameters of a command, separated by commas that stand outside parentheses and quotes."""
+    """Return the parameters of a command, separated by commas that stand outside parentheses and quotes."""
     parts = re.findall(r"""(?:\([^)]*\)|"[^"]*"|'[^']*'|[^,])+""", text)
     return [part.strip() for part in parts]
 
 
 class ScpiDevice(LiveDevice):
-    """A SCPI instrument: one reply per message, real error queue, ``*OPC?`` waits for what is pending."""
+    """A SCPI instrument: one reply per message, real error queue, ``*OPC?`` waits for what is pending.
 
+    ``answers`` are those that its state alone gives, by the header of the question.
+    """
+
+    answers: ClassVar[Answers] = {}
     no_error = '+0,"No error"'
     error_format = '{0:+d},"{1}"'
     queue_length = 20
@@ -117,24 +123,24 @@ class ScpiDevice(LiveDevice):
         return value
 
     def word(self, text: str, *allowed: str) -> str:
-        """One of the allowed words, each given as SCPI long form with its short form in capitals; returns the short."""
-        found = text.strip().strip("\"'").upper()
+        """Return the short form of one of the allowed words, given as long forms with the short one in capitals."""
+        word = text.strip().strip("\"'").upper()
         for choice in allowed:
             short = "".join(letter for letter in choice if not letter.islower())
-            if found in (short, choice.upper()):
+            if word in (short, choice.upper()):
                 return short
-        raise ScpiError(*(BAD_WORD if found else MISSING_PARAMETER))
+        raise ScpiError(*(BAD_WORD if word else MISSING_PARAMETER))
 
     def boolean(self, text: str) -> bool:
-        """ON, OFF, 1 or 0."""
+        """Return whether it is ON or 1, not OFF or 0."""
         return self.word(text, "ON", "OFF", "1", "0") in ("ON", "1")
 
     def reply_after(self, seconds: float) -> None:
-        """The reply of the command being carried out is ready that much later (gate time, measurement)."""
+        """Make the reply of the command being carried out ready that much later (gate time, measurement)."""
         self._reply_after_s = max(self._reply_after_s, seconds)
 
     def busy(self, seconds: float) -> None:
-        """Something overlapped goes on for that long; ``*OPC?`` waits for it."""
+        """Let something overlapped go on for that long; ``*OPC?`` waits for it."""
         self.busy_until_ns = max(self.busy_until_ns, self.now_ns + round(seconds * NS))
 
     # --- messages ----------------------------------------------------------------------------------------------
@@ -166,7 +172,7 @@ class ScpiDevice(LiveDevice):
             return None
 
     def _find(self, header: str, path: str) -> tuple[Callable[[str], str | None] | None, str]:
-        """Handler of a header and the node path the next header of the same message continues from."""
+        """Return the handler of a header and the node path the next header of the same message continues from."""
         name = header.upper()
         if name[0] in "*:" or not path:
             absolute = name if name[0] in "*:" else ":" + name
@@ -185,11 +191,16 @@ class ScpiDevice(LiveDevice):
             return found
 
     def _declared(self) -> list[tuple[re.Pattern[str], Callable[[str], str | None]]]:
-        return [
-            (re.compile(_expression(pattern)), getattr(self, attribute))
+        handlers = {
+            pattern: getattr(self, attribute)
             for attribute in sorted(dir(type(self)))
             for pattern in getattr(getattr(type(self), attribute), "_scpi_patterns", ())
-        ]
+        }
+        handlers |= {pattern: partial(self._told, tell) for pattern, tell in {**_ANSWERS, **self.answers}.items()}
+        return [(re.compile(_expression(pattern)), handler) for pattern, handler in handlers.items()]
+
+    def _told(self, tell: Callable[[Any], str], _: str) -> str:
+        return tell(self)
 
     # --- bus events --------------------------------------------------------------------------------------------
 
@@ -207,10 +218,6 @@ class ScpiDevice(LiveDevice):
         return status | (64 if status & self.service_enable else 0)
 
     # --- commands every model has ------------------------------------------------------------------------------
-
-    @command("*IDN?")
-    def _identify(self, _: str) -> str:
-        return self.faults.identity or self.identity
 
     @command("*RST")
     def _reset(self, _: str) -> None:
@@ -234,10 +241,6 @@ class ScpiDevice(LiveDevice):
     def _wait(self, _: str) -> None:
         self.reply_after(max(0, self.busy_until_ns - self.now_ns) / NS)
 
-    @command("*STB?")
-    def _status(self, _: str) -> str:
-        return str(self.status_byte())
-
     @command("*ESR?")
     def _event_status(self, _: str) -> str:
         value, self.event_status = self.event_status, 0
@@ -251,20 +254,17 @@ class ScpiDevice(LiveDevice):
     def _set_service_enable(self, text: str) -> None:
         self.service_enable = int(self.number(text, 0, 255))
 
-    @command("*ESE?")
-    def _get_event_enable(self, _: str) -> str:
-        return str(self.event_enable)
-
-    @command("*SRE?")
-    def _get_service_enable(self, _: str) -> str:
-        return str(self.service_enable)
-
-    @command("*TST?")
-    def _self_test(self, _: str) -> str:
-        return "0"
-
     @command(":SYSTem:ERRor[:NEXT]?")
     def _next_error(self, _: str) -> str:
         if not self.errors:
             return self.no_error
         return self.error_format.format(*self.errors.popleft())
+
+
+_ANSWERS: Answers = {  # of every model
+    "*IDN?": lambda self: self.faults.identity or self.identity,
+    "*STB?": lambda self: str(self.status_byte()),
+    "*ESE?": lambda self: str(self.event_enable),
+    "*SRE?": lambda self: str(self.service_enable),
+    "*TST?": lambda _: "0",
+}

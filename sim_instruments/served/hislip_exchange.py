@@ -2,19 +2,95 @@
 
 Several clients reach one simulated instrument at once (a controller and its guard). Its settings, errors and outputs
 are common; unread replies are not: each client's wait here, are put into the instrument for the time of each of its
-operations, and are told apart by the number of the message that asked for them.
+operations, and are told apart by the number of the message that asked for them. Locks say whose turn it is.
+
+Source: IVI-6.1, 6.5 (lock transaction) and 2.6.1 (traffic of a client without the lock).
 """
 
 from __future__ import annotations
 
 import contextlib
+import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from enum import IntEnum
 
 from sim_instruments.bus.live import LiveDevice, Reply
-from sim_instruments.served.hislip_locks import HislipLocks
 from sim_instruments.worlds.common.world import World
+
+
+class LockAnswer(IntEnum):
+    """Control code of an AsyncLockResponse."""
+
+    FAILURE = 0
+    EXCLUSIVE = 1
+    SHARED = 2
+    ERROR = 3
+
+
+class HislipLocks:
+    """Who holds one instrument: one client exclusively, or several who share a key. Safe to use from all threads.
+
+    Clients are named by any hashable object; their locks end with their session. The traffic of a client without the
+    lock waits, it is not refused.
+    """
+
+    def __init__(self) -> None:
+        self._guard = threading.Lock()
+        self._exclusive: object | None = None
+        self._key = ""
+        self._sharing: set[object] = set()
+
+    def request(self, client: object, key: str) -> LockAnswer:
+        """Ask for the exclusive lock (empty key) or a shared one; FAILURE while another client is in the way."""
+        with self._guard:
+            if client in (self._sharing if key else {self._exclusive}):
+                return LockAnswer.ERROR
+            others = self._sharing - {client}
+            if self._exclusive not in (None, client) or (others and not self._fits(client, key)):
+                return LockAnswer.FAILURE
+            if not key:
+                self._exclusive = client
+                return LockAnswer.EXCLUSIVE
+            self._key = key
+            self._sharing.add(client)
+            return LockAnswer.SHARED
+
+    def _fits(self, client: object, key: str) -> bool:
+        """Return whether it fits beside shared locks of others: the same key, or alone for one of those who share."""
+        return key == self._key if key else client in self._sharing
+
+    def release(self, client: object) -> LockAnswer:
+        """Give one lock back, the exclusive one first; ERROR if the client holds none."""
+        with self._guard:
+            if self._exclusive is client:
+                self._exclusive = None
+                return LockAnswer.EXCLUSIVE
+            if client in self._sharing:
+                self._sharing.discard(client)
+                return LockAnswer.SHARED
+            return LockAnswer.ERROR
+
+    def forget(self, client: object) -> None:
+        """Give back everything a client held."""
+        with self._guard:
+            if self._exclusive is client:
+                self._exclusive = None
+            self._sharing.discard(client)
+
+    def shut_out(self, client: object) -> bool:
+        """Return whether a lock of others keeps this client's commands waiting."""
+        with self._guard:
+            if self._exclusive is not None:
+                return self._exclusive is not client
+            return bool(self._sharing) and client not in self._sharing
+
+    def holders(self) -> tuple[bool, int]:
+        """Return whether the exclusive lock is held, and by how many clients any lock is."""
+        with self._guard:
+            alone = {self._exclusive} - {None}
+            return self._exclusive is not None, len(self._sharing | alone)
 
 
 class ServedInstrument:
@@ -48,35 +124,35 @@ class Exchange:
         self._outgoing: list[_Outgoing] = []
 
     def command(self, message: bytes, message_id: int) -> bool:
-        """Carry out one whole message; whether it came before the reply to the one before could be sent."""
+        """Carry out one whole message; return whether it came before the reply to the one before could be sent."""
         return self._act(lambda: self._device.receive(message, end=True), message_id)
 
     def trigger(self, message_id: int) -> bool:
-        """Return group execute trigger; returns the same."""
+        """Trigger the instrument; return the same."""
         return self._act(self._device.trigger, message_id)
 
     def status_byte(self) -> int:
-        """Serial poll; a reply that was sent but not read yet counts as available."""
+        """Return the status byte; a reply that was sent but not read yet counts as available."""
         with self._plugged_in():
             return self._device.status_byte()
 
     def clear(self) -> None:
-        """Device clear: unread replies of this client are dropped, sent or not."""
+        """Clear the device: unread replies of this client are dropped, sent or not."""
         with self._plugged_in():
             self._device.clear()
         self._outgoing.clear()
 
     def confirm(self) -> None:
-        """The client has read everything that was sent."""
+        """Take note that the client has read everything that was sent."""
         read = [outgoing.reply for outgoing in self._outgoing if outgoing.sent]
-        self._drop(lambda reply: any(reply is one for one in read))
+        self._drop(lambda reply: any(reply is sent for sent in read))
 
     def due_ns(self) -> int | None:
-        """Bench time at which the next reply is to be sent, None without one."""
+        """Return the bench time at which the next reply is to be sent, None without one."""
         return next((outgoing.due_ns for outgoing in self._outgoing if not outgoing.sent), None)
 
     def take_due(self) -> tuple[Reply, int] | None:
-        """The next reply that is due, with the number of the message that asked; None if none is."""
+        """Return the next reply that is due, with the number of the message that asked; None if none is."""
         for outgoing in self._outgoing:
             if not outgoing.sent:
                 if outgoing.due_ns > self._world.clock.now_ns():
@@ -91,7 +167,7 @@ class Exchange:
             asked_before = list(self._output)
             operation()
         # a late reply would stay in the instrument as a stale one; here its message is known, so it goes
-        self._drop(lambda reply: any(reply is one for one in asked_before))
+        self._drop(lambda reply: any(reply is before for before in asked_before))
         now_ns = self._world.clock.now_ns()
         for reply in self._output:
             due_ns = max(reply.ready_ns, now_ns + self._device.latency_ns)
@@ -105,7 +181,7 @@ class Exchange:
 
     @contextlib.contextmanager
     def _plugged_in(self) -> Iterator[None]:
-        """This client's unread replies are the instrument's for one bus operation."""
+        """Make this client's unread replies the instrument's for one bus operation."""
         device = self._device
         with self._world.bus_operation(device.latency_ns):
             others = device._replies

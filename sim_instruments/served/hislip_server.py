@@ -160,7 +160,8 @@ class HislipServer:
 
     def _pair(self, caller: _Caller, session_id: int) -> None:
         waiting = self._waiting.values()
-        first = next((one for one in waiting if one.instrument is not None and one.session_id == session_id), None)
+        halves = (half for half in waiting if half.instrument is not None and half.session_id == session_id)
+        first = next(halves, None)
         if first is None or first.instrument is None:
             raise FatalProtocolError(Fatal.BAD_INITIALIZATION, f"no session {session_id} waits for its second channel")
         send_all(caller.sock, Message(Type.ASYNC_INITIALIZE_RESPONSE, 0, _VENDOR).packed())

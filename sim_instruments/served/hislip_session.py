@@ -17,8 +17,7 @@ import threading
 from collections.abc import Callable
 
 from bench.model.clock import NS, Clock
-from sim_instruments.served.hislip_exchange import Exchange, ServedInstrument
-from sim_instruments.served.hislip_locks import LockAnswer
+from sim_instruments.served.hislip_exchange import Exchange, LockAnswer, ServedInstrument
 from sim_instruments.served.hislip_wire import (
     FIRST_VENDOR_TYPE,
     HEADER,

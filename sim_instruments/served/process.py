@@ -4,25 +4,121 @@ from __future__ import annotations
 
 import contextlib
 import fcntl
+import ipaddress
 import os
 import signal
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.model.clock import WallClock
+from bench.model.clock import NS, WallClock
 from bench.model.errors import InputError
 from sim_instruments.faults.named import listing
 from sim_instruments.served.control_socket import ControlSocket
-from sim_instruments.served.instrument_servers import InstrumentServers
+from sim_instruments.served.hislip_exchange import ServedInstrument
+from sim_instruments.served.hislip_server import HislipServer
 from sim_instruments.served.pty_links import PUMP_S, PtyLink
-from sim_instruments.served.state import WATCH_S, OutputWatch, bench_state
+from sim_instruments.served.socket_server import SocketServer
+from sim_instruments.worlds.common.world import World
 from sim_instruments.worlds.simulation import open_world, possible_faults
 
 LOCK, CONTROL, STATION = "sim.lock", "control.sock", "station.yaml"
 STOPPING = (signal.SIGINT, signal.SIGTERM)
 OPERATE, OPERATE_WORDS = "operate", 3
+WATCH_S = 0.02
 LOOK_S = 0.5  # how often the main thread looks whether a thread of the bench has failed
+
+
+class InstrumentServers:
+    """Serves every instrument of a world until ``close``: HiSLIP for our drivers, raw sockets for other people's.
+
+    Args: world: the bench; close the servers before it.   host: a loopback address; nobody else's instruments.
+          hislip_port: 0 takes any free port; raw sockets always do.
+    Raises: ValueError for another host or a virtual clock, OSError if the port is taken.
+    """
+
+    def __init__(self, world: World, *, host: str = "127.0.0.1", hislip_port: int = 0) -> None:
+        if not ipaddress.ip_address(host).is_loopback:
+            raise ValueError(f"simulated instruments are served on the loopback interface only, not on {host}")
+        if world.clock.virtual:
+            raise ValueError("instruments are served in real time; this world has a virtual clock")
+        self._host = host
+        self._roles = tuple(world.instruments)
+        served = [ServedInstrument(world, device) for device in world.instruments.values()]
+        self._hislip = HislipServer(served, host, hislip_port)
+        self._sockets = SocketServer(served, host)
+
+    @property
+    def hislip_port(self) -> int:
+        """The one port of all HiSLIP instruments."""
+        return self._hislip.port
+
+    def resources(self) -> dict[str, str]:
+        """Return the VISA address of each role over HiSLIP; the sub-address counts the roles in their order."""
+        return {
+            role: f"TCPIP0::{self._host}::hislip{number},{self.hislip_port}::INSTR"
+            for number, role in enumerate(self._roles)
+        }
+
+    def sockets(self) -> dict[str, str]:
+        """Return the VISA address of each role's raw socket; both terminators are line feeds."""
+        return {
+            role: f"TCPIP0::{self._host}::{port}::SOCKET"
+            for role, port in zip(self._roles, self._sockets.ports, strict=True)
+        }
+
+    def close(self) -> None:
+        """End all sessions and free the ports; idempotent."""
+        self._hislip.close()
+        self._sockets.close()
+
+
+class OutputWatch:
+    """What a bench really does, and since when; ``look`` is called each ``WATCH_S`` of the bench."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._last = {role: device.outputs() for role, device in world.instruments.items()}
+        self._changed_ns = dict.fromkeys(self._last, world.clock.now_ns())
+
+    def look(self) -> None:
+        """Compare all outputs with what they were."""
+        with self._world.lock:
+            now_ns = self._world.clock.now_ns()
+            for role, device in self._world.instruments.items():
+                outputs = device.outputs()
+                if outputs != self._last[role]:
+                    self._last[role], self._changed_ns[role] = outputs, now_ns
+
+    def state(self) -> dict[str, Any]:
+        """Return what the bench does at this moment, as plain values: no readback, the simulated truth itself.
+
+        Units are in the names; ``unchanged_s`` is the bench's time since an output of that role last changed, second.
+        """
+        self.look()
+        world = self._world
+        with world.lock:
+            now_ns = world.clock.now_ns()
+            roles = {
+                role: {
+                    "model": type(device).__name__,
+                    **device.outputs(),
+                    "unchanged_s": (now_ns - self._changed_ns[role]) / NS,
+                }
+                for role, device in world.instruments.items()
+            }
+            return {
+                "time_s": now_ns / NS,
+                "instruments": roles,
+                "loop_current_A": world.wiring.loop_current_A,
+                "chamber_air_degC": float(world.thermal.air_degC(now_ns)),
+                "unit": {
+                    "powered": world.supplied_V > 0.0,
+                    "temperature_degC": float(world.thermal.unit_degC(now_ns)),
+                    "inputs_A": {str(channel): value for channel, value in world.wiring.channel_inputs_A().items()},
+                },
+                "faults": world.switches.on,
+            }
 
 
 class ServedBench:
@@ -89,7 +185,7 @@ class ServedBench:
         """
         if list(words) == ["state"]:
             links = {name: {"sent": link.sent_bytes, "lost": link.lost_bytes} for name, link in self.links.items()}
-            return {"state": {**bench_state(self._world, self._watch), "link_bytes": links}}
+            return {"state": {**self._watch.state(), "link_bytes": links}}
         if len(words) == OPERATE_WORDS and words[0] == OPERATE:
             self._world.operate(words[1], words[2])
         elif list(words) == ["clear"]:
@@ -114,14 +210,14 @@ def fault_listing() -> list[str]:
 
 
 def _listen_again() -> None:
-    """Signals act as before; those that came while the bench was ending are done with."""
+    """Let signals act as before; those that came while the bench was ending are done with."""
     while signal.sigtimedwait(STOPPING, 0) is not None:
         pass
     signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
 
 
 def _locked(folder: Path) -> int:
-    """Descriptor of the folder's lock file, which is locked and holds our process id."""
+    """Return the descriptor of the folder's lock file, which is locked and holds our process id."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)

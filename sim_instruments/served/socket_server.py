@@ -134,7 +134,7 @@ class SocketServer:
             sock, _ = listener.accept()
         except OSError:  # the caller is gone again, or the server is being closed
             return
-        self._connections = {one: thread for one, thread in self._connections.items() if thread.is_alive()}
+        self._connections = {client: thread for client, thread in self._connections.items() if thread.is_alive()}
         if len(self._connections) >= MOST_CONNECTIONS:
             sock.close()
             return

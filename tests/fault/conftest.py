@@ -1,4 +1,4 @@
-"""A simulated bench served by a process of its own, once for all tests of this folder."""
+"""A simulated bench served by a process of its own, once for the tests of a file: idle it costs too."""
 
 from __future__ import annotations
 
@@ -8,10 +8,8 @@ from pathlib import Path
 import pytest
 from served import Served
 
-TESTS = Path(__file__).resolve().parents[1]
 
-
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def bench_in_real_time(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     served = Served(tmp_path_factory.mktemp("served"))
     try:

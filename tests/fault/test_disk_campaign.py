@@ -21,7 +21,7 @@ from bench.record import writer as writer_module
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import Conducted, conduct
 from bench.session.service import read_view
-from sim_instruments.served.state import OutputWatch, bench_state
+from sim_instruments.served.process import OutputWatch
 from sim_instruments.worlds import simulation
 from sim_instruments.worlds.common.world import World
 
@@ -53,7 +53,7 @@ def conducted(
 
 
 def on(world: World) -> list[str]:
-    state = bench_state(world, OutputWatch(world))["instruments"]
+    state = OutputWatch(world).state()["instruments"]
     return [role for role, one in state.items() if one.get("operating") or one.get("on") or one.get("closed")]
 
 

@@ -5,18 +5,22 @@ Several benches at once, each a process with instruments of its own; every run a
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from queue import SimpleQueue
+from typing import Any
 
 import numpy as np
 import pytest
 from kill_drill import (
     RUN_S,
+    SEQUENCE,
     Act,
     Drilled,
+    compared_of,
     drill,
     held_and_killed,
     killed,
@@ -25,6 +29,7 @@ from kill_drill import (
     stopped,
     without_guard,
 )
+from rehearsal import Inside
 from served import SAFE_S, Served
 
 pytestmark = pytest.mark.waits
@@ -34,33 +39,23 @@ BENCHES = 3
 KILLS = 100
 STOPS = 20
 OTHERS = 6  # of each other kind
+Job = tuple[Any, ...]  # instants, then what is done at each
 UNDISTURBED = 3  # runs of each bench
 MOST_E_N = 2.2  # 4.3 standard deviations of a difference: one in 60,000 honest results
 MOST_FLAGGED = 0.1  # runs with a record that the machine gave no time to; on an idle one there is none
 MOST_ABOVE_1 = 0.08  # honest 95 % intervals: 0.05
 
 
-def benches(folder: Path, count: int) -> list[Served]:
-    return [Served(folder / f"bench{number}", "--seed", str(SEED)) for number in range(count)]
-
-
 @pytest.fixture
-def pool(tmp_path: Path) -> Iterator[list[Served]]:
-    found = benches(tmp_path, BENCHES)
+def pool(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[list[Served]]:
+    count = getattr(request, "param", BENCHES)
+    found = [Served(tmp_path / f"bench{number}", "--seed", str(SEED)) for number in range(count)]
     yield found
     for served in found:
         served.close()
 
 
-@pytest.fixture
-def pair(tmp_path: Path) -> Iterator[list[Served]]:
-    found = benches(tmp_path, 2)
-    yield found
-    for served in found:
-        served.close()
-
-
-def all_of(pool: list[Served], out: Path, jobs: Sequence[tuple[Sequence[float], Act]]) -> list[Drilled]:
+def all_of(pool: list[Served], out: Path, jobs: Sequence[Job]) -> list[Drilled]:
     """Every job (instants, what is done then) on the next bench that is free, in the order of the jobs."""
     free: SimpleQueue[Served] = SimpleQueue()
     for served in pool:
@@ -69,7 +64,8 @@ def all_of(pool: list[Served], out: Path, jobs: Sequence[tuple[Sequence[float], 
     def one(number: int) -> Drilled:
         served = free.get()
         try:
-            done = drill(served, out / f"run{number}", *jobs[number])
+            instants_s, *acts = jobs[number]
+            done = drill(served, out / f"run{number}", instants_s, *acts)
         finally:
             free.put(served)
         print(f"{number}: {[(one.phase, round(one.safe_s, 2)) for one in done.kills]} {done.trouble}", flush=True)
@@ -109,15 +105,30 @@ def troubles(done: Sequence[Drilled]) -> list[str]:
 
 
 @pytest.mark.slow
-def test_two_kills_and_a_stop(pair: list[Served], tmp_path: Path) -> None:
-    """One is killed inside the points and again on its way back into them, one is stopped."""
-    done = all_of(pair, tmp_path / "out", [((18.0, 5.0), killed_among_records), ((12.0,), stopped)])
+@pytest.mark.parametrize("pool", [1], indirect=True)
+def test_a_kill_and_a_stop(pool: list[Served], tmp_path: Path, inside: Inside) -> None:
+    """A run is killed inside the points and stopped on its way back into them; one of virtual time is undisturbed."""
+    done = all_of(pool, tmp_path / "out", [((18.0, 5.0), killed_among_records, stopped)])
     print(told(done))
     assert troubles(done) == []
-    assert max(one.worst_s for one in done) <= SAFE_S
+    assert done[0].worst_s <= SAFE_S
+    assert len(done[0].kills) == 2
     assert done[0].acknowledged > 0
-    if all(one.estimates for one in done):  # a machine without time leaves gaps in the streams, which are flagged
-        assert max(held_against(done[:1], done[1:])) <= MOST_E_N
+    if done[0].estimates:  # a machine without time leaves gaps in the streams, which are flagged
+        words = (
+            "--station",
+            "af_rack_sim",
+            "--clock",
+            "virtual",
+            "--seed",
+            str(SEED),
+            "--out",
+            str(tmp_path / "virtual"),
+        )
+        assert inside("run", SEQUENCE, *words).returncode == 0
+        (results,) = (tmp_path / "virtual").glob("*/results.json")
+        reference = Drilled(estimates=compared_of(json.loads(results.read_text())))
+        assert max(held_against([reference], done)) <= MOST_E_N
 
 
 @pytest.mark.sweep
@@ -125,7 +136,7 @@ def test_a_hundred_kills(pool: list[Served], tmp_path: Path) -> None:
     """Instants over the whole run; each third time the resumption is killed as well, now and then twice."""
     print(f"seed {SEED}")
     rng = np.random.default_rng(SEED)
-    jobs: list[tuple[Sequence[float], Act]] = [((), killed)] * UNDISTURBED
+    jobs: list[Job] = [((), killed)] * UNDISTURBED
     left = KILLS
     while left > 0:
         first = (left - rng.random()) / KILLS * RUN_S

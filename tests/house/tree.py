@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import functools
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,25 +16,49 @@ TEXT_SUFFIXES = {".py", ".yaml", ".md", ".toml", ".txt", ".in", ".j2", ".css", "
 _SKIP = {"__pycache__", "build", "dist", "sessions"}
 
 
+@functools.cache
 def python_files(*folders: str) -> list[Path]:
-    """All Python files below some top-level folders, sorted; the one-line backend module with the product."""
+    """Return all Python files below some top-level folders, sorted; the one-line backend module with the product."""
     found = [path for folder in folders for path in sorted((TOP / folder).rglob("*.py"))]
     return found + ([TOP / "pyvisa_bench.py"] if "bench" in folders else [])
 
 
+def files_that_say(pattern: str, *folders: str) -> list[Path]:
+    """Return the Python files whose text matches somewhere: only these need to be parsed for what is looked for."""
+    search = re.compile(pattern, re.IGNORECASE).search
+    return [path for path in python_files(*folders) if search(text_of(path))]
+
+
+@functools.cache
+def text_of(path: Path) -> str:
+    """Return the text of a file."""
+    return path.read_text(encoding="utf-8")
+
+
 @functools.cache
 def tree_of(path: Path) -> ast.Module:
-    """The syntax tree of a file."""
-    return ast.parse(path.read_text(encoding="utf-8"), str(path))
+    """Return the syntax tree of a file."""
+    return ast.parse(text_of(path), str(path))
+
+
+@functools.cache
+def nodes_of(path: Path) -> list[ast.AST]:
+    """Return all nodes of the syntax tree of a file."""
+    return list(ast.walk(tree_of(path)))
 
 
 def name_of(path: Path) -> str:
-    """A path as a test name: relative to the top."""
+    """Return a path as a test name: relative to the top."""
     return path.relative_to(TOP).as_posix()
 
 
+def module_of(path: Path) -> str:
+    """Return the dotted name of a file of the product."""
+    return ".".join(path.relative_to(TOP).with_suffix("").parts).removesuffix(".__init__")
+
+
 def docstrings(tree: ast.Module) -> Iterator[ast.Constant]:
-    """The docstring nodes of a module, its classes and functions."""
+    """Yield the docstring nodes of a module, its classes and functions."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and node.body:
             first = node.body[0]
@@ -42,7 +67,7 @@ def docstrings(tree: ast.Module) -> Iterator[ast.Constant]:
 
 
 def imported(tree: ast.Module) -> Iterator[str]:
-    """Full names of everything a module imports, with the members of ``from`` imports."""
+    """Yield full names of everything a module imports, with the members of ``from`` imports."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)

@@ -121,14 +121,14 @@ MUTANTS = [
     ),
     Mutant(
         "gated count of the other polarity added",
-        "bench/systems/af_converter/estimators/record_rate/gated.py",
+        "bench/systems/af_converter/estimators/record_rate/estimate.py",
         "np.asarray(converters.k_n_C) * n - np.asarray(converters.k_p_C) * p",
         "np.asarray(converters.k_n_C) * n + np.asarray(converters.k_p_C) * p",
         ["tests/unit/systems/af_converter/test_record_rate.py::test_each_polarity_has_its_own_charge"],
     ),
     Mutant(
         "weights of the slope one frame off",
-        "bench/systems/af_converter/estimators/record_rate/omega.py",
+        "bench/systems/af_converter/estimators/record_rate/estimate.py",
         "(n + 1) * pulses.moment1 - pulses.moment2",
         "n * pulses.moment1 - pulses.moment2",
         [
@@ -365,8 +365,8 @@ MUTANTS = [
     Mutant(
         "record with losses taken as it is",
         "bench/run/steps/recording.py",
-        "if lost <= max_lost or attempt == attempts - 1:",
-        "if lost >= max_lost or attempt == attempts - 1:",
+        "if lost / due <= step.max_lost or attempt == attempts - 1:",
+        "if lost / due >= step.max_lost or attempt == attempts - 1:",
         ["tests/unit/run/steps/test_recording.py::test_lost_frames_take_the_record_again"],
     ),
     Mutant(

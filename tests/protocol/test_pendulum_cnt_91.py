@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 from known_drivers import IDENTIFY, NO_ERROR, after
-from scripted import BUS_ERROR, CLEAR, TIMEOUT, ScriptedResource, make, scripted
+from scripted import BUS_ERROR, CLEAR, TIMEOUT, ScriptedResource, make, refused, scripted
 
-from bench.model.errors import InputError, InstrumentError
+from bench.model.errors import InputError
 
 NAME = "pendulum_cnt_91"
 START = IDENTIFY[NAME]
@@ -97,21 +97,18 @@ def test_threshold_goes_to_both_inputs() -> None:
 
 
 def test_a_clock_between_the_divisors_is_refused_before_anything_is_sent() -> None:
-    with scripted(NAME, []) as driver, pytest.raises(InstrumentError, match="10, 20, 50, 100 MHz") as caught:
+    with scripted(NAME, []) as driver, refused("B-INST-008", "10, 20, 50, 100 MHz"):
         driver.configure(30e6)
-    assert caught.value.code == "B-INST-008"
 
 
 def test_a_counter_that_knows_no_stream_is_refused() -> None:
     errors = [(b"SYST:ERR?\n", b'-113,"Undefined header"\n'), NO_ERROR]
     script = [*configuring()[:-1], *errors]
     with scripted(NAME, script) as driver:
-        with pytest.raises(InstrumentError, match="-113 Undefined header") as caught:
+        with refused("B-INST-005", "-113 Undefined header"):
             driver.configure(100e6)
-        assert caught.value.code == "B-INST-005"
-        with pytest.raises(InstrumentError, match="configure it first") as caught:
+        with refused("B-INST-010", "configure it first"):
             driver.start()
-        assert caught.value.code == "B-INST-010"
 
 
 @pytest.mark.parametrize("wrong", range(5))
@@ -119,28 +116,24 @@ def test_a_setting_that_reads_back_different(wrong: int) -> None:
     replies = [b"50000000\n", b"AC\n", b"+1.0E-02\n", b"AC\n", b"-1.0E-02\n"]
     found = read_back(b"100000000")[: wrong + 1]
     found[-1] = (found[-1][0], replies[wrong])
-    with scripted(NAME, [*configuring(), *found]) as driver, pytest.raises(InstrumentError) as caught:
+    with scripted(NAME, [*configuring(), *found]) as driver, refused("B-INST-011"):
         driver.configure(100e6)
-    assert caught.value.code == "B-INST-011"
 
 
 def test_a_start_that_does_not_measure() -> None:
     script = [*STARTED[:-1], IDLE]
     with scripted(NAME, script) as driver:
         driver.configure(100e6)
-        with pytest.raises(InstrumentError, match="does not measure") as caught:
+        with refused("B-INST-011", "does not measure"):
             driver.start()
-    assert caught.value.code == "B-INST-011"
 
 
 def test_a_stop_and_a_safe_state_that_do_not_end_it() -> None:
     with scripted(NAME, [*START, *after(b"ABOR\n"), RUNNING, *after(b"ABOR\n"), RUNNING]) as driver:
-        with pytest.raises(InstrumentError, match="still measures") as caught:
+        with refused("B-INST-011", "still measures"):
             driver.stop()
-        assert caught.value.code == "B-INST-011"
-        with pytest.raises(InstrumentError, match="still measures") as caught:
+        with refused("B-INST-009", "still measures"):
             driver.make_safe()
-        assert caught.value.code == "B-INST-009"
 
 
 def test_a_second_start_keeps_what_was_not_read() -> None:
@@ -188,9 +181,8 @@ def test_what_came_before_a_time_out_is_handed_on(came: int) -> None:
     """The header has 4 bytes."""
     driver = started([(ASK, [block(BLOCK)[:came], TIMEOUT]), (CLEAR, None), (ASK, block(BLOCK))])
     if came == 4:
-        with pytest.raises(InstrumentError, match="no answer to 'STR:DATA") as caught:
+        with refused("B-INST-001", "no answer to 'STR:DATA"):
             driver.read_stream(1_000_000)
-        assert caught.value.code == "B-INST-001"
     else:
         assert driver.read_stream(1_000_000) == BLOCK[: came - 4]
         assert driver.test_log.lines[-1][2] == f"<{came - 4} of 44 bytes>"
@@ -211,9 +203,8 @@ def test_an_error_behind_the_first_batch_does_not_cost_the_first() -> None:
     driver = started([(ASK, block(full)), (b"STR:DATA? 159716\n", TIMEOUT), (CLEAR, None), (ASK, TIMEOUT)])
     assert driver.read_stream(400_000) == full
     assert driver.read_stream(400_000) == b""
-    with pytest.raises(InstrumentError) as caught:
+    with refused("B-INST-001"):
         driver.read_stream(1_000_000)
-    assert caught.value.code == "B-INST-001"
 
 
 @pytest.mark.parametrize(
@@ -227,16 +218,14 @@ def test_an_error_behind_the_first_batch_does_not_cost_the_first() -> None:
 )
 def test_what_is_no_block_is_not_understood(reply: bytes, why: str) -> None:
     driver = started([(ASK, reply)])
-    with pytest.raises(InstrumentError, match=why) as caught:
+    with refused("B-INST-004", why):
         driver.read_stream(1_000_000)
-    assert caught.value.code == "B-INST-004"
 
 
 def test_a_broken_bus_is_told_and_not_waited_for() -> None:
     driver = started([(ASK, BUS_ERROR)])
-    with pytest.raises(InstrumentError) as caught:
+    with refused("B-INST-003"):
         driver.read_stream(1_000_000)
-    assert caught.value.code == "B-INST-003"
     assert driver.test_clock.now_ns() == 0
 
 
@@ -272,26 +261,23 @@ def test_after_a_reopening_the_stream_must_still_run() -> None:
     new = ScriptedResource([(CLEAR, None), *START, *read_back(b"10000000")[:1]])
     question = (b"STR:LOST?\n", BUS_ERROR)
     driver = started([question], rungs={"reopen": lambda: new})
-    with pytest.raises(InstrumentError, match=r"STR:CLOC\?' reads back") as caught:
+    with refused("B-INST-011", r"STR:CLOC\?' reads back"):
         driver.events_lost()
-    assert caught.value.code == "B-INST-011"
     assert new.events == []
 
 
 def test_after_a_reopening_a_stream_that_stands_still_is_told() -> None:
     new = ScriptedResource([(CLEAR, None), *START, *read_back(b"100000000"), IDLE])
     driver = started([(b"STR:LOST?\n", BUS_ERROR)], rungs={"reopen": lambda: new})
-    with pytest.raises(InstrumentError, match="does not measure") as caught:
+    with refused("B-INST-011", "does not measure"):
         driver.events_lost()
-    assert caught.value.code == "B-INST-011"
 
 
 def test_another_tagger_after_a_reopening_is_not_read() -> None:
     new = ScriptedResource([(CLEAR, None), (b"*IDN?\n", b"PENDULUM, CNT-91, 7654321, V1.01 28 Jun 2004\n")])
     driver = started([(b"STR:LOST?\n", BUS_ERROR)], rungs={"reopen": lambda: new})
-    with pytest.raises(InstrumentError) as caught:
+    with refused("B-INST-016"):
         driver.events_lost()
-    assert caught.value.code == "B-INST-016"
     assert driver.read_stream(1_000_000) == b""
     assert driver.configured is None
 
@@ -300,9 +286,8 @@ def test_a_mute_tagger_is_told_to_stop_all_the_same() -> None:
     script = [*START, (b"ABOR\n", None), (b"SYST:ERR?\n", TIMEOUT), (b"ABOR\n", None)]
     with scripted(NAME, script) as driver:
         driver.identify()
-        with driver.quick(0.5), pytest.raises(InstrumentError) as caught:
+        with driver.quick(0.5), refused("B-INST-001"):
             driver.make_safe()
-    assert caught.value.code == "B-INST-001"
 
 
 @pytest.mark.parametrize("value", [1001.0, "1", True, float("nan")])

@@ -10,14 +10,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from soak_campaign import soak_one, soak_plan, watchers
+from soak_campaign import MEAN_INTERVAL_S, soak_one, soak_plan, watchers
 
 from bench.analysis import Table
 from bench.run import sequencer
 
 SEEDS = 10_000
 BLOCK = 250
-SHORT = 24
+SHORT = 15
+SHORT_INTERVAL_S = 50.0  # between faults: so short that as many faults are drawn as in 24 campaigns of the sweep
 
 
 @pytest.fixture(autouse=True)
@@ -29,10 +30,10 @@ def _no_trials() -> Iterator[None]:
         yield
 
 
-def violations(folder: Path, seeds: range) -> dict[int, list[str]]:
+def violations(folder: Path, seeds: range, mean_interval_s: float = MEAN_INTERVAL_S) -> dict[int, list[str]]:
     plan, ended, found, estimates = soak_plan(folder), Counter[str](), {}, 0
     for seed in seeds:
-        soaked = soak_one(plan, seed, folder / str(seed), watchers(plan))
+        soaked = soak_one(plan, seed, folder / str(seed), watchers(plan), mean_interval_s)
         ended[soaked.ended] += 1
         estimates += soaked.estimates
         if soaked.violations:
@@ -43,7 +44,7 @@ def violations(folder: Path, seeds: range) -> dict[int, list[str]]:
 
 @pytest.mark.slow
 def test_mixed_faults_short(tmp_path: Path) -> None:
-    assert violations(tmp_path, range(SHORT)) == {}
+    assert violations(tmp_path, range(SHORT), SHORT_INTERVAL_S) == {}
 
 
 @pytest.mark.sweep

@@ -168,13 +168,18 @@ def killed(process: Process, out: Path) -> float:
     return process.signal(signal.SIGKILL)
 
 
+def _records_in(folder: Path | None) -> int:
+    """Records that are in a session, without a look at what they hold."""
+    try:
+        return 0 if folder is None else sum(1 for _ in SessionReader(folder).events("record"))
+    except BenchError:
+        return 0
+
+
 def killed_among_records(process: Process, out: Path) -> float:
     """As soon as some records are acknowledged, however slow the machine is."""
     end_s = time.monotonic() + LONGEST_S
-    while time.monotonic() < end_s:
-        folder = session_in(out)
-        if folder is not None and len(acknowledged(folder)) >= SOME_RECORDS:
-            break
+    while time.monotonic() < end_s and _records_in(session_in(out)) < SOME_RECORDS:
         time.sleep(1.0)
     return process.signal(signal.SIGKILL)
 
@@ -207,8 +212,10 @@ def without_guard(process: Process, out: Path) -> float:
 Act = Callable[[Process, Path], float]
 
 
-def drill(served: Served, out: Path, instants_s: Sequence[float], act: Act = killed) -> Drilled:
+def drill(served: Served, out: Path, instants_s: Sequence[float], *acts: Act) -> Drilled:
     """Start a run, kill it at each instant in turn (the first in the run, the others in what goes on), let it end.
+
+    ``acts``: what is done at each instant, the last one at all that follow.
 
     Raises nothing for what is wrong with the bench: that is in ``trouble``.
     """
@@ -225,6 +232,7 @@ def drill(served: Served, out: Path, instants_s: Sequence[float], act: Act = kil
         try:
             status = process.ended_by(due[0] if due else LONGEST_S)
             if status is None and due:
+                act = acts[min(len(done.kills), len(acts) - 1)]
                 _killed(done, served, process, out, due.pop(0), act, again=folder is not None)
                 continue
         finally:
@@ -299,10 +307,20 @@ def _judge(done: Drilled, out: Path, status: int | None, said: str) -> None:
         except BenchError as error:
             done.trouble.append(f"replay: {error}")
     done.trouble += [f"{name} is left" for name in ("session.open", "journal.jsonl") if (folder / name).exists()]
-    for one in results["estimates"] if not done.flagged else ():
-        if one["quantity"] in COMPARED:
-            name = f"{one['quantity']} at {one['conditions']['temperature_degC']:g} degC"
-            done.estimates[name] = (one["value"], one["expanded_uncertainty"])
+    if not done.flagged:
+        done.estimates = compared_of(results)
+
+
+def compared_of(results: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """Value and expanded uncertainty of what is compared between runs."""
+    return {
+        f"{one['quantity']} at {one['conditions']['temperature_degC']:g} degC": (
+            one["value"],
+            one["expanded_uncertainty"],
+        )
+        for one in results["estimates"]
+        if one["quantity"] in COMPARED
+    }
 
 
 def _nothing_lost(done: Drilled, out: Path, folder: Path, rows: Mapping[str, Any]) -> None:

@@ -27,7 +27,7 @@ from bench.run.control.operator import SimulatedOperator
 from bench.run.guard.guarding import guard_beside
 from bench.run.session import Conducted, conduct
 from bench.session.view import KEPT_EVENTS, analyse_view
-from sim_instruments.served.state import OutputWatch, bench_state
+from sim_instruments.served.process import OutputWatch
 from sim_instruments.worlds import simulation
 from sim_instruments.worlds.common.world import World
 
@@ -96,12 +96,12 @@ def soak_one(
     faults = random_schedule(
         seed, DURATION_S, list(plan.station.instruments), list(plan.station.links), mean_interval_s
     )
-    worlds: list[tuple[World, OutputWatch]] = []
+    watches: list[OutputWatch] = []
     plain = simulation.open_world
 
     def open_world(*words: Any, **options: Any) -> World:
         world = plain(*words, **options)
-        worlds.append((world, OutputWatch(world)))
+        watches.append(OutputWatch(world))
         schedule(world, faults)
         return world
 
@@ -115,7 +115,7 @@ def soak_one(
         except Exception as error:  # before a session exists: still the bench must be safe
             soaked.ended = f"refused: {getattr(error, 'code', type(error).__name__)}"
             done = None
-    soaked.violations += _unsafe(bench_state(*worlds[-1]), done, plan.station.guard_limits_degC["chamber_air_degC"])
+    soaked.violations += _unsafe(watches[-1].state(), done, plan.station.guard_limits_degC["chamber_air_degC"])
     if done is not None:
         soaked.ended = "done" if done.outcome.error is None else done.outcome.error.code
         if soaked.ended.startswith("B-INT"):

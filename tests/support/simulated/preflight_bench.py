@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import date, timedelta
+from datetime import date
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -118,7 +118,3 @@ def context(out: Path, *, plan: Plan | None = None, clock: Clock | None = None, 
         plan=plan or served_plan(), clock=clock or clock_at_noon(), out=out, instruments={}, links={}, host=Machine()
     )
     return replace(made, **changes)
-
-
-def days_from_now(days: int) -> date:
-    return TODAY + timedelta(days=days)

@@ -12,6 +12,7 @@ from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
 
 from bench.model.clock import VirtualClock
+from bench.model.errors import InstrumentError
 
 TIMEOUT = object()  # instead of a reply: the read times out
 BUS_ERROR = object()  # instead of a reply: the bus reports an error
@@ -187,3 +188,11 @@ def scripted(name: str, pairs: Sequence[tuple[Any, Any]], **options: Any) -> Ite
     yield driver
     left = driver.test_resource.events
     assert not left, f"never happened: {left!r}"
+
+
+@contextmanager
+def refused(code: str, match: str | None = None) -> Iterator[pytest.ExceptionInfo[InstrumentError]]:
+    """Expect an InstrumentError with exactly this code, and with what ``match`` finds in its text."""
+    with pytest.raises(InstrumentError, match=match) as caught:
+        yield caught
+    assert caught.value.code == code

@@ -14,7 +14,7 @@ import pyvisa
 from sim_bench import RecordingUnit, station
 
 from bench.model.clock import Clock, WallClock
-from sim_instruments.served.instrument_servers import InstrumentServers
+from sim_instruments.served.process import InstrumentServers
 from sim_instruments.worlds.simulation import open_world
 
 LIMIT_S = 10.0  # far more than anything here takes; a test that fails ends all the same

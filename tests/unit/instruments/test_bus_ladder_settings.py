@@ -1,14 +1,15 @@
-"""Safe states that are options, and settings that somebody else has changed, on the simulated bench."""
+"""Safe states that are options, settings that somebody else has changed, remarks of PyVISA; on the simulated bench."""
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 from bus_bench import Bench
-
-from bench.model.errors import InstrumentError
+from scripted import refused
 
 
 @pytest.fixture
@@ -117,9 +118,8 @@ def test_nothing_is_switched_on_that_somebody_else_has_changed(bench: Bench, nam
     other.write_termination = "\n"
     other.write(changed)
     bench.lines.clear()
-    with pytest.raises(InstrumentError, match="reads back") as caught:
+    with refused("B-INST-011", "reads back"):
         switch_on()
-    assert caught.value.code == "B-INST-011"
     assert not {"OPER", "OUTP ON"} & set(bench.sent())
 
 
@@ -135,9 +135,8 @@ def test_a_relay_closed_by_somebody_else_is_found_when_the_session_is_opened_aga
     other.write_termination = "\n"
     other.write(":CLOS (@1!2!4)")
     switch.bus.release()
-    with pytest.raises(InstrumentError, match="1!2!4") as caught:
+    with refused("B-INST-015", "1!2!4"):
         switch.closed()
-    assert caught.value.code == "B-INST-015"
 
 
 def test_a_meter_that_was_switched_off_meanwhile_does_not_go_on_measuring(bench: Bench) -> None:
@@ -146,6 +145,21 @@ def test_a_meter_that_was_switched_off_meanwhile_does_not_go_on_measuring(bench:
     meter.configure_current(0.1)
     bench.world.instruments["hp_3458a"]._power_on()
     meter.bus.release()
-    with pytest.raises(InstrumentError, match="RANGE") as caught:
+    with refused("B-INST-011", "RANGE"):
         meter.ask("RANGE?", float)
-    assert caught.value.code == "B-INST-011"
+
+
+# --- remarks of the VISA library ---------------------------------------------------------------------------------
+
+REMARK = """
+import warnings, instruments.wire
+for module in ("instruments.wire", "instruments.bus", "somewhere.else"):
+    text = "read string doesn't end with termination characters"
+    warnings.warn_explicit(text, UserWarning, module + ".py", 1, module=module)
+"""
+
+
+def test_a_reply_without_a_line_feed_is_no_warning_of_the_program() -> None:
+    done = subprocess.run([sys.executable, "-c", REMARK], capture_output=True, text=True, check=True)
+    assert done.stderr.count("UserWarning") == 1
+    assert "somewhere.else" in done.stderr

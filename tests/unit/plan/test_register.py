@@ -8,7 +8,7 @@ import pytest
 from plan_sample import FLAT, changed, make_bench, mistakes
 
 from bench.plan.check.stations import canonical_address
-from sim_instruments.bus.ranges import CURRENT_RANGES
+from sim_instruments.fluke_5720a import CURRENT_RANGES
 
 MISTAKES = [
     ("- {range: 22 mA, gain", "- {range: 23 mA, gain", ["B-PLAN-064", "B-PLAN-065"]),

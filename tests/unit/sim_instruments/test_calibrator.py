@@ -28,12 +28,11 @@ def on_channel_one(bench: Bench, current: str) -> None:
     bench.clock.sleep(10.0)
 
 
-def test_power_on_state_is_standby_without_faults() -> None:
-    with open_bench() as bench:
-        assert status(bench) == STANDBY
-        assert faults(bench) == []
-        assert bench.ask("calibrator", "OUT?") == "0.0000000E+00,V,0.00E+00"
-        assert bench.ask("calibrator", "RANGELCK?") == "OFF"
+def test_power_on_state_is_standby_without_faults(bench: Bench) -> None:
+    assert status(bench) == STANDBY
+    assert faults(bench) == []
+    assert bench.ask("calibrator", "OUT?") == "0.0000000E+00,V,0.00E+00"
+    assert bench.ask("calibrator", "RANGELCK?") == "OFF"
 
 
 @pytest.mark.parametrize(
@@ -56,66 +55,60 @@ def test_multipliers_ma_is_milli_only_for_amperes(text: str, value: tuple[float,
     assert parse_value(text)[1] == value[1]
 
 
-def test_settled_bit_comes_after_the_settling_time() -> None:
-    with open_bench() as bench:
-        bench.send("switch", ":CLOS (@1!1!1)")
-        bench.send("calibrator", "OUT 1.0E-03 A, 0 HZ", "OPER")
-        assert status(bench) == 1
-        bench.clock.sleep(2.98)
-        assert status(bench) == 1
-        bench.clock.sleep(0.02)
-        assert status(bench) == OPERATING
+def test_settled_bit_comes_after_the_settling_time(bench: Bench) -> None:
+    bench.send("switch", ":CLOS (@1!1!1)")
+    bench.send("calibrator", "OUT 1.0E-03 A, 0 HZ", "OPER")
+    assert status(bench) == 1
+    bench.clock.sleep(2.98)
+    assert status(bench) == 1
+    bench.clock.sleep(0.02)
+    assert status(bench) == OPERATING
 
 
-def test_range_change_while_operating_settles_longer() -> None:
-    with open_bench() as bench:
-        on_channel_one(bench, "1.0E-03")
-        bench.send("calibrator", "OUT 2.0E-03 A, 0 HZ")
-        bench.clock.sleep(3.1)
-        assert status(bench) == OPERATING
-        bench.send("calibrator", "OUT 1.0E-02 A, 0 HZ")
-        bench.clock.sleep(3.1)
-        assert status(bench) == 1
-        bench.clock.sleep(2.0)
-        assert status(bench) == OPERATING
+def test_range_change_while_operating_settles_longer(bench: Bench) -> None:
+    on_channel_one(bench, "1.0E-03")
+    bench.send("calibrator", "OUT 2.0E-03 A, 0 HZ")
+    bench.clock.sleep(3.1)
+    assert status(bench) == OPERATING
+    bench.send("calibrator", "OUT 1.0E-02 A, 0 HZ")
+    bench.clock.sleep(3.1)
+    assert status(bench) == 1
+    bench.clock.sleep(2.0)
+    assert status(bench) == OPERATING
 
 
-def test_operation_complete_waits_until_settled() -> None:
-    with open_bench() as bench:
-        bench["calibrator"].timeout = 10_000
-        bench.send("switch", ":CLOS (@1!1!1)")
-        before_ns = bench.clock.now_ns()
-        assert bench.ask("calibrator", "OUT 1.0E-03 A, 0 HZ", "OPER", "*OPC?") == "1"
-        assert bench.clock.now_ns() - before_ns == pytest.approx(3e9, abs=2e7)
-        assert status(bench) == OPERATING
+def test_operation_complete_waits_until_settled(bench: Bench) -> None:
+    bench["calibrator"].timeout = 10_000
+    bench.send("switch", ":CLOS (@1!1!1)")
+    before_ns = bench.clock.now_ns()
+    assert bench.ask("calibrator", "OUT 1.0E-03 A, 0 HZ", "OPER", "*OPC?") == "1"
+    assert bench.clock.now_ns() - before_ns == pytest.approx(3e9, abs=2e7)
+    assert status(bench) == OPERATING
 
 
 @pytest.mark.parametrize("lead", ["open circuit", "auxiliary terminals"])
-def test_operating_without_a_path_trips_and_says_so(lead: str) -> None:
-    with open_bench() as bench:
-        if lead == "auxiliary terminals":
-            bench.send("switch", ":CLOS (@1!1!1)")
-            bench.send("calibrator", "CUR_POST AUX")
-        bench.send("calibrator", "OUT 1.0E-02 A, 0 HZ", "OPER")
-        assert status(bench) == STANDBY
-        assert bench["calibrator"].read_stb() & 8
-        assert bench.ask("calibrator", "FAULT?") == "501"
-        assert bench.ask("calibrator", "EXPLAIN? 501") == '"Compliance Voltage Exceeded"'
-        assert not bench["calibrator"].read_stb() & 8
-
-
-def test_voltage_into_the_current_input_trips() -> None:
-    with open_bench() as bench:
+def test_operating_without_a_path_trips_and_says_so(bench: Bench, lead: str) -> None:
+    if lead == "auxiliary terminals":
         bench.send("switch", ":CLOS (@1!1!1)")
-        bench.send("calibrator", "OUT 5 V, 0 HZ", "OPER")
-        assert (status(bench), faults(bench)) == (STANDBY, [503])
+        bench.send("calibrator", "CUR_POST AUX")
+    bench.send("calibrator", "OUT 1.0E-02 A, 0 HZ", "OPER")
+    assert status(bench) == STANDBY
+    assert bench["calibrator"].read_stb() & 8
+    assert bench.ask("calibrator", "FAULT?") == "501"
+    assert bench.ask("calibrator", "EXPLAIN? 501") == '"Compliance Voltage Exceeded"'
+    assert not bench["calibrator"].read_stb() & 8
 
 
-def test_zero_into_an_open_circuit_stays_on() -> None:
-    with open_bench() as bench:
-        bench.send("calibrator", "OUT 0 A, 0 HZ", "OPER")
-        bench.clock.sleep(5.0)
-        assert status(bench) == OPERATING
+def test_voltage_into_the_current_input_trips(bench: Bench) -> None:
+    bench.send("switch", ":CLOS (@1!1!1)")
+    bench.send("calibrator", "OUT 5 V, 0 HZ", "OPER")
+    assert (status(bench), faults(bench)) == (STANDBY, [503])
+
+
+def test_zero_into_an_open_circuit_stays_on(bench: Bench) -> None:
+    bench.send("calibrator", "OUT 0 A, 0 HZ", "OPER")
+    bench.clock.sleep(5.0)
+    assert status(bench) == OPERATING
 
 
 @pytest.mark.parametrize(
@@ -131,76 +124,67 @@ def test_zero_into_an_open_circuit_stays_on() -> None:
         ("LIMIT -1 A, 1 A", 704),
     ],
 )
-def test_what_is_wrong_is_a_fault_and_changes_nothing(command: str, fault: int) -> None:
-    with open_bench() as bench:
-        bench.send("calibrator", "OUT 1.0E-03 A, 0 HZ", command)
-        assert faults(bench) == [fault]
-        assert bench.ask("calibrator", "OUT?") == "1.0000000E-03,A,0.00E+00"
+def test_what_is_wrong_is_a_fault_and_changes_nothing(bench: Bench, command: str, fault: int) -> None:
+    bench.send("calibrator", "OUT 1.0E-03 A, 0 HZ", command)
+    assert faults(bench) == [fault]
+    assert bench.ask("calibrator", "OUT?") == "1.0000000E-03,A,0.00E+00"
 
 
-def test_entry_limit_is_kept() -> None:
-    with open_bench() as bench:
-        bench.send("calibrator", "LIMIT 0.25 A, -0.25 A", "OUT 0.3 A, 0 HZ")
-        assert faults(bench) == [705]
-        bench.send("calibrator", "OUT 0.2 A, 0 HZ")
-        assert faults(bench) == []
-        assert bench.ask("calibrator", "LIMIT?") == "2.500E-01,-2.500E-01"
+def test_entry_limit_is_kept(bench: Bench) -> None:
+    bench.send("calibrator", "LIMIT 0.25 A, -0.25 A", "OUT 0.3 A, 0 HZ")
+    assert faults(bench) == [705]
+    bench.send("calibrator", "OUT 0.2 A, 0 HZ")
+    assert faults(bench) == []
+    assert bench.ask("calibrator", "LIMIT?") == "2.500E-01,-2.500E-01"
 
 
-def test_fault_queue_keeps_fifteen_and_an_overflow_mark() -> None:
-    with open_bench() as bench:
-        bench.send("calibrator", *["NONSENSE"] * 7, *["OUT x A"] * 13)
-        assert faults(bench) == [702] * 7 + [703] * 8 + [601]
+def test_fault_queue_keeps_fifteen_and_an_overflow_mark(bench: Bench) -> None:
+    bench.send("calibrator", *["NONSENSE"] * 7, *["OUT x A"] * 13)
+    assert faults(bench) == [702] * 7 + [703] * 8 + [601]
 
 
-def test_clear_status_destroys_the_evidence() -> None:
-    with open_bench() as bench:
-        bench.send("calibrator", "NONSENSE", "*CLS")
-        assert faults(bench) == []
+def test_clear_status_destroys_the_evidence(bench: Bench) -> None:
+    bench.send("calibrator", "NONSENSE", "*CLS")
+    assert faults(bench) == []
 
 
-def test_high_voltage_is_inhibited_while_a_fault_is_queued() -> None:
-    with open_bench() as bench:
-        bench.send("calibrator", "OUT 22 V, 0 HZ", "NONSENSE", "OPER")
-        assert (status(bench), faults(bench)) == (STANDBY, [702, 708])
-        bench.send("calibrator", "OPER")
-        assert status(bench) == OPERATING
+def test_high_voltage_is_inhibited_while_a_fault_is_queued(bench: Bench) -> None:
+    bench.send("calibrator", "OUT 22 V, 0 HZ", "NONSENSE", "OPER")
+    assert (status(bench), faults(bench)) == (STANDBY, [702, 708])
+    bench.send("calibrator", "OPER")
+    assert status(bench) == OPERATING
 
 
-def test_range_lock_keeps_the_range_down_and_refuses_up() -> None:
-    with open_bench() as bench:
-        calibrator = bench.world.instruments["calibrator"]
-        bench.send("calibrator", "OUT 1.0E-02 A, 0 HZ", "RANGELCK ON", "OUT 0 A, 0 HZ")
-        assert calibrator.range_index == 2
-        bench.send("calibrator", "OUT 1.0E-01 A, 0 HZ")
-        assert faults(bench) == [706]
-        assert calibrator.value == 0.0
-        bench.send("calibrator", "RANGELCK OFF", "OUT 0 A, 0 HZ")
-        assert calibrator.range_index == 0
+def test_range_lock_keeps_the_range_down_and_refuses_up(bench: Bench) -> None:
+    calibrator = bench.world.instruments["calibrator"]
+    bench.send("calibrator", "OUT 1.0E-02 A, 0 HZ", "RANGELCK ON", "OUT 0 A, 0 HZ")
+    assert calibrator.range_index == 2
+    bench.send("calibrator", "OUT 1.0E-01 A, 0 HZ")
+    assert faults(bench) == [706]
+    assert calibrator.value == 0.0
+    bench.send("calibrator", "RANGELCK OFF", "OUT 0 A, 0 HZ")
+    assert calibrator.range_index == 0
 
 
 @pytest.mark.parametrize(
     ("current", "index"),
     [("0", 0), ("2.2E-4", 0), ("2.21E-4", 1), ("2.2E-3", 1), ("2.0E-2", 2), ("0.2", 3), ("0.299", 4), ("-0.2", 3)],
 )
-def test_lowest_range_that_holds(current: str, index: int) -> None:
-    with open_bench() as bench:
-        bench.send("calibrator", f"OUT {current} A, 0 HZ")
-        assert bench.world.instruments["calibrator"].range_index == index
+def test_lowest_range_that_holds(bench: Bench, current: str, index: int) -> None:
+    bench.send("calibrator", f"OUT {current} A, 0 HZ")
+    assert bench.world.instruments["calibrator"].range_index == index
 
 
-def test_setting_has_the_resolution_of_its_range() -> None:
-    with open_bench() as bench:
-        bench.send("calibrator", "OUT 1.00000012345E-03 A, 0 HZ")
-        assert bench.ask("calibrator", "OUT?").split(",")[0] == "1.0000000E-03"
+def test_setting_has_the_resolution_of_its_range(bench: Bench) -> None:
+    bench.send("calibrator", "OUT 1.00000012345E-03 A, 0 HZ")
+    assert bench.ask("calibrator", "OUT?").split(",")[0] == "1.0000000E-03"
 
 
-def test_reset_goes_to_standby() -> None:
-    with open_bench() as bench:
-        on_channel_one(bench, "1.0E-02")
-        bench.send("calibrator", "*RST")
-        assert status(bench) == STANDBY
-        assert bench.unit.inputs[1] == bench.world.wiring.leakage_A[0, 0]
+def test_reset_goes_to_standby(bench: Bench) -> None:
+    on_channel_one(bench, "1.0E-02")
+    bench.send("calibrator", "*RST")
+    assert status(bench) == STANDBY
+    assert bench.unit.inputs[1] == bench.world.wiring.leakage_A[0, 0]
 
 
 def settled_A(bench: Bench, current: str, row: int = 1, channel: int = 1) -> float:

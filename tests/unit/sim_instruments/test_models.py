@@ -18,94 +18,84 @@ def error(bench: Bench, role: str) -> int:
 
 
 @pytest.mark.parametrize("role", SCPI_ROLES)
-def test_error_queue_is_real(role: str) -> None:
-    with open_bench() as bench:
-        assert error(bench, role) == 0
-        bench.send(role, "NONSENSE 1", "*ESE 400")
-        assert [error(bench, role) for _ in range(3)] == [-113, -222, 0]
+def test_error_queue_is_real(bench: Bench, role: str) -> None:
+    assert error(bench, role) == 0
+    bench.send(role, "NONSENSE 1", "*ESE 400")
+    assert [error(bench, role) for _ in range(3)] == [-113, -222, 0]
 
 
 @pytest.mark.parametrize("role", SCPI_ROLES)
-def test_full_error_queue_says_overflow_in_its_last_place(role: str) -> None:
-    with open_bench() as bench:
-        length = bench.world.instruments[role].queue_length
-        bench.send(role, *["NONSENSE"] * (length + 5))
-        numbers = [error(bench, role) for _ in range(length + 1)]
-        assert numbers == [-113] * (length - 1) + [-350, 0]
+def test_full_error_queue_says_overflow_in_its_last_place(bench: Bench, role: str) -> None:
+    length = bench.world.instruments[role].queue_length
+    bench.send(role, *["NONSENSE"] * (length + 5))
+    numbers = [error(bench, role) for _ in range(length + 1)]
+    assert numbers == [-113] * (length - 1) + [-350, 0]
 
 
 @pytest.mark.parametrize(
     "header", ["VOLT", "volt", "VOLTage", ":VOLT", ":SOURce:VOLTage:LEVel", "SOUR:VOLT", "VOLT:LEV"]
 )
-def test_short_long_and_optional_forms_of_a_header(header: str) -> None:
-    with open_bench() as bench:
-        assert bench.ask("supply", f"{header} 5", "VOLT?") == "5.00000E+00"
-        assert error(bench, "supply") == 0
+def test_short_long_and_optional_forms_of_a_header(bench: Bench, header: str) -> None:
+    assert bench.ask("supply", f"{header} 5", "VOLT?") == "5.00000E+00"
+    assert error(bench, "supply") == 0
 
 
 @pytest.mark.parametrize("header", ["VOLTA", "VOL", "VOLT:LEVE", "SOURC:VOLT", "VOLT?:LEV"])
-def test_forms_between_short_and_long_are_unknown(header: str) -> None:
-    with open_bench() as bench:
-        bench.send("supply", f"{header} 5")
-        assert error(bench, "supply") == -113
+def test_forms_between_short_and_long_are_unknown(bench: Bench, header: str) -> None:
+    bench.send("supply", f"{header} 5")
+    assert error(bench, "supply") == -113
 
 
-def test_headers_after_a_semicolon_go_on_from_the_last_node() -> None:
-    with open_bench() as bench:
-        bench.send("counter", "FREQ:GATE:SOUR TIME;TIME 2.5")
-        assert error(bench, "counter") == 0
-        assert float(bench.ask("counter", "FREQ:GATE:TIME?")) == 2.5
-        bench.send("supply", "VOLT:PROT 21;*ESE 4;:VOLT 9")
-        assert error(bench, "supply") == 0
-        assert bench.ask("supply", "VOLT:PROT?;:VOLT?;*ESE?") == "2.10000E+01;9.00000E+00;4"
+def test_headers_after_a_semicolon_go_on_from_the_last_node(bench: Bench) -> None:
+    bench.send("counter", "FREQ:GATE:SOUR TIME;TIME 2.5")
+    assert error(bench, "counter") == 0
+    assert float(bench.ask("counter", "FREQ:GATE:TIME?")) == 2.5
+    bench.send("supply", "VOLT:PROT 21;*ESE 4;:VOLT 9")
+    assert error(bench, "supply") == 0
+    assert bench.ask("supply", "VOLT:PROT?;:VOLT?;*ESE?") == "2.10000E+01;9.00000E+00;4"
 
 
 @pytest.mark.parametrize(("parameter", "number"), [("", -109), ("five", -104), ("nan", -222), ("1e9", -222)])
-def test_bad_numbers_are_refused_and_leave_the_setting(parameter: str, number: int) -> None:
-    with open_bench() as bench:
-        bench.send("supply", "VOLT 5", f"VOLT {parameter}")
-        assert error(bench, "supply") == number
-        assert bench.ask("supply", "VOLT?") == "5.00000E+00"
+def test_bad_numbers_are_refused_and_leave_the_setting(bench: Bench, parameter: str, number: int) -> None:
+    bench.send("supply", "VOLT 5", f"VOLT {parameter}")
+    assert error(bench, "supply") == number
+    assert bench.ask("supply", "VOLT?") == "5.00000E+00"
 
 
-def test_event_status_register_collects_and_clears() -> None:
-    with open_bench() as bench:
-        assert bench.ask("supply", "*ESR?") == "128"
-        bench.send("supply", "NONSENSE", "VOLT 1e9", "*OPC")
-        assert bench.ask("supply", "*ESR?") == str(32 | 16 | 1)
-        assert bench.ask("supply", "*ESR?") == "0"
+def test_event_status_register_collects_and_clears(bench: Bench) -> None:
+    assert bench.ask("supply", "*ESR?") == "128"
+    bench.send("supply", "NONSENSE", "VOLT 1e9", "*OPC")
+    assert bench.ask("supply", "*ESR?") == str(32 | 16 | 1)
+    assert bench.ask("supply", "*ESR?") == "0"
 
 
 # --- switch ----------------------------------------------------------------------------------------------------------
 
 
-def test_closing_adds_and_nothing_opens_the_other_route() -> None:
-    with open_bench() as bench:
-        bench.send("switch", ":CLOS (@1!1!3)", ":CLOS (@1!2!3)", ":CLOS (@1!1!10)")
-        assert bench.ask("switch", ":CLOS:STAT?") == "(@1!1!3,1!1!10,1!2!3)"
-        bench.send("switch", ":OPEN (@1!1!3)")
-        assert bench.ask("switch", ":ROUT:CLOS:STAT?") == "(@1!1!10,1!2!3)"
-        bench.send("switch", ":OPEN ALL")
-        assert bench.ask("switch", ":CLOS:STAT?") == "(@)"
+def test_closing_adds_and_nothing_opens_the_other_route(bench: Bench) -> None:
+    bench.send("switch", ":CLOS (@1!1!3)", ":CLOS (@1!2!3)", ":CLOS (@1!1!10)")
+    assert bench.ask("switch", ":CLOS:STAT?") == "(@1!1!3,1!1!10,1!2!3)"
+    bench.send("switch", ":OPEN (@1!1!3)")
+    assert bench.ask("switch", ":ROUT:CLOS:STAT?") == "(@1!1!10,1!2!3)"
+    bench.send("switch", ":OPEN ALL")
+    assert bench.ask("switch", ":CLOS:STAT?") == "(@)"
 
 
-def test_lists_ranges_and_questions_about_crosspoints() -> None:
-    with open_bench() as bench:
-        bench.send("switch", ":CLOS (@1!1!9:1!2!1, 1!4!4)")
-        assert bench.ask("switch", ":CLOS:STAT?") == "(@1!1!9,1!1!10,1!2!1,1!4!4)"
-        assert bench.ask("switch", ":CLOS? (@1!1!1,1!1!9)") == "0,1"
-        assert bench.ask("switch", ":OPEN? (@1!1!1,1!1!9)") == "1,0"
+def test_lists_ranges_and_questions_about_crosspoints(bench: Bench) -> None:
+    bench.send("switch", ":CLOS (@1!1!9:1!2!1, 1!4!4)")
+    assert bench.ask("switch", ":CLOS:STAT?") == "(@1!1!9,1!1!10,1!2!1,1!4!4)"
+    assert bench.ask("switch", ":CLOS? (@1!1!1,1!1!9)") == "0,1"
+    assert bench.ask("switch", ":OPEN? (@1!1!1,1!1!9)") == "1,0"
 
 
 @pytest.mark.parametrize(
     ("points", "number"),
     [("(@1!5!1)", -222), ("(@1!1!11)", -222), ("(@2!1!1)", -222), ("(@1!1)", -102), ("1!1!1", -104), ("", -109)],
 )
-def test_bad_crosspoints_move_nothing(points: str, number: int) -> None:
-    with open_bench() as bench:
-        bench.send("switch", ":CLOS (@1!1!1)", f":CLOS {points}")
-        assert error(bench, "switch") == number
-        assert bench.ask("switch", ":CLOS:STAT?") == "(@1!1!1)"
+def test_bad_crosspoints_move_nothing(bench: Bench, points: str, number: int) -> None:
+    bench.send("switch", ":CLOS (@1!1!1)", f":CLOS {points}")
+    assert error(bench, "switch") == number
+    assert bench.ask("switch", ":CLOS:STAT?") == "(@1!1!1)"
 
 
 def test_card_in_another_slot() -> None:
@@ -119,61 +109,56 @@ def test_card_in_another_slot() -> None:
 # --- multimeter 3458A ------------------------------------------------------------------------------------------------
 
 
-def test_end_is_off_at_power_on_so_a_reply_never_ends() -> None:
-    with open_bench() as bench:
-        dmm = bench["dmm"]
-        dmm.read_termination = None
-        dmm.write("ID?")
-        with pytest.raises(VisaIOError) as caught:
-            dmm.read()
-        assert caught.value.error_code == StatusCode.error_timeout
-        assert bench.ask("dmm", "END ALWAYS", "ID?") == "HP3458A\r\n"
-
-
-def test_reading_of_100_cycles_with_autozero_takes_four_seconds() -> None:
-    with open_bench() as bench:
-        dmm = bench["dmm"]
-        bench.send("dmm", "END ALWAYS", "PRESET NORM", "DCI 0.1", "NPLC 100", "NDIG 8", "AZERO ON", "TRIG HOLD")
-        assert dmm.read_stb() == 16
-        began_ns = bench.clock.now_ns()
-        bench.send("dmm", "TRIG SGL")
-        assert dmm.read_stb() & 128 == 0
-        dmm.timeout = 10_000
+def test_end_is_off_at_power_on_so_a_reply_never_ends(bench: Bench) -> None:
+    dmm = bench["dmm"]
+    dmm.read_termination = None
+    dmm.write("ID?")
+    with pytest.raises(VisaIOError) as caught:
         dmm.read()
-        assert bench.clock.now_ns() - began_ns == pytest.approx(4e9, abs=1e7)
+    assert caught.value.error_code == StatusCode.error_timeout
+    assert bench.ask("dmm", "END ALWAYS", "ID?") == "HP3458A\r\n"
 
 
-def test_over_120_percent_of_range_is_overload() -> None:
-    with open_bench() as bench:
-        bench.send("switch", ":CLOS (@1!1!1)")
-        bench.send("calibrator", "OUT 1.3E-02 A, 0 HZ", "OPER")
-        bench.clock.sleep(10.0)
-        assert float(bench.ask("dmm", "END ALWAYS;DCI 0.01;NPLC 1;TRIG HOLD", "TRIG SGL;RANGE?")) > 0
-        bench.send("dmm", "TRIG SGL")
-        assert float(bench["dmm"].read()) == 1e38
-        bench.send("dmm", "DCI 0.1", "TRIG SGL")
-        assert float(bench["dmm"].read()) == pytest.approx(0.013, rel=1e-4)
+def test_reading_of_100_cycles_with_autozero_takes_four_seconds(bench: Bench) -> None:
+    dmm = bench["dmm"]
+    bench.send("dmm", "END ALWAYS", "PRESET NORM", "DCI 0.1", "NPLC 100", "NDIG 8", "AZERO ON", "TRIG HOLD")
+    assert dmm.read_stb() == 16
+    began_ns = bench.clock.now_ns()
+    bench.send("dmm", "TRIG SGL")
+    assert dmm.read_stb() & 128 == 0
+    dmm.timeout = 10_000
+    dmm.read()
+    assert bench.clock.now_ns() - began_ns == pytest.approx(4e9, abs=1e7)
 
 
-def test_errors_of_the_multimeter() -> None:
-    with open_bench() as bench:
-        bench.send("dmm", "END ALWAYS", "NONSENSE", "NPLC lots", "DCI 5")
-        assert bench["dmm"].read_stb() & 32
-        texts = [bench.ask("dmm", "ERRSTR?").strip() for _ in range(4)]
-        assert texts == [
-            '103,"SYNTAX ERROR"',
-            '105,"UNDEFINED PARAMETER RECEIVED"',
-            '106,"PARAMETER OUT OF RANGE"',
-            '0,"NO ERROR"',
-        ]
-        assert bench["dmm"].read_stb() & 32 == 0
+def test_over_120_percent_of_range_is_overload(bench: Bench) -> None:
+    bench.send("switch", ":CLOS (@1!1!1)")
+    bench.send("calibrator", "OUT 1.3E-02 A, 0 HZ", "OPER")
+    bench.clock.sleep(10.0)
+    assert float(bench.ask("dmm", "END ALWAYS;DCI 0.01;NPLC 1;TRIG HOLD", "TRIG SGL;RANGE?")) > 0
+    bench.send("dmm", "TRIG SGL")
+    assert float(bench["dmm"].read()) == 1e38
+    bench.send("dmm", "DCI 0.1", "TRIG SGL")
+    assert float(bench["dmm"].read()) == pytest.approx(0.013, rel=1e-4)
 
 
-def test_trigger_arm_on_hold_takes_no_reading() -> None:
-    with open_bench() as bench:
-        bench.send("dmm", "END ALWAYS", "TARM HOLD", "TRIG SGL")
-        with pytest.raises(VisaIOError):
-            bench["dmm"].read()
+def test_errors_of_the_multimeter(bench: Bench) -> None:
+    bench.send("dmm", "END ALWAYS", "NONSENSE", "NPLC lots", "DCI 5")
+    assert bench["dmm"].read_stb() & 32
+    texts = [bench.ask("dmm", "ERRSTR?").strip() for _ in range(4)]
+    assert texts == [
+        '103,"SYNTAX ERROR"',
+        '105,"UNDEFINED PARAMETER RECEIVED"',
+        '106,"PARAMETER OUT OF RANGE"',
+        '0,"NO ERROR"',
+    ]
+    assert bench["dmm"].read_stb() & 32 == 0
+
+
+def test_trigger_arm_on_hold_takes_no_reading(bench: Bench) -> None:
+    bench.send("dmm", "END ALWAYS", "TARM HOLD", "TRIG SGL")
+    with pytest.raises(VisaIOError):
+        bench["dmm"].read()
 
 
 # --- function generator and counter ----------------------------------------------------------------------------------
@@ -194,169 +179,152 @@ def test_frequency_reaches_the_unit_with_an_error_within_3_ppm() -> None:
     assert min(errors_ppm) < -1.5
 
 
-def test_output_off_or_too_small_gives_the_unit_nothing() -> None:
-    with open_bench() as bench:
-        drive_10_MHz(bench)
-        assert bench.unit.fg[-1][1] > 0
-        bench.send("function_generator", "VOLT 0.4")
-        assert bench.unit.fg[-1][1] == 0.0
-        bench.send("function_generator", "VOLT 5", "OUTP OFF")
-        assert bench.unit.fg[-1][1] == 0.0
+def test_output_off_or_too_small_gives_the_unit_nothing(bench: Bench) -> None:
+    drive_10_MHz(bench)
+    assert bench.unit.fg[-1][1] > 0
+    bench.send("function_generator", "VOLT 0.4")
+    assert bench.unit.fg[-1][1] == 0.0
+    bench.send("function_generator", "VOLT 5", "OUTP OFF")
+    assert bench.unit.fg[-1][1] == 0.0
 
 
-def test_wrong_load_setting_doubles_the_amplitude() -> None:
-    with open_bench() as bench:
-        generator = bench.world.instruments["function_generator"]
-        bench.send("function_generator", "OUTP:LOAD 50", "VOLT 1")
-        assert generator.open_amplitude_V == 2.0
-        bench.send("function_generator", "OUTP:LOAD INF")
-        assert float(bench.ask("function_generator", "VOLT?")) == 2.0
-        bench.send("function_generator", "VOLT 1")
-        assert generator.open_amplitude_V == 1.0
+def test_wrong_load_setting_doubles_the_amplitude(bench: Bench) -> None:
+    generator = bench.world.instruments["function_generator"]
+    bench.send("function_generator", "OUTP:LOAD 50", "VOLT 1")
+    assert generator.open_amplitude_V == 2.0
+    bench.send("function_generator", "OUTP:LOAD INF")
+    assert float(bench.ask("function_generator", "VOLT?")) == 2.0
+    bench.send("function_generator", "VOLT 1")
+    assert generator.open_amplitude_V == 1.0
 
 
 @pytest.mark.parametrize("command", ["FREQ 90E6", "VOLT 21", "FREQ 0"])
-def test_generator_refuses_what_it_cannot(command: str) -> None:
-    with open_bench() as bench:
-        drive_10_MHz(bench)
-        bench.send("function_generator", command)
-        assert error(bench, "function_generator") == -222
-        assert float(bench.ask("function_generator", "FREQ?")) == 1e7
-        assert float(bench.ask("function_generator", "VOLT?")) == 5.0
+def test_generator_refuses_what_it_cannot(bench: Bench, command: str) -> None:
+    drive_10_MHz(bench)
+    bench.send("function_generator", command)
+    assert error(bench, "function_generator") == -222
+    assert float(bench.ask("function_generator", "FREQ?")) == 1e7
+    assert float(bench.ask("function_generator", "VOLT?")) == 5.0
 
 
-def test_apply_sets_and_switches_on() -> None:
-    with open_bench() as bench:
-        bench.send("function_generator", "APPL:SQU 12345678, 2, 0")
-        assert bench.ask("function_generator", "FREQ?") == "+1.2345678000000E+07"
-        assert bench.ask("function_generator", "OUTP?") == "1"
+def test_apply_sets_and_switches_on(bench: Bench) -> None:
+    bench.send("function_generator", "APPL:SQU 12345678, 2, 0")
+    assert bench.ask("function_generator", "FREQ?") == "+1.2345678000000E+07"
+    assert bench.ask("function_generator", "OUTP?") == "1"
 
 
-def test_counter_reads_the_true_frequency_after_its_gate() -> None:
-    with open_bench() as bench:
-        drive_10_MHz(bench)
-        bench["counter"].timeout = 5000
-        bench.send("counter", "ROSC:SOUR EXT", 'FUNC "FREQ 1"', "FREQ:GATE:TIME 1")
-        began_ns = bench.clock.now_ns()
-        frequency_Hz = float(bench.ask("counter", "READ?"))
-        assert bench.clock.now_ns() - began_ns == pytest.approx(1e9, abs=1e7)
-        assert frequency_Hz == pytest.approx(bench.unit.fg[-1][1], rel=6e-9)
+def test_counter_reads_the_true_frequency_after_its_gate(bench: Bench) -> None:
+    drive_10_MHz(bench)
+    bench["counter"].timeout = 5000
+    bench.send("counter", "ROSC:SOUR EXT", 'FUNC "FREQ 1"', "FREQ:GATE:TIME 1")
+    began_ns = bench.clock.now_ns()
+    frequency_Hz = float(bench.ask("counter", "READ?"))
+    assert bench.clock.now_ns() - began_ns == pytest.approx(1e9, abs=1e7)
+    assert frequency_Hz == pytest.approx(bench.unit.fg[-1][1], rel=6e-9)
 
 
-def test_counter_without_signal_answers_not_a_number_late() -> None:
-    with open_bench() as bench:
-        bench["counter"].timeout = 5000
-        assert float(bench.ask("counter", "FREQ:GATE:TIME 1", "READ?")) == 9.91e37
-        assert bench.clock.now_ns() > 2e9
+def test_counter_without_signal_answers_not_a_number_late(bench: Bench) -> None:
+    bench["counter"].timeout = 5000
+    assert float(bench.ask("counter", "FREQ:GATE:TIME 1", "READ?")) == 9.91e37
+    assert bench.clock.now_ns() > 2e9
 
 
-def test_lost_reference_shows_in_bit_10_once() -> None:
-    with open_bench() as bench:
-        bench.send("counter", "ROSC:SOUR EXT")
-        assert bench.ask("counter", "STAT:QUES:EVEN?") == "0"
-        bench.world.switches.switch("reference_lost")
-        assert bench.ask("counter", "STAT:QUES:EVEN?") == "1024"
-        bench.world.switches.switch("reference_lost", "off")
-        assert bench.ask("counter", "STAT:QUES:EVEN?") == "0"
+def test_lost_reference_shows_in_bit_10_once(bench: Bench) -> None:
+    bench.send("counter", "ROSC:SOUR EXT")
+    assert bench.ask("counter", "STAT:QUES:EVEN?") == "0"
+    bench.world.switches.switch("reference_lost")
+    assert bench.ask("counter", "STAT:QUES:EVEN?") == "1024"
+    bench.world.switches.switch("reference_lost", "off")
+    assert bench.ask("counter", "STAT:QUES:EVEN?") == "0"
 
 
 # --- supplies, logger, rail meter ------------------------------------------------------------------------------------
 
 
-def test_supply_powers_the_unit() -> None:
-    with open_bench() as bench:
-        bench.send("supply", "CURR 2", "VOLT:PROT 20", "VOLT 18", "OUTP ON")
-        assert bench.unit.power[-1][1:] == (True, 18.0)
-        assert float(bench.ask("supply", "MEAS:VOLT?")) == pytest.approx(18.0, abs=0.01)
-        assert float(bench.ask("supply", "MEAS:CURR?")) == pytest.approx(1.25, abs=2e-3)
-        bench.send("supply", "VOLT 19")
-        assert bench.unit.power[-1][1:] == (True, 19.0)
-        bench.send("supply", "OUTP OFF")
-        assert bench.unit.power[-1][1:] == (False, 0.0)
+def test_supply_powers_the_unit(bench: Bench) -> None:
+    bench.send("supply", "CURR 2", "VOLT:PROT 20", "VOLT 18", "OUTP ON")
+    assert bench.unit.power[-1][1:] == (True, 18.0)
+    assert float(bench.ask("supply", "MEAS:VOLT?")) == pytest.approx(18.0, abs=0.01)
+    assert float(bench.ask("supply", "MEAS:CURR?")) == pytest.approx(1.25, abs=2e-3)
+    bench.send("supply", "VOLT 19")
+    assert bench.unit.power[-1][1:] == (True, 19.0)
+    bench.send("supply", "OUTP OFF")
+    assert bench.unit.power[-1][1:] == (False, 0.0)
 
 
 @pytest.mark.parametrize("commands", [("VOLT 11", "OUTP ON"), ("CURR 1.2", "VOLT 18", "OUTP ON"), ("VOLT 18",)])
-def test_unit_stays_off_without_enough_voltage_or_current(commands: tuple[str, ...]) -> None:
-    with open_bench() as bench:
-        bench.send("supply", "CURR 2", *commands)
-        assert [on for _, on, _ in bench.unit.power if on] == []
+def test_unit_stays_off_without_enough_voltage_or_current(bench: Bench, commands: tuple[str, ...]) -> None:
+    bench.send("supply", "CURR 2", *commands)
+    assert [on for _, on, _ in bench.unit.power if on] == []
 
 
 @pytest.mark.parametrize(("trip", "condition"), [(("VOLT:PROT 16",), "1"), (("CURR:PROT:STAT ON", "CURR 0.3"), "2")])
-def test_protection_latches_until_cleared(trip: tuple[str, ...], condition: str) -> None:
-    with open_bench() as bench:
-        bench.send("supply", "CURR 2", *trip, "VOLT 18", "OUTP ON")
-        assert bench.ask("supply", "STAT:QUES:COND?") == condition
-        bench.send("supply", "CURR 2", "VOLT:PROT 20")
-        assert abs(float(bench.ask("supply", "MEAS:VOLT?"))) < 0.01
-        bench.send("supply", "OUTP:PROT:CLE")
-        assert bench.unit.power[-1][1] is True
-        assert bench.ask("supply", "STAT:QUES:COND?") == "0"
+def test_protection_latches_until_cleared(bench: Bench, trip: tuple[str, ...], condition: str) -> None:
+    bench.send("supply", "CURR 2", *trip, "VOLT 18", "OUTP ON")
+    assert bench.ask("supply", "STAT:QUES:COND?") == condition
+    bench.send("supply", "CURR 2", "VOLT:PROT 20")
+    assert abs(float(bench.ask("supply", "MEAS:VOLT?"))) < 0.01
+    bench.send("supply", "OUTP:PROT:CLE")
+    assert bench.unit.power[-1][1] is True
+    assert bench.ask("supply", "STAT:QUES:COND?") == "0"
 
 
-def test_model_ends_at_20_volts() -> None:
-    with open_bench() as bench:
-        bench.send("supply", "VOLT 28")
-        assert error(bench, "supply") == -222
+def test_model_ends_at_20_volts(bench: Bench) -> None:
+    bench.send("supply", "VOLT 28")
+    assert error(bench, "supply") == -222
 
 
-def test_selected_rail_is_hidden_state_and_ranges_differ() -> None:
-    with open_bench() as bench:
-        bench.send("aux_supply", "INST:NSEL 2", "VOLT 15", "INST:SEL N25V", "VOLT -15", "INST:NSEL 1", "VOLT 15")
-        assert error(bench, "aux_supply") == -222
-        bench.send("aux_supply", "APPL P6V, 5.0, 1.0", "OUTP ON")
-        assert [float(bench.ask("aux_supply", f"MEAS:VOLT? {rail}")) for rail in ("P6V", "P25V", "N25V")] == (
-            pytest.approx([5.0, 15.0, -15.0], abs=0.01)
-        )
-        assert bench.ask("aux_supply", "INST?") == "P6V"
-        assert float(bench.ask("aux_supply", "MEAS:CURR?")) == pytest.approx(0.2, abs=1e-3)
+def test_selected_rail_is_hidden_state_and_ranges_differ(bench: Bench) -> None:
+    bench.send("aux_supply", "INST:NSEL 2", "VOLT 15", "INST:SEL N25V", "VOLT -15", "INST:NSEL 1", "VOLT 15")
+    assert error(bench, "aux_supply") == -222
+    bench.send("aux_supply", "APPL P6V, 5.0, 1.0", "OUTP ON")
+    assert [float(bench.ask("aux_supply", f"MEAS:VOLT? {rail}")) for rail in ("P6V", "P25V", "N25V")] == (
+        pytest.approx([5.0, 15.0, -15.0], abs=0.01)
+    )
+    assert bench.ask("aux_supply", "INST?") == "P6V"
+    assert float(bench.ask("aux_supply", "MEAS:CURR?")) == pytest.approx(0.2, abs=1e-3)
 
 
-def test_rail_meter_reads_the_first_rail() -> None:
-    with open_bench() as bench:
-        bench.send("rail_dmm", "CONF:VOLT:DC")
-        assert abs(float(bench.ask("rail_dmm", "READ?"))) < 1e-3
-        bench.send("aux_supply", "APPL P6V, 5.0, 1.0", "OUTP ON")
-        assert float(bench.ask("rail_dmm", "READ?")) == pytest.approx(5.0, abs=0.005)
-        assert float(bench.ask("rail_dmm", "CONF:VOLT:DC 1", "READ?")) == 9.9e37
+def test_rail_meter_reads_the_first_rail(bench: Bench) -> None:
+    bench.send("rail_dmm", "CONF:VOLT:DC")
+    assert abs(float(bench.ask("rail_dmm", "READ?"))) < 1e-3
+    bench.send("aux_supply", "APPL P6V, 5.0, 1.0", "OUTP ON")
+    assert float(bench.ask("rail_dmm", "READ?")) == pytest.approx(5.0, abs=0.005)
+    assert float(bench.ask("rail_dmm", "CONF:VOLT:DC 1", "READ?")) == 9.9e37
 
 
-def test_fetch_before_a_measurement_is_stale() -> None:
-    with open_bench() as bench:
-        bench.send("rail_dmm", "FETC?")
-        assert error(bench, "rail_dmm") == -230
-        bench.send("rail_dmm", "INIT")
-        assert abs(float(bench.ask("rail_dmm", "FETC?"))) < 1e-3
+def test_fetch_before_a_measurement_is_stale(bench: Bench) -> None:
+    bench.send("rail_dmm", "FETC?")
+    assert error(bench, "rail_dmm") == -230
+    bench.send("rail_dmm", "INIT")
+    assert abs(float(bench.ask("rail_dmm", "FETC?"))) < 1e-3
 
 
-def test_thermocouples_hang_in_the_laboratory_the_chamber_and_on_the_unit() -> None:
-    with open_bench() as bench:
-        bench.world.thermal.ramp(50.0, 5.0, 0)
-        bench.clock.sleep(1200.0)
-        readings = bench.ask("logger", "CONF:TEMP TC,T,(@101:103)", "UNIT:TEMP C,(@101:103)", "READ?").split(",")
-        now_ns = bench.clock.now_ns()
-        true = [float(f(now_ns)) for f in (bench.world.thermal.lab_degC, bench.world.thermal.air_degC)]
-        true.append(float(bench.world.thermal.unit_degC(now_ns)))
-        assert [float(r) for r in readings] == pytest.approx(true, abs=1.0)
-        assert true[1] - true[2] > 10
+def test_thermocouples_hang_in_the_laboratory_the_chamber_and_on_the_unit(bench: Bench) -> None:
+    bench.world.thermal.ramp(50.0, 5.0, 0)
+    bench.clock.sleep(1200.0)
+    readings = bench.ask("logger", "CONF:TEMP TC,T,(@101:103)", "UNIT:TEMP C,(@101:103)", "READ?").split(",")
+    now_ns = bench.clock.now_ns()
+    true = [float(f(now_ns)) for f in (bench.world.thermal.lab_degC, bench.world.thermal.air_degC)]
+    true.append(float(bench.world.thermal.unit_degC(now_ns)))
+    assert [float(r) for r in readings] == pytest.approx(true, abs=1.0)
+    assert true[1] - true[2] > 10
 
 
-def test_channel_that_is_no_thermocouple_reads_a_voltage() -> None:
-    with open_bench() as bench:
-        assert abs(float(bench.ask("logger", "ROUT:SCAN (@105)", "READ?"))) < 1e-3
-        bench.send("logger", "ROUT:SCAN (@121)")
-        assert error(bench, "logger") == -222
+def test_channel_that_is_no_thermocouple_reads_a_voltage(bench: Bench) -> None:
+    assert abs(float(bench.ask("logger", "ROUT:SCAN (@105)", "READ?"))) < 1e-3
+    bench.send("logger", "ROUT:SCAN (@121)")
+    assert error(bench, "logger") == -222
 
 
 # --- chamber ---------------------------------------------------------------------------------------------------------
 
 
-def test_3800_misses_what_comes_in_the_second_after_an_operation() -> None:
-    with open_bench() as bench:
-        bench.send("chamber", "MRMP1,0.5", "SETP1,-10")
-        bench.clock.sleep(1.0)
-        assert bench.ask("chamber", "MRMP1?") == "0.5"
-        assert bench.ask("chamber", "SETP1?") == "23.0"
+def test_3800_misses_what_comes_in_the_second_after_an_operation(bench: Bench) -> None:
+    bench.send("chamber", "MRMP1,0.5", "SETP1,-10")
+    bench.clock.sleep(1.0)
+    assert bench.ask("chamber", "MRMP1?") == "0.5"
+    assert bench.ask("chamber", "SETP1?") == "23.0"
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from pyvisa.constants import AccessModes, StatusCode
 from pyvisa.errors import VisaIOError
 from pyvisa_sim.component import NoResponse
 from pyvisa_sim.devices import Device, Devices
-from sim_bench import ADDRESSES, DRIVERS, open_bench
+from sim_bench import ADDRESSES, DRIVERS, Bench, open_bench
 
 from sim_instruments.bus.backend import BenchVisaLibrary
 
@@ -77,27 +77,24 @@ def test_simulators_do_not_hide_attributes_of_the_pyvisa_sim_device() -> None:
             assert isinstance(device._error_queues, dict)
 
 
-def test_every_instrument_answers_at_its_address() -> None:
-    with open_bench() as bench:
-        assert set(bench.manager.list_resources()) == set(ADDRESSES.values())
-        for role in DRIVERS:
-            question = {"dmm": "ID?", "chamber": "IDEN?"}.get(role, "*IDN?")
-            assert DRIVERS[role].rpartition("_")[2].upper()[:4] in bench.ask(role, question).upper()
+def test_every_instrument_answers_at_its_address(bench: Bench) -> None:
+    assert set(bench.manager.list_resources()) == set(ADDRESSES.values())
+    for role in DRIVERS:
+        question = {"dmm": "ID?", "chamber": "IDEN?"}.get(role, "*IDN?")
+        assert DRIVERS[role].rpartition("_")[2].upper()[:4] in bench.ask(role, question).upper()
 
 
-def test_library_of_a_world_is_the_backend_and_shows_no_world_id() -> None:
-    with open_bench() as bench:
-        assert type(bench.manager.visalib) is BenchVisaLibrary
-        assert bench.world.id not in bench["calibrator"].query("*IDN?")
-        assert bench["switch"].resource_name == ADDRESSES["switch"]
+def test_library_of_a_world_is_the_backend_and_shows_no_world_id(bench: Bench) -> None:
+    assert type(bench.manager.visalib) is BenchVisaLibrary
+    assert bench.world.id not in bench["calibrator"].query("*IDN?")
+    assert bench["switch"].resource_name == ADDRESSES["switch"]
 
 
-def test_address_without_instrument_and_interface_resource_are_not_found() -> None:
-    with open_bench() as bench:
-        for resource in ("GPIB0::29::INSTR", "GPIB0::INTFC"):
-            with pytest.raises(VisaIOError) as caught:
-                bench.manager.open_resource(resource)
-            assert caught.value.error_code == StatusCode.error_resource_not_found
+def test_address_without_instrument_and_interface_resource_are_not_found(bench: Bench) -> None:
+    for resource in ("GPIB0::29::INSTR", "GPIB0::INTFC"):
+        with pytest.raises(VisaIOError) as caught:
+            bench.manager.open_resource(resource)
+        assert caught.value.error_code == StatusCode.error_resource_not_found
 
 
 def test_closed_world_opens_nothing() -> None:
@@ -115,132 +112,119 @@ def test_name_that_is_no_world_and_no_file_is_refused() -> None:
         pyvisa.ResourceManager("w0@bench")
 
 
-def test_timeout_passes_on_the_clock_of_the_world_and_not_in_reality() -> None:
-    with open_bench() as bench:
-        bench["calibrator"].timeout = 2000
-        before_ns, real_s = bench.clock.now_ns(), time.perf_counter()
+def test_timeout_passes_on_the_clock_of_the_world_and_not_in_reality(bench: Bench) -> None:
+    bench["calibrator"].timeout = 2000
+    before_ns, real_s = bench.clock.now_ns(), time.perf_counter()
+    with pytest.raises(VisaIOError) as caught:
+        bench["calibrator"].read()
+    assert caught.value.error_code == StatusCode.error_timeout
+    assert bench.clock.now_ns() - before_ns == 2 * NS
+    assert time.perf_counter() - real_s < 1.0
+
+
+def test_each_bus_operation_takes_its_latency(bench: Bench) -> None:
+    before_ns = bench.clock.now_ns()
+    bench.ask("calibrator", "ISR?")
+    assert bench.clock.now_ns() - before_ns == 4_000_000
+
+
+def test_serial_poll_shows_message_available_and_errors(bench: Bench) -> None:
+    switch = bench["switch"]
+    assert switch.read_stb() == 0
+    switch.write(":CLOS (@1!1!11)")
+    assert switch.read_stb() == 4
+    switch.write("SYST:ERR?")
+    assert switch.read_stb() == 16
+    assert switch.read() == '-222,"Parameter data out of range"'
+    assert switch.read_stb() == 0
+
+
+def test_service_request_bit_follows_the_enable_register(bench: Bench) -> None:
+    bench.send("supply", "*CLS", "*SRE 4", "NONSENSE")
+    assert bench["supply"].read_stb() == 64 | 4
+
+
+def test_device_clear_empties_input_and_output(bench: Bench) -> None:
+    bench["switch"].write("*IDN?")
+    bench["switch"].clear()
+    assert bench["switch"].read_stb() == 0
+    assert bench.ask("switch", "SYST:ERR?") == '0,"No error"'
+
+
+def test_interrupted_query_drops_the_stale_reply(bench: Bench) -> None:
+    bench["supply"].write("*IDN?")
+    assert bench.ask("supply", "VOLT?") == "0.00000E+00"
+    assert bench.ask("supply", "SYST:ERR?") == '-410,"Query INTERRUPTED"'
+
+
+def test_read_without_question_is_queued_as_unterminated(bench: Bench) -> None:
+    with pytest.raises(VisaIOError):
+        bench["supply"].read()
+    assert bench.ask("supply", "SYST:ERR?") == '-420,"Query UNTERMINATED"'
+
+
+def test_two_queries_in_one_message_give_one_reply(bench: Bench) -> None:
+    assert bench.ask("supply", "VOLT 5;CURR 1;VOLT?;CURR?") == "5.00000E+00;1.00000E+00"
+    assert bench["supply"].read_stb() == 0
+    assert bench.ask("calibrator", "ISR?;FAULT?;*STB?") == "4096;0;0"
+    assert bench["calibrator"].read_stb() == 0
+
+
+def test_reply_is_read_in_parts_and_up_to_a_termination_character(bench: Bench) -> None:
+    counter = bench["counter"]
+    counter.write("*IDN?")
+    assert counter.read_bytes(7) == b"Agilent"
+    assert counter.read_raw().endswith(b"-35\n")
+    counter.read_termination = ","
+    counter.write("*IDN?")
+    assert [counter.read(), counter.read()] == ["Agilent Technologies", "53230A"]
+
+
+def test_message_ends_with_end_or_line_feed(bench: Bench) -> None:
+    bench["supply"].send_end = False
+    bench["supply"].write_raw(b"VO")
+    bench["supply"].write_raw(b"LT?\n")
+    assert bench["supply"].read() == "0.00000E+00"
+
+
+def test_exclusive_lock_keeps_another_session_out(bench: Bench) -> None:
+    first = bench["calibrator"]
+    second = bench.manager.open_resource(ADDRESSES["calibrator"], read_termination="\n")
+    first.lock_excl()
+    first.lock_excl()
+    before_ns = bench.clock.now_ns()
+    for use in (lambda: second.query("ISR?"), second.clear, second.read_stb, lambda: second.lock_excl(1500)):
         with pytest.raises(VisaIOError) as caught:
-            bench["calibrator"].read()
-        assert caught.value.error_code == StatusCode.error_timeout
-        assert bench.clock.now_ns() - before_ns == 2 * NS
-        assert time.perf_counter() - real_s < 1.0
-
-
-def test_each_bus_operation_takes_its_latency() -> None:
-    with open_bench() as bench:
-        before_ns = bench.clock.now_ns()
-        bench.ask("calibrator", "ISR?")
-        assert bench.clock.now_ns() - before_ns == 4_000_000
-
-
-def test_serial_poll_shows_message_available_and_errors() -> None:
-    with open_bench() as bench:
-        switch = bench["switch"]
-        assert switch.read_stb() == 0
-        switch.write(":CLOS (@1!1!11)")
-        assert switch.read_stb() == 4
-        switch.write("SYST:ERR?")
-        assert switch.read_stb() == 16
-        assert switch.read() == '-222,"Parameter data out of range"'
-        assert switch.read_stb() == 0
-
-
-def test_service_request_bit_follows_the_enable_register() -> None:
-    with open_bench() as bench:
-        bench.send("supply", "*CLS", "*SRE 4", "NONSENSE")
-        assert bench["supply"].read_stb() == 64 | 4
-
-
-def test_device_clear_empties_input_and_output() -> None:
-    with open_bench() as bench:
-        bench["switch"].write("*IDN?")
-        bench["switch"].clear()
-        assert bench["switch"].read_stb() == 0
-        assert bench.ask("switch", "SYST:ERR?") == '0,"No error"'
-
-
-def test_interrupted_query_drops_the_stale_reply() -> None:
-    with open_bench() as bench:
-        bench["supply"].write("*IDN?")
-        assert bench.ask("supply", "VOLT?") == "0.00000E+00"
-        assert bench.ask("supply", "SYST:ERR?") == '-410,"Query INTERRUPTED"'
-
-
-def test_read_without_question_is_queued_as_unterminated() -> None:
-    with open_bench() as bench:
-        with pytest.raises(VisaIOError):
-            bench["supply"].read()
-        assert bench.ask("supply", "SYST:ERR?") == '-420,"Query UNTERMINATED"'
-
-
-def test_two_queries_in_one_message_give_one_reply() -> None:
-    with open_bench() as bench:
-        assert bench.ask("supply", "VOLT 5;CURR 1;VOLT?;CURR?") == "5.00000E+00;1.00000E+00"
-        assert bench["supply"].read_stb() == 0
-        assert bench.ask("calibrator", "ISR?;FAULT?;*STB?") == "4096;0;0"
-        assert bench["calibrator"].read_stb() == 0
-
-
-def test_reply_is_read_in_parts_and_up_to_a_termination_character() -> None:
-    with open_bench() as bench:
-        counter = bench["counter"]
-        counter.write("*IDN?")
-        assert counter.read_bytes(7) == b"Agilent"
-        assert counter.read_raw().endswith(b"-35\n")
-        counter.read_termination = ","
-        counter.write("*IDN?")
-        assert [counter.read(), counter.read()] == ["Agilent Technologies", "53230A"]
-
-
-def test_message_ends_with_end_or_line_feed() -> None:
-    with open_bench() as bench:
-        bench["supply"].send_end = False
-        bench["supply"].write_raw(b"VO")
-        bench["supply"].write_raw(b"LT?\n")
-        assert bench["supply"].read() == "0.00000E+00"
-
-
-def test_exclusive_lock_keeps_another_session_out() -> None:
-    with open_bench() as bench:
-        first = bench["calibrator"]
-        second = bench.manager.open_resource(ADDRESSES["calibrator"], read_termination="\n")
-        first.lock_excl()
-        first.lock_excl()
-        before_ns = bench.clock.now_ns()
-        for use in (lambda: second.query("ISR?"), second.clear, second.read_stb, lambda: second.lock_excl(1500)):
-            with pytest.raises(VisaIOError) as caught:
-                use()
-            assert caught.value.error_code == StatusCode.error_resource_locked
-        assert bench.clock.now_ns() - before_ns == 1.5 * NS
+            use()
+        assert caught.value.error_code == StatusCode.error_resource_locked
+    assert bench.clock.now_ns() - before_ns == 1.5 * NS
+    first.unlock()
+    with pytest.raises(VisaIOError):
+        second.query("ISR?")
+    first.unlock()
+    assert second.query("ISR?") == "4096"
+    with pytest.raises(VisaIOError) as caught:
         first.unlock()
-        with pytest.raises(VisaIOError):
-            second.query("ISR?")
-        first.unlock()
-        assert second.query("ISR?") == "4096"
-        with pytest.raises(VisaIOError) as caught:
-            first.unlock()
-        assert caught.value.error_code == StatusCode.error_session_not_locked
+    assert caught.value.error_code == StatusCode.error_session_not_locked
 
 
-def test_shared_lock_is_shared_by_key_and_closing_gives_it_back() -> None:
-    with open_bench() as bench:
-        others = [bench.manager.open_resource(ADDRESSES["switch"], read_termination="\n") for _ in range(2)]
-        key = bench["switch"].lock(requested_key=None)
-        assert others[0].lock(requested_key=key) == key
-        with pytest.raises(VisaIOError):
-            others[1].query("*IDN?")
-        bench["switch"].close()
-        others[0].close()
-        assert others[1].query("*IDN?").startswith("KEITHLEY")
+def test_shared_lock_is_shared_by_key_and_closing_gives_it_back(bench: Bench) -> None:
+    others = [bench.manager.open_resource(ADDRESSES["switch"], read_termination="\n") for _ in range(2)]
+    key = bench["switch"].lock(requested_key=None)
+    assert others[0].lock(requested_key=key) == key
+    with pytest.raises(VisaIOError):
+        others[1].query("*IDN?")
+    bench["switch"].close()
+    others[0].close()
+    assert others[1].query("*IDN?").startswith("KEITHLEY")
 
 
-def test_opening_with_a_lock_takes_it() -> None:
-    with open_bench() as bench:
-        holder = bench.manager.open_resource(ADDRESSES["switch"], access_mode=AccessModes.exclusive_lock)
-        with pytest.raises(VisaIOError):
-            bench["switch"].query("*IDN?")
-        holder.close()
-        assert bench.ask("switch", "*IDN?").startswith("KEITHLEY")
+def test_opening_with_a_lock_takes_it(bench: Bench) -> None:
+    holder = bench.manager.open_resource(ADDRESSES["switch"], access_mode=AccessModes.exclusive_lock)
+    with pytest.raises(VisaIOError):
+        bench["switch"].query("*IDN?")
+    holder.close()
+    assert bench.ask("switch", "*IDN?").startswith("KEITHLEY")
 
 
 def test_pyvisa_sim_devices_still_refuse_what_only_live_ones_can(tmp_path: Path) -> None:

@@ -25,20 +25,18 @@ READ_TWO = (("rail_dmm", "CONF:RES 1000"), ("logger", "CONF:RES 1000,(@103)"))
 
 
 @pytest.mark.parametrize(("role", "configure"), READ_FOUR)
-def test_leads_cancel_with_four_wires(role: str, configure: str) -> None:
-    with open_bench() as bench:
-        wired(bench, 138.5055)
-        limit_ohm = 138.5 * ACCURACY[1e3][0] + 1e3 * ACCURACY[1e3][1]
-        assert float(bench.ask(role, configure, "READ?")) == pytest.approx(138.5055, abs=2 * limit_ohm)
-        assert error(bench, role) == 0
+def test_leads_cancel_with_four_wires(bench: Bench, role: str, configure: str) -> None:
+    wired(bench, 138.5055)
+    limit_ohm = 138.5 * ACCURACY[1e3][0] + 1e3 * ACCURACY[1e3][1]
+    assert float(bench.ask(role, configure, "READ?")) == pytest.approx(138.5055, abs=2 * limit_ohm)
+    assert error(bench, role) == 0
 
 
 @pytest.mark.parametrize(("role", "configure"), READ_TWO)
-def test_leads_do_not_cancel_with_two_wires(role: str, configure: str) -> None:
-    with open_bench() as bench:
-        wired(bench, 138.5055)
-        read_ohm = float(bench.ask(role, configure, "READ?"))
-        assert 138.5055 + 2 * LEAD_OHM - 0.05 < read_ohm < 138.5055 + 2 * LEAD_OHM + 8.0
+def test_leads_do_not_cancel_with_two_wires(bench: Bench, role: str, configure: str) -> None:
+    wired(bench, 138.5055)
+    read_ohm = float(bench.ask(role, configure, "READ?"))
+    assert 138.5055 + 2 * LEAD_OHM - 0.05 < read_ohm < 138.5055 + 2 * LEAD_OHM + 8.0
 
 
 def test_errors_of_a_range_are_as_large_as_its_specification() -> None:
@@ -69,77 +67,69 @@ def test_a_longer_integration_has_less_noise_and_takes_longer() -> None:
 
 
 @pytest.mark.parametrize(("role", "channel"), [("rail_dmm", ""), ("logger", ",(@103)")])
-def test_overload_at_120_percent_and_automatic_range(role: str, channel: str) -> None:
-    with open_bench() as bench:
-        wired(bench, 121.0)
-        assert float(bench.ask(role, f"CONF:FRES 100{channel}", "READ?")) == 9.9e37
-        assert float(bench.ask(role, f"CONF:FRES AUTO{channel}", "READ?")) == pytest.approx(121.0, abs=0.1)
-        wired(bench, 119.0)
-        assert float(bench.ask(role, f"CONF:FRES 100{channel}", "READ?")) == pytest.approx(119.0, abs=0.1)
+def test_overload_at_120_percent_and_automatic_range(bench: Bench, role: str, channel: str) -> None:
+    wired(bench, 121.0)
+    assert float(bench.ask(role, f"CONF:FRES 100{channel}", "READ?")) == 9.9e37
+    assert float(bench.ask(role, f"CONF:FRES AUTO{channel}", "READ?")) == pytest.approx(121.0, abs=0.1)
+    wired(bench, 119.0)
+    assert float(bench.ask(role, f"CONF:FRES 100{channel}", "READ?")) == pytest.approx(119.0, abs=0.1)
 
 
-def test_open_leads_are_overload() -> None:
-    with open_bench() as bench:
-        assert float(bench.ask("rail_dmm", "MEAS:FRES? 1000")) == 9.9e37
-        assert float(bench.ask("logger", "CONF:FRES 1000,(@104)", "READ?")) == 9.9e37
+def test_open_leads_are_overload(bench: Bench) -> None:
+    assert float(bench.ask("rail_dmm", "MEAS:FRES? 1000")) == 9.9e37
+    assert float(bench.ask("logger", "CONF:FRES 1000,(@104)", "READ?")) == 9.9e37
 
 
-def test_resolution_sets_the_integration_time() -> None:
-    with open_bench() as bench:
-        assert float(bench.ask("rail_dmm", "CONF:FRES 100,3E-4", "FRES:NPLC?")) == 1.0
-        assert bench.ask("rail_dmm", "CONF?") == '"FRES +1.000000E+02,+3.000000E-04"'
-        assert float(bench.ask("rail_dmm", "CONF:FRES 100,DEF", "FRES:NPLC?")) == 10.0
-        bench.send("rail_dmm", "CONF:FRES 1000,3E-5")
-        assert error(bench, "rail_dmm") == 532
-        assert float(bench.ask("logger", "CONF:FRES 100,(@101,102)", "FRES:NPLC? (@102)")) == 1.0
-        assert bench.ask("logger", "FRES:NPLC 10,(@102)", "FRES:NPLC? (@101,102)") == "+1.00000000E+00,+1.00000000E+01"
-        bench.send("rail_dmm", f"CONF:FRES {RANGES_OHM[-1] * 2}")
-        assert error(bench, "rail_dmm") == -222
+def test_resolution_sets_the_integration_time(bench: Bench) -> None:
+    assert float(bench.ask("rail_dmm", "CONF:FRES 100,3E-4", "FRES:NPLC?")) == 1.0
+    assert bench.ask("rail_dmm", "CONF?") == '"FRES +1.000000E+02,+3.000000E-04"'
+    assert float(bench.ask("rail_dmm", "CONF:FRES 100,DEF", "FRES:NPLC?")) == 10.0
+    bench.send("rail_dmm", "CONF:FRES 1000,3E-5")
+    assert error(bench, "rail_dmm") == 532
+    assert float(bench.ask("logger", "CONF:FRES 100,(@101,102)", "FRES:NPLC? (@102)")) == 1.0
+    assert bench.ask("logger", "FRES:NPLC 10,(@102)", "FRES:NPLC? (@101,102)") == "+1.00000000E+00,+1.00000000E+01"
+    bench.send("rail_dmm", f"CONF:FRES {RANGES_OHM[-1] * 2}")
+    assert error(bench, "rail_dmm") == -222
 
 
-def test_autozero_stays_on_with_four_wires() -> None:
+def test_autozero_stays_on_with_four_wires(bench: Bench) -> None:
     """34401A User's Guide, autozero: it applies to volts and two-wire ohms; four wires switch it on."""
-    with open_bench() as bench:
-        assert bench.ask("rail_dmm", "CONF:RES 100", "ZERO:AUTO OFF", "ZERO:AUTO?") == "0"
-        assert bench.ask("rail_dmm", "CONF:FRES 100", "ZERO:AUTO?") == "1"
-        assert bench.ask("rail_dmm", "ZERO:AUTO OFF", "ZERO:AUTO?") == "1"
+    assert bench.ask("rail_dmm", "CONF:RES 100", "ZERO:AUTO OFF", "ZERO:AUTO?") == "0"
+    assert bench.ask("rail_dmm", "CONF:FRES 100", "ZERO:AUTO?") == "1"
+    assert bench.ask("rail_dmm", "ZERO:AUTO OFF", "ZERO:AUTO?") == "1"
 
 
 @pytest.mark.parametrize("channel", [111, 120, 320])
-def test_a_sense_channel_cannot_be_measured_with_four_wires(channel: int) -> None:
-    with open_bench() as bench:
-        bench.send("logger", f"CONF:FRES 100,(@{channel})")
-        assert error(bench, "logger") == 308
-        bench.send("logger", f"CONF:RES 100,(@{channel})")
-        assert error(bench, "logger") == 0
+def test_a_sense_channel_cannot_be_measured_with_four_wires(bench: Bench, channel: int) -> None:
+    bench.send("logger", f"CONF:FRES 100,(@{channel})")
+    assert error(bench, "logger") == 308
+    bench.send("logger", f"CONF:RES 100,(@{channel})")
+    assert error(bench, "logger") == 0
 
 
-def test_a_channel_waits_for_its_delay() -> None:
-    with open_bench() as bench:
-        wired(bench, 100.0)
-        bench.send("logger", "CONF:FRES 100,(@103)")
-        before_ns = bench.clock.now_ns()
-        bench.ask("logger", "READ?")
-        plain_s = (bench.clock.now_ns() - before_ns) * 1e-9
-        assert float(bench.ask("logger", "ROUT:CHAN:DEL 0.5,(@103)", "ROUT:CHAN:DEL? (@103)")) == 0.5
-        before_ns = bench.clock.now_ns()
-        bench.ask("logger", "READ?")
-        assert (bench.clock.now_ns() - before_ns) * 1e-9 == pytest.approx(plain_s + 0.5, abs=0.001)
+def test_a_channel_waits_for_its_delay(bench: Bench) -> None:
+    wired(bench, 100.0)
+    bench.send("logger", "CONF:FRES 100,(@103)")
+    before_ns = bench.clock.now_ns()
+    bench.ask("logger", "READ?")
+    plain_s = (bench.clock.now_ns() - before_ns) * 1e-9
+    assert float(bench.ask("logger", "ROUT:CHAN:DEL 0.5,(@103)", "ROUT:CHAN:DEL? (@103)")) == 0.5
+    before_ns = bench.clock.now_ns()
+    bench.ask("logger", "READ?")
+    assert (bench.clock.now_ns() - before_ns) * 1e-9 == pytest.approx(plain_s + 0.5, abs=0.001)
 
 
-def test_a_channel_is_a_thermocouple_or_a_resistance() -> None:
-    with open_bench() as bench:
-        wired(bench, 100.0)
-        assert float(bench.ask("logger", "CONF:FRES 100,(@103)", "READ?")) == pytest.approx(100.0, abs=0.1)
-        assert float(bench.ask("logger", "CONF:TEMP TC,T,(@103)", "READ?")) == pytest.approx(23.0, abs=2.0)
-        bench.send("logger", "FRES:NPLC 10,(@103)")
-        assert error(bench, "logger") == -221
+def test_a_channel_is_a_thermocouple_or_a_resistance(bench: Bench) -> None:
+    wired(bench, 100.0)
+    assert float(bench.ask("logger", "CONF:FRES 100,(@103)", "READ?")) == pytest.approx(100.0, abs=0.1)
+    assert float(bench.ask("logger", "CONF:TEMP TC,T,(@103)", "READ?")) == pytest.approx(23.0, abs=2.0)
+    bench.send("logger", "FRES:NPLC 10,(@103)")
+    assert error(bench, "logger") == -221
 
 
-def test_a_voltage_hangs_where_the_world_connects_it() -> None:
-    with open_bench() as bench:
-        source = Source(voltage_V=lambda t_ns: 1.25)
-        bench.world.terminals.connect(source, "rail_dmm")
-        bench.world.terminals.connect(source, "logger", 104)
-        assert float(bench.ask("rail_dmm", "CONF:VOLT:DC", "READ?")) == pytest.approx(1.25, abs=1e-3)
-        assert float(bench.ask("logger", "ROUT:SCAN (@104)", "READ?")) == pytest.approx(1.25, abs=1e-3)
+def test_a_voltage_hangs_where_the_world_connects_it(bench: Bench) -> None:
+    source = Source(voltage_V=lambda t_ns: 1.25)
+    bench.world.terminals.connect(source, "rail_dmm")
+    bench.world.terminals.connect(source, "logger", 104)
+    assert float(bench.ask("rail_dmm", "CONF:VOLT:DC", "READ?")) == pytest.approx(1.25, abs=1e-3)
+    assert float(bench.ask("logger", "ROUT:SCAN (@104)", "READ?")) == pytest.approx(1.25, abs=1e-3)

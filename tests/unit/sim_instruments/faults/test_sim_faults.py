@@ -10,7 +10,7 @@ import pytest
 from calibrator_trip import trip_calibrator
 from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
-from sim_bench import open_bench
+from sim_bench import Bench, open_bench
 
 from bench.model.errors import InputError
 from sim_instruments.faults.fault import Fault
@@ -64,15 +64,14 @@ def test_no_fault_is_switched_on_at_the_start() -> None:
     assert not faults.copies(0, 100).any()
 
 
-def test_mute_instrument_times_out_and_comes_back() -> None:
-    with open_bench() as bench:
-        bench.world.faults.instrument("calibrator").mute = True
-        with pytest.raises(VisaIOError) as caught:
-            bench.ask("calibrator", "ISR?")
-        assert caught.value.error_code == StatusCode.error_timeout
-        bench.world.faults.instrument("calibrator").mute = False
-        bench["calibrator"].clear()
-        assert bench.ask("calibrator", "ISR?") == "4096"
+def test_mute_instrument_times_out_and_comes_back(bench: Bench) -> None:
+    bench.world.faults.instrument("calibrator").mute = True
+    with pytest.raises(VisaIOError) as caught:
+        bench.ask("calibrator", "ISR?")
+    assert caught.value.error_code == StatusCode.error_timeout
+    bench.world.faults.instrument("calibrator").mute = False
+    bench["calibrator"].clear()
+    assert bench.ask("calibrator", "ISR?") == "4096"
 
 
 def test_late_reply_is_read_by_the_next_query_unless_cleared() -> None:
@@ -88,13 +87,12 @@ def test_late_reply_is_read_by_the_next_query_unless_cleared() -> None:
             assert bench.ask("supply", "VOLT?").startswith("0.0" if clear else "HEWLETT-PACKARD")
 
 
-def test_reply_later_than_usual_but_inside_the_timeout() -> None:
-    with open_bench() as bench:
-        faults = bench.world.faults.instrument("supply")
-        faults.late_s, faults.late_replies = 1.5, 1
-        began_ns = bench.clock.now_ns()
-        assert bench.ask("supply", "VOLT?") == "0.00000E+00"
-        assert bench.clock.now_ns() - began_ns == pytest.approx(1.5 * NS, abs=1e7)
+def test_reply_later_than_usual_but_inside_the_timeout(bench: Bench) -> None:
+    faults = bench.world.faults.instrument("supply")
+    faults.late_s, faults.late_replies = 1.5, 1
+    began_ns = bench.clock.now_ns()
+    assert bench.ask("supply", "VOLT?") == "0.00000E+00"
+    assert bench.clock.now_ns() - began_ns == pytest.approx(1.5 * NS, abs=1e7)
 
 
 def test_garbled_replies_are_seeded_and_counted() -> None:
@@ -110,31 +108,28 @@ def test_garbled_replies_are_seeded_and_counted() -> None:
 
 
 @pytest.mark.parametrize(("role", "question"), [("calibrator", "*IDN?"), ("switch", "*IDN?"), ("chamber", "IDEN?")])
-def test_wrong_instrument_at_the_address(role: str, question: str) -> None:
-    with open_bench() as bench:
-        bench.world.faults.instrument(role).identity = "ACME,42,0,0"
-        assert bench.ask(role, question) == "ACME,42,0,0"
+def test_wrong_instrument_at_the_address(bench: Bench, role: str, question: str) -> None:
+    bench.world.faults.instrument(role).identity = "ACME,42,0,0"
+    assert bench.ask(role, question) == "ACME,42,0,0"
 
 
-def test_calibrator_trips_at_the_given_time() -> None:
-    with open_bench() as bench:
-        bench.send("switch", ":CLOS (@1!1!1)")
-        bench.send("calibrator", "OUT 1.0E-03 A, 0 HZ", "OPER")
-        trip_calibrator(bench.world, 100 * NS)
-        bench.clock.sleep_until_ns(99 * NS)
-        assert bench.ask("calibrator", "ISR?") == "4097"
-        bench.clock.sleep_until_ns(101 * NS)
-        assert bench.ask("calibrator", "ISR?") == "4096"
-        assert bench.unit.history[-1] == (100 * NS, 1, bench.world.wiring.leakage_A[0, 0])
+def test_calibrator_trips_at_the_given_time(bench: Bench) -> None:
+    bench.send("switch", ":CLOS (@1!1!1)")
+    bench.send("calibrator", "OUT 1.0E-03 A, 0 HZ", "OPER")
+    trip_calibrator(bench.world, 100 * NS)
+    bench.clock.sleep_until_ns(99 * NS)
+    assert bench.ask("calibrator", "ISR?") == "4097"
+    bench.clock.sleep_until_ns(101 * NS)
+    assert bench.ask("calibrator", "ISR?") == "4096"
+    assert bench.unit.history[-1] == (100 * NS, 1, bench.world.wiring.leakage_A[0, 0])
 
 
-def test_coming_trip_bounds_the_quiet_time() -> None:
-    with open_bench() as bench:
-        seen = []
-        trip_calibrator(bench.world, 100 * NS)
-        bench.clock.every(40.0, lambda: seen.append(bench.clock.quiet_until_ns()))
-        bench.clock.sleep_until_ns(150 * NS)
-        assert seen == [100 * NS, 100 * NS, 150 * NS]
+def test_coming_trip_bounds_the_quiet_time(bench: Bench) -> None:
+    seen = []
+    trip_calibrator(bench.world, 100 * NS)
+    bench.clock.every(40.0, lambda: seen.append(bench.clock.quiet_until_ns()))
+    bench.clock.sleep_until_ns(150 * NS)
+    assert seen == [100 * NS, 100 * NS, 150 * NS]
 
 
 def test_chamber_with_a_shortfall_never_settles() -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pyvisa.errors import VisaIOError
-from sim_served import Served, serve
+from sim_served import Served
 
 SEED = 4880
 ROLE = "supply"
@@ -63,84 +63,77 @@ def _report(questions: Questions, capsys: pytest.CaptureFixture[str]) -> None:
         )
 
 
-def test_after_a_timeout_the_next_question_gets_its_own_answer() -> None:
-    with serve() as served:
-        questions = Questions(served, 0.02, late=0.5)
-        for number in range(500):
-            questions.ask(number, clear=False)
-        assert (questions.mismatches, questions.answers + questions.timeouts) == (0, 500)
-        assert questions.timeouts > 50
-        assert questions.answers > 100
+def test_after_a_timeout_the_next_question_gets_its_own_answer(served: Served) -> None:
+    questions = Questions(served, 0.02, late=0.5)
+    for number in range(500):
+        questions.ask(number, clear=False)
+    assert (questions.mismatches, questions.answers + questions.timeouts) == (0, 500)
+    assert questions.timeouts > 50
+    assert questions.answers > 100
 
 
-def test_ladder_of_poll_clear_and_repeat_finds_the_way_back() -> None:
-    with serve() as served:
-        questions = Questions(served, 0.04, late=0.5)
-        for number in range(60):
-            questions.ask(number, clear=True)
-        questions.late = 0.0
-        questions.timeout_s = 5.0
-        questions.session.timeout = 5000
-        before = questions.answers
-        for number in range(60, 80):
-            questions.ask(number, clear=True)
-        assert questions.mismatches == 0
-        assert questions.answers == before + 20
+def test_ladder_of_poll_clear_and_repeat_finds_the_way_back(served: Served) -> None:
+    questions = Questions(served, 0.04, late=0.5)
+    for number in range(60):
+        questions.ask(number, clear=True)
+    questions.late = 0.0
+    questions.timeout_s = 5.0
+    questions.session.timeout = 5000
+    before = questions.answers
+    for number in range(60, 80):
+        questions.ask(number, clear=True)
+    assert questions.mismatches == 0
+    assert questions.answers == before + 20
 
 
-def test_the_same_questions_over_a_raw_socket_do_get_wrong_answers() -> None:
-    with serve() as served:
-        questions = Questions(served, 0.02, late=0.5, by_socket=True)
-        for number in range(200):
-            questions.ask(number, clear=False)
-        assert questions.mismatches > 10
+def test_the_same_questions_over_a_raw_socket_do_get_wrong_answers(served: Served) -> None:
+    questions = Questions(served, 0.02, late=0.5, by_socket=True)
+    for number in range(200):
+        questions.ask(number, clear=False)
+    assert questions.mismatches > 10
 
 
-def test_clear_with_an_unread_reply_needs_a_new_session() -> None:
-    with serve() as served:
-        questions = Questions(served, 5.0, late=0.0)
-        session = questions.session
-        session.write("*ESE?")
-        while not session.read_stb() & 16:
-            pass
-        with pytest.raises(RuntimeError, match="DeviceClearAcknowledge"):
-            session.clear()  # pyvisa-py does not throw away what came before the acknowledgement, as it should
-        session.close()
-        questions.session = questions._open()
-        questions.ask(77, clear=True)
-        assert (questions.answers, questions.mismatches) == (1, 0)
+def test_clear_with_an_unread_reply_needs_a_new_session(served: Served) -> None:
+    questions = Questions(served, 5.0, late=0.0)
+    session = questions.session
+    session.write("*ESE?")
+    while not session.read_stb() & 16:
+        pass
+    with pytest.raises(RuntimeError, match="DeviceClearAcknowledge"):
+        session.clear()  # pyvisa-py does not throw away what came before the acknowledgement, as it should
+    session.close()
+    questions.session = questions._open()
+    questions.ask(77, clear=True)
+    assert (questions.answers, questions.mismatches) == (1, 0)
 
 
-def test_poll_after_an_interrupted_question_needs_a_new_session() -> None:
-    with serve() as served:
-        questions = Questions(served, 5.0, late=1.0)
-        session = questions.session
-        questions.faults.late_s, questions.faults.late_replies = 60.0, 1
-        session.write("*ESE?")
-        assert session.query("*ESE?") == "0"
-        with pytest.raises(RuntimeError, match="AsyncInterrupted"):
-            session.read_stb()  # pyvisa-py takes the next message of the second channel for its answer
-        session.close()
-        assert questions._open().read_stb() == 0
+def test_poll_after_an_interrupted_question_needs_a_new_session(served: Served) -> None:
+    questions = Questions(served, 5.0, late=1.0)
+    session = questions.session
+    questions.faults.late_s, questions.faults.late_replies = 60.0, 1
+    session.write("*ESE?")
+    assert session.query("*ESE?") == "0"
+    with pytest.raises(RuntimeError, match="AsyncInterrupted"):
+        session.read_stb()  # pyvisa-py takes the next message of the second channel for its answer
+    session.close()
+    assert questions._open().read_stb() == 0
 
 
 @pytest.mark.sweep
-def test_hundred_thousand_questions(capsys: pytest.CaptureFixture[str]) -> None:
-    with serve() as served:
-        questions = Questions(served, 0.004, late=0.2)
-        for number in range(100_000):
-            questions.ask(number, clear=False)
-        _report(questions, capsys)
-        assert questions.mismatches == 0
-        assert questions.timeouts > 5_000
+def test_hundred_thousand_questions(served: Served, capsys: pytest.CaptureFixture[str]) -> None:
+    questions = Questions(served, 0.004, late=0.2)
+    for number in range(100_000):
+        questions.ask(number, clear=False)
+    _report(questions, capsys)
+    assert questions.mismatches == 0
+    assert questions.timeouts > 5_000
 
 
 @pytest.mark.sweep
-def test_a_thousand_clears(capsys: pytest.CaptureFixture[str]) -> None:
-    with serve() as served:
-        questions = Questions(served, 0.02, late=0.6)
-        for number in range(4_000):
-            questions.ask(number, clear=True)
-        _report(questions, capsys)
-        assert questions.mismatches == 0
-        assert questions.timeouts > 1_000
+def test_a_thousand_clears(served: Served, capsys: pytest.CaptureFixture[str]) -> None:
+    questions = Questions(served, 0.02, late=0.6)
+    for number in range(4_000):
+        questions.ask(number, clear=True)
+    _report(questions, capsys)
+    assert questions.mismatches == 0
+    assert questions.timeouts > 1_000

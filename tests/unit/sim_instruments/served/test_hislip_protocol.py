@@ -27,10 +27,10 @@ def client(served: Served, name: bytes = b"hislip6") -> Iterator[RawClient]:
         made.close()
 
 
-@contextmanager
-def supply() -> Iterator[tuple[Served, RawClient]]:
-    with serve() as served, client(served) as one:
-        yield served, one
+@pytest.fixture
+def one(served: Served) -> Iterator[RawClient]:
+    with client(served) as made:
+        yield made
 
 
 def test_header_is_the_one_of_the_specification() -> None:
@@ -62,98 +62,89 @@ def test_too_large_a_message_is_skipped_without_being_kept() -> None:
         inbox.feed(bytes(16))
 
 
-def test_reply_carries_the_number_of_its_question() -> None:
-    with supply() as (_, one):
-        for number in (FIRST, 6, 0xFFFFFFFE):
-            one.send(b"*IDN?\n", number, delivered=number != FIRST)
-            assert one.sync.hear() == (7, 0, number, IDENTITY)
+def test_reply_carries_the_number_of_its_question(one: RawClient) -> None:
+    for number in (FIRST, 6, 0xFFFFFFFE):
+        one.send(b"*IDN?\n", number, delivered=number != FIRST)
+        assert one.sync.hear() == (7, 0, number, IDENTITY)
 
 
-def test_command_in_several_messages() -> None:
-    with supply() as (_, one):
-        one.sync.say(6, 0, FIRST, b"*I")
-        one.sync.say(6, 0, FIRST + 2, b"DN")
-        assert one.sync.silent()
-        one.sync.say(7, 0, FIRST + 4, b"?")
-        assert one.sync.hear() == (7, 0, FIRST + 4, IDENTITY)
+def test_command_in_several_messages(one: RawClient) -> None:
+    one.sync.say(6, 0, FIRST, b"*I")
+    one.sync.say(6, 0, FIRST + 2, b"DN")
+    assert one.sync.silent()
+    one.sync.say(7, 0, FIRST + 4, b"?")
+    assert one.sync.hear() == (7, 0, FIRST + 4, IDENTITY)
 
 
-def test_line_feed_ends_a_command_too() -> None:
-    with supply() as (_, one):
-        one.sync.say(6, 0, FIRST, b"*IDN?\n")
-        assert one.sync.hear() == (7, 0, FIRST, IDENTITY)
+def test_line_feed_ends_a_command_too(one: RawClient) -> None:
+    one.sync.say(6, 0, FIRST, b"*IDN?\n")
+    assert one.sync.hear() == (7, 0, FIRST, IDENTITY)
 
 
-def test_question_before_the_reply_is_sent_interrupts_it_on_both_channels() -> None:
-    with supply() as (served, one):
-        served.world.faults.instrument("supply").late_s = 30.0
-        served.world.faults.instrument("supply").late_replies = 1
-        one.send(b"*IDN?", FIRST)
-        one.send(b"VOLT?", FIRST + 2)
-        assert one.asynchronous.hear() == (14, 0, FIRST + 2, b"")
-        assert one.sync.hear() == (13, 0, FIRST + 2, b"")
-        assert one.sync.hear() == (7, 0, FIRST + 2, b"0.00000E+00\n")
+def test_question_before_the_reply_is_sent_interrupts_it_on_both_channels(served: Served, one: RawClient) -> None:
+    served.world.faults.instrument("supply").late_s = 30.0
+    served.world.faults.instrument("supply").late_replies = 1
+    one.send(b"*IDN?", FIRST)
+    one.send(b"VOLT?", FIRST + 2)
+    assert one.asynchronous.hear() == (14, 0, FIRST + 2, b"")
+    assert one.sync.hear() == (13, 0, FIRST + 2, b"")
+    assert one.sync.hear() == (7, 0, FIRST + 2, b"0.00000E+00\n")
 
 
-def test_question_after_the_reply_is_sent_but_not_read_is_the_instruments_error_only() -> None:
-    with supply() as (_, one):
-        one.send(b"*IDN?", FIRST)
-        assert one.sync.hear()[2] == FIRST
-        one.send(b"SYST:ERR?", FIRST + 2, delivered=False)
-        assert one.sync.hear() == (7, 0, FIRST + 2, b'-410,"Query INTERRUPTED"\n')
-        one.send(b"SYST:ERR?", FIRST + 4, delivered=True)
-        assert one.sync.hear() == (7, 0, FIRST + 4, b'+0,"No error"\n')
-        assert one.asynchronous.silent()
+def test_question_after_the_reply_is_sent_but_not_read_is_the_instruments_error_only(one: RawClient) -> None:
+    one.send(b"*IDN?", FIRST)
+    assert one.sync.hear()[2] == FIRST
+    one.send(b"SYST:ERR?", FIRST + 2, delivered=False)
+    assert one.sync.hear() == (7, 0, FIRST + 2, b'-410,"Query INTERRUPTED"\n')
+    one.send(b"SYST:ERR?", FIRST + 4, delivered=True)
+    assert one.sync.hear() == (7, 0, FIRST + 4, b'+0,"No error"\n')
+    assert one.asynchronous.silent()
 
 
-def test_status_tells_a_reply_until_it_is_said_to_be_delivered() -> None:
-    with supply() as (_, one):
-        one.send(b"*IDN?", FIRST)
-        one.sync.hear()
-        assert [one.status(FIRST), one.status(FIRST), one.status(FIRST, delivered=True), one.status(FIRST)] == [
-            16,
-            16,
-            0,
-            0,
-        ]
-        one.send(b"SYST:ERR?", FIRST + 2)
-        assert one.sync.hear()[3] == b'+0,"No error"\n'
+def test_status_tells_a_reply_until_it_is_said_to_be_delivered(one: RawClient) -> None:
+    one.send(b"*IDN?", FIRST)
+    one.sync.hear()
+    assert [one.status(FIRST), one.status(FIRST), one.status(FIRST, delivered=True), one.status(FIRST)] == [
+        16,
+        16,
+        0,
+        0,
+    ]
+    one.send(b"SYST:ERR?", FIRST + 2)
+    assert one.sync.hear()[3] == b'+0,"No error"\n'
 
 
-def test_commands_that_have_arrived_come_before_the_poll() -> None:
-    with supply() as (_, one):
-        for number in range(100):
-            one.send(b"NONSENSE", FIRST)
-            assert one.status() == 4, number
-            one.send(b"*CLS", FIRST)
-            assert one.status() == 0, number
+def test_commands_that_have_arrived_come_before_the_poll(one: RawClient) -> None:
+    for number in range(100):
+        one.send(b"NONSENSE", FIRST)
+        assert one.status() == 4, number
+        one.send(b"*CLS", FIRST)
+        assert one.status() == 0, number
 
 
-def test_device_clear_drops_input_output_and_late_replies() -> None:
-    with supply() as (served, one):
-        faults = served.world.faults.instrument("supply")
-        faults.late_s, faults.late_replies = 0.3, 1
-        one.sync.say(6, 0, FIRST, b"VOLT 12;")
-        one.send(b"*IDN?", FIRST + 2)
-        one.sync.say(6, 0, FIRST + 4, b"VOLT 19")
-        one.clear()
-        one.send(b"VOLT?", FIRST)
-        assert one.sync.hear() == (7, 0, FIRST, b"1.20000E+01\n")
-        assert one.sync.silent(0.5)
+def test_device_clear_drops_input_output_and_late_replies(served: Served, one: RawClient) -> None:
+    faults = served.world.faults.instrument("supply")
+    faults.late_s, faults.late_replies = 0.3, 1
+    one.sync.say(6, 0, FIRST, b"VOLT 12;")
+    one.send(b"*IDN?", FIRST + 2)
+    one.sync.say(6, 0, FIRST + 4, b"VOLT 19")
+    one.clear()
+    one.send(b"VOLT?", FIRST)
+    assert one.sync.hear() == (7, 0, FIRST, b"1.20000E+01\n")
+    assert one.sync.silent(0.5)
 
 
-def test_during_device_clear_what_arrives_is_thrown_away() -> None:
-    with supply() as (_, one):
-        one.asynchronous.say(19)
-        assert one.asynchronous.hear()[0] == 23
-        one.send(b"VOLT 9", FIRST + 8)
-        one.send(b"*IDN?", FIRST + 10)
-        one.sync.say(8, 1)
-        assert one.sync.hear() == (9, 0, 0, b"")
-        one.send(b"VOLT?", FIRST)
-        assert one.sync.hear() == (7, 0, FIRST, b"0.00000E+00\n")
-        one.sync.say(8)
-        assert one.sync.hear()[:2] == (3, 0)
+def test_during_device_clear_what_arrives_is_thrown_away(one: RawClient) -> None:
+    one.asynchronous.say(19)
+    assert one.asynchronous.hear()[0] == 23
+    one.send(b"VOLT 9", FIRST + 8)
+    one.send(b"*IDN?", FIRST + 10)
+    one.sync.say(8, 1)
+    assert one.sync.hear() == (9, 0, 0, b"")
+    one.send(b"VOLT?", FIRST)
+    assert one.sync.hear() == (7, 0, FIRST, b"0.00000E+00\n")
+    one.sync.say(8)
+    assert one.sync.hear()[:2] == (3, 0)
 
 
 def test_trigger_reaches_the_instrument_and_its_reading_carries_the_number() -> None:
@@ -173,86 +164,80 @@ def test_reply_without_end_is_data_only() -> None:
 
 
 @pytest.mark.parametrize("control", range(7))
-def test_remote_and_local_are_accepted(control: int) -> None:
-    with supply() as (_, one):
-        one.asynchronous.say(10, control, FIRST)
-        assert one.asynchronous.hear() == (11, 0, 0, b"")
+def test_remote_and_local_are_accepted(one: RawClient, control: int) -> None:
+    one.asynchronous.say(10, control, FIRST)
+    assert one.asynchronous.hear() == (11, 0, 0, b"")
 
 
-def test_messages_that_are_refused_leave_the_session_open() -> None:
-    with supply() as (_, one):
-        for wire in (one.sync, one.asynchronous):
-            for kind, reason in ((99, 1), (26, 1), (200, 3), (5, 1)):
-                wire.say(kind, 0, 0, b"whatever")
-                answer, control, _, text = wire.hear()
-                assert (answer, control) == (3, reason)
-                assert str(kind) in text.decode()
-        one.asynchronous.say(10, 7)
-        assert one.asynchronous.hear()[:2] == (3, 2)
-        one.asynchronous.say(4, 2)
-        assert one.asynchronous.hear()[:2] == (3, 2)
-        one.sync.say(7, 0, FIRST, bytes(1 << 20))
-        assert one.sync.hear()[:2] == (3, 4)
-        one.sync.say(3, 0, 0, b"the client did not like something")
-        one.send(b"*IDN?", FIRST)
-        assert one.sync.hear() == (7, 0, FIRST, IDENTITY)
+def test_messages_that_are_refused_leave_the_session_open(one: RawClient) -> None:
+    for wire in (one.sync, one.asynchronous):
+        for kind, reason in ((99, 1), (26, 1), (200, 3), (5, 1)):
+            wire.say(kind, 0, 0, b"whatever")
+            answer, control, _, text = wire.hear()
+            assert (answer, control) == (3, reason)
+            assert str(kind) in text.decode()
+    one.asynchronous.say(10, 7)
+    assert one.asynchronous.hear()[:2] == (3, 2)
+    one.asynchronous.say(4, 2)
+    assert one.asynchronous.hear()[:2] == (3, 2)
+    one.sync.say(7, 0, FIRST, bytes(1 << 20))
+    assert one.sync.hear()[:2] == (3, 4)
+    one.sync.say(3, 0, 0, b"the client did not like something")
+    one.send(b"*IDN?", FIRST)
+    assert one.sync.hear() == (7, 0, FIRST, IDENTITY)
 
 
-def test_message_that_grows_too_large_is_refused_and_forgotten() -> None:
-    with supply() as (_, one):
-        for _ in range(2):
-            one.sync.say(6, 0, FIRST, b"x" * 600_000)
-        assert one.sync.hear()[:2] == (3, 4)
-        one.send(b"*IDN?", FIRST)
-        assert one.sync.hear() == (7, 0, FIRST, IDENTITY)
+def test_message_that_grows_too_large_is_refused_and_forgotten(one: RawClient) -> None:
+    for _ in range(2):
+        one.sync.say(6, 0, FIRST, b"x" * 600_000)
+    assert one.sync.hear()[:2] == (3, 4)
+    one.send(b"*IDN?", FIRST)
+    assert one.sync.hear() == (7, 0, FIRST, IDENTITY)
 
 
 @pytest.mark.parametrize("channel", ["sync", "asynchronous"])
-def test_bad_header_ends_the_session_on_both_channels(channel: str) -> None:
-    with supply() as (served, one):
-        getattr(one, channel).sock.sendall(b"GET / HTTP/1.1\r\n\r\n")
-        for wire in (one.sync, one.asynchronous):
-            assert wire.hear()[:2] == (2, 1)
-            assert wire.ended()
-        with client(served) as another:
-            assert another.status() == 0
+def test_bad_header_ends_the_session_on_both_channels(served: Served, one: RawClient, channel: str) -> None:
+    getattr(one, channel).sock.sendall(b"GET / HTTP/1.1\r\n\r\n")
+    for wire in (one.sync, one.asynchronous):
+        assert wire.hear()[:2] == (2, 1)
+        assert wire.ended()
+    with client(served) as another:
+        assert another.status() == 0
 
 
-def test_fatal_errors_of_the_beginning() -> None:
-    with serve() as served:
-        port = served.servers.hislip_port
-        for kind, payload, reason in (
-            (7, b"*IDN?", 3),
-            (17, b"", 3),
-            (0, b"hislip10", 3),
-            (0, b"inst0", 3),
-            (0, b"", 3),
-        ):
-            wire = Wire(port)
-            wire.say(kind, 0, 0x0100_0000, payload)
-            assert wire.hear()[:2] == (2, reason)
-            assert wire.ended()
-            wire.sock.close()
-        half = Wire(port)
-        half.say(0, 0, 0x0200_0000, b"hislip0")
-        assert half.hear()[2] >> 16 == 0x0100
-        half.say(7, 0, FIRST, b"*IDN?")
-        assert half.hear()[:2] == (2, 2)
-        assert half.ended()
-        half.sock.close()
+def test_fatal_errors_of_the_beginning(served: Served) -> None:
+    port = served.servers.hislip_port
+    for kind, payload, reason in (
+        (7, b"*IDN?", 3),
+        (17, b"", 3),
+        (0, b"hislip10", 3),
+        (0, b"inst0", 3),
+        (0, b"", 3),
+    ):
+        wire = Wire(port)
+        wire.say(kind, 0, 0x0100_0000, payload)
+        assert wire.hear()[:2] == (2, reason)
+        assert wire.ended()
+        wire.sock.close()
+    half = Wire(port)
+    half.say(0, 0, 0x0200_0000, b"hislip0")
+    assert half.hear()[2] >> 16 == 0x0100
+    half.say(7, 0, FIRST, b"*IDN?")
+    assert half.hear()[:2] == (2, 2)
+    assert half.ended()
+    half.sock.close()
 
 
-def test_second_initialization_and_wrong_size_of_a_size_end_the_session() -> None:
-    with serve() as served:
-        for kind, payload, reason in ((0, b"hislip6", 3), (17, b"", 3), (15, b"1234", 1)):
-            with client(served) as one:
-                one.asynchronous.say(kind, 0, 0, payload)
-                assert one.asynchronous.hear()[:2] == (2, reason)
-                assert one.asynchronous.ended()
+def test_second_initialization_and_wrong_size_of_a_size_end_the_session(served: Served) -> None:
+    for kind, payload, reason in ((0, b"hislip6", 3), (17, b"", 3), (15, b"1234", 1)):
+        with client(served) as one:
+            one.asynchronous.say(kind, 0, 0, payload)
+            assert one.asynchronous.hear()[:2] == (2, reason)
+            assert one.asynchronous.ended()
 
 
-def test_locks_exclusive_shared_and_their_answers() -> None:
-    with supply() as (served, one), client(served) as two, client(served) as three:
+def test_locks_exclusive_shared_and_their_answers(served: Served, one: RawClient) -> None:
+    with client(served) as two, client(served) as three:
         assert one.lock() == 1
         assert (one.lock(), two.lock(), two.lock(b"key")) == (3, 0, 0)
         assert (one.unlock(), one.unlock()) == (1, 3)
@@ -266,8 +251,8 @@ def test_locks_exclusive_shared_and_their_answers() -> None:
         assert three.lock() == 1
 
 
-def test_lock_is_waited_for_and_given_back_by_a_client_that_goes() -> None:
-    with supply() as (served, one), client(served) as two:
+def test_lock_is_waited_for_and_given_back_by_a_client_that_goes(served: Served, one: RawClient) -> None:
+    with client(served) as two:
         assert one.lock() == 1
         assert two.lock(timeout_ms=50) == 0
         two.asynchronous.say(4, 1, 60_000)
@@ -276,8 +261,8 @@ def test_lock_is_waited_for_and_given_back_by_a_client_that_goes() -> None:
         assert two.locked() == 1
 
 
-def test_commands_of_a_client_that_is_shut_out_wait_and_its_polls_do_not() -> None:
-    with supply() as (served, one), client(served) as two, client(served, b"hislip4") as neighbour:
+def test_commands_of_a_client_that_is_shut_out_wait_and_its_polls_do_not(served: Served, one: RawClient) -> None:
+    with client(served) as two, client(served, b"hislip4") as neighbour:
         assert one.lock() == 1
         two.send(b"VOLT?", FIRST)
         assert two.status() == 0
@@ -294,25 +279,23 @@ def test_commands_of_a_client_that_is_shut_out_wait_and_its_polls_do_not() -> No
         two.clear()
 
 
-def test_commands_of_a_client_that_died_while_shut_out_are_not_carried_out() -> None:
-    with supply() as (served, one):
-        assert one.lock() == 1
-        two = RawClient(served.servers.hislip_port)
-        two.send(b"VOLT 19", FIRST)
-        assert two.status() == 0
-        two.close()
-        _wait_for(lambda: session_count() == 1)
-        assert one.unlock() == 1
-        one.send(b"VOLT?", FIRST)
-        assert one.sync.hear()[3] == b"0.00000E+00\n"
+def test_commands_of_a_client_that_died_while_shut_out_are_not_carried_out(served: Served, one: RawClient) -> None:
+    assert one.lock() == 1
+    two = RawClient(served.servers.hislip_port)
+    two.send(b"VOLT 19", FIRST)
+    assert two.status() == 0
+    two.close()
+    _wait_for(lambda: session_count() == 1)
+    assert one.unlock() == 1
+    one.send(b"VOLT?", FIRST)
+    assert one.sync.hear()[3] == b"0.00000E+00\n"
 
 
-def test_last_command_before_a_client_goes_is_carried_out() -> None:
-    with serve() as served:
-        for number in range(50):
-            with client(served) as one:
-                one.send(b"VOLT %d" % (number % 20), FIRST)
-            _wait_for(lambda number=number: served.world.instruments["supply"].voltage_V == number % 20)
+def test_last_command_before_a_client_goes_is_carried_out(served: Served) -> None:
+    for number in range(50):
+        with client(served) as one:
+            one.send(b"VOLT %d" % (number % 20), FIRST)
+        _wait_for(lambda number=number: served.world.instruments["supply"].voltage_V == number % 20)
 
 
 def _wait_for(reached: Callable[[], bool]) -> None:
@@ -324,31 +307,29 @@ def _wait_for(reached: Callable[[], bool]) -> None:
     raise AssertionError(f"not reached; {session_count()} sessions are served")
 
 
-def test_clients_have_a_limit_and_places_become_free() -> None:
-    with serve() as served:
-        clients = [RawClient(served.servers.hislip_port) for _ in range(MOST_SESSIONS)]
-        wire = Wire(served.servers.hislip_port)
-        wire.say(0, 0, 0x0100_0000, b"hislip0")
-        assert wire.hear()[:2] == (2, 4)
-        wire.sock.close()
-        for one in clients:
-            one.close()
-        _wait_for(lambda: session_count() == 0)
-        with client(served) as one:
-            assert one.status() == 0
+def test_clients_have_a_limit_and_places_become_free(served: Served) -> None:
+    clients = [RawClient(served.servers.hislip_port) for _ in range(MOST_SESSIONS)]
+    wire = Wire(served.servers.hislip_port)
+    wire.say(0, 0, 0x0100_0000, b"hislip0")
+    assert wire.hear()[:2] == (2, 4)
+    wire.sock.close()
+    for one in clients:
+        one.close()
+    _wait_for(lambda: session_count() == 0)
+    with client(served) as one:
+        assert one.status() == 0
 
 
-def test_connections_that_never_begin_give_way() -> None:
-    with serve() as served:
-        idle = [
-            socket.create_connection(("127.0.0.1", served.servers.hislip_port), timeout=10)
-            for _ in range(MOST_WAITING + 10)
-        ]
-        with client(served) as one:
-            assert one.status() == 0
-        assert idle[0].recv(1) == b""
-        for sock in idle:
-            sock.close()
+def test_connections_that_never_begin_give_way(served: Served) -> None:
+    idle = [
+        socket.create_connection(("127.0.0.1", served.servers.hislip_port), timeout=10)
+        for _ in range(MOST_WAITING + 10)
+    ]
+    with client(served) as one:
+        assert one.status() == 0
+    assert idle[0].recv(1) == b""
+    for sock in idle:
+        sock.close()
 
 
 def test_garbage_of_any_kind_leaves_the_server_alive() -> None:

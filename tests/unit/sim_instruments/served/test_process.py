@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import serial
-from sim_bench import open_bench, station
+from sim_bench import Bench, open_bench, station
 
 from bench.model.clock import NS, VirtualClock, WallClock
 from bench.model.errors import InputError, InputErrors
@@ -22,8 +22,8 @@ from bench.plan.findings import Findings
 from bench.plan.served import served_station
 from sim_instruments.faults.switchboard import LinkFaults
 from sim_instruments.served.control_socket import ControlSocket
+from sim_instruments.served.process import OutputWatch
 from sim_instruments.served.pty_links import PtyLink
-from sim_instruments.served.state import OutputWatch, bench_state
 from sim_instruments.worlds.common.thermal import AIR_LAG_S, UNIT_LAG_S, Thermal
 from sim_instruments.worlds.simulation import open_world
 
@@ -167,26 +167,25 @@ def test_the_control_socket_answers_and_survives_nonsense(control: Path) -> None
     assert say(control, b'{"words": []}\n') == {"lines": []}
 
 
-def test_the_watch_tells_when_an_output_last_changed() -> None:
-    with open_bench() as bench:
-        watch = OutputWatch(bench.world)
-        bench.clock.every(0.02, watch.look)
-        bench.clock.sleep(5.0)
-        bench.send("switch", ":CLOS (@1!2!7)")
-        bench.clock.sleep(3.0)
-        state = bench_state(bench.world, watch)
-        assert state["instruments"]["switch"]["closed"] == ["1!2!7"]
-        assert state["instruments"]["switch"]["unchanged_s"] == pytest.approx(3.0, abs=0.03)
-        assert state["instruments"]["calibrator"]["unchanged_s"] == pytest.approx(8.0, abs=0.03)
-        assert state["unit"]["inputs_A"]["7"] == bench.world.wiring.leakage_A[1, 6]
-        assert (state["unit"]["powered"], state["faults"]) == (False, [])
-        bench.send("supply", "VOLT 18", "CURR 2", "OUTP ON")
-        bench.send("calibrator", "OUT 1.0E-03 A, 0 HZ", "OPER")
-        bench.clock.sleep(10.0)
-        state = bench_state(bench.world, watch)
-        assert state["unit"]["powered"]
-        assert state["loop_current_A"] == pytest.approx(1e-3, rel=1e-3)
-        json.dumps(state)
+def test_the_watch_tells_when_an_output_last_changed(bench: Bench) -> None:
+    watch = OutputWatch(bench.world)
+    bench.clock.every(0.02, watch.look)
+    bench.clock.sleep(5.0)
+    bench.send("switch", ":CLOS (@1!2!7)")
+    bench.clock.sleep(3.0)
+    state = watch.state()
+    assert state["instruments"]["switch"]["closed"] == ["1!2!7"]
+    assert state["instruments"]["switch"]["unchanged_s"] == pytest.approx(3.0, abs=0.03)
+    assert state["instruments"]["calibrator"]["unchanged_s"] == pytest.approx(8.0, abs=0.03)
+    assert state["unit"]["inputs_A"]["7"] == bench.world.wiring.leakage_A[1, 6]
+    assert (state["unit"]["powered"], state["faults"]) == (False, [])
+    bench.send("supply", "VOLT 18", "CURR 2", "OUTP ON")
+    bench.send("calibrator", "OUT 1.0E-03 A, 0 HZ", "OPER")
+    bench.clock.sleep(10.0)
+    state = watch.state()
+    assert state["unit"]["powered"]
+    assert state["loop_current_A"] == pytest.approx(1e-3, rel=1e-3)
+    json.dumps(state)
 
 
 @pytest.mark.parametrize("name", ["af_bench_sim", "af_rack_sim"])

@@ -1,0 +1,173 @@
+"""Who imports whom: no circles, models alone, packages through their faces, and contracts that fail when violated.
+
+The graph holds every import of the packages, also those in functions and for types; it is built once.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable
+from copy import deepcopy
+from functools import cache
+from pathlib import Path
+
+import grimp
+import pytest
+from importlinter.api import read_configuration
+from importlinter.application.use_cases import _get_built_in_contract_types
+from importlinter.domain.contract import Contract
+from structure import circles
+from tree import PRODUCT, TOP, module_of, name_of, python_files, text_of
+
+CONFIGURATION = read_configuration(str(TOP / ".importlinter"))
+CONTRACTS = {str(options["id"]): options for options in CONFIGURATION["contracts_options"]}
+PLANTED = {
+    "floors": ("bench.maths.allan", "bench.plan.compile"),
+    "systems": ("bench.systems.north.solve", "bench.systems.gnc.rows"),
+    "engine-names-no-system": ("bench.session.partial", "bench.systems.north.analysis"),
+    "declarations-are-plain": ("bench.systems.north.declaration", "bench.plan.language.sequence"),
+    "estimators": ("bench.systems.north.estimators.tilt", "bench.analysis.numbers"),
+    "worlds": ("sim_instruments.worlds.north.world", "sim_instruments.worlds.gnc.world"),
+    "simulated-bench": ("sim_instruments.worlds.common.world", "sim_instruments.bus.live"),
+    "no-instruments-in-bench": ("bench.run.bench.opener", "instruments.hp_3458a"),
+    "instruments-know-floor-0-and-frames": ("instruments.hp_3458a", "bench.maths.allan"),
+    "real-without-simulated": ("instruments.hp_3458a", "sim_instruments.hp_3458a"),
+    "yaml-in-one-loader": ("bench.plan.compile", "yaml"),
+    "buses-in-one-opener": ("bench.run.links.port", "serial"),
+    "a-run-does-not-die-of-a-fit": ("bench.run.watch.trend", "scipy"),
+    "the-guard-needs-nothing-that-can-fail": ("bench.run.guard.decision", "bench.frame.batch"),
+    "clusters-in-one-place": ("bench.commands.study.study", "distributed"),
+}
+MOST_FILES = 30
+SIBLINGS = {"instruments", "sim_instruments", "tests/protocol"}  # one model each
+BESIDE = ("sim_instruments", "sim_instruments.seeds")  # no models, in the folder of the models
+MODELS = {module_of(path) for path in (TOP / "sim_instruments").glob("*.py")}.difference(BESIDE)
+SHARED = tuple(f"sim_instruments.{room}" for room in ("bus", "faults", "seeds", "worlds.common"))
+OF_A_SYSTEM = re.compile(r"sim_instruments\.worlds\.(?!common\b|kinds\b|simulation\b)")
+
+
+@cache
+def graph() -> grimp.ImportGraph:
+    """Return every import of the packages; a test plants its violation in a copy."""
+    roots = CONFIGURATION["session_options"]["root_packages"]
+    return grimp.build_graph(*roots, include_external_packages=True, cache_dir=None)
+
+
+@cache
+def arrows() -> dict[str, set[str]]:
+    """Return the modules of the product that each of them imports."""
+    names = {module for module in graph().modules if module.startswith(PRODUCT)}
+    return {name: graph().find_modules_directly_imported_by(name) & names for name in names}
+
+
+# --- contracts ---------------------------------------------------------------------------------------------------
+
+
+def is_kept(name: str, planted: tuple[str, str] | None = None, room: str | None = None) -> bool:
+    """Return whether a contract, checked alone, holds; ``planted``: one more import, ``room``: one more package."""
+    known: dict[str, type[Contract]] = dict(_get_built_in_contract_types())
+    options = CONTRACTS[name]
+    contract = known[options["type"]](options["name"], CONFIGURATION["session_options"], options)
+    changed = deepcopy(graph())
+    if planted is not None:
+        assert set(planted) <= changed.modules
+        changed.add_import(importer=planted[0], imported=planted[1], line_number=1, line_contents="planted")
+    if room is not None:
+        changed.add_module(room)
+    return contract.check(changed, verbose=False).kept
+
+
+def test_every_contract_has_its_violation() -> None:
+    assert set(PLANTED) == set(CONTRACTS)
+
+
+@pytest.mark.parametrize("name", sorted(CONTRACTS))
+def test_a_planted_violation_breaks_the_contract(name: str) -> None:
+    """Each contract fails alone when it is violated: import-linter skips what overlaps without a word."""
+    assert is_kept(name)
+    assert not is_kept(name, PLANTED[name])
+
+
+def test_a_room_that_no_floor_names_is_refused() -> None:
+    assert not is_kept("floors", room="bench.newroom")
+
+
+# --- circles and models ------------------------------------------------------------------------------------------
+
+
+def test_the_graph_knows_imports_in_functions_and_for_types() -> None:
+    assert "bench.commands.run" in arrows()["bench.cli"]
+    assert "bench.plan.expand" in arrows()["bench.plan.readings"]
+
+
+def test_there_is_no_circle() -> None:
+    assert circles(arrows()) == []
+
+
+def test_a_planted_circle_is_found() -> None:
+    assert circles({"a": {"b"}, "b": {"c.d"}, "c.d": {"a"}, "e": {"a"}}) == [{"a", "b", "c.d"}]
+
+
+def test_a_simulated_model_knows_what_instruments_share_only() -> None:
+    others = {name: {to for to in arrows()[name] - MODELS if to.startswith("sim_instruments")} for name in MODELS}
+    assert {(name, to) for name, known in others.items() for to in known if not to.startswith(SHARED)} == set()
+
+
+def test_only_worlds_of_a_system_know_models() -> None:
+    knowing = {name for name, targets in arrows().items() if targets & MODELS} - MODELS
+    assert {name for name in knowing if not OF_A_SYSTEM.match(name)} == set()
+
+
+def test_instruments_know_floor_0_and_frames_only() -> None:
+    known = {(name, to) for name, targets in arrows().items() if not name.startswith("bench") for to in targets}
+    allowed = ("bench.model", "bench.frame", "instruments", "sim_instruments")
+    assert {(name, to) for name, to in known if not to.startswith(allowed)} == set()
+
+
+# --- rooms and faces ---------------------------------------------------------------------------------------------
+
+
+def flat_folders(files: Iterable[Path]) -> dict[str, int]:
+    """Return folders that hold too many files, with their number."""
+    counts = Counter(name_of(path.parent) for path in files)
+    return {name: count for name, count in counts.items() if count > MOST_FILES and name not in SIBLINGS}
+
+
+def test_no_flat_folder() -> None:
+    assert flat_folders(python_files(*PRODUCT, "tests")) == {}, "build rooms: folders that say what is done there"
+
+
+def test_the_measure_finds_a_flat_folder() -> None:
+    assert flat_folders([TOP / "bench" / "plan" / f"part_{n}.py" for n in range(31)]) == {"bench/plan": 31}
+
+
+def past_a_face(imports: grimp.ImportGraph, module: str, packages: set[str]) -> set[str]:
+    """Return imports of modules behind the face of a package the importer is not in, unless the face hands them on."""
+    return {
+        target
+        for target in imports.find_modules_directly_imported_by(module)
+        for package in packages
+        if target.startswith(f"{package}.") and not f"{module}.".startswith(f"{package}.")
+        for one in imports.get_import_details(importer=module, imported=target)
+        if not one["line_contents"].startswith(f"from {package} import ")
+    }
+
+
+def test_no_import_past_a_face() -> None:
+    faces = [path for path in python_files(*PRODUCT) if path.name == "__init__.py" and "__all__" in text_of(path)]
+    packages = {module_of(path) for path in faces}
+    assert {"bench.record", "bench.frame", "bench.store"} <= packages
+    wrong = {module: found for module in arrows() if (found := past_a_face(graph(), module, packages))}
+    assert wrong == {}, "import from the package, and let its __init__ hand the name on"
+
+
+def test_the_search_finds_an_import_past_a_face() -> None:
+    planted = grimp.ImportGraph()
+    for importer in ("bench.run.session", "bench.record.writer"):
+        for line in ("from bench.record.layout import Message", "from bench.record import layout"):
+            planted.add_import(
+                importer=importer, imported="bench.record.layout", line_number=len(line), line_contents=line
+            )
+    assert past_a_face(planted, "bench.run.session", {"bench.record"}) == {"bench.record.layout"}
+    assert past_a_face(planted, "bench.record.writer", {"bench.record"}) == set()

@@ -1,0 +1,21 @@
+"""A simulated bench in virtual time, and one served in real time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+from sim_bench import Bench, open_bench
+from sim_served import Served, serve
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    with open_bench() as opened:
+        yield opened
+
+
+@pytest.fixture
+def served() -> Iterator[Served]:
+    with serve() as opened:
+        yield opened
