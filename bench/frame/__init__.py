@@ -3,8 +3,7 @@
 from bench.frame.batch import FrameBatch, MessageBatch
 from bench.frame.commands import CommandLayout
 from bench.frame.definition import FrameDefinition, load_frame, parse_frame
-from bench.frame.layout import Message
-from bench.frame.schema import FrameSpec
+from bench.frame.layout import FrameSpec, Message
 from bench.frame.signals import (
     BENCH,
     BENCH_FIELDS,

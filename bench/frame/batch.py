@@ -66,7 +66,7 @@ class MessageBatch:
     def has_scale(self, name: str) -> bool:
         """Return whether physical and raw values of a field differ."""
         item = self._field(name)
-        return "." not in name and (item.scale != 1.0 or item.shift != 0.0)
+        return "." not in name and item.scaled
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return all fields by name, in wire order."""
@@ -123,7 +123,7 @@ class MessageBatch:
 
 @dataclass(frozen=True)
 class FrameBatch:
-    """What one feed yielded: accepted frames by message, offsets of rejected candidates, bytes now behind us.
+    """The yield of one feed: accepted frames by message, offsets of rejected candidates, bytes now behind us.
 
     ``position``: stream offset up to which every byte is decided. A rejected candidate is a full sync pattern, with
     all bytes of its frame there, whose check (or length, or type) fails and that lies inside no accepted frame.
@@ -143,3 +143,53 @@ class FrameCounts:
     bad: int = 0
     skipped_bytes: int = 0
     by_message: dict[str, int] = field(default_factory=dict)
+
+
+def extract_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:
+    """Raw values of a field: (n,) or (n, count), native byte order; bytes give (n, count) uint8.
+
+    Args: rows: (n, body) uint8, any strides between rows; at least one byte stands before the field (the sync).
+    """
+    count = len(rows)
+    width = np.dtype(item.dtype).itemsize
+    if item.kind == "b":
+        return rows[:, item.offset : item.offset + item.length].copy()
+    elements = 1 if item.count is None else item.count
+    if item.size == width:
+        column = _natural(rows, item, elements)
+    elif elements == 1 and item.offset + item.size - width >= 0 and item.big:
+        column = _overlapped(rows, item, width)
+    else:
+        column = _padded(rows, item, elements, width)
+    return column.reshape(count) if item.count is None else column
+
+
+def _natural(rows: NDArray[np.uint8], item: Field, elements: int) -> NDArray[Any]:
+    packed = np.ascontiguousarray(rows[:, item.offset : item.offset + item.length])
+    wire = np.dtype(item.dtype).newbyteorder(">" if item.big else "<")
+    values = packed.view(wire) if item.size > 1 or item.kind == "i" else packed
+    return values.astype(item.dtype, copy=False).reshape(len(rows), elements)
+
+
+def _overlapped(rows: NDArray[np.uint8], item: Field, width: int) -> NDArray[Any]:
+    """A big-endian u24/u40.. read as a wider integer that begins in the byte before it; the surplus is masked off."""
+    start = item.offset + item.size - width
+    packed = np.ascontiguousarray(rows[:, start : start + width])
+    wide = packed.view(f">u{width}").astype(f"u{width}")
+    if item.kind == "u":
+        return np.asarray(wide & wide.dtype.type((1 << (8 * item.size)) - 1))
+    return _sign(wide, item.size, width)
+
+
+def _padded(rows: NDArray[np.uint8], item: Field, elements: int, width: int) -> NDArray[Any]:
+    block = rows[:, item.offset : item.offset + item.length].reshape(len(rows), elements, item.size)
+    wide = np.zeros((len(rows), elements, width), np.uint8)
+    wide[:, :, : item.size] = block[:, :, ::-1] if item.big else block
+    values = wide.view(f"<u{width}").astype(f"u{width}", copy=False).reshape(len(rows), elements)
+    return _sign(values, item.size, width) if item.kind == "i" else values
+
+
+def _sign(values: NDArray[Any], size: int, width: int) -> NDArray[Any]:
+    """Return two's complement of ``size`` bytes in a wider word: shift up, back down with the sign."""
+    shift = 8 * (width - size)
+    return np.asarray((values << values.dtype.type(shift)).view(f"i{width}") >> shift)

@@ -1,4 +1,4 @@
-"""Payloads of commands and of their answers: values to bytes and back, one at a time."""
+"""Commands of a frame file: their payloads compiled, values to bytes and back, one at a time."""
 
 from __future__ import annotations
 
@@ -8,11 +8,16 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from bench.frame.layout import Field, field_content
+from bench.frame.compile_fields import Fail, place_fields
+from bench.frame.layout import CommandSpec, Field, FieldSpec, FrameSpec, Message, field_content
+from bench.frame.reference import read_element
 from bench.model.errors import InputError
 from bench.model.units import read_quantity
+from bench.model.yamlio import Path_
 
 _MOST_F32 = 3.4028234663852886e38
+COMMAND, ANSWER = "command", "answer"
+_OF_FRAMES = ("role", "per", "bits", "constant")  # keys that mean something in a stream of frames only
 
 
 @dataclass(frozen=True)
@@ -77,12 +82,12 @@ class PayloadLayout:
 
     def _element(self, item: Field, value: Any) -> bytes:
         number = self._number(item, value)
-        raw = (number - item.shift) / item.scale if scaled(item) else number
+        raw = (number - item.shift) / item.scale if item.scaled else number
         try:
             if item.kind == "f":
                 return struct.pack(_float_code(item), raw)
             whole: int = round(raw)
-            if not scaled(item) and whole != raw:
+            if not item.scaled and whole != raw:
                 raise self._wrong("B-FRAME-021", f"{item.name!r}: {value!r} is no whole number", "")
             return whole.to_bytes(item.size, _order(item), signed=item.kind == "i")
         except OverflowError:
@@ -126,21 +131,16 @@ class CommandLayout:
         return self.answer.decode(payload)
 
 
-def scaled(item: Field) -> bool:
-    """Return whether physical and raw values of a field differ."""
-    return item.scale != 1.0 or item.shift != 0.0
-
-
 def canonical_commands(commands: Sequence[CommandLayout]) -> dict[str, Any]:
     """Return JSON-able content of the commands of a link."""
     return {
-        one.name: [
-            one.code,
-            one.timeout_s,
-            [field_content(item) for item in one.request.fields],
-            [field_content(item) for item in one.answer.fields],
+        command.name: [
+            command.code,
+            command.timeout_s,
+            [field_content(item) for item in command.request.fields],
+            [field_content(item) for item in command.answer.fields],
         ]
-        for one in commands
+        for command in commands
     }
 
 
@@ -169,16 +169,46 @@ def _value_of(payload: bytes, item: Field) -> Any:
     if item.kind == "b":
         stop = len(payload) if item.rest else item.offset + item.length
         return payload[item.offset : stop].hex()
-    values = [_one(payload, item, element) for element in range(1 if item.count is None else item.count)]
+    raw = [read_element(payload, item, element) for element in range(item.count or 1)]
+    values = [value * item.scale + item.shift if item.scaled else value for value in raw]
     return values[0] if item.count is None else values
 
 
-def _one(payload: bytes, item: Field, element: int) -> int | float:
-    start = item.offset + element * item.size
-    raw = payload[start : start + item.size]
-    number: int | float
-    if item.kind == "f":
-        number = struct.unpack(_float_code(item), raw)[0]
-    else:
-        number = int.from_bytes(raw, _order(item), signed=item.kind == "i")
-    return number * item.scale + item.shift if scaled(item) else number
+def compile_commands(spec: FrameSpec, messages: Sequence[Message], fail: Fail) -> dict[str, CommandLayout]:
+    """Layouts by name; mistakes go to ``fail`` (B-FRAME-014, and those of fields)."""
+    if spec.commands is None:
+        return {}
+    _check_messages(messages, fail)
+    found: dict[str, CommandLayout] = {}
+    for name, part in spec.commands.items():
+        path: Path_ = ("commands", name)
+        if any(part.code == other.code for other in found.values()):
+            fail("B-FRAME-014", (*path, "code"), f"{name}: the code 0x{part.code:02x} is taken", "choose another code")
+        found[name] = _layout(name, part, path, spec.endian, fail)
+    return found
+
+
+def _layout(name: str, part: CommandSpec, path: Path_, endian: str, fail: Fail) -> CommandLayout:
+    def payload(key: str, fields: tuple[FieldSpec, ...]) -> PayloadLayout:
+        where = (*path, key)
+        for index, field in enumerate(fields):
+            for word in _OF_FRAMES:
+                if getattr(field, word) is not None:
+                    text = f"{field.name}: {word!r} makes no sense in the payload of a command"
+                    fail("B-FRAME-014", (*where, index, word), text, f"remove {word!r}")
+        return PayloadLayout(f"{key} of {name!r}", tuple(place_fields(fields, where, (), 0, endian, fail)))
+
+    request, answer = payload("request", part.request), payload("answer", part.answer)
+    return CommandLayout(name, part.code, part.timeout, request, answer)
+
+
+def _check_messages(messages: Sequence[Message], fail: Fail) -> None:
+    """What a command travels in: messages ``command`` and ``answer`` with sequence, command and a payload."""
+    due: Mapping[str, tuple[str, ...]] = {COMMAND: ("sequence", "command"), ANSWER: ("sequence", "command", "status")}
+    for name, fields in due.items():
+        message = next((message for message in messages if message.name == name), None)
+        missing = [field for field in fields if message is None or field not in message.by_name]
+        if message is None or missing or message.rest is None or message.rest.name != "payload":
+            what = f"fields {', '.join(fields)} and payload (bytes, rest)"
+            text = f"'commands' needs a message {name!r} with the {what}"
+            fail("B-FRAME-014", ("commands",), text, "docs/adding-a-frame.md shows such a file")

@@ -6,13 +6,10 @@ import difflib
 from collections.abc import Sequence
 
 from bench.frame.catalogue import ALIASES, CATALOGUE, CrcModel, find_model
-from bench.frame.checksums import CHECKSUMS, Check
-from bench.frame.commands import CommandLayout
-from bench.frame.compile_commands import compile_commands
+from bench.frame.commands import CommandLayout, compile_commands
 from bench.frame.compile_fields import place_fields
-from bench.frame.crc import Crc
-from bench.frame.layout import Field, Layout, Message
-from bench.frame.schema import MAX_FRAME_BYTES, CheckSpec, FrameSpec
+from bench.frame.crc import CHECKSUMS, Check, Crc
+from bench.frame.layout import MAX_FRAME_BYTES, CheckSpec, Field, FrameSpec, Layout, Message
 from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import Document, Path_
 

@@ -6,8 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from bench.frame.layout import Field
-from bench.frame.schema import FieldSpec
+from bench.frame.layout import Field, FieldSpec
 from bench.model.yamlio import Path_
 
 Fail = Callable[[str, Path_, str, str], None]

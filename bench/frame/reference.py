@@ -76,13 +76,13 @@ class ReferenceDecoder:
             return None, None
         message: Message | None = layout.messages[0]
         if layout.type_field is not None:
-            value = _read(stream[at:], layout.type_field)
+            value = read_element(stream[at:], layout.type_field)
             message = next((m for m in layout.messages if m.type_value == value), None)
         if message is None:
             return 0, None
         length = message.length
         if layout.length_field is not None:
-            length = _read(stream[at:], layout.length_field) + layout.length_plus
+            length = read_element(stream[at:], layout.length_field) + layout.length_plus
             if length < message.body + layout.check.size or length > layout.max_length:
                 return 0, None
             if message.length not in (0, length):
@@ -112,8 +112,8 @@ class ReferenceDecoder:
         return FrameBatch(messages, np.array(bad, np.int64), self._position)
 
 
-def _read(frame: bytes, item: Field, element: int = 0) -> Any:
-    """Return one element of a field, by the standard library."""
+def read_element(frame: bytes, item: Field, element: int = 0) -> Any:
+    """Return the raw value of one element of a field, by the standard library."""
     raw = frame[item.offset + element * item.size : item.offset + (element + 1) * item.size]
     order: Any = "big" if item.big else "little"
     if item.kind == "f":
@@ -125,6 +125,6 @@ def read_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:
     """Raw values of a field, frame by frame; same shapes and types as ``extract_column``."""
     frames = [row.tobytes() for row in rows]
     if item.count is None:
-        return np.array([_read(frame, item) for frame in frames], item.dtype)
-    values = [[_read(frame, item, element) for element in range(item.count)] for frame in frames]
+        return np.array([read_element(frame, item) for frame in frames], item.dtype)
+    values = [[read_element(frame, item, element) for element in range(item.count)] for frame in frames]
     return np.array(values, item.dtype).reshape(len(frames), item.count)

@@ -87,7 +87,7 @@ def all_signals(frames: Mapping[str, FrameDefinition], wanted: Sequence[str] = (
     asked = [signal_of(name, frames) for text in wanted for name in expand(text)]
     found = [signal for link in sorted(frames) if link != BENCH for signal in _of_link(link, frames[link])]
     bench = [_of_bench(field) for field in BENCH_FIELDS]
-    every = tuple(dict.fromkeys([*found, *(one for one in asked if one.link != BENCH), *bench]))
+    every = tuple(dict.fromkeys([*found, *(signal for signal in asked if signal.link != BENCH), *bench]))
     return every if len(every) <= MOST_SIGNALS else tuple(dict.fromkeys([*asked, *bench]))[:MOST_SIGNALS]
 
 
@@ -203,7 +203,7 @@ def _signal(link: str, message: Message, field: str, minus: str, element: int | 
         if other is None or (other.unit, other.scale, other.count, other.kind == "b") != (
             item.unit, item.scale, item.count, item.kind == "b",
         ):  # fmt: skip
-            same = [one.name for one in message.fields if (one.unit, one.scale, one.count) == _alike(item)]
+            same = [peer.name for peer in message.fields if _alike(peer) == _alike(item)]
             raise _unknown(name, f"{minus!r} is no field like {field!r}, to be subtracted from it", same)
     if (element is None) != (item.count is None) or not 1 <= (1 if element is None else element) <= (item.count or 1):
         due = f"{link}.{field} is a single value" if item.count is None else f"elements are 1 to {item.count}"

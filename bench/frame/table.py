@@ -22,7 +22,7 @@ _ROWS_AT_ONCE = 20_000
 
 @dataclass(frozen=True)
 class FileDecode:
-    """What a capture holds: counts, and the frames by message name in file order."""
+    """A decoded capture: counts, and the frames by message name in file order."""
 
     definition: FrameDefinition
     counts: LinkCounts

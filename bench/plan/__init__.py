@@ -1,11 +1,10 @@
 """Floor 2: sequence and station files, the compiled plan, and its static check."""
 
-from bench.plan.bus_time import declared_action
 from bench.plan.check.analysis import names_made_of_logs
 from bench.plan.check.everything import check_plan
 from bench.plan.check.stations import check_station
 from bench.plan.compile import compile_sequence
-from bench.plan.drivers import driver_actions
+from bench.plan.drivers import declared_action, driver_actions
 from bench.plan.findings import Findings, suggestion
 from bench.plan.language.graphs import Graph, GraphEntry, graphs_of, names_in
 from bench.plan.language.interlocks import Action, InterlockRule
@@ -21,13 +20,12 @@ from bench.plan.language.mapping import (
     TimeColumn,
     load_mapping,
     mapping_model,
-    mapping_schema,
 )
 from bench.plan.language.notices import Mail, Notify, Webhook, web_address
 from bench.plan.language.sequence import Early
 from bench.plan.plan import Phase, Plan, SetPoint, Step, steps_sha256
 from bench.plan.readings import is_reading, roles_of, round_count
-from bench.plan.schemas import json_schemas, vscode_settings
+from bench.plan.schemas import json_schemas, mapping_schema, vscode_settings
 from bench.plan.served import served_station
 from bench.plan.station import Date, Station, StationFile, load_station
 from bench.plan.step_kinds import (
@@ -43,7 +41,6 @@ from bench.plan.step_kinds import (
     PlannedSoak,
     PlannedVerify,
     plan_json,
-    step_of,
     steps_of,
 )
 from bench.plan.summary import SECOND_BYTES, Summary, summarise
@@ -105,7 +102,6 @@ __all__ = [
     "roles_of",
     "round_count",
     "served_station",
-    "step_of",
     "steps_of",
     "steps_sha256",
     "suggestion",

@@ -1,17 +1,17 @@
-"""Channels of a sequence: numbers, kinds and levels, and the constants an analysis needs of them."""
+"""The unit under test and its place as a sequence states them: channels, levels, and what an analysis is told."""
 
 from __future__ import annotations
 
 import re
 from typing import Any
 
-from bench.model.declaration import ChannelKind
+from bench.model.declaration import ChannelKind, stated
 from bench.model.errors import InputError
 from bench.model.systems import analysis_declaration, systems
 from bench.model.units import format_quantity, read_quantity
 from bench.model.yamlio import Document
 from bench.plan.findings import Findings, suggestion
-from bench.plan.language.sequence import Sequence, UnitUnderTest
+from bench.plan.language.sequence import Sequence, Site, UnitUnderTest
 from bench.plan.values import Channel, Quantity, read_text, traced
 
 MAX_CHANNEL = 64
@@ -144,3 +144,36 @@ def check_declared(document: Document[Sequence], findings: Findings) -> None:
 def _constants(channel: Channel, kind: ChannelKind) -> dict[str, Any]:
     levels_A = [level.value for level in channel.levels]
     return {"number": channel.number, "kind": channel.kind, **kind.channel_constants(levels_A)}
+
+
+def unit_constants(model: Sequence, serial: str) -> dict[str, Any]:
+    """Return entries of the manifest's section "campaign", in base units; what is not stated is left out."""
+    found: dict[str, Any] = {}
+    if model.uut is not None:
+        found["uut"] = {"model": model.uut.model, "serial": serial}
+        for system in systems():
+            if system.unit is not None and isinstance(model.uut, system.unit):
+                found |= system.unit.constants(model.uut)
+        if model.uut.limits:
+            found["limits"] = {name: _limit(text) for name, text in model.uut.limits.items()}
+    if model.site is not None:
+        found["site"] = _site(model.site)
+    return found
+
+
+def _limit(text: str) -> dict[str, Any]:
+    value, unit = read_quantity(text) or (0.0, "")
+    return {"value": value, "unit": unit}
+
+
+def _site(site: Site) -> dict[str, float]:
+    constants = {
+        "latitude_deg": site.latitude,
+        "longitude_deg": site.longitude,
+        "height_m": site.height,
+        "gravity_m_s2": site.gravity,
+        "azimuth_deg": site.azimuth,
+        "azimuth_std_deg": site.azimuth_uncertainty,
+        "tilt_std_deg": site.tilt,
+    }
+    return stated(constants)

@@ -12,23 +12,19 @@ from bench.frame import FrameDefinition, load_frame
 from bench.model.errors import InputError, InputErrors
 from bench.model.shipped import find_beside, find_shipped
 from bench.model.yamlio import Document
-from bench.plan.bus_time import with_bus_time
-from bench.plan.channels import campaign_channels, check_declared, declared_channels
+from bench.plan.channels import campaign_channels, check_declared, declared_channels, unit_constants
 from bench.plan.check.analysis import check_limits, check_named
-from bench.plan.check.everything import check_steps
-from bench.plan.check.sets import NO_SERIAL, SERIAL, short
-from bench.plan.check.stations import check_station
+from bench.plan.check.everything import NO_SERIAL, SERIAL, check_steps, short
+from bench.plan.check.stations import check_station, plan_rules
+from bench.plan.drivers import with_bus_time
 from bench.plan.expand import Expander, TooManySteps
 from bench.plan.findings import Findings, suggestion
-from bench.plan.interlocks import plan_rules
 from bench.plan.language.sequence import Sequence
 from bench.plan.language.steps import Step_
-from bench.plan.loading import load_both
-from bench.plan.overrides import apply_parameters, split_overrides
+from bench.plan.loading import apply_parameters, load_both, split_overrides
 from bench.plan.plan import Phase, Plan, Step, steps_sha256
 from bench.plan.station import Station
 from bench.plan.step_kinds import PlannedRecord
-from bench.plan.unit_constants import unit_constants
 from bench.plan.unroll import Unroller
 from bench.plan.values import Scope, plain, traced
 

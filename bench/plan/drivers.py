@@ -1,12 +1,19 @@
-"""What the drivers a station names declare about themselves: actions and current ranges."""
+"""Declarations of the drivers a station names: actions, current ranges, and the time a call takes on the bus."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 from bench.model.drivers import driver_class
+from bench.model.errors import InputError
 from bench.model.ports import Action, actions_of
+from bench.plan.plan import Step
+from bench.plan.station import Station
+from bench.plan.step_kinds import PlannedCall, PlannedCommand, PlannedRecord, PlannedSettle, PlannedSoak, PlannedVerify
+
+DEFAULT_BUS_S = 0.1
 
 
 @lru_cache(maxsize=64)
@@ -31,3 +38,42 @@ def range_after(ladder_A: Sequence[float], level_A: float, locked: bool, before_
     if locked:
         return before_A if before_A is not None and abs(level_A) <= before_A else None
     return next((limit_A for limit_A in sorted(ladder_A) if abs(level_A) <= limit_A), None)
+
+
+def declared_action(station: Station, role: str, name: str) -> Action | None:
+    """Declaration of ``role.name``, or None if the station or the driver has no such thing."""
+    entry = station.instruments.get(role)
+    try:
+        return None if entry is None else _declared(entry.driver, name)
+    except InputError:
+        return None
+
+
+@lru_cache(maxsize=1024)
+def _declared(driver: str, name: str) -> Action | None:
+    return driver_actions(driver).get(name)
+
+
+def bus_s(step: Step, station: Station) -> float:
+    """Longest time that one call normally takes on the bus, second; the station may say that its bus is faster."""
+    if isinstance(step, PlannedCommand) and step.takes_s is not None:
+        return step.takes_s
+    action = declared_action(station, step.role, step.name)
+    if action is None and isinstance(step, PlannedCall | PlannedVerify):
+        return 0.0  # a call of nothing is a mistake of its own
+    return station.file.bus_time_factor * (DEFAULT_BUS_S if action is None else action.bus_s)
+
+
+def with_bus_time(steps: Iterable[Step], station: Station) -> tuple[Step, ...]:
+    """Return the same steps; ``bus_s`` of each settle step is the bus time of the calls that share it, second."""
+    done: list[Step] = []
+    total_s = 0.0
+    for step in steps:
+        if step.on_the_bus:
+            total_s += bus_s(step, station)
+        elif isinstance(step, PlannedSettle | PlannedSoak | PlannedRecord):
+            if isinstance(step, PlannedSettle):
+                step = replace(step, bus_s=round(total_s, 9))
+            total_s = 0.0
+        done.append(step)
+    return tuple(done)

@@ -166,12 +166,12 @@ class Expander:
 def counts_pulses(definition: FrameDefinition) -> bool:
     """Return whether a message of these frames holds what the pulses of a record are timed by."""
     messages = definition.layout.messages
-    return any({item.name for item in one.fields if item.per == "frame"}.issuperset(TIMED) for one in messages)
+    return any({item.name for item in message.fields if item.per == "frame"}.issuperset(TIMED) for message in messages)
 
 
 def has_samples(definition: FrameDefinition) -> bool:
     """Return whether a message of these frames holds samples."""
-    return any(item.per == "sample" for one in definition.layout.messages for item in one.fields)
+    return any(item.per == "sample" for message in definition.layout.messages for item in message.fields)
 
 
 def _describe(value: Any) -> str:

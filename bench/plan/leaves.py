@@ -8,33 +8,30 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from pydantic import BaseModel
+
 from bench.model.ports import Effect
 from bench.model.units import parse_quantity, plain_quantity
-from bench.plan.bus_time import declared_action
+from bench.plan.drivers import declared_action
 from bench.plan.expand import TIMED, Expander, Path
 from bench.plan.findings import suggestion
 from bench.plan.language.steps import (
-    VERBS,
     CallStep,
-    Prompt,
     PromptStep,
     Record,
     RecordStep,
     SendStep,
     SettleStep,
-    Soak,
     SoakStep,
     TestStep,
     TimelineEntry,
     UnitStep,
     VerifyStep,
 )
-from bench.plan.language.templated import REFERENCE
 from bench.plan.readings import expand_readings
 from bench.plan.unit_commands import expand_test, expand_unit
-from bench.plan.values import Quantity, Scope, named, plain
+from bench.plan.values import REFERENCE, Quantity, Scope, named, plain
 
-WORDS = VERBS
 MOST_SAMPLES = 2_000_000  # of one record: it is held in memory until the analysis
 MOST_TIMED_FRAMES = 100_000  # the square of the frame's number times its pulses still sums up exactly
 
@@ -46,20 +43,12 @@ def expand(plan: Expander, step: Any, path: Path, scope: Scope) -> None:
 
 def expand_entry(plan: Expander, entry: TimelineEntry, path: Path, scope: Scope) -> None:
     """Append the steps of one line of the flat form."""
-    if entry.send is not None:
-        _send(plan, SendStep(send=entry.send), path, scope)
-    elif entry.unit is not None:
-        expand_unit(plan, UnitStep(unit=entry.unit), path, scope)
-    elif entry.call is not None:
+    if entry.call is not None:
         _call(plan, entry.call, (*path, "call"), scope)
-    elif entry.verify is not None:
-        _verify(plan, VerifyStep(verify=entry.verify), path, scope)
-    elif entry.record is not None:
-        take_record(plan, entry.record, (*path, "record"), scope)
-    elif entry.soak is not None:
-        soak(plan, entry.soak, (*path, "soak"), scope)
-    elif entry.prompt is not None:
-        prompt(plan, entry.prompt, (*path, "prompt"), scope)
+    for word, kind in _OF_A_LINE.items():
+        value = getattr(entry, word)
+        if value is not None:
+            expand(plan, kind.model_construct(**{word: value}), path, scope)
 
 
 def _values(plan: Expander, arguments: Mapping[str, Any], path: Path, scope: Scope) -> dict[str, Any]:
@@ -110,12 +99,9 @@ def _settle(plan: Expander, step: SettleStep, path: Path, scope: Scope) -> None:
     plan.add("settle", "", "", {"bus_s": 0.0}, scope, (*path, "settle"), seconds)
 
 
-def _record(plan: Expander, step: RecordStep, path: Path, scope: Scope) -> None:
-    take_record(plan, step.record, (*path, "record"), scope)
-
-
-def take_record(plan: Expander, record: Record, path: Path, scope: Scope) -> None:
+def _record(plan: Expander, step: RecordStep, at: Path, scope: Scope) -> None:
     """Append one record step, or one for each of its windows: whole frames or rounds of readings, and conditions."""
+    record, path = step.record, (*at, "record")
     seconds = _duration(plan, record.seconds, scope, (*path, "seconds"))
     if seconds is not None and not math.isnan(plan.rate_Hz):
         _whole_frames(plan, seconds, (*path, "seconds"))
@@ -165,7 +151,7 @@ def _windows(
 
 @dataclass(frozen=True)
 class _Kept:
-    """What a record can keep beside its sums: how many frames of it fit, and what frames must carry."""
+    """Something a record can keep beside its sums: how many frames of it fit, and what frames must carry."""
 
     code: str
     most: int
@@ -204,12 +190,8 @@ def _whole_frames(plan: Expander, seconds: Quantity, path: Path) -> None:
         plan.fail("B-PLAN-042", path, message, origin=seconds.origin)
 
 
-def _soak(plan: Expander, step: SoakStep, path: Path, scope: Scope) -> None:
-    soak(plan, step.soak, (*path, "soak"), scope)
-
-
-def soak(plan: Expander, step: Soak, path: Path, scope: Scope) -> None:
-    """Append a soak slot."""
+def _soak(plan: Expander, slot: SoakStep, at: Path, scope: Scope) -> None:
+    step, path = slot.soak, (*at, "soak")
     _role(plan, step.chamber, (*path, "chamber"))
     slot_s = _duration(plan, step.slot, scope, (*path, "slot"))
     stable = step.stable
@@ -236,12 +218,9 @@ def soak(plan: Expander, step: Soak, path: Path, scope: Scope) -> None:
     plan.add("soak", step.chamber, "soak", arguments, scope, path, slot_s)
 
 
-def _prompt(plan: Expander, step: PromptStep, path: Path, scope: Scope) -> None:
-    prompt(plan, step.prompt, (*path, "prompt"), scope)
-
-
-def prompt(plan: Expander, step: Prompt, path: Path, scope: Scope) -> None:
+def _prompt(plan: Expander, asked: PromptStep, at: Path, scope: Scope) -> None:
     """Append an operator prompt; limits come out in the base unit of the value."""
+    step, path = asked.prompt, (*at, "prompt")
     arguments: dict[str, Any] = {"text": _filled(plan, step.text, scope, (*path, "text")), "confirm": step.confirm}
     if step.sets:
         sets = _values(plan, step.sets, (*path, "sets"), scope)
@@ -285,4 +264,12 @@ _EXPANDERS: dict[type, Callable[[Expander, Any, Path, Scope], None]] = {
     RecordStep: _record,
     SoakStep: _soak,
     PromptStep: _prompt,
+}
+_OF_A_LINE: dict[str, type[BaseModel]] = {
+    "send": SendStep,
+    "unit": UnitStep,
+    "verify": VerifyStep,
+    "record": RecordStep,
+    "soak": SoakStep,
+    "prompt": PromptStep,
 }

@@ -24,7 +24,7 @@ ROW = ("number", "phase", "kind", "at_s", "duration_s", "role", "name", "argumen
 
 @dataclass(frozen=True, slots=True)
 class SetPoint:
-    """What a step asks of the air of the chamber."""
+    """A demand of a step on the air of the chamber."""
 
     temperature_degC: float
     ramp_degC_min: float

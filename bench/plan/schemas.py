@@ -7,6 +7,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from bench.frame import FrameSpec
+from bench.plan.language.mapping import mapping_model
 from bench.plan.language.sequence import sequence_model
 from bench.plan.station import StationFile
 
@@ -18,6 +19,11 @@ def json_schemas() -> dict[str, dict[str, Any]]:
     """Schemas of the three kinds of file, by kind: "sequence", "frame", "station"."""
     models: dict[str, type[BaseModel]] = {"sequence": sequence_model(), "frame": FrameSpec, "station": StationFile}
     return {kind: _schema(kind, model) for kind, model in models.items()}
+
+
+def mapping_schema() -> dict[str, Any]:
+    """Return JSON Schema of a mapping file, for editors."""
+    return _schema("mapping", mapping_model())
 
 
 def vscode_settings(folder: str = "schemas") -> dict[str, Any]:

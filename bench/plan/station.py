@@ -18,7 +18,7 @@ from bench.plan.findings import Findings, suggestion
 from bench.plan.language.graphs import MOST_GRAPHS, GraphEntry
 from bench.plan.language.interlocks import Interlock
 from bench.plan.language.notices import Notify
-from bench.plan.language.templated import Scalar
+from bench.plan.values import Scalar
 
 OptionName = Annotated[str, StringConstraints(pattern=r"^[a-z][A-Za-z0-9_]{0,39}$")]  # its unit may be a capital
 Words = Annotated[str, StringConstraints(min_length=1, max_length=200)]
@@ -107,7 +107,7 @@ class InstrumentEntry(StrictModel):
     @classmethod
     def _with_units(cls, limits: object) -> object:
         for name, pair in limits.items() if isinstance(limits, dict) else ():
-            for bare in (one for one in pair if isinstance(one, int | float)) if isinstance(pair, list) else ():
+            for bare in (limit for limit in pair if isinstance(limit, int | float)) if isinstance(pair, list) else ():
                 raise ValueError(f"{name}: {bare} has no unit; write [lowest, highest] with units: ['0 V', '20 V']")
         return limits
 
@@ -159,7 +159,7 @@ class GuardLimits(StrictModel):
 
 
 class Guard(StrictModel):
-    """What makes the guard act (docs/guard.md)."""
+    """Limits beyond which the guard acts (docs/guard.md)."""
 
     limits: GuardLimits = GuardLimits()
     silence: Annotated[float, *quantity("s", 1.0, 3.0)] = 2.0  # how long the controller may be silent

@@ -1,4 +1,4 @@
-"""What a person wants to know before a run: how long, until when, how much disk, and what is dangerous about it."""
+"""The summary of a plan for whoever runs it: how long, until when, how much disk, and what is dangerous about it."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS
 from bench.model.ports import Action, Effect
 from bench.model.units import format_quantity
-from bench.plan.bus_time import declared_action
 from bench.plan.check.actions import Judged
 from bench.plan.check.state import BenchState
+from bench.plan.drivers import declared_action
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
 from bench.plan.readings import round_count

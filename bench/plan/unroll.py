@@ -11,7 +11,7 @@ from bench.plan.channels import channel_numbers
 from bench.plan.expand import MAX_STEPS, Expander, Path
 from bench.plan.findings import suggestion
 from bench.plan.language import sequence as language
-from bench.plan.language.steps import ChannelPick, ForStep, ProcedureStep, TimelineEntry
+from bench.plan.language.steps import VERBS, ChannelPick, ForStep, ProcedureStep, TimelineEntry
 from bench.plan.values import Channel, Quantity, Scope, named, plain, traced
 
 MAX_CALLS = 20
@@ -112,7 +112,7 @@ class Unroller:
         name, arguments = next(iter(step.root.items()))
         procedure = self._document.model.procedures.get(name)
         if procedure is None:
-            known = suggestion(name, [*self._document.model.procedures, *leaves.WORDS])
+            known = suggestion(name, [*self._document.model.procedures, *VERBS])
             self._plan.fail("B-PLAN-033", path, f"there is no procedure or step {name!r}{known}")
             return
         if name in self._calls or len(self._calls) >= MAX_CALLS:

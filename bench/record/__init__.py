@@ -1,23 +1,30 @@
 """Floor 2: the session container: write, read, recover; records cut from frames; the step journal."""
 
-from bench.record.chunks import ChunkPlace, SegmentChunks
 from bench.record.cut import RecordCutter
 from bench.record.files import Files
 from bench.record.journal import Journal, JournalEntry, is_being_written, read_journal
 from bench.record.layout import Message, canonical_json
 from bench.record.packed import PackedList, PackedRows
-from bench.record.reader import SessionReader
-from bench.record.readings import RecordedReadings, row_of_readings
+from bench.record.reader import ChunkPlace, SegmentChunks, SessionReader
 from bench.record.recover import Survey, recover_session, resume_session
 from bench.record.samples import Samples
 from bench.record.scan import Damage
-from bench.record.trend import TrendWriter
-from bench.record.trend_bench import BenchRows
-from bench.record.trend_format import FOLDER, HEAD, HELD_S, LEVELS_S, read_head, sources_of
+from bench.record.trend import BenchRows, TrendWriter
 from bench.record.trend_reader import Part, TrendReader, TrendWindow, joined
-from bench.record.trend_rows import FrameTimes, LinkReduction, TrendRows, concatenated
+from bench.record.trend_rows import (
+    FOLDER,
+    HEAD,
+    HELD_S,
+    LEVELS_S,
+    FrameTimes,
+    LinkReduction,
+    TrendRows,
+    concatenated,
+    read_head,
+    sources_of,
+)
 from bench.record.walk import Walk
-from bench.record.window import UNIT_TEMPERATURE, RecordRow, is_off_target
+from bench.record.window import UNIT_TEMPERATURE, RecordedReadings, RecordRow, is_off_target, row_of_readings
 from bench.record.writer import OPEN_MARKER, RecordError, SessionWriter
 
 __all__ = [

@@ -40,7 +40,7 @@ class JournalEntry:
 
 @dataclass(frozen=True)
 class JournalState:
-    """What a journal proves: its entries, the size of its good part in bytes, and whether something follows that."""
+    """The proven part of a journal: its entries, its size in bytes, and whether something follows that."""
 
     entries: tuple[JournalEntry, ...]
     good_bytes: int

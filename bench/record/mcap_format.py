@@ -1,12 +1,16 @@
-"""Records of the MCAP container, as far as sessions use them. Source: MCAP specification, version 0."""
+"""The MCAP container as far as sessions use it: its records, and the summary section of a finished segment.
+
+Source: MCAP specification, version 0.
+"""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 MAGIC = b"\x89MCAP0\r\n"
-
 HEADER = 0x01
 FOOTER = 0x02
 CHANNEL = 0x04
@@ -18,13 +22,14 @@ STATISTICS = 0x0B
 SUMMARY_OFFSET = 0x0E
 DATA_END = 0x0F
 KNOWN = frozenset(range(0x01, 0x10))
-
 RECORD = struct.Struct("<BQ")  # opcode, length of the content
 # a message and its envelope: opcode, length, channel, sequence, log time, publish time; CRC, running number, time
 ENVELOPED = struct.Struct("<BQHIQQIQQ")
 CHUNK_HEAD = struct.Struct("<BQQQQII")  # opcode, length, start, end, uncompressed size, CRC, compression text length
 CHUNK_FIXED = 40  # content of a chunk without the compression text and the records: 8 + 8 + 8 + 4 + 4 + 8
 FOOTER_RECORD = struct.Struct("<BQQQI")
+_CHUNK_INDEX_HEAD = struct.Struct("<QQQQI")  # start, end, offset, length, bytes of the per-channel map
+_CHANNEL_ENTRY = 10  # channel u16, offset u64
 
 
 def record(opcode: int, content: bytes) -> bytes:
@@ -94,3 +99,83 @@ def statistics(channels: int, chunks: int, span: tuple[int, int], counts: Mappin
 def summary_offset(opcode: int, start: int, length: int) -> bytes:
     """Summary offset record of one group."""
     return record(SUMMARY_OFFSET, struct.pack("<BQQ", opcode, start, length))
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Summary of a finished segment: ``channels`` number -> topic; its records lie in [start, stop) of the content."""
+
+    channels: dict[int, str]
+    start: int
+    stop: int
+
+
+def channel_of(content: bytes) -> tuple[int, str]:
+    """Return number and topic of a channel record's content. Raises ValueError if it is damaged."""
+    if len(content) < 8:
+        raise ValueError("channel record is too short")
+    number, _, size = struct.unpack_from("<HHI", content)
+    if 8 + size > len(content):
+        raise ValueError("topic is longer than its record")
+    return number, content[8 : 8 + size].decode()
+
+
+def read_summary(content: bytes, at_byte: int = 0) -> Summary | None:
+    """Read the summary of a segment; None if the segment is not finished or its summary is damaged.
+
+    ``content`` is the segment, or its end from ``at_byte`` on, as long as all of the summary is in it.
+    """
+    size = FOOTER_RECORD.size
+    at = len(content) - len(MAGIC) - size
+    if at < len(MAGIC) or not content.endswith(MAGIC):
+        return None
+    opcode, length, start, _, crc = FOOTER_RECORD.unpack_from(content, at)
+    begin = start - at_byte if start else at
+    if opcode != FOOTER or length != size - RECORD.size or not 0 <= begin <= at:
+        return None
+    if start and crc and zlib.crc32(memoryview(content)[begin : at + size - 4]) != crc:
+        return None
+    try:
+        channels = dict(
+            channel_of(content[first:end]) for opcode, first, end in _records(content, begin, at) if opcode == CHANNEL
+        )
+    except (ValueError, struct.error):
+        return None
+    return Summary(channels, begin, at)
+
+
+def chunks_with(content: bytes, summary: Summary, numbers: frozenset[int]) -> list[int] | None:
+    """Return offsets of the chunks that hold messages of any of these channels; None if the file does not say."""
+    offsets = []
+    indexed = False
+    for opcode, begin, _ in _records(content, summary.start, summary.stop):
+        if opcode == CHUNK_INDEX:
+            indexed = True
+            _, _, place, _, map_bytes = _CHUNK_INDEX_HEAD.unpack_from(content, begin)
+            if not map_bytes:
+                return None
+            first = begin + _CHUNK_INDEX_HEAD.size
+            held = struct.unpack_from("<" + "HQ" * (map_bytes // _CHANNEL_ENTRY), content, first)[::2]
+            if not numbers.isdisjoint(held):
+                offsets.append(place)
+    return offsets if indexed else None
+
+
+def chunk_spans(content: bytes, summary: Summary) -> list[tuple[int, int, int, int]]:
+    """Start and end time in ns, offset in the file and length of every chunk that the summary lists."""
+    return [
+        _CHUNK_INDEX_HEAD.unpack_from(content, begin)[:4]
+        for opcode, begin, _ in _records(content, summary.start, summary.stop)
+        if opcode == CHUNK_INDEX
+    ]
+
+
+def _records(content: bytes, at: int, stop: int) -> Iterator[tuple[int, int, int]]:
+    unpack = RECORD.unpack_from
+    while at < stop:
+        opcode, length = unpack(content, at)
+        begin = at + RECORD.size
+        at = begin + length
+        if at > stop:
+            raise ValueError("record is longer than the summary")
+        yield opcode, begin, at

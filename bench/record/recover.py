@@ -1,4 +1,4 @@
-"""What a damaged or unfinished session still holds, a clean copy of it, and how a run goes on with it."""
+"""Lists what a damaged or unfinished session still holds, and lets a run go on with it."""
 
 from __future__ import annotations
 
@@ -7,22 +7,18 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.clock import NS
-from bench.model.errors import InputError
 from bench.model.events import Resume
 from bench.record import layout
 from bench.record.files import Files, OsFiles
 from bench.record.journal import read_journal
 from bench.record.reader import SessionReader
 from bench.record.scan import Damage
-from bench.record.segment import Channel, ChunkBuffer, SegmentWriter
-from bench.record.writer import CHUNK_BYTES, SessionWriter
-
-_SALVAGE_SEGMENT_BYTES = 64_000_000
+from bench.record.writer import SessionWriter
 
 
 @dataclass(frozen=True)
 class Survey:
-    """What a session holds. ``counts``: good messages by topic; ``lost``: messages known to be missing.
+    """Content of a session. ``counts``: good messages by topic; ``lost``: messages known to be missing.
 
     ``span_s``: monotonic time from the first to the last good message, second. ``records``: numbers of the records
     whose window is known. ``steps``: finished steps in the journal of a run that did not end.
@@ -94,80 +90,6 @@ def recover_session(folder: Path) -> Survey:
         reader.counts, tuple(sorted(records)), (last_ns - (first_ns or 0)) / NS, has_manifest,
         len(read_journal(folder).entries),
     )  # fmt: skip
-
-
-def salvage(folder: Path, destination: Path, files: Files | None = None) -> int:
-    """Copy every good message into new, finished segments; returns how many there were.
-
-    Envelopes stay as they are: running numbers keep their gaps, so what was lost stays visible.
-    Raises: InputError B-REC-013 if ``destination`` exists already; B-REC-010 if there is no session.
-    """
-    reader = SessionReader(folder)
-    if destination.exists():
-        raise InputError(
-            "B-REC-013", "exists already", where=str(destination), next_step="name a folder that does not exist yet"
-        )
-    destination.mkdir(parents=True)
-    copy = _Copy(destination, files or OsFiles())
-    count = 0
-    for message in reader.messages():
-        if message.topic != layout.CHAIN:
-            copy.add(message)
-            count += 1
-    copy.finish()
-    return count
-
-
-class _Copy:
-    def __init__(self, folder: Path, files: Files) -> None:
-        self._folder = folder
-        self._files = files
-        self._channels: list[Channel] = []
-        self._numbers: dict[str, int] = {}
-        self._buffer = ChunkBuffer()
-        self._number = 0
-        self._chain = layout.CHAIN_START
-        self._next = 0
-        self._t_ns = 0
-        self._segment = self._next_segment()
-
-    def _next_segment(self) -> SegmentWriter:
-        self._number += 1
-        file = self._files.create(self._folder / layout.segment_name(self._number))
-        return SegmentWriter(file, self._number, self._chain)
-
-    def _channel(self, topic: str) -> Channel:
-        if topic not in self._numbers:
-            self._channels.append(Channel.make(len(self._channels) + 1, topic))
-            self._numbers[topic] = len(self._channels)
-        return self._channels[self._numbers[topic] - 1]
-
-    def add(self, message: layout.Message) -> None:
-        """Copy one message."""
-        if self._segment.offset > _SALVAGE_SEGMENT_BYTES:
-            self.finish()
-            self._segment = self._next_segment()
-        channel = self._channel(message.topic)
-        self._buffer.add(channel, message.sequence, message.t_ns, message.payload)
-        self._next, self._t_ns = message.sequence + 1, message.t_ns
-        if self._buffer.size > CHUNK_BYTES:
-            self._flush()
-
-    def _flush(self) -> None:
-        if self._buffer.parts:
-            self._segment.write_chunk(self._buffer, self._channels)
-            self._buffer = ChunkBuffer()
-
-    def finish(self) -> None:
-        """End the segment."""
-        self._flush()
-        self._chain = self._segment.chain()
-        fields = layout.canonical_json(self._segment.chain_fields())
-        self._buffer.add(self._channel(layout.CHAIN), self._next, self._t_ns, fields)
-        self._flush()
-        self._segment.finish()
-        self._segment.file.sync()
-        self._segment.file.close()
 
 
 def resume_session(folder: Path, event: Resume, *, t_mono_ns: int, files: Files | None = None) -> SessionWriter:

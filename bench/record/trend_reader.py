@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from bench.frame import Signal
 from bench.model.errors import InputError
-from bench.record.trend_format import FOLDER, HEAD, LEVELS_S, TrendHead, TrendSource, read_head
-from bench.record.trend_rows import TrendRows, concatenated
+from bench.record.trend_rows import FOLDER, HEAD, LEVELS_S, TrendHead, TrendRows, TrendSource, concatenated, read_head
 
 _GAP = 1.5  # of the time between two points
 
@@ -85,7 +84,7 @@ class TrendReader:
         for place, name in enumerate(names):
             source, column = self._find(name)
             columns.setdefault(source, []).append((place, column))
-        level_s = next((one for one in LEVELS_S if self._most(columns, one, t0_utc_s, t1_utc_s) <= n), LEVELS_S[-1])
+        level_s = next((s for s in LEVELS_S if self._most(columns, s, t0_utc_s, t1_utc_s) <= n), LEVELS_S[-1])
         groups = -(-self._most(columns, level_s, t0_utc_s, t1_utc_s) // max(1, n)) if level_s == LEVELS_S[-1] else 1
         bucket_s = float(level_s * max(1, groups))
         parts = []

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from bench.record import layout
 from bench.record import mcap_format as mcap
 from bench.record.layout import Message
+from bench.record.mcap_format import Summary, channel_of, read_summary
 from bench.record.scan import Damage, SegmentScan, Span, chain_value
-from bench.record.summary import Summary, channel_of, read_summary
 
 _ENVELOPED = mcap.ENVELOPED
 _STAMP_AT = 35  # first byte of an enveloped message that its CRC covers

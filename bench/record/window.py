@@ -1,8 +1,12 @@
-"""One record while it is being cut: which frames belong to it, their sums, and the conditions around it."""
+"""Records: one while it is being cut out of frames, a finished one, and one that is made of readings of instruments.
+
+A record of readings has no frames: its readings are events of the session.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from bisect import bisect_right
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,9 +16,8 @@ from numpy.typing import NDArray
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
-from bench.record.gate import implausible
+from bench.record.pulses import implausible, pulse_timing
 from bench.record.samples import BesideKeeper, SampleKeeper, Samples
-from bench.record.timing import pulse_timing
 
 Rows = slice | NDArray[np.int64]
 UNIT_TEMPERATURE = "unit_temperature_degC"
@@ -22,6 +25,7 @@ _TARGET, _BAND = "temperature_degC", "settle_band_degC"
 _FOLD = 100
 OVERLAP_NS = NS // 5
 _LATE_NS = 10 * NS  # how much later than due the last frame of a record may come
+READING = "reading"
 
 
 def beside_keeper(window: RecordWindow, chained: bool) -> BesideKeeper:
@@ -70,7 +74,7 @@ class RecordRow:
             t_start_ns to t_end_ns), by "<field>_<unit>" over all elements of a field and "<field>_<k>_<unit>" (k from
             1) for each element of an array.
         duplicate: frames received twice (counted once). suspect: frames left out because they cannot be true.
-        timing: when in the record the pulses came (bench.record.timing); empty if it was not asked for or a frame is
+        timing: when in the record the pulses came (bench.record.pulses); empty if it was not asked for or a frame is
             missing or suspect.
         samples: every sample of the record, if that was asked for and the frames carry samples.
         beside: samples that other links sent until the last good frame of the record was received, by link; where the
@@ -215,3 +219,30 @@ class OpenWindow:
                 for k, value in enumerate(column.mean(axis=0).tolist(), 1):
                     means[f"{base}_{k}_{unit}"] = value
         return means
+
+
+def row_of_readings(window: RecordWindow, flags: Sequence[Quality]) -> RecordRow:
+    """Return the record of a window from the flags of its readings, each GOOD or why it gave no value.
+
+    A record counts as flagged only by what concerns all of it: that nothing was read, or an unstable soak before it.
+    """
+    unread = [flag for flag in flags if flag]
+    quality = Quality.NOT_SETTLED if window.conditions.get("settled") is False else Quality.GOOD
+    if len(unread) == len(flags):
+        for flag in unread or (Quality.LOST,):
+            quality |= flag
+    return RecordRow(window, {}, 0, 0, 0, quality, readings=len(flags) - len(unread), unread=len(unread))
+
+
+class RecordedReadings:
+    """The readings of one part of a session, in order of time, as its records find theirs."""
+
+    def __init__(self, events: Iterable[tuple[str, int, Mapping[str, Any]]]) -> None:
+        readings = [(t_ns, fields) for kind, t_ns, fields in events if kind == READING]
+        self._t_ns = [t_ns for t_ns, _ in readings]
+        self._flags = [Quality(int(fields.get("quality", 0))) for _, fields in readings]
+
+    def row(self, window: RecordWindow) -> RecordRow:
+        """Return the record of a window: its readings came behind its start, and not behind its end."""
+        first, stop = (bisect_right(self._t_ns, t_ns) for t_ns in (window.t_start_ns, window.t_end_ns))
+        return row_of_readings(window, self._flags[first:stop])

@@ -3,12 +3,10 @@
 from bench.replay.build_trend import build_trend
 from bench.replay.compare import ABSENT, Difference, compare
 from bench.replay.delimited import LogParser
-from bench.replay.history import RAW_S_PER_POINT, history, needs_build, trend_place
+from bench.replay.history import RAW_S_PER_POINT, history, needs_build, raw_window, trend_place
 from bench.replay.parts import Splice, moved_rows
-from bench.replay.raw_window import raw_window
 from bench.replay.rows import Replayed, replay_rows
-from bench.replay.series import IMPORT, LINK, MAPPING, replay_series
-from bench.replay.survey import Survey, file_lines, survey
+from bench.replay.series import IMPORT, LINK, MAPPING, Survey, file_lines, replay_series, survey
 
 __all__ = [
     "ABSENT",

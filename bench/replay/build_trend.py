@@ -1,6 +1,8 @@
 """Makes the trend of a session again from its raw bytes: of older sessions, of those of other software, of lost ones.
 
 ``python -m bench.replay.build_trend SESSION FOLDER`` writes FOLDER/trend; it gives way to everything else.
+A session has no event for each step; when the chamber was given which temperature follows from the plan and the events:
+a set-point lies between what is recorded in front of it and behind it, as far from the former as the plan says.
 """
 
 from __future__ import annotations
@@ -9,23 +11,66 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from bench.frame import BENCH, LinkDecoder
+from bench.model.clock import NS, to_ns
 from bench.model.errors import BenchError
 from bench.model.events import event_of
-from bench.plan import steps_of
+from bench.plan import Step, steps_of
 from bench.record import FOLDER, BenchRows, LinkReduction, Message, SessionReader, TrendWriter, layout, sources_of
-from bench.replay.recorded_setpoints import Event, SetPoint, recorded_setpoints
-from bench.replay.session_signals import frames_of, session_signals
-from bench.replay.windows import RESUME
+from bench.replay.described import frames_of, session_signals
+from bench.replay.parts import RESUME
 
+_AT_THE_END = ("record", "slip")  # written when their step is over
+_AT_THE_BEGIN = ("reading", "prompt", "release", "verify", "answer")
+Event = tuple[int, str, int, Mapping[str, Any]]  # part, kind, monotonic time in ns, fields
 NICE = 10
 BLOCK_BYTES = 2_000_000
+
+
+@dataclass(frozen=True)
+class SetPoint:
+    """Air temperature that is asked from a time on; monotonic time of its part of the session."""
+
+    part: int
+    t_ns: int
+    value_degC: float
+
+
+def recorded_setpoints(steps: Sequence[Step], events: Iterable[Event]) -> Iterator[SetPoint]:
+    """Set-points in order of time. ``steps``: the compiled plan as it is in the session."""
+    asked = {index: step.set_point.temperature_degC for index, step in enumerate(steps) if step.set_point is not None}
+    done, known_ns, known_s = 0, 0, 0.0  # steps before ``done`` are over; a time, and what the plan says of it
+    started = 0
+    for part, kind, t_ns, fields in events:
+        if kind == "resume":
+            done = started = int(fields.get("start", done))
+            continue
+        if kind == "phase":
+            first = next((i for i, step in enumerate(steps) if step.phase == fields["name"]), 0)
+            position = max(first, started)
+        elif kind in (*_AT_THE_END, *_AT_THE_BEGIN) and 0 <= int(fields.get("step", -1)) < len(steps):
+            position = int(fields["step"])
+        elif kind == "end" and "steps" in fields:
+            position = min(int(fields["steps"]), len(steps))
+        else:
+            continue
+        for index in range(done, position):
+            if index in asked:
+                after_s = max(0.0, steps[index].at_s - known_s)
+                yield SetPoint(part, min(t_ns, known_ns + to_ns(after_s)), asked[index])
+        if position < len(steps):
+            step, over = steps[position], kind in _AT_THE_END
+            known_s = step.at_s + (step.duration_s if over else 0.0)
+            known_ns = int(fields.get("t_end_ns", t_ns))
+            if over and position in asked and position >= done:
+                yield SetPoint(part, known_ns - round(NS * step.duration_s), asked[position])
+            done = position + over
 
 
 @dataclass
@@ -65,7 +110,7 @@ class _Building:
         """Decode the session part by part."""
         messages = self._reader.select(frozenset({layout.EVENT, *self._topics}))
         for number, begin in enumerate(self._begins):
-            mine = [one for one in self._setpoints if one.part == number]
+            mine = [setpoint for setpoint in self._setpoints if setpoint.part == number]
             self._part(TrendWriter(self._out, self._sources, begin.t_mono_ns, begin.t_utc_ns), messages, mine)
 
     def _part(self, writer: TrendWriter, messages: Iterator[Message], setpoints: list[SetPoint]) -> None:

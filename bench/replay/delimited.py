@@ -6,15 +6,62 @@ import csv
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta, timezone
+from decimal import Decimal, InvalidOperation
 
+from bench.model.clock import NS
 from bench.model.declaration import LogColumn
 from bench.model.errors import InputError
-from bench.plan import FileForm, LogMapping, Overload, suggestion
-from bench.replay.log_time import TimeReader
+from bench.model.units import read_quantity
+from bench.plan import ELAPSED, ISO, ROWS, SAMPLES, UNIX, FileForm, LogMapping, Overload, TimeColumn, suggestion
 
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_MICROSECOND = timedelta(microseconds=1)
 MAX_LINE_BYTES = 100_000
 SHOWN = 5
 _BLANK = "whitespace"
+
+
+class TimeReader:
+    """Reads the time of a row as the mapping describes it."""
+
+    def __init__(self, column: TimeColumn, decimal: str) -> None:
+        self._format = column.format
+        self._numeric = column.format in (ELAPSED, UNIX, SAMPLES)
+        self._row = -1
+        self._zone = timezone(timedelta(seconds=column.offset_s))
+        self._comma = decimal == ","
+        self._start_ns = 0 if column.start is None else _utc_ns(datetime.fromisoformat(column.start))
+        unit = None if column.unit is None else read_quantity(f"1 {column.unit}")
+        self._unit_ns = Decimal(round((1.0 if unit is None else unit[0]) * NS))
+        if column.rate is not None:
+            self._unit_ns = NS / Decimal(str(column.rate))
+
+    def utc_ns(self, text: str) -> int:
+        """UTC in ns since 1970, to be asked once for each row. Raises ValueError if the text is no such time."""
+        if self._format == ROWS:
+            self._row += 1
+            return self._start_ns + math.floor(self._row * self._unit_ns)
+        if self._numeric:
+            return self._start_ns + self._number_ns(text)
+        try:
+            found = datetime.fromisoformat(text) if self._format == ISO else datetime.strptime(text, self._format)
+        except ValueError:
+            raise ValueError(f"{text!r} is no time of the format {self._format!r}") from None
+        return _utc_ns(found if found.tzinfo is not None else found.replace(tzinfo=self._zone))
+
+    def _number_ns(self, text: str) -> int:
+        try:
+            number = Decimal(text.replace(",", ".") if self._comma else text)
+        except InvalidOperation:
+            raise ValueError(f"{text!r} is no time in numbers") from None
+        if not number.is_finite() or abs(number * self._unit_ns) >= 2**62:
+            raise ValueError(f"{text!r} is no time a log can have")
+        return math.floor(number * self._unit_ns)
+
+
+def _utc_ns(instant: datetime) -> int:
+    return (instant - _EPOCH) // _MICROSECOND * 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +75,7 @@ class LogRow:
 
 @dataclass
 class LogCounts:
-    """What became of the lines after the header; ``bad`` holds line and reason of the first few.
+    """Counts of the lines after the header; ``bad`` holds line and reason of the first few.
 
     ``rows``: read, with those that hold an overload; ``overloads``: values by quantity.
     """
@@ -149,7 +196,7 @@ class LogParser:
         names = [name.strip() for name in headers]
         self._width = len(names)
         self._time_at = self._place(names, self._time_header)
-        self._readers = [(self._place(names, header), one, one.factor) for header, one in self._columns]
+        self._readers = [(self._place(names, header), column, column.factor) for header, column in self._columns]
         self.counts.overloads = {}
 
     def _place(self, names: list[str], header: str) -> int:
@@ -206,8 +253,8 @@ class _Sentinels:
 
     def __init__(self, overload: Overload, form: FileForm) -> None:
         self._limit = overload.at_least
-        self._texts = {one.strip().casefold() for one in overload.values if isinstance(one, str)}
-        self._numbers = {float(one) for one in overload.values if not isinstance(one, str)}
+        self._texts = {text.strip().casefold() for text in overload.values if isinstance(text, str)}
+        self._numbers = {float(number) for number in overload.values if not isinstance(number, str)}
         self._comma = form.decimal == ","
 
     def number(self, text: str) -> float | None:

@@ -10,8 +10,16 @@ from typing import Any
 from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, parse_frame
 from bench.model.errors import InputError, SessionDamaged
 from bench.record import Damage, Message, RecordCutter, RecordedReadings, RecordRow, SessionReader, layout
-from bench.replay.parts import Part, Splice, moved_rows, splices_of, time_shifts_ns
-from bench.replay.windows import RESUME, RecordedWindow, recorded_windows
+from bench.replay.parts import (
+    RESUME,
+    Part,
+    RecordedWindow,
+    Splice,
+    moved_rows,
+    recorded_windows,
+    splices_of,
+    time_shifts_ns,
+)
 
 BATCH_BYTES = 4_000_000
 MEASUREMENT = "measurement"
@@ -21,7 +29,7 @@ Event = tuple[str, int, Mapping[str, Any]]
 
 @dataclass(frozen=True)
 class Replayed:
-    """What a session says when its bytes are decoded again.
+    """A session whose bytes were decoded again.
 
     ``rows``: all records that count, by number; ``counts``: totals by link; ``events``: (kind, t_mono_ns, fields) in
     order; ``damage``: what could not be read; ``notes``: sentences about anything that differs from the recording.

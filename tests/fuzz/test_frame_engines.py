@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from crccheck.crc import Crc16Ibm3740
+from record_sample import frame
 
-from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, load_frame
+from bench.frame import FrameDefinition, LinkCounts, LinkDecoder
 from bench.frame.layout import Field, Message
 
-FRAMES = Path(__file__).resolve().parents[2] / "frames"
 NAMES = ("ngu_a", "ngu_b", "vn100_binary", "ngu_a_100s", "gnc_422")
 DAMAGE = ("flip", "drop", "insert", "truncate", "repeat_tail", "garbage", "sync_storm", "false_header")
 SHARES = (0.0, 0.001, 0.01, 0.1, 0.5, 1.0)
@@ -110,7 +109,7 @@ def everything(definition: FrameDefinition, engine: str, chunks: list[bytes]) ->
 def compare(seed: int) -> tuple[int, int]:
     """One random stream through both engines, whole and in chunks; gives accepted and rejected candidates."""
     generator = np.random.default_rng(seed)
-    definition = load_frame(FRAMES / f"{NAMES[seed % len(NAMES)]}.yaml")
+    definition = frame(NAMES[seed % len(NAMES)])
     stream = damaged_stream(definition, generator)
     due = everything(definition, "reference", [stream])
     for engine, chunks in (
@@ -144,7 +143,7 @@ def test_engines_agree_on_a_thousand_damaged_streams() -> None:
 def test_engines_agree_beyond_one_block_and_one_window(share: float) -> None:
     """Thousands of frames, so that lattice, scan and the changes between them all take part."""
     generator = np.random.default_rng(77)
-    definition = load_frame(FRAMES / "ngu_a.yaml")
+    definition = frame("ngu_a")
     count = 9000
     columns: dict[str, Any] = {"npp": 1, "ppp": generator.integers(0, 65536, (count, 10)), "af_clock": 3}
     columns |= {"counter": np.arange(count), "master_count": 4, "fg_count": 0xEB90EB, "status": 0}
@@ -160,7 +159,7 @@ def test_engines_agree_beyond_one_block_and_one_window(share: float) -> None:
 
 def test_a_valid_frame_that_overlaps_another_by_one_byte_is_not_taken() -> None:
     """The last check byte of the first frame is the first sync byte of the second."""
-    definition = load_frame(FRAMES / "ngu_b.yaml")
+    definition = frame("ngu_b")
     tries = (definition.encode_one({"command": 1, "payload": i.to_bytes(2, "big")}, "command") for i in range(65536))
     first = next(frame for frame in tries if frame[-1] == 0xEB)
     second = definition.encode_one({"command": 2, "payload": b"xyz"}, "command")
@@ -187,7 +186,7 @@ def independent(stream: bytes) -> tuple[list[int], int]:
 @pytest.mark.parametrize("seed", range(0, 40, 4))
 def test_an_independent_decoder_agrees(seed: int) -> None:
     generator = np.random.default_rng(seed)
-    definition = load_frame(FRAMES / "ngu_a.yaml")
+    definition = frame("ngu_a")
     stream = damaged_stream(definition, generator)
     counts, found = everything(definition, "numpy", [stream])
     assert (found["frame"], counts.bad) == independent(stream)

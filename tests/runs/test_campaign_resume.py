@@ -21,7 +21,7 @@ from bench.model.clock import VirtualClock
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.plan import Step
 from bench.record import SessionReader, read_journal
-from bench.replay.windows import recorded_windows
+from bench.replay.parts import recorded_windows
 from bench.run.context import RunContext
 from bench.run.control.operator import SimulatedOperator
 from bench.run.resume import read_stopped, resumption

@@ -49,7 +49,7 @@ def test_a_session_names_the_revision_of_the_checkout(tmp_path: Path) -> None:
 @pytest.mark.parametrize("pyproject", [None, '[project]\nname = "theirs"\n'])
 def test_the_repository_of_somebody_else_is_not_named(tmp_path: Path, pyproject: str | None) -> None:
     root = tmp_path / "theirs"
-    shutil.copytree(ROOT / "bench", root / "bench", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(ROOT / "bench", root / "bench")
     if pyproject is not None:
         (root / "pyproject.toml").write_text(pyproject)
     git(tmp_path, "init", "-q", str(root))

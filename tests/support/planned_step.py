@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from bench.plan import Step, step_of
+from bench.plan import Step
+from bench.plan.step_kinds import step_of
 
 
 def planned(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import hashlib
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,9 @@ TEXTS = {"sequences/x.yaml": "sequence: x\n", "frames/ngu_a.yaml": "frame: ngu_a
 Fault = Callable[[str, int], OSError | int | None]
 
 
+@cache
 def frame(name: str) -> FrameDefinition:
+    """Return a shipped definition; nothing in it changes, so all tests share one."""
     return load_frame(ROOT / "frames" / f"{name}.yaml")
 
 

@@ -150,8 +150,8 @@ class ActionCheck:
                 f"{step.role}: {parameter.name} {value:g} {unit} is outside {low:g} to {high:g} {unit} of {source}"
             )
             self._outside(step, parameter, message)
-        elif parameter.values and not any(math.isclose(value, one, rel_tol=_ALIKE) for one in parameter.values):
-            nearest = min(parameter.values, key=lambda one: abs(math.log(one / value)))
+        elif parameter.values and not any(math.isclose(value, setting, rel_tol=_ALIKE) for setting in parameter.values):
+            nearest = min(parameter.values, key=lambda setting: abs(math.log(setting / value)))
             message = f"{step.role}: {parameter.name} {value:g} {parameter.dimension} is none of its settings"
             self._outside(step, parameter, f"{message}; the nearest is {nearest:g} {parameter.dimension}")
 

@@ -73,9 +73,6 @@ def check_asked(plan: Plan, findings: Findings) -> None:
         findings.add("B-PLAN-078", plan.steps[0].where, message, "name the link under 'frame', or another analysis")
     if asked.reading:
         _check_reading(asked, plan, records, findings)
-    if asked.made_of != "readings" and not plan.frames:
-        message = f"the analysis {asked.name} is made of frames of a unit, and the sequence names no link"
-        findings.add("B-PLAN-078", plan.steps[0].where, message, "name the link under 'frame', or another analysis")
     if asked.made_of == "tests":
         _check_tests(asked, plan, findings)
     elif not records:

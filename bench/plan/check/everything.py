@@ -9,27 +9,32 @@ are valid until the end and cover the ranges that are used; the station can be o
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from datetime import UTC, date, datetime, timedelta
+from importlib import import_module
+from typing import Any
 
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import InputError
-from bench.plan.bus_time import bus_s
+from bench.model.installed import offers
 from bench.plan.check.actions import ActionCheck
 from bench.plan.check.analysis import check_asked
-from bench.plan.check.pose import check_poses
-from bench.plan.check.records import check_record
-from bench.plan.check.register import check_used_ranges
-from bench.plan.check.sets import check_sets
+from bench.plan.check.motion import check_poses
+from bench.plan.check.records import check_record, check_windows
 from bench.plan.check.state import BenchState
-from bench.plan.check.stations import check_station
-from bench.plan.check.windows import check_windows
+from bench.plan.check.stations import SIMULATION, check_station, check_used_ranges
+from bench.plan.drivers import bus_s
 from bench.plan.expand import DURATION
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
 from bench.plan.readings import roles_of
 from bench.plan.station import Station
-from bench.plan.step_kinds import PlannedRecord, PlannedSettle, PlannedSoak, PlannedVerify
+from bench.plan.step_kinds import PlannedPrompt, PlannedRecord, PlannedSettle, PlannedSoak, PlannedVerify
+
+SERIAL = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,39}")  # a folder of the session is named after it
+NO_SERIAL = "is not a serial number: letters, digits, '.', '_' and '-', at most 40"
+_UNIT = "unit"
 
 
 def check_plan(plan: Plan, station: Station | None = None, start_utc_ns: int | None = None) -> list[InputError]:
@@ -126,3 +131,31 @@ def _due_dates(plan: Plan, station: Station, start_utc_ns: int, findings: Findin
 
 def _start(start_utc_ns: int) -> date:
     return datetime.fromtimestamp(start_utc_ns / NS, UTC).date()
+
+
+def check_sets(plan: Plan, station: Station, findings: Findings) -> None:
+    """Note units without a serial number (B-PLAN-025) and what nobody can do at a simulated bench (B-PLAN-094)."""
+    for step in plan.steps:
+        for name, value in step.sets.items() if isinstance(step, PlannedPrompt) else ():
+            if value is None:
+                continue  # its mistake is noted already
+            if name == _UNIT and not SERIAL.fullmatch(str(value)):
+                findings.add("B-PLAN-025", step.where, f"unit {short(value)} {NO_SERIAL}")
+            elif station.file.world is not None:
+                _possible(station.file.world.name, name, value, step.where, findings)
+
+
+def _possible(world: str, name: str, value: Any, where: str, findings: Findings) -> None:
+    if world not in offers("worlds"):
+        return  # the check of the station says so
+    simulation = import_module(SIMULATION)
+    try:
+        simulation.check_operation(world, name, value)
+    except InputError as error:
+        findings.add("B-PLAN-094", where, f"'sets': {error.message}", error.next_step)
+
+
+def short(value: Any) -> str:
+    """A value in quotes, cut where it is too long to be read."""
+    text = repr(str(value))
+    return text if len(text) <= 60 else f"{text[:56]}...'"

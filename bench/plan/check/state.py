@@ -44,7 +44,7 @@ class BenchState:
         self._metered = asked is not None and bool(asked.reading)
         self._full_scale = {int(c["number"]): float(c["full_scale_A"]) for c in plan.campaign.get("channels", [])}
         actions = {role: _actions(entry.driver) for role, entry in station.instruments.items()}
-        self._effects = {role: frozenset(one.effect for one in known.values()) for role, known in actions.items()}
+        self._effects = {role: frozenset(action.effect for action in known.values()) for role, known in actions.items()}
         self.motion = MotionState(plan, tables_of(actions), findings)
         self.switches = _with(Effect.ROUTE, self._effects)
         self.sources = _with(Effect.STIMULUS_ON, self._effects)

@@ -1,23 +1,29 @@
-"""Static check of a station by itself: addresses, links, drivers and their options, the simulated world."""
+"""Static check of a station: addresses, links, drivers and options, the simulated world, the register of standards.
+
+The interlocks of a plan are those of its station, and those of its sequence, which win where the names are equal.
+"""
 
 from __future__ import annotations
 
 import re
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from bench.frame import load_frame
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.model.installed import offers, simulator_module
 from bench.model.shipped import find_beside
-from bench.model.units import read_quantity
-from bench.plan.check.register import check_register
-from bench.plan.drivers import driver_actions
+from bench.model.units import format_quantity, read_quantity
+from bench.model.yamlio import Document
+from bench.plan.drivers import driver_actions, driver_ladder_A
 from bench.plan.findings import Findings, suggestion
-from bench.plan.interlocks import station_rules
 from bench.plan.language.graphs import check_graphs
-from bench.plan.station import InstrumentEntry, Station, option_text, wrong_option
+from bench.plan.language.interlocks import OF_UNIT, SIGNALS, Interlock, InterlockRule, rule_of
+from bench.plan.station import InstrumentEntry, Standard, Station, option_text, wrong_option
 
 SIMULATION = "sim_instruments.worlds.simulation"  # by name: the bench never imports its simulators
 _ADDRESS = re.compile(r"(ASRL|GPIB|PRLGX-ASRL|PRLGX-TCPIP|PXI|TCPIP|USB|VICP|VXI)([^:]*)(?:::(.+))?", re.IGNORECASE)
@@ -122,7 +128,8 @@ def _driver(station: Station, role: str, entry: InstrumentEntry, findings: Findi
 
 def _limits(station: Station, role: str, entry: InstrumentEntry, findings: Findings) -> None:
     """A limit of what no action takes protects nothing."""
-    taken = {one.name: one for action in driver_actions(entry.driver).values() for one in action.parameters}
+    actions = driver_actions(entry.driver).values()
+    taken = {parameter.name: parameter for action in actions for parameter in action.parameters}
     for name, (lowest, _) in entry.limits.items():
         where, found = station.document.where(("instruments", role, "limits", name)), read_quantity(lowest)
         if name not in taken:
@@ -157,3 +164,107 @@ def _world(station: Station, findings: Findings) -> None:
         except InputError as error:
             where = station.document.where(("world", "options"))
             findings.add("B-PLAN-015", where, error.message, error.next_step)
+
+
+def check_register(station: Station, findings: Findings) -> None:
+    """Note ranges of the register that the instrument does not have (B-PLAN-065) and, in it, corrections without an
+    uncertainty or two lines for one range (B-PLAN-064): such a line would silently not be applied."""
+    for role, entry in station.instruments.items():
+        if entry.standard is not None:
+            _check_lines(station, role, entry.standard, findings)
+            _check_ladder(station, role, entry, entry.standard, findings)
+
+
+def _lines(standard: Standard) -> dict[str, list[float]]:
+    return {
+        "uncertainty": [line.range for line in standard.uncertainty],
+        "corrections": [line.range for line in standard.corrections],
+    }
+
+
+def _check_lines(station: Station, role: str, standard: Standard, findings: Findings) -> None:
+    lines = _lines(standard)
+    for key, ranges in lines.items():
+        times = Counter(ranges)
+        for index, range_A in enumerate(ranges):
+            where = station.document.where(("instruments", role, "standard", key, index))
+            shown = format_quantity(range_A, "A")
+            if times[range_A] > 1:
+                findings.add("B-PLAN-064", where, f"{role}: {key} has {times[range_A]} lines for {shown}", "keep one")
+            if range_A not in lines["uncertainty"]:
+                known = _listed(lines["uncertainty"])
+                message = f"{role}: the correction of {shown} belongs to no range with an uncertainty ({known})"
+                findings.add("B-PLAN-064", where, message, "correct the range, or state its uncertainty")
+
+
+def _check_ladder(station: Station, role: str, entry: InstrumentEntry, standard: Standard, findings: Findings) -> None:
+    try:
+        ladder_A = driver_ladder_A(entry.driver)
+    except InputError:
+        return  # noted where the drivers are checked
+    for key, ranges in _lines(standard).items() if ladder_A else ():
+        for index, range_A in enumerate(ranges):
+            if range_A not in ladder_A:
+                where = station.document.where(("instruments", role, "standard", key, index))
+                message = f"{role} has no range {format_quantity(range_A, 'A')}; {entry.driver} has {_listed(ladder_A)}"
+                findings.add("B-PLAN-065", where, message, "write the range as the instrument names it")
+
+
+def check_used_ranges(station: Station, used_A: Mapping[str, Collection[float]], findings: Findings) -> None:
+    """Note each range of a source that the plan uses and the register gives no uncertainty for (B-PLAN-066)."""
+    for role, ranges in sorted(used_A.items()):
+        certified = station.ranges_A(role)
+        missing = [range_A for range_A in sorted(ranges) if range_A not in certified]
+        if missing:
+            where = station.document.where(("instruments", role, "standard"))
+            message = f"{role}: the plan uses {_listed(missing)}; the register has {_listed(certified) or 'no range'}"
+            findings.add("B-PLAN-066", where, message, "add the lines of the certificate")
+
+
+def _listed(ranges_A: Collection[float]) -> str:
+    return ", ".join(format_quantity(range_A, "A") for range_A in sorted(ranges_A))
+
+
+def station_rules(station: Station, findings: Findings) -> dict[str, InterlockRule]:
+    """Rules of a station by name; mistakes are noted."""
+    return _rules(station.file.interlocks, station.document, station, findings)
+
+
+def plan_rules(
+    entries: Mapping[str, Interlock], document: Document[Any], station: Station, findings: Findings
+) -> tuple[InterlockRule, ...]:
+    """Rules of a sequence on its station, in order of their names. Mistakes of the station are noted by its own check.
+
+    A rule of the station for what the sequence's links do not tell is left out; one of the sequence is a mistake.
+    Args:      entries: the section ``interlocks`` of the sequence.   document: where it was read from.
+    Findings:  B-PLAN-097 (a signal that comes over a link which the sequence does not name).
+    """
+    links = document.model.frame
+    own = _rules(entries, document, station, findings)
+    for rule in own.values():
+        if not _is_told(rule, links):
+            message = f"interlock {rule.name}: {rule.signal} comes over a link, and the sequence does not name it"
+            findings.add("B-PLAN-097", rule.where, message, "name the link under 'frame', or take the interlock out")
+    rules = {**station_rules(station, Findings()), **own}
+    return tuple(rules[name] for name in sorted(rules) if _is_told(rules[name], links))
+
+
+def _is_told(rule: InterlockRule, links: Collection[str]) -> bool:
+    """Return whether something will tell the signal of a rule: an instrument, or one of the sequence's links."""
+    if SIGNALS[rule.signal].of == "link":
+        return rule.of in links
+    return bool(links) or rule.signal not in OF_UNIT
+
+
+def _rules(
+    entries: Mapping[str, Interlock], document: Document[Any], station: Station, findings: Findings
+) -> dict[str, InterlockRule]:
+    made = {
+        name: rule_of(name, entry, _place(document, name), station.links, station.instruments, findings)
+        for name, entry in entries.items()
+    }
+    return {name: rule for name, rule in made.items() if rule is not None}
+
+
+def _place(document: Document[Any], name: str) -> Callable[[str], str]:
+    return lambda key: document.where(("interlocks", name, key))

@@ -1,1 +1,1 @@
-"""What the YAML files of sequences, stations and mappings may say."""
+"""The languages of the YAML files of sequences, stations and mappings."""

@@ -53,7 +53,7 @@ def graphs_of(entries: Sequence[GraphEntry], frames: Mapping[str, FrameDefinitio
     for entry in entries:
         signals = _known(entry, frames)
         if signals:
-            found.append(Graph(entry.title, signals[0].unit, tuple(one.name for one in signals), entry.window))
+            found.append(Graph(entry.title, signals[0].unit, tuple(signal.name for signal in signals), entry.window))
     return found or _default(frames, measured)
 
 
@@ -67,8 +67,8 @@ def check_graphs(
     """
     for number, entry in enumerate(entries):
         where = place((number, "signals"))
-        signals = [one for text in entry.signals for one in _checked(text, frames, where, findings)]
-        units = sorted({one.unit or "1" for one in signals})
+        signals = [signal for text in entry.signals for signal in _checked(text, frames, where, findings)]
+        units = sorted({signal.unit or "1" for signal in signals})
         if len(signals) > MOST_CURVES:
             message = f"graph {entry.title!r} has {len(signals)} curves, {MOST_CURVES} can be told apart"
             findings.add("B-PLAN-085", where, message, "leave some out, or make two graphs")
@@ -124,8 +124,8 @@ def _default(frames: Mapping[str, FrameDefinition], measured: str) -> list[Graph
     ranked = sorted(groups, key=lambda key: (links.index(key[0]), not key[2]))
     chosen = {(link, unit): groups[link, unit, minus] for link, unit, minus in reversed(ranked)}
     graphs = []
-    for signals in [chosen[key] for key in dict.fromkeys(one[:2] for one in ranked)][: MOST_GRAPHS - 1]:
-        names = tuple(one.name for one in signals[:MOST_CURVES])
+    for signals in [chosen[group] for group in dict.fromkeys(key[:2] for key in ranked)][: MOST_GRAPHS - 1]:
+        names = tuple(signal.name for signal in signals[:MOST_CURVES])
         graphs.append(Graph(names[0].partition("[")[0], signals[0].unit, names, WINDOW_S))
     bench = tuple(f"{BENCH}.{field}" for field in BENCH_FIELDS)
     return [*graphs, Graph("Temperature", "degC", bench, WINDOW_S)]

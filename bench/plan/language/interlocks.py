@@ -1,4 +1,4 @@
-"""What a station or a sequence may say about its interlocks: a signal, its limits, and what happens beyond them.
+"""Interlocks as a station or a sequence may state them: a signal, its limits, and what happens beyond them.
 
 docs/unattended.md is the user's description.
 """

@@ -16,7 +16,6 @@ from bench.model.declaration import LogColumn, LogSections
 from bench.model.systems import systems, with_sections
 from bench.model.units import quantity, read_quantity
 from bench.model.yamlio import Document, Name, StrictModel, load_yaml
-from bench.plan.schemas import DIALECT
 
 UnitName = Annotated[str, StringConstraints(min_length=1, max_length=80)]
 Header = Annotated[str, StringConstraints(min_length=1, max_length=200)]
@@ -160,7 +159,7 @@ class FileForm(StrictModel):
 
 
 class Overload(StrictModel):
-    """What an instrument writes when it could not measure; such values are left out and counted."""
+    """Marks an instrument writes when it could not measure; such values are left out and counted."""
 
     at_least: float | None = Field(None, gt=0, description="magnitude from which a number is a sentinel")
     values: list[str | int | float] = Field(default_factory=list, description="sentinels, numbers or texts such as OL")
@@ -195,7 +194,7 @@ class LogMapping(StrictModel):
             raise ValueError(f"{len(times)} columns have the role time, one is due")
         if self.time[1].format == ROWS and self.bad_rows:
             raise ValueError("the time format 'rows' counts rows, so no row may be left out; remove 'bad_rows'")
-        if self.file.names is not None and (absent := [one for one in self.columns if one not in self.file.names]):
+        if self.file.names is not None and (absent := [name for name in self.columns if name not in self.file.names]):
             raise ValueError(f"the column {absent[0]!r} is not among the 'names' of the file")
         names = Counter(column.quantity for column in self.values.values())
         if twice := [name for name, count in names.items() if count > 1]:
@@ -225,7 +224,7 @@ class LogMapping(StrictModel):
     @property
     def time(self) -> tuple[str, TimeColumn]:
         """Header and description of the column of time."""
-        return next((header, one) for header, one in self.columns.items() if isinstance(one, TimeColumn))
+        return next((header, column) for header, column in self.columns.items() if isinstance(column, TimeColumn))
 
     @property
     def values(self) -> Mapping[str, LogColumn]:
@@ -282,9 +281,3 @@ def _column(header: str, column: LogColumn) -> dict[str, str]:
 def load_mapping(path: Path) -> Document[LogMapping]:
     """Read and check a mapping file. Raises InputErrors with every mistake and its position."""
     return load_yaml(path, mapping_model())
-
-
-def mapping_schema() -> dict[str, Any]:
-    """Return JSON Schema of a mapping file, for editors."""
-    schema = mapping_model().model_json_schema()
-    return {"$schema": DIALECT, "$id": "mapping.schema.json", **schema, "title": "inertial-bench mapping"}

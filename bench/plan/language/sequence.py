@@ -12,7 +12,7 @@ from bench.model.units import quantity, read_quantity
 from bench.model.yamlio import Name, StrictModel
 from bench.plan.language.interlocks import Interlock
 from bench.plan.language.steps import Step_, TimelineEntry
-from bench.plan.language.templated import Scalar
+from bench.plan.values import Scalar
 
 Title = Annotated[str, StringConstraints(max_length=200)]
 ChannelNumbers = int | str

@@ -19,7 +19,7 @@ from pydantic import (
 
 from bench.model.units import parse_quantity
 from bench.model.yamlio import NAME_PATTERN, Name, StrictModel
-from bench.plan.language.templated import ACTION_PATTERN, ActionName, Scalar, templated, within
+from bench.plan.values import ACTION_PATTERN, ActionName, Scalar, templated, within
 
 Duration = Annotated[Any, *templated("s", 0.0, 1e7)]
 Arguments = dict[Name, Scalar]

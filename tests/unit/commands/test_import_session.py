@@ -15,8 +15,7 @@ from bench.model.errors import InputError, SessionDamaged
 from bench.plan.language.mapping import load_mapping
 from bench.record import SessionReader, SessionWriter
 from bench.replay import replay_rows
-from bench.replay.series import replay_series
-from bench.replay.survey import survey
+from bench.replay.series import replay_series, survey
 
 
 def imported(tmp_path: Path, mapping: str, log: bytes) -> Path:

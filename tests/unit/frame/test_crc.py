@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from bench.frame.catalogue import CATALOGUE, CrcModel, find_model
-from bench.frame.checksums import CHECKSUMS
-from bench.frame.crc import Crc, require_fast_crc
+from bench.frame.crc import CHECKSUMS, Crc, require_fast_crc
 from bench.model.errors import InputError
 
 CHECK_TEXT = b"123456789"

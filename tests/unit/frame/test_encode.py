@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from record_sample import frame
 
-from bench.frame import FrameDefinition, load_frame
 from bench.model.errors import InputError
 
-FRAMES = Path(__file__).resolve().parents[3] / "frames"
 GOOD: dict[str, Any] = {
     "counter": 1, "npp": 2, "ppp": 3, "af_clock": 4, "master_count": 5, "fg_count": 6, "status": 0,
 }  # fmt: skip
 
 
-def ngu(port: str) -> FrameDefinition:
-    return load_frame(FRAMES / f"ngu_{port}.yaml")
-
-
 def refused(columns: dict[str, Any], port: str = "a", message: str = "frame") -> str:
     with pytest.raises(InputError) as caught:
-        ngu(port).encode(columns, 4, message)
+        frame(f"ngu_{port}").encode(columns, 4, message)
     return caught.value.code
 
 
@@ -55,31 +49,31 @@ def test_missing_column_and_unknown_message() -> None:
     assert refused(GOOD, message="housekeeping") == "B-FRAME-023"
     assert refused({"command": 1, "payload": b""}, "b", "command") == "B-FRAME-020"
     with pytest.raises(InputError, match="B-FRAME-020"):
-        ngu("b").encode_one({"command": 1}, "command")
+        frame("ngu_b").encode_one({"command": 1}, "command")
 
 
 def test_a_frame_longer_than_the_limit_is_refused() -> None:
-    ngu("b").encode_one({"command": 1, "payload": bytes(248)}, "command")
+    frame("ngu_b").encode_one({"command": 1, "payload": bytes(248)}, "command")
     with pytest.raises(InputError, match="B-FRAME-021"):
-        ngu("b").encode_one({"command": 1, "payload": bytes(249)}, "command")
+        frame("ngu_b").encode_one({"command": 1, "payload": bytes(249)}, "command")
 
 
 def test_named_bits_make_the_whole_field() -> None:
     columns = {name: value for name, value in GOOD.items() if name != "status"}
-    rows = ngu("a").encode(columns | {"status.mode": np.array([0, 1, 2, 15]), "status.over_range": 513}, 4)
+    rows = frame("ngu_a").encode(columns | {"status.mode": np.array([0, 1, 2, 15]), "status.over_range": 513}, 4)
     assert rows[:, 53].tolist() == [0x04, 0x14, 0x24, 0xF4]
     assert rows[:, 54].tolist() == [0x02] * 4
 
 
 def test_broadcast_values_and_whole_floats() -> None:
-    rows = ngu("a").encode(GOOD | {"counter": np.array([1.0, 2.0, 3.0, 65535.0]), "npp": np.arange(10)}, 4)
-    batch = ngu("a").decoder().feed(rows.tobytes()).messages["frame"]
+    rows = frame("ngu_a").encode(GOOD | {"counter": np.array([1.0, 2.0, 3.0, 65535.0]), "npp": np.arange(10)}, 4)
+    batch = frame("ngu_a").decoder().feed(rows.tobytes()).messages["frame"]
     assert batch.raw("counter").tolist() == [1, 2, 3, 65535]
     assert batch.raw("npp").tolist() == [list(range(10))] * 4
 
 
 def test_asking_a_batch_for_an_unknown_field() -> None:
-    batch = ngu("a").decoder().feed(b"").messages["frame"]
+    batch = frame("ngu_a").decoder().feed(b"").messages["frame"]
     for name in ("np", "status.model", "counter.x"):
         with pytest.raises(InputError, match="B-FRAME-022"):
             batch.raw(name)

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, seed
 from hypothesis import strategies as st
+from record_sample import frame
 
-from bench.frame import FrameDefinition, load_frame, parse_frame
+from bench.frame import FrameDefinition, parse_frame
 from bench.frame.commands import PayloadLayout
-from bench.frame.schema import FrameSpec
+from bench.frame.layout import FrameSpec
 from bench.model.errors import InputError, InputErrors
 
-FRAMES = Path(__file__).resolve().parents[3] / "frames"
-GNC = load_frame(FRAMES / "gnc_422.yaml")
+GNC = frame("gnc_422")
 LSB_GAUSS = 120e-6
 
 # name, code, timeout in s, request and its bytes, answer and its bytes; the bytes are written by hand
@@ -90,7 +89,7 @@ def test_no_command_is_without_hand_written_bytes() -> None:
 
 
 def test_a_frame_without_commands_has_none() -> None:
-    assert load_frame(FRAMES / "ngu_b.yaml").commands == {}
+    assert frame("ngu_b").commands == {}
 
 
 def test_a_quantity_with_a_unit_is_converted() -> None:
@@ -189,8 +188,8 @@ def test_mistakes_in_commands(commands: str, code: str) -> None:
 
 
 def test_commands_need_the_messages_they_travel_in() -> None:
-    assert refused("{a: {code: 1}}", load_frame(FRAMES / "ngu_b.yaml").text) == {"B-FRAME-014"}
-    assert refused("{a: {code: 1}}", load_frame(FRAMES / "ngu_a.yaml").text) == {"B-FRAME-014"}
+    assert refused("{a: {code: 1}}", frame("ngu_b").text) == {"B-FRAME-014"}
+    assert refused("{a: {code: 1}}", frame("ngu_a").text) == {"B-FRAME-014"}
 
 
 def test_a_default_of_a_command_is_sent_where_nothing_is_given() -> None:
@@ -223,7 +222,7 @@ def test_commands_and_silence_are_part_of_the_hash() -> None:
     ],
 )
 def test_hashes_of_formats_that_sessions_hold_do_not_change(name: str, sha256: str) -> None:
-    assert load_frame(FRAMES / f"{name}.yaml").sha256[:16] == sha256
+    assert frame(name).sha256[:16] == sha256
 
 
 def test_the_schema_for_editors_knows_the_new_keys() -> None:

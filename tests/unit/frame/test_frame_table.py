@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from record_sample import frame
 
-from bench.frame import load_frame
 from bench.frame.table import decode_file, write_csv
 from bench.model.errors import InputError
 
-FRAMES = Path(__file__).resolve().parents[3] / "frames"
 GOLDEN = Path(__file__).resolve().parents[2] / "golden"
 
 
@@ -23,7 +22,7 @@ def golden(name: str) -> bytes:
 def test_counts_and_csv_of_a_capture_longer_than_a_block(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("bench.frame.table._BLOCK_BYTES", 1000)
     monkeypatch.setattr("bench.frame.table._ROWS_AT_ONCE", 7)
-    definition = load_frame(FRAMES / "ngu_a.yaml")
+    definition = frame("ngu_a")
     columns = {"counter": np.arange(100) * 2, "npp": 1, "ppp": 2, "af_clock": 3, "master_count": 4, "fg_count": 5}
     rows = definition.encode(columns | {"status": 1 << 12}, 100)
     rows[50, 30] ^= 1
@@ -45,7 +44,7 @@ def test_counts_and_csv_of_a_capture_longer_than_a_block(tmp_path: Path, monkeyp
 
 
 def test_one_csv_per_message_in_physical_units(tmp_path: Path) -> None:
-    definition = load_frame(FRAMES / "ngu_b.yaml")
+    definition = frame("ngu_b")
     capture = tmp_path / "port_b.bin"
     capture.write_bytes(golden("ngu_b.housekeeping") + golden("ngu_b.answer"))
     for engine in ("numpy", "reference"):
@@ -60,7 +59,7 @@ def test_one_csv_per_message_in_physical_units(tmp_path: Path) -> None:
 
 
 def test_floats_are_printed_so_that_they_read_back_exactly(tmp_path: Path) -> None:
-    definition = load_frame(FRAMES / "vn100_binary.yaml")
+    definition = frame("vn100_binary")
     generator = np.random.default_rng(5)
     names = [item.name for item in definition.message().fields if item.name != "header"]
     columns = {name: generator.normal(size=20).astype(np.float32) for name in names}
@@ -74,7 +73,7 @@ def test_floats_are_printed_so_that_they_read_back_exactly(tmp_path: Path) -> No
 
 
 def test_files_that_cannot_be_read_or_written(tmp_path: Path) -> None:
-    definition = load_frame(FRAMES / "ngu_a.yaml")
+    definition = frame("ngu_a")
     with pytest.raises(InputError) as caught:
         decode_file(definition, tmp_path / "nothing.bin")
     assert caught.value.code == "B-FRAME-030"

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import struct
 import zlib
-from pathlib import Path
 
 import numpy as np
 import pytest
 from crccheck.crc import Crc16Ibm3740, Crc16Xmodem, Crc32Jamcrc, Crc32Mpeg2
+from record_sample import ROOT
+from record_sample import frame as frame_of
 
-from bench.frame import FrameDefinition, MessageBatch, load_frame
+from bench.frame import MessageBatch
 
-ROOT = Path(__file__).resolve().parents[3]
 GOLDEN = ROOT / "tests" / "golden"
 NAMES = sorted(path.stem for path in (ROOT / "frames").glob("*.yaml"))
 NPP = [1291, 1280, 0, 2560, 640, 1279, 1300, 7, 1281, 65535]
@@ -21,10 +21,6 @@ NPP_100S = [12910000, 12800000, 0, 25600000, 6400000, 12790000, 13000000, 70000,
 PPP_100S = [12690000, 12800000, 25600000, 0, 19200000, 12810000, 12600000, 25530000, 12790000, 1]
 STATUS = 1 | 1 << 3 | 2 << 12
 FLOATS = [0.25 + 0.125 * index * (-1) ** index for index in range(29)]
-
-
-def frame_of(name: str) -> FrameDefinition:
-    return load_frame(ROOT / "frames" / f"{name}.yaml")
 
 
 def golden_bytes(name: str) -> bytes:

@@ -8,14 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from record_sample import ROOT
+from record_sample import frame as frame_of
 
 from bench.commands.decode import decode
-from bench.frame import FrameDefinition, load_frame, parse_frame
+from bench.frame import parse_frame
 from bench.frame.stream import LinkDecoder
 from bench.frame.table import decode_file
 from bench.model.errors import InputErrors
 
-ROOT = Path(__file__).resolve().parents[3]
 SEED = 404
 # OEM7 documentation, "ASCII to binary log conversion example", and GPStation-6 manual, page 44: the same check covers
 # every binary log, so the vendor's two BESTPOS logs hold the one of INSPVAS
@@ -26,10 +27,6 @@ aa44121c2a000020480000005eb40b0780ada301000000004561832500000000200000001011865b
 aa44121c2a0002204800000090b49305b0abb912000000004561bc0a00000000100000001b0450b3f28e494016fa6bbe7c825cc00060769f449f90
 40a62a82c13d000000125acb3fcd9e983fdb664040003030300000000000000000 0b0b00000006000342dc4c48
 """  # fmt: skip
-
-
-def frame_of(name: str) -> FrameDefinition:
-    return load_frame(ROOT / "frames" / f"{name}.yaml")
 
 
 def golden(name: str) -> bytes:

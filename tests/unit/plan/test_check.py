@@ -1,4 +1,4 @@
-"""The static check against a brute-force model of the bench, over random orders of calls."""
+"""The static check against a brute-force model of the bench, and settings that an instrument does not have."""
 
 from __future__ import annotations
 
@@ -63,3 +63,21 @@ def test_raw_text_to_a_source_needs_a_closed_route_and_a_call_to_switch_it_off(t
     assert [error.code for error in mistakes(make_bench(tmp_path, flat))] == ["B-PLAN-070"]
     safe = flat.replace('at: "00:00:20", call: switch.open_all', 'at: "00:00:20", call: calibrator.standby')
     assert mistakes(make_bench(tmp_path, safe)) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "said"),
+    [
+        ("rlg_lock_in", {"clocks": "20 MHz,30 MHz"}, "clock 3e+07 Hz is none of its settings; the nearest is 2e+07"),
+        ("fog_north", {"time_constant": "2 s"}, "time_constant 2 s is none of its settings; the nearest is 3 s"),
+    ],
+)  # fmt: skip
+def test_a_setting_between_two_that_there_are_is_refused(name: str, settings: dict[str, str], said: str) -> None:
+    findings = [str(one) for one in check_plan(compile_sequence(name, None, settings))]
+    assert findings
+    assert all("B-PLAN-055" in one and said in one for one in findings), findings
+
+
+@pytest.mark.parametrize("clock", ["10 MHz", "20 MHz", "50 MHz", "100 MHz"])
+def test_a_setting_there_is_passes(clock: str) -> None:
+    assert check_plan(compile_sequence("rlg_lock_in", None, {"clocks": clock, "paths": "15 cm"})) == []

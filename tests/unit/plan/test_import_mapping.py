@@ -1,8 +1,9 @@
-"""The mapping language: what a file may say, a mistake in every key with its place, and the schema for editors."""
+"""The mapping language: what a file may say, a mistake in every key with its place, its schema and its description."""
 
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +14,13 @@ from pydantic import RootModel
 
 from bench.model.errors import InputErrors
 from bench.model.yamlio import load_yaml, parse_yaml
-from bench.plan.language.mapping import load_mapping, mapping_model, mapping_schema
+from bench.plan import mapping_schema
+from bench.plan.language.mapping import FileForm, TimeColumn, ValueColumn, load_mapping, mapping_model
+from bench.replay.delimited import LogParser
 
 ROOT = Path(__file__).resolve().parents[3]
 SHIPPED = sorted((ROOT / "docs" / "mappings").glob("*.yaml"))
 TIME = "time: {role: time, format: iso, zone: UTC}"
-
 # what is changed, into what, and a word of the message; the error stands on the line that was changed
 MISTAKES = [
     ("mapping: any_log", "mapping: Any Log", "mapping"),
@@ -53,6 +55,7 @@ MISTAKES = [
     ("quantity: sensor, ", "", "quantity"),
     ("unit: mV", "unit: millivolt", "no unit"),
 ]
+PAGE = (Path(__file__).resolve().parents[3] / "docs" / "importing.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(("old", "new", "word"), MISTAKES)
@@ -117,3 +120,18 @@ def test_the_schema_marks_slips() -> None:
     for old, new in (("uut:", "uuut:"), ("role: reading", "role: readings"), ("unit: mV", "unti: mV")):
         tree = parse_yaml(SHORT.replace(old, new, 1), "m", RootModel[Any]).model.root
         assert list(Draft202012Validator(schema).iter_errors(tree)), new
+
+
+def test_the_ten_line_mapping_reads_the_file_above_it() -> None:
+    found = re.search(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+    assert found is not None
+    assert len(found[1].splitlines()) == 10
+    parser = LogParser(parse_yaml(found[1], "importing.md", mapping_model()).model, "example")
+    lines = [line.strip() for line in PAGE.splitlines() if re.match(r"    (time,|2024-)", line)]
+    rows = [parser.row(line.encode()) for line in lines]
+    assert [row.values for row in rows if row is not None] == [(20.0, 20.31, 1.0000123), (20.0, 20.3, 1.0000125)]
+
+
+def test_every_key_is_explained() -> None:
+    keys = {name for model in (mapping_model(), FileForm, TimeColumn, ValueColumn) for name in model.model_fields}
+    assert {key for key in keys if f"`{key}" not in PAGE} == set()

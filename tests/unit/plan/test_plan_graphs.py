@@ -15,7 +15,7 @@ from bench.plan import load_station
 from bench.plan.language.graphs import GraphEntry, graphs_of, names_in
 from bench.plan.served import served_station
 from bench.plan.station import StationFile
-from bench.replay.session_signals import session_graphs, session_signals
+from bench.replay.described import session_graphs, session_signals
 
 WRONG = '["port_a.npp-ppp[1..6]"]'
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -45,9 +46,14 @@ PLANS = {
 }
 
 
+@cache
+def shipped(name: str) -> Plan:
+    return compile_sequence(name)
+
+
 @pytest.fixture(scope="module")
 def campaign() -> Plan:
-    return compile_sequence("scale_factor_38h")
+    return shipped("scale_factor_38h")
 
 
 def table_3(channel: int) -> list[tuple[str, float, int, int]]:
@@ -202,7 +208,7 @@ def test_every_shipped_sequence_is_named() -> None:
 
 @pytest.mark.parametrize("name", PLANS)
 def test_shipped_sequences_pass_the_static_check_and_last_as_long_as_meant(name: str) -> None:
-    plan = compile_sequence(name)
+    plan = shipped(name)
     assert check_plan(plan) == []
     assert (plan.duration_s, plan.record_count) == PLANS[name]
 
@@ -218,18 +224,18 @@ def test_overrides_reach_the_plan_and_the_world() -> None:
     plan = compile_sequence("scale_factor_short", overrides={"dwell": "20 s", "world.master_error_ppm": "50"})
     assert {step.duration_s for step in records(plan)} == {20.0}
     assert check_plan(plan) == []
-    shipped = compile_sequence("scale_factor_short").station.world_options
-    assert plan.station.world_options == {**shipped, "master_error_ppm": "50"}
-    assert "master_error_ppm" not in shipped
+    options = shipped("scale_factor_short").station.world_options
+    assert plan.station.world_options == {**options, "master_error_ppm": "50"}
+    assert "master_error_ppm" not in options
 
 
 def test_the_serial_number_of_the_unit_is_given_without_editing_the_file() -> None:
-    assert compile_sequence("scale_factor_short").campaign["uut"] == {"model": "NGU", "serial": "SIM-1"}
+    assert shipped("scale_factor_short").campaign["uut"] == {"model": "NGU", "serial": "SIM-1"}
     assert compile_sequence("scale_factor_short", overrides={"serial": "0042"}).campaign["uut"]["serial"] == "0042"
 
 
 def test_the_flat_form_waits_between_its_times() -> None:
-    plan = compile_sequence("timeline_example")
+    plan = shipped("timeline_example")
     acts = {step.at_s: step for step in plan.phase("campaign") if step.kind != "settle"}
     assert [(at_s, acts[at_s].kind) for at_s in (10.0, 12.0, 17.0, 40.0, 140.0)] == [
         (10.0, "unit"), (12.0, "send"), (17.0, "call"), (40.0, "record"), (140.0, "verify"),
@@ -249,7 +255,7 @@ def test_summary_names_time_disk_and_hazards(campaign: Plan) -> None:
     assert "chamber: after the campaign 23 degC for 3600 s; only then may it be opened" in summary.hazards
     assert "supply: on until it is made safe at the end" in summary.hazards
     assert not any("raw commands" in hazard for hazard in summary.hazards)
-    assert any("raw commands" in hazard for hazard in summarise(compile_sequence("timeline_example")).hazards)
+    assert any("raw commands" in hazard for hazard in summarise(shipped("timeline_example")).hazards)
 
 
 @pytest.mark.parametrize(
@@ -261,7 +267,7 @@ def test_summary_names_time_disk_and_hazards(campaign: Plan) -> None:
     ],
 )
 def test_bias_campaigns_are_one_chain_of_windows(name: str, seconds: float, counts: tuple[int, ...]) -> None:
-    plan = compile_sequence(name)
+    plan = shipped(name)
     branches = ("hold_start", "up", "hold_top", "down", "hold_end")
     expected = [(branch, k) for branch, count in zip(branches, counts, strict=True) for k in range(count)]
     found = records(plan)
@@ -277,7 +283,7 @@ def test_bias_campaigns_are_one_chain_of_windows(name: str, seconds: float, coun
 @pytest.mark.parametrize("name", ["bias_ramp_25h", "bias_ramp_25h_integrated", "bias_ramp_short"])
 def test_each_ramp_fills_its_branch(name: str) -> None:
     """The chamber is sent off right before a branch and arrives when the branch ends."""
-    plan = compile_sequence(name)
+    plan = shipped(name)
     steps = plan.phase("campaign")
     (before,) = [s for s in plan.phase("prepare") if s.kind == "soak"]
     now_degC = float(before.temperature_degC)

@@ -20,13 +20,16 @@ FILES = [
 ]
 
 
+SCHEMAS = json_schemas()
+
+
 def errors(kind: str, tree: Any) -> list[str]:
-    return [error.message for error in Draft202012Validator(json_schemas()[kind]).iter_errors(tree)]
+    return [error.message for error in Draft202012Validator(SCHEMAS[kind]).iter_errors(tree)]
 
 
 @pytest.mark.parametrize("kind", ["sequence", "frame", "station"])
 def test_each_is_a_schema_and_plain_json(kind: str) -> None:
-    schema = json_schemas()[kind]
+    schema = SCHEMAS[kind]
     Draft202012Validator.check_schema(schema)
     assert json.loads(json.dumps(schema)) == schema
 

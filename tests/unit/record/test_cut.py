@@ -90,15 +90,15 @@ def test_lost_frames_and_any_batching(seed: int, flush_each: int) -> None:
         assert bool(row.quality & Quality.LOST) == (row.lost > 0)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=30, deadline=None)
 @example(seed=86)  # one lost frame with the pattern in it twice: more candidates than frames
 @given(seed=st.integers(0, 2**32 - 1))
 def test_damaged_bytes_give_the_same_rows_however_they_arrive(seed: int) -> None:
     """Flips, drops and insertions; chunks of 1-700 bytes; the batches must not matter."""
     rng = np.random.default_rng(seed)
-    made = stream(1200, seed=seed % 1000)
+    made = stream(600, seed=seed % 1000)
     raw = bytearray(made.frames.tobytes())
-    for at in rng.integers(0, len(raw), 30).tolist():
+    for at in rng.integers(0, len(raw), 15).tolist():
         kind = rng.integers(0, 3)
         if kind == 0:
             raw[at % len(raw)] ^= 1 << int(rng.integers(0, 8))
@@ -110,7 +110,7 @@ def test_damaged_bytes_give_the_same_rows_however_they_arrive(seed: int) -> None
     for chunk in chunks_of(bytes(raw), rng):
         sent += len(chunk)
         pieces.append((sent * FRAME_NS // 57, chunk))
-    windows = [window(k, 10 + 170 * k, 160) for k in range(7)]
+    windows = [window(k, 10 + 170 * k, 160) for k in range(3)]
     reference = cut(pieces, windows, 1)
     for flush_each in (3, 17, len(pieces)):
         assert [comparable(row) for row in cut(pieces, windows, flush_each)] == [comparable(row) for row in reference]

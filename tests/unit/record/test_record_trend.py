@@ -16,12 +16,10 @@ from bench.frame.signals import all_signals
 from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.events import Environment
-from bench.record.trend import TrendWriter
-from bench.record.trend_bench import BenchRows
-from bench.record.trend_format import FOLDER, sources_of
+from bench.record.trend import BenchRows, TrendWriter
 from bench.record.trend_reader import TrendReader
-from bench.record.trend_rows import TrendRows, spread_ns
-from bench.replay.raw_window import _with_gaps
+from bench.record.trend_rows import FOLDER, TrendRows, sources_of, spread_ns
+from bench.replay.history import _with_gaps
 
 SOURCES = sources_of(all_signals({"port_b": FRAMES["port_b"]}), {"port_b": FRAMES["port_b"]})
 NAMES = ["port_b.unit_temperature[2]", "port_b.supply_voltage"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,6 @@ K0_C = 1.25e-6
 DSF = {"dsf_n": 412e-6, "dsf_p": -230e-6}
 BIAS_A = 3e-8
 LEVELS_A = (1e-3, 1e-2, 1e-1)
-Messages = list[tuple[str, int, bytes]]
 
 
 def documented_writer(**edits: str) -> Callable[..., None]:
@@ -71,6 +71,7 @@ def points() -> list[dict[str, Any]]:
     return steps
 
 
+@cache
 def pulses(current_A: float) -> tuple[np.ndarray, np.ndarray]:
     """Pulse counts of each frame of one record, exact to a pulse: (n, 10) each, only channel 1 counts."""
     total = current_A - BIAS_A
@@ -81,9 +82,10 @@ def pulses(current_A: float) -> tuple[np.ndarray, np.ndarray]:
     return (counts, np.zeros_like(counts)) if total > 0 else (np.zeros_like(counts), counts)
 
 
-def messages() -> Messages:
+@cache
+def messages() -> tuple[tuple[str, int, bytes], ...]:
     """Frames of the whole campaign in chunks of 0.5 s, housekeeping, record events."""
-    sent: Messages = []
+    sent: list[tuple[str, int, bytes]] = []
     conditions = points()
     pairs = [pulses(step["current_A"] * step["polarity"]) for step in conditions]
     frames = constant_stream(np.concatenate([n for n, _ in pairs]), np.concatenate([p for _, p in pairs])).frames
@@ -99,7 +101,7 @@ def messages() -> Messages:
                 "conditions": conditions[number - 1], "step": -1,
             }  # fmt: skip
             sent.append(("/event", t_ns, json.dumps({"kind": "record", "fields": fields}).encode()))
-    return sent
+    return tuple(sent)
 
 
 def texts() -> dict[str, str]:
@@ -146,7 +148,7 @@ def test_the_hash_of_a_session_without_a_chain_covers_its_data(tmp_path: Path) -
     write = documented_writer()
     for name in ("a", "b", "c"):
         (tmp_path / name).mkdir()
-        sent = messages()[:40]
+        sent = [*messages()[:40]]
         if name == "c":
             sent[7] = (sent[7][0], sent[7][1], sent[7][2][:-1] + b"\0")
         write(tmp_path / name, manifest(), texts(), sent)

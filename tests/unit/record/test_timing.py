@@ -12,7 +12,7 @@ from record_sample import frame
 from bench.frame import LinkDecoder
 from bench.model.ports import RecordWindow
 from bench.record import RecordCutter, RecordRow
-from bench.record.timing import pulse_timing
+from bench.record.pulses import pulse_timing
 
 KEYS = ("moment1", "moment2", "first", "last", "at_first", "at_last")
 

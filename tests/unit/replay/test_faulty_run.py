@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from record_sample import ROOT
+from rehearsal import tiny_plan
 
 from bench.model.clock import VirtualClock
-from bench.plan import compile_sequence
 from bench.record import RecordRow
 from bench.replay import replay_rows
 from bench.run.control.operator import SimulatedOperator
@@ -34,7 +33,6 @@ def comparable(row: RecordRow) -> tuple[object, ...]:
     return row.window, sums, counts, row.quality, dict(row.context)
 
 
-@pytest.mark.slow
 def test_replay_of_a_run_over_a_noisy_cable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plain = LinkFaults.__init__
 
@@ -43,7 +41,7 @@ def test_replay_of_a_run_over_a_noisy_cable(tmp_path: Path, monkeypatch: pytest.
         self.bit_error_rate, self.drop_rate, self.duplicate_rate = BIT_ERROR_RATE, FRAME_RATE, FRAME_RATE
 
     monkeypatch.setattr(LinkFaults, "__init__", noisy)
-    plan = compile_sequence(ROOT / "sequences" / "scale_factor_short.yaml", None, {})
+    plan = tiny_plan(tmp_path)
     run = conduct(
         plan, clock=VirtualClock(), seed=SEED, out=tmp_path, operator=SimulatedOperator(), listener=Silence(),
         keep_events=("retake",),

@@ -12,7 +12,7 @@ from bench.model.errors import InputError
 from bench.model.yamlio import parse_yaml
 from bench.plan.language.mapping import LogMapping, mapping_model
 from bench.replay.delimited import MAX_LINE_BYTES, LogParser, LogRow, lines_of
-from bench.replay.survey import Survey, survey
+from bench.replay.series import Survey, survey
 
 UTC_2024_ns = 1_704_067_200 * 10**9  # 2024-01-01T00:00:00Z
 

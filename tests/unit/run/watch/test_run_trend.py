@@ -14,11 +14,10 @@ from trend_sample import Heard, run_short
 from bench.model.errors import InputError
 from bench.record import SessionReader
 from bench.record.files import AppendFile, OsFiles
-from bench.record.trend_format import FOLDER
 from bench.record.trend_reader import TrendReader
+from bench.record.trend_rows import FOLDER
 from bench.replay.build_trend import build_trend, main
-from bench.replay.history import history, needs_build, trend_place
-from bench.replay.raw_window import raw_window
+from bench.replay.history import history, needs_build, raw_window, trend_place
 from bench.run.context import RunContext
 from bench.run.watch.trend import trend_recorder
 

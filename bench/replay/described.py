@@ -1,14 +1,19 @@
-"""Signals and graph windows of a recorded session, from its own texts."""
+"""Frames, signals and graph windows of a recorded session, as its own texts describe them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 from bench.frame import FrameDefinition, Signal, all_signals, parse_frame
 from bench.model.errors import InputError
 from bench.model.yamlio import parse_yaml
 from bench.plan import Graph, GraphEntry, StationFile, graphs_of, names_in
+from bench.record import SessionReader
+
+KEPT = 16
 
 
 def frames_of(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str, FrameDefinition]:
@@ -42,3 +47,23 @@ def session_graphs(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> lis
     """Graph windows of a session; where its station names none, some that suit its frames."""
     frames = frames_of(manifest, texts)
     return graphs_of(entries_of(manifest, texts), frames, str(manifest.get("measurement_link", "")))
+
+
+def session_frames(folder: Path) -> Mapping[str, FrameDefinition]:
+    """Frame definitions by link, as ``frames_of`` gives them; a session's texts never change.
+
+    Raises: InputError B-REC-010 (no session); SessionDamaged B-REC-012, B-REC-014.
+    """
+    return _frames(folder, _first_file(folder))
+
+
+def _first_file(folder: Path) -> int:
+    """Return number of the first segment's file: another one at the same place is another session."""
+    return SessionReader(folder).segments[0].stat().st_ino
+
+
+@lru_cache(maxsize=KEPT)
+def _frames(folder: Path, first_segment: int) -> Mapping[str, FrameDefinition]:
+    del first_segment
+    reader = SessionReader(folder)
+    return frames_of(reader.manifest, reader.texts)
