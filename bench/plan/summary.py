@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache, partial
 
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS
-from bench.model.ports import Action, Effect
+from bench.model.ports import Effect
 from bench.model.units import format_quantity
 from bench.plan.check.actions import Judged
 from bench.plan.check.state import BenchState
 from bench.plan.drivers import declared_action
 from bench.plan.findings import Findings
-from bench.plan.plan import Plan, Step
+from bench.plan.plan import Plan
 from bench.plan.readings import round_count
 from bench.plan.step_kinds import PlannedCall, PlannedRecord, PlannedSend, PlannedSoak
 
 STEP_BYTES = 400  # events, commands and replies of a step, with their envelopes
 SECOND_BYTES = 150  # chunk and message indexes of a second
 READING_BYTES = 1_500  # a reading of a record: its event, commands and replies, with their envelopes
+
+Calls = Mapping[Effect, list[PlannedCall]]
 
 
 @dataclass(frozen=True)
@@ -53,17 +57,26 @@ def summarise(plan: Plan, start_utc_ns: int = VIRTUAL_START_UTC_NS) -> Summary:
         finally_s=plan.finally_s,
         finish_utc_ns=start_utc_ns + round(total_s * NS),
         disk_bytes=round(total_s * bytes_s + STEP_BYTES * len(plan.steps) + READING_BYTES * readings),
-        hazards=tuple(line for told in _HAZARDS for line in told(plan)),
+        hazards=tuple(_hazards(plan)),
     )
 
 
-def _calls(plan: Plan, effect: Effect) -> list[PlannedCall]:
-    calls = [step for step in plan.steps if isinstance(step, PlannedCall)]
-    return [call for call in calls if (action := _action(plan, call)) is not None and action.effect is effect]
-
-
-def _action(plan: Plan, step: Step) -> Action | None:
-    return declared_action(plan.station, step.role, step.name) if isinstance(step, PlannedCall) else None
+def _hazards(plan: Plan) -> Iterator[str]:
+    declared = cache(partial(declared_action, plan.station))
+    calls: dict[Effect, list[PlannedCall]] = {effect: [] for effect in Effect}
+    state = BenchState(plan, plan.station, Findings())  # what holds energy before every instrument is made safe
+    for step in plan.steps:
+        if not isinstance(step, PlannedCall):
+            state.take(step, Judged(None, {}))
+            continue
+        action = declared(step.role, step.name)
+        if action is not None:
+            calls[action.effect].append(step)
+        state.take(step, Judged(action, step.arguments))
+    for told in (_stimulus, _thermal, _power, _motion, _raw, _afterwards):
+        yield from told(plan, calls)
+    for role in sorted(state.energised):
+        yield f"{role}: on until it is made safe at the end"
 
 
 def _highest(calls: list[PlannedCall], argument: str) -> dict[str, float]:
@@ -75,33 +88,33 @@ def _highest(calls: list[PlannedCall], argument: str) -> dict[str, float]:
     return highest
 
 
-def _stimulus(plan: Plan) -> list[str]:
-    set_steps, on = _calls(plan, Effect.STIMULUS_SET), _calls(plan, Effect.STIMULUS_ON)
+def _stimulus(plan: Plan, calls: Calls) -> list[str]:
+    set_steps, on = calls[Effect.STIMULUS_SET], calls[Effect.STIMULUS_ON]
     return [
         f"{role}: up to {format_quantity(level, 'A')}, switched on {sum(s.role == role for s in on)} times"
         for role, level in _highest(set_steps, "current").items()
     ]
 
 
-def _thermal(plan: Plan) -> list[str]:
+def _thermal(plan: Plan, calls: Calls) -> list[str]:
     by_role: dict[str, list[float]] = {}
     soaks = [step for step in plan.steps if isinstance(step, PlannedSoak)]
     asked: list[tuple[str, float | None]] = [(soak.role, soak.temperature_degC) for soak in soaks]
-    asked += [(call.role, call.quantity("temperature")) for call in _calls(plan, Effect.THERMAL)]
+    asked += [(call.role, call.quantity("temperature")) for call in calls[Effect.THERMAL]]
     for role, value in asked:
         if value is not None:
             by_role.setdefault(role, []).append(value)
     return [f"{role}: {min(values):g} degC to {max(values):g} degC" for role, values in by_role.items()]
 
 
-def _power(plan: Plan) -> list[str]:
-    volts = _highest(_calls(plan, Effect.POWER), "voltage")
+def _power(plan: Plan, calls: Calls) -> list[str]:
+    volts = _highest(calls[Effect.POWER], "voltage")
     return [f"{role}: up to {format_quantity(level, 'V')}" for role, level in volts.items()]
 
 
-def _motion(plan: Plan) -> list[str]:
-    closed = [call.role for call in _calls(plan, Effect.MOTION_ON) if call.axis is None]
-    rates = _highest(_calls(plan, Effect.MOTION_ON), "rate")
+def _motion(plan: Plan, calls: Calls) -> list[str]:
+    closed = [call.role for call in calls[Effect.MOTION_ON] if call.axis is None]
+    rates = _highest(calls[Effect.MOTION_ON], "rate")
     return [
         f"{role}: moves at up to {rates.get(role, 0.0):g} deg/s, interlock closed {closed.count(role)} times; "
         "nobody may stand at it"
@@ -109,26 +122,15 @@ def _motion(plan: Plan) -> list[str]:
     ]
 
 
-def _raw(plan: Plan) -> list[str]:
+def _raw(plan: Plan, calls: Calls) -> list[str]:
     roles = sorted({step.role for step in plan.steps if isinstance(step, PlannedSend)})
     return [f"{role}: takes raw commands, which the check cannot look into" for role in roles]
 
 
-def _afterwards(plan: Plan) -> list[str]:
+def _afterwards(plan: Plan, calls: Calls) -> list[str]:
     return [
         f"{step.role}: after the campaign {step.temperature_degC:g} degC for {step.duration_s:g} s; "
         "only then may it be opened"
         for step in plan.phase("finally")
         if isinstance(step, PlannedSoak)
     ]
-
-
-def _left_on(plan: Plan) -> list[str]:
-    """Return what still holds energy after the last step, before every instrument is made safe."""
-    state = BenchState(plan, plan.station, Findings())
-    for step in plan.steps:
-        state.take(step, Judged(_action(plan, step), step.arguments if isinstance(step, PlannedCall) else {}))
-    return [f"{role}: on until it is made safe at the end" for role in sorted(state.energised)]
-
-
-_HAZARDS = (_stimulus, _thermal, _power, _motion, _raw, _afterwards, _left_on)
