@@ -20,9 +20,8 @@ from typing import Any
 from bench.commands.study.cluster import THREADS, run_on_cluster
 from bench.systems.time_sync.estimators.sar.response import impulse_response
 from bench.systems.time_sync.study.flight import simulated
-from bench.systems.time_sync.study.image import scene_of
 from bench.systems.time_sync.study.study import BASE, Group, LONG_s, SHORT_s, StudyOptions, Task, image_tasks
-from bench.systems.time_sync.study.tasks import run_task
+from bench.systems.time_sync.study.tasks import run_task, scene_of
 
 HERE = "--here"
 RUNS = 50

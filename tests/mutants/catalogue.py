@@ -204,14 +204,14 @@ MUTANTS = [
     ),
     Mutant(
         "lock-in error put on twice",
-        "bench/systems/lock_in/estimators/angle.py",
+        "bench/systems/lock_in/estimators/random_walk.py",
         "step = step - jumps.dpsi_rad",
         "step = step + jumps.dpsi_rad",
         ["tests/unit/systems/lock_in/test_compensators.py::test_a_dither_that_slides_against_the_clock"],
     ),
     Mutant(
         "parabolas against their order in time",
-        "bench/systems/lock_in/estimators/parabolas.py",
+        "bench/systems/lock_in/estimators/single_turnarounds.py",
         "at_behind - at_before,",
         "at_before - at_behind,",
         ["tests/unit/systems/lock_in/test_compensators.py::test_backscatter_at_90_degrees"],

@@ -9,9 +9,8 @@ from __future__ import annotations
 from bench.analysis import Analysis, Material, check_method, no_result
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import COMPENSATORS
-from bench.systems.lock_in.estimates import exponent_estimates, record_estimates, value_of
+from bench.systems.lock_in.estimates import exponent_estimates, record_estimates, requirement_of
 from bench.systems.lock_in.figures import campaign_figures
-from bench.systems.lock_in.limits import requirement_of
 from bench.systems.lock_in.notes import notes
 from bench.systems.lock_in.records import flagged, laser_records, none_usable, not_recorded
 from bench.systems.lock_in.result import LaserResult, laser_result
@@ -45,10 +44,11 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     if not results:
         raise refused[0] if refused else none_usable(bad)
     estimates = [entry for laser in results for entry in record_estimates(laser, requirement, method)]
+    told = [entry["conditions"] for entry in estimates if entry["quantity"] == "angle_random_walk"]
     missing += [
         f"{laser.name}: {LABELS[method]}: {laser.missing.get(method, 'no random walk could be told from quantisation')}"
         for laser in results
-        if value_of(estimates, "angle_random_walk", **laser.record.place(laser.clock_Hz), method=method) is None
+        if laser.record.place(laser.clock_Hz) | {"method": method} not in told
     ]
     return Analysis(
         campaign="rlg_lock_in",

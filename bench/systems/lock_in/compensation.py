@@ -14,14 +14,12 @@ import numpy as np
 
 from bench.analysis import Floats
 from bench.model.errors import FitError
-from bench.systems.lock_in.estimators.angle import CycleIncrements, cycle_increments, net_angle
-from bench.systems.lock_in.estimators.dither_shape import dither_shape
 from bench.systems.lock_in.estimators.edges import EdgeLevels, edge_levels
-from bench.systems.lock_in.estimators.fresnel import fresnel
 from bench.systems.lock_in.estimators.global_constants import GlobalConstants, global_constants
-from bench.systems.lock_in.estimators.parabolas import parabolas
+from bench.systems.lock_in.estimators.random_walk import CycleIncrements, cycle_increments, net_angle
+from bench.systems.lock_in.estimators.single_turnarounds import dither_shape, fresnel, parabolas
 from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds, turnarounds
-from bench.systems.lock_in.events import Events, Stretch
+from bench.systems.lock_in.records import Events, Stretch
 
 Compensator = Callable[[Turnarounds], Jumps]
 RAW, GLOBAL = "raw", "global_constants"
@@ -120,8 +118,8 @@ def _part(stretch: Stretch, clock_Hz: float) -> _Part:
     psi_rad = net_angle(edges, stretch.pickoff_ticks)
     jumps, constants, refused = _all_jumps(turns)
     increments = {RAW: cycle_increments(psi_rad, stretch.pickoff_rising, turns)}
-    for name, one in jumps.items():
-        taken_off = replace(one, dpsi_rad=np.nan_to_num(one.dpsi_rad))  # nothing where nothing could be estimated
+    for name, jump in jumps.items():
+        taken_off = replace(jump, dpsi_rad=np.nan_to_num(jump.dpsi_rad))  # nothing where nothing could be estimated
         increments[name] = cycle_increments(psi_rad, stretch.pickoff_rising, turns, taken_off)
     half_cycles = max(1, stretch.pickoff_ticks.size - 1)
     inside = (edges.tick >= stretch.pickoff_ticks[0]) & (edges.tick <= stretch.pickoff_ticks[-1])
@@ -158,8 +156,8 @@ def _joined(parts: Sequence[_Part], clock_Hz: float) -> Compensated:
     )
     for part in parts:
         found.turnarounds += int(part.turns.usable.size)
-        for name, one in part.jumps.items():
-            found.used[name] = found.used.get(name, 0) + int(np.isfinite(one.dpsi_rad).sum())
+        for name, jumps in part.jumps.items():
+            found.used[name] = found.used.get(name, 0) + int(np.isfinite(jumps.dpsi_rad).sum())
         found.constants += [part.constants] if part.constants is not None else []
         found.refused.update(part.refused)
         found.counts.update(part.turns.counts)
@@ -181,10 +179,10 @@ def _with_holes(parts: Sequence[_Part], name: str) -> Floats:
     """Increments of all stretches with one NaN between two; a method that refused a stretch has none there."""
     pieces: list[Floats] = []
     for part in parts:
-        one = part.increments.get(name)
+        increments = part.increments.get(name)
         nothing = np.full(part.increments[RAW].increment_rad.size, np.nan)
         pieces += [np.array([np.nan])] if pieces else []
-        pieces.append(nothing if one is None else one.increment_rad)
+        pieces.append(nothing if increments is None else increments.increment_rad)
     return np.concatenate(pieces)
 
 
@@ -194,15 +192,15 @@ def _shown(part: _Part) -> Shown:
     return Shown(
         time_s=part.turns.time_s[:_SHOWN].copy(),
         phase_rad=part.turns.phase_rad[:_SHOWN].copy(),
-        jumps={name: one.dpsi_rad[:_SHOWN].copy() for name, one in part.jumps.items()},
+        jumps={name: jumps.dpsi_rad[:_SHOWN].copy() for name, jumps in part.jumps.items()},
         psi0_rad=nothing if reference is None else reference.psi0_rad,
         left_rad=nothing if part.constants is None else part.constants.residual_jump_rad,
     )
 
 
 def _nothing(events: Events, number: int, refused: Sequence[str]) -> FitError:
-    edges = sum(one.ticks.size for one in events.stretches)
-    pickoffs = sum(one.pickoff_ticks.size for one in events.stretches)
+    edges = sum(stretch.ticks.size for stretch in events.stretches)
+    pickoffs = sum(stretch.pickoff_ticks.size for stretch in events.stretches)
     lost = f"{events.lost_blocks} blocks lost, {events.lost_edges} edges dropped"
     why = "".join(f"; {text}" for text in dict.fromkeys(refused))
     return FitError(

@@ -1,48 +1,81 @@
-"""Estimates of a ring laser: random walk, alignment time and the constants of the lock-in, before and after."""
+"""Estimates of a ring laser before and after compensation, and what is required of an alignment with it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from bench.analysis import Estimates, estimate
+from bench.analysis import Estimates, estimate, stated_limits
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import COMPENSATORS, RAW
+from bench.systems.lock_in.declaration import DECLARATION
 from bench.systems.lock_in.estimators.random_walk import RandomWalk, alignment_time_s, path_exponent
-from bench.systems.lock_in.limits import Requirement
 from bench.systems.lock_in.result import LaserResult, Measured, squared, walk_std_deg_rth
 
+NATO_MIL_DEG = 360.0 / 6400.0
 ARW_UNIT, ARCSEC = "deg/h^0.5", 3600.0
 
 
-def record_estimates(one: LaserResult, requirement: Requirement, judged: str) -> Estimates:
+@dataclass(frozen=True)
+class Requirement:
+    """``error_deg``: largest azimuth error of the alignment.   ``time_s``: that it may take, None if nobody says.
+
+    ``latitude_deg``: of the site, which the time depends on.
+    """
+
+    error_deg: float
+    time_s: float | None
+    latitude_deg: float
+
+
+def requirement_of(campaign: Mapping[str, Any]) -> Requirement:
+    """Read ``limits`` and ``site`` of the campaign; without a limit the error is one NATO mil (360 deg / 6400).
+
+    Raises: FitError B-RLG-004 (a limit that no ring laser has, or in a wrong unit), B-RLG-005 (no latitude).
+    """
+    (declared,) = DECLARATION.analyses
+    stated = stated_limits(campaign, declared.limits, "B-RLG-004", "an alignment with a ring laser has no such limit")
+    try:
+        latitude_deg = float((campaign.get("site") or {})["latitude_deg"])
+    except KeyError as error:
+        raise FitError(
+            "B-RLG-005",
+            "the campaign does not state the latitude of the site, which the alignment time depends on",
+            where="manifest: campaign.site",
+            next_step="give 'latitude' in the section 'site' of the sequence",
+        ) from error
+    return Requirement(stated.get("alignment_error", NATO_MIL_DEG), stated.get("alignment_time"), latitude_deg)
+
+
+def record_estimates(laser: LaserResult, requirement: Requirement, judged: str) -> Estimates:
     """Of one record; the alignment time by the method ``judged`` carries the verdict, if the campaign limits it."""
-    place = one.record.place(one.clock_Hz)
-    found = _constants(one, place)
+    place = laser.record.place(laser.clock_Hz)
+    found = _constants(laser, place)
     for method in (RAW, *COMPENSATORS):
-        walk = one.walks.get(method)
+        walk = laser.walks.get(method)
         if walk is not None:
             limit_s = requirement.time_s if method == judged else None
-            found += _of_method(one, method, walk, requirement, limit_s)
+            found += _of_method(laser, method, walk, requirement, limit_s)
     return found
 
 
 def _of_method(
-    one: LaserResult, method: str, walk: RandomWalk, requirement: Requirement, limit_s: float | None
+    laser: LaserResult, method: str, walk: RandomWalk, requirement: Requirement, limit_s: float | None
 ) -> Estimates:
-    place = one.record.place(one.clock_Hz) | {"method": method}
-    used = one.found.turnarounds if method == RAW else one.found.used[method]
-    counted = {"n": used, "dropped": one.found.turnarounds - used}
+    place = laser.record.place(laser.clock_Hz) | {"method": method}
+    used = laser.found.turnarounds if method == RAW else laser.found.used[method]
+    counted = {"n": used, "dropped": laser.found.turnarounds - used}
     time = alignment_s(walk, requirement)
     found = [
         estimate("angle_random_walk", ARW_UNIT, walk.n_deg_rth, walk_std_deg_rth(walk), place, **counted),
         estimate("quantisation_noise", "arcsec", ARCSEC * walk.q_deg, ARCSEC * walk.q_std_deg, place, **counted),
         estimate("alignment_time", "s", time.value, time.std, place, limit=limit_s, **counted),
     ]
-    ratio = None if method == RAW else one.ratio(method)
+    ratio = None if method == RAW else laser.ratio(method)
     if ratio is not None:
         time_ratio = squared(ratio)
         found.append(estimate("random_walk_ratio", "1", ratio.value, ratio.std, place, **counted))
@@ -57,10 +90,13 @@ def alignment_s(walk: RandomWalk, requirement: Requirement) -> Measured:
     return Measured(of_one_s * square.value, of_one_s * square.std)
 
 
-def _constants(one: LaserResult, place: dict[str, Any]) -> Estimates:
+def _constants(laser: LaserResult, place: dict[str, Any]) -> Estimates:
     found = []
-    counted = {"n": one.found.turnarounds, "dropped": one.found.turnarounds - max(one.found.used.values(), default=0)}
-    rate, phase = one.lock_in_deg_s, one.backscatter_deg
+    counted = {
+        "n": laser.found.turnarounds,
+        "dropped": laser.found.turnarounds - max(laser.found.used.values(), default=0),
+    }
+    rate, phase = laser.lock_in_deg_s, laser.backscatter_deg
     if rate is not None:
         found.append(estimate("lock_in_rate", "deg/s", rate.value, rate.std, place, **counted))
     if phase is not None:
@@ -71,15 +107,15 @@ def _constants(one: LaserResult, place: dict[str, Any]) -> Estimates:
 def exponent_estimates(results: Sequence[LaserResult], judged: str) -> Estimates:
     """How the random walk goes with the path length, by clock, before compensation (theory: -2.5) and behind it."""
     found = []
-    for clock_Hz in dict.fromkeys(one.clock_Hz for one in results):
+    for clock_Hz in dict.fromkeys(laser.clock_Hz for laser in results):
         for method in (RAW, judged):
-            seen = [one for one in results if one.clock_Hz == clock_Hz and _is_seen(one.walks.get(method))]
-            if len({one.record.path_length_m for one in seen}) < 2:
+            seen = [laser for laser in results if laser.clock_Hz == clock_Hz and _is_seen(laser.walks.get(method))]
+            if len({laser.record.path_length_m for laser in seen}) < 2:
                 continue
-            walks = [one.walks[method] for one in seen]
+            walks = [laser.walks[method] for laser in seen]
             try:
                 exponent, std = path_exponent(
-                    np.array([one.record.path_length_m for one in seen]),
+                    np.array([laser.record.path_length_m for laser in seen]),
                     np.array([walk.n_deg_rth for walk in walks]),
                     np.array([walk_std_deg_rth(walk) for walk in walks]),
                 )
@@ -92,16 +128,3 @@ def exponent_estimates(results: Sequence[LaserResult], judged: str) -> Estimates
 
 def _is_seen(walk: RandomWalk | None) -> bool:
     return walk is not None and walk.n_deg_rth > 0.0 and math.isfinite(walk.n_std_deg_rth)
-
-
-def paths_of(results: Sequence[LaserResult]) -> list[float]:
-    """Return path lengths in metres, rising."""
-    return sorted({one.record.path_length_m for one in results})
-
-
-def value_of(estimates: Estimates, quantity: str, **place: Any) -> dict[str, Any] | None:
-    """Return the first estimate of a quantity under these conditions."""
-    for one in estimates:
-        if one["quantity"] == quantity and all(one["conditions"].get(key) == value for key, value in place.items()):
-            return one
-    return None

@@ -1,6 +1,6 @@
 """Figures of a campaign of ring lasers: alignment, random walk over path length, ratios, Allan deviations.
 
-Numbers of figures are those of paper 004. What single turnarounds show is in ``rlg_turnaround_figures``.
+Numbers of figures are those of paper 004. What single turnarounds show is in ``turnaround_figures``.
 """
 
 from __future__ import annotations
@@ -12,9 +12,8 @@ import numpy as np
 from bench.analysis import Figure, Floats, Series, curve, series
 from bench.maths.verdict import coverage_factor
 from bench.systems.lock_in.compensation import COMPENSATORS, RAW
-from bench.systems.lock_in.estimates import alignment_s, paths_of
+from bench.systems.lock_in.estimates import NATO_MIL_DEG, Requirement, alignment_s
 from bench.systems.lock_in.estimators.random_walk import RandomWalk, alignment_time_s
-from bench.systems.lock_in.limits import NATO_MIL_DEG, Requirement
 from bench.systems.lock_in.result import LaserResult, walk_std_deg_rth
 from bench.systems.lock_in.tables import LABELS
 
@@ -41,7 +40,7 @@ def best_by_path(results: Sequence[LaserResult]) -> list[LaserResult]:
     """Return the first record of each path at the fastest clock."""
     return [
         max((laser for laser in results if laser.record.path_length_m == path_m), key=lambda laser: laser.clock_Hz)
-        for path_m in paths_of(results)
+        for path_m in sorted({laser.record.path_length_m for laser in results})
     ]
 
 

@@ -9,7 +9,7 @@ from scipy import special
 
 from bench.maths.verdict import coverage_factor
 from bench.systems.lock_in.compensation import COMPENSATORS, GLOBAL
-from bench.systems.lock_in.limits import Requirement
+from bench.systems.lock_in.estimates import Requirement
 from bench.systems.lock_in.result import LaserResult, misfit
 from bench.systems.lock_in.tables import LABELS
 
@@ -38,13 +38,13 @@ def notes(results: Sequence[LaserResult], requirement: Requirement, judged: str)
 def _harm(results: Sequence[LaserResult]) -> list[str]:
     found = []
     for method in COMPENSATORS:
-        worse = [one for one in results if one.is_worse(method)]
+        worse = [laser for laser in results if laser.is_worse(method)]
         if worse:
-            ratios = [ratio.value for ratio in (one.ratio(method) for one in worse) if ratio is not None]
+            ratios = [ratio.value for ratio in (laser.ratio(method) for laser in worse) if ratio is not None]
             span = f"{min(ratios):.2f} to {max(ratios):.2f}" if len(ratios) > 1 else f"{ratios[0]:.2f}"
             found.append(
                 f"Compensation by {LABELS[method]} makes the gyroscope WORSE: random walk times {span} at "
-                f"{'; '.join(one.name for one in worse)}. Without it the output is better there."
+                f"{'; '.join(laser.name for laser in worse)}. Without it the output is better there."
             )
     return found
 
@@ -52,15 +52,15 @@ def _harm(results: Sequence[LaserResult]) -> list[str]:
 def _better(results: Sequence[LaserResult], judged: str) -> list[str]:
     """Another compensator that leaves less random walk than the one judged, beyond their uncertainties."""
     found = []
-    for one in results:
-        mine = one.ratio(judged)
+    for laser in results:
+        mine = laser.ratio(judged)
         for method in COMPENSATORS:
-            other = one.ratio(method)
+            other = laser.ratio(method)
             if mine is None or other is None:
                 continue
             if mine.value - other.value > coverage_factor() * float(np.hypot(mine.std, other.std)):
                 found.append(
-                    f"{one.name}: {LABELS[method]} leaves less random walk than {LABELS[judged]}: {other.value:.3f} "
+                    f"{laser.name}: {LABELS[method]} leaves less random walk than {LABELS[judged]}: {other.value:.3f} "
                     f"against {mine.value:.3f} of that before."
                 )
     return found
@@ -71,31 +71,31 @@ def _condition(results: Sequence[LaserResult]) -> list[str]:
         "The paper's reduction of the random walk to a half or a third by crossings next to the turnaround holds for a "
         "backscatter phase near ±90 deg; elsewhere the ripple of the beat's phase biases every extrapolation."
     )
-    phases = [one.backscatter_deg.value for one in results if one.backscatter_deg is not None]
+    phases = [laser.backscatter_deg.value for laser in results if laser.backscatter_deg is not None]
     if not phases:
         return [text]
     off = float(np.max(np.abs(np.abs(phases) - 90.0)))
     if off <= _NEAR_90_DEG:
         return [f"{text} Here it is within {off:.1f} deg of that, so these ratios are not those of any other laser."]
-    span = sorted({f"{one:.0f}" for one in (min(phases), max(phases))}, key=float)
+    span = sorted({f"{phase:.0f}" for phase in (min(phases), max(phases))}, key=float)
     return [f"{text} Found here: {' to '.join(span)} deg."]
 
 
 def _model(results: Sequence[LaserResult]) -> list[str]:
     found = []
-    for one in results:
-        share = one.systematic_share
+    for laser in results:
+        share = laser.systematic_share
         if share is not None and share > _MODEL_OFF:
             found.append(
-                f"{one.name}: {100 * share:.0f} % of the RMS jump is left behind the global fit as a function of the "
+                f"{laser.name}: {100 * share:.0f} % of the RMS jump is left behind the global fit as a function of the "
                 "phase: the lock-in is not of one constant size and phase (second harmonic, drift), and the fit takes "
                 "off less than its own uncertainty says."
             )
-        moved = _moved(one)
+        moved = _moved(laser)
         if moved:
             found.append(
-                f"{one.name}: {moved} between blocks of the record by more than the uncertainties explain; each block "
-                "is compensated with its own constants."
+                f"{laser.name}: {moved} between blocks of the record by more than the uncertainties explain; each "
+                "block is compensated with its own constants."
             )
     return found
 
@@ -103,13 +103,13 @@ def _model(results: Sequence[LaserResult]) -> list[str]:
 def _repeating(results: Sequence[LaserResult]) -> list[str]:
     """Dithers whose jumps follow one another too regularly for a random walk."""
     found = []
-    for one in results:
-        scatter = one.found.dither_scatter
+    for laser in results:
+        scatter = laser.found.dither_scatter
         if scatter is not None and scatter < _LEAST_SCATTER:
             found.append(
-                f"{one.name}: the dither's amplitude scatters by {100 * scatter:.2f} %. Below {100 * _LEAST_SCATTER:g} "
-                "% the errors of turnarounds follow one another (dynamic lock-in): what is not compensated is no "
-                "random walk, equation (6) does not hold, and part of the input rate may be lost."
+                f"{laser.name}: the dither's amplitude scatters by {100 * scatter:.2f} %. Below "
+                f"{100 * _LEAST_SCATTER:g} % the errors of turnarounds follow one another (dynamic lock-in): what is "
+                "not compensated is no random walk, equation (6) does not hold, and part of the input rate may be lost."
             )
     return found
 
@@ -117,9 +117,9 @@ def _repeating(results: Sequence[LaserResult]) -> list[str]:
 def _off(results: Sequence[LaserResult]) -> list[str]:
     """Outputs that random walk and quantisation do not describe, in one sentence."""
     off = []
-    for one in results:
-        methods = [LABELS[name] for name, walk in one.walks.items() if misfit(walk) > 1.0]
-        off += [f"{one.name} ({'; '.join(methods)})"] if methods else []
+    for laser in results:
+        methods = [LABELS[name] for name, walk in laser.walks.items() if misfit(walk) > 1.0]
+        off += [f"{laser.name} ({'; '.join(methods)})"] if methods else []
     if not off:
         return []
     return [
@@ -129,10 +129,10 @@ def _off(results: Sequence[LaserResult]) -> list[str]:
     ]
 
 
-def _moved(one: LaserResult) -> str:
+def _moved(laser: LaserResult) -> str:
     """Return which constants differ from block to block, in words; "" if none does."""
     found = []
-    for fit in one.found.constants:
+    for fit in laser.found.constants:
         blocks = (
             ("the lock-in rate moves", fit.block_kappa_rad_s, fit.block_kappa_std_rad_s),
             ("the backscatter phase moves", np.unwrap(fit.block_beta_rad), fit.block_beta_std_rad),
@@ -158,36 +158,38 @@ def _standing(requirement: Requirement) -> list[str]:
 
 def _losses(results: Sequence[LaserResult]) -> list[str]:
     found = []
-    for one in results:
-        events, stretches = one.events, one.found.stretches
+    for laser in results:
+        events, stretches = laser.events, laser.found.stretches
         if events.lost_blocks or events.lost_edges or events.torn:
             found.append(
-                f"{one.name}: {events.lost_blocks} blocks lost, {events.lost_edges} edges dropped by the tagger; the "
+                f"{laser.name}: {events.lost_blocks} blocks lost, {events.lost_edges} edges dropped by the tagger; the "
                 f"record was analysed in {'1 stretch' if stretches == 1 else f'{stretches} stretches'} of "
-                f"{one.found.seconds:.2f} s in all, nothing was bridged."
+                f"{laser.found.seconds:.2f} s in all, nothing was bridged."
             )
         if events.dark:
             found.append(
-                f"{one.name}: {events.dark} blocks of 10 ms without any edge: the laser was dark, or its beat did not "
-                "reach the tagger. What comes behind is a stretch of its own; a laser that was started anew is cold."
+                f"{laser.name}: {events.dark} blocks of 10 ms without any edge: the laser was dark, or its beat did "
+                "not reach the tagger. What comes behind is a stretch of its own; a laser that was started anew is "
+                "cold."
             )
-        used = max(one.found.used.values(), default=0)
-        if used < (1.0 - _MOST_UNUSED) * one.found.turnarounds:
+        used = max(laser.found.used.values(), default=0)
+        if used < (1.0 - _MOST_UNUSED) * laser.found.turnarounds:
             found.append(
-                f"{one.name}: only {used} of {one.found.turnarounds} turnarounds could be compensated; the others stay "
-                "as they are, so the ratios say little about the compensators."
+                f"{laser.name}: only {used} of {laser.found.turnarounds} turnarounds could be compensated; the others "
+                "stay as they are, so the ratios say little about the compensators."
             )
-        sensed = one.record.dither_deg_s
+        sensed = laser.record.dither_deg_s
         if sensed is None:
             found.append(
-                f"{one.name}: no housekeeping with the dither amplitude: the levels counted cannot be held against it."
+                f"{laser.name}: no housekeeping with the dither amplitude: the levels counted cannot be held against "
+                "it."
             )
-        elif abs(one.counted_dither_deg_s / sensed - 1.0) > _SENSOR_OFF:
+        elif abs(laser.counted_dither_deg_s / sensed - 1.0) > _SENSOR_OFF:
             found.append(
-                f"{one.name}: the sensor says {sensed:.2f} deg/s of dither, the counted levels "
-                f"{one.counted_dither_deg_s:.2f}: the path length stated, or the sensor, is wrong."
+                f"{laser.name}: the sensor says {sensed:.2f} deg/s of dither, the counted levels "
+                f"{laser.counted_dither_deg_s:.2f}: the path length stated, or the sensor, is wrong."
             )
-        refused = ", ".join(LABELS.get(name, name) for name in one.missing if name != GLOBAL)
+        refused = ", ".join(LABELS.get(name, name) for name in laser.missing if name != GLOBAL)
         if refused:
-            found.append(f"{one.name}: no result by {refused}.")
+            found.append(f"{laser.name}: no result by {refused}.")
     return found

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import special
@@ -13,8 +13,7 @@ from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import COMPENSATORS, GLOBAL, RAW, Compensated, compensated
 from bench.systems.lock_in.estimators.random_walk import RandomWalk, expected_random_walk, gyro_gain, random_walk
-from bench.systems.lock_in.events import Events, record_events
-from bench.systems.lock_in.records import LaserRecord
+from bench.systems.lock_in.records import Events, LaserRecord, record_events
 
 _ONE_SIDED = 1.645  # 95 % of a normal distribution lie below
 _PROBABILITY = 1e-4  # that a record without any other noise is called off
@@ -32,12 +31,12 @@ class Measured:
     std: float
 
 
-def squared(one: Measured) -> Measured:
+def squared(measured: Measured) -> Measured:
     """Square of a value and its standard uncertainty, by which a value of 0 is not known to be 0.
 
     Source: variance of the square of a normal variable.
     """
-    return Measured(one.value**2, math.sqrt(4.0 * one.value**2 * one.std**2 + 2.0 * one.std**4))
+    return Measured(measured.value**2, math.sqrt(4.0 * measured.value**2 * measured.std**2 + 2.0 * measured.std**4))
 
 
 def misfit(walk: RandomWalk) -> float:
@@ -70,10 +69,10 @@ class LaserResult:
     @property
     def name(self) -> str:
         """As notes and figures call it."""
-        one = self.record
-        phase = "" if one.phase_setting_deg is None else f", set to {one.phase_setting_deg:g} deg"
-        number = f", record {one.number}" if one.several else ""
-        return f"{100 * one.path_length_m:g} cm, {self.clock_Hz / 1e6:g} MHz{phase}{number}"
+        record = self.record
+        phase = "" if record.phase_setting_deg is None else f", set to {record.phase_setting_deg:g} deg"
+        number = f", record {record.number}" if record.several else ""
+        return f"{100 * record.path_length_m:g} cm, {self.clock_Hz / 1e6:g} MHz{phase}{number}"
 
     @property
     def gain(self) -> float:
@@ -87,11 +86,11 @@ class LaserResult:
 
     def ratio(self, method: str) -> Measured | None:
         """Random walk behind a compensator over that before it; their uncertainties as if they were independent."""
-        raw, one = self.walks.get(RAW), self.walks.get(method)
-        if raw is None or one is None or not raw.n_deg_rth > 0.0:
+        raw, walk = self.walks.get(RAW), self.walks.get(method)
+        if raw is None or walk is None or not raw.n_deg_rth > 0.0:
             return None
-        value = one.n_deg_rth / raw.n_deg_rth
-        return Measured(value, math.hypot(walk_std_deg_rth(one), value * walk_std_deg_rth(raw)) / raw.n_deg_rth)
+        value = walk.n_deg_rth / raw.n_deg_rth
+        return Measured(value, math.hypot(walk_std_deg_rth(walk), value * walk_std_deg_rth(raw)) / raw.n_deg_rth)
 
     def is_worse(self, method: str) -> bool:
         """Return whether the compensator adds random walk, beyond the uncertainty of the ratio."""
@@ -101,7 +100,7 @@ class LaserResult:
     @property
     def lock_in_deg_s(self) -> Measured | None:
         """Lock-in rate by the global fit."""
-        both = _weighted([(one.kappa_rad_s, one.kappa_std_rad_s) for one in self.found.constants])
+        both = _weighted([(fit.kappa_rad_s, fit.kappa_std_rad_s) for fit in self.found.constants])
         if both is None:
             return None
         factor, left_out = math.degrees(1.0 / self.gain), _RATE_OFF * self._jump_squared / math.sqrt(3.0)
@@ -119,7 +118,7 @@ class LaserResult:
         if not fits:
             return None
         about = fits[0].beta_rad
-        turned = [(math.remainder(one.beta_rad - about, math.tau), one.beta_std_rad) for one in fits]
+        turned = [(math.remainder(fit.beta_rad - about, math.tau), fit.beta_std_rad) for fit in fits]
         both = _weighted(turned)
         if both is None:
             return None
@@ -170,12 +169,8 @@ def laser_result(record: LaserRecord) -> LaserResult:
             walks[method] = random_walk(found.increments[method], found.interval_s, record.path_length_m)
         except FitError as error:
             missing[method] = f"{error.message} ({error.code})"
-    return LaserResult(record, events.clock_Hz, _without_edges(events), found, walks, missing)
-
-
-def _without_edges(events: Events) -> Events:
-    """The counts alone: the edges of a record take more room than everything that comes of them."""
-    return Events(events.clock_Hz, (), events.lost_blocks, events.lost_edges, events.torn, events.dark)
+    counts = replace(events, stretches=())  # the edges of a record take more room than everything that comes of them
+    return LaserResult(record, events.clock_Hz, counts, found, walks, missing)
 
 
 def _weighted(values: list[tuple[float, float]]) -> Measured | None:
@@ -183,5 +178,5 @@ def _weighted(values: list[tuple[float, float]]) -> Measured | None:
     if not values:
         return None
     weight = np.array([1.0 / std**2 for _, std in values])
-    value = float(np.average([one for one, _ in values], weights=weight))
+    value = float(np.average([known for known, _ in values], weights=weight))
     return Measured(value, float(weight.sum() ** -0.5))

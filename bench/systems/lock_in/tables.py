@@ -8,8 +8,7 @@ from typing import Any
 from bench.analysis import Table, with_uncertainty
 from bench.maths.verdict import coverage_factor
 from bench.systems.lock_in.compensation import COMPENSATORS, RAW
-from bench.systems.lock_in.estimates import ARCSEC, alignment_s
-from bench.systems.lock_in.limits import NATO_MIL_DEG, Requirement
+from bench.systems.lock_in.estimates import ARCSEC, NATO_MIL_DEG, Requirement, alignment_s
 from bench.systems.lock_in.result import LaserResult, Measured, squared, walk_std_deg_rth
 
 LABELS = {

@@ -11,13 +11,13 @@ import numpy as np
 
 from bench.analysis import Estimates, estimate
 from bench.maths.verdict import coverage_factor
-from bench.systems.time_sync.clocks import Clocks
-from bench.systems.time_sync.estimators.kalman.observability import Observability
+from bench.systems.time_sync.estimators.kalman.consistency import Observability
 from bench.systems.time_sync.estimators.kalman.setup import NIS_BLOCKS, STANDARD_GRAVITY_m_s2
 from bench.systems.time_sync.estimators.sar.response import Response
 from bench.systems.time_sync.filtering import COMPENSATED, GROUPS, METHODS, NONE, TRIALS, Filtered, Offset, ratio_of
 from bench.systems.time_sync.image import Image
 from bench.systems.time_sync.limits import DIFFERENCE, UNCERTAINTY, Demands
+from bench.systems.time_sync.records import Clocks
 from bench.systems.time_sync.samples import Prepared
 
 _LEAST_SHIFT_STD_m = 1e-3  # of an image's place, whatever the scatter between targets
@@ -66,37 +66,41 @@ def _epoch_s(at_s: float) -> float:
 
 
 def _offset(result: SyncResult, name: str) -> Estimates:
-    one, ready = result.found.offsets[name], result.ready
-    place: dict[str, Any] = {"method": name, "at_s": _epoch_s(result.found.at_s), "observable": one.seen}
+    offset, ready = result.found.offsets[name], result.ready
+    place: dict[str, Any] = {"method": name, "at_s": _epoch_s(result.found.at_s), "observable": offset.seen}
     counted = {"n": result.found.samples, "dropped": ready.lost_egi + ready.unsound_egi}
-    dof = dof_of(one)
-    interval_s = coverage_factor(dof) * one.std_s
+    dof = dof_of(offset)
+    interval_s = coverage_factor(dof) * offset.std_s
     limit_s = result.demands.uncertainty_s if name == result.method else None
     # an offset that the motion did not show can miss a limit, it cannot keep one: its interval is what was assumed
-    judged = limit_s if limit_s is not None and (one.seen or interval_s > limit_s) else None
+    judged = limit_s if limit_s is not None and (offset.seen or interval_s > limit_s) else None
     last = result.seen.associated[-1, GROUPS.index(name)]
     about = {"method": name}
     return [
-        estimate("time_offset", "s", one.offset_s, one.std_s, place, dof=dof, **counted),
+        estimate("time_offset", "s", offset.offset_s, offset.std_s, place, dof=dof, **counted),
         estimate(UNCERTAINTY, "s", interval_s, 0.0, about, limit=judged, **counted),
-        estimate("observability", "1", one.normalised, 0.0, about | {"of": "variance of the offset"}, **counted),
+        estimate("observability", "1", offset.normalised, 0.0, about | {"of": "variance of the offset"}, **counted),
         estimate("observability", "1", float(last), 0.0, about | {"of": "associated eigenvalue"}, **counted),
     ]
 
 
-def dof_of(one: Offset) -> float:
+def dof_of(offset: Offset) -> float:
     """Effective degrees of freedom: those of the trials, by Welch and Satterthwaite (JCGM 100:2008 annex G.4)."""
-    return TRIALS * (one.std_s / one.trial_std_s) ** 4 if one.trial_std_s > 0.0 else math.inf
+    return TRIALS * (offset.std_s / offset.trial_std_s) ** 4 if offset.trial_std_s > 0.0 else math.inf
 
 
 def _stamps(result: SyncResult) -> Estimates:
     clocks, n = result.clocks, result.clocks.egi_s.size
-    one, at = clocks.difference, {"at_s": _epoch_s(result.found.at_s)}
-    found = [estimate("time_offset_drift", "ppm", 1e6 * one.drift, 1e6 * one.drift_std, {"method": "stamps"}, n=n)]
+    difference, at = clocks.difference, {"at_s": _epoch_s(result.found.at_s)}
+    found = [
+        estimate(
+            "time_offset_drift", "ppm", 1e6 * difference.drift, 1e6 * difference.drift_std, {"method": "stamps"}, n=n
+        )
+    ]
     if clocks.offset_s is None or result.difference_s is None:
         return found
     apart_s, std_s = result.difference_s
-    found.append(estimate("time_offset_from_stamps", "s", clocks.offset_s, one.std_s, at, n=n))
+    found.append(estimate("time_offset_from_stamps", "s", clocks.offset_s, difference.std_s, at, n=n))
     limit_s = result.demands.difference_s if result.chosen.seen else None  # a prior says nothing to judge
     found.append(estimate(DIFFERENCE, "s", apart_s, std_s, {"method": result.method}, n=n, limit=limit_s))
     return found
@@ -151,9 +155,9 @@ def _image(result: SyncResult) -> Estimates:
     for name, responses in ((COMPENSATED, image.compensated), (NONE, image.plain)):
         about = {"navigation": name}
         for quantity, unit, values in (
-            ("resolution", "m", [one.azimuth_resolution_m for one in responses]),
-            ("pslr", "dB", [one.pslr_dB for one in responses]),
-            ("islr", "dB", [one.islr_dB for one in responses]),
+            ("resolution", "m", [response.azimuth_resolution_m for response in responses]),
+            ("pslr", "dB", [response.pslr_dB for response in responses]),
+            ("islr", "dB", [response.islr_dB for response in responses]),
             ("image_peak", "1", _relative(responses, image.compensated)),
         ):
             spread = float(np.std(values, ddof=1)) / math.sqrt(n) if n > 1 else 0.0
@@ -163,4 +167,4 @@ def _image(result: SyncResult) -> Estimates:
 
 def _relative(responses: Sequence[Response], best: Sequence[Response]) -> list[float]:
     """Peaks over those of the compensated image."""
-    return [one.peak / other.peak for one, other in zip(responses, best, strict=True)]
+    return [response.peak / other.peak for response, other in zip(responses, best, strict=True)]

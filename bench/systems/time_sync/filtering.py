@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.errors import FitError
-from bench.systems.time_sync.clocks import Clocks
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
 from bench.systems.time_sync.estimators.kalman.setup import (
     LOOSE,
@@ -27,6 +26,7 @@ from bench.systems.time_sync.estimators.kalman.setup import (
     ImuSamples,
 )
 from bench.systems.time_sync.estimators.kalman.trials import EgiSpread, EgiTrials, imu_trials, stand_in
+from bench.systems.time_sync.records import Clocks
 from bench.systems.time_sync.samples import EgiSamples, Prepared
 
 Array = NDArray[np.float64]

@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.errors import FitError
-from bench.systems.time_sync.estimators.sar.image import Chip, image_chip
-from bench.systems.time_sync.estimators.sar.navigation import positions_at
-from bench.systems.time_sync.estimators.sar.pulses import Pulses
+from bench.systems.time_sync.estimators.sar.image import Chip, image_chip, point_targets
+from bench.systems.time_sync.estimators.sar.pulses import Pulses, positions_at
 from bench.systems.time_sync.estimators.sar.response import Response, impulse_response
-from bench.systems.time_sync.estimators.sar.scene import point_targets
 from bench.systems.time_sync.filtering import COMPENSATED, GROUPS, NONE, Filtered
 from bench.systems.time_sync.records import Stream
 from bench.systems.time_sync.samples import steady_s
@@ -44,8 +42,8 @@ class Image:
     def shifts_m(self) -> Array:
         """Of each target along the track, not compensated against compensated; positive = ahead."""
         return np.array([
-            one.azimuth_shift_m - other.azimuth_shift_m
-            for one, other in zip(self.plain, self.compensated, strict=True)
+            plain.azimuth_shift_m - compensated.azimuth_shift_m
+            for plain, compensated in zip(self.plain, self.compensated, strict=True)
         ])  # fmt: skip
 
 
@@ -71,13 +69,13 @@ def image_of(radar: Stream, result: Filtered) -> Image:
             f"{int(np.count_nonzero(use))} sound pulses of the radar within the records, {LEAST_PULSES} are the least",
             next_step="keep the radar on for the whole aperture, before the last record ends",
         )
-    one = radar.part(use)
-    echo = one.columns["echo"]
+    sound = radar.part(use)
+    echo = sound.columns["echo"]
     pulses = Pulses(
         gates=(echo[:, 0::2] + 1j * echo[:, 1::2]).astype(np.complex64),
-        near_range_m=one.columns["near_range"],
-        spacing_m=float(one.columns["spacing"][0]),
-        wavelength_m=float(one.columns["wavelength"][0]),
+        near_range_m=sound.columns["near_range"],
+        spacing_m=float(sound.columns["spacing"][0]),
+        wavelength_m=float(sound.columns["wavelength"][0]),
     )
     solutions = {
         name: positions_at(tags_s[use], fine.t_s, fine.p[:, GROUPS.index(name), 0], fine.v[:, GROUPS.index(name), 0])
@@ -91,4 +89,4 @@ def image_of(radar: Stream, result: Filtered) -> Image:
     track_m = float(np.linalg.norm(solutions[COMPENSATED][-1] - solutions[COMPENSATED][0]))
     speed_m_s = track_m / float(tags_s[use][-1] - tags_s[use][0])
     chips = image_chip(pulses, solutions[COMPENSATED], targets_m[0]), image_chip(pulses, solutions[NONE], targets_m[0])
-    return Image(responses[COMPENSATED], responses[NONE], chips, speed_m_s, len(one), len(radar))
+    return Image(responses[COMPENSATED], responses[NONE], chips, speed_m_s, len(sound), len(radar))

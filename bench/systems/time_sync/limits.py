@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -54,16 +54,8 @@ def latency_of(campaign: Mapping[str, Any]) -> Latency | None:
 
     Raises: FitError B-SYNC-006 if it is incomplete or negative.
     """
-    stated = campaign.get("latency")
-    if stated is None:
-        return None
-    try:
-        latency = Latency(*(float(stated[name]) for name in ("egi_s", "imu_s", "std_s")))
-    except (KeyError, TypeError, ValueError) as error:
-        raise _unstated("latency", f"{error!r}") from error
-    if not all(math.isfinite(value) and value >= 0.0 for value in (latency.egi_s, latency.imu_s, latency.std_s)):
-        raise _unstated("latency", f"{stated}")
-    return latency
+    stated = _stated(campaign, "latency", ("egi_s", "imu_s", "std_s"), zero=True)
+    return None if stated is None else Latency(**stated)
 
 
 def densities_of(campaign: Mapping[str, Any]) -> ImuDensities:
@@ -71,27 +63,16 @@ def densities_of(campaign: Mapping[str, Any]) -> ImuDensities:
 
     Raises: FitError B-SYNC-006 if the section is incomplete or a value is not above zero.
     """
-    stated = campaign.get("inertial")
+    names = ("accel_bias_g", "velocity_walk_g_rtHz", "gyro_bias_deg_s", "angle_walk_deg_rth")
+    stated = _stated(campaign, "inertial", names)
     if stated is None:
         return ImuDensities()
-    try:
-        densities = ImuDensities(
-            accel_bias_ug=1e6 * float(stated["accel_bias_g"]),
-            velocity_walk_ug=1e6 * float(stated["velocity_walk_g_rtHz"]),
-            gyro_bias_deg_h=3600.0 * float(stated["gyro_bias_deg_s"]),
-            angle_walk_deg_rt_h=float(stated["angle_walk_deg_rth"]),
-        )
-    except (KeyError, TypeError, ValueError) as error:
-        raise _unstated("inertial", f"{error!r}") from error
-    values = (
-        densities.accel_bias_ug,
-        densities.velocity_walk_ug,
-        densities.gyro_bias_deg_h,
-        densities.angle_walk_deg_rt_h,
+    return ImuDensities(
+        accel_bias_ug=1e6 * stated["accel_bias_g"],
+        velocity_walk_ug=1e6 * stated["velocity_walk_g_rtHz"],
+        gyro_bias_deg_h=3600.0 * stated["gyro_bias_deg_s"],
+        angle_walk_deg_rt_h=stated["angle_walk_deg_rth"],
     )
-    if not all(math.isfinite(value) and value > 0.0 for value in values):
-        raise _unstated("inertial", f"{dict(stated)}")
-    return densities
 
 
 def spread_of(campaign: Mapping[str, Any], position_sigma_m: float) -> EgiSpread:
@@ -101,17 +82,24 @@ def spread_of(campaign: Mapping[str, Any], position_sigma_m: float) -> EgiSpread
     Raises: FitError B-SYNC-006 if the section is incomplete or a value is not above zero.
     """
     spread = EgiSpread(position_m=position_sigma_m) if position_sigma_m > 0.0 else EgiSpread()
-    stated = campaign.get("egi")
-    if stated is None:
-        return spread
     names = ("velocity_m_s", "level_deg", "heading_deg", "wander_s", "heading_wander_s")
+    return replace(spread, **(_stated(campaign, "egi", names) or {}))
+
+
+def _stated(
+    campaign: Mapping[str, Any], section: str, names: Sequence[str], *, zero: bool = False
+) -> dict[str, float] | None:
+    """Return the figures of a section, None without it; all must be there and above zero, or ``zero`` if it may be."""
+    stated = campaign.get(section)
+    if stated is None:
+        return None
     try:
-        values = {name: float(stated[name]) for name in names}
+        figures = {name: float(stated[name]) for name in names}
     except (KeyError, TypeError, ValueError) as error:
-        raise _unstated("egi", f"{error!r}") from error
-    if not all(math.isfinite(figure) and figure > 0.0 for figure in values.values()):
-        raise _unstated("egi", f"{dict(stated)}")
-    return replace(spread, **values)
+        raise _unstated(section, f"{error!r}") from error
+    if not all(math.isfinite(figure) and (figure > 0.0 or (zero and figure == 0.0)) for figure in figures.values()):
+        raise _unstated(section, f"{dict(stated)}")
+    return figures
 
 
 def _unstated(section: str, why: str) -> FitError:

@@ -1,7 +1,12 @@
-"""Records of two units that stream side by side as one recording: samples of each port by counter, without doubles."""
+"""Records of two units that stream side by side as one recording, and the clocks of both ports by its receive stamps.
+
+Samples of each port come by counter, without doubles. The clocks are the check of the filter that knows nothing of
+motion.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -12,7 +17,15 @@ from numpy.typing import NDArray
 from bench.analysis import Material
 from bench.model.errors import FitError
 from bench.model.quality import Quality
-from bench.systems.time_sync.estimators.port_clocks import first_step
+from bench.systems.time_sync.estimators.port_clocks import (
+    PortClock,
+    StampsDifference,
+    clock_difference,
+    first_step,
+    port_clock,
+)
+from bench.systems.time_sync.estimators.stamp_grid import grid_s
+from bench.systems.time_sync.limits import Latency
 
 if TYPE_CHECKING:
     from bench.record import RecordRow, Samples
@@ -26,6 +39,9 @@ COLUMNS: Mapping[str, tuple[str, ...]] = {
     EGI: ("tick", "latitude", "longitude", "height", "velocity", "attitude", "position_sigma", "mode", "status"),
     RADAR: ("tick", "near_range", "spacing", "wavelength", "echo", "status"),
 }
+NS = 1e-9
+_NEAR_s = 0.05  # an offset that the filter finds by itself
+_COARSE_s = 0.01  # steps of what is taken out of the tags before it
 
 
 @dataclass(frozen=True)
@@ -111,26 +127,26 @@ def _rows(material: Material) -> Sequence[RecordRow]:
 
 
 def _stream(parts: Sequence[Samples | None], link: str, first_tick: int) -> Stream | None:
-    found = [one for one in parts if one is not None and len(one)]
+    found = [part for part in parts if part is not None and len(part)]
     if not found:
         return None
-    if unknown := [name for name in COLUMNS[link] if any(name not in one.columns for one in found)]:
+    if unknown := [name for name in COLUMNS[link] if any(name not in part.columns for part in found)]:
         raise FitError(
             "B-SYNC-002",
             f"the frames of the link {link!r} carry no {', '.join(unknown)}",
             next_step="use a frame with the fields of imu_200, egi_50 and sar_pulse; docs/time-sync.md names them",
         )
-    counter = np.concatenate([one.counter for one in found])
+    counter = np.concatenate([part.counter for part in found])
     before = np.maximum.accumulate(np.concatenate(([np.iinfo(np.int64).min], counter)))[:-1]
     new = counter > before  # a frame at a joint is in both records
-    tick = np.concatenate([one.columns["tick"] for one in found])[new].astype(np.uint64)
+    tick = np.concatenate([part.columns["tick"] for part in found])[new].astype(np.uint64)
     scale = found[0].scales["tick"][0]
     # the difference of two 64-bit counters, whatever they began with and whether or not they went through zero
     tick_s = (tick - np.uint64(first_tick)).view(np.int64).astype(np.float64) * scale
     columns = {
-        name: np.concatenate([one.scaled(name) for one in found])[new] for name in COLUMNS[link] if name != "tick"
+        name: np.concatenate([part.scaled(name) for part in found])[new] for name in COLUMNS[link] if name != "tick"
     }
-    return Stream(tick_s, counter[new], np.concatenate([one.t_ns for one in found])[new], columns)
+    return Stream(tick_s, counter[new], np.concatenate([part.t_ns for part in found])[new], columns)
 
 
 def _check_clock(name: str, stream: Stream) -> None:
@@ -145,3 +161,59 @@ def _check_clock(name: str, stream: Stream) -> None:
         f"its time tag goes on by {step_s:.6g} s over {int(stream.counter[at] - stream.counter[at - 1])} frames",
         next_step="keep both units powered and their clocks free during the recording; take it again",
     )
+
+
+@dataclass(frozen=True)
+class Clocks:
+    """Both ports and their difference, EGI minus inertial unit.
+
+    ``coarse_s``: whole part of the offset, taken out of the EGI's tags beforehand, exact.   ``difference``: of what is
+    left.   ``latency``: as stated, None if nobody does.   ``line_s``: that the frames take on the line, EGI minus
+    inertial unit.   ``place_s``: time of the unit of each frame of both ports, for figures.
+    """
+
+    imu: PortClock
+    egi: PortClock
+    coarse_s: float
+    difference: StampsDifference
+    latency: Latency | None
+    line_s: float
+    imu_s: Array
+    egi_s: Array
+
+    @property
+    def offset_s(self) -> float | None:
+        """Offset of the EGI's clock in the middle of the recording, None without stated latencies."""
+        return None if self.latency is None else self.coarse_s + self.difference.offset_s
+
+
+def clocks_of(taken: Recording, middle_s: float, latency: Latency | None, line_s: Mapping[str, float]) -> Clocks:
+    """Line of least delay of either port, and the difference at ``middle_s``.
+
+    Raises: FitError B-SYNC-009 for too few frames.
+    """
+    origin_ns = int(taken.imu.received_ns[0])
+    step_s = grid_s(np.concatenate((taken.imu.received_ns, taken.egi.received_ns)))
+    coarse_s = _coarse_s(taken, origin_ns)
+    imu_s, egi_s = taken.imu.tick_s, taken.egi.tick_s - coarse_s
+    imu = port_clock(imu_s, taken.imu.counter, _received_s(taken.imu, origin_ns), step_s)
+    egi = port_clock(egi_s, taken.egi.counter, _received_s(taken.egi, origin_ns), step_s)
+    on_line_s = line_s.get("egi", 0.0) - line_s.get("imu", 0.0)
+    stated_s, std_s = on_line_s, 0.0
+    if latency is not None:
+        stated_s, std_s = on_line_s + latency.egi_s - latency.imu_s, math.sqrt(2.0) * latency.std_s
+    difference = clock_difference(egi, imu, middle_s, stated_s, std_s)
+    return Clocks(imu, egi, coarse_s, difference, latency, on_line_s, imu_s, egi_s)
+
+
+def _received_s(stream: Stream, origin_ns: int) -> Array:
+    return np.asarray((stream.received_ns - origin_ns) * NS)
+
+
+def _coarse_s(taken: Recording, origin_ns: int) -> float:
+    """Clocks may have begun at any time: what both delays are apart, in whole steps, if it is more than a little."""
+    apart_s = float(
+        np.median(taken.egi.tick_s - _received_s(taken.egi, origin_ns))
+        - np.median(taken.imu.tick_s - _received_s(taken.imu, origin_ns))
+    )
+    return round(apart_s / _COARSE_s) * _COARSE_s if abs(apart_s) > _NEAR_s else 0.0

@@ -118,7 +118,7 @@ def _longest_piece(imu: Stream, notes: list[str]) -> Stream:
     steps = np.diff(imu.counter)
     cuts = np.flatnonzero(steps > LONGEST_GAP + 1) + 1
     edges = [0, *cuts.tolist(), len(imu)]
-    begin, end = max(pairwise(edges), key=lambda one: one[1] - one[0], default=(0, 0))
+    begin, end = max(pairwise(edges), key=lambda piece_edges: piece_edges[1] - piece_edges[0], default=(0, 0))
     whole_s = float(imu.tick_s[-1] - imu.tick_s[0]) if len(imu) else 0.0
     piece_s = float(imu.tick_s[end - 1] - imu.tick_s[begin]) if end > begin else 0.0
     if cuts.size:
@@ -170,17 +170,17 @@ def _egi(egi: Stream) -> EgiSamples:
             f"{_NAVIGATING}), {_LEAST_EGI} are the least",
             next_step="wait until the EGI navigates with GPS before the first record; look at its status",
         )
-    one = egi.part(sound)
+    solutions = egi.part(sound)
     tags_s = steady_s(egi)[sound]
-    latitude, longitude = one.columns["latitude"], one.columns["longitude"]
+    latitude, longitude = solutions.columns["latitude"], solutions.columns["longitude"]
     frame = TangentFrame(float(latitude[0]), float(longitude[0]))
     turn = frame.from_level(latitude, longitude)
-    attitude = one.columns["attitude"]
+    attitude = solutions.columns["attitude"]
     return EgiSamples(
         t_s=tags_s,
-        p=frame.positions_m(latitude, longitude, one.columns["height"]),
-        v=np.einsum("nij,nj->ni", turn, one.columns["velocity"]),
+        p=frame.positions_m(latitude, longitude, solutions.columns["height"]),
+        v=np.einsum("nij,nj->ni", turn, solutions.columns["velocity"]),
         C=turn @ body_to_level(attitude[:, 0], attitude[:, 1], attitude[:, 2]),
         frame=frame,
-        position_std_m=float(np.median(one.columns["position_sigma"])),
+        position_std_m=float(np.median(solutions.columns["position_sigma"])),
     )

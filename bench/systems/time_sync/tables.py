@@ -24,11 +24,7 @@ from bench.systems.time_sync.filtering import (
 )
 from bench.systems.time_sync.image import Image
 
-LABELS = {
-    AUGMENTED_LOOSE: "augmented, loose",
-    AUGMENTED_TIGHT: "augmented, tight",
-    NONE: "not compensated",
-}
+LABELS = {AUGMENTED_LOOSE: "augmented, loose", AUGMENTED_TIGHT: "augmented, tight", NONE: "not compensated"}
 _MS = 1e3
 
 

@@ -11,7 +11,7 @@ from bench.model.errors import InputError
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.constants import CHANNELS, KINDS, REFERENCE_DEGC
 from sim_instruments.worlds.af_converter.walk import BiasWalk
-from sim_instruments.worlds.common.play import follow, play_after
+from sim_instruments.worlds.common.thermal import follow, play_after
 
 Float = NDArray[np.float64]
 

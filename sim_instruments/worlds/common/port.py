@@ -1,9 +1,12 @@
-"""One serial output of the simulated unit: frames with the times at which their bytes are on the line."""
+"""One serial output of a simulated unit: frames with the times at which their bytes are on the line."""
 
 from __future__ import annotations
 
+import threading
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +15,6 @@ from bench.model.clock import NS
 from sim_instruments.faults.switchboard import LinkFaults
 
 Int64 = NDArray[np.int64]
-
 BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
 
 
@@ -176,3 +178,77 @@ class Port:
             if oldest.stop > self._read or int(oldest.end_ns[-1]) > now_ns:
                 break
             self._stretches.popleft()
+
+
+class PortedUnit:
+    """Base of simulated units with serial ports: they send what is due in ``_upto_now``.
+
+    Args: ports: by name.   Attributes: lock: held while the unit does anything.
+    """
+
+    def __init__(self, ports: Mapping[str, Port]) -> None:
+        self._ports = ports
+        self.lock = threading.RLock()
+
+    def has_port(self, name: str) -> bool:
+        """Return whether the unit has a port of this name."""
+        return name in self._ports
+
+    def connect(self, name: str, baud: int, faults: LinkFaults | None = None) -> None:
+        """Listen to a port from now on; ``faults`` damages what is sent from now on."""
+        with self.lock:
+            self._upto_now()
+            self._ports[name].connect(baud, faults)
+
+    def disconnect(self, name: str) -> None:
+        """Stop listening."""
+        with self.lock:
+            self._upto_now()
+            self._ports[name].disconnect()
+
+    def waiting(self, name: str) -> int:
+        """Bytes that have arrived by now and are not read."""
+        with self.lock:
+            return self._ports[name].waiting(self._upto_port(name))
+
+    def read(self, name: str, size: int) -> bytes:
+        """Up to ``size`` bytes of those that have arrived by now."""
+        with self.lock:
+            return self._ports[name].read(size, self._upto_port(name))
+
+    def arrivals(self, name: str, t_ns: Int64) -> Int64:
+        """Bytes that can be read at each of the coming times, before which nobody changes anything, if known."""
+        with self.lock:
+            return self._ports[name].arrivals(self._foreseen(name, t_ns))
+
+    def discard(self, name: str) -> None:
+        """Lose what has arrived by now."""
+        with self.lock:
+            self._ports[name].discard(self._upto_port(name))
+
+    def write(self, name: str, sent: bytes) -> None:
+        """The unit does not listen."""
+
+    def _foreseen(self, name: str, t_ns: Int64) -> Int64:
+        """Send ahead; returns those of the coming times by which all that is sent is known: none."""
+        del name
+        return t_ns[:0]
+
+    def _upto_port(self, name: str) -> int:
+        """Send what is due at one port at least; returns the time of now."""
+        del name
+        return self._upto_now()
+
+    def _upto_now(self) -> int:
+        """Send everything that is due; returns the time of now."""
+        raise NotImplementedError
+
+
+class OnePortUnit(PortedUnit):
+    """Base of units with one port, which they say the name of.   Attributes: port."""
+
+    port_name: ClassVar[str]
+
+    def __init__(self) -> None:
+        self.port = Port()
+        super().__init__({self.port_name: self.port})

@@ -1,8 +1,13 @@
-"""Temperatures of the simulated bench in closed form: chamber set-point ramp, air with a lag, unit with a lag.
+"""Temperatures of the simulated bench in closed form: set-point ramp, air with a lag, unit with a lag, its play.
 
 Between two commands the set-point is a straight line, so air and unit are sums of a line and two exponentials.
 Each command starts a new segment from the state the last one has reached; nothing is integrated step by step.
-A unit that remembers where its temperature has turned (hysteresis) finds the turning points here, exactly.
+
+A unit that remembers where its temperature has turned (hysteresis) finds the turning points here, exactly, for the play
+(backlash) operator. A play of half-width r follows a rising input r behind and a falling one r ahead, and rests while
+the input crosses 2r after a turn. On a stretch without a turn the result depends on the end of the stretch only, so a
+history is the list of its turning points and nothing is sampled.
+Source: Krasnosel'skii and Pokrovskii, Systems with Hysteresis, section 2 (definition on piecewise monotone inputs).
 """
 
 from __future__ import annotations
@@ -11,14 +16,16 @@ import bisect
 import itertools
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bench.model.clock import NS
-from sim_instruments.worlds.common.play import follow, play_after
+
+Float = NDArray[np.float64]
+TemperatureFunction = Callable[[NDArray[np.int64]], Float]
 
 AIR_LAG_S = 120.0  # air behind the controller's set-point
 UNIT_LAG_S = 1500.0  # unit under test behind the air, 25 min
@@ -29,8 +36,6 @@ _LAB_SWING_DEGC = 0.3
 _DAY_S = 86_400.0
 _SETTLED_S = 1e6  # after so long without a command nothing moves any more
 _BISECTIONS = 64
-
-TemperatureFunction = Callable[[NDArray[np.int64]], NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
@@ -236,3 +241,17 @@ class Thermal:
         t_ns = np.asarray(t_ns, np.int64)
         index = np.maximum(np.searchsorted(starts, t_ns, side="right") - 1, 0)
         return (t_ns - starts[index]) / NS, columns[:, index]
+
+
+def play_after(turns_degC: Sequence[float], half_width_degC: ArrayLike) -> Float:
+    """State of the plays after a history that starts relaxed at its first point; half-widths of any shape, degC."""
+    half_width = np.asarray(half_width_degC, float)
+    state = np.full(half_width.shape, turns_degC[0])
+    for degC in turns_degC[1:]:
+        state = follow(state, degC, half_width)
+    return state
+
+
+def follow(state_degC: ArrayLike, degC: ArrayLike, half_width_degC: ArrayLike) -> Float:
+    """State after the input has gone to ``degC`` without a turn on the way; the arguments broadcast."""
+    return np.minimum(np.maximum(state_degC, np.subtract(degC, half_width_degC)), np.add(degC, half_width_degC))

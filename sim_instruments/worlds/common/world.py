@@ -84,13 +84,7 @@ class World:
     operations: ClassVar[tuple[str, ...]] = ()  # what ``operate`` knows
 
     def __init__(
-        self,
-        *,
-        clock: Clock,
-        seed: int,
-        unit: Unit | None,
-        thermal: Thermal,
-        options: Mapping[str, Any],
+        self, *, clock: Clock, seed: int, unit: Unit | None, thermal: Thermal, options: Mapping[str, Any]
     ) -> None:
         self.clock = clock
         self.seed = seed

@@ -17,8 +17,7 @@ from bench.frame import load_frame
 from bench.model.clock import NS, Clock, to_ns
 from bench.model.shipped import find_shipped
 from sim_instruments.faults.switchboard import LinkFaults
-from sim_instruments.worlds.common.one_port import OnePortUnit
-from sim_instruments.worlds.common.port import BITS_PER_BYTE, Int64
+from sim_instruments.worlds.common.port import BITS_PER_BYTE, Int64, OnePortUnit
 from sim_instruments.worlds.gnc.commands import HANDLERS, BadParameterError, Job, Status
 from sim_instruments.worlds.gnc.module import GncModule
 from sim_instruments.worlds.gnc.receiver import BOARD, SILENCE_NS, BoardReceiver, Request
@@ -137,15 +136,13 @@ class GncBoard(OnePortUnit):
         self._frames_heard += 1
         return self._heard.frames(number, rows).tobytes() * int(self._heard.copies(number, 1)[0])
 
-    def arrivals(self, name: str, t_ns: Int64) -> Int64:
-        """Bytes that can be read at each of the coming times, up to what the board does next by itself."""
-        del name
-        with self.lock:
-            self._upto_now()
-            known = t_ns[t_ns < self._events[0][0]] if self._events else t_ns
-            if len(known):
-                self._send_samples(int(known[-1]))
-            return self.port.arrivals(known)
+    def _foreseen(self, name: str, t_ns: Int64) -> Int64:
+        """Send the samples due by the coming times, up to what the board does next by itself."""
+        self._upto_now()
+        known = t_ns[t_ns < self._events[0][0]] if self._events else t_ns
+        if len(known):
+            self._send_samples(int(known[-1]))
+        return known
 
     # --- time --------------------------------------------------------------------------------------------------
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 OPTIONS = {"quantum_noise": "random walk of the laser's own quantum noise, 1.15e-4 deg/rt-h at 28 cm"}
@@ -14,7 +13,7 @@ NUMBERS = {
     "second_harmonic_ppm": ("second harmonic of the backscatter, in parts of the first", 0.0, 2e5),
 }
 TEXTS: dict[str, tuple[str, tuple[str, ...]]] = {}
-_USUAL: dict[str, Any] = {
+USUAL: dict[str, Any] = {
     "quantum_noise": True,
     "rate_deg_h": 9.052,
     "dither_noise_ppm": 5e4,
@@ -22,8 +21,3 @@ _USUAL: dict[str, Any] = {
     "backscatter_drift_deg_h": 0.0,
     "second_harmonic_ppm": 0.0,
 }
-
-
-def completed(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return all options: those given, and the usual values of the others."""
-    return {**_USUAL, **options}

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from bench.model.clock import NS, Clock, to_ns
 from sim_instruments.seeds import generator
-from sim_instruments.worlds.common.one_port import OnePortUnit
-from sim_instruments.worlds.lock_in.block import LaserBlock
-from sim_instruments.worlds.lock_in.housekeeping import Housekeeping
+from sim_instruments.worlds.common.port import OnePortUnit
+from sim_instruments.worlds.lock_in.block import Housekeeping, LaserBlock
 from sim_instruments.worlds.lock_in.stream import PS, Columns, EdgeStream, joined
 
 Int64 = NDArray[np.int64]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bench.frame import load_frame
 from bench.model.clock import NS, Clock, to_ns
 from bench.model.shipped import find_shipped
-from sim_instruments.worlds.common.one_port import OnePortUnit
+from sim_instruments.worlds.common.port import OnePortUnit
 from sim_instruments.worlds.common.thermal import LAB_DEGC
 from sim_instruments.worlds.north.sensor import SAMPLE_NS, TURN_DEG, FogSensor
 
@@ -77,14 +77,11 @@ class FogUnit(OnePortUnit):
                     found[alive] = self.sensor.output_V(number[alive])
         return found
 
-    def arrivals(self, name: str, t_ns: Int64) -> Int64:
-        """Bytes that can be read at each of the coming times, before which nobody changes anything."""
-        del name
-        with self.lock:
-            self._upto_now()
-            if self._supplied:
-                self._send(int(t_ns[-1]))
-            return self.port.arrivals(t_ns)
+    def _foreseen(self, name: str, t_ns: Int64) -> Int64:
+        self._upto_now()
+        if self._supplied:
+            self._send(int(t_ns[-1]))
+        return t_ns
 
     # --- frames ------------------------------------------------------------------------------------------------
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from sim_instruments.seeds import generator
 
@@ -35,11 +33,6 @@ class SyncOptions:
     imu_latency_s: float = 0.0008
     jitter_s: float = 0.0003
     tag_noise_s: float = 1e-5
-
-    @classmethod
-    def of(cls, options: Mapping[str, Any]) -> SyncOptions:
-        """From checked options; what is not given is as by default."""
-        return cls(**options)
 
     def rates_ppm(self, seed: int) -> tuple[float, float]:
         """Drift of the EGI's clock against the IMU's and rate of the IMU's, ppm; of the units, so always the same."""

@@ -1,7 +1,9 @@
-"""One output of the two units and the radar: numbered samples on the unit's own clock, sent some time later.
+"""Clocks of the two units, and outputs that send numbered samples on them some time later.
 
-Samples are made as far ahead as nobody can change the bench, and only when one of them is due, so that most looks at
-the line cost nothing. What is made depends on the sample's number, never on when it is made.
+A clock begins anew at each switching-on, at a reading that nobody can know. Seconds are float since the switching-on,
+whole ticks only on the wire: nothing is rounded to a sample. Samples are made as far ahead as nobody can change the
+bench, and only when one of them is due, so that most looks at the line cost nothing. What is made depends on the
+sample's number, never on when it is made.
 """
 
 from __future__ import annotations
@@ -20,35 +22,84 @@ from bench.model.clock import NS
 from bench.model.shipped import find_shipped
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.port import Port
-from sim_instruments.worlds.time_sync.clocks import UnitClock
+from sim_instruments.worlds.time_sync.options import SyncOptions
 
 Float = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Drawing = Callable[[np.random.Generator, int], Float]
 
+TICK_S = 1e-7
+_FIRST_READING_S = (100.0, 5000.0)
 AT_ONCE = 1000  # samples made together at most
-_BLOCK = 1024  # draws made together
 _NEVER = 2**62
+
+
+@dataclass(frozen=True)
+class UnitClock:
+    """One clock: it reads ``start_s`` at bench time ``on_ns`` and runs ``rate`` seconds in one of the bench."""
+
+    on_ns: int
+    start_s: float
+    rate: float
+
+    def reading_s(self, t_ns: int) -> float:
+        """Return what the clock reads at a bench time."""
+        return self.start_s + (t_ns - self.on_ns) / NS * self.rate
+
+    def since_on_s(self, reading_s: Float) -> Float:
+        """Bench seconds since the switching-on at which the clock reads so."""
+        return (reading_s - self.start_s) / self.rate
+
+    def times_ns(self, reading_s: Float) -> Int64:
+        """Bench times to the nearest nanosecond, for what is late anyway."""
+        return self.on_ns + np.rint(NS * self.since_on_s(reading_s)).astype(np.int64)
+
+
+@dataclass(frozen=True)
+class Clocks:
+    """Both clocks of one switching-on. The time offset is that of the EGI minus that of the IMU at the same moment."""
+
+    imu: UnitClock
+    egi: UnitClock
+
+    @classmethod
+    def started(cls, options: SyncOptions, seed: int, power: int, on_ns: int) -> Clocks:
+        """Clocks of the switching-on ``power``, numbered from 0."""
+        start_s = float(generator(seed, "time sync first readings", power).uniform(*_FIRST_READING_S))
+        drift_ppm, imu_ppm = options.rates_ppm(seed)
+        rate = 1.0 + 1e-6 * imu_ppm
+        egi_s = start_s + options.first_offset_s(seed, power)
+        return cls(UnitClock(on_ns, start_s, rate), UnitClock(on_ns, egi_s, rate * (1.0 + 1e-6 * drift_ppm)))
+
+    def offset_s(self, t_ns: int) -> float:
+        """Return time offset at a bench time."""
+        gained = (t_ns - self.imu.on_ns) / NS * (self.egi.rate - self.imu.rate)
+        return self.egi.start_s - self.imu.start_s + gained
+
+    @property
+    def drift_ppm(self) -> float:
+        """Rate of the EGI's clock against the IMU's."""
+        return 1e6 * (self.egi.rate / self.imu.rate - 1.0)
 
 
 class Numbered:
     """Draws of one purpose by number: those of a number are the same whenever it is asked for.
 
-    Args: draw: gives (count, ...) numbers of a generator.
+    Args: draw: gives (count, ...) numbers of a generator.   at_once: so many are drawn together.
     """
 
-    def __init__(self, seed: int, purpose: str, *indexes: int, draw: Drawing) -> None:
+    def __init__(self, seed: int, purpose: str, *indexes: int, draw: Drawing, at_once: int = 1024) -> None:
         self._generator = lambda block: generator(seed, purpose, *indexes, block)
-        self._draw = draw
+        self._draw, self._at_once = draw, at_once
         self._newest: tuple[int, Float] = (-1, np.empty(0))
 
     def upto(self, first: int, stop: int) -> Float:
         """Return those of the numbers ``first`` to ``stop`` - 1, from 0 on."""
-        parts = []
-        for block in range(first // _BLOCK, (stop - 1) // _BLOCK + 1):
+        parts, size = [], self._at_once
+        for block in range(first // size, (stop - 1) // size + 1):
             if self._newest[0] != block:
-                self._newest = (block, self._draw(self._generator(block), _BLOCK))
-            parts.append(self._newest[1][max(first - block * _BLOCK, 0) : stop - block * _BLOCK])
+                self._newest = (block, self._draw(self._generator(block), size))
+            parts.append(self._newest[1][max(first - block * size, 0) : stop - block * size])
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 

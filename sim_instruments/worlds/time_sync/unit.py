@@ -7,7 +7,6 @@ their own with each switching-on. The radar sends while it is on and the vehicle
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -16,16 +15,12 @@ from numpy.typing import NDArray
 
 from bench.model.clock import Clock, VirtualClock, to_ns
 from sim_instruments.faults.switchboard import LinkFaults
-from sim_instruments.worlds.time_sync import egi as sync_egi
-from sim_instruments.worlds.time_sync import imu as sync_imu
-from sim_instruments.worlds.time_sync import radar as sync_radar
-from sim_instruments.worlds.time_sync.clocks import Clocks
-from sim_instruments.worlds.time_sync.egi import EgiSamples
+from sim_instruments.worlds.common.port import PortedUnit
 from sim_instruments.worlds.time_sync.flight.flights import Flights
-from sim_instruments.worlds.time_sync.imu import ImuSamples
 from sim_instruments.worlds.time_sync.options import SyncOptions
-from sim_instruments.worlds.time_sync.radar import RadarPulses, receiver_noise
-from sim_instruments.worlds.time_sync.stream import Drawing, Numbered, Spell, SyncStream
+from sim_instruments.worlds.time_sync.radar import LATENCY_S, PERIOD_S, RadarPulses, receiver_noise
+from sim_instruments.worlds.time_sync.samples import EGI_PERIOD_S, IMU_PERIOD_S, EgiSamples, ImuSamples
+from sim_instruments.worlds.time_sync.stream import Clocks, Drawing, Numbered, Spell, SyncStream
 
 Float = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -36,7 +31,7 @@ FRAMES = {EGI: "egi_50", IMU: "imu_200", RADAR: "sar_pulse"}
 BOOT_S = 3.0
 
 
-class SyncUnit:
+class SyncUnit(PortedUnit):
     """Unit under test of the world ``time_sync``.
 
     Args: clock: of the bench.   seed: of all draws.   options: of the bench.   flights: of the vehicle.
@@ -46,12 +41,12 @@ class SyncUnit:
     """
 
     def __init__(self, clock: Clock, seed: int, options: SyncOptions, flights: Flights) -> None:
-        self.lock = threading.RLock()
         self.powers: list[Clocks] = []
         self.solutions: list[EgiSamples] = []
         self.pulses: list[RadarPulses] = []
         self._clock, self._seed, self._options, self._flights = clock, seed, options, flights
         self._streams = {name: SyncStream(frame) for name, frame in FRAMES.items()}
+        super().__init__({name: stream.port for name, stream in self._streams.items()})
         self._supplied = self._radiates = False
 
     # --- the bench ---------------------------------------------------------------------------------------------
@@ -95,57 +90,18 @@ class SyncUnit:
                 noise = receiver_noise(self._seed, len(self.powers)) if self._options.noise else None
                 pulses = RadarPulses(self.powers[-1].imu, flight, now_ns, noise)
                 self.pulses.append(pulses)
-                self._send(RADAR, sync_radar.PERIOD_S, now_ns, pulses.columns)
-
-    # --- the ports ---------------------------------------------------------------------------------------------
-
-    def has_port(self, name: str) -> bool:
-        """Return whether there is a port of this name."""
-        return name in self._streams
+                self._send(RADAR, PERIOD_S, now_ns, pulses.columns)
 
     def connect(self, name: str, baud: int, faults: LinkFaults | None = None) -> None:
-        """Listen to a port from now on; ``faults`` damages what is sent from now on."""
+        """Listen to a port from now on, but not to what was sent while nobody did."""
         with self.lock:
-            now_ns, port = self._upto_now(), self._streams[name].port
-            if not port.listened:
-                port.discard(now_ns)
-            port.connect(baud, faults)
-
-    def disconnect(self, name: str) -> None:
-        """Stop listening."""
-        with self.lock:
-            self._upto_now()
-            self._streams[name].port.disconnect()
-
-    def waiting(self, name: str) -> int:
-        """Bytes that have arrived by now and are not read."""
-        with self.lock:
-            return self._streams[name].port.waiting(self._upto(name))
-
-    def read(self, name: str, size: int) -> bytes:
-        """Up to ``size`` bytes of those that have arrived by now."""
-        with self.lock:
-            return self._streams[name].port.read(size, self._upto(name))
-
-    def arrivals(self, name: str, t_ns: Int64) -> Int64:
-        """Bytes that can be read at each of the coming times, before which nobody changes anything."""
-        with self.lock:
-            self._upto(name)
-            stream, last_ns = self._streams[name], int(t_ns[-1])
-            stream.send(last_ns, last_ns)
-            return stream.port.arrivals(t_ns)
-
-    def discard(self, name: str) -> None:
-        """Lose what has arrived by now."""
-        with self.lock:
-            self._streams[name].port.discard(self._upto(name))
-
-    def write(self, name: str, sent: bytes) -> None:
-        """Nothing here listens."""
+            if not self._ports[name].listened:
+                self._ports[name].discard(self._upto_now())
+            super().connect(name, baud, faults)
 
     # --- time --------------------------------------------------------------------------------------------------
 
-    def _upto(self, name: str) -> int:
+    def _upto_port(self, name: str) -> int:
         """Send what is due at one port, and with it what nobody can change any more; returns the time of now."""
         now_ns = self._clock.now_ns()
         stream = self._streams[name]
@@ -153,6 +109,12 @@ class SyncUnit:
             quiet_ns = self._clock.quiet_until_ns() if isinstance(self._clock, VirtualClock) else now_ns
             stream.send(now_ns, max(now_ns, quiet_ns))
         return now_ns
+
+    def _foreseen(self, name: str, t_ns: Int64) -> Int64:
+        self._upto_port(name)
+        last_ns = int(t_ns[-1])
+        self._streams[name].send(last_ns, last_ns)
+        return t_ns
 
     def _upto_now(self) -> int:
         """Something is about to change: send what is due at every port, nothing else; returns the time of now."""
@@ -169,8 +131,8 @@ class SyncUnit:
         imu = ImuSamples(clocks.imu, self._flights, options.noise, self._tag_noise(IMU))
         egi = EgiSamples(clocks.egi, self._flights, self._seed, power, options.noise, self._tag_noise(EGI))
         self.solutions.append(egi)
-        self._send(IMU, sync_imu.PERIOD_S, t_ns + to_ns(BOOT_S), imu.columns)
-        self._send(EGI, sync_egi.PERIOD_S, t_ns + to_ns(BOOT_S), egi.columns)
+        self._send(IMU, IMU_PERIOD_S, t_ns + to_ns(BOOT_S), imu.columns)
+        self._send(EGI, EGI_PERIOD_S, t_ns + to_ns(BOOT_S), egi.columns)
 
     def _send(self, name: str, period_s: float, from_ns: int, columns: Columns) -> None:
         clocks = self.powers[-1]
@@ -181,7 +143,7 @@ class SyncUnit:
 
     def _late(self, name: str) -> Callable[[int, int], Float]:
         """From validity to frame, by counter: the latency of a port and its jitter."""
-        latency_s = {EGI: self._options.egi_latency_s, IMU: self._options.imu_latency_s}.get(name, sync_radar.LATENCY_S)
+        latency_s = {EGI: self._options.egi_latency_s, IMU: self._options.imu_latency_s}.get(name, LATENCY_S)
         jitter = self._numbered(f"time sync {name} jitter", lambda rng, count: rng.standard_exponential(count))
         return lambda first, stop: latency_s + self._options.jitter_s * jitter.upto(first, stop)
 

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from laser_edges import simulated_edges
 from numpy.typing import NDArray
 
-from bench.systems.lock_in.estimators.angle import cycle_increments, net_angle
-from bench.systems.lock_in.estimators.dither_shape import dither_shape
 from bench.systems.lock_in.estimators.edges import EdgeLevels, edge_levels
-from bench.systems.lock_in.estimators.fresnel import fresnel
 from bench.systems.lock_in.estimators.global_constants import GlobalConstants, global_constants
-from bench.systems.lock_in.estimators.parabolas import parabolas
-from bench.systems.lock_in.estimators.random_walk import RandomWalk, random_walk
+from bench.systems.lock_in.estimators.random_walk import RandomWalk, cycle_increments, net_angle, random_walk
+from bench.systems.lock_in.estimators.single_turnarounds import dither_shape, fresnel, parabolas
 from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds, turnarounds
 from sim_instruments.worlds.lock_in.core import BEAT, RingLaser
 
@@ -27,6 +25,7 @@ METHODS: dict[str, Callable[[Turnarounds], Jumps]] = {
     "S16": fresnel,
     "G": lambda turns: global_constants(turns).jumps,
 }
+DEFAULT = "G"
 START_s = 3e-9  # of the stretch on the tagger's clock, so that a pick-off edge does not fall on a tick
 
 
@@ -49,8 +48,13 @@ class Chain:
     def ratios(self, *names: str) -> dict[str, float]:
         """Random walk with each method over the one without."""
         raw = self.walk().n_deg_rth
-        return {name: self.walk(METHODS[name](self.turns)).n_deg_rth / raw for name in names or METHODS}
+        return {name: self.walk(self.jumps(name)).n_deg_rth / raw for name in names or METHODS}
 
+    def jumps(self, name: str) -> Jumps:
+        """What a method says of the turnarounds."""
+        return self.constants.jumps if name == DEFAULT else METHODS[name](self.turns)
+
+    @cached_property
     def constants(self) -> GlobalConstants:
         """Of the default method."""
         return global_constants(self.turns)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.systems.time_sync.estimators.sar.pulses import Pulses
+from bench.systems.time_sync.estimators.sar.image import Complex128, focus_sums
+from bench.systems.time_sync.estimators.sar.pulses import Pulses, sums_of
 from bench.systems.time_sync.estimators.sar.response import Response, impulse_response
-from sim_instruments.worlds.time_sync.sar_echo import Radar, echoes, scene
+from sim_instruments.worlds.time_sync.radar import Radar, echoes, scene
 
 Array = NDArray[np.float64]
 
@@ -24,15 +24,6 @@ MIDDLE_m: Array = TARGETS_m[0]
 ALONG: Array = np.array([1.0, 0.0, 0.0])
 SIGHT: Array = (MIDDLE_m - [0.0, 0.0, -3000.0]) / 45_000.0  # antenna to target at the middle
 EDGE: Array = PULSE_s / 5.0  # -1 to 1 over the aperture
-
-
-@dataclass(frozen=True)
-class Lobes:
-    """What a response is compared by."""
-
-    resolution_m: float
-    pslr_dB: float
-    peak: float
 
 
 @cache
@@ -70,3 +61,8 @@ def identity_shift_m(error_m: Array) -> float:
     """Along-track error - (R0 / v) dv_LOS of an error (n, 3) = estimate - truth over the aperture."""
     velocity_m_s = PULSE_s @ (error_m @ SIGHT) / (PULSE_s @ PULSE_s)
     return float((error_m @ ALONG).mean() - 45_000.0 / SPEED_m_s * velocity_m_s)
+
+
+def focus(echo: Pulses, positions_m: Array, pixels_m: Array) -> Complex128:
+    """Image of points (q, 3), each of all pulses one by one: what sums over blocks of pulses are held against."""
+    return focus_sums(sums_of(echo, positions_m, np.mean(pixels_m, axis=0), 0.0), pixels_m)

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from bench.maths.strapdown import small_rotation
 from bench.systems.time_sync.estimators.kalman.setup import FilterSetup, ImuSamples
-from sim_instruments.worlds.time_sync.flight.egi import EgiErrors, egi_error_runs
+from sim_instruments.worlds.time_sync.flight.egi import EgiErrors, EgiRuns, egi_error_runs
 from sim_instruments.worlds.time_sync.flight.imu import ImuRuns, imu_runs
 from sim_instruments.worlds.time_sync.flight.path import FlightPath
-from sim_instruments.worlds.time_sync.flight.runs import EgiRuns
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ import zlib
 
 import numpy as np
 
-from bench.model.clock import NS, VirtualClock
+from bench.model.clock import VirtualClock
 from sim_instruments.worlds.simulation import open_world
 
 BAUDS = {"egi": 460_800, "imu": 460_800, "radar": 10_000_000}
@@ -91,7 +91,3 @@ def frames(name, received):
         assert struct.unpack("<I", frame[-4:])[0] == zlib.crc32(frame[2:-4])
         rows.append(layout.unpack(frame[2:-4]))
     return np.array(rows, float).reshape(-1, columns)
-
-
-def seconds(t_ns):
-    return t_ns / NS

@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rehearsal import bench
+from rehearsal import Inside, bench
 
 SEED = 41
 
 
-def run(out: Path, sequence: str, *settings: str) -> tuple[Path, dict[str, Any], Path]:
+def run(out: Path, sequence: str, *settings: str, command: Inside = bench) -> tuple[Path, dict[str, Any], Path]:
     """Folder, results and truth of one run."""
     words = [word for one in settings for word in ("--set", one)]
-    done = bench("run", sequence, "--truth", "--seed", str(SEED), "--out", str(out), *words)
+    done = command("run", sequence, "--truth", "--seed", str(SEED), "--out", str(out), *words)
     assert done.returncode == 0, done.stdout + done.stderr
     (results,) = out.glob(f"*{sequence}*/results.json")
     (truth,) = out.glob(f"*{sequence}*.truth.json")
@@ -51,17 +51,17 @@ def ratio(results: dict[str, Any], method: str, **place: Any) -> float:
 
 
 @pytest.mark.slow
-def test_a_short_campaign_and_the_same_without_its_truth(tmp_path: Path) -> None:
+def test_a_short_campaign_and_the_same_without_its_truth(tmp_path: Path, inside: Inside) -> None:
     """One path, one clock, 4 s: the constants are those of the simulated laser; deleting the truth changes nothing."""
     folder, results, truth = run(
-        tmp_path, "rlg_lock_in", "record_time=4 s", "paths=28 cm", "clocks=100 MHz", "warm_up=4 s"
+        tmp_path, "rlg_lock_in", "record_time=4 s", "paths=28 cm", "clocks=100 MHz", "warm_up=4 s", command=inside
     )
     errors = against_truth(results, json.loads(truth.read_text("utf-8")))
     assert {"lock_in_rate", "backscatter_phase", "angle_random_walk"} <= set(errors)
     assert all(abs(off) < 5.0 for found in errors.values() for off in found), errors
     assert ratio(results, "global_constants", path_length_m=0.28) < 0.1
     truth.unlink()
-    again = bench("fit", str(folder), "--json")
+    again = inside("fit", str(folder), "--json")
     assert again.returncode == 0, again.stderr
     assert json.loads(again.stdout)["estimates"] == results["estimates"]
     report = (folder / "report.html").read_text("utf-8")

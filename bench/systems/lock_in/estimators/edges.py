@@ -44,7 +44,6 @@ def edge_levels(tick: Int64, rising: ArrayLike, cosine: ArrayLike) -> EdgeLevels
 
     Args:    tick: time stamps of the edges of the sine, (m,), in order.   rising: (m,), its level behind the edge.
              cosine: (m,), level of the cosine at the edge.
-    Returns: EdgeLevels.
     Raises:  FitError B-FIT-095 if there are fewer than two edges or the ticks go back.
     Source:  quadrature counting; d sin(psi) / dt = cos(psi) dpsi / dt at psi = n pi, cos(n pi) = (-1)^n.
     """

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.errors import FitError
-from bench.systems.lock_in.estimators.dither_shape import jumps_of, stepped_motion
-from bench.systems.lock_in.estimators.motion import DitherMotion, dither_columns
-from bench.systems.lock_in.estimators.shapes import lock_in_shapes
+from bench.systems.lock_in.estimators.motion import DitherMotion, dither_columns, lock_in_shapes
+from bench.systems.lock_in.estimators.single_turnarounds import jumps_of, stepped_motion
 from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds, spread
 
 Array = NDArray[np.float64]
@@ -91,7 +90,6 @@ def global_constants(turns: Turnarounds, block_s: float = 5.0) -> GlobalConstant
     the crossings of one turnaround share.
 
     Args:    turns: with 16 crossings a side.   block_s: length of time over which the constants are taken as constant.
-    Returns: GlobalConstants.
     Raises:  FitError B-FIT-098 if there are fewer than 50 usable turnarounds.
     Source:  Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413 (variable projection); lock-in paper (5), (10).
     """

@@ -97,7 +97,6 @@ def turnarounds(
     Args:    edges: of the beat, one unbroken stretch.   pickoff_tick: edges of the pick-off of the dither angle in it,
              (n + 1,), in order.   pickoff_rising: (n + 1,), True where the rate is at its positive maximum.
              clock_Hz: of the ticks.   crossings: M, those used on each side.
-    Returns: Turnarounds.
     Raises:  FitError B-FIT-096 if there are too few pick-off edges to tell the dither's period, B-FIT-097 if no
              turnaround has M crossings on each side.
     Source:  Lim, EP 0103080 A2 (1982): fits before and behind the same zero-rate instant.

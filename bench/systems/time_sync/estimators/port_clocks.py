@@ -73,7 +73,6 @@ def port_clock(device_s: Array, counter: Int64, received_s: Array, step_s: float
 
     Args:    device_s: time tags, (n,), rising.   counter: of the frames, (n,).   received_s: receive stamps, (n,),
              second of the bench clock.   step_s: of the stamps, 0 if they are fine (``stamp_grid.grid_s``).
-    Returns: PortClock.
     Raises:  FitError B-SYNC-009 for fewer than 200 frames, or without a span.
     Source:  see the head of this file.
     """
@@ -106,7 +105,6 @@ def line_below(place: Array, delay_s: Array) -> tuple[float, float]:
 
     Args:    place: (n,), rising, 0 within.   delay_s: (n,).
     Returns: level and slope of delay over place.
-    Raises:  nothing.
     Source:  Zhang, Liu, Xia (2002): the edge of the lower convex hull above the mean of the places.
     """
     part = np.minimum(((place - place[0]) / (place[-1] - place[0]) * 2000.0).astype(np.int64), 1999)
@@ -145,7 +143,6 @@ def tag_noise_s(device_s: Array, counter: Int64) -> float:
 
     Args:    device_s: (n,).   counter: (n,); only frames right behind one another count.
     Returns: 0 for fewer than three of them in a row.
-    Raises:  nothing.
     Source:  second differences of white noise have six times its variance; median absolute deviation.
     """
     in_row = (np.diff(counter)[1:] == 1) & (np.diff(counter)[:-1] == 1)
@@ -160,7 +157,6 @@ def first_step(device_s: Array, counter: Int64) -> int | None:
 
     Args:    device_s: (n,).   counter: (n,), rising.
     Returns: its index, None if the clock runs on.
-    Raises:  nothing.
     Source:  median interval per counted frame; ten times the scatter, at least 2 % of the interval.
     """
     if device_s.size < 3:
@@ -197,7 +193,6 @@ def clock_difference(
     Args:    one, other: ports whose time tags count from the same origin.   at_s: when.   latency_s: least delay of
              ``one`` minus that of ``other``, as stated; latency_std_s: its standard uncertainty.
     Returns: StampsDifference, positive = the clock of ``one`` is ahead.
-    Raises:  nothing.
     Source:  tag = bench time + offset, stamp = bench time + least delay.
     """
     stamps_std_s = math.hypot(one.std_s(at_s), other.std_s(at_s))

@@ -44,7 +44,6 @@ def grid_s(received_ns: Int64) -> float:
 
     Args:    received_ns: (n,), of all ports that the bench looks at together.
     Returns: second: the greatest common divisor of the differences that come more than once in a while.
-    Raises:  nothing.
     Source:  a clock that is read at any time repeats no difference.
     """
     differences, counts = np.unique(np.diff(np.sort(received_ns)), return_counts=True)
@@ -58,7 +57,6 @@ def grid_line(grid: Grid, level_s: float, slope_s: float) -> tuple[float, float,
 
     Args:    grid: the delays.   level_s, slope_s: line below all of them, per unit of place.
     Returns: level, slope, mean excess delay, covariance (2, 2) of level and slope; seconds.
-    Raises:  nothing.
     Source:  see the head of this file.
     """
     delay = (grid.delay_s - level_s - slope_s * grid.place) / grid.step_s

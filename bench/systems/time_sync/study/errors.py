@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import Estimates
-from bench.systems.time_sync.study.results import FlightResult, Results
+from bench.systems.time_sync.study.results import FlightResult, Results, measured, rms_std
 from bench.systems.time_sync.study.study import (
     BASE,
     TIGHT,
@@ -21,7 +21,6 @@ from bench.systems.time_sync.study.study import (
     VELOCITY_m_s,
     YAW_deg,
 )
-from bench.systems.time_sync.study.tolerance import measured, rms_std
 
 AXES, BODY = ("north", "east", "down"), ("forward", "right", "down")
 _POSITION_WITHIN = {10.0: 0.05, 20.0: 0.03, 30.0: 0.02}  # of the root sum of squares
@@ -32,7 +31,7 @@ _MEAN_m, _VELOCITY_WITHIN, _YAW_WITHIN, _SAME, _UNAFFECTED = 0.15, (0.75, 1.15),
 def error_estimates(found: Results, offsets_ms: Sequence[float]) -> Estimates:
     """All that the unaugmented filter leaves, judged where the paper or the equations say what is due."""
     makers: tuple[Callable[[Results, float], Estimates], ...] = (_position, _velocity, _yaw, _stationary, _biases)
-    return [one for make in makers for offset_ms in offsets_ms for one in make(found, offset_ms)]
+    return [entry for make in makers for offset_ms in offsets_ms for entry in make(found, offset_ms)]
 
 
 def unaugmented(offset_ms: float, noise: str = BASE) -> Group:
@@ -74,7 +73,7 @@ def _position(found: Results, offset_ms: float) -> Estimates:
     """
     flight = found.flight("linear", augmented=False)
     between_s = after_s(flight)
-    rms_m, rms_0_m = (over_time(flight, "position_m", unaugmented(one), 0, between_s) for one in (offset_ms, 0.0))
+    rms_m, rms_0_m = (over_time(flight, "position_m", unaugmented(offset), 0, between_s) for offset in (offset_ms, 0.0))
     conditions = case("linear", offset_ms, axis="north")
     std_m = rms_std(rms_0_m, flight.runs)
     if offset_ms == 0.0:
@@ -132,7 +131,7 @@ def _ratio(
     flight: FlightResult, name: str, offset_ms: float, noise: str, axis: int, at_s: tuple[float, float]
 ) -> float:
     """RMS error with an offset over that without one, of the same runs."""
-    with_it, without = (over_time(flight, name, unaugmented(one, noise), axis, at_s) for one in (offset_ms, 0.0))
+    with_it, without = (over_time(flight, name, unaugmented(offset, noise), axis, at_s) for offset in (offset_ms, 0.0))
     return with_it / without
 
 

@@ -14,9 +14,13 @@ import numpy as np
 
 from bench.analysis import Floats
 from bench.model.installed import offers
-from bench.systems.time_sync.estimators.kalman.consistency import nees_of_offset, nis_summary, state_errors
+from bench.systems.time_sync.estimators.kalman.consistency import (
+    nees_of_offset,
+    nis_summary,
+    observability,
+    state_errors,
+)
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
-from bench.systems.time_sync.estimators.kalman.observability import observability
 from bench.systems.time_sync.estimators.kalman.setup import (
     OFFSET,
     FilterRun,
@@ -54,11 +58,11 @@ def fly(task: Task) -> Flown:
     The errors of a run are the same for all offsets and filters, and in every task; they differ between runs.
     """
     path = simulated("flight.path").MANOEUVRES[task.manoeuvre]
-    runs = simulated("flight.runs")
-    errors = simulated("flight.egi").egi_error_runs(path, task.duration_s, task.runs, task.seed)
-    noise_s = runs.clock_noise(task.seed, len(errors.t_s), task.runs)
+    units = simulated("flight.egi")
+    errors = units.egi_error_runs(path, task.duration_s, task.runs, task.seed)
+    noise_s = units.clock_noise(task.seed, len(errors.t_s), task.runs)
     offsets_s = np.array([group.offset_s for group in task.groups])
-    egi = runs.EgiRuns(path, errors, offsets_s, noise_s)
+    egi = units.EgiRuns(path, errors, offsets_s, noise_s)
     imu = simulated("flight.imu").imu_runs(path, task.duration_s, task.runs, task.seed)
     samples = ImuSamples(imu.t_s, imu.dv, imu.dtheta, np.zeros(len(imu.t_s), np.bool_))
     return Flown(path, imu, run_filter(samples, egi, setup_of(task)))

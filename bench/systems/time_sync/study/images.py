@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import Estimates, Floats
-from bench.systems.time_sync.study.image import FIGURES, IMAGED
-from bench.systems.time_sync.study.results import Results
+from bench.systems.time_sync.study.results import Results, measured
 from bench.systems.time_sync.study.study import AUGMENTED, ERRORLESS, UNAUGMENTED, Group, IMAGE_SPEED_m_s
-from bench.systems.time_sync.study.tolerance import measured
+from bench.systems.time_sync.study.tasks import FIGURES, IMAGED
 
 IDEAL_RESOLUTION_m, IDEAL_RANGE_m, IDEAL_PSLR_dB, IDEAL_ISLR_dB = 0.2490, 2.656, -13.26, -10.12
 NAVIGATED_m = 1e-3
@@ -102,7 +101,7 @@ def _paired(found: Results, offset_ms: float, augmented: bool) -> Estimates:
     moved_m = _difference(found, "azimuth_shift_m", offset_ms, augmented)
     mean_m, std_m = _mean_std(moved_m)
     conditions, n = _conditions(offset_ms, augmented), len(moved_m)
-    resolution = [figures_of(found, "azimuth_resolution_m", one, augmented=augmented) for one in (offset_ms, 0.0)]
+    resolution = [figures_of(found, "azimuth_resolution_m", offset, augmented=augmented) for offset in (offset_ms, 0.0)]
     ratio = float(resolution[0].mean() / resolution[1].mean())
     islr_dB, islr_std_dB = _mean_std(_difference(found, "islr_dB", offset_ms, augmented))
     worst = offset_ms == _WORST_ms
@@ -127,5 +126,5 @@ def _paired(found: Results, offset_ms: float, augmented: bool) -> Estimates:
 
 
 def _difference(found: Results, name: str, offset_ms: float, augmented: bool) -> Floats:
-    with_it, without = (figures_of(found, name, one, augmented=augmented) for one in (offset_ms, 0.0))
+    with_it, without = (figures_of(found, name, offset, augmented=augmented) for offset in (offset_ms, 0.0))
     return np.asarray(with_it - without)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from bench.analysis import Estimates
-from bench.systems.time_sync.study.results import FlightResult, Results
+from bench.systems.time_sync.study.results import FlightResult, Results, measured, rms_std
 from bench.systems.time_sync.study.study import (
     AUGMENTED,
     BASE,
@@ -19,7 +20,6 @@ from bench.systems.time_sync.study.study import (
     SHORT_s,
     SHOWN_ms,
 )
-from bench.systems.time_sync.study.tolerance import measured, rms_std
 
 _MEAN_ms, _RMS_ms, _LEFT, _NEES, _NEES_MOST = 0.5, 1.0, 0.9, (0.3, 3.0), 3.0
 _SOON_s, _NEES_AT_s = MANOEUVRE_s[0] + 2.0, 100.0
@@ -33,7 +33,13 @@ def augmented(offset_ms: float, noise: str = BASE) -> Group:
 
 def recovery_estimates(found: Results, offsets_ms: tuple[float, ...]) -> Estimates:
     """Recovered offsets by manoeuvre, consistency, observability."""
-    return [*_turn(found), *_straight(found), *_others(found), *_long(found, offsets_ms), *_observability(found)]
+    return [
+        *_found_in(found, "turn", (_SOON_s, MANOEUVRE_s[1], SHORT_s), judged=True),
+        *_straight(found),
+        *_found_in(found, "acceleration", (_SOON_s, SHORT_s), judged=False),
+        *_long(found, offsets_ms),
+        *_observability(found),
+    ]
 
 
 def near(flight: FlightResult, at_s: float) -> int:
@@ -59,15 +65,14 @@ def _remaining(flight: FlightResult, group: Group, conditions: dict[str, Any], *
     ]
 
 
-def _turn(found: Results) -> Estimates:
-    """The turn finds it, whatever it is."""
-    flight = found.flight("turn", augmented=True)
-    times_s = (_SOON_s, MANOEUVRE_s[1], SHORT_s)
+def _found_in(found: Results, manoeuvre: str, times_s: Sequence[float], *, judged: bool) -> Estimates:
+    """Errors that are left of every offset at some times; the turn finds it, whatever it is."""
+    flight = found.flight(manoeuvre, augmented=True)
     return [
-        one
+        entry
         for offset_ms in RECOVERED_ms
         for at_s in times_s
-        for one in _remaining(flight, augmented(offset_ms), _conditions("turn", offset_ms, at_s), judged=True)
+        for entry in _remaining(flight, augmented(offset_ms), _conditions(manoeuvre, offset_ms, at_s), judged=judged)
     ]
 
 
@@ -76,10 +81,7 @@ def _straight(found: Results) -> Estimates:
     flight = found.flight("linear", augmented=True)
     documents: Estimates = []
     for offset_ms in RECOVERED_ms:
-        column, conditions = (
-            flight.at(augmented(offset_ms)),
-            _conditions("linear", offset_ms, SHORT_s),
-        )
+        column, conditions = flight.at(augmented(offset_ms)), _conditions("linear", offset_ms, SHORT_s)
         rms_ms, nees = float(1e3 * flight.offset_rms_s[-1, column]), float(flight.offset_nees[-1, column])
         ends = {"at_least": _LEFT * abs(offset_ms)} if offset_ms else {}
         std_ms = rms_std(rms_ms, flight.runs)
@@ -98,17 +100,6 @@ def _straight_consistency(flight: FlightResult) -> dict[str, Any]:
     nees, n = float(flight.offset_nees[-1, columns].mean()), flight.runs * len(columns)
     conditions = {"manoeuvre": "linear", "filter": AUGMENTED, "noise": BASE, "at_s": SHORT_s}
     return measured("offset_nees_over_offsets", "1", nees, 0.0, conditions, n=n, at_least=low, at_most=high)
-
-
-def _others(found: Results) -> Estimates:
-    flight = found.flight("acceleration", augmented=True)
-    times_s = (_SOON_s, SHORT_s)
-    return [
-        one
-        for offset_ms in RECOVERED_ms
-        for at_s in times_s
-        for one in _remaining(flight, augmented(offset_ms), _conditions("acceleration", offset_ms, at_s), judged=False)
-    ]
 
 
 def _long(found: Results, offsets_ms: tuple[float, ...]) -> Estimates:

@@ -1,10 +1,14 @@
-"""What the tasks of the study hand back: curves over time for each group, the focused targets, the case without errors.
+"""What the tasks of the study hand back, and the form of an estimate that is made of it.
 
-Plain arrays, so that they travel between processes; all statistics over runs are made where the runs are.
+Results are plain arrays, so that they travel between processes; all statistics over runs are made where the runs are.
+An estimate is held against a tolerance with one or two ends. One from 0.2 to 0.45 does not fit a limit on the size of a
+value: its ends stand in the conditions as ``at_least`` and ``at_most``, and ``limit`` repeats the upper one, or the
+lower where there is no upper one. The value itself is judged; its uncertainty is that of a finite number of runs.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis import Floats
+from bench.analysis import Floats, estimate
 from bench.systems.time_sync.study.study import Group, Task
 
 ERRORS = ("position_m", "velocity_m_s", "attitude_deg", "accel_bias_ug", "gyro_bias_deg_h")
@@ -135,13 +139,51 @@ class Results:
 
     def image(self, group: Group) -> tuple[ImageResult, int]:
         """The block that has a group's images, and the group's place in it."""
-        return next((one, one.groups.index(group)) for one in self.images() if group in one.groups)
+        return next((result, result.groups.index(group)) for result in self.images() if group in result.groups)
 
     def long_flight(self, group: Group) -> tuple[FlightResult, int]:
         """Return the long flight of a group, and the group's place in it."""
-        return next((one.flight, one.flight.at(group)) for one in self.images() if group in one.flight.groups)
+        return next(
+            (result.flight, result.flight.at(group)) for result in self.images() if group in result.flight.groups
+        )
 
     def ideal(self) -> IdealResult:
         """Return the case without errors."""
         found: IdealResult = next(result for task, result in self.pairs if task.kind == "ideal")
         return found
+
+
+def measured(
+    quantity: str,
+    unit: str,
+    value: float,
+    std: float,
+    conditions: Mapping[str, Any],
+    *,
+    n: int,
+    at_least: float | None = None,
+    at_most: float | None = None,
+) -> dict[str, Any]:
+    """Return an estimate; judged if a tolerance is given.
+
+    Args:    std: standard uncertainty from the number of runs, 0 for what has none; all in ``unit``.
+    Returns: an entry of the flat list of results.json.
+    """
+    ends = {"at_least": at_least, "at_most": at_most}
+    given = {name: float(end) for name, end in ends.items() if end is not None}
+    entry = estimate(quantity, unit, value, std, {**conditions, **given}, n=n)
+    if given:
+        inside = math.isfinite(value) and given.get("at_least", -math.inf) <= value <= given.get("at_most", math.inf)
+        entry["limit"] = given.get("at_most", given.get("at_least"))
+        entry["verdict"] = "pass" if inside else "fail"
+    return entry
+
+
+def rms_std(rms: float, runs: int) -> float:
+    """Return standard uncertainty of the RMS of so many independent normal errors of mean zero."""
+    return rms / math.sqrt(2.0 * runs)
+
+
+def unjudged(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the same without a verdict: the tolerance was stated for more runs than there are."""
+    return {**entry, "limit": None, "verdict": "none"}

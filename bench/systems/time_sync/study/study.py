@@ -94,7 +94,7 @@ class Task:
         """What a person reads while it runs."""
         if self.kind == "ideal":
             return "no errors: navigation and image"
-        offsets = ", ".join(f"{one:g}" for one in dict.fromkeys(group.offset_ms for group in self.groups))
+        offsets = ", ".join(f"{offset:g}" for offset in dict.fromkeys(group.offset_ms for group in self.groups))
         solutions = {group.solution for group in self.groups}
         what = solutions.pop() if len(solutions) == 1 else "both filters"
         return f"{self.manoeuvre}, {what}, offsets {offsets} ms{', images' if self.kind == 'image' else ''}"
@@ -114,7 +114,7 @@ def checked_options(runs: int | None, seed: int, offsets: str, quick: bool) -> S
         raise _wrong("--offsets", offsets, "milliseconds with commas between are due, such as 0,10,20,30") from None
     if 0.0 not in found:
         raise _wrong("--offsets", offsets, "0 must be among them: every other offset is compared with it")
-    if not all(abs(one) <= FARTHEST_ms for one in found):
+    if not all(abs(offset) <= FARTHEST_ms for offset in found):
         raise _wrong("--offsets", offsets, f"the limit is {FARTHEST_ms:g} ms either way")
     return StudyOptions(count, seed, tuple(sorted(found)), quick)
 
@@ -125,36 +125,32 @@ def _wrong(where: str, value: object, limit: str) -> InputError:
 
 def tasks_of(options: StudyOptions) -> list[Task]:
     """Return all tasks of a study, the longest first: whoever shares them out ends with short ones."""
-    offsets_s = [one * 1e-3 for one in options.offsets_ms]
-    return [*image_tasks(options), *_unaugmented(options, offsets_s), *_augmented(options), _ideal(options)]
+    plain = _groups(options.offsets_ms, ((False, BASE), (False, TIGHT)))
+    recovering = _groups(RECOVERED_ms, ((True, BASE),))
+    runs, seed = options.runs, options.seed
+    return [
+        *image_tasks(options),
+        *(
+            Task("flight", name, SHORT_s, plain, runs, seed)
+            for name in ("turn", "acceleration", "linear", "stationary")
+        ),
+        *(
+            Task("flight", name, SHORT_s, recovering, runs, seed, WIDE_P0_m)
+            for name in ("turn", "acceleration", "linear")
+        ),
+        Task("ideal", "turn", SHORT_s, (), 1, seed),
+    ]
 
 
 def image_tasks(options: StudyOptions) -> list[Task]:
     """The long flight, two offsets at a time: tight filters with and without the offset's state, and a loose one."""
-    offsets_s = [one * 1e-3 for one in options.offsets_ms]
     kinds = ((False, TIGHT), (True, TIGHT), (True, LOOSE))
-    blocks = [offsets_s[at : at + 2] for at in range(0, len(offsets_s), 2)]
+    blocks = [options.offsets_ms[at : at + 2] for at in range(0, len(options.offsets_ms), 2)]
     return [
         Task("image", "sar", options.long_s, _groups(block, kinds), options.runs, options.seed, WIDE_P0_m)
         for block in blocks
     ]
 
 
-def _unaugmented(options: StudyOptions, offsets_s: Sequence[float]) -> list[Task]:
-    groups = _groups(offsets_s, ((False, BASE), (False, TIGHT)))
-    flown = ("turn", "acceleration", "linear", "stationary")
-    return [Task("flight", one, SHORT_s, groups, options.runs, options.seed) for one in flown]
-
-
-def _augmented(options: StudyOptions) -> list[Task]:
-    groups = _groups([one * 1e-3 for one in RECOVERED_ms], ((True, BASE),))
-    flown = ("turn", "acceleration", "linear")
-    return [Task("flight", one, SHORT_s, groups, options.runs, options.seed, WIDE_P0_m) for one in flown]
-
-
-def _ideal(options: StudyOptions) -> Task:
-    return Task("ideal", "turn", SHORT_s, (), 1, options.seed)
-
-
-def _groups(offsets_s: Sequence[float], kinds: Sequence[tuple[bool, str]]) -> tuple[Group, ...]:
-    return tuple(Group(offset_s, augmented, noise) for offset_s in offsets_s for augmented, noise in kinds)
+def _groups(offsets_ms: Sequence[float], kinds: Sequence[tuple[bool, str]]) -> tuple[Group, ...]:
+    return tuple(Group(offset_ms * 1e-3, augmented, noise) for offset_ms in offsets_ms for augmented, noise in kinds)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from bench.analysis import Table, number, with_uncertainty
@@ -190,59 +190,42 @@ def observability_table(estimates: Estimates) -> Table:
 def image_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Table:
     """Return figures 10 and 14 in numbers."""
     names = ("azimuth_shift", "azimuth_resolution", "pslr", "islr", "peak", "range_shift", "range_resolution")
-    rows = [
-        (name, f"{offset_ms:g}", *(_value_only(estimates, quantity, name, offset_ms) for quantity in names))
-        for name in (UNAUGMENTED, AUGMENTED)
-        for offset_ms in offsets_ms
-    ]
+    rows = _by_filter(offsets_ms, lambda place: [_value_only(estimates, quantity, **place) for quantity in names])
     units = ("shift / m", "resolution / m", "PSLR / dB", "ISLR / dB", "peak", "range shift / m", "range resolution / m")
     caption = "Means over the runs; along the track where nothing else is said; shift = image - target"
     return Table("Indices of the image", caption, ("filter", "T_d / ms", *units), rows)
 
 
-def _value_only(estimates: Estimates, quantity: str, solution: str, offset_ms: float) -> str:
-    results = estimates.all(quantity, manoeuvre="sar", filter=solution, offset_ms=offset_ms)
+def _by_filter(offsets_ms: Sequence[float], cells: Callable[[dict[str, Any]], Sequence[str]]) -> list[Sequence[str]]:
+    """Return a row for each filter and offset: what ``cells`` says of the conditions behind their names."""
+    return [
+        (name, f"{offset_ms:g}", *cells({"manoeuvre": "sar", "filter": name, "offset_ms": offset_ms}))
+        for name in (UNAUGMENTED, AUGMENTED)
+        for offset_ms in offsets_ms
+    ]
+
+
+def _value_only(estimates: Estimates, quantity: str, **place: Any) -> str:
+    results = estimates.all(quantity, **place)
     return plain(results[0]["value"]) if results else _DASH
 
 
 def paired_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Table:
     """Return every run against itself without an offset."""
-    rows = []
-    for name in (UNAUGMENTED, AUGMENTED):
-        for offset_ms in offsets_ms:
-            where = {"manoeuvre": "sar", "filter": name, "offset_ms": offset_ms}
-            names = (
-                "shift_against_none",
-                "shift_over_lag",
-                "shift_unexplained_rms",
-                "resolution_ratio",
-                "islr_against_none",
-            )
-            rows.append((name, f"{offset_ms:g}", *(estimates.value(quantity, **where) for quantity in names)))
-    heads = (
-        "filter",
-        "T_d / ms",
-        "shift / m",
-        "shift over −v T_d",
-        "not explained / m",
-        "resolution ratio",
-        "ISLR / dB",
-    )
+    names = ("shift_against_none", "shift_over_lag", "shift_unexplained_rms", "resolution_ratio", "islr_against_none")
+    rows = _by_filter(offsets_ms, lambda place: [estimates.value(quantity, **place) for quantity in names])
+    figures = ("shift / m", "shift over −v T_d", "not explained / m", "resolution ratio", "ISLR / dB")
     caption = (
         "Every run against the same run at 0 ms. Not explained: RMS of the shift seen in the image minus along-track "
         "error - (R0 / v) x velocity error along the line of sight"
     )
-    return Table("What the offset does to the image", caption, heads, rows)
+    return Table("What the offset does to the image", caption, ("filter", "T_d / ms", *figures), rows)
 
 
 def several_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Table:
     """Return three targets of one scene."""
-    rows = []
-    for name in (UNAUGMENTED, AUGMENTED):
-        for offset_ms in offsets_ms:
-            where = {"filter": name, "offset_ms": offset_ms}
-            rows.append(
-                (name, f"{offset_ms:g}", *(estimates.value("target_shift", target=k, **where) for k in (1, 2, 3)))
-            )
+    rows = _by_filter(
+        offsets_ms, lambda place: [estimates.value("target_shift", target=number, **place) for number in (1, 2, 3)]
+    )
     heads = ("filter", "T_d / ms", "middle / m", "100 m ahead, 12 m near / m", "100 m behind, 12 m far / m")
     return Table("Shift of several targets", "One scene, run 1: the image moves as a whole", heads, rows)

@@ -1,4 +1,4 @@
-"""Coloured errors of simulated EGIs (embedded GPS/INS): what their own filters leave, at 50 Hz."""
+"""Coloured errors of simulated EGIs (embedded GPS/INS), at 50 Hz, and what the EGIs of a Monte Carlo study send."""
 
 from __future__ import annotations
 
@@ -8,11 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_instruments.seeds import generator
-from sim_instruments.worlds.time_sync.flight.earth import LATITUDE_DEG
 from sim_instruments.worlds.time_sync.flight.egi_filter import EgiClass, EgiErrorFilter
-from sim_instruments.worlds.time_sync.flight.path import FlightPath
-
-__all__ = ["EgiClass", "EgiErrorStepper", "EgiErrors", "egi_error_runs"]
+from sim_instruments.worlds.time_sync.flight.path import LATITUDE_DEG, FlightPath
 
 Float = NDArray[np.float64]
 
@@ -89,3 +86,65 @@ def egi_error_runs(
 
 def _lane(seed: int, run: int) -> np.random.Generator:
     return generator(seed, "flight egi", run)
+
+
+class EgiRuns:
+    """Samples of R units for each of G time offsets; the same errors for all offsets, so that they compare in pairs.
+
+    A sample tagged t is the truth at t - offset, plus the error.
+
+    Args:
+        path, errors: of the flight.   offsets_s: (G,), positive means that samples are old.
+        clock_noise_s: (m, R) additional age of each sample, see ``clock_noise``; none if not given.
+    """
+
+    def __init__(
+        self, path: FlightPath, errors: EgiErrors, offsets_s: Float, clock_noise_s: Float | None = None
+    ) -> None:
+        self.t_s = errors.t_s
+        self._path, self._errors, self._noise_s = path, errors, clock_noise_s
+        self._offsets_s = np.atleast_1d(np.asarray(offsets_s, float))
+
+    def block(self, k0: int, k1: int) -> tuple[Float, Float, Float]:
+        """Samples k0 to k1 - 1: p (k, G, R, 3) m, v (k, G, R, 3) m/s, C (k, G, R, 3, 3) from body to tangent plane."""
+        part = slice(k0, k1)
+        valid_s = self.t_s[part, None] - self._offsets_s
+        true = self._path.state(valid_s.ravel())
+        shape = valid_s.shape
+        p = true.p.reshape(*shape, 1, 3) + self._errors.dp[part, None]
+        v = true.v.reshape(*shape, 1, 3) + self._errors.dv[part, None]
+        yaw = true.yaw.reshape(*shape, 1)
+        if self._noise_s is not None:  # so short that a straight line does: a t2 / 2 of 10 us and 4 g is 2 nm
+            late_s = self._noise_s[part, None]
+            p -= true.v.reshape(*shape, 1, 3) * late_s[..., None]
+            v -= true.a.reshape(*shape, 1, 3) * late_s[..., None]
+            yaw = yaw - true.yaw_rate.reshape(*shape, 1) * late_s
+        return p, v, _attitude(self._errors.dphi[part], yaw)
+
+
+def _attitude(dphi: Float, yaw: Float) -> Float:
+    """exp([dphi x]) times the turn about the vertical by yaw: (k, R, 3) and (k, G, 1 or R) to (k, G, R, 3, 3)."""
+    x, y, z = np.moveaxis(dphi, -1, 0)
+    angle_2 = x * x + y * y + z * z
+    angle = np.sqrt(angle_2)
+    first = np.sinc(angle / np.pi)
+    second = 0.5 * np.sinc(0.5 * angle / np.pi) ** 2
+    tilt = np.empty((*x.shape, 3, 3))
+    tilt[..., 0, 0], tilt[..., 1, 1] = 1.0 - second * (y * y + z * z), 1.0 - second * (x * x + z * z)
+    tilt[..., 2, 2] = 1.0 - second * (x * x + y * y)
+    tilt[..., 0, 1], tilt[..., 1, 0] = second * x * y - first * z, second * x * y + first * z
+    tilt[..., 0, 2], tilt[..., 2, 0] = second * x * z + first * y, second * x * z - first * y
+    tilt[..., 1, 2], tilt[..., 2, 1] = second * y * z - first * x, second * y * z + first * x
+    cosine, sine = np.cos(yaw)[..., None], np.sin(yaw)[..., None]
+    turned = np.empty((yaw.shape[0], yaw.shape[1], dphi.shape[1], 3, 3))
+    forward, right = tilt[:, None, ..., 0], tilt[:, None, ..., 1]
+    turned[..., 0] = forward * cosine + right * sine
+    turned[..., 1] = right * cosine - forward * sine
+    turned[..., 2] = tilt[:, None, ..., 2]
+    return turned
+
+
+def clock_noise(seed: int, samples: int, runs: int, sigma_s: float = 1e-5) -> Float:
+    """White noise of the tags, (samples, runs), s; run r is the same whatever the number of runs."""
+    lanes = [generator(seed, "flight clock noise", run).standard_normal(samples) for run in range(runs)]
+    return np.stack(lanes, axis=1) * sigma_s

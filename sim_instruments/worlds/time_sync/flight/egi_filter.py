@@ -13,13 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_instruments.worlds.time_sync.flight.earth import (
+from sim_instruments.worlds.time_sync.flight.path import (
     STANDARD_GRAVITY_M_S2,
+    FlightPath,
+    PathState,
     earth_rate_rad_s,
     gravity_gradient_s2,
     normal_gravity_m_s2,
 )
-from sim_instruments.worlds.time_sync.flight.path import FlightPath, PathState
 
 Float = NDArray[np.float64]
 

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from bench.model.clock import NS
 from sim_instruments.worlds.common.motion import AxisMotion, Piece
-from sim_instruments.worlds.time_sync.clocks import UnitClock
 from sim_instruments.worlds.time_sync.flight.imu import ImuErrors
 from sim_instruments.worlds.time_sync.flight.path import FlightPath
+from sim_instruments.worlds.time_sync.stream import UnitClock
 
 Int64 = NDArray[np.int64]
 

@@ -8,13 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_instruments.seeds import generator
-from sim_instruments.worlds.time_sync.flight.earth import (
+from sim_instruments.worlds.time_sync.flight.path import (
     LATITUDE_DEG,
     STANDARD_GRAVITY_M_S2,
+    FlightPath,
+    PathState,
     earth_rate_rad_s,
     gravity_m_s2,
 )
-from sim_instruments.worlds.time_sync.flight.path import FlightPath, PathState
+from sim_instruments.worlds.time_sync.stream import Numbered
 
 Float = NDArray[np.float64]
 
@@ -60,26 +62,22 @@ class ImuErrors:
 
     def __init__(self, seed: int, run: int, sensor: ImuClass | None = None) -> None:
         sensor = sensor or ImuClass()
-        self._seed, self._run = seed, run
         micro_g = 1e-6 * STANDARD_GRAVITY_M_S2
         drawn = generator(seed, "flight imu bias", run).standard_normal((2, 3))
         self.accel_bias: Float = drawn[0] * sensor.accel_bias_ug * micro_g
         self.gyro_bias: Float = drawn[1] * np.radians(sensor.gyro_bias_deg_h) / 3600.0
         velocity = sensor.velocity_walk_ug * micro_g / np.sqrt(sensor.rate_Hz)
         angle = np.radians(sensor.angle_walk_deg_rt_h) / 60.0 / np.sqrt(sensor.rate_Hz)
-        self._sigma = np.repeat([velocity, angle], 3)
-        self._newest: tuple[int, Float] = (-1, np.empty(0))
+        sigma = np.repeat([velocity, angle], 3)
+
+        def draw(rng: np.random.Generator, count: int) -> Float:
+            return rng.standard_normal((count, 6)) * sigma
+
+        self._noise = Numbered(seed, "flight imu noise", run, draw=draw, at_once=_BLOCK)
 
     def noise(self, first: int, count: int) -> Float:
         """White noise of increments ``first`` (from 0) and following, (count, 6): m/s x, y, z, then rad x, y, z."""
-        parts = []
-        for block in range(first // _BLOCK, (first + count - 1) // _BLOCK + 1):
-            if self._newest[0] != block:
-                drawn = generator(self._seed, "flight imu noise", self._run, block).standard_normal((_BLOCK, 6))
-                self._newest = (block, drawn * self._sigma)
-            begin = block * _BLOCK
-            parts.append(self._newest[1][max(0, first - begin) : first + count - begin])
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        return self._noise.upto(first, first + count)
 
 
 def exact_increments(path: FlightPath, t_s: Float, latitude_deg: float = LATITUDE_DEG) -> tuple[Float, Float]:

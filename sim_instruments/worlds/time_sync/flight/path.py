@@ -1,11 +1,14 @@
-"""Paths of a simulated vehicle as exact functions of time: pieces of constant acceleration along track and yaw rate.
+"""Paths of a simulated vehicle as exact functions of time, and the Earth it flies over.
 
-Flat, in a tangent plane (north, east, down). The body points along the velocity: x forward, y right, z down; a right
-turn is a positive yaw rate. There is no bank, so a turn is a specific force to the right.
+Pieces of constant acceleration along track and yaw rate, flat, in a tangent plane (north, east, down). The body points
+along the velocity: x forward, y right, z down; a right turn is a positive yaw rate. There is no bank, so a turn is a
+specific force to the right. The plane is fixed to the Earth at the origin, height 0: there is no transport rate, and
+the Earth's rate is constant.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -14,10 +17,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 Float = NDArray[np.float64]
-
+LATITUDE_DEG = 37.5
+EARTH_RATE_RAD_S = 7.292115e-5
+RADIUS_M = 6_371_000.0
+STANDARD_GRAVITY_M_S2 = 9.80665  # what a "g" means in a sensor's specification
+# WGS-84: NIMA TR8350.2, third edition (2000), tables 3.1 to 3.4
+_EQUATOR_M_S2 = 9.7803253359
+_SOMIGLIANA = 0.00193185265241
+_ECCENTRICITY_2 = 0.00669437999013
 # Columns of the table of pieces: begin s, acceleration m/s2, yaw rate rad/s; north m, east m, speed m/s, yaw rad at the
 # begin
 _BEGIN = 0
+
+
+def normal_gravity_m_s2(latitude_deg: float) -> float:
+    """Normal gravity on the ellipsoid, m/s2. Source: Somigliana's formula, NIMA TR8350.2 eq. (4-1)."""
+    sine_2 = math.sin(math.radians(latitude_deg)) ** 2
+    return _EQUATOR_M_S2 * (1.0 + _SOMIGLIANA * sine_2) / math.sqrt(1.0 - _ECCENTRICITY_2 * sine_2)
+
+
+def earth_rate_rad_s(latitude_deg: float) -> Float:
+    """Return rate of the Earth against inertial space, (north, east, down), rad/s."""
+    latitude = math.radians(latitude_deg)
+    return EARTH_RATE_RAD_S * np.array([math.cos(latitude), 0.0, -math.sin(latitude)])
+
+
+def gravity_gradient_s2(latitude_deg: float) -> Float:
+    """Diagonal of the gradient of gravity about the origin, that of a point mass, (3,), 1/s2."""
+    return normal_gravity_m_s2(latitude_deg) / RADIUS_M * np.array([-1.0, -1.0, 2.0])
+
+
+def gravity_m_s2(position_m: Float, latitude_deg: float) -> Float:
+    """Gravity at positions (..., 3) north, east, down of the origin, to first order in them; (..., 3), m/s2."""
+    gravity = np.asarray(position_m * gravity_gradient_s2(latitude_deg))
+    gravity[..., 2] += normal_gravity_m_s2(latitude_deg)
+    return gravity
 
 
 @dataclass(frozen=True)
@@ -43,7 +77,6 @@ class FlightPath:
             Before the first the vehicle goes straight on at the first speed.
         speed_m_s, heading_deg: at the begin of the first piece, where the vehicle is above the origin.
         down_m: constant; negative is above the plane.
-        duration_s: how long a study of this path lasts; the path itself has no end.
     """
 
     def __init__(
@@ -52,9 +85,7 @@ class FlightPath:
         speed_m_s: float = 0.0,
         heading_deg: float = 0.0,
         down_m: float = -3000.0,
-        duration_s: float = 60.0,
     ) -> None:
-        self.duration_s = duration_s
         self._down_m = down_m
         self._table = np.zeros((max(16, len(pieces) + 1), 7))
         self._table[0] = (pieces[0][0], 0.0, 0.0, 0.0, 0.0, speed_m_s, np.radians(heading_deg))
@@ -131,22 +162,18 @@ def _bessel(x: Float) -> tuple[Float, Float]:
 class _Manoeuvres(Mapping[str, FlightPath]):
     """A new path each time one is asked for, since a path may be extended."""
 
-    # Table 4 and Fig. 2 of the paper: speed m/s, pieces, duration s
+    # Table 4 and Fig. 2 of the paper: speed m/s, pieces
     _stated: ClassVar = {
-        "stationary": (0.0, ((0.0, 0.0, 0.0),), 60.0),
-        "linear": (100.0, ((0.0, 0.0, 0.0),), 60.0),
-        "acceleration": (100.0, ((0.0, 0.0, 0.0), (20.0, 5.0, 0.0), (40.0, 0.0, 0.0)), 60.0),
-        "turn": (100.0, ((0.0, 0.0, 0.0), (20.0, 0.0, 4.5), (40.0, 0.0, 0.0)), 60.0),
-        "sar": (
-            100.0,
-            ((0.0, 0.0, 0.0), (20.0, 15.0, 0.0), (30.0, 0.0, 0.0), (50.0, 0.0, 9.0), (60.0, 0.0, 0.0)),
-            500.0,
-        ),
+        "stationary": (0.0, ((0.0, 0.0, 0.0),)),
+        "linear": (100.0, ((0.0, 0.0, 0.0),)),
+        "acceleration": (100.0, ((0.0, 0.0, 0.0), (20.0, 5.0, 0.0), (40.0, 0.0, 0.0))),
+        "turn": (100.0, ((0.0, 0.0, 0.0), (20.0, 0.0, 4.5), (40.0, 0.0, 0.0))),
+        "sar": (100.0, ((0.0, 0.0, 0.0), (20.0, 15.0, 0.0), (30.0, 0.0, 0.0), (50.0, 0.0, 9.0), (60.0, 0.0, 0.0))),
     }
 
     def __getitem__(self, name: str) -> FlightPath:
-        speed_m_s, pieces, duration_s = self._stated[name]
-        return FlightPath(pieces, speed_m_s, duration_s=duration_s)
+        speed_m_s, pieces = self._stated[name]
+        return FlightPath(pieces, speed_m_s)
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._stated)

@@ -17,7 +17,7 @@ from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.systems.lock_in.analysis import METHODS, analyse
 from bench.systems.lock_in.compensation import COMPENSATORS
-from bench.systems.lock_in.limits import requirement_of
+from bench.systems.lock_in.estimates import requirement_of
 from bench.systems.lock_in.records import laser_records
 from bench.systems.lock_in.result import Measured, laser_result, squared
 from bench.systems.lock_in.tables import tables
@@ -43,6 +43,12 @@ def rows(edges: dict[float, Any]) -> list[Any]:
 @pytest.fixture(scope="module")
 def whole(rows: list[Any]) -> Any:
     return analyse(material(*rows, limits=LIMIT))
+
+
+@pytest.fixture(scope="module")
+def alone(rows: list[Any]) -> Any:
+    """Of the record of 28 cm with the fast clock."""
+    return analyse(material(rows[3]))
 
 
 def of(analysis: Any, quantity: str, **place: Any) -> Any:
@@ -136,13 +142,13 @@ def test_results_are_a_valid_document_and_say_nothing_twice(whole: Any) -> None:
     assert len(places) == len(set(places))
 
 
-def test_the_beat_is_read_from_levels_and_never_from_conditions(rows: list[Any]) -> None:
+def test_the_beat_is_read_from_levels_and_never_from_conditions(rows: list[Any], alone: Any) -> None:
     """The same edges: the answer does not depend on what a person noted beside the path."""
     (record,) = laser_records(material(rows[3]))
     noted = row_of_conditions(rows[3], clock_Hz=1, item="other", note="beta 12 deg")
-    plain, other = analyse(material(rows[3])), analyse(material(noted))
+    other = analyse(material(noted))
     assert record.path_length_m == 0.28
-    assert [one["value"] for one in plain.estimates] == [one["value"] for one in other.estimates]
+    assert [one["value"] for one in alone.estimates] == [one["value"] for one in other.estimates]
 
 
 def row_of_conditions(row: Any, **conditions: Any) -> Any:
@@ -151,15 +157,14 @@ def row_of_conditions(row: Any, **conditions: Any) -> Any:
     return replace(row, window=replace(row.window, conditions=dict(row.window.conditions) | conditions))
 
 
-def test_gaps_are_not_bridged(rows: list[Any]) -> None:
+def test_gaps_are_not_bridged(rows: list[Any], alone: Any) -> None:
     """Two blocks lost: three stretches, and the random walk does not notice."""
     broken = analyse(material(without(rows[3], 150, 300)))
-    unbroken = analyse(material(rows[3]))
     (held,) = broken.tables[4].rows
     assert held[7:10] == [3, 2, 0]
     assert any("2 blocks lost" in one and "3 stretches" in one for one in broken.notes)
     for method in ("raw", *COMPENSATORS):
-        before, after = (of(one, "angle_random_walk", method=method) for one in (unbroken, broken))
+        before, after = (of(one, "angle_random_walk", method=method) for one in (alone, broken))
         assert after["value"] == pytest.approx(before["value"], abs=4.0 * before["std_uncertainty"])
 
 

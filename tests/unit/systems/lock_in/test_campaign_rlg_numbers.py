@@ -11,10 +11,9 @@ from rlg_rig import as_row
 
 from bench.maths.verdict import coverage_factor
 from bench.systems.lock_in.compensation import COMPENSATORS, Compensated, Shown
-from bench.systems.lock_in.estimates import exponent_estimates, record_estimates
+from bench.systems.lock_in.estimates import Requirement, exponent_estimates, record_estimates
 from bench.systems.lock_in.estimators.random_walk import RandomWalk
 from bench.systems.lock_in.figures import campaign_figures
-from bench.systems.lock_in.limits import Requirement
 from bench.systems.lock_in.records import LaserRecord
 from bench.systems.lock_in.result import LaserResult, misfit, walk_std_deg_rth
 from bench.systems.lock_in.tables import tables

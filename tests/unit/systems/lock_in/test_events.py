@@ -10,7 +10,7 @@ import pytest
 from rlg_rig import as_row, block_bytes
 
 from bench.model.errors import FitError
-from bench.systems.lock_in.events import record_events
+from bench.systems.lock_in.records import record_events
 
 CLOCK_HZ, PER_BLOCK = 100_000_000, 1_000_000
 

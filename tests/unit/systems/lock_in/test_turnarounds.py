@@ -7,12 +7,10 @@ import pytest
 from numpy.typing import NDArray
 
 from bench.model.errors import FitError
-from bench.systems.lock_in.estimators.angle import cycle_increments, net_angle
-from bench.systems.lock_in.estimators.dither_shape import dither_shape
 from bench.systems.lock_in.estimators.edges import EdgeLevels, edge_levels
-from bench.systems.lock_in.estimators.fresnel import fresnel
 from bench.systems.lock_in.estimators.global_constants import global_constants
-from bench.systems.lock_in.estimators.parabolas import parabolas
+from bench.systems.lock_in.estimators.random_walk import cycle_increments, net_angle
+from bench.systems.lock_in.estimators.single_turnarounds import dither_shape, fresnel, parabolas
 from bench.systems.lock_in.estimators.turnarounds import Turnarounds, turnarounds
 
 CLOCK_Hz = 1e12  # so that the ticks say nothing

@@ -11,7 +11,7 @@ from bench.maths.strapdown import navigate, small_rotation
 from bench.maths.strapdown_earth import earth_rate
 from bench.systems.time_sync.estimators.kalman.covariance import first_model, propagate, refresh_model, skew
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
-from bench.systems.time_sync.estimators.kalman.history import rotation_between
+from bench.systems.time_sync.estimators.kalman.innovation import rotation_between
 from bench.systems.time_sync.estimators.kalman.setup import OFFSET, STATES, FilterSetup, ImuDensities, ImuSamples
 from sim_instruments.worlds.time_sync.flight.imu import ImuClass, imu_runs
 

@@ -15,7 +15,7 @@ from bench.systems.time_sync.estimators.kalman import innovation as sync_innovat
 from bench.systems.time_sync.estimators.kalman.consistency import nis_summary
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
 from bench.systems.time_sync.estimators.kalman.setup import LOOSE, TIGHT, FilterRun, FilterSetup
-from sim_instruments.worlds.time_sync.flight.runs import EgiRuns
+from sim_instruments.worlds.time_sync.flight.egi import EgiRuns
 
 Array = NDArray[np.float64]
 

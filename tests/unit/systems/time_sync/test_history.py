@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from bench.maths.strapdown import small_rotation
-from bench.systems.time_sync.estimators.kalman.history import History, Past, rotation_between
+from bench.systems.time_sync.estimators.kalman.innovation import History, Past, rotation_between
 
 Array = NDArray[np.float64]
 

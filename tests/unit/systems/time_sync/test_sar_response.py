@@ -1,4 +1,4 @@
-"""Impulse response: the ideal one against closed forms, and what navigation errors do to it."""
+"""Impulse response: the ideal one against closed forms, figures of its cuts, and what navigation errors do to it."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from sar_rig import (
 from scipy import integrate, special
 
 from bench.model.errors import FitError
-from bench.systems.time_sync.estimators.sar.cut import Cut, cut_figures
-from bench.systems.time_sync.estimators.sar.image import image_chip
+from bench.systems.time_sync.estimators.sar.image import FLOOR_dB, image_chip, levels_dB
 from bench.systems.time_sync.estimators.sar.pulses import Pulses
-from bench.systems.time_sync.estimators.sar.response import impulse_response
-from sim_instruments.worlds.time_sync.sar_echo import echoes
+from bench.systems.time_sync.estimators.sar.response import Cut, cut_figures, cut_offsets, impulse_response
+from sim_instruments.worlds.time_sync.radar import echoes
 
 AZIMUTH_ZERO_m = 299_792_458.0 / 9.6e9 * 45_000.0 / (2.0 * 2500.0)
 RANGE_ZERO_m = 299_792_458.0 / (2.0 * 50e6)
+CELL_m = 0.25
 
 
 def _sinc_islr_dB() -> float:
@@ -231,3 +231,29 @@ def test_what_is_no_point_target_is_refused() -> None:
     with pytest.raises(FitError) as caught:
         cut_figures(Cut(offset, np.ones(401, np.complex128), 0.249))
     assert caught.value.code == "B-FIT-122"
+
+
+def test_a_hann_weighted_line_has_its_known_figures() -> None:
+    """Spectrum weighted by a Hann window: 1.44 bins wide instead of 0.89 (Harris 1978, table 1)."""
+    x_m = cut_offsets(CELL_m)
+    u = 0.885893 * x_m / CELL_m
+    value = np.sinc(u) + 0.5 * np.sinc(u - 1.0) + 0.5 * np.sinc(u + 1.0)
+    found = cut_figures(Cut(x_m, value.astype(np.complex128), CELL_m))
+    assert found.resolution_m / CELL_m == pytest.approx(1.44 / 0.8859, rel=0.01)
+    # the windows stay those of the unweighted response: what the main lobe has outside counts as side lobe
+    assert found.pslr_dB == pytest.approx(20.0 * np.log10(0.5), abs=0.1)  # (sinc(0) / 2 at the first zero)
+
+
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_power_that_falls_on_one_side_only_is_no_response(side: float) -> None:
+    x_m = cut_offsets(CELL_m)
+    value = np.where(side * x_m > 0.0, np.exp(-np.abs(x_m) / CELL_m), 1.0).astype(np.complex128)
+    with pytest.raises(FitError) as caught:
+        cut_figures(Cut(x_m, value, CELL_m))
+    assert caught.value.code == "B-FIT-122"
+
+
+def test_levels_are_decibels_against_a_reference_down_to_a_floor() -> None:
+    value = np.array([[2.0, 0.2j], [0.0, -2e-3]], np.complex128)
+    assert levels_dB(value, 2.0) == pytest.approx(np.array([[0.0, -20.0], [FLOOR_dB, -60.0]]))
+    assert levels_dB(np.abs(value), 20.0, -30.0) == pytest.approx(np.array([[-20.0, -30.0], [-30.0, -30.0]]))

@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation
 from bench.model.errors import FitError, InputError
 from bench.systems.time_sync.estimators.sar.response import SEARCH_m
 from bench.systems.time_sync.study.flight import fly, headings, setup_of
-from bench.systems.time_sync.study.image import _focused, image_result, predicted_shift_m, scene_of
-from bench.systems.time_sync.study.results import ERRORS, FlightResult
+from bench.systems.time_sync.study.results import ERRORS, FlightResult, measured, rms_std
 from bench.systems.time_sync.study.study import (
     BASE,
     TIGHT,
@@ -26,8 +25,7 @@ from bench.systems.time_sync.study.study import (
     image_tasks,
     tasks_of,
 )
-from bench.systems.time_sync.study.tasks import run_task
-from bench.systems.time_sync.study.tolerance import measured, rms_std
+from bench.systems.time_sync.study.tasks import _focused, image_result, predicted_shift_m, run_task, scene_of
 
 
 @pytest.mark.parametrize(

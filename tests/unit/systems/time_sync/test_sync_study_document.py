@@ -12,8 +12,7 @@ import pytest
 from sync_study_results import changed, made_results
 
 from bench.report.study import study_html
-from bench.systems.time_sync.study.document import study_document, study_json
-from bench.systems.time_sync.study.page import study_chapters
+from bench.systems.time_sync.study.document import study_chapters, study_document, study_json
 from bench.systems.time_sync.study.results import Results
 from bench.systems.time_sync.study.study import (
     AUGMENTED,

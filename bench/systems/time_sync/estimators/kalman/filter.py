@@ -24,11 +24,9 @@ from bench.systems.time_sync.estimators.kalman.covariance import (
     refresh_model,
     update,
 )
-from bench.systems.time_sync.estimators.kalman.history import History
-from bench.systems.time_sync.estimators.kalman.innovation import EgiSample, NisSums, innovation, motion_noise
-from bench.systems.time_sync.estimators.kalman.keeping import Keeping
+from bench.systems.time_sync.estimators.kalman.innovation import EgiSample, History, NisSums, innovation, motion_noise
 from bench.systems.time_sync.estimators.kalman.setup import OFFSET, EgiSource, FilterRun, FilterSetup, ImuSamples
-from bench.systems.time_sync.estimators.kalman.stream import egi_samples, filled_noise, first_sample, imu_steps
+from bench.systems.time_sync.estimators.kalman.stream import Keeping, egi_samples, filled_noise, first_sample, imu_steps
 
 Array = NDArray[np.float64]
 
@@ -125,7 +123,6 @@ def run_filter(imu: ImuSamples, egi: EgiSource, setup: FilterSetup) -> FilterRun
 
     The state begins at the first usable EGI sample within the IMU's. All arrays in SI, see ``FilterSetup``.
 
-    Returns: FilterRun.
     Raises:  FitError B-FIT-116 if EGI and IMU do not overlap, or no EGI sample is usable.
     Source:  see the head of this file.
     """

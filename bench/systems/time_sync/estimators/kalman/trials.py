@@ -58,8 +58,6 @@ def stand_in(imu: ImuSamples, first: tuple[Array, Array, Array], latitude_deg: f
 
     Args:    imu: of one lane.   first: position (3,), velocity (3,), attitude (3, 3) at its first sample.
              latitude_deg: of the origin.
-    Returns: Truth.
-    Raises:  nothing.
     Source:  see the head of this file.
     """
     dv, dtheta = (
@@ -105,7 +103,6 @@ def imu_trials(
     Args:    imu: the recording, for times and lost samples.   truth: the path.   densities: of the errors.
              lanes: how many.   rng: seeded.
     Returns: ImuSamples of as many lanes.
-    Raises:  nothing.
     Source:  see the head of this file.
     """
     interval_s = float(np.median(np.diff(imu.t_s)))

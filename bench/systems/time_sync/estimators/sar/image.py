@@ -1,7 +1,9 @@
-"""Axes and pieces of a radar image about a surveyed point.
+"""Radar images: where point targets stand in the pulses, and pieces of an image about a point, by backprojection.
 
 Azimuth is along the track that navigation gives (first pulse to last); range is along the line of sight from the middle
-of the aperture to the point, at a right angle to the track (slant plane).
+of the aperture to the point, at a right angle to the track (slant plane). Errors are estimate - truth. Where the
+positions are ahead of the antenna along the track, the image moves ahead by as much; a velocity error along the line of
+sight from the antenna to the target moves it by -(R0 / v) times that error.
 """
 
 from __future__ import annotations
@@ -9,13 +11,109 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
 
 from bench.model.errors import FitError
-from bench.systems.time_sync.estimators.sar.focus import Complex128, focus_sums
-from bench.systems.time_sync.estimators.sar.pulses import Array, Pulses, Sums, sums_of
+from bench.systems.time_sync.estimators.sar.pulses import Array, Pulses, Sums, at_places, finer, sums_of, turns
 
+Complex128 = NDArray[np.complex128]
+
+_LEAST_SHARE = 0.3  # of the highest magnitude
+_APART = (6.0, 12.0)  # metres in azimuth and range: less is the same target or its side lobes
+_NOISE_RATIO = 8.0  # of the highest magnitude over the median
+_ELEMENTS_AT_ONCE = 1 << 15  # pulses times pixels that stay in the processor's cache
 BLOCK_PHASE_rad = 0.07  # over a block of pulses at the edge of a cut or chip: costs 0.002 dB there
 FLOOR_dB = -80.0
+
+
+def point_targets(pulses: Pulses, positions_m: Array, ground_down_m: float = 0.0, most: int = 3) -> Array:
+    """Return places of the strongest point targets on level ground to the right of the track, before any image is made.
+
+    Pulses turned in phase for the middle of the scene leave each target a tone along the track, whose frequency says
+    how far ahead of the middle it stands, in the gate of its range. A straight flight cannot tell level ground from any
+    other height.
+
+    Args:    pulses.   positions_m: (n, 3) antenna at the pulses, north, east, down.   ground_down_m: of the ground.
+             most: targets at most.
+    Returns: (k, 3), strongest first; good to a resolution cell or two.
+    Raises:  FitError B-SYNC-010 if no target stands out of the noise.
+    Source:  deramped polar format of a spotlight, Carrara, Goodman, Majewski, Spotlight Synthetic Aperture Radar
+             (1995), chapter 3.
+    """
+    track = positions_m[-1] - positions_m[0]
+    ahead = track / np.linalg.norm(track)
+    right = np.cross([0.0, 0.0, 1.0], ahead)
+    right /= np.linalg.norm(right)
+    middle, gates = positions_m.mean(axis=0), pulses.gates.shape[1]
+    near_m = np.broadcast_to(np.asarray(pulses.near_range_m, np.float64), len(positions_m))
+    range_m = float(np.median(near_m)) + 0.5 * gates * pulses.spacing_m
+    offsets_m = (np.arange(gates) - gates // 2) * pulses.spacing_m
+
+    def place(azimuth_m: float, out_m: float) -> Array:
+        down_m = ground_down_m - middle[2]
+        level_m = np.sqrt(max((range_m + out_m) ** 2 - down_m**2, 0.0))
+        found = middle + azimuth_m * ahead + level_m * right
+        found[2] = ground_down_m
+        return np.asarray(found)
+
+    reference_m = np.linalg.norm(positions_m - place(0.0, 0.0), axis=1)
+    at = (reference_m[:, None] + offsets_m - near_m[:, None]) / pulses.spacing_m
+    aligned = at_places(finer(pulses.gates), at) * turns(2.0 * reference_m / pulses.wavelength_m)[:, None]
+    aligned *= signal.windows.hann(len(aligned))[:, None].astype(np.float32)
+    picture = np.abs(np.fft.fftshift(np.fft.fft(aligned, axis=0), axes=0))
+    step_m = float(np.linalg.norm(track)) / (len(positions_m) - 1)
+    azimuth_m = np.fft.fftshift(np.fft.fftfreq(len(aligned), step_m)) * 0.5 * pulses.wavelength_m * range_m
+    highest, floor = float(picture.max()), float(np.median(picture))
+    if not highest > _NOISE_RATIO * floor:
+        raise FitError(
+            "B-SYNC-010",
+            f"no point target stands out of the {len(aligned)} pulses of the radar: the highest place of the image is "
+            f"{highest / floor if floor else 0.0:.1f} times the median, {_NOISE_RATIO:g} times are due",
+            next_step="see that the radar looked at the reflectors, and that it was on during straight flight",
+        )
+    return np.array([place(*one) for one in _peaks(picture, azimuth_m, offsets_m, most)])
+
+
+def _peaks(picture: Array, azimuth_m: Array, out_m: Array, most: int) -> list[tuple[float, float]]:
+    """Azimuth and range of the highest places, none of them beside a higher one."""
+    left = picture.copy()
+    found: list[tuple[float, float]] = []
+    highest = float(left.max())
+    while len(found) < most:
+        row, column = np.unravel_index(int(np.argmax(left)), left.shape)
+        if left[row, column] < _LEAST_SHARE * highest:
+            break
+        found.append((float(azimuth_m[row]), float(out_m[column])))
+        beside = np.abs(azimuth_m - azimuth_m[row]) < _APART[0]
+        left[np.outer(beside, np.abs(out_m - out_m[column]) < _APART[1])] = 0.0
+    return found
+
+
+def focus_sums(sums: Sums, pixels_m: Array) -> Complex128:
+    """Image of points near the sums' reference point.
+
+    Args:    sums: of the pulses.   pixels_m: (q, 3).
+    Returns: (q,), unit of the gates.
+    Source:  Carrara, Goodman, Majewski, Spotlight Synthetic Aperture Radar (1995), appendix on backprojection.
+    """
+    offset = np.asarray(pixels_m, np.float64) - sums.reference_m
+    offset_2 = np.einsum("ij,ij->i", offset, offset)
+    from_reference = sums.positions_m - sums.reference_m
+    reference_2 = np.einsum("ij,ij->i", from_reference, from_reference)
+    reference_m = np.sqrt(reference_2)
+    total = np.zeros(len(offset), np.complex128)
+    rows = max(1, _ELEMENTS_AT_ONCE // len(offset))
+    for begin in range(0, len(sums.fine), rows):
+        some = slice(begin, begin + rows)
+        range_2 = np.add.outer(reference_2[some], offset_2)
+        for axis in range(3):  # no matrix product: one of three columns is slower on several threads than on one
+            range_2 -= np.multiply.outer(from_reference[some, axis], 2.0 * offset[:, axis])
+        range_m = np.sqrt(range_2)
+        values = at_places(sums.fine[some], (range_m - sums.near_range_m[some, None]) * (1.0 / sums.spacing_m))
+        values *= turns((range_m - reference_m[some, None]) * (2.0 / sums.wavelength_m), values.dtype)
+        total += values.sum(axis=0)
+    return total / sums.pulses
 
 
 @dataclass(frozen=True)
@@ -63,7 +161,6 @@ def image_axes(pulses: Pulses, positions_m: Array, target_m: Array) -> Axes:
     """Axes and cells of the image about a point.
 
     Args:    pulses.   positions_m: (n, 3) antenna at the pulses as navigation knows it.   target_m: (3,) surveyed.
-    Returns: Axes.
     Raises:  FitError B-FIT-120 if pulses and positions do not belong together or the antenna does not move.
     Source:  cells 0.8859 lambda / (2 (sin theta_last - sin theta_first)) and 0.8859 c / 2B of unweighted spectra.
     """
@@ -90,8 +187,7 @@ def chip_of(sums: Sums, axes: Axes, azimuth_m: Array, range_m: Array) -> Chip:
     """Image on a grid of offsets from the axes' origin.
 
     Args:    sums: of pulses, about a point in the grid.   axes.   azimuth_m: (a,).   range_m: (r,).
-    Returns: Chip.
-    Source:  as `bench.systems.time_sync.estimators.sar.focus.focus_sums`.
+    Source:  as `bench.systems.time_sync.estimators.sar.image.focus_sums`.
     """
     along, out = np.meshgrid(azimuth_m, range_m, indexing="ij")
     value = focus_sums(sums, axes.points(along.ravel(), out.ravel()))
@@ -112,7 +208,7 @@ def image_chip(
              chip.   cells: step of the grid in resolution cells.
     Returns: Chip; offsets count from the target.
     Raises:  FitError B-FIT-120 if pulses and positions do not belong together or the antenna does not move.
-    Source:  as `bench.systems.time_sync.estimators.sar.focus.focus_sums`.
+    Source:  as `bench.systems.time_sync.estimators.sar.image.focus_sums`.
     """
     axes = image_axes(pulses, positions_m, target_m)
     block_m = axes.block_m(half_azimuth_m, 4 * BLOCK_PHASE_rad)

@@ -1,4 +1,4 @@
-"""Range-compressed pulses of a radar, sums of neighbouring pulses, and their values between the gates.
+"""Range-compressed pulses of a radar: where the antenna was, sums of neighbours, and values between the gates.
 
 Between the gates a pulse is band-limited (50 MHz in gates 60 MHz apart), so that a windowed sinc finds its value at
 eight places a gate, and a cubic through four of those what lies between them. All of it together with sums over blocks
@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.model.errors import FitError
+
 Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]  # single or double precision
-
 SPEED_OF_LIGHT_m_s = 299_792_458.0
 _FINER = 8  # places a gate
 _HALF_GATES = 12  # of the windowed sinc; 24 gates and a band of 5/6 leave images of -65 dB (Kaiser)
@@ -72,7 +73,6 @@ def sums_of(pulses: Pulses, positions_m: Array, reference_m: Array, block_m: flo
     Args:    pulses.   positions_m: (n, 3) antenna at the pulses, as navigation knows it.   reference_m: (3,).
              block_m: length of a block along the track; 0 = each pulse by itself.
              coarse: single precision, 1.6 times as fast; it costs 1e-6 dB of PSLR, but differs between processors.
-    Returns: Sums.
     Source:  presumming, Carrara, Goodman, Majewski (1995), section 2.4; exact for blocks of one pulse.
     """
     from_reference = positions_m - reference_m
@@ -139,3 +139,31 @@ def _kernel(gates: int) -> Array:
     away = places - np.arange(gates)[:, None]
     window = np.i0(_KAISER * np.sqrt(np.clip(1.0 - (away / _HALF_GATES) ** 2, 0.0, None))) / np.i0(_KAISER)
     return np.asarray(np.where(np.abs(away) < _HALF_GATES, np.sinc(away) * window, 0.0))
+
+
+def positions_at(pulse_s: Array, epoch_s: Array, position_m: Array, velocity_m_s: Array) -> Array:
+    """Return positions at the pulses by cubic Hermite interpolation between the epochs of a navigation solution.
+
+    Args:    pulse_s: (n,), on the clock of the epochs.   epoch_s: (m,) rising.   position_m, velocity_m_s:
+             (m, ..., 3); further axes are lanes.
+    Returns: (n, ..., 3); exact where the acceleration is constant or changes at a constant rate within an interval.
+    Raises:  FitError B-FIT-124 if a pulse lies outside the epochs, or the epochs do not rise.
+    Source:  cubic Hermite form, Abramowitz and Stegun 25.2 (two values, two derivatives); an acceleration
+             that steps by da within an interval h costs da h^2 / 62 at most, 0.4 um for 5 ms and 0.1 g.
+    """
+    if pulse_s.size == 0 or pulse_s.min() < epoch_s[0] or pulse_s.max() > epoch_s[-1] or np.any(np.diff(epoch_s) <= 0):
+        raise FitError(
+            "B-FIT-124",
+            f"pulses at {pulse_s.min(initial=np.inf):.4f} to {pulse_s.max(initial=-np.inf):.4f} s are not within the "
+            f"navigation solution of {epoch_s[0]:.4f} to {epoch_s[-1]:.4f} s, whose epochs must rise",
+            next_step="record the inertial unit from before the first pulse until after the last",
+        )
+    low = np.clip(np.searchsorted(epoch_s, pulse_s, side="right") - 1, 0, len(epoch_s) - 2)
+    step_s = epoch_s[low + 1] - epoch_s[low]
+    shape = (-1,) + (1,) * (position_m.ndim - 1)
+    x = ((pulse_s - epoch_s[low]) / step_s).reshape(shape)
+    step = step_s.reshape(shape)
+    advance = position_m[low + 1] - position_m[low]
+    begin, end = velocity_m_s[low] * step, velocity_m_s[low + 1] * step
+    cubic = x * (begin + x * (3.0 * advance - 2.0 * begin - end + x * (begin + end - 2.0 * advance)))
+    return np.asarray(position_m[low] + cubic)

@@ -1,7 +1,13 @@
 """Response of the radar and its navigation to a point target: where its image stands and how sharp it is.
 
-Shifts are image - surveyed target along the axes of `sar_image`. They come from the focused image alone: neither the
-true antenna positions nor a time offset enter.
+Shifts are image - surveyed target along the axes of the image. They come from the focused image alone: neither the true
+antenna positions nor a time offset enter.
+
+Windows of a cut, the same for sound and for spoilt images: the main lobe reaches from the peak to where an ideal
+response has its first zeros (1.1288 cells on either side), the side lobes from there to 12 cells. Both ratios use them.
+Windows that follow the image's own minima would call a side lobe that has grown into the main lobe no side lobe at all;
+as long as it has not, both give the same peak ratio within 0.015 dB. A cell is the resolution (-3 dB) of the ideal
+response.
 """
 
 from __future__ import annotations
@@ -9,16 +15,91 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from bench.model.errors import FitError
-from bench.systems.time_sync.estimators.sar.cut import Cut, cut_figures, cut_offsets
-from bench.systems.time_sync.estimators.sar.focus import focus_sums
-from bench.systems.time_sync.estimators.sar.image import Axes, Chip, chip_of, image_axes, symmetric
+from bench.systems.time_sync.estimators.sar.image import (
+    Axes,
+    Chip,
+    Complex128,
+    chip_of,
+    focus_sums,
+    image_axes,
+    symmetric,
+)
 from bench.systems.time_sync.estimators.sar.pulses import Array, Pulses, sums_of
 
+ZERO_CELLS = 1.0 / 0.885893  # first zero of sin(pi x) / (pi x), in units of its -3 dB width
+REACH_CELLS = 12.0
 SEARCH_m = (18.0, 12.0)  # azimuth and range on both sides of the surveyed place
 _COARSE_PHASE_rad = 1.2  # over a block of pulses at the search's edge: costs 0.5 dB there
 _STEPS_CELLS = (0.6, 0.15, 0.05)  # of the grids on which the peak is looked for
+
+
+@dataclass(frozen=True)
+class Cut:
+    """Line through the image of a point target.
+
+    Attributes:
+        offset_m: from the peak, (q,), evenly spaced.   value: complex image, (q,).   cell_m: resolution of the ideal.
+    """
+
+    offset_m: Array
+    value: Complex128
+    cell_m: float
+
+
+@dataclass(frozen=True)
+class CutFigures:
+    """Figures of a cut.
+
+    Attributes:
+        resolution_m: full width where the power is half of the peak's.   pslr_dB, islr_dB: with the windows above.
+    """
+
+    resolution_m: float
+    pslr_dB: float
+    islr_dB: float
+
+
+def cut_offsets(cell_m: float) -> Array:
+    """Places of a cut: as far as the side lobe window and a little, in steps of 0.05 cell."""
+    half = round((REACH_CELLS + 0.25) / 0.05)
+    return np.asarray(np.arange(-half, half + 1) * (0.05 * cell_m))
+
+
+def cut_figures(cut: Cut) -> CutFigures:
+    """Resolution, PSLR and ISLR of a cut through a peak.
+
+    Args:    cut: that reaches 12 cells on both sides of its peak, which is at offset 0.
+    Raises:  FitError B-FIT-122 if the power does not fall to half on both sides of the peak.
+    Source:  Carrara, Goodman, Majewski (1995), section 8.3; windows stated above.
+    """
+    x = cut.offset_m / cut.cell_m
+    power = CubicSpline(x, np.abs(cut.value) ** 2)
+    peak = float(power(0.0))
+    half = power.solve(0.5 * peak, extrapolate=False)
+    if not (np.any(half < 0) and np.any(half > 0)):
+        raise FitError(
+            "B-FIT-122",
+            "the image is no response of a point target: its power does not fall to half on both sides of the peak",
+            next_step="look at the image chip: navigation within the aperture, and what stands near the target",
+        )
+    width = float(half[half > 0].min() - half[half < 0].max())
+    main = float(power.integrate(-ZERO_CELLS, ZERO_CELLS))
+    whole = float(power.integrate(-REACH_CELLS, REACH_CELLS))
+    return CutFigures(
+        resolution_m=width * cut.cell_m,
+        pslr_dB=10.0 * float(np.log10(_highest_side(power) / peak)),
+        islr_dB=10.0 * float(np.log10((whole - main) / main)),
+    )
+
+
+def _highest_side(power: CubicSpline) -> float:
+    """Return highest power in the side lobes' window."""
+    level = power.derivative().roots(extrapolate=False)
+    inside = level[(np.abs(level) >= ZERO_CELLS) & (np.abs(level) <= REACH_CELLS)]
+    return float(power(np.append(inside, [-ZERO_CELLS, ZERO_CELLS])).max())
 
 
 @dataclass(frozen=True)
@@ -55,10 +136,9 @@ def impulse_response(
 
     Args:    pulses: of the aperture.   positions_m: (n, 3) antenna at the pulses as navigation knows it.
              target_m: (3,) surveyed.   search_m: half widths in azimuth and range in which the image is looked for.
-    Returns: Response.
     Raises:  FitError B-FIT-120 (positions are not those of the pulses), B-FIT-121 (highest place at the search's edge),
              B-FIT-122 (no response of a point target).
-    Source:  quantities of the paper's figures 8, 10, 12 and 14; windows in `estimators.sar.cut`.
+    Source:  quantities of the paper's figures 8, 10, 12 and 14; windows stated above.
     """
     axes = image_axes(pulses, positions_m, target_m)
     azimuth_m, range_m = _peak(pulses, positions_m, axes, search_m)

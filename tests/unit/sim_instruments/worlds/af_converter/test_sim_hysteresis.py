@@ -16,8 +16,7 @@ from sim_instruments.worlds.af_converter.gates import Drive, GateMachine
 from sim_instruments.worlds.af_converter.ngu import Ngu
 from sim_instruments.worlds.af_converter.truth import estimates
 from sim_instruments.worlds.af_converter.unit_constants import NguTruth
-from sim_instruments.worlds.common.play import follow, play_after
-from sim_instruments.worlds.common.thermal import Thermal
+from sim_instruments.worlds.common.thermal import Thermal, follow, play_after
 from sim_instruments.worlds.simulation import open_world
 
 NUMBERS = np.arange(1, 11)

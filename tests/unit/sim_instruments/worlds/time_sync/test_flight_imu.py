@@ -9,9 +9,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from sim_instruments.worlds.time_sync.flight.earth import gravity_m_s2, normal_gravity_m_s2
 from sim_instruments.worlds.time_sync.flight.imu import ImuClass, ImuErrors, exact_increments, imu_runs
-from sim_instruments.worlds.time_sync.flight.path import MANOEUVRES, FlightPath
+from sim_instruments.worlds.time_sync.flight.path import MANOEUVRES, FlightPath, gravity_m_s2, normal_gravity_m_s2
 
 Array = np.ndarray
 

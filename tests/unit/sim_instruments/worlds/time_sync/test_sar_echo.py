@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim_instruments.worlds.time_sync.sar_echo import Radar, echoes, scene
+from sim_instruments.worlds.time_sync.radar import Radar, echoes, scene
 
 RADAR = Radar()
 LIGHT_m_s = 299_792_458.0

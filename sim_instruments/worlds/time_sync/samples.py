@@ -1,4 +1,4 @@
-"""The EGI: truth at the instants of its own clock plus the errors of its own filter, as frames ``egi_50``."""
+"""Samples of both units by their own clocks: truth and errors, as frames ``egi_50`` and ``imu_200``."""
 
 from __future__ import annotations
 
@@ -10,21 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim_instruments.seeds import generator
-from sim_instruments.worlds.time_sync.clocks import TICK_S, UnitClock
-from sim_instruments.worlds.time_sync.flight.earth import LATITUDE_DEG
 from sim_instruments.worlds.time_sync.flight.egi import EgiErrorStepper
 from sim_instruments.worlds.time_sync.flight.flights import Flight, Flights
-from sim_instruments.worlds.time_sync.flight.path import FlightPath, PathState
+from sim_instruments.worlds.time_sync.flight.imu import exact_increments
+from sim_instruments.worlds.time_sync.flight.path import LATITUDE_DEG, FlightPath, PathState
 from sim_instruments.worlds.time_sync.geodesy import TangentPlane
+from sim_instruments.worlds.time_sync.stream import TICK_S, UnitClock
 
 Float = NDArray[np.float64]
 Int64 = NDArray[np.int64]
-
-PERIOD_S = 0.02
+EGI_PERIOD_S, IMU_PERIOD_S = 0.02, 0.005
 LONGITUDE_DEG = 127.0
 ORIGIN = TangentPlane(LATITUDE_DEG, LONGITUDE_DEG)
 ALIGNING, GPS_AND_INERTIAL = 0, 3  # modes
 _COARSE = (5.0, 0.1, np.radians(0.5))  # m, m/s, rad: errors while it aligns, standard deviations
+ANGLE_LSB_RAD, VELOCITY_LSB_M_S, TEMPERATURE_LSB_DEGC = 1e-9, 1e-8, 0.01
+FIRST_DEGC, WARM_DEGC, WARM_S = 23.0, 6.0, 300.0
+_HIGHEST = 2**31 - 1
 
 
 class OwnTime:
@@ -87,10 +89,10 @@ class EgiSamples:
 
     def columns(self, number: Int64, counter: Int64) -> Mapping[str, Any]:
         """Return fields of samples in a row, by number and by counter."""
-        since_on_s = self._clock.since_on_s(number * PERIOD_S)
+        since_on_s = self._clock.since_on_s(number * EGI_PERIOD_S)
         errors, mode = np.empty((number.size, 10)), np.empty(number.size, np.int64)
         p, v, yaw = np.empty((number.size, 3)), np.empty((number.size, 3)), np.empty(number.size)
-        for flight, first, part in self._flights.split(self._clock, PERIOD_S, number):
+        for flight, first, part in self._flights.split(self._clock, EGI_PERIOD_S, number):
             true = flight.path.state(since_on_s[part] + flight.seconds(self._clock.on_ns))
             p[part], v[part], yaw[part] = true.p, true.v, true.yaw
             aligned = flight.flies and flight.begin_ns >= self._clock.on_ns
@@ -100,7 +102,7 @@ class EgiSamples:
             errors[:, :9] = 0.0
         turn = turned(errors[:, 6:9], yaw)
         told = ORIGIN.told(p + errors[:, :3], v + errors[:, 3:6], turn)
-        tag_s = number * PERIOD_S + self._tag_noise_s(int(counter[0]), int(counter[-1]) + 1)
+        tag_s = number * EGI_PERIOD_S + self._tag_noise_s(int(counter[0]), int(counter[-1]) + 1)
         return {
             "tick": np.rint(tag_s / TICK_S).astype(np.int64),
             "latitude": told.latitude_deg,
@@ -115,7 +117,7 @@ class EgiSamples:
 
     def _errors(self, flight: Flight, first: int, number: Int64) -> Float:
         if flight.number not in self.solutions:
-            since_on_s = float(self._clock.since_on_s(np.array(first * PERIOD_S)))
+            since_on_s = float(self._clock.since_on_s(np.array(first * EGI_PERIOD_S)))
             first_s = since_on_s + flight.seconds(self._clock.on_ns)
             self.solutions[flight.number] = Solutions(flight, first_s, self._clock.rate)
         return self.solutions[flight.number].upto(int(number[0]) - first, int(number[-1]) + 1 - first)
@@ -134,3 +136,48 @@ def turned(rotation_rad: Float, yaw_rad: Float) -> Float:
     heading[:, 0, 1] = -heading[:, 1, 0]
     heading[:, 2, 2] = 1.0
     return np.asarray(tilt @ heading)
+
+
+class ImuSamples:
+    """Samples of one switching-on.
+
+    Args:
+        clock: the unit's.   flights: of the vehicle.
+        noise: whether the sensors have errors.   tag_noise_s: (first, stop) of counters to errors of the tags.
+    """
+
+    def __init__(
+        self, clock: UnitClock, flights: Flights, noise: bool, tag_noise_s: Callable[[int, int], Float]
+    ) -> None:
+        self._clock, self._flights, self._noise, self._tag_noise_s = clock, flights, noise, tag_noise_s
+
+    def columns(self, number: Int64, counter: Int64) -> Mapping[str, Any]:
+        """Return fields of samples in a row, by number and by counter."""
+        since_on_s = self._clock.since_on_s(np.append(number[0] - 1, number) * IMU_PERIOD_S)
+        dv, dtheta = (np.empty((number.size, 3)) for _ in range(2))
+        for flight, first, part in self._flights.split(self._clock, IMU_PERIOD_S, number):
+            behind = int(number[part.start]) - first
+            dv[part], dtheta[part] = self._increments(flight, behind, since_on_s[part.start : part.stop + 1])
+        tag_s = number * IMU_PERIOD_S + self._tag_noise_s(int(counter[0]), int(counter[-1]) + 1)
+        degC = FIRST_DEGC - WARM_DEGC * np.expm1(-since_on_s[1:] / WARM_S)
+        return {
+            "tick": np.rint(tag_s / TICK_S).astype(np.int64),
+            "delta_angle": _counts(dtheta / ANGLE_LSB_RAD),
+            "delta_velocity": _counts(dv / VELOCITY_LSB_M_S),
+            "temperature": np.rint(degC / TEMPERATURE_LSB_DEGC).astype(np.int64),
+            "status": 0,
+        }
+
+    def _increments(self, flight: Flight, behind: int, since_on_s: Float) -> tuple[Float, Float]:
+        """Of the intervals between bench times; ``behind`` is how many samples of the flight came before."""
+        flight_s = since_on_s + flight.seconds(self._clock.on_ns)
+        dv, dtheta = exact_increments(flight.path, flight_s)
+        if not self._noise:
+            return dv, dtheta
+        noise, length_s = flight.imu.noise(behind, since_on_s.size - 1), IMU_PERIOD_S / self._clock.rate
+        dv = dv + flight.imu.accel_bias * length_s + noise[:, :3]
+        return dv, dtheta + flight.imu.gyro_bias * length_s + noise[:, 3:]
+
+
+def _counts(values: Float) -> Int64:
+    return np.rint(values).clip(-_HIGHEST, _HIGHEST).astype(np.int64)
