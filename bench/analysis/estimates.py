@@ -6,8 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from bench.maths.decision import checked_rule, decide
-from bench.maths.verdict import NON_BINARY, coverage_factor
+from bench.maths.verdict import NON_BINARY, checked_rule, coverage_factor, decide
 
 Estimates = list[dict[str, Any]]  # entries of results.json
 UNIT = "unit"  # condition: serial number of the unit under test, where a session has several

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from bench.analysis.analysis import Analysis
 from bench.analysis.estimates import judged, rule_of
-from bench.maths.decision import Rule
+from bench.maths.verdict import Rule
 from bench.model.errors import InputError
 
 INCOMPLETE = "Incomplete: the run has not ended. These are the records so far; nothing is judged."

@@ -17,8 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.maths.extended import Extended, stacked
-from bench.maths.extended_qr import ExtendedFit, Undetermined, solve_extended
+from bench.maths.extended import Extended, ExtendedFit, Undetermined, solve_extended, stacked
 from bench.model.errors import FitError
 
 Array = NDArray[np.float64]

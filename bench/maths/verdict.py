@@ -1,16 +1,23 @@
-"""Coverage factor, and verdicts by the decision rules of a campaign.
+"""Coverage factor, verdicts by the decision rules of a campaign and the risk that one is wrong, counted proportions.
 
-Source: JCGM 100:2008 annex G (coverage); ILAC-G8:09/2019 section 4.2 (simple acceptance, guard band, non-binary).
+Source: JCGM 100:2008 annex G (coverage); ILAC-G8:09/2019 section 4.2 (simple acceptance, guard band, non-binary);
+JCGM 106:2012 sections 7 to 9.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import cache
+from typing import Literal
+
+from bench.model.errors import FitError
 
 SIMPLE, GUARD_BAND, NON_BINARY = "simple", "guard_band", "non_binary"
 RULES = (SIMPLE, GUARD_BAND, NON_BINARY)
 _NORMAL_95 = 1.959963984540054  # two-sided; known without scipy, which takes longer to load than a history to compare
+Rule = Literal["simple", "guard_band", "non_binary"]
+_ACCEPTED = ("pass", "conditional_pass")
 
 
 @cache
@@ -24,7 +31,7 @@ def coverage_factor(dof: float = math.inf, probability: float = 0.95) -> float:
     """
     if math.isinf(dof) and probability == 0.95:
         return _NORMAL_95
-    from scipy import special
+    from scipy import special  # takes longer to load than most commands that judge nothing
 
     upper = 0.5 + probability / 2
     if math.isinf(dof):
@@ -40,7 +47,7 @@ def verdict(value: float, expanded_uncertainty: float, limit: float | None, rule
              limit + U, else "fail".
     Returns: the verdict; "none" without a limit. A value that is not finite fails, and so does one whose uncertainty
              is not known (NaN).
-    Raises:  nothing; ``bench.maths.decision.checked_rule`` refuses an unknown rule.
+    Raises:  nothing; ``checked_rule`` refuses an unknown rule.
     Source:  ILAC-G8:09/2019 sections 4.2.1 to 4.2.3.
     """
     if limit is None:
@@ -56,3 +63,94 @@ def verdict(value: float, expanded_uncertainty: float, limit: float | None, rule
     if size <= limit:
         return "conditional_pass"
     return "conditional_fail" if size <= limit + expanded_uncertainty else "fail"
+
+
+@dataclass(frozen=True)
+class Decision:
+    """Statement of conformity of one value.
+
+    ``conformance_probability``: that the true value is inside the limits; ``specific_risk``: that the statement is
+    wrong, so 1 - p for an accepted value and p for a refused one. Both None without a limit.
+    """
+
+    verdict: str
+    conformance_probability: float | None
+    specific_risk: float | None
+
+
+def decide(
+    value: float, std_uncertainty: float, limit: float | None, rule: str = NON_BINARY, dof: float = math.inf
+) -> Decision:
+    """Judge a value against the limits -limit and +limit by a decision rule; all in one unit.
+
+    Args:    limit: None for a quantity that is not judged.   rule: "simple" (accept up to the limit), "guard_band"
+             (accept up to the limit minus U) or "non_binary" (four statements, guard band on both sides of the limit).
+             dof: effective degrees of freedom of the uncertainty; U is the 95 % expanded uncertainty.
+    Returns: Decision.
+    Raises:  FitError B-FIT-041 for an unknown rule.
+    Source:  ILAC-G8:09/2019 section 4.2 (rules); JCGM 106:2012 sections 7 (probability), 9 (specific risk).
+    """
+    statement = verdict(value, coverage_factor(dof) * std_uncertainty, limit, checked_rule(rule))
+    if limit is None:
+        return Decision(statement, None, None)
+    inside = conformance_probability(value, std_uncertainty, -limit, limit, dof)
+    return Decision(statement, inside, 1.0 - inside if statement in _ACCEPTED else inside)
+
+
+def checked_rule(rule: object) -> str:
+    """The rule itself, if it is one.
+
+    Args:    rule: what a campaign names.
+    Returns: the rule.
+    Raises:  FitError B-FIT-041 for an unknown rule.
+    Source:  docs/decisions/0008-uncertainty-and-decision.md.
+    """
+    if rule in RULES:
+        return str(rule)
+    raise FitError("B-FIT-041", f"unknown decision rule {rule!r}", next_step=f"use one of: {', '.join(RULES)}")
+
+
+def conformance_probability(
+    value: float, std_uncertainty: float, lower: float, upper: float, dof: float = math.inf
+) -> float:
+    """Probability that the true value lies between two limits, either of which may be infinite.
+
+    Args:    value, std_uncertainty, lower, upper: one unit.   dof: infinite: normal, else Student's t.
+    Returns: probability; 0 or 1 where there is no uncertainty, 0 for a value that is not finite or an uncertainty that
+             is not known (NaN).
+    Raises:  nothing.
+    Source:  JCGM 106:2012 section 7, with the scaled t distribution of JCGM 101:2008 section 6.4.9.
+    """
+    if not math.isfinite(value) or math.isnan(std_uncertainty):
+        return 0.0
+    if std_uncertainty == 0.0:
+        return float(lower <= value <= upper)
+    nearer, farther = sorted(((value - lower) / std_uncertainty, (upper - value) / std_uncertainty))
+    if nearer < 0:  # outside: both terms are tails, no digits are lost and the difference is not negative
+        return float(max(_tail(-nearer, dof) - _tail(farther, dof), 0.0))
+    return float(1.0 - _tail(nearer, dof) - _tail(farther, dof))
+
+
+def _tail(distance: float, dof: float) -> float:
+    """Probability beyond ``distance`` standard uncertainties; computed in the tail, where 1 - p would lose digits."""
+    from scipy import special
+
+    return float(special.ndtr(-distance) if math.isinf(dof) else special.stdtr(dof, -distance))
+
+
+def clopper_pearson(successes: int, trials: int, probability: float = 0.95) -> tuple[float, float]:
+    """Exact two-sided interval of a proportion of which ``successes`` of ``trials`` were counted.
+
+    Args:    successes, trials: counts.   probability: of the interval, at least; it covers more for few trials.
+    Returns: low, high, each 0 to 1; (0, 1) without trials.
+    Raises:  ValueError unless 0 <= successes <= trials.
+    Source:  C. J. Clopper, E. S. Pearson, Biometrika 26 (1934) 404; the limits are quantiles of beta distributions.
+    """
+    if not 0 <= successes <= trials:
+        raise ValueError(f"{successes} of {trials} is no proportion")
+    from scipy import special
+
+    beyond, failures = (1.0 - probability) / 2.0, trials - successes
+    low = float(special.betaincinv(successes, failures + 1, beyond)) if successes else 0.0
+    high = float(special.betaincinv(successes + 1, failures, 1.0 - beyond)) if failures else 1.0
+    return low, high

@@ -51,21 +51,21 @@ MUTANTS = [
     ),
     Mutant(
         "clock ratio upside down",
-        "bench/systems/af_converter/estimators/clocks.py",
+        "bench/systems/af_converter/estimators/readings.py",
         "np.asarray(af_clock_Hz * gate_s / counted)",
         "np.asarray(counted / (af_clock_Hz * gate_s))",
         ["tests/unit/systems/af_converter/test_mutations.py::test_positive_zero_used_as_negative_zero"],
     ),
     Mutant(
         "error of the master clock with the wrong sign",
-        "bench/systems/af_converter/estimators/clocks.py",
+        "bench/systems/af_converter/estimators/readings.py",
         "fg_Hz * gate_s / counted - 1.0",
         "1.0 - fg_Hz * gate_s / counted",
         ["tests/unit/systems/af_converter/test_oscillator.py::test_residual_and_interval"],
     ),
     Mutant(
         "bias with the sign of the reading",
-        "bench/systems/af_converter/estimators/bias.py",
+        "bench/systems/af_converter/estimators/readings.py",
         "value_A=-float(np.mean(reading_A))",
         "value_A=float(np.mean(reading_A))",
         ["tests/unit/systems/af_converter/test_mutations.py::test_bias_sign_flipped"],
@@ -79,14 +79,14 @@ MUTANTS = [
     ),
     Mutant(
         "play operator turned round",
-        "bench/maths/play.py",
-        "return floor if before < floor else min(before, ceiling)",
-        "return ceiling if before < ceiling else max(before, floor)",
+        "bench/systems/af_converter/estimators/hysteresis/model.py",
+        "np.maximum(held, low), np.minimum(held, high)",
+        "np.minimum(held, high), np.maximum(held, low)",
         ["tests/unit/systems/af_converter/test_hysteresis_parts.py::test_play_by_hand"],
     ),
     Mutant(
         "play followed through the whole cell",
-        "bench/maths/play.py",
+        "bench/systems/af_converter/estimators/hysteresis/model.py",
         "moved * share / 2.0",
         "moved / 2.0",
         ["tests/unit/systems/af_converter/test_hysteresis_parts.py::test_mean_of_the_play_in_a_cell_is_exact"],
@@ -121,14 +121,14 @@ MUTANTS = [
     ),
     Mutant(
         "gated count of the other polarity added",
-        "bench/systems/af_converter/estimators/record_rate/estimate.py",
+        "bench/systems/af_converter/estimators/record_rate.py",
         "np.asarray(converters.k_n_C) * n - np.asarray(converters.k_p_C) * p",
         "np.asarray(converters.k_n_C) * n + np.asarray(converters.k_p_C) * p",
         ["tests/unit/systems/af_converter/test_record_rate.py::test_each_polarity_has_its_own_charge"],
     ),
     Mutant(
         "weights of the slope one frame off",
-        "bench/systems/af_converter/estimators/record_rate/estimate.py",
+        "bench/systems/af_converter/estimators/record_rate.py",
         "(n + 1) * pulses.moment1 - pulses.moment2",
         "n * pulses.moment1 - pulses.moment2",
         [
@@ -144,10 +144,10 @@ MUTANTS = [
     ),
     Mutant(
         "risk of the other statement",
-        "bench/maths/decision.py",
+        "bench/maths/verdict.py",
         "1.0 - inside if statement in _ACCEPTED else inside",
         "inside if statement in _ACCEPTED else 1.0 - inside",
-        ["tests/unit/maths/test_fit_decision.py::test_risk_at_the_edges_of_the_rules"],
+        ["tests/unit/maths/test_verdicts.py::test_risk_at_the_edges_of_the_rules"],
     ),
     Mutant(
         "drift of the calibrator with the sign of the unit",
@@ -246,7 +246,7 @@ MUTANTS = [
         "bench/maths/verdict.py",
         "size = abs(value)",
         "size = value",
-        ["tests/unit/maths/test_fit_decision.py::test_guard_band_of_the_design"],
+        ["tests/unit/maths/test_verdicts.py::test_guard_band_of_the_design"],
     ),
     Mutant(
         "centre of the magnetometer with the wrong sign",

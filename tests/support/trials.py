@@ -1,4 +1,4 @@
-"""The Monte Carlo table of the report left out: half a second per campaign, and some tests analyse hundreds."""
+"""Tables of the report left out: the Monte Carlo takes half a second per campaign, and some tests analyse hundreds."""
 
 from __future__ import annotations
 
@@ -16,4 +16,12 @@ def without_trials() -> Iterator[None]:
     empty = Table("Monte Carlo check of dsf_n", "", [], [])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bench.systems.af_converter.scale_factor.budgets.check_table", lambda *_: empty)
+        yield
+
+
+@contextmanager
+def without_budgets() -> Iterator[None]:
+    """Leave out every table of a budget, for tests that read the estimates of many campaigns."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bench.systems.af_converter.scale_factor.analysis.budget_tables", lambda *_: [])
         yield

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from bench.maths.proportion import clopper_pearson
+from bench.maths.verdict import clopper_pearson
 from bench.report.batch.spread import FAILED, Member, Quantity, Spread, Unit
 
 _OF_ONE_UNIT = ("unit", "unit_temperature_degC")  # conditions that differ from unit to unit

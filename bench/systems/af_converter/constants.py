@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from bench.model.errors import FitError
-from bench.systems.af_converter.estimators.noise import Converter, RangeSpecification
+from bench.systems.af_converter.estimators.readings import Converter, RangeSpecification
 
 CALIBRATOR = "calibrator"
 FUNCTION_GENERATOR = "function_generator"
@@ -105,6 +105,11 @@ class Standards:
     function_generator: float
     notes: tuple[str, ...] = field(default=())
     drift_source: str = "standards register"
+
+    @property
+    def common_relative_ppm(self) -> float:
+        """What a stated traceability and drift of the calibrator add to every scale-factor error, standard, ppm."""
+        return math.hypot(self.traceability or 0.0, self.drift or 0.0) * 1e6
 
 
 def read_campaign(campaign: Mapping[str, Any]) -> Campaign:

@@ -1,11 +1,23 @@
-"""What the engine is told of the calibration of AF converters."""
+"""What the engine is told of the calibration of AF converters, and what a sequence says of a unit with such converters:
+its clocks, its temperature sensor, its kinds of channels.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from bench.model.declaration import AnalysisDeclaration, CoefficientsDeclaration, Rule, System
-from bench.systems.af_converter.sections import ConverterUnit
+from pydantic import AfterValidator, Field
+
+from bench.model.declaration import (
+    AnalysisDeclaration,
+    ChannelKind,
+    CoefficientsDeclaration,
+    Rule,
+    System,
+    UnitSections,
+    stated,
+)
+from bench.model.units import quantity, read_quantity
 
 _HERE = "bench.systems.af_converter"
 _BRANCHES = ("hold_start", "up", "hold_top", "down", "hold_end")
@@ -21,6 +33,75 @@ _AT_ONE_TEMPERATURE: dict[str, Any] = {
     "conditions_of_open": ("channel", "temperature_degC"),  # an open input needs no level, polarity or range
     "problems": f"{_HERE}.groups:record_problems",
 }
+
+
+def _sensor(text: str) -> str:
+    found = read_quantity(text)
+    if found is None or found[1] not in ("deg/s", "g") or found[0] <= 0:
+        raise ValueError(f"{text!r} is not a positive rate or acceleration, for example '83 deg/s' or '20 g'")
+    return text
+
+
+class Kind(ChannelKind):
+    """Declared constants of one kind of converter channel (AF-converter design table)."""
+
+    k0: Annotated[float, *quantity("C", 1e-12, 1.0)] = Field(description="nominal charge per pulse")
+    full_scale: Annotated[float, *quantity("A", 1e-9, 10.0)]
+    sensor_full_scale: Annotated[str, AfterValidator(_sensor)] = Field(description="sensor's full scale in deg/s or g")
+    stability_limit: Annotated[float, *quantity("1", 0.0, 1.0)]
+    bias_stability_limit: Annotated[float, *quantity("A", 0.0, 1.0)] | None = Field(
+        None, description="how far the bias may be from what compensates it"
+    )
+    white_noise_per_rtHz: Annotated[float, *quantity("A", 0.0, 1.0)] | None = Field(
+        None, description="white noise of the input current, one sigma, per root hertz"
+    )
+    bias_walk_per_rth: Annotated[float, *quantity("A", 0.0, 1.0)] | None = Field(
+        None, description="random walk of the bias, one sigma, per root hour"
+    )
+
+    def channel_constants(self, levels_A: list[float]) -> dict[str, Any]:
+        """Return the constants of one channel for the manifest."""
+        full_scale, unit = read_quantity(self.sensor_full_scale) or (0.0, "")
+        entry: dict[str, Any] = {
+            "k0_C": self.k0,
+            "full_scale_A": self.full_scale,
+            "sensor_full_scale": full_scale,
+            "sensor_unit": unit,
+            "levels_A": levels_A,
+            "stability_limit_ppm": round(self.stability_limit * 1e6, 6),
+        }
+        if self.bias_stability_limit is not None:
+            entry["bias_stability_limit_A"] = self.bias_stability_limit
+        if self.white_noise_per_rtHz is not None and self.bias_walk_per_rth is not None:
+            entry["noise"] = {"white_A_rtHz": self.white_noise_per_rtHz, "walk_A_rth": self.bias_walk_per_rth}
+        return entry
+
+
+class ConverterUnit(UnitSections):
+    """Sections of ``uut``."""
+
+    af_clock: Annotated[float, *quantity("Hz", 1.0, 1e9)] | None = Field(None, description="of an AF converter")
+    master_clock: Annotated[float, *quantity("Hz", 1.0, 1e10)] | None = None
+    function_generator: Annotated[float, *quantity("Hz", 1.0, 1e10)] | None = None
+    temperature_sensor_uncertainty: Annotated[float, *quantity("degC", 0.0, 10.0)] | None = Field(
+        None, description="expanded uncertainty of the unit's own temperature sensor, 95 %"
+    )
+    kinds: dict[Literal["gyro", "accelerometer"], Kind] = Field(default_factory=dict)
+
+    def constants(self) -> dict[str, Any]:
+        """Return entries of the manifest's section "campaign", in base units; what is not stated is left out."""
+        constants = {
+            "temperature_sensor_u95_degC": self.temperature_sensor_uncertainty,
+            "af_clock_Hz": self.af_clock,
+            "fg_Hz": self.function_generator,
+            "master_Hz": self.master_clock,
+        }
+        return {**stated(constants)}
+
+    def channel_kind(self, name: str) -> ChannelKind | None:
+        """Return what the data sheet says of a kind of channel, None if it says nothing."""
+        return next((kind for word, kind in self.kinds.items() if word == name), None)
+
 
 DECLARATION = System(
     name="af_converter",
@@ -64,8 +145,6 @@ DECLARATION = System(
         ),
     ),
     unit=ConverterUnit,
-    coefficients=CoefficientsDeclaration(
-        "converters", f"{_HERE}.coefficients", f"{_HERE}.coefficients_header:header_text"
-    ),
+    coefficients=CoefficientsDeclaration("converters", f"{_HERE}.coefficients", f"{_HERE}.coefficients:header_text"),
     early=f"{_HERE}.early",
 )

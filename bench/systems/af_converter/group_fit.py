@@ -1,18 +1,26 @@
-"""Fit every group of a scale-factor campaign, refer the rows to one temperature, and fit the coefficients."""
+"""Fit every group of a scale-factor campaign, refer the rows to one temperature, and fit the coefficients.
+
+Groups that a campaign promises and that have no result are named with the reason.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.model.errors import FitError
 from bench.systems.af_converter.constants import Campaign, Standards
-from bench.systems.af_converter.estimators.bias import Bias, open_input_bias
+from bench.systems.af_converter.estimators.readings import Bias, open_input_bias
 from bench.systems.af_converter.estimators.scale_factor import Referral, ScaleFactor, fit_scale_factor
 from bench.systems.af_converter.estimators.temperature import TemperaturePolynomial, fit_temperature
-from bench.systems.af_converter.groups import Group, place_name
+from bench.systems.af_converter.groups import Group, Place, place_name, place_of
+
+if TYPE_CHECKING:
+    from bench.record import RecordRow
 
 QUANTITIES = ("dsf_n", "dsf_p")
 
@@ -80,12 +88,7 @@ def _fit_pass(
 
 def _fit_one(group: Group, campaign: Campaign, standards: Standards, method: str, earlier: Fitted | None) -> GroupFit:
     converter = campaign.converter(group.channel)
-    if not group.closed.gate_s.size:
-        raise FitError(
-            "B-FIT-012",
-            f"no record with the route closed may enter the fit (left out: {reasons(group)})",
-            next_step="see the quality of the records in the report; take the group again",
-        )
+    require_closed(group)
     mean_degC = group.unit_temperature_degC
     slopes = earlier.slopes_ppm_degC(group.channel, mean_degC) if earlier else (0.0, 0.0)
     fit = fit_scale_factor(group.closed, converter, standards.ranges, method, Referral(mean_degC, slopes))
@@ -93,6 +96,39 @@ def _fit_one(group: Group, campaign: Campaign, standards: Standards, method: str
     if group.opened.gate_s.size:
         bias = open_input_bias(group.opened, converter, (float(fit.dsf_ppm[0]), float(fit.dsf_ppm[1])))
     return GroupFit(group, fit, bias)
+
+
+def refit(
+    one: GroupFit, kept: NDArray[np.bool_], fitted: Fitted, campaign: Campaign, standards: Standards, method: str
+) -> ScaleFactor | None:
+    """Return the fit of a group by those of its closed rows alone, None if they do not determine it."""
+    at_degC = one.fit.unit_temperature_degC
+    referral = Referral(at_degC, fitted.slopes_ppm_degC(one.group.channel, at_degC))
+    converter = campaign.converter(one.group.channel)
+    try:
+        return fit_scale_factor(one.group.closed.take(kept), converter, standards.ranges, method, referral)
+    except FitError:
+        return None
+
+
+def conditions_of(group: Group, unit_degC: float, campaign: Campaign) -> dict[str, Any]:
+    """Return conditions of an estimate: nominal and measured temperature of a channel."""
+    return {
+        "channel": group.channel,
+        "kind": campaign.channel(group.channel).kind,
+        "temperature_degC": group.temperature_degC,
+        "unit_temperature_degC": unit_degC,
+    }
+
+
+def require_closed(group: Group) -> None:
+    """Raise FitError B-FIT-012 for a group of which no record with the route closed may enter the fit."""
+    if not group.closed.gate_s.size:
+        raise FitError(
+            "B-FIT-012",
+            f"no record with the route closed may enter the fit (left out: {reasons(group)})",
+            next_step="see the quality of the records in the report; take the group again",
+        )
 
 
 def reasons(group: Group) -> str:
@@ -145,3 +181,28 @@ def _bias_polynomial(visits: list[GroupFit], walk_A_rth: float, reference_degC: 
         np.zeros((len(biases), 0)),
         reference_degC,
     )
+
+
+def missing_groups(
+    rows: Iterable[RecordRow],
+    done: Collection[Place],
+    refused: Iterable[tuple[Group, FitError]],
+    campaign: Campaign,
+) -> list[str]:
+    """Return every promised channel and temperature without scale-factor errors, with the reason; one sentence each.
+
+    Promised are all places the records name, and every declared channel at every temperature any record names.
+    A channel without any record is named once.
+    """
+    taken = {place_of(row.window.conditions): None for row in rows}
+    reason = {group.place: f"{error.message} ({error.code}){_left_out(group)}" for group, error in refused}
+    recorded = {channel for channel, _, _ in taken}
+    places: dict[Place, None] = dict(taken)
+    for temperature_degC in dict.fromkeys(at for _, at, _ in taken):
+        places |= {(one.number, temperature_degC, 0): None for one in campaign.channels if one.number in recorded}
+    found = [f"{place_name(place)}: {reason.get(place, 'no record')}" for place in sorted(places) if place not in done]
+    return found + [f"channel {one.number}: no record" for one in campaign.channels if one.number not in recorded]
+
+
+def _left_out(group: Group) -> str:
+    return f"; left out: {reasons(group)}" if group.left_out and group.closed.gate_s.size else ""

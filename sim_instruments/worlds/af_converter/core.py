@@ -2,6 +2,7 @@
 
 Every state of the unit is a value that can be put back, noise is a function of the seed and the gate number, and all
 counting is in integers. So the bytes do not depend on when somebody reads or on how far the unit has worked ahead.
+Commands come on port B, by number; bytes with a wrong check are passed over, as the unit does.
 """
 
 from __future__ import annotations
@@ -10,21 +11,21 @@ import bisect
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
+from enum import IntEnum
 
-from bench.frame import load_frame
+from bench.frame import FrameDefinition, load_frame
 from bench.model.clock import NS
 from bench.model.shipped import find_shipped
 from sim_instruments.worlds.af_converter.block import BlockFactory
-from sim_instruments.worlds.af_converter.commands import IDENTITY, START_MODES, Command, Request, Status
-from sim_instruments.worlds.af_converter.framer import Framer, FramerState, Mode
 from sim_instruments.worlds.af_converter.gates import Drive, GateMachine, GateRows, GateState
-from sim_instruments.worlds.af_converter.housekeeping import GATES_PER_FRAME, Housekeeping
+from sim_instruments.worlds.af_converter.ports import GATES_PER_FRAME, Framer, FramerState, Housekeeping, Mode
 from sim_instruments.worlds.af_converter.unit_constants import NguTruth
 from sim_instruments.worlds.common.port import Port
 from sim_instruments.worlds.common.thermal import TemperatureFunction
 
 BOOT_NS = NS  # from power on to the start of the first gate
 AHEAD_NS = 100 * NS  # generated at once at most
+IDENTITY = b"NGU SIM-1 1.0"  # model, serial number, firmware
 
 
 @dataclass(frozen=True)
@@ -204,3 +205,53 @@ class UnitCore:
         self.generated_ns = past.t_ns
         for name, port in self._ports.items():
             port.take_back(t_ns, past.produced[name])
+
+
+class Command(IntEnum):
+    """Command numbers of the unit."""
+
+    IDENTIFY = 1  # answer: IDENTITY
+    START_STREAM = 2  # payload: one byte of START_MODES, none means 100 Hz
+    STOP_STREAM = 3
+    ZERO_COUNTERS = 4  # frame counters of both ports start again at 0
+
+
+class Status(IntEnum):
+    """Status byte of an answer."""
+
+    DONE = 0
+    UNKNOWN_COMMAND = 1
+    BAD_PAYLOAD = 2
+
+
+START_MODES = {b"": Mode.GATES, b"\x64": Mode.GATES, b"\x00": Mode.INTEGRATED}
+
+
+@dataclass(frozen=True)
+class Request:
+    """A command as it came: its number, which may be unknown, and its payload."""
+
+    command: int
+    payload: bytes
+
+    def verdict(self) -> Status:
+        """Return whether the unit can do it."""
+        if self.command not in tuple(Command):
+            return Status.UNKNOWN_COMMAND
+        allowed = START_MODES if self.command == Command.START_STREAM else (b"",)
+        return Status.DONE if self.payload in allowed else Status.BAD_PAYLOAD
+
+
+class CommandReader:
+    """Finds commands in the bytes sent to the unit; bytes with a wrong check are passed over, as the unit does."""
+
+    def __init__(self, definition: FrameDefinition) -> None:
+        self._decoder = definition.decoder("reference")
+
+    def feed(self, sent: bytes) -> list[Request]:
+        """Return commands completed by these bytes, in order."""
+        found = self._decoder.feed(sent).messages.get("command")
+        if found is None:
+            return []
+        numbers, payloads = found.raw("command"), found.raw("payload")
+        return [Request(int(number), bytes(payload)) for number, payload in zip(numbers, payloads, strict=True)]

@@ -11,8 +11,7 @@ from collections.abc import Mapping
 
 from bench.model.clock import Clock, VirtualClock
 from sim_instruments.faults.switchboard import LinkFaults
-from sim_instruments.worlds.af_converter.commands import CommandReader, Request
-from sim_instruments.worlds.af_converter.core import AHEAD_NS, UnitCore
+from sim_instruments.worlds.af_converter.core import AHEAD_NS, CommandReader, Request, UnitCore
 from sim_instruments.worlds.af_converter.unit_constants import NguTruth
 from sim_instruments.worlds.common.port import Int64, Port
 from sim_instruments.worlds.common.thermal import TemperatureFunction

@@ -3,16 +3,61 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
-from sim_instruments.worlds.af_converter.truth_bias import bias_estimates, bias_windows
-from sim_instruments.worlds.af_converter.unit_truth import REFERENCE_TEMPERATURE_DEGC, UnitTruth, times_ns
 from sim_instruments.worlds.common.thermal import Thermal
 from sim_instruments.worlds.common.world import entry
+
+REFERENCE_TEMPERATURE_DEGC = 20.0
+_POINTS_PER_WINDOW = 11
+TEMPERATURES_DEGC = (-10.0, 5.0, 20.0, 35.0, 50.0)
+_ORDERS = 4
+_REFERENCE = {"reference_temperature_degC": REFERENCE_TEMPERATURE_DEGC}
+
+
+class UnitTruth(Protocol):
+    """True parameters of the unit under test; channels are numbered from 1."""
+
+    af_clock_error_ppm: float
+    kinds: Sequence[str]  # of each channel
+    half_width_degC: NDArray[np.float64]  # play of each channel's hysteresis
+    hysteresis_A: NDArray[np.float64]  # falling minus rising branch of each channel's bias
+
+    def dsf_n_ppm(self, channel: Any, unit_degC: Any) -> Any:
+        """Scale-factor error of the N pulses (positive currents), ppm."""
+
+    def dsf_p_ppm(self, channel: Any, unit_degC: Any) -> Any:
+        """Scale-factor error of the P pulses, ppm."""
+
+    def tc_ppm(self, channel: int, polarity: str, about_degC: float) -> tuple[float, float]:
+        """Return coefficients of side "n" or "p" about a temperature: ppm/degC and ppm/degC²."""
+
+    def bias_A(self, channel: Any, unit_degC: Any, t_s: Any, play_offset_degC: Any = 0.0) -> Any:
+        """i_AFbias, ampere: the correction added to the reading, negative of the open-input reading."""
+
+    def bias_tc_A(self, channel: int, order: int) -> float:
+        """Coefficient of (T - 20 degC)^order of the bias between the branches, A/degC^order."""
+
+    def master_error_ppm(self, unit_degC: Any) -> Any:
+        """Relative error of the master oscillator, ppm."""
+
+    def master_tc_ppm(self, order: int) -> float:
+        """Coefficient of (T - 20 degC)^order of that error, ppm/degC^order."""
+
+
+def per_degC(unit: str, order: int) -> str:
+    """Unit of the coefficient of (T - T_ref)^order."""
+    return unit if order == 0 else f"{unit}/degC{order if order > 1 else ''}"
+
+
+def times_ns(windows: Sequence[RecordWindow]) -> NDArray[np.int64]:
+    """Bench times spread evenly over the windows."""
+    return np.concatenate([np.linspace(w.t_start_ns, w.t_end_ns, _POINTS_PER_WINDOW).astype(np.int64) for w in windows])
 
 
 def estimates(truth: UnitTruth, thermal: Thermal, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
@@ -83,4 +128,48 @@ def _coefficients(truth: UnitTruth, channel: int, kind: str) -> list[dict[str, A
         tc1, tc2 = truth.tc_ppm(channel, side, REFERENCE_TEMPERATURE_DEGC)
         found.append(entry(f"dsf_{side}_tc1", "ppm/degC", tc1, conditions))
         found.append(entry(f"dsf_{side}_tc2", "ppm/degC2", tc2, conditions))
+    return found
+
+
+def bias_windows(windows: Sequence[RecordWindow]) -> list[RecordWindow]:
+    """Return the windows of a bias campaign: on a branch of the temperature, of no single channel."""
+    return [w for w in windows if "branch" in w.conditions and "channel" not in w.conditions]
+
+
+def bias_estimates(truth: UnitTruth, windows: Sequence[RecordWindow], unit_lag_s: float) -> list[dict[str, Any]]:
+    """True values in the contract's form, by channel and for the master oscillator; ``unit_lag_s`` behind the air.
+
+    ``bias`` is the curve between the branches with the mean of the random walk over the windows; a unit without
+    hysteresis has the width 0 and no half-width.
+    """
+    found = []
+    for number in range(1, len(truth.kinds) + 1):
+        lag = entry("thermal_lag", "min", unit_lag_s / 60.0, {"channel": number, "kind": truth.kinds[number - 1]})
+        found += [*_of_channel(truth, number, windows), lag]
+    found += [
+        entry("master_clock_error", "ppm", truth.master_error_ppm(degC), {"temperature_degC": degC})
+        for degC in TEMPERATURES_DEGC
+    ]
+    found += [
+        entry(f"master_clock_error_tc{order}", per_degC("ppm", order), truth.master_tc_ppm(order), _REFERENCE)
+        for order in range(_ORDERS)
+    ]
+    return found
+
+
+def _of_channel(truth: UnitTruth, number: int, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
+    channel = {"channel": number, "kind": truth.kinds[number - 1]}
+    t_s = times_ns(windows) / NS
+    found = [
+        entry("bias", "A", truth.bias_A(number, degC, t_s).mean(), {**channel, "temperature_degC": degC})
+        for degC in TEMPERATURES_DEGC
+    ]
+    found += [
+        entry(f"bias_tc{order}", per_degC("A", order), truth.bias_tc_A(number, order), {**channel, **_REFERENCE})
+        for order in range(1, _ORDERS)
+    ]
+    width_A = truth.hysteresis_A[number - 1]
+    found.append(entry("hysteresis_width", "A", width_A, {**channel, **_REFERENCE}))
+    if width_A:
+        found.append(entry("play_half_width", "degC", truth.half_width_degC[number - 1], channel))
     return found

@@ -9,8 +9,7 @@ from bench.model.clock import Clock
 from bench.model.ports import RecordWindow
 from sim_instruments.worlds.af_converter.ngu import Ngu
 from sim_instruments.worlds.af_converter.options import OPTIONS, TEXTS
-from sim_instruments.worlds.af_converter.truth import estimates
-from sim_instruments.worlds.af_converter.unit_truth import UnitTruth
+from sim_instruments.worlds.af_converter.truth import UnitTruth, estimates
 from sim_instruments.worlds.common.thermal import TemperatureFunction, Thermal
 from sim_instruments.worlds.common.world import Unit, World
 

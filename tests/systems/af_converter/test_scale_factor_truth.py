@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from ngu_counts import count_windows
-from trials import without_trials
+from trials import without_budgets
 
 from bench.analysis import Material, analyse
 from bench.model.ports import RecordWindow
@@ -152,8 +152,8 @@ def errors(estimates: list[dict[str, Any]], truth: NguTruth) -> dict[tuple[str, 
 
 
 @pytest.fixture(autouse=True, scope="module")
-def _no_trials() -> Iterator[None]:
-    with without_trials():
+def _no_budgets() -> Iterator[None]:
+    with without_budgets():
         yield
 
 
@@ -195,21 +195,23 @@ def test_residuals_are_as_large_as_declared(gain_off: Any) -> None:
 
 @pytest.mark.slow
 def test_no_error_beyond_45_ppm_with_the_gain_of_table_2() -> None:
+    """Seeds 1 to 8; all twenty are in test_truth_sweep.py, 500 counted from the physics in test_fit_statistics.py."""
     campaign, standards = manifest()
     worst = 0.0
-    for seed in range(1, 21):
+    for seed in range(1, 9):
         rows, truth = rows_of(seed, gain=True)
         found = errors(analyse(Material(rows, campaign, standards)).estimates, truth)
         values = [found[kind, quantity] for kind in LIMIT_ppm for quantity in ("dsf_n", "dsf_p")]
         worst = max(worst, float(np.max(np.abs(np.concatenate(values)))))
-    sys.stdout.write(f"worst over 20 seeds with the gain of Table 2: {worst:.1f} ppm\n")
+    sys.stdout.write(f"worst over 8 seeds with the gain of Table 2: {worst:.1f} ppm\n")
     assert worst < 45.0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("option", ["af_clock_error_ppm", "master_error_ppm"])
 def test_clock_error_of_50_ppm_does_not_reach_the_scale_factors(option: str) -> None:
-    """Mean over 8 seeds, 5 temperatures and the channels of a kind.
+    """Mean over 4 seeds, 5 temperatures and the channels of a kind: 160 changes at least, so 0.1 ppm is 3 standard
+    deviations of the mean at most; the clocks themselves are 50 ppm off.
 
     Each result also scatters (0.45 ppm gyro, 0.16 ppm accelerometer): other clocks cut the pulses elsewhere, and gated
     counts resolve 12.5 nA and 1 nA.
@@ -220,7 +222,7 @@ def test_clock_error_of_50_ppm_does_not_reach_the_scale_factors(option: str) -> 
         rows, truth = rows_of(seed, gain=False, **{option: error})
         return errors(analyse(Material(rows, campaign, standards)).estimates, truth)
 
-    runs = {error: [found(seed, error) for seed in range(1, 9)] for error in ("-50", "0", "50")}
+    runs = {error: [found(seed, error) for seed in range(1, 5)] for error in ("-50", "0", "50")}
     for kind, scatter_ppm in (("gyro", 0.45), ("accelerometer", 0.16)):
         at = {e: np.array([[run[kind, one] for one in ("dsf_n", "dsf_p")] for run in runs[e]]) for e in runs}
         for error in ("-50", "50"):

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from allan_simulation import kasdin
 
-from bench.maths.allan import allan_deviation, confidence_limits
-from bench.maths.allan_confidence import degrees_of_freedom
+from bench.maths.allan import allan_deviation, confidence_limits, degrees_of_freedom
 from bench.model.errors import FitError
 
 NBS_9_RATES = np.array([892.0, 809.0, 823.0, 798.0, 671.0, 644.0, 883.0, 903.0, 677.0])

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from allan_simulation import record
 
-from bench.maths.allan import allan_deviation
-from bench.maths.allan_confidence import degrees_of_freedom
-from bench.maths.allan_covariance import variance_covariance
-from bench.maths.allan_terms import TERMS, UNITS, allan_variance_of, fit_noise_terms
+from bench.maths.allan import allan_deviation, degrees_of_freedom
+from bench.maths.allan_terms import TERMS, UNITS, allan_variance_of, fit_noise_terms, variance_covariance
 from bench.model.errors import FitError
 
 TRUTH = {"quantisation_noise": 3e-8, "white_noise": 3e-9, "bias_instability": 0.3e-9, "random_walk": 1e-11}

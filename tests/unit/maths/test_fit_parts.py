@@ -5,14 +5,15 @@ import pytest
 
 from bench.maths.verdict import coverage_factor, verdict
 from bench.model.errors import FitError
-from bench.systems.af_converter.estimators.bias import open_input_bias
-from bench.systems.af_converter.estimators.clocks import clock_ratio, master_clock_error
-from bench.systems.af_converter.estimators.noise import (
+from bench.systems.af_converter.estimators.readings import (
     Converter,
     RangeSpecification,
     Readings,
     calibrator_effects,
+    clock_ratio,
+    master_clock_error,
     noise_parts,
+    open_input_bias,
     specification,
 )
 from bench.systems.af_converter.estimators.temperature import fit_temperature

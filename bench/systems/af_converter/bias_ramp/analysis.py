@@ -1,36 +1,46 @@
-"""The bias campaign: all channels with open inputs while the temperature goes up and down.
+"""The bias campaign: all channels with open inputs while the temperature goes up and down, and what to know of it.
 
 Source: AF-converter paper section 4; docs/decisions/0006-bias-and-hysteresis.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy import special
 
 from bench.analysis import Analysis, Figure, Material
 from bench.model.errors import FitError
-from bench.systems.af_converter.bias_ramp.budget import bias_budgets
-from bench.systems.af_converter.bias_ramp.clock import (
-    fit_master_clock,
-    master_clock_compensation,
+from bench.systems.af_converter.bias_ramp.estimates import (
+    DSF_STD,
+    channel_estimates,
+    compensation,
     master_clock_estimates,
+    temperatures,
 )
-from bench.systems.af_converter.bias_ramp.estimates import channel_estimates, on_sensor, temperatures
-from bench.systems.af_converter.bias_ramp.figures import figures, master_clock_figure
-from bench.systems.af_converter.bias_ramp.fit import FALLING, RISING, ChannelFit, drive_of, fit_channel
+from bench.systems.af_converter.bias_ramp.fit import (
+    FALLING,
+    JOINT,
+    RISING,
+    ChannelFit,
+    drive_of,
+    fit_channel,
+    fit_master_clock,
+)
 from bench.systems.af_converter.bias_ramp.fit import METHODS as FIT_METHODS
 from bench.systems.af_converter.bias_ramp.noise import channel_noise, noise_estimates, noise_figures, noise_table
-from bench.systems.af_converter.bias_ramp.notes import notes
 from bench.systems.af_converter.bias_ramp.records import RampRecords, channel_readings, ramp_records
-from bench.systems.af_converter.bias_ramp.tables import components, tables
+from bench.systems.af_converter.bias_ramp.report import bias_budgets, components, figures, master_clock_figure, tables
 from bench.systems.af_converter.constants import Campaign, read_campaign
+from bench.systems.af_converter.estimators.hysteresis.fit import LAG
+from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
 from bench.systems.af_converter.estimators.oscillator import OscillatorFit
 
 METHODS: tuple[str, ...] = FIT_METHODS
 _NO_LOOP = "; hysteresis width, play half-width and thermal lag are not stated without it"
+_CHI2_PROBABILITY = 1e-4
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -67,7 +77,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         missing=missing,
         figures=figures(fits) + noise_figures(noise) + _clock_figures(clock, records),
         tables=[*tables(fits, campaign), *bias_budgets(fits, campaign), noise_table(noise)],
-        compensation=_compensation(fits, clock),
+        compensation=compensation(fits, clock),
     )
 
 
@@ -150,18 +160,76 @@ def _limits(campaign: Mapping[str, Any]) -> dict[int, float | None]:
     return {int(one["number"]): one.get("bias_stability_limit_A") for one in campaign["channels"]}
 
 
-def _compensation(fits: list[ChannelFit], clock: OscillatorFit | None) -> list[dict[str, Any]]:
-    found = [
-        {
-            "channel": one.readings.channel.number,
-            "kind": one.readings.channel.kind,
-            "parameter": "bias",
-            "unit": "A",
-            "reference_temperature_degC": one.fit.reference_degC,
-            "coefficients": [float(value) for value in on_sensor(one)[0]],
-            "valid_degC": [end + one.offset_degC for end in one.fit.loop_degC],
-        }
-        for one in fits
-        if not one.sensor_problem
+def notes(fits: Sequence[ChannelFit], records: RampRecords, campaign: Campaign, method: str) -> list[str]:
+    """Notes on windows left out, estimators, what was not determined, and what the uncertainties do not hold."""
+    driver = "the chamber's air" if method == JOINT else "the unit's own sensor"
+    found = [f"{count} windows left out of the fits: {reason}." for reason, count in sorted(records.left_out.items())]
+    found.append(
+        f"Hysteresis, thermal lag and the polynomial were fitted together, the unit driven by {driver}. The bias is "
+        "that in the middle of the loop, its random walk averaged over the campaign"
+        + ("." if any(one.sensor_problem for one in fits) else "; temperatures are those of the unit's own sensor.")
+    )
+    found += _estimators(fits) + _naive(fits, campaign, method)
+    for one in fits:
+        found += _undetermined(one) + _chi_square(one)
+    found.append(
+        f"The scale factors are taken as nominal: {DSF_STD * 1e6:g} ppm of every bias and width is in its uncertainty."
+    )
+    if campaign.temperature_sensor_u95_degC is None:
+        found.append("The uncertainty of the unit's temperature sensor is not stated; it is not included.")
+    return found
+
+
+def _estimators(fits: Sequence[ChannelFit]) -> list[str]:
+    by_use: dict[str, list[int]] = {}
+    for one in fits:
+        use = ", ".join(f"{name} {count}" for name, count in one.readings.estimators.items())
+        by_use.setdefault(use, []).append(one.readings.channel.number)
+    return [f"Windows by estimator, channel {', '.join(map(str, numbers))}: {use}." for use, numbers in by_use.items()]
+
+
+def _naive(fits: Sequence[ChannelFit], campaign: Campaign, method: str) -> list[str]:
+    """What separate polynomials make of the lag, on the channel where it matters most, and how much they leave out."""
+    at = np.array([campaign.reference_temperature_degC])
+    found = []
+    apart = [(one, float(one.naive(one.air_degC, at)[0])) for one in fits]
+    known = [(one, value) for one, value in apart if np.isfinite(value)]
+    if known:
+        one, value = max(known, key=lambda pair: abs(pair[1] - pair[0].fit.value(WIDTH)))
+        lag = f": the unit lags the air by {one.fit.value(LAG) / 60:.0f} min" if method == JOINT else ""
+        found.append(
+            f"Separate polynomials of the branches against the chamber's temperature would give a hysteresis width of "
+            f"{value * 1e9:.1f} nA for channel {one.readings.channel.number} at {at[0]:g} degC instead of "
+            f"{one.fit.value(WIDTH) * 1e9:.1f} nA{lag}."
+        )
+        masked = sorted({one.masked for one in fits})
+        span = f"{masked[0]}" if len(masked) == 1 else f"{masked[0]} to {masked[-1]}"
+        found.append(f"{span} windows per channel, in which the play crosses after a reversal, are masked there.")
+    return found
+
+
+def _undetermined(one: ChannelFit) -> list[str]:
+    number, fit = one.readings.channel.number, one.fit
+    found = []
+    if not fit.half_width_determined:
+        found.append(
+            f"Channel {number}: no play half-width. A hysteresis width of {fit.value(WIDTH) * 1e9:.2f} nA with a "
+            f"standard uncertainty of {fit.std(WIDTH) * 1e9:.2f} nA does not tell it; width and bias are averages over "
+            "all half-widths possible."
+        )
+    if not fit.lag_determined:
+        found.append(
+            f"Channel {number}: no thermal lag. {fit.value(LAG) / 60:.1f} min with a standard uncertainty of "
+            f"{fit.std(LAG) / 60:.1f} min is not apart from the limits of the search."
+        )
+    return found
+
+
+def _chi_square(one: ChannelFit) -> list[str]:
+    fit = one.fit
+    if special.chdtrc(fit.dof, fit.chi2) >= _CHI2_PROBABILITY:
+        return []
+    return [
+        f"Channel {one.readings.channel.number}: reduced chi-square {fit.reduced_chi2:.2f}; the residuals exceed the "
+        "declared noise."
     ]
-    return [*found, master_clock_compensation(clock)] if clock is not None else found

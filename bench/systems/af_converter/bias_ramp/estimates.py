@@ -6,7 +6,7 @@ All temperatures of the estimates are those of the unit's own sensor, which is w
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,10 +14,11 @@ from scipy import special
 
 from bench.analysis import Floats, estimate
 from bench.systems.af_converter.bias_ramp.fit import ChannelFit
+from bench.systems.af_converter.coefficients import compensation_entry
 from bench.systems.af_converter.constants import Campaign
-from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
-from bench.systems.af_converter.estimators.hysteresis.loop import width_at
+from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG, width_at
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
+from bench.systems.af_converter.estimators.oscillator import OscillatorFit
 
 STEP_degC = 15.0  # between the temperatures of the estimates, counted from the reference temperature
 DSF_STD = 400e-6  # of a converter whose scale factor is not calibrated (design: drawn with 400 ppm)
@@ -148,3 +149,37 @@ def _residual(
     std = float(np.hypot(noise[worst], means[worst] * DSF_STD))
     conditions = {**channel, "averaging_h": HOUR_s / 3600.0, "compensation": "polynomial against the unit's sensor"}
     return estimate("bias_residual", "A", float(means[worst]), std, conditions, **counts, limit=limit_A)
+
+
+def master_clock_estimates(fit: OscillatorFit, at_degC: Sequence[float], dropped: int) -> list[dict[str, Any]]:
+    """master_clock_error at temperatures, and its coefficients _tc0 ... about the reference temperature."""
+    counts = {"n": fit.n_used, "dropped": fit.n_dropped + dropped}
+    name = "master_clock_error"
+    found = [
+        estimate(name, "ppm", fit.value_ppm(at), fit.std_ppm(at), {"temperature_degC": at}, **counts) for at in at_degC
+    ]
+    reference = {"reference_temperature_degC": fit.reference_degC}
+    for order, value in enumerate(fit.coefficients_ppm):
+        unit = "ppm" + ("", "/degC")[order] if order < 2 else f"ppm/degC{order}"
+        std = fit.coefficient_std_ppm(order)
+        found.append(estimate(f"{name}_tc{order}", unit, float(value), std, reference, **counts))
+    return found
+
+
+def compensation(fits: Sequence[ChannelFit], clock: OscillatorFit | None) -> list[dict[str, Any]]:
+    """Return the entries for coefficients.json: the biases against the unit's own sensor, and the master oscillator."""
+    found = [
+        compensation_entry(
+            "bias",
+            (one.readings.channel.number, one.readings.channel.kind),
+            one.fit.reference_degC,
+            on_sensor(one)[0],
+            [end + one.offset_degC for end in one.fit.loop_degC],
+        )
+        for one in fits
+        if not one.sensor_problem
+    ]
+    if clock is not None:
+        whole = (None, None), clock.reference_degC, clock.coefficients_ppm, list(clock.span_degC)
+        found.append(compensation_entry("master_clock", *whole))
+    return found

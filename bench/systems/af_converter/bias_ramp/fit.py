@@ -1,8 +1,12 @@
-"""Joint fit of every channel of a bias campaign, and the separate polynomials it is shown beside."""
+"""Joint fit of every channel of a bias campaign with the separate polynomials it is shown beside, and the fit of the
+master oscillator over temperature from the same windows.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,15 +14,19 @@ from numpy.typing import NDArray
 from bench.analysis import Floats, Trace
 from bench.model.errors import FitError
 from bench.systems.af_converter.bias_ramp.records import ChannelReadings, RampRecords
-from bench.systems.af_converter.constants import Campaign
-from bench.systems.af_converter.estimators.branches import branch_difference
-from bench.systems.af_converter.estimators.drive_gaps import require_known
-from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG, HysteresisFit, fit_hysteresis
-from bench.systems.af_converter.estimators.hysteresis.loop import crossed_over
-from bench.systems.af_converter.estimators.hysteresis.model import ModelShape
+from bench.systems.af_converter.constants import Campaign, read_generator
+from bench.systems.af_converter.estimators.hysteresis.fit import (
+    HALF_WIDTH,
+    LAG,
+    HysteresisFit,
+    branch_difference,
+    crossed_over,
+    fit_hysteresis,
+)
+from bench.systems.af_converter.estimators.hysteresis.model import ModelShape, mean_of_walk
 from bench.systems.af_converter.estimators.hysteresis.search import Bounds
-from bench.systems.af_converter.estimators.level import mean_of_walk
-from bench.systems.af_converter.estimators.thermal_lag import Drive, usable_drive
+from bench.systems.af_converter.estimators.oscillator import OscillatorFit, OscillatorWindows, fit_oscillator
+from bench.systems.af_converter.estimators.thermal_lag import Drive, require_known, usable_drive
 
 JOINT, JOINT_UNIT_SENSOR = "joint", "joint_unit_sensor"
 METHODS = (JOINT, JOINT_UNIT_SENSOR)
@@ -26,6 +34,7 @@ RISING, FALLING = "up", "down"
 _WIDEST_SHARE = 0.15  # of the temperature span: a loop must be much wider than the play, or there is no branch left
 _WIDEST_degC = 9.0
 _LAG_s = {JOINT: (120.0, 5400.0), JOINT_UNIT_SENSOR: (1.0, 1800.0)}  # the sensor may be as slow as the converters
+_CLOCK_ORDER = 3
 _FEWEST = 30  # readings of a channel
 _NARROWEST_degC = 0.05  # half-width; a loop that opens within so little is a step
 _FOLLOWS_degC = 2.0  # root mean square; a sensor 10 min ahead of the converters differs by 1 degC at 0.1 degC/min
@@ -168,3 +177,25 @@ def _usable_sensor(sensor_degC: Floats, fit: HysteresisFit) -> tuple[Floats, str
 
 def _widest(drive: Drive) -> float:
     return max(0.6, min(_WIDEST_degC, _WIDEST_SHARE * float(np.ptp(drive.degC))))
+
+
+def fit_master_clock(
+    records: RampRecords, campaign: Campaign, standards: Mapping[str, Mapping[str, Any]]
+) -> OscillatorFit:
+    """Cubic of dMSTR about the reference temperature. Raises FitError B-FIT-026 if the windows do not determine it."""
+    pulses = records.pulses
+    length_s = (pulses.frames + pulses.lost) * pulses.frame_s
+    return fit_oscillator(
+        OscillatorWindows(
+            times_s=records.start_s + length_s / 2.0,
+            gate_s=pulses.gate_s,
+            fg_count=records.fg_count,
+            unit_degC=records.unit_degC,
+            contiguous=pulses.follows,
+        ),
+        campaign.fg_Hz,
+        order=_CLOCK_ORDER,
+        reference_degC=campaign.reference_temperature_degC,
+        generator_std=read_generator(standards),
+        sensor_std_degC=campaign.sensor_std_degC,
+    )

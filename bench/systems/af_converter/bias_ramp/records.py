@@ -16,8 +16,8 @@ from bench.record import UNIT_TEMPERATURE
 from bench.systems.af_converter.constants import Campaign, Channel
 from bench.systems.af_converter.estimators.gates import Whitener, series_covariance
 from bench.systems.af_converter.estimators.hysteresis.model import Gates
-from bench.systems.af_converter.estimators.record_rate.pulses import PulseConverters, PulseRecords, stack_records
-from bench.systems.af_converter.estimators.record_rate.rate import RecordRates, record_rates
+from bench.systems.af_converter.estimators.pulses import PulseConverters, PulseRecords, stack_records
+from bench.systems.af_converter.estimators.record_rate import RecordRates, record_rates
 
 if TYPE_CHECKING:
     from bench.record import RecordRow
@@ -98,7 +98,7 @@ def _belongs(conditions: Mapping[str, Any]) -> bool:
 def channel_readings(records: RampRecords, campaign: Campaign) -> dict[int, ChannelReadings]:
     """Return readings of every declared channel that the records hold, by number.
 
-    The estimator of each window is the one with the least stated uncertainty (estimators.record_rate.rate).
+    The estimator of each window is the one with the least stated uncertainty (estimators.record_rate).
     """
     columns = records.pulses.n.count.shape[1]
     channels = {one.number: one for one in campaign.channels if one.number <= columns}

@@ -1,39 +1,50 @@
-"""The DMM method as an analysis: the current meter's readings beside the records are the reference.
+"""The DMM method as an analysis: the current meter's readings beside the records are the reference; notes and tables.
 
 Source: AF-converter paper section 3.1.2; docs/decisions/0007-dmm-method.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from bench.analysis import Analysis, Material
+import numpy as np
+
+from bench.analysis import Analysis, Material, Table
 from bench.model.errors import FitError
-from bench.systems.af_converter.constants import METER, Campaign, read_campaign, read_ranges, read_traceability
-from bench.systems.af_converter.dmm_method.agreement import agreement_table
+from bench.systems.af_converter.constants import (
+    CALIBRATOR,
+    METER,
+    Campaign,
+    read_campaign,
+    read_ranges,
+    read_standards,
+    read_traceability,
+)
 from bench.systems.af_converter.dmm_method.estimates import (
     DmmFit,
     bias_estimates,
     budget,
-    conditions_of,
     leakage_estimates,
     scale_factor_estimates,
     shift_estimates,
 )
-from bench.systems.af_converter.dmm_method.notes import notes, zero_table
 from bench.systems.af_converter.dmm_method.readings import MeterLog
 from bench.systems.af_converter.estimators.dmm_method import METHODS as FIT_METHODS
 from bench.systems.af_converter.estimators.dmm_method import fit_dmm_method
-from bench.systems.af_converter.estimators.noise import RangeSpecification
-from bench.systems.af_converter.group_fit import reasons
+from bench.systems.af_converter.estimators.readings import RangeSpecification
+from bench.systems.af_converter.estimators.scale_factor import fit_scale_factor
+from bench.systems.af_converter.group_fit import conditions_of, missing_groups, require_closed
 from bench.systems.af_converter.groups import Group, campaign_rows, group_rows, place_name
-from bench.systems.af_converter.missing import missing_groups
 
 METHODS: tuple[str, ...] = FIT_METHODS
 _OF_ONE_GROUP = ("B-FIT-001", "B-FIT-005", "B-FIT-012", "B-FIT-050")
 _UNTRACED = "The uncertainty of the meter is relative to its own calibration; that one is not included."
 Refused = list[tuple[Group, FitError]]
+STEADY_degC = 0.05  # at 8 ppm/degC less than half a ppm between the first record of a channel and its last
+_TESTS = {"repeat_shift": "points taken again", "switch_leakage": "zeros against the open input"}
+_K95 = 1.96
 
 
 def analyse(material: Material, method: str = "joint") -> Analysis:
@@ -100,12 +111,7 @@ def _fit_one(
     group: Group, log: MeterLog, campaign: Campaign, register: dict[float, RangeSpecification], method: str,
     traceability: float,
 ) -> DmmFit:  # fmt: skip
-    if not group.closed.gate_s.size:
-        raise FitError(
-            "B-FIT-012",
-            f"no record with the route closed may enter the fit (left out: {reasons(group)})",
-            next_step="see the quality of the records in the report; take the group again",
-        )
+    require_closed(group)
     meter = log.meter(group.numbers)
     fit = fit_dmm_method(group.closed, meter, campaign.converter(group.channel), register, method, traceability)
     return DmmFit(group, meter, fit)
@@ -114,4 +120,126 @@ def _fit_one(
 def _quality(fitted: DmmFit, campaign: Campaign) -> dict[str, Any]:
     reduced = fitted.fit.chi2 / fitted.fit.dof if fitted.fit.dof else float("nan")
     counted = {"dof": fitted.fit.dof, "n": fitted.fit.n, "dropped": fitted.group.dropped + fitted.fit.dropped}
-    return conditions_of(fitted, campaign) | {"repeat": 0, "reduced_chi2": reduced} | counted
+    return (
+        conditions_of(fitted.group, fitted.fit.unit_temperature_degC, campaign)
+        | {"repeat": 0, "reduced_chi2": reduced}
+        | counted
+    )
+
+
+def notes(
+    fits: Sequence[DmmFit], groups: Iterable[Group], estimates: Sequence[Mapping[str, Any]], campaign: Campaign
+) -> list[str]:
+    """Return all notes but those on missing groups."""
+    sentences = _refusal(fits) + [_assumption(name, estimates) for name in _TESTS]
+    left_out: Counter[str] = Counter()
+    for group in groups:
+        left_out.update(group.left_out)
+    sentences += [f"{count} records left out of the fits: {reason}." for reason, count in sorted(left_out.items())]
+    without = sum(int(np.count_nonzero(np.isnan(fitted.meter.current_A))) for fitted in fits)
+    if without:
+        sentences.append(f"{without} records without a reading of the meter are left out of the fits.")
+    if any(np.any(np.isnan(fitted.meter.zero_std_A[np.isfinite(fitted.meter.current_A)])) for fitted in fits):
+        sentences.append(
+            "The zero of the meter was not measured on every range; its specification stands in for it there."
+        )
+    moved_degC = max(float(np.ptp(fitted.group.closed.unit_temperature_degC)) for fitted in fits)
+    if moved_degC > STEADY_degC:
+        sentences.append(
+            f"The unit's temperature moved by up to {moved_degC:.2f} degC during the records of a channel; the method "
+            "has no temperature coefficients that would refer them to one temperature."
+        )
+    sentences += [
+        "The gains of the meter's ranges are added as if they were fully correlated, because nothing says how far they "
+        "are; the stated uncertainty is the largest that this can make.",
+        "The uncertainty of the unit's temperature is not included: the method has no temperature coefficients.",
+        "The bias is diagnostic: it comes from one open record and never enters the compensation.",
+    ]
+    return sentences
+
+
+def _refusal(fits: Sequence[DmmFit]) -> list[str]:
+    refused = [fitted for fitted in fits if fitted.fit.refusal]
+    if not refused:
+        return []
+    reason = refused[0].fit.refusal
+    conditions = sorted(fitted.fit.condition for fitted in refused)
+    means = ", ".join(
+        f"channel {fitted.group.channel} {fitted.fit.value_ppm['dsf_mean']:+.1f} "
+        f"({1.96 * fitted.fit.std_ppm['dsf_mean']:.1f})"
+        for fitted in refused
+    )
+    return [
+        f"K_N and K_P are refused, only their mean (dsf_mean) is stated: {reason}. Over all channels the condition "
+        f"number is {conditions[0]:.0f} to {conditions[-1]:.0f}.",
+        f"Mean of both in ppm, with its expanded uncertainty: {means}.",
+    ]
+
+
+def _assumption(quantity: str, estimates: Sequence[Mapping[str, Any]]) -> str:
+    tested = [estimate for estimate in estimates if estimate["quantity"] == quantity]
+    what = _TESTS[quantity]
+    if not tested:
+        return f"Assumption 2 of the DMM method is not tested by {what}: the session holds none."
+    seen = [estimate for estimate in tested if abs(estimate["value"]) > estimate["expanded_uncertainty"]]
+    largest = max(tested, key=lambda estimate: abs(estimate["value"]))
+    (value, expanded), unit = _shown(largest)
+    verdict = "no more than chance explains" if _chance(len(seen), len(tested)) else "more than chance explains"
+    return (
+        f"Assumption 2, tested by {what} ({quantity}): {len(seen)} of {len(tested)} are outside of their 95 % "
+        f"interval, {verdict}; the largest is {value:.3g} {unit} with an expanded uncertainty of {expanded:.2g} {unit}."
+    )
+
+
+def _shown(estimate: Mapping[str, Any]) -> tuple[tuple[float, float], str]:
+    scale, unit = (1e9, "nA") if estimate["unit"] == "A" else (1.0, str(estimate["unit"]))
+    return (scale * estimate["value"], scale * estimate["expanded_uncertainty"]), unit
+
+
+def _chance(outside: int, tested: int) -> bool:
+    """Whether so many of independent 95 % intervals may miss zero by chance, at about three standard deviations."""
+    return bool(outside <= 0.05 * tested + 3.0 * (0.05 * 0.95 * tested) ** 0.5)
+
+
+def zero_table(log: MeterLog) -> list[Table]:
+    """Zeros of the meter's ranges."""
+    rows = [[1e3 * range_A, 1e9 * zero_A, 1e9 * std_A] for range_A, (zero_A, std_A) in sorted(log.zeros_A.items())]
+    if not rows:
+        return []
+    headers = ["range, mA", "zero, nA", "standard uncertainty, nA"]
+    caption = "Measured with nothing connected, and subtracted: the meter sees one polarity, so no zero cancels."
+    return [Table("Zeros of the meter", caption, headers, rows)]
+
+
+def agreement_table(fits: Iterable[DmmFit], material: Material, campaign: Campaign) -> list[Table]:
+    """Differences to the calibrator method, where the register holds the calibrator and both methods have a result.
+
+    Both standards count in full: the difference is one between two chains of traceability. The counts are the same in
+    both, so the uncertainty of the difference is, if anything, stated too large.
+    """
+    if CALIBRATOR not in material.standards:
+        return []
+    calibrator = read_standards(material.standards)
+    rows: list[list[Any]] = []
+    for fitted in fits:
+        try:
+            other = fit_scale_factor(fitted.group.closed, campaign.converter(fitted.group.channel), calibrator.ranges)
+        except FitError:
+            continue  # the DMM method stands by itself
+        variance = np.diag(other.covariance_ppm2) + other.gain_ppm**2 + calibrator.common_relative_ppm**2
+        for index, name in enumerate(("dsf_n", "dsf_p")):
+            if name not in fitted.fit.value_ppm:
+                continue
+            difference = fitted.fit.value_ppm[name] - float(other.dsf_ppm[index])
+            expanded = _K95 * float(np.hypot(fitted.fit.std_ppm[name], variance[index] ** 0.5))
+            rows.append(
+                [fitted.group.channel, fitted.group.temperature_degC, name, fitted.fit.value_ppm[name],
+                 float(other.dsf_ppm[index]), difference, expanded, difference / expanded]
+            )  # fmt: skip
+    if not rows:
+        return []
+    headers = ["channel", "degC", "quantity", "DMM method, ppm", "calibrator method, ppm", "difference, ppm",
+               "U of the difference, ppm", "E_n"]  # fmt: skip
+    largest = max(abs(row[-1]) for row in rows)
+    caption = f"The same records against both standards. They agree where |E_n| <= 1; the largest is {largest:.2f}."
+    return [Table("DMM method and calibrator method", caption, headers, rows)]

@@ -11,17 +11,18 @@ import numpy as np
 from bench.analysis import estimate
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.dmm_method.readings import MeterLog
-from bench.systems.af_converter.estimators.bias import open_input_bias
 from bench.systems.af_converter.estimators.dmm_method import DmmScaleFactor, Meter
-from bench.systems.af_converter.estimators.noise import (
+from bench.systems.af_converter.estimators.readings import (
     Converter,
     RangeSpecification,
     Readings,
+    open_input_bias,
+    pulse_currents_A,
     quantisation_A2,
     specification,
     white_A2,
 )
-from bench.systems.af_converter.estimators.scale_factor import pulse_currents_A
+from bench.systems.af_converter.group_fit import conditions_of
 from bench.systems.af_converter.groups import Group
 
 _PPM = 1e6
@@ -36,19 +37,9 @@ class DmmFit:
     fit: DmmScaleFactor
 
 
-def conditions_of(one: DmmFit, campaign: Campaign) -> dict[str, Any]:
-    """Return conditions of an estimate: nominal and measured temperature of a channel."""
-    return {
-        "channel": one.group.channel,
-        "kind": campaign.channel(one.group.channel).kind,
-        "temperature_degC": one.group.temperature_degC,
-        "unit_temperature_degC": one.fit.unit_temperature_degC,
-    }
-
-
 def scale_factor_estimates(one: DmmFit, campaign: Campaign) -> list[dict[str, Any]]:
     """dsf_n, dsf_p, dsf_asymmetry and dsf_mean; the last alone by the method as printed."""
-    conditions, fit = conditions_of(one, campaign), one.fit
+    conditions, fit = conditions_of(one.group, one.fit.unit_temperature_degC, campaign), one.fit
     counted = {"n": fit.n, "dropped": one.group.dropped + fit.dropped}
     return [estimate(name, "ppm", fit.value_ppm[name], fit.std_ppm[name], conditions, **counted)
             for name in fit.value_ppm]  # fmt: skip
@@ -60,7 +51,9 @@ def bias_estimates(one: DmmFit, campaign: Campaign) -> list[dict[str, Any]]:
         return []
     bias = open_input_bias(one.group.opened, campaign.converter(one.group.channel))
     rows = one.group.opened.gate_s.size
-    conditions = conditions_of(one, campaign) | {"unit_temperature_degC": bias.unit_temperature_degC}
+    conditions = conditions_of(one.group, one.fit.unit_temperature_degC, campaign) | {
+        "unit_temperature_degC": bias.unit_temperature_degC
+    }
     dropped = one.group.open_planned - rows
     return [estimate("bias", "A", bias.value_A, bias.std_uncertainty_A, conditions, n=rows, dropped=dropped)]
 
@@ -82,7 +75,9 @@ def leakage_estimates(one: DmmFit, campaign: Campaign) -> list[dict[str, Any]]:
         variance = zero_A2[index] + opened_A2[0] + one.meter.std_A[index] ** 2 + converter.walk_A_rth**2 * hours
         if np.isfinite(one.meter.zero_std_A[index]):
             variance += one.meter.zero_std_A[index] ** 2
-        conditions = conditions_of(one, campaign) | {"polarity": int(rows.polarity[index])}
+        conditions = conditions_of(one.group, one.fit.unit_temperature_degC, campaign) | {
+            "polarity": int(rows.polarity[index])
+        }
         found.append(estimate("switch_leakage", "A", float(value_A), float(variance) ** 0.5, conditions, n=1))
     return found
 
@@ -131,7 +126,7 @@ def _shift(
     hours = abs(float(again.closed.time_s[index] - start.group.closed.time_s[first])) / 3600.0
     noise_A2 = meter.std_A[index] ** 2 + start.meter.std_A[first] ** 2 + converter.walk_A_rth**2 * hours
     known = specification(register, float(meter.range_A[index]))
-    conditions = conditions_of(start, campaign) | {
+    conditions = conditions_of(start.group, start.fit.unit_temperature_degC, campaign) | {
         "current_A": level_A,
         "polarity": int(polarity),
         "repeat": again.repeat,

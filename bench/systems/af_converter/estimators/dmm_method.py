@@ -21,14 +21,15 @@ from numpy.typing import NDArray
 
 from bench.maths.least_squares import LinearFit, solve
 from bench.model.errors import FitError
-from bench.systems.af_converter.estimators.noise import (
+from bench.systems.af_converter.estimators.readings import (
     Converter,
     RangeSpecification,
     Readings,
     noise_parts,
+    pulse_currents_A,
     specification,
 )
-from bench.systems.af_converter.estimators.scale_factor import pulse_currents_A, require_polarities, usable_rows
+from bench.systems.af_converter.estimators.scale_factor import require_polarities, usable_rows
 
 Array = NDArray[np.float64]
 METHODS: tuple[str, ...] = ("joint", "as_printed")

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from bench.maths.least_squares import solve
 from bench.model.errors import FitError
-from bench.systems.af_converter.estimators.clocks import master_clock_error
 from bench.systems.af_converter.estimators.gates import Whitener, series_covariance
+from bench.systems.af_converter.estimators.readings import master_clock_error
 
 Array = NDArray[np.float64]
 GENERATOR_STD = 3e-6 / np.sqrt(3.0)  # rectangular within 3 ppm, relative

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from bench.maths.least_squares import LinearFit, solve
 from bench.model.errors import FitError
-from bench.systems.af_converter.estimators.clocks import clock_ratio
-from bench.systems.af_converter.estimators.noise import (
+from bench.systems.af_converter.estimators.readings import (
     Converter,
     Effects,
     RangeSpecification,
@@ -25,6 +24,7 @@ from bench.systems.af_converter.estimators.noise import (
     calibrator_effects,
     interpolation_A2,
     noise_parts,
+    pulse_currents_A,
     specification,
 )
 
@@ -165,15 +165,6 @@ def usable_rows(rows: Readings) -> NDArray[np.bool_]:
     """Mask (m,) of the rows with finite values, a gate and an AF clock."""
     finite = np.all([np.isfinite(getattr(rows, name)) for name in rows.__dataclass_fields__], axis=0)
     return np.asarray(finite & (rows.gate_s > 0) & (rows.af_count > 0))
-
-
-def pulse_currents_A(rows: Readings, converter: Converter) -> tuple[Array, Array]:
-    """Return currents K0 C_N and K0 C_P, (m,) each, ampere, corrected by the clock ratio.
-
-    Source: AF-converter paper equations (1), (2).
-    """
-    scale = converter.k0_C * clock_ratio(rows.af_count, rows.gate_s, converter.af_clock_Hz) / rows.gate_s
-    return np.asarray(scale * rows.n_count), np.asarray(scale * rows.p_count)
 
 
 def reference_current_A(rows: Readings, standard: Mapping[float, RangeSpecification]) -> Array:

@@ -13,18 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.systems.af_converter.estimators.noise import (
+from bench.systems.af_converter.estimators.readings import (
     Converter,
     RangeSpecification,
     Readings,
     interpolation_A2,
     noise_parts,
+    pulse_currents_A,
     specification,
     walk_A2,
 )
 from bench.systems.af_converter.estimators.scale_factor import (
     Referral,
-    pulse_currents_A,
     reference_current_A,
     scale_design,
     thermal_response_A_degC,

@@ -5,24 +5,26 @@ Source: AF-converter paper section 3; docs/decisions/0004-scale-factor-equations
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from bench.analysis import Analysis, Material
-from bench.systems.af_converter.clock_estimates import clock_estimates
 from bench.systems.af_converter.coefficients import scale_factor_compensation
 from bench.systems.af_converter.constants import Campaign, read_campaign, read_standards
 from bench.systems.af_converter.estimators.scale_factor import METHODS as FIT_METHODS
-from bench.systems.af_converter.group_estimates import bias_estimates, conditions_of, scale_factor_estimates
-from bench.systems.af_converter.group_fit import Fitted, fit_groups
+from bench.systems.af_converter.group_fit import Fitted, GroupFit, conditions_of, fit_groups, missing_groups
 from bench.systems.af_converter.groups import campaign_rows, group_rows
-from bench.systems.af_converter.missing import missing_groups
-from bench.systems.af_converter.scale_factor.budgets import budget_tables
-from bench.systems.af_converter.scale_factor.calibrator_drift import calibrator_drift
-from bench.systems.af_converter.scale_factor.explain import coefficient_estimates, components, residuals
-from bench.systems.af_converter.scale_factor.judged_estimates import change_estimates, residual_estimates
-from bench.systems.af_converter.scale_factor.notes import notes
-from bench.systems.af_converter.scale_factor.repeats import drift_estimates, repeats
-from bench.systems.af_converter.scale_factor.zero_gain import zero_gain_notes, zero_gain_table
+from bench.systems.af_converter.scale_factor.budgets import budget_tables, components
+from bench.systems.af_converter.scale_factor.calibrator_drift import calibrator_drift, drift_estimates, repeats
+from bench.systems.af_converter.scale_factor.estimates import (
+    bias_estimates,
+    change_estimates,
+    clock_estimates,
+    coefficient_estimates,
+    residual_estimates,
+    scale_factor_estimates,
+)
+from bench.systems.af_converter.scale_factor.notes import notes, zero_gain_notes, zero_gain_table
 
 METHODS: tuple[str, ...] = FIT_METHODS
 
@@ -77,7 +79,7 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
 
 def _quality_of_fit(fitted: Fitted, campaign: Campaign) -> list[dict[str, Any]]:
     return [
-        conditions_of(visit, campaign)
+        conditions_of(visit.group, visit.fit.unit_temperature_degC, campaign)
         | {
             "repeat": visit.group.repeat,
             "reduced_chi2": visit.fit.reduced_chi2,
@@ -87,3 +89,32 @@ def _quality_of_fit(fitted: Fitted, campaign: Campaign) -> list[dict[str, Any]]:
         }
         for visit in fitted.groups
     ]
+
+
+def residuals(groups: Iterable[GroupFit], campaign: Campaign) -> list[dict[str, Any]]:
+    """One entry per closed row of the first visits and repeats: what the fit left over, ampere and ppm of the level.
+
+    ``current_A`` is signed; ``residual_ppm`` and ``std_ppm`` are NaN for zero rows.
+    """
+    found = []
+    for one in groups:
+        conditions = conditions_of(one.group, one.fit.unit_temperature_degC, campaign)
+        rows = one.group.closed
+        for index, number in enumerate(one.group.numbers):
+            level_A = float(rows.level_A[index])
+            to_ppm = 1e6 / level_A if level_A else float("nan")
+            found.append(
+                {
+                    "number": number,
+                    "channel": one.group.channel,
+                    "kind": conditions["kind"],
+                    "temperature_degC": one.group.temperature_degC,
+                    "repeat": one.group.repeat,
+                    "current_A": float(rows.polarity[index]) * level_A,
+                    "range_A": float(rows.range_A[index]),
+                    "residual_A": float(one.fit.residual_A[index]),
+                    "residual_ppm": float(one.fit.residual_A[index]) * to_ppm,
+                    "std_ppm": float(one.fit.std_A[index]) * to_ppm,
+                }
+            )
+    return found

@@ -1,4 +1,5 @@
-"""What the session itself says of the calibrator's drift: a meter before and after the campaign, the closing repeat.
+"""What has changed during a campaign: first visits and repeats of a channel, and what the session itself says of the
+calibrator's drift by a meter before and after the campaign or by the closing repeat.
 
 Decision: docs/decisions/0007-dmm-method.md.
 """
@@ -10,12 +11,13 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.analysis import Reading, estimate
-from bench.systems.af_converter.constants import DRIFT_UNKNOWN, Standards
+from bench.systems.af_converter.constants import DRIFT_UNKNOWN, Campaign, Standards
 from bench.systems.af_converter.dmm_method.readings import CHECK, ReadingSet, reading_sets
-from bench.systems.af_converter.group_fit import Fitted
-from bench.systems.af_converter.scale_factor.repeats import Pair, change_ppm
+from bench.systems.af_converter.estimators.readings import Readings
+from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit, conditions_of, refit
 
 if TYPE_CHECKING:
     from bench.record import RecordRow
@@ -24,6 +26,8 @@ _HOUR_S = 3600.0
 _PPM = 1e6
 _IN_THE_LOOP = 1e-3  # a meter that reads further from the level is not in the loop, or on the wrong range
 METER_CHECK, CLOSING_REPEAT = "check by the meter", "closing repeat"
+Array = NDArray[np.float64]
+Pair = tuple[GroupFit, GroupFit]
 
 
 @dataclass(frozen=True)
@@ -152,3 +156,66 @@ def _compared(by_meter: CalibratorDrift, by_repeat: CalibratorDrift) -> list[str
                 "the calibrator as the meter saw it; the unit itself has changed."
             )
     return notes
+
+
+def repeats(fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> list[Pair]:
+    """First visit and repeat of every channel and temperature that was visited again, by the points both hold.
+
+    With other points in one of them, such as more zeros, the errors of the calibrator would not cancel.
+    """
+    first = {(one.group.channel, one.group.temperature_degC): one for one in fitted.groups if one.group.repeat == 0}
+    found = []
+    for again in (one for one in fitted.groups if one.group.repeat):
+        start = first.get((again.group.channel, again.group.temperature_degC))
+        if start is None:
+            continue
+        sides = ((start, again), (again, start))
+        both = [_common(one, other, fitted, campaign, standards, method) for one, other in sides]
+        found.append((both[0], both[1]))
+    return found
+
+
+def _common(
+    one: GroupFit, other: GroupFit, fitted: Fitted, campaign: Campaign, standards: Standards, method: str
+) -> GroupFit:
+    """Return a group fitted by its points that the other group has too; as it was if that is all, or too few."""
+    theirs = set(_points(other.group.closed))
+    kept = np.array([point in theirs for point in _points(one.group.closed)])
+    if kept.all():
+        return one
+    fit = refit(one, kept, fitted, campaign, standards, method)
+    return one if fit is None else replace(one, fit=fit)
+
+
+def _points(rows: Readings) -> list[tuple[float, float, float]]:
+    return list(zip(rows.polarity.tolist(), rows.level_A.tolist(), rows.range_A.tolist(), strict=True))
+
+
+def change_ppm(start: GroupFit, again: GroupFit, fitted: Fitted) -> tuple[Array, Array]:
+    """Change (2,) of DSF_N, DSF_P from a first visit to its repeat and its covariance (2, 2), ppm.
+
+    At the temperature of the first visit; everything common to both cancels.
+    """
+    slopes = fitted.slopes_ppm_degC(again.group.channel, again.fit.unit_temperature_degC)
+    warmer_degC = again.fit.unit_temperature_degC - start.fit.unit_temperature_degC
+    change = again.fit.dsf_ppm - start.fit.dsf_ppm - np.array(slopes) * warmer_degC
+    effects = [again.fit.gain_ppm - start.fit.gain_ppm]
+    for label in again.fit.shared_ppm.keys() | start.fit.shared_ppm.keys():
+        there = start.fit.shared_ppm.get(label, np.zeros(2))
+        effects.append(again.fit.shared_ppm.get(label, np.zeros(2)) - there)
+    shared = np.sum([np.outer(effect, effect) for effect in effects], axis=0)
+    return np.asarray(change), np.asarray(again.fit.noise_ppm2 + start.fit.noise_ppm2 + shared)
+
+
+def drift_estimates(pairs: list[Pair], fitted: Fitted, campaign: Campaign) -> list[dict[str, Any]]:
+    """Repeat minus first visit of a channel, at the temperature of the first; everything common cancels."""
+    found = []
+    for start, again in pairs:
+        change, covariance = change_ppm(start, again, fitted)
+        for index, quantity in enumerate(QUANTITIES):
+            conditions = conditions_of(start.group, start.fit.unit_temperature_degC, campaign) | {
+                "repeat": again.group.repeat
+            }
+            std_ppm = float(np.sqrt(covariance[index, index]))
+            found.append(estimate(f"{quantity}_drift", "ppm", change[index], std_ppm, conditions, n=again.fit.n))
+    return found

@@ -1,4 +1,7 @@
-"""Sentences a reader of the results of a scale-factor campaign must know."""
+"""Sentences a reader of the results of a scale-factor campaign must know.
+
+Among them what zeros in every range of the calibrator are worth: the same rows fitted again with one zero pair.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,15 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special
 
+from bench.analysis import Table
 from bench.systems.af_converter.constants import Campaign, Standards
-from bench.systems.af_converter.group_fit import QUANTITIES, Fitted
-from bench.systems.af_converter.groups import place_name
-from bench.systems.af_converter.temperatures import LONGEST_REACH_s
+from bench.systems.af_converter.estimators.readings import Readings
+from bench.systems.af_converter.estimators.scale_factor import ScaleFactor
+from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, refit
+from bench.systems.af_converter.groups import LONGEST_REACH_s, place_name
 
 if TYPE_CHECKING:
     from bench.record import RecordRow
@@ -97,3 +103,47 @@ def _temperature(fitted: Fitted, campaign: Campaign) -> list[str]:
             "No verdict where there are no more temperatures than coefficients: nothing is left over to judge."
         )
     return found
+
+
+def zero_gain_table(fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> list[Table]:
+    """Standard uncertainty of the fit per kind, before the calibrator's gain is added: with all zeros, with one pair.
+
+    Empty for a campaign with zeros in one range, and for methods that subtract zeros instead of weighting them.
+    """
+    pairs: dict[str, list[tuple[float, float]]] = {}
+    for visit in fitted.groups:
+        kept = one_zero_pair(visit.group.closed)
+        if method != "gls" or visit.group.repeat or kept.all():
+            continue
+        alone = refit(visit, kept, fitted, campaign, standards, method)
+        if alone is not None:
+            kind = campaign.channel(visit.group.channel).kind
+            pairs.setdefault(kind, []).append((_largest_ppm(visit.fit), _largest_ppm(alone)))
+    rows = [[kind, *(float(np.sqrt(np.mean(np.square(side)))) for side in zip(*differences, strict=True))]
+            for kind, differences in pairs.items()]  # fmt: skip
+    if not rows:
+        return []
+    title = "Zeros in every range of the calibrator"
+    caption = (
+        "Standard uncertainty of the fit of dsf_n and dsf_p before the calibrator's gain is added, root "
+        "mean square over channels and temperatures: as measured, and with the zeros of the lowest range only."
+    )
+    headers = ["kind", "zeros in every range, ppm", "one pair of zeros, ppm"]
+    return [Table(title, caption, headers, rows)]
+
+
+def zero_gain_notes(tables: list[Table]) -> list[str]:
+    """Return the table in a sentence."""
+    said = [f"{kind} {every:.2f} ppm instead of {pair:.2f} ppm" for table in tables for kind, every, pair in table.rows]
+    return [f"Zeros in every range: standard uncertainty of the fit {', '.join(said)} with one pair."] if said else []
+
+
+def one_zero_pair(rows: Readings) -> NDArray[np.bool_]:
+    """Mask (m,) that leaves out the zeros of all ranges but the lowest that has any."""
+    zeros = rows.level_A == 0
+    lowest_A = rows.range_A[zeros].min(initial=np.inf)
+    return np.asarray(~zeros | (rows.range_A == lowest_A))
+
+
+def _largest_ppm(fit: ScaleFactor) -> float:
+    return float(np.sqrt(np.diag(fit.covariance_ppm2).max()))

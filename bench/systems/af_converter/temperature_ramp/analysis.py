@@ -12,8 +12,13 @@ from typing import Any
 from bench.analysis import Analysis, Estimates, Material, check_method, estimate, no_result
 from bench.systems.af_converter.estimators.drift_ramp import BRANCH, DRIFT_NAMES, TEMPERATURE_NAMES, Blocks, block_means
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
-from bench.systems.af_converter.temperature_ramp.columns import RampColumns, plain_campaign, ramp_columns
-from bench.systems.af_converter.temperature_ramp.fits import ReadingFit, fit_reading
+from bench.systems.af_converter.temperature_ramp.fits import (
+    RampColumns,
+    ReadingFit,
+    fit_reading,
+    plain_campaign,
+    ramp_columns,
+)
 from bench.systems.af_converter.temperature_ramp.report import figures, tables
 
 METHODS: tuple[str, ...] = ("joint", "drift")

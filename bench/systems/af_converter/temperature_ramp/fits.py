@@ -1,23 +1,159 @@
-"""Fits of one reading of an imported temperature ramp."""
+"""An imported temperature ramp as the fits take it (whole rows only, readings against their references, ramps and
+holds), and the fits of its readings.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis import Floats
+from bench.analysis import Floats, Material
+from bench.model.errors import FitError
 from bench.systems.af_converter.estimators.drift_ramp import (
     Blocks,
     BranchDifference,
     DriftFit,
+    RampHysteresis,
     branch_differences,
     fit_drift,
+    fit_ramp_hysteresis,
 )
-from bench.systems.af_converter.estimators.ramp_hysteresis import RampHysteresis, fit_ramp_hysteresis
+from bench.systems.af_converter.estimators.segments import Segment, branches, find_segments
 from bench.systems.af_converter.estimators.thermal_lag import usable_drive
-from bench.systems.af_converter.temperature_ramp.columns import RampColumns, minute_means
+
+Signs = NDArray[np.int64]
+LEAST_ROWS = 100
+MEAN = "mean"
+_WINDOWS = 150  # of the search for ramps, in a record
+_SHORTEST_WINDOW_ROWS = 10
+
+
+@dataclass(frozen=True)
+class RampColumns:
+    """Rows (k,) in which every column has a value, in order of time.
+
+    ``sensors``: temperatures by name, their mean first if there are several.   ``readings`` by name: ppm of the median
+    of the ratio to the mean of the references, or as read if there are none; ``unit`` of both.
+    ``programme_degC``: set-point, or the mean sensor without one.
+    """
+
+    t_s: Floats
+    programme_degC: Floats
+    has_set_point: bool
+    sensors: Mapping[str, Floats]
+    readings: Mapping[str, Floats]
+    unit: str
+    dropped: int
+    segments: list[Segment]
+
+    @property
+    def temperature_degC(self) -> Floats:
+        """Return the sensor that the fits use: the mean, or the only one."""
+        return next(iter(self.sensors.values()))
+
+    @property
+    def branch(self) -> Signs:
+        """1 up, -1 down, 0 hold, (k,)."""
+        return branches(self.t_s, self.segments)
+
+    def main_ramps(self) -> dict[str, Segment]:
+        """Return the ramp up and the ramp down that cover the widest span."""
+        found: dict[str, Segment] = {}
+        for one in sorted(self.segments, key=lambda one: abs(one.end_degC - one.start_degC)):
+            found[one.kind] = one
+        return {kind: found[kind] for kind in ("up", "down") if kind in found}
+
+
+def ramp_columns(material: Material) -> RampColumns:
+    """Gather the columns by role.
+
+    Raises: FitError B-FIT-060 if the session holds no log with a temperature and a reading, or too few whole rows;
+            B-FIT-061 if the log has no ramp up and down.
+    """
+    roles = _by_role(material)
+    used = [name for names in roles.values() for name in names]
+    whole = np.all([np.isfinite(material.series[name]) for name in ("t_s", *used)], axis=0)
+    rows = int(np.count_nonzero(whole))
+    if rows < LEAST_ROWS:
+        raise _unusable(f"{rows} of {whole.size} rows have a value in every column, {LEAST_ROWS} are due")
+    columns = {name: np.asarray(material.series[name][whole]) for name in ("t_s", *used)}
+    t_s, sensors = columns["t_s"], {name: columns[name] for name in roles["temperature"]}
+    mean = np.mean(list(sensors.values()), axis=0)
+    sensors = {MEAN: mean, **sensors} if len(sensors) > 1 else sensors
+    programme = columns[roles["set_point"][0]] if roles["set_point"] else mean
+    readings, unit = _readings(roles, columns, material)
+    found = RampColumns(
+        t_s=t_s,
+        programme_degC=programme,
+        has_set_point=bool(roles["set_point"]),
+        sensors=sensors,
+        readings=readings,
+        unit=unit,
+        dropped=whole.size - rows,
+        segments=find_segments(t_s, programme, _window_s(t_s)),
+    )
+    if len(found.main_ramps()) < 2:
+        kinds = ", ".join(one.kind for one in found.segments)
+        raise FitError(
+            "B-FIT-061",
+            f"the log has no ramp up and ramp down to compare (found: {kinds})",
+            next_step="import the whole ramp, or map its set-point or a sensor that follows it",
+        )
+    return found
+
+
+def _by_role(material: Material) -> dict[str, list[str]]:
+    roles: dict[str, list[str]] = {role: [] for role in ("temperature", "reading", "reference", "set_point")}
+    for column in material.campaign.get("columns", ()):
+        if column["name"] in material.series:
+            roles[column["role"]].append(column["name"])
+    if not (material.series and roles["temperature"] and roles["reading"]):
+        raise _unusable("there is no imported log with a column of temperature and one of readings")
+    return roles
+
+
+def _unusable(why: str) -> FitError:
+    return FitError(
+        "B-FIT-060",
+        why,
+        where="temperature_ramp",
+        next_step="import a log with 'bench import' (docs/importing.md) and look at its overloads",
+    )
+
+
+def _readings(
+    roles: Mapping[str, list[str]], columns: Mapping[str, Floats], material: Material
+) -> tuple[dict[str, Floats], str]:
+    """Readings as the fits take them, and their unit."""
+    if not roles["reference"]:
+        unit = next(str(one["unit"]) for one in material.campaign["columns"] if one["role"] == "reading")
+        return {name: columns[name] for name in roles["reading"]}, unit
+    reference = np.mean([columns[name] for name in roles["reference"]], axis=0)
+    found = {}
+    for name in roles["reading"]:
+        ratio = columns[name] / reference
+        found[name] = (ratio / np.median(ratio) - 1.0) * 1e6
+    return found, "ppm"
+
+
+def _window_s(t_s: Floats) -> float:
+    return max(float(t_s[-1] - t_s[0]) / _WINDOWS, _SHORTEST_WINDOW_ROWS * float(np.median(np.diff(t_s))))
+
+
+def minute_means(t_s: Floats, values: Floats) -> tuple[Floats, Floats]:
+    """Times and means of one-minute stretches: a drive for the thermal lag does not need more."""
+    _, member = np.unique((t_s // 60.0).astype(np.int64), return_inverse=True)
+    count = np.bincount(member)
+    return np.bincount(member, t_s) / count, np.bincount(member, values) / count
+
+
+def plain_campaign(campaign: Mapping[str, Any]) -> tuple[dict[str, Any], float]:
+    """Unit under test and reference temperature."""
+    return dict(campaign["uut"]), float(campaign.get("reference_temperature_degC", 20.0))
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ import numpy as np
 from bench.analysis import Figure, Floats, Table, series
 from bench.systems.af_converter.estimators.drift_ramp import BRANCH, Blocks
 from bench.systems.af_converter.estimators.hysteresis.fit import LAG
-from bench.systems.af_converter.temperature_ramp.columns import RampColumns
-from bench.systems.af_converter.temperature_ramp.fits import ReadingFit
+from bench.systems.af_converter.temperature_ramp.fits import RampColumns, ReadingFit
 
 _DRAWN = 800  # points of a curve
 

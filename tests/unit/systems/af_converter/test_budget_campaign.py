@@ -13,8 +13,14 @@ from bench.maths.budget import combine_all
 from bench.systems.af_converter.constants import Campaign, Standards, read_campaign, read_standards
 from bench.systems.af_converter.group_fit import Fitted, fit_groups
 from bench.systems.af_converter.groups import campaign_rows, group_rows
-from bench.systems.af_converter.scale_factor.budget_check import TRIALS, check_table, trials_of
-from bench.systems.af_converter.scale_factor.budgets import budget_tables, components_of, nearest_to_reference
+from bench.systems.af_converter.scale_factor.budgets import (
+    TRIALS,
+    budget_tables,
+    check_table,
+    components_of,
+    nearest_to_reference,
+    trials_of,
+)
 
 SEED = 3
 STATED = {"traceability_relative": 10e-6, "drift_relative": 4e-6}

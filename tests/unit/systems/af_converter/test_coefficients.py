@@ -17,8 +17,7 @@ import pytest
 from bench.analysis import Analysis, Material, analyse, build_results, results_json
 from bench.model.errors import InputError
 from bench.session.coefficients import write_coefficients
-from bench.systems.af_converter.coefficients import coefficients_of, coefficients_schema, merged
-from bench.systems.af_converter.coefficients_header import header_text
+from bench.systems.af_converter.coefficients import coefficients_of, coefficients_schema, header_text, merged
 
 PROVENANCE = {"simulated": True, "plan_sha256": "a", "frame_sha256": "b", "session_sha256": "c0ffee", "software": "x 1"}
 KINDS = {1: "gyro", 3: "accelerometer"}

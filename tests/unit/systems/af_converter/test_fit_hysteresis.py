@@ -13,10 +13,22 @@ from scipy.optimize import least_squares
 from whitened_covariance import covariance_of
 
 from bench.systems.af_converter.estimators.gates import series_covariance
-from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG, HysteresisFit, fit_hysteresis
-from bench.systems.af_converter.estimators.hysteresis.loop import branch_curves, crossed_over, width_at
-from bench.systems.af_converter.estimators.hysteresis.model import WIDTH, Gates, HysteresisModel, ModelShape
-from bench.systems.af_converter.estimators.level import mean_of_walk
+from bench.systems.af_converter.estimators.hysteresis.fit import (
+    HALF_WIDTH,
+    LAG,
+    HysteresisFit,
+    branch_curves,
+    crossed_over,
+    fit_hysteresis,
+    width_at,
+)
+from bench.systems.af_converter.estimators.hysteresis.model import (
+    WIDTH,
+    Gates,
+    HysteresisModel,
+    ModelShape,
+    mean_of_walk,
+)
 from bench.systems.af_converter.estimators.thermal_lag import Drive, usable_drive
 
 
@@ -248,3 +260,59 @@ def test_rig_counts_what_flowed() -> None:
     assert np.abs(one.bias_A - exact).max() < K0_C["gyro"] / 100.0
     lag = np.corrcoef((one.bias_A - exact)[:-1], (one.bias_A - exact)[1:])[0, 1]
     assert -0.6 < lag < -0.3
+
+
+# --- plausible mistakes in the noise of the windows ---------------------------------------------------------------
+
+MISTAKEN = 25
+
+
+@pytest.fixture(scope="module")
+def ramps() -> list:
+    return [ramp(6000 + seed, "gyro") for seed in range(MISTAKEN)]
+
+
+def spread(found: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Root mean square of the scores and share inside 95 %, over all seven parameters."""
+    table = np.array(found)
+    return np.sqrt(np.mean(table**2, axis=0)), np.mean(np.abs(table) < 1.96, axis=0)
+
+
+@pytest.mark.validates(
+    "joint fit without the random walk is noticed",
+    against="coverage of 95 % intervals over 25 simulated ramps",
+)
+def test_omitting_the_random_walk_is_caught(record_property: Callable[[str, object], None], ramps: list) -> None:
+    rms, covered = spread([scores(one, fit_ramp(one, walk_A_rth=0.0)) for one in ramps])
+    print(f"no walk: rms scores {rms.round(1)}, covered {covered}")
+    record_property("obtained", f"covered {100 * covered.min():.0f} to {100 * covered.max():.0f} %")
+    assert np.all(rms > 5.0)
+    assert np.all(covered < 0.5)
+
+
+@pytest.mark.validates(
+    "joint fit with windows taken for independent is noticed",
+    against="size of the errors over 25 simulated ramps",
+)
+def test_treating_windows_as_white_is_caught(record_property: Callable[[str, object], None], ramps: list) -> None:
+    """Ignoring the correlation of -1/2 states intervals that are two to three times too wide."""
+    rms, covered = spread([scores(one, fit_ramp(one, contiguous=False)) for one in ramps])
+    print(f"white: rms scores {rms.round(2)}, covered {covered}")
+    record_property("obtained", f"errors {rms.min():.2f} to {rms.max():.2f} of what is stated")
+    assert np.all(rms < 0.75)
+    assert np.all(rms[4:] < 0.5)
+    assert np.all(covered > 0.98)
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize(("kind", "hysteresis"), [("gyro", True), ("accelerometer", True), ("gyro", False)])
+def test_coverage_over_500_fits(kind: str, hysteresis: bool) -> None:
+    """95 % intervals cover 95 +- 3 %; without hysteresis the half-width has none, and the others 95 +- 4 %."""
+    found = []
+    for seed in range(500):
+        unit = draw(np.random.default_rng([7, seed]), kind, hysteresis=hysteresis)
+        one = ramp(1000 + seed, unit=unit)
+        found.append(scores(one, fit_ramp(one)))
+    covered = np.mean(np.abs(np.array(found)) < 1.96, axis=0)[: 7 if hysteresis else 6]
+    print(f"{kind}, hysteresis {hysteresis}: covered {covered}")
+    assert np.all(np.abs(covered - 0.95) <= (0.03 if hysteresis else 0.04))

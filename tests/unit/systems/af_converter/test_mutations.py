@@ -10,9 +10,9 @@ import pytest
 from bench.analysis import Material, analyse
 from bench.model.errors import FitError
 from bench.systems.af_converter import group_fit
+from bench.systems.af_converter.estimators import readings
 from bench.systems.af_converter.estimators import scale_factor as code
-from bench.systems.af_converter.estimators.bias import Bias
-from bench.systems.af_converter.estimators.noise import Converter, RangeSpecification, Readings
+from bench.systems.af_converter.estimators.readings import Bias, Converter, RangeSpecification, Readings
 from bench.systems.af_converter.estimators.scale_factor import ScaleFactor, fit_scale_factor
 from bench.systems.af_converter.groups import group_rows
 
@@ -91,7 +91,7 @@ def test_clock_ratio_left_out(monkeypatch: pytest.MonkeyPatch, clock: str, error
 
     assert change_ppm() < 0.1
     assert worst_ppm(off, truth) < GAIN_OFF_LIMIT_ppm
-    monkeypatch.setattr(code, "clock_ratio", lambda af_count, _gate_s, _nominal_Hz: np.ones(af_count.size))
+    monkeypatch.setattr(readings, "clock_ratio", lambda af_count, _gate_s, _nominal_Hz: np.ones(af_count.size))
     assert change_ppm() == pytest.approx(50.0, abs=1.0)
     assert worst_ppm(off, truth) > GAIN_OFF_LIMIT_ppm
 
@@ -100,12 +100,9 @@ def test_clock_error_has_no_mean_effect_on_quantised_counts() -> None:
     """Other clocks cut the pulses elsewhere, which scatters each gyro result by 0.45 ppm, but the mean stays."""
     gated = dataclasses.replace(NOISE_FREE, quantised=True)
     faster = dataclasses.replace(gated, af_error=70e-6, master_error=-48.5e-6)
-    changes = np.array([
-        fit_scale_factor(group(seed, faster)[0], GYRO, STANDARD).dsf_ppm
-        - fit_scale_factor(group(seed + 5000, gated)[0], GYRO, STANDARD).dsf_ppm
-        - group(seed, gated)[1] + group(seed + 5000, gated)[1]
-        for seed in range(300)
-    ])  # fmt: skip
+    pairs = [(group(seed, faster), group(seed + 5000, gated)) for seed in range(300)]
+    errors = [[fit_scale_factor(rows, GYRO, STANDARD).dsf_ppm - truth for rows, truth in pair] for pair in pairs]
+    changes = np.array([now - then for now, then in errors])
     assert abs(changes.mean()) < 0.1
     assert changes.std() == pytest.approx(0.45, abs=0.05)
 

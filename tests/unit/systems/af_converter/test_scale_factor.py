@@ -9,7 +9,7 @@ import pytest
 import scipy.optimize
 
 from bench.model.errors import FitError
-from bench.systems.af_converter.estimators.noise import Converter, RangeSpecification, Readings
+from bench.systems.af_converter.estimators.readings import Converter, RangeSpecification, Readings
 from bench.systems.af_converter.estimators.scale_factor import ScaleFactor, fit_scale_factor
 from bench.systems.af_converter.groups import group_rows
 

@@ -1,6 +1,11 @@
-"""Bias, hysteresis and thermal lag of one channel fitted together, with the full covariance.
+"""Bias, hysteresis and thermal lag of one channel fitted together, with the full covariance; the loop of a fit.
 
-Source: docs/decisions/0006-bias-and-hysteresis.md; JCGM 100:2008 (uncertainty of a fit).
+The loop between the two ends of a ramp has a width at a temperature, curves of both branches, and crossings. The usual
+comparison of a rising and a falling ramp, one polynomial each with no word about lag or play, is here so that a reader
+can be shown what lag does: against the chamber's temperature the difference of the branches holds 2 rate lag dy/dT on
+top of the hysteresis.
+Source: docs/decisions/0006-bias-and-hysteresis.md; JCGM 100:2008 (uncertainty of a fit); geometry of the play operator;
+AF-converter paper section 4 (up and down ramp).
 """
 
 from __future__ import annotations
@@ -11,10 +16,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.systems.af_converter.estimators.hysteresis.model import WIDTH, Gates, HysteresisModel, ModelShape
-from bench.systems.af_converter.estimators.hysteresis.search import Bounds, Problem, search
-from bench.systems.af_converter.estimators.hysteresis.solution import Solution, averaged, solution_at, spacing_degC
-from bench.systems.af_converter.estimators.level import Level
+from bench.maths.least_squares import solve
+from bench.systems.af_converter.estimators.hysteresis.model import WIDTH, Gates, HysteresisModel, Level, ModelShape
+from bench.systems.af_converter.estimators.hysteresis.search import (
+    Bounds,
+    Problem,
+    Solution,
+    averaged,
+    search,
+    solution_at,
+    spacing_degC,
+)
 from bench.systems.af_converter.estimators.thermal_lag import Drive
 
 Array = NDArray[np.float64]
@@ -22,6 +34,7 @@ Whiten = Callable[[Array], Array]
 LAG, HALF_WIDTH = "thermal lag", "play half-width"
 _SIGNIFICANT = 4.0  # standard deviations of the width, below which its half-width means nothing
 _INSIDE = 2.0  # standard deviations that must fit between an estimate and the bounds of its search
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -142,3 +155,77 @@ def _inside(solution: Solution, bounds: Bounds) -> NDArray[np.bool_]:
     precision = 1.0 / np.diag(solution.covariance)[-2:] - 1.0 / bounds.std**2
     std = np.where(precision > 0, 1.0 / np.sqrt(np.where(precision > 0, precision, 1.0)), np.inf)
     return np.asarray((place - _INSIDE * std > bounds.low) & (place + _INSIDE * std < bounds.high))
+
+
+def width_at(fit: HysteresisFit, temperature_degC: float) -> tuple[float, float]:
+    """Falling minus rising branch at one temperature, with its standard uncertainty; 0 at the ends of the loop.
+
+    After a reversal 2 r must be crossed before the play moves, so within 2 r of an end the loop is narrower.
+
+    Args:    fit: the joint fit.   temperature_degC: lagged temperature.
+    Returns: width and standard uncertainty in the unit of the readings; the covariance of width and r is in it.
+    Raises:  nothing.
+    Source:  width = W min(1, d / (2 r)) with d the distance from the nearer end, of a loop wider than 2 r.
+    """
+    low, high = fit.loop_degC
+    twice = 2.0 * fit.value(HALF_WIDTH)
+    crossed = np.clip(min(temperature_degC - low, high - temperature_degC, high - low - twice) / twice, 0.0, 1.0)
+    weights = np.zeros(fit.parameters.size)
+    weights[fit.names.index(WIDTH)] = crossed
+    if crossed < 1.0:
+        weights[fit.names.index(HALF_WIDTH)] = -fit.value(WIDTH) * crossed / fit.value(HALF_WIDTH)
+    return float(fit.value(WIDTH) * crossed), float(np.sqrt(weights @ fit.covariance @ weights))
+
+
+def branch_curves(fit: HysteresisFit, temperature_degC: Array) -> tuple[Array, Array]:
+    """Rising and falling branch of the closed loop at lagged temperatures, (k,) each.
+
+    Args:    temperature_degC: (k,).
+    Raises:  nothing.
+    Source:  play between the ends of the loop: P = max(T - r, low + r) rising, min(T + r, high - r) falling.
+    """
+    low, high = fit.loop_degC
+    r = fit.value(HALF_WIDTH)
+    centre = np.polynomial.polynomial.polyval(temperature_degC - fit.reference_degC, fit.parameters[: fit.order + 1])
+    slope = fit.value(WIDTH) / (2.0 * r)
+    rising = np.minimum(np.maximum(temperature_degC - r, low + r), temperature_degC + r)
+    falling = np.maximum(np.minimum(temperature_degC + r, high - r), temperature_degC - r)
+    return np.asarray(centre + slope * (rising - temperature_degC)), np.asarray(
+        centre + slope * (falling - temperature_degC)
+    )
+
+
+def crossed_over(fit: HysteresisFit) -> NDArray[np.bool_]:
+    """True for the readings in which the play follows: outside the 2 r after a reversal; (m,).
+
+    Source: |P - T| = r where the play follows.
+    """
+    return np.asarray(np.abs(fit.play_column) > 0.5 * (1.0 - 1e-6))
+
+
+def branch_difference(
+    temperature_degC: Array, readings: Array, rising: Mask, falling: Mask, at_degC: Array, order: int = 3
+) -> Array:
+    """Falling minus rising polynomial at temperatures; NaN outside what both branches cover.
+
+    Args:    temperature_degC, readings: (m,).   rising, falling: (m,) masks of the branches.   at_degC: (k,).
+             order: degree of both polynomials; all readings weigh the same.
+    Returns: (k,), unit of the readings; all NaN if a branch has no more readings than coefficients.
+    Raises:  FitError B-FIT-001 if the temperatures of a branch do not determine its polynomial.
+    Source:  see the module.
+    """
+    both = [(temperature_degC[mask], readings[mask]) for mask in (falling, rising)]
+    if min(temperature.size for temperature, _ in both) <= order + 1:
+        return np.full(at_degC.shape, np.nan)
+    low = max(float(temperature.min()) for temperature, _ in both)
+    high = min(float(temperature.max()) for temperature, _ in both)
+    values = [_polynomial(temperature, y, order, at_degC) for temperature, y in both]
+    return np.where((at_degC >= low) & (at_degC <= high), values[0] - values[1], np.nan)
+
+
+def _polynomial(temperature_degC: Array, readings: Array, order: int, at_degC: Array) -> Array:
+    middle, reach = float(np.mean(temperature_degC)), float(np.ptp(temperature_degC)) / 2.0 or 1.0
+    basis, triangle = np.linalg.qr(np.vander((temperature_degC - middle) / reach, order + 1, increasing=True))
+    names = [f"coefficient {k} of a branch" for k in range(order + 1)]
+    fit = solve(triangle, basis.T @ readings, np.eye(order + 1), names)
+    return np.asarray(np.polynomial.polynomial.polyval((at_degC - middle) / reach, fit.parameters))

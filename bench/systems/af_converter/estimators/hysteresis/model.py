@@ -2,8 +2,10 @@
 
 Model: y = sum b_k x^k + W s + extra columns + noise, x = T - T_ref, T the lagged temperature, s = (P - T) / (2 r) the
 play in units of its full width: -1/2 on a rising branch, +1/2 on a falling one. So W = 2 h r is the hysteresis width,
-falling minus rising, and linear; the lag and r are the only nonlinear parameters.
-Source: docs/decisions/0006-bias-and-hysteresis.md.
+falling minus rising, and linear; the lag and r are the only nonlinear parameters. The play operator is the elementary
+rate-independent hysteresis, a piston with slack. Where the noise is a random walk, b0 is its mean over the readings.
+Source: docs/decisions/0006-bias-and-hysteresis.md; Krasnosel'skii and Pokrovskii, Systems with Hysteresis (1989),
+section 2 (generalised play); Cressie, Statistics for Spatial Data (1993), section 3.4 (universal kriging).
 """
 
 from __future__ import annotations
@@ -14,12 +16,47 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.maths.play import cell_means, play
 from bench.model.errors import FitError
 from bench.systems.af_converter.estimators.thermal_lag import Drive, lagged, lagged_means
 
 Array = NDArray[np.float64]
 WIDTH = "hysteresis width"
+
+
+def play(temperature_degC: Array, half_width_degC: float, start: float = 1.0) -> Array:
+    """Output P of a play of half-width r: P moves only where it would otherwise be more than r away from T.
+
+    On a rising branch P = T - r, on a falling one P = T + r; after a reversal 2 r is crossed before P moves.
+
+    Args:    temperature_degC: T, (k,), in order of time; between two values it must be monotone.
+             half_width_degC: r >= 0.   start: (P - T) / r at the first value, -1 to 1; 1 = it came from above.
+    Returns: P, (k,), degC.
+    Source:  Krasnosel'skii and Pokrovskii (1989), section 2: P_k = max(T_k - r, min(T_k + r, P_{k-1})).
+    """
+    if temperature_degC.size < 2:
+        return temperature_degC + start * half_width_degC
+    low, high = temperature_degC - half_width_degC, temperature_degC + half_width_degC
+    rising = np.diff(temperature_degC) > 0
+    turns = np.flatnonzero(rising[1:] != rising[:-1]) + 1
+    before = [float(temperature_degC[0]) + start * half_width_degC]  # P where a stretch without a turn begins
+    for floor, ceiling, up in zip(low[turns].tolist(), high[turns].tolist(), rising[turns - 1].tolist(), strict=True):
+        before.append(max(before[-1], floor) if up else min(before[-1], ceiling))
+    held = np.repeat(before, np.diff(turns, prepend=0, append=temperature_degC.size))
+    on_rise = np.append(rising, rising[-1])
+    return np.asarray(np.where(on_rise, np.maximum(held, low), np.minimum(held, high)))
+
+
+def cell_means(temperature_degC: Array, output_degC: Array) -> Array:
+    """Mean of P between neighbouring values, (k - 1,), exact where T is a straight line between them.
+
+    P stands still for a part of the cell and follows T for the rest, so the mean is not half the sum of the ends.
+
+    Args:    temperature_degC, output_degC: T and P = play(T), (k,).
+    Source:  algebra: P0 + dP |dP / dT| / 2.
+    """
+    moved, run = np.diff(output_degC), np.abs(np.diff(temperature_degC))
+    share = np.abs(moved) / np.where(run > 0, run, 1.0)
+    return np.asarray(output_degC[:-1] + moved * share / 2.0)
 
 
 @dataclass(frozen=True)
@@ -107,3 +144,41 @@ class HysteresisModel:
     def _gate_means(self, cells: Array) -> Array:
         integral = np.concatenate(([0.0], np.cumsum(cells * self._step_s)))
         return np.asarray((integral[self._stop] - integral[self._first]) / self._gate_s)
+
+
+@dataclass(frozen=True)
+class Level:
+    """The mean of the walk over the readings: its covariance with every reading, (m,), and its variance."""
+
+    covariance: Array
+    variance: float
+
+    def referred(self, covariance: Array, design_product: Array, square: float) -> Array:
+        """Covariance (n, n) of the parameters when the first one holds the mean of the walk, best predicted.
+
+        Args:    covariance: (n, n) of the generalised least squares.   design_product: X' V^-1 c, (n,).
+                 square: c' V^-1 c, with c = ``self.covariance``.
+        Source:  Cressie (1993), equation 3.4.5: the variance of universal kriging.
+        """
+        turned = -design_product
+        turned[0] += 1.0
+        mixed = covariance @ turned
+        referred = covariance.copy()
+        referred[0, :] = referred[:, 0] = mixed
+        referred[0, 0] = turned @ mixed + max(self.variance - square, 0.0)
+        return referred
+
+
+def mean_of_walk(start_s: Array, end_s: Array, walk_A_rth: float) -> Level:
+    """Level of a random walk that starts with the first gate, averaged over gates that do not overlap.
+
+    Args:    start_s, end_s: (m,), in order of time, second.   walk_A_rth: standard deviation after one hour.
+    Returns: Level; the covariance of two gates is sigma^2 times the earlier middle, a sixth of a gate less for one
+             with itself.
+    Source:  integral of min(t, t') over two gates.
+    """
+    m = start_s.size
+    middle_s = (start_s + end_s) / 2.0 - start_s[0]
+    earlier = np.cumsum(middle_s) + middle_s * (m - 1 - np.arange(m)) - (end_s - start_s) / 6.0
+    shared = walk_A_rth**2 / 3600.0 * earlier / m
+    return Level(shared, float(np.mean(shared)))

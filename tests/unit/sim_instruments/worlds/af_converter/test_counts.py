@@ -1,4 +1,6 @@
-"""Counts of whole records against the counts of the frames and against the paper's equation."""
+"""Counts of the simulated unit, gate by gate and over a window."""
+
+from __future__ import annotations
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from sim_instruments.worlds.af_converter.gates import Drive, GateMachine
 from sim_instruments.worlds.af_converter.unit_constants import NguTruth
 
 K0_C = np.array([kind.k0_C for kind in KINDS])
+SECONDS = 0.4
 
 
 def _frames_of_100_s(truth, input_A):
@@ -84,3 +87,106 @@ def test_the_same_seed_gives_the_same_counts_and_another_does_not():
     runs = [count_windows(NguTruth(seed), input_A, 120.0 * np.arange(30), 20.0).npp for seed in (1, 1, 2)]
     np.testing.assert_array_equal(runs[0], runs[1])
     assert (runs[0] != runs[2]).any()
+
+
+def _thermal(t_ns):
+    return np.full(len(t_ns), 31.0)
+
+
+def _changes(rng):
+    """Seven changes of all inputs at arbitrary nanoseconds, some closer together than one clock period."""
+    times = np.sort(rng.integers(0, round(SECONDS * NS), 5))
+    times = np.sort(np.concatenate((times, times[:1] + 700, times[1:2] + 1900)))
+    scale = np.array([kind.full_scale_A for kind in KINDS])
+    return [(int(t), rng.uniform(-1, 1, 10) * scale * rng.choice([1.0, 1e-3, 1e-5], 10)) for t in times]
+
+
+def _run(truth, changes):
+    machine = GateMachine(BlockFactory(truth, _thermal, 0, 0), Drive())
+    rows = []
+
+    def finish(t_ns):
+        while (part := machine.run(t_ns)) is not None:
+            rows.append(part)
+
+    for t_ns, input_A in changes:
+        finish(t_ns)
+        machine.change(Drive(input_A=input_A), t_ns)
+    finish(round(SECONDS * NS))
+    return machine.state.block, rows
+
+
+def _loop(truth, block, changes, channel):
+    """Counts per gate of one channel: charge integrated in floating point between edges, one edge after the other."""
+    index = channel - 1
+    k0_C = KINDS[index].k0_C
+    clock_Hz = 256_000.0 * (1 + 1e-6 * truth.af_clock_error_ppm)
+    q_n = k0_C * (1 + 1e-6 * float(truth.dsf_n_ppm(channel, 31.0))) / (1 + 1e-6 * truth.af_clock_error_ppm)
+    q_p = k0_C * (1 + 1e-6 * float(truth.dsf_p_ppm(channel, 31.0))) / (1 + 1e-6 * truth.af_clock_error_ppm)
+    bias_A = float(truth.bias_A(channel, 31.0, 0.0))
+    ampere_per_unit = k0_C * clock_Hz / 2**40
+    steps = [(t / NS * clock_Hz, float(input_A[index])) for t, input_A in changes]
+    charge, current_A, at = 0.0, 0.0, 0.0
+    counts = []
+    for gate in range(len(block.edges) - 1):
+        if block.ends_ns[gate] > SECONDS * NS:
+            break
+        noise_A = float(block.noise[index, gate]) * ampere_per_unit
+        n = p = 0
+        for edge in range(int(block.edges[gate]) + 1, int(block.edges[gate + 1]) + 1):
+            while steps and steps[0][0] < edge:
+                place, new_A = steps.pop(0)
+                charge += (current_A - bias_A + noise_A) * (place - at) / clock_Hz
+                at, current_A = place, new_A
+            charge += (current_A - bias_A + noise_A) * (edge - at) / clock_Hz
+            at = float(edge)
+            if charge > k0_C:
+                charge, n = charge - q_n, n + 1
+            elif charge < -k0_C:
+                charge, p = charge + q_p, p + 1
+        counts.append((n, p))
+    return np.array(counts)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_gates_equal_a_loop_over_every_clock_edge(seed):
+    truth = NguTruth(seed)
+    changes = _changes(np.random.default_rng([77, seed]))
+    block, rows = _run(truth, changes)
+    npp = np.concatenate([part.npp for part in rows], axis=1)
+    ppp = np.concatenate([part.ppp for part in rows], axis=1)
+    assert npp.shape[1] == np.flatnonzero(block.ends_ns <= SECONDS * NS)[-1] + 1
+    for channel in (1, 2, 7, 10):
+        expected = _loop(truth, block, list(changes), channel)
+        np.testing.assert_array_equal(npp[channel - 1], expected[:, 0])
+        np.testing.assert_array_equal(ppp[channel - 1], expected[:, 1])
+    assert npp.any()
+    assert ppp.any()
+
+
+def test_white_noise_is_14_nA_in_a_gate():
+    block = BlockFactory(NguTruth(3), _thermal, 0, 0).make(0, 0.0)
+    noise_A = block.noise / block.quanta.units_A[:, None]
+    assert noise_A.std(axis=1) == pytest.approx(np.full(10, 2e-9 / np.sqrt(2 * 0.01)), rel=0.1)
+    others = [BlockFactory(NguTruth(3), _thermal, 0, period).make(number, 0.0) for period, number in ((0, 1), (1, 0))]
+    together = np.concatenate([block.noise, *(other.noise for other in others)])
+    assert np.abs(np.corrcoef(together)[np.triu_indices(30, 1)]).max() < 0.15
+
+
+def test_gates_follow_the_master_clock_and_edges_the_af_clock():
+    truth = NguTruth(1, {"master_error_ppm": "40", "af_clock_error_ppm": "-30", "noise": "off"})
+    factory = BlockFactory(truth, lambda t: np.full(len(t), 20.0), 5 * NS, 0)
+    first = factory.make(0, 0.0)
+    second = factory.make(1, float(first.ends_s[-1]))
+    assert second.ends_ns[-1] - 5 * NS == pytest.approx(20 * NS / (1 + 40e-6), abs=1)
+    assert second.edges[-1] == int(20 / (1 + 40e-6) * 256_000 * (1 - 30e-6))
+    assert second.edges[0] == first.edges[-1]
+    assert set(np.diff(second.edges)) <= {2559, 2560}
+
+
+def test_an_input_beyond_the_reset_current_saturates_at_a_pulse_per_clock():
+    truth = NguTruth(1, {"noise": "off"})
+    machine = GateMachine(BlockFactory(truth, _thermal, 0, 0), Drive(input_A=np.full(10, 1.0)))
+    rows = machine.run(NS)
+    assert rows.over_range == 0x3FF
+    assert (np.abs(rows.npp[:, 1:] - rows.af_clock[1:]) <= 3).all()

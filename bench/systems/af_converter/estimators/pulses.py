@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.systems.af_converter.estimators.clocks import clock_ratio, count_noise
+from bench.systems.af_converter.estimators.readings import clock_ratio, count_noise
 
 Array = NDArray[np.float64]
 Int64 = NDArray[np.int64]

@@ -1,9 +1,10 @@
-"""Covariance of the readings of one channel at one temperature, and the effects that rows share.
+"""Readings of one channel at one temperature: clock corrections, currents, covariance, the effects that rows share, and
+the bias of rows with the input open.
 
-Independent part: quantisation of the gated counts, white noise and random walk of the converter. Shared part: one
-unknown offset per calibrator range and one linearity error per level; both change sign with the polarity switch and
-are the same for every channel and temperature, so their sensitivities are kept by label.
-Source: docs/decisions/0004-scale-factor-equations.md.
+Independent part of the covariance: quantisation of the gated counts, white noise and random walk of the converter.
+Shared part: one unknown offset per calibrator range and one linearity error per level; both change sign with the
+polarity switch and are the same for every channel and temperature, so their sensitivities are kept by label.
+Source: docs/decisions/0004-scale-factor-equations.md; AF-converter paper equations (1) to (3), sections 3.3 and 4.1.
 """
 
 from __future__ import annotations
@@ -15,9 +16,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.errors import FitError
-from bench.systems.af_converter.estimators.clocks import count_noise
 
 Array = NDArray[np.float64]
+
+
+def clock_ratio(af_count: Array, gate_s: Array, af_clock_Hz: float) -> Array:
+    """Return ratio r = (1 + dMSTR) / (1 + dAF) = f_AF0 * t_INT0 / n_AF, which turns counted rates into current.
+
+    Args:    af_count: AF-clock pulses counted in each gate, (m,).   gate_s: nominal gate t_INT0 = master pulses over
+             nominal master frequency, (m,), second.   af_clock_Hz: nominal AF clock, hertz.
+    Returns: r, (m,), near 1; NaN where no AF pulse was counted.
+    Source:  AF-converter paper equation (1); docs/decisions/0004.
+    """
+    counted = np.where(af_count > 0, af_count, np.nan)
+    return np.asarray(af_clock_Hz * gate_s / counted)
+
+
+def master_clock_error(fg_count: Array, gate_s: Array, fg_Hz: float) -> Array:
+    """Relative error dMSTR of the master clock: 1 + dMSTR = f_FG * t_INT0 / n_FG; positive = runs fast.
+
+    Args:    fg_count: function-generator pulses counted in each gate, (m,).   gate_s: nominal gate, (m,), second.
+             fg_Hz: frequency of the function generator, hertz.
+    Returns: dMSTR, (m,), dimensionless; NaN where the generator was off.
+    Source:  AF-converter paper section 4.1; docs/decisions/0004.
+    """
+    counted = np.where(fg_count > 0, fg_count, np.nan)
+    return np.asarray(fg_Hz * gate_s / counted - 1.0)
+
+
+def count_noise(count: Array) -> Array:
+    """Relative standard uncertainty of a gated count, (m,): difference of two uniform residues over the count.
+
+    Source: docs/decisions/0004 (quantisation); two uniform residues of one pulse have the variance 1/6.
+    """
+    return np.asarray(1.0 / (np.sqrt(6.0) * np.where(count > 0, count, np.nan)))
 
 
 @dataclass(frozen=True)
@@ -71,6 +103,15 @@ class Effects:
 
     labels: tuple[str, ...]
     matrix: Array  # (m, k), ampere
+
+
+def pulse_currents_A(rows: Readings, converter: Converter) -> tuple[Array, Array]:
+    """Return currents K0 C_N and K0 C_P, (m,) each, ampere, corrected by the clock ratio.
+
+    Source: AF-converter paper equations (1), (2).
+    """
+    scale = converter.k0_C * clock_ratio(rows.af_count, rows.gate_s, converter.af_clock_Hz) / rows.gate_s
+    return np.asarray(scale * rows.n_count), np.asarray(scale * rows.p_count)
 
 
 def quantisation_A2(rows: Readings, converter: Converter) -> Array:
@@ -146,12 +187,38 @@ def calibrator_effects(rows: Readings, standard: Mapping[float, RangeSpecificati
     Raises: FitError B-FIT-003 for a range the register does not hold.
     """
     columns: dict[str, Array] = {}
-    for range_A in np.unique(rows.range_A):
-        sigma_A = specification(standard, float(range_A)).floor_A / 2.0
+    for range_A in sorted(set(rows.range_A.tolist())):
+        sigma_A = specification(standard, range_A).floor_A / 2.0
         inside = rows.range_A == range_A
         columns[f"offset of the range {range_A:g} A"] = sigma_A * rows.polarity * inside
-        for level_A in np.unique(rows.level_A[inside & (rows.level_A > 0)]):
+        for level_A in sorted(set(rows.level_A[inside & (rows.level_A > 0)].tolist())):
             at_level = inside & (rows.level_A == level_A)
             label = f"linearity of the range {range_A:g} A at {level_A:g} A"
             columns[label] = sigma_A * rows.polarity * at_level
     return Effects(tuple(columns), np.column_stack(list(columns.values())))
+
+
+@dataclass(frozen=True)
+class Bias:
+    """i_AFbias in ampere: the correction added to the reading (the IEEE bias is its negative)."""
+
+    value_A: float
+    std_uncertainty_A: float
+    unit_temperature_degC: float
+
+
+def open_input_bias(row: Readings, converter: Converter, dsf_ppm: tuple[float, float] = (0.0, 0.0)) -> Bias:
+    """Bias from rows with the input open: i_AFbias = -(K_N C_N - K_P C_P), the negative of the reading.
+
+    Args:    row: open rows, (m,), m >= 1.   converter: declared constants.   dsf_ppm: scale-factor errors (N, P).
+    Returns: Bias, the mean over the rows.
+    Source:  AF-converter paper equation (1) with i_SEN = 0.
+    """
+    n_A, p_A = pulse_currents_A(row, converter)
+    reading_A = n_A * (1.0 + 1e-6 * dsf_ppm[0]) - p_A * (1.0 + 1e-6 * dsf_ppm[1])
+    variance = quantisation_A2(row, converter) + white_A2(row, converter)
+    return Bias(
+        value_A=-float(np.mean(reading_A)),
+        std_uncertainty_A=float(np.sqrt(np.sum(variance)) / variance.size),
+        unit_temperature_degC=float(np.mean(row.unit_temperature_degC)),
+    )

@@ -1,0 +1,234 @@
+"""Tables and figures of the report on a bias campaign: what lag does to the usual comparison, the fits, the budgets.
+
+The components of a budget are those of which ``estimates`` makes the totals of results.json. The unit has one
+temperature sensor, so its error moves the biases of all channels together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from bench.analysis import Figure, Floats, Series, Table, band, series
+from bench.maths.budget import Component, combine_all
+from bench.maths.verdict import coverage_factor
+from bench.systems.af_converter.bias_ramp.estimates import DSF_STD, bias_parts, on_sensor, temperatures
+from bench.systems.af_converter.bias_ramp.fit import FALLING, RISING, ChannelFit
+from bench.systems.af_converter.budget_tables import budget_table, correlation_table
+from bench.systems.af_converter.constants import Campaign
+from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG, branch_curves, width_at
+from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
+from bench.systems.af_converter.estimators.oscillator import OscillatorFit
+
+_nA = 1e9
+_nA, _PPM = 1e9, 1e6
+_POINTS = 121
+
+
+def tables(fits: Sequence[ChannelFit], campaign: Campaign) -> list[Table]:
+    """Return all tables that have rows, in the order of the report."""
+    return [table for table in (_fits(fits), _widths(fits), _budget(fits, campaign)) if table.rows]
+
+
+def _fits(fits: Iterable[ChannelFit]) -> Table:
+    rows = []
+    for channel in (channel for channel in fits if channel.there_and_back):
+        fit, k = channel.fit, coverage_factor()
+        half = [_text(fit.value(HALF_WIDTH), 2), _text(k * fit.std(HALF_WIDTH), 2)]
+        rows.append(
+            [
+                channel.readings.channel.number,
+                ", ".join(f"{name} {count}" for name, count in channel.readings.estimators.items()),
+                _text(fit.value(LAG) / 60.0, 2),
+                _text(k * fit.std(LAG) / 60.0, 2),
+                *(half if fit.half_width_determined else ["not determined", ""]),
+                _text(fit.value(WIDTH) * _nA, 2),
+                _text(k * fit.std(WIDTH) * _nA, 2),
+                _text(channel.offset_degC, 3),
+                channel.masked,
+                _text(fit.reduced_chi2, 3),
+            ]
+        )
+    caption = (
+        "U at 95 %. Sensor: mean of the unit's own sensor minus the lagged temperature of the fit. Crossing: "
+        "windows of the ramps after a reversal in which the play has not been crossed yet"
+    )
+    headers = [
+        "channel", "windows by estimator", "lag, min", "U", "half-width r, degC", "U", "width, nA", "U",
+        "sensor, degC", "crossing", "reduced chi-square",
+    ]  # fmt: skip
+    return Table("Joint fit of bias, hysteresis and thermal lag", caption, headers, rows)
+
+
+def _widths(fits: Iterable[ChannelFit]) -> Table:
+    rows = []
+    for channel in (channel for channel in fits if channel.there_and_back):
+        at_degC = np.array(temperatures(channel))
+        air, sensor = channel.naive(channel.air_degC, at_degC), channel.naive(channel.sensor_degC, at_degC)
+        for index, at in enumerate(at_degC.tolist()):
+            value, std = width_at(channel.fit, at - channel.offset_degC)
+            numbers = (value * _nA, coverage_factor() * std * _nA, air[index] * _nA, sensor[index] * _nA)
+            rows.append([channel.readings.channel.number, at, *(_text(number, 2) for number in numbers)])
+    return Table(
+        "Hysteresis width: joint fit beside separate polynomials of the branches",
+        "Falling minus rising, nA. A cubic for each branch against the chamber's air takes the lag of the unit for "
+        "hysteresis, 2 x rate x lag x slope of the bias; against the unit's own sensor little of that is left. "
+        "Windows in which the play still crosses are masked there. The loop closes at its ends",
+        ["channel", "degC", "joint fit", "U", "cubics against the air", "cubics against the sensor"],
+        rows,
+    )
+
+
+def _budget(fits: Iterable[ChannelFit], campaign: Campaign) -> Table:
+    rows = []
+    for channel in fits:
+        coefficients, _ = on_sensor(channel)
+        parts = bias_parts(channel, np.eye(coefficients.size)[0], campaign)
+        rows += [[channel.readings.channel.number, name, f"{value * _nA:.3g}"] for name, value in parts.items()]
+    reference = campaign.reference_temperature_degC
+    title = f"Components of the bias at {reference:g} degC"
+    caption = "Standard uncertainty, nA. The bias is the mean over the campaign of what walks at random"
+    return Table(title, caption, ["channel", "component", "u, nA"], rows)
+
+
+def components(fits: Iterable[ChannelFit], campaign: Campaign) -> list[dict[str, Any]]:
+    """Budget of the bias at the reference temperature per kind: largest standard uncertainty over the channels."""
+    largest: dict[tuple[str, str], float] = {}
+    for channel in fits:
+        coefficients, _ = on_sensor(channel)
+        parts = bias_parts(channel, np.eye(coefficients.size)[0], campaign)
+        parts["combined"] = float(np.linalg.norm(list(parts.values())))
+        for name, value in parts.items():
+            place = channel.readings.channel.kind, name
+            largest[place] = max(largest.get(place, 0.0), value)
+    return [
+        {
+            "kind": kind,
+            "quantity": "bias",
+            "component": name,
+            "evaluation": "" if name == "combined" else "B",
+            "distribution": "normal",
+            "std_uncertainty_nA": value * _nA,
+        }
+        for (kind, name), value in largest.items()
+    ]
+
+
+def _text(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if np.isfinite(value) else "–"
+
+
+def bias_budgets(fits: Sequence[ChannelFit], campaign: Campaign) -> list[Table]:
+    """Budget of the bias at the reference temperature for the first channel of each kind, and the correlations.
+
+    Source: JCGM 100:2008 sections 5.1 and 5.2; equal labels are one error (bench.maths.budget).
+    """
+    if not fits:
+        return []
+    combined = combine_all({_number(channel): bias_components(channel, campaign) for channel in fits})
+    first = {channel.readings.channel.kind: channel for channel in reversed(fits)}
+    at = f"{campaign.reference_temperature_degC:g} degC"
+    tables = [
+        budget_table(
+            f"Uncertainty budget of the bias at {at}, channel {_number(channel)} ({kind})",
+            "nA",
+            float(on_sensor(channel)[0][0]) * _nA,
+            combined.budgets[_number(channel)],
+        )
+        for kind, channel in sorted(first.items())
+    ]
+    caption = "Caused by the temperature sensor of the unit, which all channels share"
+    title = f"Correlation of the bias at {at} between channels"
+    return [*tables, correlation_table(title, caption, list(combined.budgets), combined.correlation)]
+
+
+def bias_components(channel: ChannelFit, campaign: Campaign) -> list[Component]:
+    """Return components of the bias of one channel at the reference temperature, in nA."""
+    coefficients, _ = on_sensor(channel)
+    parts = bias_parts(channel, np.eye(coefficients.size)[0], campaign)
+    fit, nominal, sensor = parts
+    return [
+        Component(fit, parts[fit] * _nA, "nA", source="declared noise, through the fit"),
+        Component(
+            nominal, DSF_STD * _PPM, "ppm", float(coefficients[0]) * _nA / _PPM, source="design of the converter"
+        ),
+        Component(
+            sensor,
+            campaign.sensor_std_degC,
+            "degC",
+            float(coefficients[1]) * _nA,
+            source="campaign file",
+            common=sensor,
+        ),
+    ]
+
+
+def _number(channel: ChannelFit) -> str:
+    return str(channel.readings.channel.number)
+
+
+def figures(fits: Sequence[ChannelFit]) -> list[Figure]:
+    """Per channel: bias over temperature with both branches of the fit, what the fit leaves, width over temperature."""
+    return [draw(channel) for draw in (_loop, _residual, _width) for channel in fits]
+
+
+def _name(channel: ChannelFit) -> str:
+    return f"channel {channel.readings.channel.number}"
+
+
+def _loop(channel: ChannelFit) -> Figure:
+    at = np.linspace(*channel.fit.loop_degC, _POINTS)
+    rising, falling = branch_curves(channel.fit, at)
+    measured = [
+        _points(
+            f"measured, {name}",
+            channel.fit.unit_degC[channel.branch == name],
+            channel.readings.bias_A[channel.branch == name],
+        )
+        for name in (RISING, FALLING)
+    ]
+    caption = "Bias (correction added to the reading) over the lagged temperature, with the joint fit."
+    parts = [*measured, _line("fit, rising", at, rising), _line("fit, falling", at, falling)]
+    return Figure(_name(channel), caption, "lagged temperature, degC", "bias, nA", parts, group="bias over temperature")
+
+
+def _residual(channel: ChannelFit) -> Figure:
+    hours = (channel.readings.gates.middle_s - channel.readings.gates.start_s[0]) / 3600.0
+    caption = "What the joint fit leaves: noise of the windows and the random walk of the bias."
+    parts = [_points("residual", hours, channel.fit.residual)]
+    return Figure(_name(channel), caption, "time, h", "residual, nA", parts, group="residuals of the joint fit")
+
+
+def _width(channel: ChannelFit) -> Figure:
+    at = np.linspace(*channel.fit.loop_degC, _POINTS)
+    width, std = (np.array(column) for column in zip(*(width_at(channel.fit, float(x)) for x in at), strict=True))
+    reach = coverage_factor() * std
+    naive = {"against the air": channel.air_degC, "against the sensor": channel.sensor_degC}
+    lines = [_line(f"cubics {name}", at, channel.naive(temperature, at)) for name, temperature in naive.items()]
+    caption = "Hysteresis width (falling minus rising): joint fit, and separate polynomials of the branches."
+    parts = [
+        band("95 %", at, (width - reach) * _nA, (width + reach) * _nA),
+        _line("joint fit", at, width),
+        *(line for line in lines if line.x),
+    ]
+    return Figure(_name(channel), caption, "temperature, degC", "width, nA", parts, group="hysteresis width")
+
+
+def master_clock_figure(fit: OscillatorFit, unit_degC: Floats) -> Figure:
+    """Error of the master oscillator over temperature: what the cubic leaves."""
+    known = np.isfinite(fit.residual_ppm)
+    title = "Master oscillator: residual of the cubic"
+    caption = f"Root mean square {fit.rms_ppm:.2g} ppm; the generator's own error is common to all windows."
+    parts = [series("windows", unit_degC[known], fit.residual_ppm[known], "points")]
+    return Figure(title, caption, "temperature of the unit, degC", "residual, ppm", parts)
+
+
+def _points(label: str, x: Floats, y_A: Floats) -> Series:
+    return series(label, x, y_A * _nA, "points")
+
+
+def _line(label: str, x: Floats, y_A: Floats) -> Series:
+    known = np.isfinite(y_A)
+    return series(label, x[known], y_A[known] * _nA)

@@ -1,1 +1,0 @@
-"""The pulse rate of one record by four ways of counting."""

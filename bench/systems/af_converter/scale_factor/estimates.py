@@ -1,0 +1,197 @@
+"""Estimates of a scale-factor campaign: scale-factor errors, asymmetry, bias and clocks, and those that have a verdict.
+
+Table 1 of the paper states stability, so it judges what compensation leaves over and what changed since the calibration
+before; a scale-factor error itself has no limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bench.analysis import count_problem, estimate
+from bench.systems.af_converter.coefficients import UNITS
+from bench.systems.af_converter.constants import Campaign, Standards
+from bench.systems.af_converter.estimators.readings import clock_ratio, count_noise, master_clock_error
+from bench.systems.af_converter.estimators.temperature import TemperaturePolynomial
+from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit, conditions_of
+from bench.systems.af_converter.groups import unit_temperatures
+
+if TYPE_CHECKING:
+    from bench.record import RecordRow
+
+_PPM = 1e6
+
+
+def sensor_effect_ppm(one: GroupFit, fitted: Fitted, campaign: Campaign) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Signed effect (2,) on DSF_N, DSF_P of one standard deviation of the unit's temperature sensor, ppm.
+
+    A result says at which unit temperature it holds; a wrong thermometer makes it the result of another temperature.
+    Zero while the coefficients of the channel or the uncertainty of the sensor are not known; a note says so.
+    """
+    slopes = fitted.slopes_ppm_degC(one.group.channel, one.fit.unit_temperature_degC)
+    return np.array(slopes) * campaign.sensor_std_degC
+
+
+def scale_factor_std_ppm(one: GroupFit, standards: Standards, index: int) -> float:
+    """Standard uncertainty of DSF_N (index 0) or DSF_P (1) with the calibrator's gain, without the sensor's part."""
+    variance = one.fit.covariance_ppm2[index, index] + one.fit.gain_ppm[index] ** 2 + standards.common_relative_ppm**2
+    return float(np.sqrt(variance))
+
+
+def scale_factor_estimates(
+    one: GroupFit, fitted: Fitted, campaign: Campaign, standards: Standards
+) -> list[dict[str, Any]]:
+    """dsf_n, dsf_p with the calibrator's common gain added, and dsf_asymmetry, where the gain cancels."""
+    conditions, fit = conditions_of(one.group, one.fit.unit_temperature_degC, campaign), one.fit
+    sensor_ppm = sensor_effect_ppm(one, fitted, campaign)
+    counted = {"n": fit.n, "dropped": one.group.dropped + fit.dropped}
+    found = []
+    for index, quantity in enumerate(QUANTITIES):
+        std_ppm = float(np.hypot(scale_factor_std_ppm(one, standards, index), sensor_ppm[index]))
+        found.append(estimate(quantity, "ppm", fit.dsf_ppm[index], std_ppm, conditions, **counted))
+    contrast = np.array([1.0, -1.0])
+    variance = contrast @ fit.covariance_ppm2 @ contrast + (contrast @ fit.gain_ppm) ** 2 + (contrast @ sensor_ppm) ** 2
+    value_ppm = float(contrast @ fit.dsf_ppm)
+    found.append(estimate("dsf_asymmetry", "ppm", value_ppm, float(np.sqrt(variance)), conditions, **counted))
+    return found
+
+
+def bias_estimates(one: GroupFit, fitted: Fitted, campaign: Campaign) -> list[dict[str, Any]]:
+    """Bias of the open row: diagnostic only, it never enters the compensation (paper, end of section 3.3)."""
+    if one.bias is None:
+        return []
+    at_degC = one.bias.unit_temperature_degC
+    polynomial = fitted.polynomials.get(("bias", one.group.channel))
+    slope_A_degC = polynomial.slope(at_degC) if polynomial else 0.0
+    thermal_degC = np.hypot(campaign.sensor_std_degC, np.max(one.group.opened.temperature_std_degC))
+    std_A = float(np.hypot(one.bias.std_uncertainty_A, slope_A_degC * thermal_degC))
+    conditions = conditions_of(one.group, one.fit.unit_temperature_degC, campaign) | {"unit_temperature_degC": at_degC}
+    rows = one.group.opened.gate_s.size
+    return [estimate("bias", "A", one.bias.value_A, std_A, conditions, n=rows, dropped=one.group.open_planned - rows)]
+
+
+def residual_estimates(fitted: Fitted, campaign: Campaign, standards: Standards) -> list[dict[str, Any]]:
+    """dsf_n_residual, dsf_p_residual: DSF(T) minus its own polynomial at the measured temperature, against the limit.
+
+    The polynomial is what the navigation computer compensates with. What it leaves over is known as well as DSF(T)
+    itself: the calibrator's gain counts in full, because the compensation takes it over; the error of the unit's
+    temperature sensor does not, because the compensation reads the same sensor. There is no such estimate for a channel
+    with as few temperatures as coefficients: the polynomial would pass through every point.
+    """
+    found = []
+    for (quantity, channel), polynomial in fitted.polynomials.items():
+        visits = fitted.visits(channel)
+        if quantity not in QUANTITIES or len(visits) <= polynomial.coefficients.size:
+            continue
+        limit = campaign.channel(channel).stability_limit_ppm
+        for one, value_ppm in zip(visits, polynomial.residual, strict=True):
+            std_ppm = scale_factor_std_ppm(one, standards, QUANTITIES.index(quantity))
+            conditions, name = conditions_of(one.group, one.fit.unit_temperature_degC, campaign), f"{quantity}_residual"
+            counted = {"n": one.fit.n, "dropped": one.group.dropped + one.fit.dropped}
+            found.append(estimate(name, "ppm", float(value_ppm), std_ppm, conditions, limit=limit, **counted))
+    return found
+
+
+def change_estimates(estimates: Iterable[dict[str, Any]], campaign: Campaign) -> list[dict[str, Any]]:
+    """Change against a previous calibration, judged against the stability limit (paper table 1).
+
+    Both uncertainties count in full: nothing says that the two calibrations shared a standard.
+    """
+    earlier = {_place(one): one for one in campaign.previous if one.get("quantity") in QUANTITIES}
+    found = []
+    for now in estimates:
+        then = earlier.get(_place(now))
+        if now["quantity"] not in QUANTITIES or then is None:
+            continue
+        limit = campaign.channel(now["conditions"]["channel"]).stability_limit_ppm
+        std_ppm = float(np.hypot(now["std_uncertainty"], then["std_uncertainty"]))
+        change_ppm = now["value"] - then["value"]
+        name = f"{now['quantity']}_change"
+        found.append(estimate(name, "ppm", change_ppm, std_ppm, now["conditions"], n=now["n"], limit=limit))
+    return found
+
+
+def _place(one: Any) -> tuple[Any, ...]:
+    conditions = one.get("conditions", {})
+    return one.get("quantity"), conditions.get("channel"), conditions.get("temperature_degC")
+
+
+def clock_estimates(rows: Iterable[RecordRow], campaign: Campaign, standards: Standards) -> list[dict[str, Any]]:
+    """clock_ratio_error (r - 1) and master_clock_error at every temperature, from all good records taken there.
+
+    The uncertainty takes the fraction of a pulse at the ends of a record as common to all of them: two steady clocks
+    and records at a steady pace may cut every count at the same place, and nothing in a record tells.
+    """
+    members_at: dict[float, list[RecordRow]] = {}
+    taken = list(rows)
+    for row in taken:
+        if not count_problem(row):
+            members_at.setdefault(float(row.window.conditions["temperature_degC"]), []).append(row)
+    known = unit_temperatures(taken)
+    entries = []
+    for nominal_degC, members in members_at.items():
+        gate_s = np.array([int(row.sums["master_count"]) for row in members]) / campaign.master_Hz
+        af_count = np.array([int(row.sums["af_clock"]) for row in members], dtype=np.float64)
+        fg_count = np.array([int(row.sums.get("fg_count", 0)) for row in members], dtype=np.float64)
+        conditions: dict[str, Any] = {"temperature_degC": nominal_degC}
+        warmth = [known[row.window.number].value_degC for row in members if row.window.number in known]
+        if warmth:
+            conditions["unit_temperature_degC"] = float(np.mean(warmth))
+        ratio = clock_ratio(af_count, gate_s, campaign.af_clock_Hz) - 1.0
+        entries += _clock("clock_ratio_error", ratio, count_noise(af_count), 0.0, conditions)
+        master = master_clock_error(fg_count, gate_s, campaign.fg_Hz)
+        entries += _clock("master_clock_error", master, count_noise(fg_count), standards.function_generator, conditions)
+    return entries
+
+
+def _clock(quantity: str, values: Any, noise: Any, common: float, conditions: dict[str, Any]) -> list[dict[str, Any]]:
+    seen = np.isfinite(values)
+    n = int(seen.sum())
+    if n == 0:
+        return []
+    std = float(np.hypot(np.mean(noise[seen]), common))
+    value_ppm, std_ppm = float(np.mean(values[seen])) * _PPM, std * _PPM
+    return [estimate(quantity, "ppm", value_ppm, std_ppm, conditions, n=n, dropped=int((~seen).sum()))]
+
+
+def coefficient_estimates(fitted: Fitted, campaign: Campaign, standards: Standards) -> list[dict[str, Any]]:
+    """<quantity>_tc0, _tc1, _tc2: value and coefficients about the reference temperature of the campaign."""
+    found = []
+    for (quantity, channel), polynomial in fitted.polynomials.items():
+        visits = fitted.visits(channel)
+        temperatures = [one.fit.unit_temperature_degC for one in visits]
+        conditions = {
+            "channel": channel,
+            "kind": campaign.channel(channel).kind,
+            "reference_temperature_degC": campaign.reference_temperature_degC,
+        }
+        for order, value in enumerate(polynomial.coefficients):
+            std = float(np.hypot(polynomial.std_uncertainty(order), _sensor_effect(polynomial, order, campaign)))
+            if quantity in QUANTITIES:
+                std = float(np.hypot(std, _standard_ppm(order, temperatures, standards)))
+            unit = UNITS[quantity] + ("", "/degC", "/degC2")[order]
+            found.append(estimate(f"{quantity}_tc{order}", unit, value, std, conditions, n=len(visits)))
+    return found
+
+
+def _sensor_effect(polynomial: TemperaturePolynomial, order: int, campaign: Campaign) -> float:
+    """One standard deviation of the unit's sensor in a coefficient, the error being the same at all temperatures.
+
+    It moves the polynomial along the axis: tc0 by tc1, tc1 by 2 tc2. A gain error of the sensor of 0.1 % would change
+    tc1 by as much, and is left to the sensor's own certificate.
+    """
+    later = polynomial.coefficients[order + 1 :]
+    return float((order + 1) * later[0] * campaign.sensor_std_degC) if later.size else 0.0
+
+
+def _standard_ppm(order: int, temperatures: list[float], standards: Standards) -> float:
+    """Traceability and drift of the calibrator in a coefficient: a drift in time looks like one in temperature.
+
+    The temperatures come in rising order, so a drift that is linear in time is a slope over their span.
+    """
+    if order == 0:
+        return standards.common_relative_ppm
+    return (standards.drift or 0.0) * 1e6 / (max(temperatures) - min(temperatures)) if order == 1 else 0.0
