@@ -190,14 +190,14 @@ MUTANTS = [
     ),
     Mutant(
         "quadrant of north by the other lock-in",
-        "bench/systems/north/estimators/quadrant.py",
+        "bench/systems/north/estimators/formulas.py",
         "1j * (big_1 - big_2 * np.sin(apart))",
         "1j * (big_1 + big_2 * np.sin(apart))",
         ["tests/unit/systems/north/test_formulas.py::test_misplaced_pulses_are_calibrated"],
     ),
     Mutant(
         "quadrant that nobody knows is told",
-        "bench/systems/north/estimators/quadrant.py",
+        "bench/systems/north/estimators/formulas.py",
         "np.abs(apart_deg) < LARGEST_deg",
         "np.abs(apart_deg) < 2.0 * LARGEST_deg",
         ["tests/unit/systems/north/test_formulas.py::test_pulses_near_or_beyond_ninety_degrees"],

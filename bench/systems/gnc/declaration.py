@@ -1,10 +1,9 @@
-"""What the engine is told of GNC modules and inertial measurement units."""
+"""Declaration of GNC modules and inertial measurement units."""
 
 from __future__ import annotations
 
 from bench.model.declaration import AnalysisDeclaration, CoefficientsDeclaration, Limit, System
-from bench.systems.gnc.log_sections import SensorColumn, SensorLog
-from bench.systems.gnc.sections import ModuleUnit
+from bench.systems.gnc.sections import ModuleUnit, SensorColumn, SensorLog
 
 _HERE = "bench.systems.gnc"
 _POSE = ("item", "mounting", "outer_deg", "middle_deg", "inner_deg")
@@ -49,10 +48,10 @@ DECLARATION = System(
             page="docs/gnc-module.md",
         ),
         AnalysisDeclaration("imu_calibration", f"{_HERE}.calibration.analysis", ("least_squares",), "samples", _POSE),
-        AnalysisDeclaration("imu_bias", f"{_HERE}.bias.analysis", ("ten_second_means",), "samples", _POSE),
+        AnalysisDeclaration("imu_bias", f"{_HERE}.bias", ("ten_second_means",), "samples", _POSE),
         AnalysisDeclaration(
             "magnetometer",
-            f"{_HERE}.magnetometer.analysis",
+            f"{_HERE}.magnetometer",
             ("ellipse", "extremes"),
             made_of="samples",
             conditions=(*_POSE, "rate_deg_s"),
@@ -65,5 +64,5 @@ DECLARATION = System(
     unit=ModuleUnit,
     log=SensorLog,
     log_columns=(SensorColumn,),
-    coefficients=CoefficientsDeclaration("an IMU", f"{_HERE}.coefficients", f"{_HERE}.coefficients_header:header_text"),
+    coefficients=CoefficientsDeclaration("an IMU", f"{_HERE}.coefficients", f"{_HERE}.coefficients:header_text"),
 )

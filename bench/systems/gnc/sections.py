@@ -1,14 +1,25 @@
-"""What a sequence says of a GNC module: the sensors of its data sheet."""
+"""Sections of a sequence about a GNC module, the sensors of its data sheet, and of a mapping about the log of an
+inertial measurement unit: its sensors, its named stretches, its site.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from collections.abc import Collection, Mapping
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
-from bench.model.declaration import UnitSections
-from bench.model.units import quantity
-from bench.model.yamlio import StrictModel
+from bench.model.declaration import Log, LogColumn, LogSections, UnitSections
+from bench.model.units import quantity, read_quantity
+from bench.model.yamlio import Name, StrictModel
+
+AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
+UPS: tuple[str, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
+SIX_POSITION, MULTI_POSITION, STRAPDOWN = "imu_six_position", "imu_multi_position", "imu_strapdown"
+ANALYSES = (SIX_POSITION, MULTI_POSITION, STRAPDOWN)
+_WORDS = {"gyro": "gyro", "accelerometer": "accel"}
+_UNITS = {"gyro": ("deg/s", "1"), "accelerometer": ("m/s2", "g", "1")}
+_IN_NAMES = {"deg/s": "deg_s", "m/s2": "m_s2", "g": "g", "1": "counts"}
 
 
 class Imu(StrictModel):
@@ -41,3 +52,139 @@ class ModuleUnit(UnitSections):
     def constants(self) -> dict[str, Any]:
         """Return entries of the manifest's section "campaign"; what is not stated is left out."""
         return {} if self.imu is None else {"imu": self.imu.constants()}
+
+
+def _unit(text: str) -> str:
+    if read_quantity(f"1 {text}") is None:
+        raise ValueError(f"{text!r} is no unit; write one such as deg/s, deg/h, m/s2, g, mg, or 1 for counts")
+    return text
+
+
+class SensorColumn(LogColumn):
+    """A column of numbers of one axis of a gyroscope or an accelerometer triad."""
+
+    role: Literal["gyro", "accelerometer"]
+    axis: Literal["x", "y", "z"]
+    unit: Annotated[str, AfterValidator(_unit)] = Field(description="of the numbers in the file; 1 for raw counts")
+
+    @property
+    def quantity(self) -> str:
+        """Name of the column in series and results, such as ``gyro_x_deg_s`` or ``accel_z_counts``."""
+        return f"{_WORDS[self.role]}_{self.axis}_{_IN_NAMES.get(self.dimension, self.dimension)}"
+
+    def more(self) -> dict[str, str]:
+        """Return what the manifest says of the column beside header, quantity, role and unit."""
+        return {"axis": self.axis}
+
+
+class Segment(StrictModel):
+    """A stretch of rows in which something was done: rest with one axis up, or a turn about one axis."""
+
+    rows: tuple[Annotated[int, Field(strict=True, ge=0)], Annotated[int, Field(strict=True, ge=0)]] = Field(
+        description="first and last row, both included; rows are counted from 0"
+    )
+    up: Literal["+x", "-x", "+y", "-y", "+z", "-z"] | None = Field(
+        None, description="axis that points up in this rest, so that it reads +g (or -g)"
+    )
+    axis: Literal["x", "y", "z"] | None = Field(None, description="axis about which the unit is turned")
+    turn: Annotated[float, *quantity("deg", -360_000.0, 360_000.0)] | None = Field(
+        None, description="angle of the turn, right-handed about the axis, such as -360 deg"
+    )
+
+    def campaign(self, label: str) -> dict[str, Any]:
+        """As it stands in the manifest of an imported session."""
+        found: dict[str, Any] = {"label": label, "first": self.rows[0], "last": self.rows[1]}
+        if self.up is not None:
+            return found | {"item": "position", "up": self.up}
+        return found | {"item": "rotation", "axis": self.axis, "turn_deg": self.turn}
+
+
+class LogSite(StrictModel):
+    """Where the log was taken."""
+
+    gravity: Annotated[float, *quantity("m/s2", 9.7, 9.9)] = Field(description="local gravity, such as 9.80665 m/s2")
+    latitude: Annotated[float, *quantity("deg", -90.0, 90.0)] | None = None
+    azimuth: Annotated[float, *quantity("deg", -360.0, 360.0)] | None = None
+
+    def campaign(self) -> dict[str, float | None]:
+        """As it stands in the manifest of an imported session."""
+        return {"gravity_m_s2": self.gravity, "latitude_deg": self.latitude, "azimuth_deg": self.azimuth}
+
+
+class SensorLog(LogSections):
+    """Sections of a mapping."""
+
+    analyses: ClassVar[tuple[str, ...]] = ANALYSES
+
+    segments: dict[Name, Segment] = Field(default_factory=dict, description="named stretches of rows of an IMU's log")
+    site: LogSite | None = None
+
+    def check_log(self, log: Log) -> None:
+        """Check that sensors and segments fit together, and that the analysis has what it needs. Raises: ValueError."""
+        sensors = _sensors(log)
+        _check_sensors(sensors)
+        _check_segments(self.segments, sensors.values(), log.bad_rows)
+        if log.analysis in ANALYSES:
+            _check_needs(self, log.analysis, sensors.values())
+
+    def log_constants(self, log: Log) -> dict[str, Any]:
+        """Return entries of the manifest's section "campaign", none for a log without sensors."""
+        if not _sensors(log):
+            return {}
+        return {
+            "segments": [segment.campaign(label) for label, segment in self.segments.items()],
+            "site": {} if self.site is None else self.site.campaign(),
+            "rate_Hz": log.rate_Hz,
+        }
+
+    def beyond(self, rows: int) -> tuple[tuple[str, ...], str, str] | None:
+        """Return the first segment that ends outside of a log of so many rows: its place, what is wrong, what to do."""
+        for label, segment in self.segments.items():
+            if segment.rows[1] >= rows:
+                message = f"the segment {label!r} ends at row {segment.rows[1]}, the last row of the log is {rows - 1}"
+                cure = "count rows from 0, without the line of column names; both ends are included"
+                return ("segments", label, "rows"), message, cure
+        return None
+
+
+def _sensors(log: Log) -> Mapping[str, SensorColumn]:
+    return {header: column for header, column in log.values.items() if isinstance(column, SensorColumn)}
+
+
+def _check_sensors(sensors: Mapping[str, SensorColumn]) -> None:
+    for header, sensor in sensors.items():
+        if sensor.dimension not in _UNITS[sensor.role]:
+            due = ", ".join(_UNITS[sensor.role])
+            raise ValueError(f"column {header!r}: a {sensor.role} needs a unit of {due}, not {sensor.unit!r}")
+    for role in _WORDS:
+        units = {sensor.dimension for sensor in sensors.values() if sensor.role == role}
+        if len(units) > 1:
+            raise ValueError(f"the columns of the role {role} have different units: {', '.join(sorted(units))}")
+
+
+def _check_segments(segments: Mapping[str, Segment], sensors: Collection[SensorColumn], bad_rows: float) -> None:
+    for label, segment in segments.items():
+        first, last = segment.rows
+        if last < first:
+            raise ValueError(f"segment {label!r}: the last row {last} stands before the first one {first}")
+        turned = segment.axis is not None
+        if turned == (segment.up is not None) or turned != (segment.turn is not None) or segment.turn == 0.0:
+            raise ValueError(f"segment {label!r} needs either 'up', or 'axis' and a 'turn' other than 0 deg")
+    if segments and not sensors:
+        raise ValueError("segments need columns of the role gyro or accelerometer")
+    if segments and bad_rows:
+        raise ValueError("segments count rows, so no row may be left out; remove 'bad_rows'")
+
+
+def _check_needs(log: SensorLog, name: str, sensors: Collection[SensorColumn]) -> None:
+    for role in _WORDS if name == STRAPDOWN else ("accelerometer",):
+        there = {sensor.axis for sensor in sensors if sensor.role == role}
+        if missing := [axis for axis in AXES if axis not in there]:
+            what = f"{'a gyro' if role == 'gyro' else 'an accelerometer'} column of the axis {missing[0]}"
+            raise ValueError(f"the analysis {name!r} needs {what}")
+    if log.site is None:
+        raise ValueError(f"the analysis {name!r} needs 'site' with the local gravity")
+    if name == SIX_POSITION:
+        ups = {segment.up for segment in log.segments.values()}
+        if absent := [up for up in UPS if up not in ups]:
+            raise ValueError(f"the analysis {name!r} needs a segment with 'up: {absent[0]}'")

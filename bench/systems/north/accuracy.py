@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.analysis import Floats
-from bench.systems.north.estimators.bound import time_to_accuracy_s
-from bench.systems.north.estimators.likelihood import likelihood_north
+from bench.systems.north.estimators.likelihood import likelihood_north, time_to_accuracy_s
 from bench.systems.north.estimators.phasors import heading_deg, wrapped_deg
-from bench.systems.north.raw import Waveform, waveform_of
-from bench.systems.north.sets import TEST, NorthSet
+from bench.systems.north.sets import TEST, NorthSet, Waveform, waveform_of
 from bench.systems.north.solution import LIKELIHOOD, METHODS, Solution
 
 COVERAGE = 1.96  # 95 % of a normal distribution

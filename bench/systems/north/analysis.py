@@ -7,22 +7,26 @@ sequence is not known here.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
-from bench.analysis import Analysis, Material, check_method
+from bench.analysis import Analysis, Estimates, Material, check_method, estimate, stated_limits
 from bench.model.errors import FitError
-from bench.systems.north.accuracy import accuracies
-from bench.systems.north.error_figures import error_figures
-from bench.systems.north.estimates import north_estimates
-from bench.systems.north.figures import signal_figures
-from bench.systems.north.limits import azimuth_error_limit_deg
+from bench.systems.north.accuracy import Accuracy, accuracies
+from bench.systems.north.declaration import DECLARATION
+from bench.systems.north.estimators.eight_samples import IndexCalibration
+from bench.systems.north.figures import error_figures, signal_figures
 from bench.systems.north.notes import north_notes
-from bench.systems.north.sets import north_sets
-from bench.systems.north.solution import METHODS as ALL_METHODS
+from bench.systems.north.sets import COSINE, SENSES, SINE, TEST, north_sets
+from bench.systems.north.solution import METHODS, Mean, Solution
 from bench.systems.north.solve import site_of, solve
 from bench.systems.north.tables import tables
 
-METHODS: tuple[str, ...] = ALL_METHODS
+AZIMUTH_ERROR, SPECIFIED_deg = "azimuth_error", 0.5
+_MOST_SCATTER = 2.0  # of amplitudes over that of white noise, from which it is taken
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -45,9 +49,95 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         campaign="fog_north",
         method=method,
         uut=dict(material.campaign["uut"]),
-        estimates=north_estimates(solution, method, accuracy, limit_deg),
+        estimates=_estimates(solution, method, accuracy, limit_deg),
         notes=north_notes(solution, method, accuracy),
         missing=solution.missing,
         figures=[*signal_figures(solution), *error_figures(solution, method, limit_deg)],
         tables=tables(solution, method, accuracy, limit_deg),
     )
+
+
+def azimuth_error_limit_deg(campaign: Mapping[str, Any]) -> float:
+    """Return the largest azimuth error allowed, degrees.
+
+    Raises: FitError B-FOG-001 for a limit of the sequence that is not one of a north finder, in a wrong unit or not
+            above zero.
+    """
+    (declared,) = DECLARATION.analyses
+    stated = stated_limits(campaign, declared.limits, "B-FOG-001", "a north finder has no such limit")
+    return stated.get(AZIMUTH_ERROR, SPECIFIED_deg)
+
+
+def _estimates(found: Solution, method: str, accuracy: list[Accuracy], limit_deg: float) -> Estimates:
+    """Tests by ``method``, which is judged; searches by every method; what else was found."""
+    estimates: Estimates = []
+    for name in METHODS:
+        for mean in found.means(name):
+            if name == method or mean.item != TEST:
+                estimates += _azimuth(mean, name, limit_deg)
+    estimates += [one for each in accuracy if each.used > 1 for one in _of_method(each)]
+    for sense, index in found.calibrations.items():
+        estimates += _calibration(index, sense, found.placed_deg)
+    return estimates + _waveform(found)
+
+
+def _azimuth(mean: Mean, method: str, limit_deg: float) -> Estimates:
+    place: dict[str, Any] = {"item": mean.item, "head_deg": mean.head_deg, "method": method}
+    if mean.place:
+        place["place"] = mean.place
+    counted: dict[str, Any] = {"n": mean.n, "dropped": mean.dropped, "dof": mean.dof}
+    found = [estimate("azimuth", "deg", mean.azimuth_deg % 360.0, mean.std_deg, place, **counted)]
+    if mean.item == TEST:
+        found.append(
+            estimate("azimuth_error", "deg", mean.error_deg, mean.error_std_deg, place, limit=limit_deg, **counted)
+        )
+    return found
+
+
+def _of_method(one: Accuracy) -> Estimates:
+    place, n = {"method": one.method}, one.used
+    found = [estimate("azimuth_rms_error", "deg", one.rms_deg, one.rms_std_deg, place, n=n)]
+    if math.isfinite(one.time_s):
+        found.append(estimate("time_to_accuracy", "s", one.time_s, one.time_s * math.sqrt(2.0 / n), place, n=n))
+    return found
+
+
+def _calibration(index: IndexCalibration, sense: int, placed_deg: float) -> Estimates:
+    """Index B (lock-in 1) and A (lock-in 2): placement by table angle; gain as amplitude of the signal, volt.
+
+    ``placed_deg``: what makes both placements uncertain beside the noise of the calibration.
+    """
+    std = np.sqrt(np.diag(index.covariance))
+    found: Estimates = []
+    for number, (role, letter, gain, at_deg) in enumerate(
+        ((SINE, "b", index.f1, index.f2_deg), (COSINE, "a", index.f4, index.f5_deg))
+    ):
+        about: dict[str, Any] = {"index": letter, "rotation": SENSES[sense]}
+        gain_std, deg_std = float(std[2 * number]), math.hypot(std[2 * number + 1], placed_deg)
+        found.append(estimate("index_placement", "deg", sense * at_deg, deg_std, about, n=index.sets, dof=index.dof))
+        about = {"source": role, "rotation": SENSES[sense]}
+        both = math.sqrt(2.0) * gain, math.sqrt(2.0) * gain_std
+        found.append(estimate("scale", "V", *both, about, n=index.sets, dof=index.dof))
+    return found
+
+
+def _waveform(found: Solution) -> Estimates:
+    """Amplitude, noise per sample and bound by the raw samples, over all sets."""
+    raw = [one for one in found.raw if one is not None]
+    if not raw:
+        return []
+    amplitude = np.array([float(one.amplitude) for one in raw])
+    noise = np.array([float(one.noise_V) for one in raw])
+    samples = int(sum(int(one.samples) for one in raw))
+    bound_std = math.sqrt(0.5 + 2.0 * float(np.mean((noise / amplitude) ** 2))) / math.sqrt(samples)
+    bound_deg = float(np.sqrt(np.nanmean(found.bound_deg**2)))
+    noise_V, about = float(np.sqrt(np.mean(noise**2))), {"source": "waveform"}
+    scale_std_V = noise_V * math.sqrt(2.0 / samples)
+    if len(raw) > 1:  # an amplitude that changes from set to set is known no better than it scatters
+        scatter_V = float(np.std(amplitude, ddof=1)) / math.sqrt(len(raw))
+        scale_std_V = scatter_V if scatter_V > _MOST_SCATTER * scale_std_V else scale_std_V
+    return [
+        estimate("scale", "V", float(np.mean(amplitude)), scale_std_V, about, n=samples),
+        estimate("noise", "V", noise_V, noise_V / math.sqrt(2.0 * samples), about, n=samples),
+        estimate("azimuth_bound", "deg", bound_deg, bound_deg * bound_std, about, n=samples),
+    ]

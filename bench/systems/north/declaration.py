@@ -1,4 +1,4 @@
-"""What the engine is told of north finding with a fibre-optic gyroscope."""
+"""Declaration of north finding with a fibre-optic gyroscope."""
 
 from __future__ import annotations
 

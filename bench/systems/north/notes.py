@@ -7,9 +7,8 @@ import math
 import numpy as np
 
 from bench.systems.north.accuracy import Accuracy
-from bench.systems.north.estimates import SENSES
 from bench.systems.north.estimators.phasors import TURNS
-from bench.systems.north.sets import CALIBRATION
+from bench.systems.north.sets import CALIBRATION, SENSES
 from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, LITERAL, QUADRANT, Solution
 
 _MOST_CHI = 2.0  # RMS error over its standard uncertainty from which the uncertainty is in doubt

@@ -1,4 +1,4 @@
-"""What was found of north: azimuths of all sets by every method, their errors where the azimuth is known, their means.
+"""North as it was found: azimuths of all sets by every method, their errors where the azimuth is known, their means.
 
 Calibration, test and search are different sets: an error is never evaluated on the noise that calibrated.
 """
@@ -13,15 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis import Floats
-from bench.systems.north.estimators.calibration import IndexCalibration
+from bench.systems.north.estimators.eight_samples import IndexCalibration
 from bench.systems.north.estimators.likelihood import LikelihoodNorth
-from bench.systems.north.estimators.phasors import wrapped_deg
-from bench.systems.north.estimators.tilt import tilt_std_deg
+from bench.systems.north.estimators.phasors import tilt_std_deg, wrapped_deg
 from bench.systems.north.sets import SEARCH, TEST, NorthSet
 
+Flags = NDArray[np.bool_]
 LEAST_SQUARES, LIKELIHOOD, QUADRANT, LITERAL = "least_squares", "likelihood", "quadrant", "literal"
 METHODS: tuple[str, ...] = (LEAST_SQUARES, LIKELIHOOD, QUADRANT, LITERAL)
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -12,15 +12,11 @@ import numpy as np
 
 from bench.analysis import Floats
 from bench.model.errors import FitError
-from bench.systems.north.estimators.calibration import IndexCalibration, calibrate_index
-from bench.systems.north.estimators.eight_samples import eight_sample_north
+from bench.systems.north.estimators.eight_samples import IndexCalibration, calibrate_index, eight_sample_north
+from bench.systems.north.estimators.formulas import literal_north, quadrant_north
 from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north
-from bench.systems.north.estimators.literal import literal_north
-from bench.systems.north.estimators.phasors import heading_deg, oriented, phase_deg, wrapped_deg
-from bench.systems.north.estimators.quadrant import quadrant_north
-from bench.systems.north.estimators.tilt import tilt_correction_deg
-from bench.systems.north.raw import waveform_of
-from bench.systems.north.sets import CALIBRATION, SEARCH, NorthSet
+from bench.systems.north.estimators.phasors import heading_deg, oriented, phase_deg, tilt_correction_deg, wrapped_deg
+from bench.systems.north.sets import CALIBRATION, SEARCH, NorthSet, waveform_of
 from bench.systems.north.solution import (
     LEAST_SQUARES,
     LIKELIHOOD,

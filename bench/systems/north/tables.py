@@ -10,10 +10,9 @@ import numpy as np
 from bench.analysis import Table, number, with_uncertainty
 from bench.maths.verdict import coverage_factor
 from bench.systems.north.accuracy import COVERAGE, Accuracy, bench_s, measured_s
-from bench.systems.north.estimates import SENSES
-from bench.systems.north.estimators.bound import SQUARE_PENALTY
+from bench.systems.north.estimators.likelihood import SQUARE_PENALTY
 from bench.systems.north.estimators.phasors import INDEX_TO_NORTH
-from bench.systems.north.sets import SEARCH, TEST
+from bench.systems.north.sets import SEARCH, SENSES, TEST
 from bench.systems.north.solution import LITERAL, METHODS, Solution
 from bench.systems.north.solve import HARMONICS
 

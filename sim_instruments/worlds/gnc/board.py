@@ -19,10 +19,9 @@ from bench.model.shipped import find_shipped
 from sim_instruments.faults.switchboard import LinkFaults
 from sim_instruments.worlds.common.port import BITS_PER_BYTE, Int64, OnePortUnit
 from sim_instruments.worlds.gnc.commands import HANDLERS, BadParameterError, Job, Status
+from sim_instruments.worlds.gnc.link import BOARD, SILENCE_NS, US, BoardReceiver, Request, Stream
+from sim_instruments.worlds.gnc.magnetometer import Correction
 from sim_instruments.worlds.gnc.module import GncModule
-from sim_instruments.worlds.gnc.receiver import BOARD, SILENCE_NS, BoardReceiver, Request
-from sim_instruments.worlds.gnc.roll import Correction
-from sim_instruments.worlds.gnc.stream import US, Stream
 
 PORT = "rs422"
 BOOT_S = 1.2  # from power to the first command

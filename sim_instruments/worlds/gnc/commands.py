@@ -1,4 +1,4 @@
-"""What the test board does at each command: how long it takes, what it answers.
+"""Commands of the test board: how long it takes, what it answers.
 
 Payloads are packed here by hand (little endian), apart from the frame file the controller reads.
 """
@@ -14,15 +14,13 @@ from typing import Protocol
 import numpy as np
 
 from bench.model.clock import NS
-from sim_instruments.worlds.gnc.analog import GIVE_UP_S
-from sim_instruments.worlds.gnc.faults import BY_CODE
 from sim_instruments.worlds.gnc.imu import MAG_LSB_GAUSS
-from sim_instruments.worlds.gnc.lines import LINES, can_test, io_test, sci_test, spi_test
-from sim_instruments.worlds.gnc.memory import FLASH, SIZE, WORD, MemoryResult, Operation, Region
+from sim_instruments.worlds.gnc.link import HIGHEST_HZ
+from sim_instruments.worlds.gnc.magnetometer import Correction
 from sim_instruments.worlds.gnc.module import GncModule
-from sim_instruments.worlds.gnc.processor import OPERATIONS, TICKS
-from sim_instruments.worlds.gnc.roll import Correction
-from sim_instruments.worlds.gnc.stream import HIGHEST_HZ
+from sim_instruments.worlds.gnc.options import BY_CODE
+from sim_instruments.worlds.gnc.peripherals import GIVE_UP_S, LINES, can_test, io_test, sci_test, spi_test
+from sim_instruments.worlds.gnc.processor import FLASH, OPERATIONS, SIZE, TICKS, WORD, Operation, Region
 
 PROTOCOL, FIRMWARE, BOARD_SERIAL = 1, 0x0102, "GNC-TB-SIM"
 ANSWER_S = 0.002  # any command that does nothing slow
@@ -148,7 +146,7 @@ def memory(board: Board, payload: bytes) -> Job:
 
     def finish(_begin_ns: int, _end_ns: int) -> Outcome:
         memories = board.module.memories
-        found: MemoryResult = memories.do(region, operation, pattern, start, length)
+        found = memories.do(region, operation, pattern, start, length)
         numbers = (found.checked, found.wrong, found.address, found.expected, found.received, memories.erases[region])
         return _judged(not found.wrong), struct.pack("<6I", *numbers)
 

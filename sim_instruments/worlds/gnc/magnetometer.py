@@ -1,7 +1,13 @@
-"""The simulated magnetometer: Earth's field, the iron of the turntable, and the sensor's own errors."""
+"""The simulated magnetometer: Earth's field, the iron of the turntable, the sensor's own errors, and the roll angle
+that the module's processor computes from it, paper 001 section 4.2 2).
+
+The processor takes equations (7) to (9) with what (9) lacks: x is divided by cos alpha, after zero and gain. The angle
+is that of a right-handed turn about z, from the position in which the field across z lies along +x.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -20,6 +26,7 @@ Int64 = NDArray[np.int64]
 _STATOR_GAUSS = np.array([0.030, -0.020, 0.025])
 _GIMBAL_GAUSS = np.array([0.040, -0.090, 0.060])
 _GIMBAL_STEEL = np.array([[0.010, 0.004, 0.0], [0.004, -0.030, 0.012], [0.0, 0.012, 0.025]])
+LOWEST, HIGHEST = -32_768, 32_767
 
 
 @dataclass(frozen=True)
@@ -39,7 +46,7 @@ class EarthField:
 
 @dataclass(frozen=True)
 class InPlane:
-    """What a rotation of the body about z shows of the sensors x and y (paper 001, equations (5) to (9)).
+    """Ellipse that a rotation of the body about z shows of the sensors x and y (paper 001, equations (5) to (9)).
 
     Attributes:
         offset_gauss: centre of the ellipse, (2,).
@@ -110,3 +117,23 @@ def field_gauss(
     if on_turntable:
         field = field @ (np.eye(3) + _GIMBAL_STEEL).T + _GIMBAL_GAUSS
     return in_body_axes(field, mounting, None if tilt is None else tilt.rad(angles))
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Zero by axis in counts, gain of y against x, sine of the angle by which the axes are not square."""
+
+    offset: tuple[int, int, int] = (0, 0, 0)
+    gain: float = 1.0
+    sin_alpha: float = 0.0
+
+    def roll(self, counts: Sequence[int]) -> tuple[float, tuple[int, int, int]]:
+        """Roll angle in degrees, -180 to 180, and the corrected field in counts."""
+        x_out, y_out, z = (int(value) - zero for value, zero in zip(counts, self.offset, strict=True))
+        y = y_out * self.gain
+        x = (x_out - y * self.sin_alpha) / math.sqrt(1.0 - self.sin_alpha**2)
+        return math.degrees(math.atan2(-y, x)), (_count(x), _count(y), _count(z))
+
+
+def _count(value: float) -> int:
+    return min(max(round(value), LOWEST), HIGHEST)

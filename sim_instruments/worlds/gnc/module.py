@@ -8,12 +8,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_instruments.worlds.gnc.analog import Converter, Power, Receiver
-from sim_instruments.worlds.gnc.draws import ModuleDraws
 from sim_instruments.worlds.gnc.imu import SAMPLE_NS, Counts
-from sim_instruments.worlds.gnc.imu_power import PowerPeriods
-from sim_instruments.worlds.gnc.memory import Memories
-from sim_instruments.worlds.gnc.processor import Processor
+from sim_instruments.worlds.gnc.imu_errors import PowerPeriods
+from sim_instruments.worlds.gnc.peripherals import Converter, Power, Receiver
+from sim_instruments.worlds.gnc.processor import Memories, ModuleDraws, Processor
 
 Int64 = NDArray[np.int64]
 

@@ -13,10 +13,10 @@ from sim_instruments.worlds.common.motion import AxisMotion
 from sim_instruments.worlds.common.thermal import Thermal
 from sim_instruments.worlds.common.world import World
 from sim_instruments.worlds.gnc.board import PORT, START_V, GncBoard
-from sim_instruments.worlds.gnc.faults import parse_faults
 from sim_instruments.worlds.gnc.imu import GncImu
 from sim_instruments.worlds.gnc.imu_errors import ImuOptions
 from sim_instruments.worlds.gnc.module import GncModule
+from sim_instruments.worlds.gnc.options import parse_faults
 from sim_instruments.worlds.gnc.truth import estimates
 
 SITE = Site(latitude_deg=34.2, gravity_m_s2=9.7969, azimuth_deg=90.0)

@@ -1,4 +1,4 @@
-"""What can be chosen at the simulated bench of a north finder, and what it is otherwise."""
+"""Choices at the simulated bench of a north finder, and their defaults."""
 
 from __future__ import annotations
 

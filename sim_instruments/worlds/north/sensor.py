@@ -5,21 +5,27 @@ function of the number of the sample. Nothing later than now may be asked for, s
 
 A sample is the mean of the output over one millisecond of the bench clock, [n, n + 1) ms, taken at two nodes (Gauss);
 that is within 5e-9 of the amplitude at 360 deg/s with a swing of 3 arcmin at 60 Hz (against 100 points).
+
+Earth's rate is turned by matrices, no small angles. Local frame: x East, y North, z Up, right-handed. The frame of the
+table follows from it by the tilt of the rotation axis, one turn about a horizontal axis. In the table's plane angles
+count counter-clockwise, as seen from above, from the table's own east: a sensing axis of heading H (clockwise from
+north) stands at 90 deg - H.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.clock import NS
 from sim_instruments.seeds import generator
+from sim_instruments.worlds.common.attitude import EARTH_RATE_RAD_S
 from sim_instruments.worlds.common.motion import AxisMotion
 from sim_instruments.worlds.common.sensor_noise import WhiteNoise
 from sim_instruments.worlds.north.options import FogOptions
-from sim_instruments.worlds.north.projection import earth_rate_rad_s, sensed_rad_s, tilted
 from sim_instruments.worlds.north.variation import Constant, Linear, Variation, drawn_slow, drawn_steps
 
 Float = NDArray[np.float64]
@@ -32,6 +38,41 @@ INDEX_DEG = {"a": 0.0, "b": 270.0}  # where the marks should be
 _NODE_NS = (211_325, 788_675)  # (1 -+ 1/sqrt 3)/2 of a millisecond
 _TURNS, _SAMPLES = 4096, 2**20  # length of the tables of drawn steps: 1.1 h and 17 min
 _BISECTIONS = 20  # of a millisecond: 1 ns
+
+
+def earth_rate_rad_s(latitude_deg: float) -> Float:
+    """Earth's rate in the local frame (East, North, Up), rad/s, (3,)."""
+    latitude = np.deg2rad(latitude_deg)
+    return EARTH_RATE_RAD_S * np.array([0.0, np.cos(latitude), np.sin(latitude)])
+
+
+def tilted(east_deg: float, north_deg: float) -> Float:
+    """Matrix of the turn by the vector (east, north, 0), degrees: columns are the table's axes in the local frame.
+
+    Source: Rodrigues' formula.
+    """
+    vector = np.deg2rad([east_deg, north_deg, 0.0])
+    angle = float(np.linalg.norm(vector))
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = vector / angle
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross))
+
+
+def sensed_rad_s(in_table: Float, angle_rad: Any, axis_tilt_deg: float) -> Float:
+    """Component of a rate along the sensing axis.
+
+    Args:
+        in_table: the rate in the frame of the table, rad/s, (3,).
+        angle_rad: where the sensing axis stands in the table's plane, any shape.
+        axis_tilt_deg: its elevation above that plane.
+    Returns: rad/s, shape of ``angle_rad``: the rate times Rz(angle) (cos tilt, 0, sin tilt).
+    """
+    east, north, up = in_table
+    in_plane = east * np.cos(angle_rad) + north * np.sin(angle_rad)
+    tilt = np.deg2rad(axis_tilt_deg)
+    return np.asarray(np.cos(tilt) * in_plane + np.sin(tilt) * up)
 
 
 def variation(kind: str, seed: int, parameter: str, ramp_s: float) -> Variation:

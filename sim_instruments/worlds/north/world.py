@@ -1,9 +1,12 @@
-"""The world of the north finder's bench: gyroscope on a turning table, its index marks, the place, the Earth."""
+"""The world of the north finder's bench: gyroscope on a turning table, its index marks, the place, the Earth.
+
+Its truth is what a perfect analysis would find; nothing of the product reads it.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -16,12 +19,13 @@ from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.attitude import Site
 from sim_instruments.worlds.common.motion import AxisMotion
 from sim_instruments.worlds.common.thermal import Thermal
-from sim_instruments.worlds.common.world import World
+from sim_instruments.worlds.common.world import World, entry
 from sim_instruments.worlds.north.options import FogOptions
 from sim_instruments.worlds.north.sensor import FogSensor
-from sim_instruments.worlds.north.truth import estimates
 from sim_instruments.worlds.north.unit import PORT, FogUnit
 
+_PLACE = ("item", "place", "head_deg")
+UNKNOWN = ("test", "search")  # items whose azimuth an analysis finds; that of a calibration is stated
 Float = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
@@ -29,6 +33,25 @@ SITE = Site(latitude_deg=37.0, gravity_m_s2=9.799, azimuth_deg=20.0)
 PLACES = ("mark", "field")
 START_V, CURRENT_A = 12.0, 0.4
 _MRAD_PER_ARCMIN = 1e3 * math.radians(1.0 / 60.0)
+
+
+def _true_values(
+    sensor: FogSensor, heading_deg: Callable[[NDArray[np.int64]], NDArray[np.float64]], windows: Sequence[RecordWindow]
+) -> list[dict[str, Any]]:
+    """True values in the contract's form: azimuth of each heading, index marks, amplitude, noise of a sample."""
+    found: dict[tuple[Any, ...], dict[str, Any]] = {}
+    for window in windows:
+        if window.conditions.get("item") in UNKNOWN:
+            conditions = {key: window.conditions[key] for key in _PLACE if key in window.conditions}
+            middle_ns = np.array([(window.t_start_ns + window.t_end_ns) // 2])
+            azimuth_deg = float(heading_deg(middle_ns)[0])
+            found.setdefault(tuple(conditions.items()), entry("azimuth", "deg", azimuth_deg, conditions))
+    if not found:
+        return []
+    marks = [entry("index_placement", "deg", at_deg, {"index": mark}) for mark, at_deg in sensor.placement_deg.items()]
+    about = {"source": "waveform"}
+    signal = [entry("scale", "V", sensor.amplitude_V, about), entry("noise", "V", sensor.noise_V, about)]
+    return [*found.values(), *marks, *signal]
 
 
 class FogWorld(World):
@@ -112,7 +135,7 @@ class FogWorld(World):
         return START_V, CURRENT_A
 
     def truth(self, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
-        return estimates(self.sensor, self.heading_deg, windows)
+        return _true_values(self.sensor, self.heading_deg, windows)
 
 
 def _number(value: Any) -> float:

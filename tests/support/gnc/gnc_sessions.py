@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
+from recorded import recorded
 
 from bench.commands.loading import checked_plan
 from bench.commands.run import view_of
@@ -18,6 +22,9 @@ from bench.session.view import KEPT_EVENTS, analyse_view
 
 SHORT = ("position=60 s", "check_position=20 s", "warm_up=5 min")
 HEAD_s = 1.0  # the second before the turn belongs to the record too
+TURN_s = 15.3  # rotations of the recorded units
+RECORDED = {"gnc_magnetometer": ()}  # settings, by sequence; those of a calibration without
+_SESSION = "session.pickle"
 Key = tuple[Any, ...]
 
 
@@ -81,6 +88,23 @@ def run_session(out: Path, sequence: str, number: int, *settings: str) -> Sessio
     found = {_key(one["quantity"], one["conditions"]): one for one in results["estimates"]}
     truth = {_key(one["quantity"], one["conditions"]): one["value"] for one in done.truth}
     return Session(found, truth, analysis.notes, analysis.missing)
+
+
+def calibration_settings(length_s: float) -> tuple[str, ...]:
+    """A short calibration with rotations recorded over some time."""
+    return *SHORT, f"turn_record={length_s - HEAD_s:g} s"
+
+
+def recorded_unit(factory: pytest.TempPathFactory, sequence: str) -> tuple[Path, Session]:
+    """Folder and results of unit 0 in one sequence, run once per test run; for reading only."""
+    out = recorded(factory, f"{sequence}_unit", partial(_record, sequence))
+    (folder,) = (path for path in out.glob("*/*") if path.is_dir())
+    return folder, pickle.loads((out / _SESSION).read_bytes())
+
+
+def _record(sequence: str, out: Path) -> None:
+    session = run_session(out, sequence, 0, *RECORDED.get(sequence, calibration_settings(TURN_s)))
+    (out / _SESSION).write_bytes(pickle.dumps(session))
 
 
 def _key(quantity: str, conditions: dict[str, Any]) -> Key:

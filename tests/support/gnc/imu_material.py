@@ -58,12 +58,21 @@ def turned(axis: int, angle_deg: float) -> Any:
     return matrix
 
 
+BODY_TO_INNER = {"x": np.eye(3), "y": np.eye(3)[[1, 2, 0]], "z": np.eye(3)[[2, 0, 1]]}
+
+
 def to_local(outer: float, middle: float, inner: float, mounting: str) -> Any:
     """Body to East, North, Up."""
-    places = {"x": (0, 1, 2), "y": (1, 2, 0), "z": (2, 0, 1)}[mounting]
-    body_to_inner = np.eye(3)[list(places)]
     turns = turned(2, 90.0 - SITE["azimuth_deg"]) @ turned(2, outer) @ turned(1, middle) @ turned(0, inner)
-    return turns @ body_to_inner
+    return turns @ BODY_TO_INNER[mounting]
+
+
+def seen_while_turned(local: Any, outer: float, middle: float, inner_deg: Any, mounting: str) -> Any:
+    """A local vector in the body, (n, 3), at angles (n,) of the inner axis."""
+    x, y, z = to_local(outer, middle, 0.0, "x").T @ local
+    cosine, sine = np.cos(np.deg2rad(inner_deg)), np.sin(np.deg2rad(inner_deg))
+    inner = np.stack([np.full_like(cosine, x), cosine * y + sine * z, cosine * z - sine * y], axis=1)
+    return inner @ BODY_TO_INNER[mounting]
 
 
 class Rig:
@@ -89,15 +98,9 @@ class Rig:
         rates = np.zeros((n, 3))
         rates[:, "xyz".index(axis)] = np.diff(angle) * RATE_Hz
         middle_angle = (angle[1:] + angle[:-1]) / 2.0
-        rates += np.stack([to_local(outer, middle, a, axis).T @ earth_rate() for a in middle_angle])
-        about = {
-            "axis": axis,
-            "turn_deg": turn_deg,
-            "turned": "inner",
-            "direction": int(np.sign(turn_deg)),
-            **conditions,
-        }
-        self._add(rates, np.zeros((n, 3)), (outer, middle, 0.0), axis, {"item": "rotation", **about})
+        rates += seen_while_turned(earth_rate(), outer, middle, middle_angle, axis)
+        about = {"axis": axis, "turn_deg": turn_deg, "turned": "inner", "direction": int(np.sign(turn_deg))}
+        self._add(rates, np.zeros((n, 3)), (outer, middle, 0.0), axis, {"item": "rotation", **about, **conditions})
 
     def spin(self, seconds: float, rate_deg_s: float, field_gauss: float, **conditions: Any) -> None:
         """The field across z seen from a unit that turns about z."""

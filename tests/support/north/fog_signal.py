@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_instruments.worlds.north.projection import earth_rate_rad_s, sensed_rad_s, tilted
+from sim_instruments.worlds.north.sensor import earth_rate_rad_s, sensed_rad_s, tilted
 from sim_instruments.worlds.north.variation import Constant, Linear, Sine, Variation, drawn_slow, drawn_steps
 
 Float = NDArray[np.float64]

@@ -1,4 +1,5 @@
-"""A second simulation of the earth signal and of two lock-ins: what the estimators of north are held against.
+"""A second simulation of the earth signal and of two lock-ins: what the estimators of north are held against; and north
+by one lock-in alone, for comparison with the methods that use both.
 
 Four windows of five turns, one behind the other; before each the index moves on by 90 degrees. Paper's noise: two white
 noises of variance 1/4 in each sample.
@@ -10,17 +11,30 @@ from collections.abc import Callable, Iterator
 from functools import cache
 
 import numpy as np
-from single_north import single_north
+from numpy.typing import ArrayLike
 
 from bench.systems.north.estimators.eight_samples import eight_sample_north
+from bench.systems.north.estimators.formulas import literal_north, propagated, quadrant_north
 from bench.systems.north.estimators.likelihood import likelihood_north
-from bench.systems.north.estimators.literal import literal_north
-from bench.systems.north.estimators.phasors import wrapped_deg
-from bench.systems.north.estimators.quadrant import quadrant_north
+from bench.systems.north.estimators.phasors import DOF, North, angle_deg, eight, lock_in_phasors, wrapped_deg
 
 SIGMA_V = 0.5**0.5
 TURNS = 20
 KINDS = ("constant", "slow", "step", "linear", "white", "double")
+
+
+def single_north(u1: ArrayLike, u2: ArrayLike, *, f2_deg: float = 0.0) -> North:
+    """Phase by (17) with atan2: lock-in 1 alone, as a scheme with one lock-in has it.
+
+    Args:    u1, u2: oriented samples, (..., 4); lock-in 2 only for the noise.   f2_deg: placement of its index pulse.
+    Returns: North.
+    Raises:  FitError B-FIT-110 for another shape.
+    Source:  FOG paper (002) equation (17).
+    """
+    first, second = eight(u1, u2)
+    phasor = np.asarray(lock_in_phasors(first, second)[0] * np.exp(-1j * np.deg2rad(f2_deg)))
+    noise, std_deg = propagated(lambda a, b: lock_in_phasors(a, b)[0], first, second)
+    return North("single", angle_deg(phasor), std_deg, DOF, phasor, noise, first.mean(-1), second.mean(-1))
 
 
 def wander(kind: str, t: np.ndarray, rng: np.random.Generator) -> np.ndarray:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gnc_sessions import recorded_unit
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -46,15 +47,6 @@ int main(void)
 """
 
 
-def session(out: Path, name: str, *words: str) -> Path:
-    done = CliRunner().invoke(
-        app, ["run", name, *words, "--clock", "virtual", "--seed", "23", "--out", str(out / name)]
-    )
-    assert done.exit_code in (0, 1), done.output[-2000:]
-    (found,) = (path for path in (out / name).iterdir() if path.is_dir())
-    return found
-
-
 def to_local(row: RecordRow) -> Rotation:
     """Body to East, North, Up at the begin of a record."""
     at = row.window.conditions
@@ -75,8 +67,8 @@ def sessions(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, list[R
     if compiler is None:
         pytest.skip("no C compiler on this machine: the header is not compiled")
     out = tmp_path_factory.mktemp("header")
-    calibration = session(out, "gnc_imu_calibration", "--set", "position=20 s", "--set", "check_position=10 s")
-    magnetometer = session(out, "gnc_magnetometer", "--set", "record_time=48 s")
+    calibration, _ = recorded_unit(tmp_path_factory, "gnc_imu_calibration")
+    magnetometer, _ = recorded_unit(tmp_path_factory, "gnc_magnetometer")
     merged = CliRunner().invoke(app, ["coefficients", str(calibration), str(magnetometer), "--out", str(out)])
     assert merged.exit_code == 0, merged.output
     (out / "main.c").write_text(PROGRAM)

@@ -105,7 +105,7 @@ def _traffic(folder: Path, role: str) -> list[str]:
     ("name", "settings"),
     [
         ("gnc_unit_test", {"units": "GNC-01"}),
-        ("gnc_magnetometer", {"warm_up": "1 s", "record_time": "5 s"}),
+        ("gnc_magnetometer", {"warm_up": "1 s", "record_time": "5 s", "attitude_time": "4 s"}),
     ],
 )
 def test_same_seed_same_bytes(tmp_path: Path, name: str, settings: dict[str, str]) -> None:

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from rehearsal import bench
+from rehearsal import Inside
 
-from sim_instruments.worlds.gnc.faults import FAULTS
+from sim_instruments.worlds.gnc.options import FAULTS
 
 SOUND = "S-00"
 SHORT = (
@@ -31,12 +31,12 @@ def elapsed_s(folder: Path, unit: str) -> float:
     return elapsed_s
 
 
-def run_with(names: Sequence[str], out: Path) -> None:
+def run_with(inside: Inside, names: Sequence[str], out: Path) -> None:
     """One session: a sound unit, then one unit for each fault."""
     units = {f"F-{FAULTS[name].code:02}": name for name in names}
     words = ["--set", f"units={','.join([SOUND, *units])}"]
     words += ["--set", "world.faults=" + ",".join(f"{unit}={name}" for unit, name in units.items())]
-    done = bench("run", "gnc_unit_test", *words, "--clock", "virtual", "--seed", "5", "--out", str(out))
+    done = inside("run", "gnc_unit_test", *words, "--clock", "virtual", "--seed", "5", "--out", str(out))
     assert done.returncode == 1, done.stderr[-2000:]
     (folder,) = (path for path in out.iterdir() if path.is_dir())
     assert (folder / "results.json").is_file(), done.stderr[-2000:]
@@ -46,20 +46,20 @@ def run_with(names: Sequence[str], out: Path) -> None:
     assert found == {name: set(FAULTS[name].fails) for name in names}
 
 
-def test_a_fault_of_each_item_fails_exactly_its_items(tmp_path: Path) -> None:
-    run_with(SHORT, tmp_path)
+def test_a_fault_of_each_item_fails_exactly_its_items(inside: Inside, tmp_path: Path) -> None:
+    run_with(inside, SHORT, tmp_path)
 
 
 @pytest.mark.sweep
-def test_every_fault_fails_exactly_its_items(tmp_path: Path) -> None:
-    run_with(list(FAULTS), tmp_path)
+def test_every_fault_fails_exactly_its_items(inside: Inside, tmp_path: Path) -> None:
+    run_with(inside, list(FAULTS), tmp_path)
 
 
 @pytest.mark.sweep
-def test_two_hundred_sound_units_pass(tmp_path: Path) -> None:
+def test_two_hundred_sound_units_pass(inside: Inside, tmp_path: Path) -> None:
     units = [f"S-{number:03}" for number in range(1, 201)]
     words = ["--set", f"units={','.join(units)}", "--clock", "virtual", "--seed", "77", "--out", str(tmp_path)]
-    done = bench("run", "gnc_unit_test", *words)
+    done = inside("run", "gnc_unit_test", *words)
     assert done.returncode == 0, done.stderr[-2000:]
     (folder,) = (path for path in tmp_path.iterdir() if path.is_dir())
     assert [unit for unit in units if failed_items(folder, unit)] == []

@@ -14,14 +14,8 @@ from bench.cli import app
 
 FAST = ("time_constant=1 s", "settle=20 s", "calibration=1,2", "repeats=1,2", "search=1,2", "heads=90 deg,205 deg")
 
-SHORT = (
-    "warm_up=30 s",
-    "record_time=5 s",
-    "calibration=1",
-    "repeats=1",
-    "search=1",
-    "heads=0 deg,90 deg",
-)
+SHORT = ("warm_up=30 s", "record_time=5 s", "calibration=1", "repeats=1", "search=1", "heads=0 deg,90 deg",
+         "time_constant=1 s", "settle=20 s")  # fmt: skip
 SEED = 21
 
 

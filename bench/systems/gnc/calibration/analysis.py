@@ -7,27 +7,40 @@ Source: GNC-module paper section 4.2 1), equations (1) to (4) as corrected in ``
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Floats, Material, check_method
+from bench.analysis import Analysis, Estimates, Floats, Material, check_method, estimate
 from bench.model.errors import FitError
-from bench.systems.gnc.calibration.files import rotation_files
-from bench.systems.gnc.calibration.fitted import Calibration
-from bench.systems.gnc.calibration.notes import calibration_notes
-from bench.systems.gnc.calibration.report import matrix_table, position_figure, rotation_figures
-from bench.systems.gnc.calibration.triad_estimates import ACCELEROMETER, GYRO, checked_coupling, triad_estimates
+from bench.systems.gnc.calibration.report import (
+    calibration_notes,
+    matrix_table,
+    position_figure,
+    rotation_figures,
+    rotation_files,
+)
+from bench.systems.gnc.calibration.sets import TURNS, UPS, Calibration, position_fit, rotation_record, sets_of
 from bench.systems.gnc.coefficients import triad_section
 from bench.systems.gnc.estimators.earth_rate import Site
 from bench.systems.gnc.estimators.rotation_inputs import Declared
 from bench.systems.gnc.estimators.rotations import fit_rotations
 from bench.systems.gnc.estimators.triad import TriadFit
-from bench.systems.gnc.limits import Limits, limits_of
-from bench.systems.gnc.rows import clock_of, gravity_g, power_on_of, sampled_rows, site_of, temperature_span
-from bench.systems.gnc.sample_checks import check_notes, check_table, checked, usable
-from bench.systems.gnc.sets import TURNS, UPS, position_fit, rotation_record, sets_of
-from bench.systems.gnc.table3 import table_3
+from bench.systems.gnc.limits import Limits, limits_of, table_3
+from bench.systems.gnc.rows import (
+    AXES,
+    check_notes,
+    check_table,
+    checked,
+    clock_of,
+    gravity_g,
+    power_on_of,
+    sampled_rows,
+    site_of,
+    temperature_span,
+    usable,
+)
 
 METHODS: tuple[str, ...] = ("least_squares",)
 _OF_ONE_PART = ("B-FIT-001", "B-FIT-080", "B-FIT-081", "B-FIT-082", "B-FIT-083")
@@ -143,15 +156,15 @@ def _estimates(parts: Calibration, limits: Limits) -> list[dict[str, Any]]:
     estimates: list[dict[str, Any]] = []
     if parts.accelerometer is not None:
         count = sum(len(row.samples) for row in parts.sets.positions.values())
-        estimates += triad_estimates(parts.accelerometer, ACCELEROMETER, count)
+        estimates += _triad_estimates(parts.accelerometer, _ACCELEROMETER, count)
         if parts.accelerometer_check is not None:
             both = parts.accelerometer_check, parts.accelerometer
-            estimates += checked_coupling(*both, ACCELEROMETER, limits["accel_cross_coupling"])
+            estimates += _checked_coupling(*both, _ACCELEROMETER, limits["accel_cross_coupling"])
     if parts.gyro is not None:
-        estimates += triad_estimates(parts.gyro.triad, GYRO, sum(parts.gyro.used.values()))
+        estimates += _triad_estimates(parts.gyro.triad, _GYRO, sum(parts.gyro.used.values()))
         if parts.gyro_check is not None:
             both = parts.gyro_check.triad, parts.gyro.triad
-            estimates += checked_coupling(*both, GYRO, limits["gyro_cross_coupling"])
+            estimates += _checked_coupling(*both, _GYRO, limits["gyro_cross_coupling"])
     return estimates
 
 
@@ -159,8 +172,65 @@ def _compensation(parts: Calibration) -> list[dict[str, Any]]:
     sections = []
     if parts.accelerometer is not None:
         span = temperature_span(list(parts.sets.positions.values()))
-        sections.append(triad_section(ACCELEROMETER.kind, parts.accelerometer, span))
+        sections.append(triad_section(_ACCELEROMETER.kind, parts.accelerometer, span))
     if parts.gyro is not None:
         span = temperature_span(list(parts.sets.rotations.values()))
-        sections.append(triad_section(GYRO.kind, parts.gyro.triad, span))
+        sections.append(triad_section(_GYRO.kind, parts.gyro.triad, span))
     return sections
+
+
+@dataclass(frozen=True)
+class _Triad:
+    """How the estimates of a triad are named. ``bias_factor``: from the unit of the fit to ``bias_unit``."""
+
+    prefix: str
+    kind: str
+    bias_unit: str
+    bias_factor: float
+
+
+_ACCELEROMETER = _Triad("accel", "accelerometer", "g", 1.0)
+_GYRO = _Triad("gyro", "gyro", "deg/h", 3600.0)
+
+
+def _triad_estimates(fit: TriadFit, triad: _Triad, count: int) -> Estimates:
+    """Matrix K (true input per indicated), bias, scale-factor errors and couplings of S = K^-1; none of them judged.
+
+    Bias of gyros: w = K N - bias; of accelerometers: a = K N + bias. ``count``: samples that went into it.
+    """
+    found: Estimates = []
+    common: dict[str, Any] = {"n": count, "dof": fit.dof}
+    for row, name in enumerate(AXES):
+        for column, other in enumerate(AXES):
+            place = {"kind": triad.kind, "row": name, "column": other}
+            value, std = fit.matrix[row, column], fit.matrix_std[row, column]
+            found.append(estimate(f"{triad.prefix}_matrix", "1", value, std, place, **common))
+    for row, name in enumerate(AXES):
+        place = {"kind": triad.kind, "axis": name}
+        value, std = triad.bias_factor * fit.bias[row], triad.bias_factor * fit.bias_std[row]
+        found.append(estimate(f"{triad.prefix}_bias", triad.bias_unit, value, std, place, **common))
+        value, std = fit.scale_error_ppm[row], fit.scale_error_std_ppm[row]
+        found.append(estimate(f"{triad.prefix}_scale_error", "ppm", value, std, place, **common))
+    return found + _coupling(fit, triad, f"{triad.prefix}_cross_coupling", None, common)
+
+
+def _checked_coupling(check: TriadFit, calibration: TriadFit, triad: _Triad, limit: float) -> Estimates:
+    """Coupling that an independent set of records shows after compensation, against the limit of the specification.
+
+    Its uncertainty is that of the check; the error of the calibration itself is what is being looked for.
+    """
+    count = check.residual_dof + 12
+    common: dict[str, Any] = {"n": count, "dof": min(check.dof, calibration.dof)}
+    return _coupling(check, triad, f"{triad.prefix}_coupling_compensated", limit, common)
+
+
+def _coupling(fit: TriadFit, triad: _Triad, quantity: str, limit: float | None, common: dict[str, Any]) -> Estimates:
+    return [
+        estimate(
+            quantity, "1", fit.cross_coupling[row, column], fit.cross_coupling_std[row, column],
+            {"kind": triad.kind, "row": AXES[row], "column": AXES[column]}, limit=limit, **common,
+        )
+        for row in range(3)
+        for column in range(3)
+        if row != column
+    ]  # fmt: skip

@@ -1,14 +1,23 @@
-"""Bias of an inertial sensor: its mean, its stability over an hour, its repeatability, and the bias of a flip.
+"""Stability of the bias of an inertial sensor over an hour, and its repeatability.
 
 Stability is the standard deviation of 360 means of 10 s in 1 h, not that of the samples (30 to 40 times as large) and
 not the lowest Allan deviation. Of a gyroscope it is mostly the angle random walk: N deg/sqrt(h) make 19.0 N deg/h.
+The noise of the means is a white part and a part that wanders and returns, by the Whittle likelihood. How long the slow
+part lasts is known badly from one record, so what depends on it is averaged over all durations and sizes, weighted with
+their likelihood.
 
-Source: GNC paper (001) section 5.1 3); s = sqrt(sum (x - mean)^2 / (n - 1)).
+Repeatability is the scatter of the means of six windows of 10 min that lie at least 10 min apart. Windows without gaps
+are parts of one record: their scatter is the noise of a long mean, not what returns after a pause.
+
+Source: GNC paper (001) section 5.1 3); s = sqrt(sum (x - mean)^2 / (n - 1)), interval by chi-square (JCGM 100:2008
+4.2.2); Whittle, Ark. Mat. 2 (1953) 423 (likelihood of a periodogram); variance of quadratic forms of Gaussian noise by
+Isserlis' theorem.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,13 +25,16 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from bench.model.errors import FitError
-from bench.systems.gnc.estimators.mean_noise import MeanNoise, mean_noise
 
 Array = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 AVERAGES, AVERAGE_s = 360, 10.0
 LEAST_FILLED = 0.9  # of the samples of an average
 _PROBABILITY = 0.95
+_SHARES = np.concatenate(([0.0], np.geomspace(0.003, 1.0, 25)))  # slow part of the variance of a mean
+_TIMES = 24  # correlation times tried, from half a mean to the whole record
+WINDOWS, WINDOW_s, APART_s = 6, 600.0, 1200.0  # how many, how long at least, from start to start at least
+_SLACK_s = 1.0  # of starts and lengths: commands and answers take their time
 
 
 @dataclass(frozen=True)
@@ -111,7 +123,7 @@ def bias_stability(
     Returns: BiasStability.
     Raises:  FitError B-FIT-092 as ``averages_of``.
     Source:  GNC paper section 5.1 3); degrees of freedom 2 E^2 / Var of a quadratic form of Gaussian noise
-             (Satterthwaite, Biometrics Bulletin 2 (1946) 110), its covariance from ``estimators.mean_noise``.
+             (Satterthwaite, Biometrics Bulletin 2 (1946) 110), its covariance from ``mean_noise``.
     """
     means = averages_of(samples, interval_s, averages, average_s)
     noise = mean_noise(means)
@@ -131,3 +143,126 @@ def bias_stability(
         noise=noise,
         missing=int(np.isnan(used).sum()) + max(0, round(averages * average_s / interval_s) - used.size),
     )
+
+
+@dataclass(frozen=True)
+class MeanNoise:
+    """Noise of ``count`` means, unit squared.
+
+    Attributes:
+        white, slow: variance of a mean by part, ``steps``: correlation length of the slow part in means; the most
+            likely ones.   dof_of_variance: effective degrees of freedom of the variance of the means about their mean.
+    """
+
+    white: float
+    slow: float
+    steps: float
+    count: int
+    dof_of_variance: float
+
+
+def mean_noise(means: Array) -> MeanNoise:
+    """White and slow part of the noise of equally spaced means.
+
+    Args:    means: (n,), n >= 8.
+    Returns: MeanNoise.
+    Source:  see the head of this file; degrees of freedom 2 E^2 / Var, their inverse averaged.
+    """
+    count = means.size
+    power = np.square(np.abs(np.fft.rfft(means - means.mean())))[1 : (count + 1) // 2] / count
+    turn = 2.0 * np.pi * np.arange(1, power.size + 1) / count
+    kept = np.exp(-1.0 / np.geomspace(0.5, float(count), _TIMES))
+    slow = (1.0 - kept[:, None] ** 2) / (1.0 - 2.0 * kept[:, None] * np.cos(turn) + kept[:, None] ** 2)
+    shape = (1.0 - _SHARES)[None, :, None] + _SHARES[None, :, None] * slow[:, None, :]
+    size = (power / shape).mean(axis=2)
+    if not np.all(size > 0.0):
+        return MeanNoise(0.0, 0.0, 1.0, count, count - 1.0)
+    cost = power.size * np.log(size) + np.log(shape).sum(axis=2)
+    weight = np.exp(cost.min() - cost)
+    spread = float((weight * _inverse_dof(kept, count)).sum() / weight.sum())
+    time, share = np.unravel_index(int(np.argmin(cost)), cost.shape)
+    total = float(size[time, share])
+    return MeanNoise(
+        white=total * (1.0 - float(_SHARES[share])),
+        slow=total * float(_SHARES[share]),
+        steps=float(-1.0 / np.log(kept[time])),
+        count=count,
+        dof_of_variance=float(np.clip(1.0 / spread, 1.0, count - 1.0)),
+    )
+
+
+def _inverse_dof(kept: Array, count: int) -> Array:
+    """1 / degrees of freedom of the variance about the mean, by correlation time and share, (times, shares).
+
+    With C = I - 1 1'/n and covariance V: Var / (2 E^2) = tr(CVCV) / tr(CV)^2, taken from the lags because V depends on
+    them only.
+    """
+    lags = np.arange(count)
+    covariance = _SHARES[None, :, None] * (kept[:, None, None] ** lags)
+    covariance[:, :, 0] = 1.0
+    pairs = np.where(lags == 0, count, 2.0 * (count - lags))
+    summed = np.cumsum(covariance, axis=2)
+    rows = summed + summed[:, :, ::-1] - 1.0
+    total = rows.sum(axis=2)
+    square = (pairs * covariance**2).sum(axis=2) - 2.0 / count * (rows**2).sum(axis=2) + (total / count) ** 2
+    return np.asarray(square / (count - total / count) ** 2)
+
+
+@dataclass(frozen=True)
+class BiasRepeatability:
+    """``value``: standard deviation of the means, unit of the means; ``low``, ``high``: 95 % interval; ``dof``: n - 1.
+
+    ``means`` (n,): of the windows.   ``noise_std``: what the uncertainty of the means alone leads to expect.
+    """
+
+    value: float
+    low: float
+    high: float
+    dof: int
+    means: Array
+    noise_std: float
+
+    @property
+    def std(self) -> float:
+        """Standard uncertainty of ``value``."""
+        return self.value / math.sqrt(2.0 * self.dof)
+
+
+def bias_repeatability(
+    means: Sequence[float], stds: Sequence[float], starts_s: Sequence[float], lengths_s: Sequence[float]
+) -> BiasRepeatability:
+    """Repeatability and its interval.
+
+    Args:    means, stds: of the windows and their standard uncertainties.   starts_s, lengths_s: of the windows.
+    Returns: BiasRepeatability.
+    Raises:  FitError B-FIT-093 for fewer than six windows, one shorter than 10 min or starts less than 20 min apart.
+    Source:  see the head of this file.
+    """
+    order = np.argsort(starts_s)
+    starts, lengths = np.asarray(starts_s, np.float64)[order], np.asarray(lengths_s, np.float64)[order]
+    _require(starts, lengths)
+    values = np.asarray(means, np.float64)[order]
+    value, dof = float(np.std(values, ddof=1)), values.size - 1
+    tails = stats.chi2.ppf([0.5 + _PROBABILITY / 2.0, 0.5 - _PROBABILITY / 2.0], dof)
+    low, high = value * np.sqrt(dof / tails)
+    noise_std = float(np.sqrt(np.mean(np.square(stds))))
+    return BiasRepeatability(value, float(low), float(high), dof, values, noise_std)
+
+
+def _require(starts: Array, lengths: Array) -> None:
+    reason = ""
+    if starts.size < WINDOWS:
+        reason = f"{starts.size} windows, {WINDOWS} are due"
+    elif lengths.min() < WINDOW_s - _SLACK_s:
+        reason = f"window {int(np.argmin(lengths)) + 1} is {lengths.min():.0f} s long, {WINDOW_s:.0f} s are due"
+    elif np.diff(starts).min() < APART_s - _SLACK_s:
+        place = int(np.argmin(np.diff(starts)))
+        reason = (
+            f"windows {place + 1} and {place + 2} start {np.diff(starts)[place]:.0f} s apart, {APART_s:.0f} s are due"
+        )
+    if reason:
+        raise FitError(
+            "B-FIT-093",
+            f"no repeatability of a bias: {reason}",
+            next_step="take six windows of 10 min with pauses of at least 10 min between them",
+        )

@@ -1,4 +1,4 @@
-"""Gyroscope triad from turns of known angle, forth and back about each axis.
+"""Gyroscope triad from turns of known angle: forth and back about each axis, or one turn about each and rest.
 
 Corrected equations: S_ij = (I_i of j+ - I_i of j-) / (turn+ - turn-), which is 4 pi N radians or 720 N degrees; it is
 S (output per input, row sensor, column axis), so K = S^-1. Its integrals reach over the movement and 0.5 s around it:
@@ -7,8 +7,11 @@ the other two axes, over the sum of their lengths, and through S: N = S (w + b).
 The Earth's rate is a part of the input in both: it stands in the local frame and turns in the unit with the measured
 angle, so a vertical turntable gives the same numbers as a mount along the Earth's axis.
 
+Hand-held calibrations give one turn about each axis, and the bias from the output at rest.
+
 Source: GNC module paper equations (1), (3), (4), corrected: (3) as printed is the transpose of S and is not inverted,
-(4) divides by 8 pi N instead of 4 T.
+(4) divides by 8 pi N instead of 4 T. From rest: Ferraris, Grimaldi and Parvis, Procedure for effortless in-field
+calibration of three-axis rate gyros and accelerometers, Sensors and Materials 7 (1995).
 """
 
 from __future__ import annotations
@@ -30,9 +33,8 @@ from bench.systems.gnc.estimators.records import (
     record_about,
     resting,
 )
-from bench.systems.gnc.estimators.rotation_inputs import Declared, Inputs
+from bench.systems.gnc.estimators.rotation_inputs import Declared, Inputs, turn_and_rest, whole_turn
 from bench.systems.gnc.estimators.triad import AXES, TriadFit, improbable, propagate_inputs
-from bench.systems.gnc.estimators.turning import turn_and_rest
 
 Array = NDArray[np.float64]
 _LEAST_SPREAD = 1e-12
@@ -181,3 +183,42 @@ def _noise(records: Sequence[RotationRecord], samples: Sequence[Samples]) -> tup
     ]
     dof = math.fsum(found[1] for found in each)
     return np.sum([found[0] * found[1] for found in each], axis=0) / dof, np.sqrt(np.mean(variances, axis=0)), dof
+
+
+def fit_turns_from_rest(
+    records: Sequence[RotationRecord], rest: Array, rest_covariance: Array, density: Array, declared: Declared
+) -> TriadFit:
+    """Fit S and bias where each axis was turned once only: the bias comes from records at rest.
+
+    Args:    records: three, one turn about each body axis, rates in deg/s.   rest: (3,) mean output at rest, deg/s.
+             rest_covariance: (3, 3) of it.   density: (3, 3) white noise (deg/s)^2 s (covariance at rest times its
+             length).   declared: uncertainties of the turns.
+    Returns: TriadFit, w = K N - bias; the Earth's rate is left in. There are no residuals.
+    Raises:  FitError B-FIT-080, -081 and -082 as ``fit_rotations``.
+    Source:  Ferraris, Grimaldi and Parvis 1995 (bias at rest, turns of 360 degrees); GNC module paper (1), corrected.
+    """
+    ordered = [record_about(records, axis, None) for axis in AXES]
+    turns = [whole_turn(record, good_samples(record), rest) for record in ordered]
+    inputs = Inputs.of([(turn,) for turn in turns], None)
+
+    def parameters(vector: Array) -> Array:
+        there, offset = inputs.at(vector[3:]), vector[:3]
+        clear = there.integral - offset * there.duration_s[:, None]
+        inverse = np.linalg.inv(np.linalg.solve(there.known, clear).T)
+        return np.concatenate([inverse.ravel(), inverse @ offset])
+
+    vector = np.concatenate([rest, inputs.vector])
+    covariance = np.zeros((vector.size,) * 2)
+    covariance[:3, :3] = rest_covariance
+    covariance[3:, 3:] = inputs.covariance(declared, None, density, np.zeros((3, 3)))
+    found = parameters(vector)
+    return TriadFit(
+        matrix=found[:9].reshape(3, 3),
+        bias=found[9:],
+        covariance=propagate_inputs(parameters, vector, covariance),
+        residual=np.zeros((3, 3)),
+        chi2=0.0,
+        residual_dof=0,
+        dof=math.inf,
+        condition=float(np.linalg.cond(inputs.known / np.linalg.norm(inputs.known, axis=0))),
+    )

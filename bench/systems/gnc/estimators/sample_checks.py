@@ -1,4 +1,4 @@
-"""What is wrong with the samples of a record, before anybody fits them: one answer for all analyses.
+"""Faults of the samples of a record, before anybody fits them: one answer for all analyses.
 
 Saturation, samples that repeat, a sensor that hangs, gaps, time stamps that are not even, a clock that runs off.
 A value that stays the same is a fault only where noise cannot leave it so: for white noise of standard deviation s in
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.systems.gnc.estimators.sample_clock import TickFindings, check_ticks
+from bench.systems.gnc.estimators.clocks import TickFindings, check_ticks
 
 Array = NDArray[np.float64]
 Int64 = NDArray[np.int64]

@@ -11,8 +11,8 @@ import numpy as np
 
 from bench.analysis import Analysis, Figure, Material, Table, check_method, curve, estimate
 from bench.model.errors import FitError
+from bench.systems.gnc.estimators.clocks import check_ticks
 from bench.systems.gnc.estimators.multi_position import NormFit, fit_multi_position
-from bench.systems.gnc.estimators.sample_clock import check_ticks
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals, static_intervals
 from bench.systems.gnc.logs.log import ImuLog, imu_log
 from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2

@@ -12,14 +12,14 @@ import numpy as np
 
 from bench.analysis import Analysis, Floats, Material, Table, check_method, estimate, no_result, with_uncertainty
 from bench.model.errors import FitError
+from bench.systems.gnc.calibration.sets import UPS
 from bench.systems.gnc.estimators.records import RotationRecord, static_means
 from bench.systems.gnc.estimators.rotation_inputs import Declared
+from bench.systems.gnc.estimators.rotations import fit_turns_from_rest
 from bench.systems.gnc.estimators.six_position import fit_six_position
 from bench.systems.gnc.estimators.triad import TriadFit
-from bench.systems.gnc.estimators.turns_from_rest import fit_turns_from_rest
 from bench.systems.gnc.logs.log import ImuLog, imu_log
 from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2
-from bench.systems.gnc.sets import UPS
 
 METHODS: tuple[str, ...] = ("least_squares",)
 _OF_ONE_PART = ("B-FIT-001", "B-FIT-080", "B-FIT-081", "B-FIT-082", "B-FIT-083")

@@ -1,7 +1,7 @@
 """Drift of an inertial unit from an imported log: strapdown over and between rests that are found in it.
 
-Source: in ``estimators.rest_drift``: ``rests`` (rests), ``fit`` (over rests), ``between`` (between rests),
-``sensor_class`` (classes of sensors).
+Source: in ``estimators``: ``static_intervals`` (rests), ``rest_drift`` (over rests, classes of sensors),
+``between_rests``.
 """
 
 from __future__ import annotations
@@ -12,13 +12,11 @@ import numpy as np
 
 from bench.analysis import Analysis, Floats, Material, check_method
 from bench.model.errors import FitError
+from bench.systems.gnc.estimators.between_rests import TurnScale, drift_between_rests, fit_between_rests, turn_scale
+from bench.systems.gnc.estimators.clocks import SampleStamps, sample_stamps
 from bench.systems.gnc.estimators.multi_position import fit_multi_position
-from bench.systems.gnc.estimators.rest_drift.between import TurnScale, drift_between_rests, turn_scale
-from bench.systems.gnc.estimators.rest_drift.between_rests import fit_between_rests
-from bench.systems.gnc.estimators.rest_drift.fit import LATITUDE_deg, drift_at_rest, random_walk
-from bench.systems.gnc.estimators.rest_drift.rests import STEADY_deg_s, find_rests
-from bench.systems.gnc.estimators.rest_drift.stamps import SampleStamps, sample_stamps
-from bench.systems.gnc.estimators.static_intervals import StaticIntervals
+from bench.systems.gnc.estimators.rest_drift import LATITUDE_deg, drift_at_rest, random_walk
+from bench.systems.gnc.estimators.static_intervals import StaticIntervals, STEADY_deg_s, find_rests
 from bench.systems.gnc.logs.log import ImuLog, imu_log
 from bench.systems.gnc.logs.strapdown_report import Found, estimates_of, figures_of, notes_of, tables_of
 

@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import Estimates, Figure, Table, curve, estimate, no_result, number, with_uncertainty
-from bench.systems.gnc.estimators.rest_drift.between import BetweenRests, TurnScale
-from bench.systems.gnc.estimators.rest_drift.fit import HORIZONS_s, RandomWalk, RestDrift
-from bench.systems.gnc.estimators.rest_drift.rests import MULTIPLE
-from bench.systems.gnc.estimators.rest_drift.sensor_class import CLASSES, class_of, worst_class
-from bench.systems.gnc.estimators.rest_drift.stamps import SampleStamps
-from bench.systems.gnc.estimators.static_intervals import StaticIntervals
+from bench.systems.gnc.estimators.between_rests import BetweenRests, TurnScale
+from bench.systems.gnc.estimators.clocks import SampleStamps
+from bench.systems.gnc.estimators.rest_drift import CLASSES, HORIZONS_s, RandomWalk, RestDrift, class_of, worst_class
+from bench.systems.gnc.estimators.static_intervals import MULTIPLE, StaticIntervals
 from bench.systems.gnc.logs.log import ImuLog
 from bench.systems.gnc.rows import STANDARD_GRAVITY_M_S2
 

@@ -11,8 +11,7 @@ from typing import Any
 
 from bench.analysis import UNIT, Analysis, Material, check_method, estimate
 from bench.model.errors import FitError
-from bench.systems.gnc.folders import folders_of
-from bench.systems.gnc.unit_test.tables import item_table, measured_table, unit_table, wrong_table
+from bench.systems.gnc.unit_test.report import folders_of, item_table, measured_table, unit_table, wrong_table
 from bench.systems.gnc.unit_test.units import ITEMS, NOT_TESTED, SUPPLY, ItemResult, UnitResult, unit_results
 
 METHODS: tuple[str, ...] = ("exchanges",)

@@ -1,4 +1,4 @@
-"""What was asked of a module and what it answered: the exchanges of a test item, decoded or with the reason why not."""
+"""Questions to a module and its answers: the exchanges of a test item, decoded or with the reason why not."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Measured:
 
 @dataclass
 class Findings:
-    """What a judge says about the exchanges of one item of one unit; ``remarks`` are reported and never judged."""
+    """Judgement on the exchanges of one item of one unit; ``remarks`` are reported and never judged."""
 
     wrong: list[Wrong] = field(default_factory=list)
     measured: list[Measured] = field(default_factory=list)
@@ -84,16 +84,16 @@ class Answer:
 
 def answers_of(exchanges: Iterable[Exchange], layouts: Mapping[str, Any]) -> list[Answer]:
     """Return every exchange, decoded by the layout of its command."""
-    return [_answer(one, layouts) for one in exchanges]
+    return [_answer(exchange, layouts) for exchange in exchanges]
 
 
 def whole(answers: Sequence[Answer], findings: Findings) -> list[Answer]:
     """The answers that can be judged; the others go into ``findings`` with their reason."""
-    for one in answers:
-        if one.trouble:
-            received = one.exchange.received.hex(" ") or "nothing"
-            findings.expect(False, one, one.trouble, "an answer with status PASS", received)
-    return [one for one in answers if one.fields or not one.trouble]
+    for answer in answers:
+        if answer.trouble:
+            received = answer.exchange.received.hex(" ") or "nothing"
+            findings.expect(False, answer, answer.trouble, "an answer with status PASS", received)
+    return [answer for answer in answers if answer.fields or not answer.trouble]
 
 
 def _answer(exchange: Exchange, layouts: Mapping[str, Any]) -> Answer:

@@ -1,4 +1,4 @@
-"""What a session holds of each unit under test: its exchanges by test item, its supply readings, its times."""
+"""Units under test of a session: the exchanges by test item, its supply readings, its times."""
 
 from __future__ import annotations
 
@@ -9,10 +9,17 @@ from typing import TYPE_CHECKING, Any
 from bench.analysis import Material, Reading
 from bench.systems.gnc.limits import Limits, limits_of
 from bench.systems.gnc.unit_test.answers import Answer, Findings, Wrong, answers_of
-from bench.systems.gnc.unit_test.interfaces import judge_can, judge_identity, judge_io, judge_sci, judge_spi
-from bench.systems.gnc.unit_test.processor import judge_cpu, judge_memory, judge_timer
-from bench.systems.gnc.unit_test.sensors import judge_ad, judge_gps, judge_imu
-from bench.systems.gnc.unit_test.supply import judge_supply
+from bench.systems.gnc.unit_test.processor import (
+    judge_can,
+    judge_cpu,
+    judge_identity,
+    judge_io,
+    judge_memory,
+    judge_sci,
+    judge_spi,
+    judge_timer,
+)
+from bench.systems.gnc.unit_test.sensors import judge_ad, judge_gps, judge_imu, judge_supply
 
 if TYPE_CHECKING:
     from bench.analysis import Exchange

@@ -1,14 +1,21 @@
-"""North by least squares of eight lock-in samples, the default: one phasor, no branch and no singular direction.
+"""North by least squares of eight lock-in samples, the default: one phasor, no branch and no singular direction; and
+the calibration that tells where the index pulses really are and what the lock-ins' gains are.
 
 ``Z = SUM_k (U2k + i U1k) (-i)^(k-1)``, phi = arg Z. Offsets cancel. Both lock-ins of one position are read at the same
 time, so an amplitude that changes from position to position cancels as well: each position has the full phasor of its
 own. Unlike gains and misplaced index pulses are first taken out by the inverse of
 ``[[f1 cos f2, f1 sin f2], [-f4 sin f5, f4 cos f5]]``, which takes (sin phi, cos phi) to (U1, U2).
 
-Source: least squares of FOG paper (002) equations (13) and (14) in place of its (17) to (21).
+Calibrated, each lock-in's phasor turned back by the known phase is f1 exp(i f2), f4 exp(i f5): the eight samples and
+one azimuth known from elsewhere determine what the eight samples alone cannot.
+
+Source: least squares of FOG paper (002) equations (13) and (14) in place of its (17) to (21), and the same solved for
+f1, f2, f4, f5; JCGM 102:2011 section 6.2.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +36,7 @@ from bench.systems.north.estimators.phasors import (
 
 METHOD = "least_squares"
 LARGEST_deg = 90.0  # between the two placements
+_WEIGHTS = {"least_squares": (0.5, 0.5), "quadrant": (0.0, 1.0), "literal": (0.0, 1.0), "single": (1.0, 0.0)}
 
 
 def eight_sample_north(
@@ -89,3 +97,84 @@ def _noise(first: Array, second: Array, gains: tuple[float, float], f2_deg: floa
     seen_1, seen_2 = lock_in_phasors(first, second)
     common: Complex = (np.conj(scale_1) * seen_1 + np.conj(scale_2) * seen_2) / (gains[0] ** 2 + gains[1] ** 2)
     return left_over(first, second, scale_1 * common, scale_2 * common)
+
+
+@dataclass(frozen=True)
+class IndexCalibration:
+    """Constants of (13) and (14).
+
+    Attributes:
+        f1, f4: amplitudes, unit of the samples.   f2_deg, f5_deg: placements.   f3, f6: mean offsets.
+        covariance: (4, 4) of (f1, f2_deg, f4, f5_deg), from what the samples leave over with ``dof`` degrees of
+            freedom, the common uncertainty of the known azimuth included in both placements.   sets: of eight samples.
+    """
+
+    f1: float
+    f2_deg: float
+    f3: float
+    f4: float
+    f5_deg: float
+    f6: float
+    covariance: Array
+    dof: float
+    sets: int
+
+    @property
+    def gains(self) -> tuple[float, float]:
+        """Amplitudes of lock-in 1 and 2 against their geometric mean."""
+        mean = float(np.sqrt(self.f1 * self.f4))
+        return self.f1 / mean, self.f4 / mean
+
+    def std_deg(self, method: str) -> float:
+        """Standard uncertainty that the placements give every azimuth of a method; nothing for raw samples.
+
+        Args:    method: "least_squares" (mean of f2 and f5), "quadrant", "literal" (f5), "single" (f2) or "likelihood".
+        Returns: degrees.
+        Raises:  KeyError for another method.
+        Source:  slope of the phasor of ``bench.systems.north.estimators.eight_samples`` over f2 and f5.
+        """
+        if method == "likelihood":
+            return 0.0
+        slope = np.array(_WEIGHTS[method])
+        return float(np.sqrt(slope @ self.covariance[1::2, 1::2] @ slope))
+
+
+def calibrate_index(u1: ArrayLike, u2: ArrayLike, phi_deg: ArrayLike, *, phi_std_deg: float = 0.0) -> IndexCalibration:
+    """Gains, placements and offsets of both lock-ins at a known azimuth.
+
+    Args:    u1, u2: oriented samples, (4,) or (sets, 4).   phi_deg: known phase of each set, one or (sets,); sets at
+             headings 90 degrees apart cancel an amplitude that changes between index positions.
+             phi_std_deg: standard uncertainty of the known azimuth, common to all sets.
+    Returns: IndexCalibration; offsets may differ from set to set.
+    Raises:  FitError B-FIT-110 for another shape, B-FIT-111 if pulses or lock-ins are exchanged, B-FIT-113 without a
+             set or without a signal.
+    Source:  see the head of this file.
+    """
+    first, second = eight(np.atleast_2d(u1), np.atleast_2d(u2))
+    sets = len(first)
+    back = np.exp(-1j * np.deg2rad(np.broadcast_to(np.asarray(phi_deg, np.float64), (sets,))))
+    of_1, of_2 = lock_in_phasors(first, second)
+    mean_1, mean_2 = (complex((one * back).mean()) if sets else 0j for one in (of_1, of_2))
+    if not (abs(mean_1) > 0.0 and abs(mean_2) > 0.0):  # nothing, or NaN
+        raise FitError(
+            "B-FIT-113",
+            f"{sets} sets of eight samples at a known azimuth hold no signal, or a value that is missing",
+            next_step="take the calibration again; check that the table turned and the gyroscope was on",
+        )
+    f2_deg, f5_deg = (float(np.rad2deg(np.angle(one))) for one in (mean_1, mean_2))
+    check_placement(f2_deg, f5_deg)
+    dof = 6.0 * sets - 4.0  # eight samples and two offsets a set, four common parameters
+    variance = _left_over(first, second, mean_1 / back, mean_2 / back) / dof / (2.0 * sets)
+    turn = np.rad2deg(1.0) ** 2
+    covariance = variance * np.diag([1.0, turn / abs(mean_1) ** 2, 1.0, turn / abs(mean_2) ** 2])
+    covariance[1::2, 1::2] += phi_std_deg**2
+    return IndexCalibration(
+        abs(mean_1), f2_deg, float(first.mean()), abs(mean_2), f5_deg, float(second.mean()), covariance, dof, sets
+    )
+
+
+def _left_over(u1: Array, u2: Array, of_1: Complex, of_2: Complex) -> float:
+    """Sum of squares that the fitted phasors (sets,) leave of all samples."""
+    first = u1 - u1.mean(-1, keepdims=True) - (of_1[:, None] / TURNS).imag
+    second = u2 - u2.mean(-1, keepdims=True) - (of_2[:, None] / TURNS).real
+    return float(np.square(first).sum() + np.square(second).sum())

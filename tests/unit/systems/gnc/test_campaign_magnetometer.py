@@ -13,7 +13,7 @@ from imu_material import Rig
 from bench.analysis import build_results
 from bench.frame import load_frame
 from bench.model.errors import FitError
-from bench.systems.gnc.magnetometer.analysis import analyse
+from bench.systems.gnc.magnetometer import analyse
 
 SEED = 608
 FIELD_gauss = 0.43

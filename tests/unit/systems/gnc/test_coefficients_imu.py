@@ -19,11 +19,11 @@ from bench.session.coefficients import Coefficients, merged_coefficients, write_
 from bench.systems.gnc.coefficients import (
     coefficients_of,
     coefficients_schema,
+    header_text,
     magnetometer_section,
     merged,
     triad_section,
 )
-from bench.systems.gnc.coefficients_header import header_text
 from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
 from bench.systems.gnc.estimators.triad import TriadFit
 

@@ -9,8 +9,7 @@ import pytest
 from scipy import linalg, optimize
 
 from bench.model.errors import FitError
-from bench.systems.gnc.estimators.magnetometer.coverage import sphere_coverage
-from bench.systems.gnc.estimators.magnetometer.ellipsoid import fit_ellipsoid
+from bench.systems.gnc.estimators.magnetometer.ellipsoid import fit_ellipsoid, sphere_coverage
 
 IRON = np.array([[1.05, 0.03, -0.02], [0.01, 0.96, 0.04], [-0.03, 0.0, 1.02]])
 OFFSET_gauss = np.array([0.05, -0.1, 0.2])

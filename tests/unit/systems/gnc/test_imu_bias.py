@@ -7,7 +7,7 @@ import pytest
 from imu_material import SITE, Rig, Unit, earth_rate, to_local, values
 
 from bench.analysis import build_results
-from bench.systems.gnc.bias.analysis import analyse
+from bench.systems.gnc.bias import analyse
 
 SEED = 607
 POSE = (20.0, 0.0, 0.0)

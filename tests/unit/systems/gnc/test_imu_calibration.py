@@ -74,13 +74,6 @@ def test_without_a_second_set_coupling_after_compensation_is_not_tested() -> Non
     assert sum("no second set" in one for one in analysis.missing) == 2
 
 
-def test_a_vertical_turntable_gives_the_same_bias() -> None:
-    """The Earth's rate stands on no axis there: compensated with azimuth and latitude."""
-    vertical = analyse(calibration(Rig(SEED + 1), middle=-90.0, outer=0.0, rest_s=10.0).material("imu_calibration"))
-    found = values(vertical.estimates, "gyro_bias")
-    np.testing.assert_allclose(found, 3600 * Unit().gyro_bias_deg_s, atol=4.5 * 18.0 / (4 * 16.3) ** 0.5)
-
-
 def test_a_fast_crystal_of_the_unit_makes_no_scale_error() -> None:
     """100 ppm: the unit counts too many seconds, the angle of the table does not depend on them."""
     rig = calibration(Rig(SEED + 2), rest_s=10.0)

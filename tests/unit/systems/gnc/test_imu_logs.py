@@ -1,9 +1,12 @@
-"""Analyses of imported logs: simulated poses found again; other people's recordings give the figures known of them."""
+"""Analyses of imported logs: simulated poses found again; recordings made by other people, a hand-held Ferraris
+calibration and a multi-position calibration, give the figures known of them.
+"""
 
 from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,20 +16,25 @@ from imu_material import turned, values
 
 from bench.analysis import Material
 from bench.model.errors import FitError
-from bench.systems.gnc.estimators.multi_position import fit_multi_position
-from bench.systems.gnc.estimators.static_intervals import static_intervals
+from bench.systems.gnc.estimators.between_rests import fit_between_rests
+from bench.systems.gnc.estimators.multi_position import NormFit, fit_multi_position
+from bench.systems.gnc.estimators.records import RotationRecord, static_means
+from bench.systems.gnc.estimators.rotation_inputs import Declared
+from bench.systems.gnc.estimators.rotations import fit_turns_from_rest
+from bench.systems.gnc.estimators.six_position import fit_six_position
+from bench.systems.gnc.estimators.static_intervals import StaticIntervals, static_intervals
 from bench.systems.gnc.logs import multi_position as imu_multi_position
 from bench.systems.gnc.logs import six_position as imu_six_position
 
 SEED = 610
 FOLDER = Path(os.environ.get("BENCH_REAL_DATA", Path(__file__).parents[5] / "shared" / "data"))
-TURNED = FOLDER / "imucal" / "imucal_example_ferraris_session.csv"
-POSES = FOLDER / "imu_tk" / "xsens_acc.mat"
-real = [
-    pytest.mark.real,
-    pytest.mark.skipif(not (TURNED.exists() and POSES.exists()), reason=f"no recordings in {FOLDER}"),
-]
 ROLES = {"gyro": ("gyro", "deg/s", "deg_s"), "accel": ("accelerometer", "m/s2", "m_s2")}
+Keep = Callable[[str, object], None]
+FERRARIS, XSENS = FOLDER / "imucal", FOLDER / "imu_tk"
+RATE_HZ, G = 102.4, 9.81
+needs_ferraris = pytest.mark.skipif(not FERRARIS.is_dir(), reason=f"no recording in {FERRARIS}")
+needs_xsens = pytest.mark.skipif(not XSENS.is_dir(), reason=f"no recording in {XSENS}")
+ORDER = [f"{axis}_{end}" for axis in "xyz" for end in "pa"]
 
 
 def log(accel: Any, gyro: Any, t_s: Any, segments: list[dict[str, Any]], **more: Any) -> Material:
@@ -128,37 +136,101 @@ def test_many_poses_are_found_again() -> None:
         assert {one["dof"] for one in found} == {27.0}  # 36 poses less nine parameters
 
 
-@pytest.mark.parametrize("_", [pytest.param(0, marks=real)])
-def test_many_poses_of_another_sensor(_: int) -> None:
-    table = np.loadtxt(POSES)
-    material = log(table[:, 1:], None, table[:, 0] - table[0, 0], [], counts=True, gravity=9.81744)
-    analysis = imu_multi_position.analyse(material)
-    np.testing.assert_allclose(values(analysis.estimates, "accel_sensitivity"), [414.42, 412.03, 414.62], rtol=5e-4)
-    np.testing.assert_allclose(values(analysis.estimates, "accel_zero"), [33123.8, 33275.1, 32364.5], atol=1.0)
-    residual = next(one["value"] for one in analysis.estimates if one["quantity"] == "accel_residual")
-    assert residual <= 0.0011
-    assert 36 <= analysis.tables[1].rows[0][0] <= 38
+@pytest.fixture(scope="module")
+def sections() -> dict[str, np.ndarray]:
+    """Gyroscope deg/s and accelerometer m/s2, (m, 6), of each section."""
+    rows = np.genfromtxt(FERRARIS / "imucal_example_ferraris_session.csv", delimiter=",", skip_header=1)
+    listed = json.loads((FERRARIS / "imucal_example_ferraris_session_list.json").read_text())
+    return {name: rows[span["start"] : span["end"], 1:] for name, span in listed.items()}
 
 
-@pytest.mark.parametrize("_", [pytest.param(0, marks=real)])
-def test_six_positions_of_another_sensor(_: int) -> None:
-    """Against the normal equations of the paper, and against Ferraris' differences of opposite positions."""
-    table = np.loadtxt(TURNED, delimiter=",", skiprows=1)
-    ranges = json.loads(TURNED.with_name("imucal_example_ferraris_session_list.json").read_text(encoding="utf-8"))
-    segments = []
-    for name, rows in ranges.items():
-        axis, kind = name.split("_")
-        what = {"item": "rotation", "axis": axis, "turn_deg": -360.0} if kind == "rot" else {
-            "item": "position", "up": f"{'+' if kind == 'p' else '-'}{axis}"}  # fmt: skip
-        segments.append({"label": name, "first": rows["start"], "last": rows["end"] - 1, **what})
-    material = log(table[:, 4:7], table[:, 1:4], table[:, 0] / 102.4, segments, rate_Hz=102.4)
-    analysis = imu_six_position.analyse(material)
-    means = np.array([table[ranges[f"{axis}_{end}"]["start"] : ranges[f"{axis}_{end}"]["end"], 4:7].mean(axis=0)
-                      for axis in "xyz" for end in "pa"])  # fmt: skip
-    sensitivity = np.stack([(means[2 * k] - means[2 * k + 1]) / (2 * 9.81) for k in range(3)], axis=1)
-    K = values(analysis.estimates, "accel_matrix", "row", "column")
-    np.testing.assert_allclose(K, np.linalg.inv(sensitivity), atol=1e-4)
-    bias = values(analysis.estimates, "accel_bias")
-    np.testing.assert_allclose(bias, -np.linalg.inv(sensitivity) @ means.mean(axis=0), atol=0.03)
-    assert "Residual 0.01308 m/s2" in analysis.tables[0].caption
-    assert analysis.missing == []
+def ferraris(sections: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """K of the accelerometers, their bias (output), and S of the gyroscopes, by the formulas of the 1995 paper."""
+    up = np.array([sections[f"{axis}_p"].mean(axis=0) for axis in "xyz"])
+    down = np.array([sections[f"{axis}_a"].mean(axis=0) for axis in "xyz"])
+    bias = np.diag((up + down)[:, 3:]) / 2.0
+    matrix = np.linalg.inv((up - down)[:, 3:].T / (2.0 * G))
+    of_force = (up - down)[:, :3].T / (2.0 * G)  # how the gyroscopes answer to acceleration
+    rest = np.vstack([sections[name] for name in ORDER])[:, :3].mean(axis=0)
+    turns = []
+    for axis in "xyz":
+        turn = sections[f"{axis}_rot"]
+        true = (turn[:, 3:] - bias) @ matrix.T
+        turns.append((turn[:, :3] - rest - true @ of_force.T).sum(axis=0) / RATE_HZ)
+    return matrix, bias, np.array(turns).T / -360.0
+
+
+@pytest.mark.real
+@needs_ferraris
+@pytest.mark.validates(
+    "six positions and one turn about each axis of a real unit, held in the hand",
+    against="the formulas of Ferraris, Grimaldi and Parvis 1995 on the recording published with the package imucal",
+)
+def test_ferraris_recording(sections: dict[str, np.ndarray], record_property: Keep) -> None:
+    matrix, bias, sensitivity = ferraris(sections)
+    means, _, _ = static_means([sections[name][:, 3:] for name in ORDER], RATE_HZ)
+    force = np.kron(np.eye(3), [[G], [-G]])
+    triad = fit_six_position(means, force)
+    rms = float(np.sqrt(np.mean(triad.residual**2)))
+    rest, spread, _ = static_means([sections[name][:, :3] for name in ORDER], RATE_HZ)
+    length_s = np.array([len(sections[name]) for name in ORDER]) / RATE_HZ
+    records = []
+    for axis in "xyz":
+        turn = sections[f"{axis}_rot"]
+        place = np.arange(len(turn))
+        records.append(RotationRecord(axis, -360.0, place, place / RATE_HZ, turn[:, :3]))
+    mean = length_s @ rest / length_s.sum()
+    gyro = fit_turns_from_rest(records, mean, spread.mean(axis=0) / 6.0, spread[0] * length_s[0], Declared())
+    apart = np.abs(triad.matrix - matrix).max(), np.abs(gyro.sensitivity - sensitivity).max()
+    bias_apart = np.abs(triad.bias + matrix @ bias).max()
+    record_property(
+        "obtained", f"apart {apart[0]:.1e}, turns {apart[1]:.1e} (limits 1e-4), bias {bias_apart:.3f} m/s2 (0.03)"
+    )
+    record_property("obtained", f"residual {rms:.4f} m/s2")
+    assert max(apart) < 1e-4
+    assert bias_apart < 0.03
+    assert rms == pytest.approx(0.0131, abs=1e-4)
+
+
+@pytest.fixture(scope="module")
+def xsens() -> tuple[np.ndarray, np.ndarray, StaticIntervals]:
+    acceleration, gyro = (np.loadtxt(XSENS / f"xsens_{name}.mat") for name in ("acc", "gyro"))
+    return acceleration, gyro, static_intervals(acceleration[:, 1:], 100.0, initial_s=50.0, least_s=2.0)
+
+
+def published(means: np.ndarray) -> NormFit:
+    return fit_multi_position(means, 9.81744)  # gravity of the publication
+
+
+@pytest.mark.real
+@needs_xsens
+@pytest.mark.validates(
+    "multi-position calibration of a real unit turned by hand",
+    against="the figures of the public multi-position method on the recording published with it (imu_tk)",
+)
+def test_multi_position_recording(xsens: tuple[np.ndarray, np.ndarray, StaticIntervals], record_property: Keep) -> None:
+    acceleration, gyro, rests = xsens
+    means = rests.means(acceleration[:, 1:])
+    fit = published(means)
+    third = np.arange(len(means)) % 3
+    left = np.concatenate(
+        [np.linalg.norm(published(means[third != k]).apply(means[third == k]), axis=1) - 9.81744 for k in range(3)]
+    )
+    step = np.diff(gyro[:, 0], prepend=gyro[0, 0] - 0.01)
+    turned = fit_between_rests(step, gyro[:, 1:], rests, fit.apply(means), 83.0)
+    per_rad = np.degrees(turned.counts_per_unit)
+    scale, zero = ", ".join(f"{v:.2f}" for v in fit.counts_per_unit), ", ".join(f"{v:.1f}" for v in fit.zero)
+    record_property(
+        "obtained", f"{len(means)} rests, {scale} counts/(m/s2), zero {zero}, residual {fit.residual_rms:.5f} m/s2"
+    )
+    record_property("obtained", f"rests left out, every third, {np.sqrt(np.mean(left**2)):.4f} m/s2")
+    record_property(
+        "obtained",
+        f"gyroscopes {per_rad[0]:.0f}, {per_rad[1]:.0f}, {per_rad[2]:.0f} counts/(rad/s), maker 4778, 4758, 4766",
+    )
+    assert 36 <= len(means) <= 38
+    assert fit.counts_per_unit == pytest.approx([414.42, 412.03, 414.62], rel=5e-4)
+    assert fit.zero == pytest.approx([33123.8, 33275.1, 32364.5], abs=1.0)
+    assert fit.residual_rms <= 0.0011
+    assert np.sqrt(np.mean(left**2)) < 0.002
+    assert per_rad == pytest.approx([4778.0, 4758.0, 4766.0], rel=0.005)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from imu_fit_simulation import ARROWS, draw, positions
+from scipy import signal, stats
 
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
@@ -182,8 +183,6 @@ def test_record_at_rest_shorter_than_its_means_is_refused() -> None:
 
 def test_quantisation_left_in_a_mean() -> None:
     """Against means of rounded normal noise over all places within a step, by numerical integration."""
-    from scipy import stats
-
     places, steps = (np.arange(400) + 0.5) / 400 - 0.5, np.arange(-30, 31)
     for std in (0.02, 0.3, 0.5):
         upper = stats.norm.cdf((steps + 0.5 - places[:, None]) / std)
@@ -203,9 +202,7 @@ def test_noise_slower_than_the_blocks_is_part_of_the_means() -> None:
         for _ in range(6):
             slow, kept = rng.normal(size=3), np.exp(-1.0 / 100.0)
             kicks = rng.normal(size=(300, 3)) * np.sqrt(1.0 - kept**2)
-            walk = np.empty((300, 3))
-            for k, kick in enumerate(kicks):
-                walk[k] = slow = kept * slow + kick
+            walk, _ = signal.lfilter([1.0], [1.0, -kept], kicks, axis=0, zi=kept * slow[None])
             poses.append(walk + rng.normal(0.0, 12.0, (300, 3)))
         means, covariance, _ = static_means(poses, 1.0)
         z.append(means / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)))

@@ -15,8 +15,8 @@ from test_rest_drift import GYRO_NOISE, RATE, TURNS, noisy, poses
 
 from bench.analysis import Analysis, Material, with_uncertainty
 from bench.model.errors import FitError
-from bench.systems.gnc.estimators.rest_drift.rests import find_rests
-from bench.systems.gnc.estimators.rest_drift.sensor_class import NAMES
+from bench.systems.gnc.estimators.rest_drift import NAMES
+from bench.systems.gnc.estimators.static_intervals import find_rests
 from bench.systems.gnc.logs import strapdown as imu_strapdown
 
 FOLDER = Path(os.environ.get("BENCH_REAL_DATA", Path(__file__).parents[5] / "shared" / "data"))

@@ -9,12 +9,19 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.model.errors import FitError
-from bench.systems.gnc.estimators.rest_drift.between import drift_between_rests, turn_scale
-from bench.systems.gnc.estimators.rest_drift.fit import _rotation_vectors, drift_at_rest, level, random_walk
-from bench.systems.gnc.estimators.rest_drift.rests import find_rests
-from bench.systems.gnc.estimators.rest_drift.sensor_class import BEYOND, CLASSES, class_of, worst_class
-from bench.systems.gnc.estimators.rest_drift.stamps import sample_stamps
-from bench.systems.gnc.estimators.static_intervals import StaticIntervals
+from bench.systems.gnc.estimators.between_rests import drift_between_rests, turn_scale
+from bench.systems.gnc.estimators.clocks import sample_stamps
+from bench.systems.gnc.estimators.rest_drift import (
+    BEYOND,
+    CLASSES,
+    _rotation_vectors,
+    class_of,
+    drift_at_rest,
+    level,
+    random_walk,
+    worst_class,
+)
+from bench.systems.gnc.estimators.static_intervals import StaticIntervals, find_rests
 
 SEED = 812
 RATE = 50.0
@@ -40,13 +47,11 @@ def poses(turns: list[Turn], rest_s: float = 6.0, turn_s: float = 3.0) -> tuple[
         rate.append(np.zeros((still, 3)))
         if angle == 0.0:
             break
-        unit = np.eye(3)["xyz".index(axis)]
-        for part in shape:
-            step = Rotation.from_rotvec(np.radians(angle) * part * unit)
-            middle = attitude * Rotation.from_rotvec(np.radians(angle) * part * unit / 2.0)
-            force.append(middle.inv().apply(up)[None])
-            rate.append((np.radians(angle) * part * unit * RATE)[None])
-            attitude = attitude * step
+        turn = np.radians(angle) * np.eye(3)["xyz".index(axis)]
+        middle = attitude * Rotation.from_rotvec((np.cumsum(shape) - shape / 2.0)[:, None] * turn)
+        force.append(middle.inv().apply(up))
+        rate.append(shape[:, None] * turn * RATE)
+        attitude = attitude * Rotation.from_rotvec(turn)
         begins.append(begins[-1] + still + moving)
     return np.vstack(force), np.vstack(rate), begins
 

@@ -1,11 +1,26 @@
-"""Samples that are wrong before anybody fits them: each fault put in by hand, and none seen where there is none."""
+"""Samples that are wrong before anybody fits them: each fault put in by hand, and none seen where there is none; the
+unit's clock against the bench clock, from stamps made here by plain arithmetic.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from imu_material import IMU, POSES, RATE_Hz, Rig
 from scipy import stats
 
+from bench.systems.gnc.estimators.clocks import (
+    BACKWARDS,
+    BURST,
+    CLOCK,
+    IRREGULAR,
+    RATE,
+    UNKNOWN_STD,
+    UnitClock,
+    check_ticks,
+    unit_clock,
+    unwrapped_ticks_s,
+)
 from bench.systems.gnc.estimators.sample_checks import (
     FROZEN,
     GAP,
@@ -16,18 +31,12 @@ from bench.systems.gnc.estimators.sample_checks import (
     longest_equal_run,
     value_likelihood,
 )
-from bench.systems.gnc.estimators.sample_clock import (
-    BACKWARDS,
-    BURST,
-    CLOCK,
-    IRREGULAR,
-    RATE,
-    check_ticks,
-    unwrapped_ticks_s,
-)
+from bench.systems.gnc.rows import SampledRow, check_notes
+from bench.systems.gnc.rows import checked as checked_rows
 
 COUNT, INTERVAL_s = 4000, 0.005
 LIMITS = {"gyro": 80_000.0, "accel": 50_000.0}
+CLOCK_SEED = 17
 
 
 def record(seed: int = 121) -> dict[str, np.ndarray]:
@@ -247,3 +256,62 @@ def test_noise_of_which_the_middle_step_does_not_occur() -> None:
     assert 0.0 < value_likelihood(values) < 0.002
     noisy = np.random.default_rng(10).integers(-3000, 3000, 400)
     assert check_samples({"mag": noisy}, np.arange(400), limits={}, interval_s=0.005).clean
+
+
+def rows() -> list[SampledRow]:
+    rig = Rig(4)
+    rig.rest(10.0, POSES["+z"], item="bias")
+    (row,) = rig.rows
+    assert row.samples is not None
+    return [SampledRow(1, row.window.conditions, row.samples, 0)]
+
+
+@pytest.mark.parametrize(("due_Hz", "found"), [(RATE_Hz, False), (2 * RATE_Hz, True), (RATE_Hz / 2, True)])
+def test_a_unit_that_samples_at_another_rate_is_named(due_Hz: float, found: bool) -> None:
+    notes = check_notes(checked_rows(rows(), ("gyro", "accelerometer"), {"imu": IMU, "rate_Hz": due_Hz}))
+    assert bool(notes) is found, notes
+
+
+def stamps(begin_s: float, length_s: float, error: float, rng: np.random.Generator, switched_on_s: float = 0.0):
+    """Ticks of a clock that is ``error`` fast, and receive times: chunks of about 1 s, a delay of up to 20 ms."""
+    true_s = begin_s + INTERVAL_s * np.arange(round(length_s / INTERVAL_s))
+    tick_us = np.rint((true_s - switched_on_s) * (1.0 + error) * 1e6).astype(np.int64) % (1 << 32)
+    chunk = np.ceil(true_s - begin_s + 1e-9)
+    late_s = rng.uniform(0.0005, 0.02, int(chunk.max()) + 1)
+    return tick_us, begin_s + chunk + late_s[chunk.astype(int)]
+
+
+def session_of(error: float, rng: np.random.Generator, first_s: float = 400.0) -> list[tuple[np.ndarray, np.ndarray]]:
+    return [stamps(first_s + 90.0 * k, 60.0, error, rng) for k in range(20)]
+
+
+def test_the_error_lies_within_its_interval() -> None:
+    rng = np.random.default_rng(CLOCK_SEED)
+    errors = rng.normal(0.0, 20e-6, 60)
+    found = [unit_clock(session_of(error, rng), INTERVAL_s) for error in errors]
+    z = np.array([(one.error - error) / one.std for one, error in zip(found, errors, strict=True)])
+    assert max(one.std for one in found) < 10e-6
+    assert np.abs(z).max() < 2.5
+    assert np.mean([one.error - error for one, error in zip(found, errors, strict=True)]) == pytest.approx(0, abs=2e-6)
+
+
+def test_stamps_that_wrap_between_records_are_one_stretch() -> None:
+    rng = np.random.default_rng(CLOCK_SEED)
+    found = unit_clock(session_of(30e-6, rng, first_s=3_700.0), INTERVAL_s)  # 2^32 us are 4,295 s
+    assert found.span_s > 1_700.0
+    assert found.error == pytest.approx(30e-6, abs=3 * found.std)
+
+
+def test_a_unit_that_was_switched_off_begins_anew() -> None:
+    rng = np.random.default_rng(CLOCK_SEED)
+    before = [stamps(100.0 + 90.0 * k, 60.0, 25e-6, rng) for k in range(4)]
+    after = [stamps(2_000.0 + 90.0 * k, 60.0, 25e-6, rng, switched_on_s=1_900.0) for k in range(12)]
+    found = unit_clock([*before, *after], INTERVAL_s)
+    assert 900.0 < found.span_s < 1_100.0
+    assert found.error == pytest.approx(25e-6, abs=3 * found.std)
+
+
+def test_too_short_to_know_is_no_correction() -> None:
+    rng = np.random.default_rng(CLOCK_SEED)
+    found = unit_clock([stamps(10.0, 20.0, 40e-6, rng)], INTERVAL_s)
+    assert found == UnitClock(0.0, UNKNOWN_STD, 0.0)

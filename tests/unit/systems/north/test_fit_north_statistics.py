@@ -10,10 +10,8 @@ import pytest
 from fog_signal import FogParameters, eight_records, eight_samples, in_parts
 from north_repeats import average_north
 
-from bench.systems.north.estimators.bound import SQUARE_PENALTY, north_bound_deg
-from bench.systems.north.estimators.calibration import calibrate_index
-from bench.systems.north.estimators.eight_samples import eight_sample_north
-from bench.systems.north.estimators.likelihood import likelihood_north
+from bench.systems.north.estimators.eight_samples import calibrate_index, eight_sample_north
+from bench.systems.north.estimators.likelihood import SQUARE_PENALTY, likelihood_north, north_bound_deg
 from bench.systems.north.estimators.phasors import wrapped_deg
 
 QUICK_Hz = 200

@@ -1,4 +1,6 @@
-"""North from eight samples without noise: every azimuth, what the printed formulas do, senses, placements, errors."""
+"""North from eight samples: every azimuth, what the printed formulas do, senses, placements, errors; uncertainty of the
+methods against the scatter of many sets; constants of both lock-ins against a fit by another program.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +9,19 @@ from collections.abc import Callable
 import north_simulation as sim
 import numpy as np
 import pytest
-from single_north import single_north
+from north_repeats import average_north
+from north_simulation import single_north
+from scipy import optimize
 
 from bench.model.errors import FitError
-from bench.systems.north.estimators.calibration import calibrate_index
-from bench.systems.north.estimators.eight_samples import eight_sample_north
-from bench.systems.north.estimators.literal import literal_north
+from bench.systems.north.estimators.eight_samples import IndexCalibration, calibrate_index, eight_sample_north
+from bench.systems.north.estimators.formulas import literal_north, quadrant_north
 from bench.systems.north.estimators.phasors import North, heading_deg, oriented, phase_deg, wrapped_deg
-from bench.systems.north.estimators.quadrant import quadrant_north
 
 EVERY = np.concatenate((np.arange(-179.5, 180.0, 0.5), [0.0, 90.0, 180.0, -90.0]))
 STEPS = np.arange(4) * 90.0
+PHI_deg = 33.0
+TRUE = (1.6, 1.5, 0.3, 0.7, -2.0, -0.2)  # f1, f2 deg, f3, f4, f5 deg, f6
 
 
 def samples(
@@ -184,3 +188,130 @@ def test_wrong_shapes_and_lost_values() -> None:
         np.testing.assert_array_equal(np.isfinite(found.std_deg), [True, False, True])
     silent = eight_sample_north(np.zeros(4), np.zeros(4))
     assert np.isnan(silent.phi_deg)
+
+
+@pytest.mark.parametrize("method", [quadrant_north, single_north])
+def test_unlike_gains_turn_nothing(method: Callable[..., North]) -> None:
+    phi_deg = np.arange(-179.0, 180.0, 7.0)
+    found = method(*samples(phi_deg, f1=1.3, f4=0.8))
+    assert np.abs(wrapped_deg(found.phi_deg - phi_deg)).max() < 1e-9
+
+
+@pytest.mark.parametrize("method", [quadrant_north, single_north])
+def test_stated_noise_and_uncertainty_are_the_scatter_of_many_sets(method: Callable[..., North]) -> None:
+    rng = np.random.default_rng(91)
+    phi_deg = rng.uniform(-180.0, 180.0, 4000)
+    u1, u2 = (one + 0.01 * rng.normal(size=one.shape) for one in samples(phi_deg))
+    found = method(u1, u2)
+    scatter_deg = np.sqrt(np.mean(np.square(wrapped_deg(found.phi_deg - phi_deg))))
+    assert np.sqrt(np.mean(found.noise**2)) == pytest.approx(0.01, rel=0.03)
+    assert np.sqrt(np.mean(found.std_deg**2)) == pytest.approx(scatter_deg, rel=0.05)
+
+
+def test_where_there_is_no_azimuth_there_is_no_uncertainty() -> None:
+    found = quadrant_north(*samples(np.array([10.0, 40.0]), f2=100.0))
+    assert np.isnan(found.phi_deg).all()
+    assert np.isnan(found.std_deg).all()
+
+
+def test_literal_formulas_take_the_placement_off_at_their_end() -> None:
+    u1, u2 = samples(np.array([20.0]), f2=2.0, f5=2.0)
+    assert literal_north(u1, u2, f5_deg=2.0).north.phi_deg == pytest.approx(20.0, abs=1e-6)
+
+
+def test_failures_are_told_of_the_lock_in_that_has_them() -> None:
+    """Noise in lock-in 2 alone, 2 degrees from where its first and third sample vanish."""
+    rng = np.random.default_rng(92)
+    u1, u2 = samples(np.full(400, 88.0))
+    failures = literal_north(u1, u2 + 0.05 * rng.normal(size=u2.shape)).failures
+    assert not failures.flipped_17.any()
+    assert not failures.amplitude_19.any()
+    flipped = failures.flipped_18 > 0
+    assert 0.2 < flipped.mean() < 0.8
+    assert failures.amplitude_20[flipped].all()
+    assert failures.any[flipped].all()
+
+
+def test_scatter_of_repeats_does_not_depend_on_the_unit() -> None:
+    angles_deg = np.array([10.0, 12.0, 11.0, 13.0])
+    found = average_north(3e-3 * np.exp(1j * np.deg2rad(angles_deg)))
+    assert float(found.scatter_deg) == pytest.approx(np.std(angles_deg, ddof=1), rel=1e-3)
+
+
+def model(_: object, f1: float, f2: float, f3: float, f4: float, f5: float, f6: float) -> np.ndarray:
+    """(13a-d) and (14a-d) at the known phase."""
+    phi = np.deg2rad(PHI_deg + STEPS)
+    return np.concatenate((f1 * np.sin(phi + np.deg2rad(f2)) + f3, f4 * np.cos(phi + np.deg2rad(f5)) + f6))
+
+
+@pytest.fixture(scope="module")
+def noisy() -> np.ndarray:
+    return model(None, *TRUE) + 0.01 * np.random.default_rng(81).normal(size=8)
+
+
+def known(samples: np.ndarray) -> IndexCalibration:
+    return calibrate_index(samples[:4], samples[4:], PHI_deg)
+
+
+def test_every_constant_and_its_uncertainty_are_those_of_a_non_linear_fit(noisy: np.ndarray) -> None:
+    values, covariance = optimize.curve_fit(model, np.arange(8.0), noisy, p0=TRUE)
+    found = known(noisy)
+    ours = (found.f1, found.f2_deg, found.f3, found.f4, found.f5_deg, found.f6)
+    np.testing.assert_allclose(ours, values, rtol=1e-5)
+    np.testing.assert_allclose(found.covariance, covariance[np.ix_([0, 1, 3, 4], [0, 1, 3, 4])], rtol=1e-4, atol=1e-8)
+    assert found.dof == 2.0
+    np.testing.assert_allclose(found.gains, np.array([1.6, 0.7]) / np.sqrt(1.12), rtol=0.02)
+
+
+@pytest.mark.parametrize("method", ["least_squares", "quadrant", "literal", "single"])
+def test_what_the_calibration_adds_is_what_a_wrong_placement_does(noisy: np.ndarray, method: str) -> None:
+    """Each placement is put wrong by its own standard uncertainty, and the azimuths are found again."""
+    found = known(noisy)
+    exact = model(None, *TRUE)
+    parts = []
+    for place, std in ((1, found.covariance[1, 1]), (4, found.covariance[3, 3])):
+        wrong = np.array(TRUE)
+        wrong[place] += np.sqrt(std)
+        phi_deg = azimuth(method, exact, wrong) - azimuth(method, exact, np.array(TRUE))
+        parts.append(float(wrapped_deg(phi_deg)))
+    assert found.std_deg(method) == pytest.approx(np.hypot(*parts), rel=1e-3)
+    assert found.covariance[3, 3] > 4.0 * found.covariance[1, 1]  # so that the two cannot stand for each other
+
+
+def azimuth(method: str, samples: np.ndarray, constants: np.ndarray) -> float:
+    f1, f2_deg, _, f4, f5_deg, _ = constants
+    u1, u2 = samples[:4], samples[4:]
+    if method == "least_squares":
+        gains = (f1 / np.sqrt(f1 * f4), f4 / np.sqrt(f1 * f4))
+        return float(eight_sample_north(u1, u2, gains=gains, f2_deg=f2_deg, f5_deg=f5_deg).phi_deg)
+    if method == "single":
+        return float(single_north(u1, u2, f2_deg=f2_deg).phi_deg)
+    return float(quadrant_north(u1, u2, f5_deg=f5_deg).phi_deg)
+
+
+def test_noise_and_uncertainty_with_known_constants(noisy: np.ndarray) -> None:
+    """Noise: what numpy's least squares with these gains and placements leave. Uncertainty: by steps of each sample."""
+    f1, f2, _, f4, f5, _ = np.array(TRUE)
+    gains = (f1 / np.sqrt(f1 * f4), f4 / np.sqrt(f1 * f4))
+
+    def phi_deg(samples: np.ndarray) -> float:
+        return float(eight_sample_north(samples[:4], samples[4:], gains=gains, f2_deg=f2, f5_deg=f5).phi_deg)
+
+    at_1, at_2, ones = np.deg2rad(STEPS + f2), np.deg2rad(STEPS + f5), np.ones(4)
+    design = np.block([
+        [gains[0] * np.column_stack((np.sin(at_1), np.cos(at_1))), np.outer(ones, (1.0, 0.0))],
+        [gains[1] * np.column_stack((np.cos(at_2), -np.sin(at_2))), np.outer(ones, (0.0, 1.0))],
+    ])  # fmt: skip
+    left = np.linalg.lstsq(design, noisy)[1]
+    found = eight_sample_north(noisy[:4], noisy[4:], gains=gains, f2_deg=f2, f5_deg=f5)
+    assert found.noise == pytest.approx(np.sqrt(left[0] / 4.0), rel=1e-9)
+    steps = [(phi_deg(noisy + 1e-5 * one) - phi_deg(noisy - 1e-5 * one)) / 2e-5 for one in np.eye(8)]
+    assert found.std_deg == pytest.approx(float(found.noise) * np.linalg.norm(steps), rel=0.02)
+
+
+@pytest.mark.parametrize("silent", [slice(0, 4), slice(4, 8)])
+def test_one_lock_in_without_a_signal_is_no_calibration(noisy: np.ndarray, silent: slice) -> None:
+    noisy = noisy.copy()
+    noisy[silent] = 0.0
+    with pytest.raises(FitError, match="B-FIT-113"):
+        known(noisy)

@@ -12,10 +12,19 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from bench.model.errors import FitError
-from bench.systems.north.estimators.bound import SQUARE_PENALTY, north_bound_deg, time_to_accuracy_s
-from bench.systems.north.estimators.likelihood import likelihood_north
-from bench.systems.north.estimators.phasors import half_width_deg, heading_deg, wrapped_deg
-from bench.systems.north.estimators.tilt import tilt_correction_deg, tilt_std_deg
+from bench.systems.north.estimators.likelihood import (
+    SQUARE_PENALTY,
+    likelihood_north,
+    north_bound_deg,
+    time_to_accuracy_s,
+)
+from bench.systems.north.estimators.phasors import (
+    half_width_deg,
+    heading_deg,
+    tilt_correction_deg,
+    tilt_std_deg,
+    wrapped_deg,
+)
 
 THETA = np.arange(0.0, 360.0, 2.0)
 

@@ -26,7 +26,7 @@ _STEP = 1e-6
 
 @dataclass(frozen=True)
 class PlaneParameters:
-    """What corrects two axes, and how well it is known; offsets and radius in the unit of the readings.
+    """Correction of two axes, and how well it is known; offsets and radius in the unit of the readings.
 
     Attributes:
         offset: (2,).   gain: K_y.   alpha_deg: non-orthogonality.   radius: field in the plane, sensitivity of axis X.

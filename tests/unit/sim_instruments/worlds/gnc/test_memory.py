@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from sim_instruments.worlds.gnc.draws import ModuleDraws
-from sim_instruments.worlds.gnc.memory import SECTOR, SIZE, Memories, Operation, Region, pattern_of
+from sim_instruments.worlds.gnc.processor import SECTOR, SIZE, Memories, ModuleDraws, Operation, Region, pattern_of
 
 WORDS = SECTOR // 4
 

@@ -1,16 +1,25 @@
-"""Index marks of the simulated table; supply, start and port of the simulated gyroscope."""
+"""The simulated gyroscope: supply, output, frames; the Earth's rate on it by scipy; how parameters vary."""
+
+from __future__ import annotations
 
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from fog_rig import QUIET, Rig, running
+from scipy.integrate import cumulative_trapezoid
+from scipy.spatial.transform import Rotation
 
 from bench.model.clock import NS
+from sim_instruments.worlds.north.sensor import earth_rate_rad_s, sensed_rad_s, tilted
+from sim_instruments.worlds.north.variation import Constant, Linear, Sine, drawn_slow, drawn_steps
 
 MS = 1_000_000
 
 # --- marks ---------------------------------------------------------------------------------------------------------
+LATITUDE_DEG = 37.0
+EARTH_DEG_H = 15.041067
+FINE_S = np.linspace(0.0, 50.0, 500_001)
 
 
 @pytest.mark.parametrize("rate_deg_s", [360.0, -360.0])
@@ -141,3 +150,119 @@ def test_it_warms_up():
 def test_nobody_moves_the_table_while_its_past_is_read():
     rig = Rig(1)
     assert rig.unit.lock is rig.world.lock
+
+
+def of_heading(heading_deg, **tilts):
+    """Sensed rate of an axis of that heading, deg/h."""
+    in_table = tilted(tilts.get("east", 0.0), tilts.get("north", 0.0)).T @ earth_rate_rad_s(LATITUDE_DEG)
+    angle_rad = np.deg2rad(90.0 - np.asarray(heading_deg))
+    return np.rad2deg(sensed_rad_s(in_table, angle_rad, tilts.get("axis", 0.0))) * 3600.0
+
+
+def phase_deg(sensed):
+    """Heading of the largest rate when all whole degrees of heading are given."""
+    headings = np.deg2rad(np.arange(360.0))
+    return np.rad2deg(np.arctan2(sensed @ np.sin(headings), sensed @ np.cos(headings)))
+
+
+def amplitude(sensed):
+    headings = np.deg2rad(np.arange(360.0))
+    return np.hypot(sensed @ np.sin(headings), sensed @ np.cos(headings)) / 180.0
+
+
+@pytest.mark.parametrize("longitude_deg", [0.0, 127.0])
+def test_against_the_axis_of_the_earth_in_earth_fixed_coordinates(longitude_deg):
+    """Axis of rotation (0, 0, 1), local directions by longitude and latitude: nothing local is assumed."""
+    latitude, longitude = np.deg2rad([LATITUDE_DEG, longitude_deg])
+    east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
+    up = np.array([np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)])
+    north = np.cross(up, east)
+    for heading_deg in (0.0, 20.0, 135.0, 300.0):
+        heading = np.deg2rad(heading_deg)
+        axis = np.cos(heading) * north + np.sin(heading) * east
+        assert of_heading(heading_deg) == pytest.approx(EARTH_DEG_H * axis[2], abs=2e-6)
+
+
+def test_nothing_is_felt_east_and_west_and_most_north():
+    east, west, north, south = of_heading([90.0, 270.0, 0.0, 180.0])
+    assert max(abs(east), abs(west)) < 1e-12
+    assert north == -south == pytest.approx(EARTH_DEG_H * np.cos(np.deg2rad(LATITUDE_DEG)), abs=2e-6)
+
+
+@pytest.mark.parametrize(("east", "north"), [(1.0, 0.0), (0.0, -2.0), (0.7, 0.4)])
+def test_the_tilt_is_a_turn_by_its_vector(east, north):
+    vector = np.deg2rad([east, north, 0.0])
+    np.testing.assert_allclose(tilted(east, north), Rotation.from_rotvec(vector).as_matrix(), atol=1e-15)
+    for heading_deg in (0.0, 50.0, 222.0):
+        flat = np.array([np.sin(np.deg2rad(heading_deg)), np.cos(np.deg2rad(heading_deg)), 0.0])
+        axis = Rotation.from_rotvec(vector).apply(flat)
+        due = EARTH_DEG_H * axis @ [0.0, np.cos(np.deg2rad(LATITUDE_DEG)), np.sin(np.deg2rad(LATITUDE_DEG))]
+        assert of_heading(heading_deg, east=east, north=north) == pytest.approx(due, abs=2e-6)
+
+
+def test_a_tilt_about_north_turns_north_and_one_about_east_does_not():
+    headings = np.arange(360.0)
+    arcmin = 1.0 / 60.0
+    apparent_north = phase_deg(of_heading(headings, north=arcmin))
+    assert apparent_north * 60.0 == pytest.approx(-np.tan(np.deg2rad(37.0)), rel=1e-4)  # 0.75 arcmin to the west
+    assert abs(phase_deg(of_heading(headings, east=arcmin))) < 1e-9
+    gain = amplitude(of_heading(headings, east=arcmin)) / amplitude(of_heading(headings))
+    assert gain - 1.0 == pytest.approx(np.deg2rad(arcmin) * np.tan(np.deg2rad(37.0)), rel=1e-3)
+
+
+def test_an_axis_out_of_the_plane_loses_little_and_feels_the_vertical():
+    headings = np.arange(360.0)
+    level, tilted_axis = of_heading(headings), of_heading(headings, axis=1.0)
+    loss = amplitude(tilted_axis) / amplitude(level) - 1.0
+    assert loss == pytest.approx(-0.000152, abs=1e-6)  # the paper's factor 1 - sin: -0.0175
+    assert tilted_axis.mean() == pytest.approx(EARTH_DEG_H * np.sin(np.deg2rad(37.0)) * np.sin(np.deg2rad(1.0)), 1e-6)
+
+
+def all_of_them():
+    rng = np.random.default_rng(11)
+    return {
+        "constant": Constant(),
+        "slow": drawn_slow(rng),
+        "double": Sine(2.0, 0.3),
+        "linear": Linear(20.0),
+        "steps": drawn_steps(rng, (17,), 1.0),
+    }
+
+
+@pytest.mark.parametrize("name", ["constant", "slow", "double", "linear", "steps"])
+def test_the_integral_is_that_of_the_values(name):
+    one = all_of_them()[name]
+    middle_s = (FINE_S[1:] + FINE_S[:-1]) / 2.0
+    summed = np.concatenate(([0.0], np.cumsum(one.at(middle_s)) * (FINE_S[1] - FINE_S[0])))
+    np.testing.assert_allclose(one.integral_s(FINE_S), summed, atol=1e-6)
+    if name != "steps":
+        np.testing.assert_allclose(
+            one.integral_s(FINE_S), cumulative_trapezoid(one.at(FINE_S), FINE_S, initial=0.0), atol=1e-6
+        )
+
+
+@pytest.mark.parametrize("name", ["slow", "double", "linear", "steps"])
+def test_nothing_leaves_20_percent_and_most_of_it_is_used(name):
+    found = all_of_them()[name].at(FINE_S)
+    assert np.abs(found).max() <= 0.2 + 1e-12
+    assert np.ptp(found) > 0.25
+
+
+def test_a_linear_one_goes_up_and_comes_back():
+    assert Linear(10.0).at(np.array([0.0, 5.0, 10.0, 15.0, 20.0])) == pytest.approx([-0.2, 0.0, 0.2, 0.0, -0.2])
+
+
+def test_steps_stay_for_their_time_and_repeat_behind_the_table():
+    steps = drawn_steps(np.random.default_rng(3), (4,), 0.5)
+    found = steps.at(np.arange(0.05, 4.0, 0.1)).reshape(8, 5)
+    assert np.ptp(found, axis=1).max() == 0.0
+    assert np.unique(found[:4, 0]).size == 4
+    np.testing.assert_array_equal(found[:4], found[4:])
+
+
+def test_each_run_varies_by_itself():
+    rng = np.random.default_rng(5)
+    for one in (drawn_slow(rng, (3, 1)), drawn_steps(rng, (3, 20), 1.0)):
+        found = one.at(np.arange(0.5, 20.0))
+        assert found.shape == (3, 20) == one.integral_s(np.arange(0.5, 20.0)).shape
+        assert np.abs(np.diff(found, axis=0)).max(axis=1).min() > 0.01

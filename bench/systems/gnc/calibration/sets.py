@@ -1,8 +1,10 @@
-"""Positions and rotations of a calibration: the first of each makes the calibration, the second one checks it."""
+"""Positions and rotations of a calibration: the first of each makes the calibration, the second one checks it; what was
+fitted to them, and why the rest was not.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -10,8 +12,10 @@ import numpy as np
 
 from bench.analysis import Floats
 from bench.model.errors import FitError
+from bench.systems.gnc.estimators.clocks import UnitClock
 from bench.systems.gnc.estimators.earth_rate import up_in_body
 from bench.systems.gnc.estimators.records import RotationRecord, static_means
+from bench.systems.gnc.estimators.rotations import RotationFit
 from bench.systems.gnc.estimators.six_position import fit_six_position
 from bench.systems.gnc.estimators.triad import TriadFit
 from bench.systems.gnc.rows import AXES, SampledRow
@@ -127,3 +131,23 @@ def position_fit(
         return fit_six_position(means, force)
     fit = fit_six_position(means, force, covariance, tilt_std_deg=tilt_std_deg)
     return replace(fit, dof=min(fit.dof, dof))
+
+
+@dataclass
+class Calibration:
+    """Fits of both triads, and why the rest was not. ``power_on``: its number by the number of the record."""
+
+    sets: Sets
+    clock: UnitClock
+    power_on: Mapping[int, int]
+    tilt_deg: float = 0.0
+    accelerometer: TriadFit | None = None
+    gyro: RotationFit | None = None
+    accelerometer_check: TriadFit | None = None
+    gyro_check: RotationFit | None = None
+    missing: list[str] = field(default_factory=list)
+    refused: list[FitError] = field(default_factory=list)
+
+    def one_power_on(self, rows: Collection[SampledRow]) -> bool:
+        """Return whether the unit was not switched off between these records."""
+        return len({self.power_on[row.number] for row in rows}) <= 1

@@ -1,11 +1,17 @@
-"""What an inertial unit would say of its motion while it stands still: drift over rests, after bias and level.
+"""Drift of an inertial unit that stands still: what it would say of its motion after bias and level were taken, and the
+class of inertial sensors that such a drift belongs to: consumer, industrial, tactical or navigation.
 
 A rest is cut into pairs of stretches of the same length T. The first one gives the bias of the gyroscopes, the level
 and the size of gravity; over the second one the strapdown goes on from there, so attitude, velocity and position at its
 end are drift. The noise of the first stretch is part of it: white noise N of a gyroscope gives N sqrt(2 T) of attitude.
 
 Source: Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd edition, sections 5.6.2
-(levelling) and 5.7 (error growth); the strapdown is that of ``bench.maths.strapdown``.
+(levelling) and 5.7 (error growth); the strapdown is that of ``bench.maths.strapdown``. Classes: El-Sheimy and Youssef,
+Inertial sensors technologies for navigation applications: state of the art and future trends, Satellite Navigation 1:2
+(2020), table 1: navigation below 0.01 deg/h, 0.002 deg/sqrt(h), 100 ug; tactical 1 to 10 deg/h, 0.02 to 0.05
+deg/sqrt(h), 1 to 5 mg; commercial 0.1 deg/s, several deg/sqrt(h), taken as 5, and 100 to 1000, printed in ug beside the
+1 to 5 mg of the better class and taken as mg. The table knows no industrial class; makers sell one between tactical and
+commercial. Here it ends at the geometric mean of both: a convention of this program.
 """
 
 from __future__ import annotations
@@ -26,6 +32,7 @@ Array = NDArray[np.float64]
 Spans = Sequence[tuple[int, int]]
 HORIZONS_s = (3.0, 10.0, 30.0, 60.0)
 LATITUDE_deg = 45.0  # where the log does not say: the Earth's rate is in the bias, so only its turning matters
+BEYOND = "beyond consumer"
 
 
 @dataclass(frozen=True)
@@ -219,3 +226,49 @@ def _rotation_vectors(matrix: Array) -> Array:
 
 def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
+
+
+@dataclass(frozen=True)
+class SensorClass:
+    """Largest drift of a class: ``gyro_deg_h``, ``walk_deg_rt_h`` (angle random walk), ``accel_mg``."""
+
+    name: str
+    gyro_deg_h: float
+    walk_deg_rt_h: float
+    accel_mg: float
+
+
+_TACTICAL = SensorClass("tactical", 10.0, 0.05, 5.0)
+_CONSUMER = SensorClass("consumer", 360.0, 5.0, 1000.0)
+CLASSES: tuple[SensorClass, ...] = (
+    SensorClass("navigation", 0.01, 0.002, 0.1),
+    _TACTICAL,
+    SensorClass(
+        "industrial",
+        math.sqrt(_TACTICAL.gyro_deg_h * _CONSUMER.gyro_deg_h),
+        math.sqrt(_TACTICAL.walk_deg_rt_h * _CONSUMER.walk_deg_rt_h),
+        math.sqrt(_TACTICAL.accel_mg * _CONSUMER.accel_mg),
+    ),
+    _CONSUMER,
+)  # best first
+NAMES: tuple[str, ...] = (*(one.name for one in CLASSES), BEYOND)
+
+
+def class_of(figure: str, value: float) -> str:
+    """The best class whose bound a figure keeps.
+
+    Args:    figure: name of the bound, such as "gyro_deg_h".   value: >= 0, in its unit.
+    Returns: one of ``NAMES``.
+    Source:  the table of this module.
+    """
+    return next((one.name for one in CLASSES if value <= float(getattr(one, figure))), BEYOND)
+
+
+def worst_class(names: Sequence[str]) -> str:
+    """Return the class of a unit: that of its worst figure.
+
+    Args:    names: of ``NAMES``, at least one.
+    Returns: one of them.
+    Source:  none: a unit navigates no better than its worst sensor lets it.
+    """
+    return max(names, key=NAMES.index)

@@ -1,4 +1,7 @@
-"""Samples of the simulated module as frames: when the module's own clock takes them, and how they are sent."""
+"""The link of the test board: bytes in, requests out; samples of the module's own clock in, frames out.
+
+The receiver gives up what an interruption has left unfinished.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +10,58 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame import FrameDefinition
+from bench.frame import FrameBatch, FrameDefinition
 from bench.model.clock import NS
 from sim_instruments.worlds.common.port import Port
 from sim_instruments.worlds.gnc.module import GncModule
 
+SILENCE_NS = 50_000_000  # between two bytes of a frame at most
+BOARD = 0x10
 GYRO, ACCELEROMETER, MAGNETOMETER = 1, 2, 4  # bits of the sensors
 HIGHEST_HZ = 200
 STREAM_COMMAND = 0x22
 AT_ONCE = 20_000  # samples made together at most
 MADE_NS = 100_000  # from a sample to its frame
 US = 1_000_000
+
+
+@dataclass(frozen=True)
+class Request:
+    """One command as it came."""
+
+    source: int
+    sequence: int
+    command: int
+    payload: bytes
+
+
+class BoardReceiver:
+    """Finds commands to this board; a frame with a wrong check costs one byte, not its claimed length."""
+
+    def __init__(self, definition: FrameDefinition) -> None:
+        self._decoder = definition.decoder("reference")
+        self.heard_ns = 0  # end of the last byte
+
+    def feed(self, received: bytes, end_ns: int) -> list[Request]:
+        """Commands completed by these bytes, the last of which ends at ``end_ns``."""
+        self.heard_ns = end_ns
+        return _requests(self._decoder.feed(received))
+
+    def silence(self) -> list[Request]:
+        """Nothing came for longer than a frame may be interrupted: what was begun is given up, search goes on in it."""
+        return _requests(self._decoder.finish())
+
+
+def _requests(batch: FrameBatch) -> list[Request]:
+    found = batch.messages["command"]
+    columns = zip(
+        *(found.raw(name) for name in ("destination", "source", "sequence", "command", "payload")), strict=True
+    )
+    return [
+        Request(int(source), int(sequence), int(command), bytes(payload))
+        for destination, source, sequence, command, payload in columns
+        if destination == BOARD
+    ]
 
 
 @dataclass

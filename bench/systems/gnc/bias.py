@@ -1,0 +1,295 @@
+"""Bias, bias stability and bias repeatability of gyros and accelerometers at rest.
+
+Source: GNC-module paper section 5.1 3) and table 2; the Earth's rate is taken off the gyros (level axes see up to
+omega cos(latitude), more than the limit of 10 deg/h).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from bench.analysis import Analysis, Estimates, Figure, Material, Table, check_method, curve, estimate, no_result
+from bench.maths.allan import allan_deviation
+from bench.model.errors import FitError
+from bench.systems.gnc.estimators.bias_mean import BiasMean, flip_bias, mean_bias
+from bench.systems.gnc.estimators.bias_stability import (
+    AVERAGE_s,
+    BiasStability,
+    bias_repeatability,
+    bias_stability,
+    on_the_counter,
+)
+from bench.systems.gnc.estimators.earth_rate import body_to_table, earth_rate_body_deg_s, earth_rate_covariance
+from bench.systems.gnc.limits import Limits, limits_of, table_3
+from bench.systems.gnc.rows import AXES, SampledRow, check_notes, check_table, checked, sampled_rows, site_of, usable
+
+METHODS: tuple[str, ...] = ("ten_second_means",)
+ITEMS = ("bias", "flip", "stability", "repeatability")
+_OF_ONE_PART = ("B-FIT-092", "B-FIT-093", "B-FIT-094")
+# kind, prefix, unit of the stability, and the factor from deg/s or g to it
+_KINDS = (("gyro", "gyro", "deg/h", 3600.0), ("accelerometer", "accel", "mg", 1e3))
+_INDICATED = {"output": "indicated"}  # not the bias of a calibration, which stands behind the matrix
+_NOTES = (
+    "Bias and stability are those of the indicated values, before compensation: they differ from the bias of a "
+    "calibration by the scale-factor error and coupling, and 1 % of scale-factor error leaves 1 % of the Earth's rate "
+    "in the bias of a gyro (0.15 deg/h).",
+    "Stability is the standard deviation of 360 means of 10 s: of a gyro it is mostly its angle random walk (19 deg/h "
+    "per deg/sqrt(h)), not the lowest Allan deviation.",
+    "Bias repeatability has no limit in the specification: it is reported, not judged.",
+    "Latitude, azimuth and angles of the table are taken as stated: their uncertainty is not included.",
+)
+_ALONG = 0.999  # cosine
+_ROWS = (
+    ("gyro bias stability, deg/h", "gyro_bias_stability"),
+    ("accelerometer bias stability, mg", "accel_bias_stability"),
+    ("gyro bias repeatability, deg/h", "gyro_bias_repeatability"),
+    ("accelerometer bias repeatability, mg", "accel_bias_repeatability"),
+)
+
+
+def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
+    """Bias of 3 min, stability of 1 h, repeatability of six windows, accelerometer bias of a flip, for every axis.
+
+    Raises: FitError B-FIT-004 (unknown method), B-GNC-001, -003, -004, -005.
+    """
+    check_method(method, METHODS)
+    rows, missing = sampled_rows(material, ITEMS)
+    looked_at = checked(rows, ("gyro", "accelerometer"), material.campaign)
+    good, refused = usable(looked_at)
+    by_item = {item: [row for row in good if row.item == item] for item in ITEMS}
+    missing += refused + [f"{item}: no record" for item in ITEMS if not by_item[item]]
+    stabilities, entries = _stability(by_item["stability"], limits_of(material.campaign), missing)
+    notes = list(_NOTES)
+    estimates = _bias(by_item["bias"], material, missing) + _flip(by_item["flip"], material, missing, notes) + entries
+    estimates += _repeatability(by_item["repeatability"], missing)
+    return Analysis(
+        campaign="imu_bias",
+        method=method,
+        uut=dict(material.campaign["uut"]),
+        estimates=estimates,
+        notes=[*no_result(missing), *notes, *check_notes(looked_at)],
+        missing=missing,
+        figures=_figures(stabilities),
+        tables=[*_tables(estimates), table_3(estimates, material.campaign), check_table(looked_at)],
+    )
+
+
+def _bias(rows: list[SampledRow], material: Material, missing: list[str]) -> Estimates:
+    """Gyro bias of the first record, Earth's rate taken off: w = N - bias, so it has the sign of the reading."""
+    if not rows:
+        return []
+    site, pose = site_of(material.campaign), rows[0].pose
+    window = _window(rows[0], "gyro", _resolution(material, "gyro_resolution_deg_s"), missing)
+    if window is None:
+        return []
+    earth, variance = earth_rate_body_deg_s(pose, site), earth_rate_covariance(pose, site).diagonal()
+    std = [float(np.hypot(mean.std, variance[k] ** 0.5)) for k, mean in enumerate(window.means)]
+    return [
+        estimate("gyro_bias", "deg/h", 3600.0 * (mean.value - earth[k]), 3600.0 * std[k],
+                 {"kind": "gyro", "axis": AXES[k], **_INDICATED}, n=mean.samples, dropped=mean.missing, dof=mean.dof)
+        for k, mean in enumerate(window.means)
+    ]  # fmt: skip
+
+
+def _flip(rows: list[SampledRow], material: Material, missing: list[str], notes: list[str]) -> Estimates:
+    """Accelerometer bias (Y1 + Y2) / 2; a = N + bias, so it has the opposite sign of the mean reading."""
+    try:
+        flip = _flip_of(rows, _resolution(material, "accel_resolution_g"))
+    except FitError as error:
+        missing.append(_sentence("bias of the accelerometers", error))
+        return []
+    if flip is None:
+        if rows:
+            missing.append("bias of the accelerometers: no two records are half a turn about a body axis apart")
+        return []
+    notes.append(
+        f"The flip was about {flip.about}: it does not reverse accelerometer {flip.about}, whose bias is not separated "
+        "from the tilt of the table."
+    )
+    return [
+        estimate("accel_bias", "g", -mean.value, mean.std, {"kind": "accelerometer", "axis": axis, **_INDICATED},
+                 n=mean.samples, dropped=mean.missing, dof=mean.dof)
+        for axis, mean in flip.by_axis.items()
+    ]  # fmt: skip
+
+
+def _window(row: SampledRow, kind: str, resolution: float, missing: list[str]) -> _Window | None:
+    try:
+        return _window_of(row, kind, resolution)
+    except FitError as error:
+        missing.append(_sentence(f"record {row.number}", error))
+        return None
+
+
+def _resolution(material: Material, name: str) -> float:
+    return float((material.campaign.get("imu") or {}).get(name, 0.0))
+
+
+def _stability(
+    rows: list[SampledRow], limits: Limits, missing: list[str]
+) -> tuple[dict[tuple[str, str], BiasStability], Estimates]:
+    stabilities: dict[tuple[str, str], BiasStability] = {}
+    entries: Estimates = []
+    for kind, prefix, unit, factor in _KINDS if rows else ():
+        limit = factor * limits[f"{prefix}_bias_stability"]
+        placed = on_the_counter(rows[0].samples.counter, rows[0].values(kind))
+        for k, axis in enumerate(AXES):
+            try:
+                stability = bias_stability(placed[:, k], 1.0 / rows[0].rate_Hz)
+            except FitError as error:
+                missing.append(_sentence(f"stability of {kind} {axis}", error))
+                continue
+            stabilities[kind, axis] = stability
+            place = {"kind": kind, "axis": axis}
+            entries.append(
+                estimate(f"{prefix}_bias_stability", unit, factor * stability.value, factor * stability.std, place,
+                         n=stability.averages.size, limit=limit, dropped=stability.missing)
+            )  # fmt: skip
+    return stabilities, entries
+
+
+def _repeatability(rows: list[SampledRow], missing: list[str]) -> Estimates:
+    entries: Estimates = []
+    for kind, prefix, unit, factor in _KINDS if rows else ():
+        windows = [window for window in (_window(row, kind, 0.0, missing) for row in rows) if window is not None]
+        starts, lengths = [window.start_s for window in windows], [window.length_s for window in windows]
+        for k, axis in enumerate(AXES):
+            means, stds = [window.means[k].value for window in windows], [window.means[k].std for window in windows]
+            try:
+                scatter = bias_repeatability(means, stds, starts, lengths)
+            except FitError as error:
+                missing.append(_sentence(f"repeatability of {kind} {axis}", error))
+                continue
+            place = {"kind": kind, "axis": axis}
+            entries.append(
+                estimate(f"{prefix}_bias_repeatability", unit, factor * scatter.value, factor * scatter.std, place,
+                         n=len(windows), dof=scatter.dof)
+            )  # fmt: skip
+    return entries
+
+
+def _sentence(what: str, error: FitError) -> str:
+    if error.code not in _OF_ONE_PART:
+        raise error
+    return f"{what}: {error.message} ({error.code})"
+
+
+@dataclass(frozen=True)
+class _Window:
+    """``means``: of x, y, z as indicated.   ``start_s``: bench clock.   ``length_s``: by the unit's own clock."""
+
+    means: tuple[BiasMean, ...]
+    start_s: float
+    length_s: float
+
+
+def _window_of(row: SampledRow, kind: str, resolution: float) -> _Window:
+    """Means of a record at rest. Raises: FitError B-FIT-092 for less than a minute of samples."""
+    interval_s = 1.0 / row.rate_Hz
+    placed = on_the_counter(row.samples.counter, row.values(kind))
+    means = tuple(mean_bias(placed[:, k], interval_s, resolution) for k in range(3))
+    return _Window(means, row.begin_s, len(placed) * interval_s)
+
+
+@dataclass(frozen=True)
+class _FlipBias:
+    """Accelerometer bias by axis from two records, and the axis about which the unit was turned: it has none."""
+
+    by_axis: dict[str, BiasMean]
+    about: str
+
+
+def _flip_of(rows: Sequence[SampledRow], resolution_g: float) -> _FlipBias | None:
+    """The first two records between which the unit was turned by half a turn about a body axis; None without any.
+
+    Raises: FitError B-FIT-092 for records of less than a minute.
+    """
+    for one, two in combinations(rows, 2):
+        about = _about(one, two)
+        if about is not None:
+            first, second = (_window_of(row, "accelerometer", resolution_g).means for row in (one, two))
+            found: dict[str, BiasMean] = {}
+            for k, axis in enumerate(AXES):
+                try:
+                    found[axis] = flip_bias(first[k], second[k], axis=axis, about=about)
+                except FitError as error:
+                    if error.code != "B-FIT-094":
+                        raise
+            return _FlipBias(found, about)
+    return None
+
+
+def _about(one: SampledRow, two: SampledRow) -> str | None:
+    """Body axis that stays where it is in the table's frame while the two others turn over."""
+    cosines = np.sum(body_to_table(one.pose) * body_to_table(two.pose), axis=0)
+    if np.sum(cosines < -_ALONG) != 2 or np.sum(cosines > _ALONG) != 1:
+        return None
+    return AXES[int(np.argmax(cosines))]
+
+
+def _tables(estimates: Sequence[Mapping[str, Any]]) -> list[Table]:
+    """Bias of each axis, and table 2 of the paper for all axes (it prints X only): value and expanded uncertainty."""
+    names = (("gyro bias, deg/h", "gyro_bias", 1.0), ("accelerometer bias, mg", "accel_bias", 1e3))
+    biases = [[text, *(_cell(estimates, quantity, axis, factor) for axis in AXES)] for text, quantity, factor in names]
+    rows = [[text, *(_cell(estimates, quantity, axis, 1.0) for axis in AXES)] for text, quantity in _ROWS]
+    of_biases = (
+        "Gyro: 3 min at rest, the Earth's rate taken off, w = K N - bias. Accelerometer: by a flip, a = K N + bias."
+    )
+    caption = (
+        "Standard deviation of 360 means of 10 s in 1 h; of the means of six windows of 10 min. The repeatability has "
+        "no limit and is not judged."
+    )
+    headers = ["quantity", *AXES]
+    return [
+        Table("Bias", of_biases, headers, biases, lead=True),
+        Table("Table 2: stability and repeatability", caption, headers, rows, lead=True),
+    ]
+
+
+def _cell(estimates: Sequence[Mapping[str, Any]], quantity: str, axis: str, factor: float) -> str:
+    for entry in estimates:
+        if entry["quantity"] == quantity and entry["conditions"].get("axis") == axis:
+            value, wide = factor * entry["value"], factor * entry["expanded_uncertainty"]
+            places = max(0, min(9, 1 - int(np.floor(np.log10(wide))))) if wide > 0 else 4
+            return f"{value:.{places}f} ± {wide:.{places}f}"
+    return "not tested"
+
+
+def _figures(stabilities: Mapping[tuple[str, str], BiasStability]) -> list[Figure]:
+    """Means of 10 s over the hour, and their Allan deviation."""
+    figures = []
+    for kind, _, unit, factor in _KINDS:
+        by_axis = {axis: stabilities[kind, axis] for axis in AXES if (kind, axis) in stabilities}
+        if by_axis:
+            figures += [_means(kind, factor, unit, by_axis), _allan(kind, factor, unit, by_axis)]
+    return figures
+
+
+def _means(kind: str, factor: float, unit: str, by_axis: Mapping[str, BiasStability]) -> Figure:
+    series = [
+        curve(
+            axis,
+            np.arange(0.5, stability.averages.size, dtype=np.float64) * AVERAGE_s / 60.0,
+            factor * (stability.averages - stability.mean),
+            "line",
+        )
+        for axis, stability in by_axis.items()
+    ]
+    title = f"{kind.capitalize()}: means of 10 s"
+    return Figure(title, "About the mean of the hour.", "time, min", f"mean, {unit}", series)
+
+
+def _allan(kind: str, factor: float, unit: str, by_axis: Mapping[str, BiasStability]) -> Figure:
+    series = []
+    for axis, stability in by_axis.items():
+        curve_of = allan_deviation(factor * stability.averages, AVERAGE_s)
+        series.append(curve(axis, curve_of.tau_s, curve_of.deviation, "line"))
+    title = f"{kind.capitalize()}: Allan deviation"
+    return Figure(
+        title, "Of the means of 10 s.", "averaging time, s", f"Allan deviation, {unit}", series, x_log=True, y_log=True
+    )

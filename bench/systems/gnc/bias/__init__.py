@@ -1,1 +1,0 @@
-"""Bias, its stability and its repeatability."""

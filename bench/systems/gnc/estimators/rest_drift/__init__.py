@@ -1,1 +1,0 @@
-"""Drift of an inertial unit over and between its rests."""

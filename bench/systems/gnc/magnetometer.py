@@ -1,0 +1,308 @@
+"""Calibration of the magnetometer: of the axes across the roll axis by the paper's extremes and by least squares, hard
+and soft iron from records in many attitudes, and the roll angle that the module returns over the link.
+
+The module answers with its roll angle and the field as it corrects it now. Its own correction is undone, so that the
+coefficients of this session can be tried on the same answers: readings that took no part in the fit.
+
+Source: GNC-module paper section 4.2 2) and equations (5) to (9) as corrected in ``estimators.magnetometer``; figure 7,
+at whose plane it stops: ``estimators.magnetometer.ellipsoid``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bench.analysis import Analysis, Figure, Material, Table, check_method, curve, estimate, no_result
+from bench.model.errors import BenchError, FitError
+from bench.systems.gnc.coefficients import magnetometer_section
+from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
+from bench.systems.gnc.estimators.magnetometer.ellipsoid import EllipsoidFit, fit_ellipsoid
+from bench.systems.gnc.estimators.magnetometer.plane import (
+    ELLIPSE,
+    EXTREMES,
+    PlaneComparison,
+    compare_methods,
+    roll_deg,
+)
+from bench.systems.gnc.limits import limits_of, table_3
+from bench.systems.gnc.rows import (
+    AXES,
+    SampledRow,
+    check_notes,
+    check_table,
+    checked,
+    no_records,
+    sampled_rows,
+    temperature_span,
+    usable,
+)
+
+if TYPE_CHECKING:
+    from bench.analysis import Exchange
+
+METHODS: tuple[str, ...] = (ELLIPSE, EXTREMES)
+NON_MAGNETIC = "non_magnetic"
+_MOST_MISFIT = 3.0  # reduced chi-square of the shape above which the figure must be looked at
+_PARAMETERS = (("mag_offset", "gauss", "x"), ("mag_offset", "gauss", "y"), ("mag_gain", "1", None),
+               ("mag_angle", "deg", None), ("mag_radius", "gauss", None))  # fmt: skip
+_ATTITUDES = "attitudes"
+_MOST_SAMPLES = 20_000  # an even choice of more says nothing that these do not
+_CIRCLE_SAMPLES = 2_000
+ROLL, SET, RETURNED = "roll", "set_magnetometer", "returned"
+_LEAST = 3  # angles that leave something over beside the direction of the field
+_STEP_deg, _STEP_gauss = 0.01 / 12.0**0.5, 120e-6 / 12.0**0.5
+_NONE: Mapping[str, Any] = {"offset": [0.0, 0.0, 0.0], "gain": 1.0, "sin_alpha": 0.0}
+
+
+def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
+    """Return offsets, gain and non-orthogonality by both methods; ``method`` says which one compensates.
+
+    Raises: FitError B-FIT-004 (unknown method), B-GNC-001, -003; B-FIT-090, -091 if no record determines an ellipse.
+    """
+    check_method(method, METHODS)
+    rows, missing = sampled_rows(material, ("magnetometer", _ATTITUDES))
+    looked_at = checked(rows, ("magnetometer",), material.campaign)
+    good, bad = usable(looked_at)
+    missing += bad
+    fits: list[tuple[SampledRow, PlaneComparison]] = []
+    refused: list[FitError] = []
+    for row in (row for row in good if row.item != _ATTITUDES):
+        field = row.values("magnetometer")
+        try:
+            fits.append((row, compare_methods(field[:, 0], field[:, 1])))
+        except FitError as error:
+            refused.append(error)
+            missing.append(f"record {row.number}: {error.message} ({error.code})")
+    if not fits:
+        raise refused[0] if refused else no_records(("magnetometer",))
+    sphere = _sphere_of(good)
+    missing += sphere.missing
+    parameters = fits[0][1].by_method[method]
+    estimates = [entry for row, fit in fits for entry in _estimates(row, fit, len(fits) > 1)]
+    limit_deg, noise_deg = limits_of(material.campaign)["roll_error"], fits[0][1].roll[method].noise_deg
+    estimates += _roll_estimates(material, fits[0][1].by_method, method, limit_deg, noise_deg)
+    return Analysis(
+        campaign="magnetometer",
+        method=method,
+        uut=dict(material.campaign["uut"]),
+        estimates=[*estimates, *sphere.estimates],
+        notes=[
+            *_notes(fits, material),
+            *sphere.notes,
+            *check_notes(looked_at),
+            *no_result(missing),
+        ],
+        missing=missing,
+        figures=[*_figures(fits[0][0], parameters), *sphere.figures],
+        tables=[_table(fits[0][1]), table_3(estimates, material.campaign), check_table(looked_at)],
+        compensation=[magnetometer_section(method, parameters, temperature_span([fits[0][0]]))],
+    )
+
+
+def _estimates(row: SampledRow, fit: PlaneComparison, several: bool) -> list[dict[str, Any]]:
+    entries = []
+    for method, parameters in fit.by_method.items():
+        place: dict[str, Any] = {"kind": "magnetometer", "method": method} | ({"record": row.number} if several else {})
+        values = zip(_PARAMETERS, parameters.values, parameters.std, strict=True)
+        for (quantity, unit, axis), value, std in values:
+            about = place | ({} if axis is None else {"axis": axis})
+            entries.append(estimate(quantity, unit, value, std, about, n=len(row.samples)))
+    return entries
+
+
+def _table(fit: PlaneComparison) -> Table:
+    names = ["offset x, mgauss", "offset y, mgauss", "gain K_y", "angle, deg", "field in the plane, mgauss"]
+    factors = (1e3, 1e3, 1.0, 1.0, 1e3)
+    extremes, ellipse = fit.by_method[EXTREMES], fit.by_method[ELLIPSE]
+    rows = [
+        [name, *(_with(factor * by.values[k], factor * by.std[k]) for by in (extremes, ellipse)), float(fit.score[k])]
+        for k, (name, factor) in enumerate(zip(names, factors, strict=True))
+    ]
+    rolls = [_with(0.0, fit.roll[method].rms_deg) for method in (EXTREMES, ELLIPSE)]
+    rows.append(["roll angle, error over a turn, deg", *rolls, "–"])
+    rms, largest = fit.roll_difference_deg
+    caption = (
+        f"Two standard uncertainties. Roll by the two methods differs by {rms:.3g} deg RMS, {largest:.3g} deg at most. "
+        f"Phases of the turn that were read: {fit.extremes.phases}; extremes of few phases miss the true ones."
+    )
+    headers = ["parameter", "extremes (paper)", "ellipse (least squares)", "difference / std"]
+    title = "Magnetometer by two methods"
+    return Table(title, caption, headers, rows, prose=True, lead=True)
+
+
+def _with(value: float, std: float) -> str:
+    places = max(0, min(9, 1 - int(np.floor(np.log10(2 * std))))) if std > 0 else 6
+    return f"{value:.{places}f} ± {2 * std:.{places}f}"
+
+
+def _figures(row: SampledRow, parameters: PlaneParameters) -> list[Figure]:
+    """X against Y as read and corrected, and both components against time."""
+    field = 1e3 * row.values("magnetometer")
+    x, y = parameters.corrected(field[:, 0] / 1e3, field[:, 1] / 1e3)
+    caption = f"As read and after compensation; circle about the origin of {1e3 * parameters.radius:.1f} mgauss."
+    parts = [curve("before", field[:, 0], field[:, 1], "points"), curve("after", 1e3 * x, 1e3 * y, "points")]
+    plane = Figure("Magnetometer, X against Y", caption, "X, mgauss", "Y, mgauss", parts, equal=True)
+    turn = slice(0, max(2, int(60.0 * row.rate_Hz)))
+    time_s = row.time_s[turn]
+    parts = [curve(axis, time_s, field[turn, number], "line") for number, axis in enumerate(AXES)]
+    components = Figure("Magnetometer against time", "The first minute.", "time, s", "field, mgauss", parts)
+    return [plane, components]
+
+
+def _notes(fits: Sequence[tuple[SampledRow, PlaneComparison]], material: Material) -> list[str]:
+    sentences = []
+    for row, fit in fits:
+        table = row.conditions.get("table", material.campaign.get("table"))
+        if table != NON_MAGNETIC:
+            stated = "does not say which table was used" if table is None else f"names the table {table!r}"
+            sentences.append(
+                f"Record {row.number} {stated}: only a non-magnetic table keeps its own field out of offset, gain and "
+                "angle."
+            )
+        ellipse = fit.ellipse
+        sentences.append(
+            f"Record {row.number}: {ellipse.phases} phases, largest part of the turn without a reading "
+            f"{ellipse.largest_gap_deg:.1f} deg, noise {1e3 * ellipse.noise:.3f} mgauss."
+        )
+        if ellipse.shape_misfit > _MOST_MISFIT:
+            sentences.append(
+                f"Record {row.number}: the readings are not on an ellipse (reduced chi-square "
+                f"{ellipse.shape_misfit:.1f}): the field changed or the table is magnetic."
+            )
+    return sentences
+
+
+@dataclass(frozen=True)
+class _Sphere:
+    """Result of the records in many attitudes; all empty where there are none of them."""
+
+    estimates: list[dict[str, Any]] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
+    figures: list[Figure] = field(default_factory=list)
+
+
+def _sphere_of(rows: Sequence[SampledRow]) -> _Sphere:
+    """Hard iron (gauss) and symmetric soft iron of all records with the item ``attitudes`` together.
+
+    Readings that do not determine the ellipsoid are named as missing, with the direction they lack.
+    """
+    rows = [row for row in rows if row.item == _ATTITUDES]
+    if not rows:
+        return _Sphere(
+            notes=["A turn about Z determines X and Y only; offset and gain of Z need records in many attitudes."]
+        )
+    readings = np.concatenate([row.values("magnetometer") for row in rows])
+    chosen = readings[:: max(1, -(-len(readings) // _MOST_SAMPLES))]
+    try:
+        fit = fit_ellipsoid(chosen)
+    except FitError as error:
+        return _Sphere(missing=[f"hard and soft iron of the magnetometer: {error.message} ({error.code})"])
+    notes = [f"Hard and soft iron: {sentence}." for sentence in fit.coverage.sentences]
+    return _Sphere(_sphere_estimates(fit, len(chosen)), notes, [], [_sphere_figure(fit, chosen)])
+
+
+def _sphere_estimates(fit: EllipsoidFit, n: int) -> list[dict[str, Any]]:
+    kind = {"kind": "magnetometer", "method": "ellipsoid"}
+    std = np.sqrt(np.diag(fit.hard_iron_covariance))
+    entries = [
+        estimate("mag_hard_iron", "gauss", float(fit.hard_iron[k]), float(std[k]), kind | {"axis": axis}, n=n)
+        for k, axis in enumerate(AXES)
+    ]
+    for row, name in enumerate(AXES):
+        for column in range(row + 1):
+            value, step = float(fit.symmetric[row, column]), float(fit.symmetric_std[row, column])
+            place = kind | {"row": name, "column": AXES[column]}
+            entries.append(estimate("mag_soft_iron", "1", value, step, place, n=n))
+    return entries
+
+
+def _sphere_figure(fit: EllipsoidFit, readings: np.ndarray[Any, np.dtype[np.float64]]) -> Figure:
+    shown = readings[:: max(1, len(readings) // _CIRCLE_SAMPLES)]
+    before = 1e3 * np.linalg.norm(shown, axis=1)
+    after = 1e3 * np.linalg.norm(fit.corrected(shown), axis=1)
+    number = np.arange(len(shown), dtype=np.float64)
+    title = "Size of the field in all attitudes"
+    caption = f"As read and without hard and soft iron; {1e3 * fit.noise:.2f} mgauss of noise are left."
+    parts = [curve("before", number, before, "points"), curve("after", number, after, "points")]
+    return Figure(title, caption, "reading, in the order of the records", "field, mgauss", parts)
+
+
+@dataclass(frozen=True)
+class _RollAnswer:
+    """``roll_deg``: as returned.   ``x``, ``y``: field before any correction, gauss.   ``size``: of the corrected one.
+    ``table_deg``: of the table, NaN if the step does not say.
+    """
+
+    roll_deg: float
+    x: float
+    y: float
+    size: float
+    table_deg: float
+
+
+def _roll_estimates(
+    material: Material, methods: Mapping[str, PlaneParameters], chosen: str, limit_deg: float, noise_deg: float
+) -> list[dict[str, Any]]:
+    """mag_roll as returned, and mag_roll_error against the table by method; a limit judges that of ``chosen``.
+
+    The direction of the field is not known, so one angle common to all answers is taken off. Each answer is a single
+    reading: ``noise_deg``, the standard deviation of its angle by the noise of the sensor, is the larger part of the
+    uncertainty. That of the coefficients is not in it: the error that they leave is what is shown.
+    """
+    answers = _answers(material)
+    found = [
+        estimate("mag_roll", "deg", one.roll_deg, _STEP_deg, {"kind": "magnetometer", "answer": number}, n=1)
+        for number, one in enumerate(answers, 1)
+    ]
+    placed = [one for one in answers if math.isfinite(one.table_deg)]
+    if len(placed) < _LEAST:
+        return found
+    rolls = {RETURNED: np.array([one.roll_deg for one in placed])}
+    x, y = np.array([one.x for one in placed]), np.array([one.y for one in placed])
+    rolls |= {name: roll_deg(*one.corrected(x, y)) for name, one in methods.items()}
+    table = np.array([one.table_deg for one in placed])
+    step_deg = math.degrees(_STEP_gauss / float(np.mean([one.size for one in placed])))
+    std_deg = math.hypot(step_deg, noise_deg)
+    for name, angles in rolls.items():
+        apart = np.exp(1j * np.radians(angles - table))
+        error = np.degrees(np.angle(apart / np.mean(apart)))
+        for one, value in zip(placed, error, strict=True):
+            place = {"kind": "magnetometer", "method": name, "roll_deg": one.table_deg}
+            limit = limit_deg if name == chosen and math.isfinite(limit_deg) else None
+            found.append(estimate("mag_roll_error", "deg", float(value), std_deg, place, n=1, limit=limit))
+    return found
+
+
+def _answers(material: Material) -> list[_RollAnswer]:
+    """Return the answers in their order, each with the correction that was in force."""
+    found, now = [], _NONE
+    for one in material.exchanges:
+        if one.status != 0 or one.name not in (ROLL, SET) or one.name not in material.layouts:
+            continue
+        layout = material.layouts[one.name]
+        try:
+            if one.name == SET:
+                now = layout.request.decode(one.sent)
+            else:
+                found.append(_answer(one, layout.decode(one.received), now))
+        except BenchError:
+            continue  # an answer of another length says nothing about a roll angle
+    return found
+
+
+def _answer(exchange: Exchange, fields: Mapping[str, Any], now: Mapping[str, Any]) -> _RollAnswer:
+    x, y = float(fields["mag"][0]), float(fields["mag"][1])
+    sine = float(now["sin_alpha"])
+    return _RollAnswer(
+        roll_deg=float(fields["roll"]),
+        x=x * math.sqrt(1.0 - sine**2) + y * sine + float(now["offset"][0]),
+        y=y / float(now["gain"]) + float(now["offset"][1]),
+        size=max(math.hypot(x, y), _STEP_gauss),
+        table_deg=float(exchange.conditions.get("roll_deg", math.nan)),
+    )

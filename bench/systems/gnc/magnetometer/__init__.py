@@ -1,1 +1,0 @@
-"""Zero, gain and angle of the magnetometer; hard and soft iron."""
