@@ -27,8 +27,9 @@ from bench.frame import FrameDefinition, load_frame
 from bench.model.clock import NS, WallClock
 from bench.record import SessionWriter
 from bench.run.bench.opener import open_port
-from bench.run.links.acquisition import Acquisition, LinkReader
+from bench.run.links.acquisition import Acquisition
 from bench.run.links.port import PortLink
+from bench.run.links.reader import LinkReader
 from bench.run.stop import StopSwitch
 
 FRAMES = Path(__file__).resolve().parents[1] / "frames"

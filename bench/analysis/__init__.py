@@ -1,17 +1,31 @@
 """What every analysis shares: its material, what it gives back, and the form of results.json."""
 
-from bench.analysis.analysis import Analysis, Documents, check_method, no_result
-from bench.analysis.c_header import c_preamble, c_text
-from bench.analysis.coefficients import Source, UnitUnderTest, same_unit, source_of, validate_coefficients
-from bench.analysis.continued import CONTINUES, joined
-from bench.analysis.early import Check, link_checks
-from bench.analysis.estimates import UNIT, Estimates, estimate, judged, rule_of
-from bench.analysis.figures import Figure, Series, Style, band, curve, picture, series
-from bench.analysis.limits import stated_limits
-from bench.analysis.material import Exchange, Floats, Material, Reading, Trace
+from bench.analysis.analysis import (
+    Analysis,
+    Chapter,
+    Documents,
+    Study,
+    Task,
+    analyse,
+    analysis_module,
+    check_method,
+    declared_analysis,
+    no_result,
+)
+from bench.analysis.coefficients import (
+    Source,
+    UnitUnderTest,
+    c_preamble,
+    c_text,
+    same_unit,
+    source_of,
+    validate_coefficients,
+)
+from bench.analysis.estimates import UNIT, Estimates, estimate, judged, rule_of, stated_limits
+from bench.analysis.figures import Figure, Series, Style, Table, band, curve, picture, series
+from bench.analysis.material import CONTINUES, Exchange, Floats, Material, Reading, Trace, joined
 from bench.analysis.numbers import cell, decimals_for, header, number, unit_text, with_uncertainty
-from bench.analysis.problems import count_problem, flag_problem
-from bench.analysis.registry import analyse, analysis_module, declared_analysis
+from bench.analysis.problems import Check, count_problem, flag_problem, link_checks
 from bench.analysis.results import (
     INCOMPLETE,
     Closed,
@@ -21,8 +35,6 @@ from bench.analysis.results import (
     schema_of,
     validate_results,
 )
-from bench.analysis.study import Chapter, Study, Task
-from bench.analysis.tables import Table
 
 __all__ = [
     "CONTINUES",

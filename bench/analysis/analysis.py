@@ -1,15 +1,22 @@
-"""What an analysis gives back: estimates for results.json and everything that explains them in the report."""
+"""Analyses by name, and what one gives back: estimates for results.json and all that explains them in the report.
+
+A campaign names its analysis, a declaration names the module that does it; that one is loaded. A system may also offer
+a study: parts that are computed by themselves, and what is made of them.
+"""
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 from bench.analysis.estimates import Estimates
-from bench.analysis.figures import Figure
-from bench.analysis.tables import Table
+from bench.analysis.figures import Figure, Table
+from bench.analysis.material import Material
+from bench.model.declaration import AnalysisDeclaration
 from bench.model.errors import FitError
+from bench.model.systems import analyses, named
 
 Documents = list[dict[str, Any]]
 
@@ -48,3 +55,80 @@ def check_method(method: str, methods: Sequence[str]) -> None:
     """Refuse a method that an analysis does not have. Raises FitError B-FIT-004."""
     if method not in methods:
         raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(methods)}")
+
+
+class AnalysisModule(Protocol):
+    """What a module of a system offers to be an analysis."""
+
+    METHODS: tuple[str, ...]
+
+    def analyse(self, material: Material, method: str = ...) -> Analysis:
+        """From records and the manifest's constants to estimates."""
+
+
+def declared_analysis(name: str) -> AnalysisDeclaration:
+    """Return the declaration of an analysis. Raises: FitError B-FIT-011 for an unknown name."""
+    known = analyses()
+    if name in known:
+        return known[name][0]
+    close = difflib.get_close_matches(name, known, n=1)
+    raise FitError(
+        "B-FIT-011",
+        f"unknown analysis {name!r}",
+        next_step=f"did you mean {close[0]!r}?" if close else f"use one of: {', '.join(known)}",
+    )
+
+
+def analysis_module(name: str) -> AnalysisModule:
+    """Load the module of an analysis. Raises: FitError B-FIT-011 for an unknown name."""
+    module: AnalysisModule = named(declared_analysis(name).module)
+    return module
+
+
+def analyse(material: Material, method: str | None = None) -> Analysis:
+    """Run the analysis the campaign names, with its default method (the first it declares) unless told otherwise."""
+    declared = declared_analysis(str(material.campaign.get("analysis", "")))
+    return analysis_module(declared.name).analyse(material, method or declared.methods[0])
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """Figures, tables and sentences under one heading; ``name`` stands for its title in the texts of the report."""
+
+    name: str
+    figures: Sequence[Figure]
+    tables: Sequence[Table]
+    paragraphs: Sequence[str] = ()
+
+
+class Task(Protocol):
+    """One part of a study, computed by itself."""
+
+    @property
+    def name(self) -> str:
+        """What a person reads while it runs."""
+
+
+class Study(Protocol):
+    """What a system offers to be a study; its options, its results and their form are its own."""
+
+    def checked_options(self, runs: int | None, seed: int, offsets: str, quick: bool) -> Any:
+        """Return the options as a person gives them. Raises: InputError B-STUDY-002."""
+
+    def tasks_of(self, options: Any) -> Sequence[Task]:
+        """Return all tasks, the longest first."""
+
+    def run_task(self, task: Any) -> Any:
+        """Compute one task; it depends on nothing but the task."""
+
+    def results_of(self, options: Any, gave: Sequence[Any]) -> Any:
+        """Put together what the tasks gave, in their order."""
+
+    def study_document(self, options: Any, found: Any, software: str) -> dict[str, Any]:
+        """Return the document of the study."""
+
+    def study_json(self, document: Mapping[str, Any]) -> str:
+        """Return the text of the document."""
+
+    def study_chapters(self, options: Any, document: Mapping[str, Any], found: Any) -> Sequence[Chapter]:
+        """Return the chapters of the page."""

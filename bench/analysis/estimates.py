@@ -1,12 +1,16 @@
-"""Estimates in the form of results.json, and their conversion to currents and sensor units."""
+"""Estimates in the form of results.json, and the limits that a sequence states for them."""
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Mapping
 from typing import Any
 
 from bench.maths.verdict import NON_BINARY, checked_rule, coverage_factor, decide
+from bench.model.declaration import Limit
+from bench.model.errors import FitError
+from bench.model.units import parse_quantity
 
 Estimates = list[dict[str, Any]]  # entries of results.json
 UNIT = "unit"  # condition: serial number of the unit under test, where a session has several
@@ -66,3 +70,36 @@ def judged(entry: Mapping[str, Any], rule: str) -> dict[str, Any]:
         "verdict": decision.verdict,
         "conformance_probability": decision.conformance_probability,
     }
+
+
+def stated_limits(
+    campaign: Mapping[str, Any], declared: Mapping[str, Limit], code: str, unknown: str
+) -> dict[str, float]:
+    """Return the limits that a campaign states, by name, in the base unit of their dimension.
+
+    Args:    declared: every limit the system knows.   code, unknown: of the refusal, and what it says of others.
+    Raises:  FitError with the given code for an unknown limit, a wrong unit or one that is not above zero and must be.
+    """
+    limits = {}
+    for name, stated in (campaign.get("limits") or {}).items():
+        if name not in declared:
+            raise _unusable(code, name, unknown, declared)
+        dimension = declared[name].dimension
+        try:
+            limits[name] = parse_quantity(f"{float(stated['value'])!r} {stated['unit']}", dimension)
+        except (KeyError, TypeError, ValueError) as error:
+            raise _unusable(code, name, str(error), declared) from error
+        if declared[name].above_zero and not limits[name] > 0.0:
+            raise _unusable(code, name, f"{limits[name]:g} {dimension} is not above zero", declared)
+    return limits
+
+
+def _unusable(code: str, name: str, why: str, declared: Mapping[str, Limit]) -> FitError:
+    close = [] if name in declared else difflib.get_close_matches(name, declared, n=1)
+    known = f"use one of: {', '.join(declared)}, with a unit of its dimension"
+    return FitError(
+        code,
+        f"limit {name!r}: {why}",
+        where="manifest: campaign.limits",
+        next_step=f"did you mean {close[0]!r}?" if close else known,
+    )

@@ -1,4 +1,4 @@
-"""Figures of an analysis before any drawing: curves, points, bands and images as plain numbers, with their axes."""
+"""Figures and tables of an analysis before any drawing: plain numbers and words, with their axes."""
 
 from __future__ import annotations
 
@@ -71,3 +71,15 @@ def _span(axis: Any) -> list[float]:
 
 def _plain(values: Any) -> Any:
     return np.asarray(values).tolist()
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table with its caption; ``prose``: its cells are words, ``lead``: it is read first."""
+
+    title: str
+    caption: str
+    headers: Sequence[str]
+    rows: Sequence[Sequence[Any]]
+    prose: bool = False
+    lead: bool = False

@@ -8,20 +8,8 @@ from typing import Any
 
 _SIGNIFICANT = 2
 _ROOT, _TIMES = re.compile(r"([a-zA-Z]+)\^0\.5"), re.compile(r"(?<=\w)\*(?=\w)")
-_UNIT_TEXT = {
-    "ppm": "ppm",
-    "ppb": "ppb",
-    "degC": "°C",
-    "degC_min": "°C/min",
-    "A": "A",
-    "nA": "nA",
-    "V": "V",
-    "Hz": "Hz",
-    "s": "s",
-    "h": "h",
-    "min": "min",
-    "mV": "mV",
-}
+_UNIT_TEXT = {unit: unit for unit in ("ppm", "ppb", "A", "nA", "V", "mV", "Hz", "s", "min", "h")}
+_UNIT_TEXT |= {"degC": "°C", "degC_min": "°C/min"}
 
 
 def decimals_for(uncertainty: float) -> int:
@@ -77,7 +65,7 @@ def cell(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
-        return ", ".join(cell(one) for one in value)
+        return ", ".join(cell(entry) for entry in value)
     if isinstance(value, dict):
-        return ", ".join(f"{header(str(key))} {cell(one)}" for key, one in value.items())
+        return ", ".join(f"{header(str(key))} {cell(entry)}" for key, entry in value.items())
     return number(value)

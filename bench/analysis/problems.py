@@ -1,7 +1,9 @@
-"""Why a record may not enter any estimate: what was noted of it, frames that are lost, counts that are not there."""
+"""Why a record may not enter any estimate, and whether the links of a run are well: what was noted, lost or damaged."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,3 +36,26 @@ def count_problem(row: RecordRow) -> str:
         return "frames lost"
     complete = all(np.any(row.sums.get(name, 0)) for name in _NEEDED_CLOCKS) and row.sums.keys() >= _COUNTS
     return "" if complete else "without clock counts"
+
+
+@dataclass(frozen=True)
+class Check:
+    """One verdict: ``ok`` None if there is too little to judge yet."""
+
+    name: str
+    ok: bool | None
+    value: float | None
+    limit: float
+    text: str
+
+
+def link_checks(counts: Mapping[str, int], max_lost: float, max_bad: float) -> list[Check]:
+    """Share of the frames of all links that are missing, and that are damaged."""
+    due = counts["frames"] + counts["frames_lost"]
+    shares = (("frames lost", "frames_lost", max_lost, due), ("frames damaged", "frames_bad", max_bad, due))
+    found = []
+    for name, key, limit, of in shares:
+        share = counts[key] / of if of else None
+        ok = None if share is None else share <= limit
+        found.append(Check(name, ok, share, limit, f"{counts[key]} of {of} frames"))
+    return found

@@ -127,7 +127,7 @@ def build_results(
              for an unknown rule.
     """
     rule = rule_of(decision)
-    judgements = [judged(one, rule) for one in analysis.estimates]
+    judgements = [judged(entry, rule) for entry in analysis.estimates]
     document: dict[str, Any] = {
         "schema": 1,
         "session": session_name,
@@ -135,13 +135,13 @@ def build_results(
         "method": analysis.method,
         "uut": dict(analysis.uut),
         "decision_rule": rule,
-        "estimates": [_unjudged(one) for one in judgements] if incomplete else judgements,
+        "estimates": [_unjudged(entry) for entry in judgements] if incomplete else judgements,
         "quality": {name: int(counts.get(name, 0)) for name in Quality.model_fields},
         "provenance": dict(provenance),
         "notes": [INCOMPLETE, *analysis.notes] if incomplete else analysis.notes,
     }
     if splices:
-        document["splices"] = [dict(one) for one in splices]
+        document["splices"] = [dict(splice) for splice in splices]
     if incomplete:
         document["incomplete"] = True
     validate_results(document)

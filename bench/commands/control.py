@@ -9,8 +9,7 @@ from typing import Any
 
 from bench.commands.console import console
 from bench.model.errors import ExitStatus, InputError
-from bench.run.control.place import find_socket
-from bench.run.control.server import LONGEST_LINE
+from bench.run.control.local_socket import LONGEST_LINE, find_socket
 
 ANSWER_S = 5.0
 LONGEST_REPLY = 1_000_000

@@ -17,7 +17,7 @@ from bench.model.units import hours
 from bench.plan import Plan, PlannedPrompt, PlannedRecord, PlannedSettle, PlannedSoak, Step
 from bench.record import RecordRow
 from bench.run.context import RunContext
-from bench.run.feed.words import in_words
+from bench.run.feed.planned import in_words
 
 PLAIN_EVERY = 50
 SIGN_OF_LIFE_S = 540.0  # looked at each minute, so a log is never silent for more than ten

@@ -19,8 +19,7 @@ from bench.model.clock import Clock, VirtualClock, WallClock
 from bench.model.errors import BenchError, ExitStatus, FitError, InputError
 from bench.model.shipped import find_shipped
 from bench.plan import Plan, compile_sequence
-from bench.run.frozen import changed_files
-from bench.run.resume import Stopped, read_stopped, resumption, same_plan
+from bench.run.resume import Stopped, changed_files, read_stopped, resumption, same_plan
 from bench.run.session import Conducted
 from bench.session.finish import finish
 from bench.session.happenings import happenings

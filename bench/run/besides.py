@@ -10,10 +10,10 @@ from bench.run.context import RunContext
 from bench.run.control.asking import WaitingOperator
 from bench.run.control.channel import control
 from bench.run.control.early import early_verdicts
-from bench.run.control.following import Following
 from bench.run.control.notify import notifications, user_notify
 from bench.run.control.systemd import service_notice
 from bench.run.feed.live import live_feed
+from bench.run.observers import Following
 from bench.run.session import Beside
 from bench.run.watch.interlocks import interlocks
 from bench.run.watch.trend import trend_recorder
@@ -32,7 +32,7 @@ def besides(
 
     @contextmanager
     def beside(context: RunContext) -> Iterator[None]:
-        following = Following(context)
+        following = Following(context.observers)
         if asking is not None:
             asking.attach(context)
         with ExitStack() as stack:

@@ -1,6 +1,7 @@
 """Who hears what happens in a run, in a stated order: the recorder first, so that nobody acts on what is not written.
 
-There is one list. Nobody stands between the run and somebody else, and nobody is replaced.
+There is one list. Nobody stands between the run and somebody else, and nobody is replaced. A disk that refuses for a
+while ends nothing.
 """
 
 from __future__ import annotations
@@ -13,13 +14,14 @@ from typing import Any, ClassVar, Protocol
 from bench.frame import LinkBatch
 from bench.model.clock import Clock
 from bench.model.errors import OperatorStop
-from bench.model.events import Event
+from bench.model.events import Disk, Event, Retake
 from bench.model.ports import SessionSink
-from bench.plan import Step
+from bench.plan import MEASUREMENT, Step
 from bench.record import PackedList, RecordError, RecordRow
 
 StoredEvent = tuple[str, int, Mapping[str, Any]]
 """Kind, monotonic time in ns and fields, as a session has them."""
+DISK_REFUSES = ("B-REC-001", "B-REC-005")
 
 
 class Order(IntEnum):
@@ -189,18 +191,66 @@ class AtTerminal(Observer):
         self._listener = listener
 
     def event(self, event: Event, t_mono_ns: int) -> None:
-        """Something happened."""
         if event.told:
             self._listener.message(event.sentence)
 
     def step(self, step: Step, at_s: float) -> None:
-        """A step begins."""
         self._listener.step(step, at_s)
 
     def record(self, row: RecordRow) -> None:
-        """A record is complete."""
         self._listener.record(row)
 
     def message(self, text: str) -> None:
-        """Something a person should read."""
         self._listener.message(text)
+
+
+class Following(Observer):
+    """Remembers where the run is.
+
+    ``step_under_way`` is None before the first; ``records`` are the numbers of those that are complete and count
+    (no wiring checks, none that was taken back).
+    """
+
+    order = Order.PLACE
+    vital = True
+
+    def __init__(self, observers: Observers) -> None:
+        self.step_under_way: Step | None = None
+        self.records: set[int] = set()
+        observers.add(self)
+
+    def step(self, step: Step, at_s: float) -> None:
+        self.step_under_way = step
+
+    def record(self, row: RecordRow) -> None:
+        if row.window.conditions.get("purpose", MEASUREMENT) == MEASUREMENT:
+            self.records.add(row.window.number)
+
+    def event(self, event: Event, t_mono_ns: int) -> None:
+        if isinstance(event, Retake):
+            self.records.discard(event.record)
+
+
+def patient(write: Callable[..., None], tell: Callable[[Disk], None]) -> Callable[..., None]:
+    """The same call of the recorder, which goes on while the disk refuses.
+
+    What a session was given is held until the disk takes it (B-REC-001), a line of the step journal is left out
+    (B-REC-005). ``tell`` is called once per trouble. When too much is held the recorder raises B-REC-003, and that
+    ends the run.
+    """
+    said = False
+
+    def call(*arguments: Any) -> None:
+        nonlocal said
+        try:
+            write(*arguments)
+        except RecordError as error:
+            if error.code not in DISK_REFUSES:
+                raise
+            if not said:
+                tell(Disk(code=error.code, text=str(error)))
+            said = True
+        else:
+            said = False
+
+    return call

@@ -1,22 +1,92 @@
-"""What a stopped session says about its run, and whether somebody may go on with it."""
+"""A stopped session: its plan from its own texts, what it says of its run, and whether somebody may go on with it."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
+from typing import Any, Literal
 
-from bench.model.errors import InputError, InstrumentError
+from bench.model.errors import InputError, InstrumentError, SessionDamaged
 from bench.model.events import Resume
-from bench.plan import Plan, PlannedSoak
+from bench.model.shipped import shipped_folder
+from bench.plan import Plan, PlannedSoak, compile_sequence, load_station, steps_of, steps_sha256
 from bench.record import OPEN_MARKER, Damage, JournalEntry, SessionReader, is_being_written, layout, read_journal
-from bench.run.frozen import frozen_plan
 from bench.run.links.unit import DONE, IDENTIFY
 from bench.run.steps.position import Event, Resumption, stopped_at
 from bench.run.steps.setpoints import expected_of
 
+_KINDS: tuple[Literal["sequences", "stations", "frames"], ...] = ("sequences", "stations", "frames")
+_TEXT = re.compile(r"(sequences|stations|frames)/[A-Za-z0-9_][A-Za-z0-9_.-]*\.yaml")
+PLAN = "plan.json"
 CRASH = "crash or power cut"
+
+
+def frozen_plan(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, str]) -> Plan:
+    """Return the plan of a session: steps as they were stored, everything else from its own YAML texts.
+
+    Nothing outside the session is read. ``files`` of the plan are the shipped files of the same names, if there are.
+    Raises: InputError B-RES-003 (the session holds no plan), SessionDamaged B-RES-004 (texts or plan are not whole).
+    """
+    if PLAN not in texts or "sequence" not in manifest:
+        raise InputError(
+            "B-RES-003",
+            "holds no plan to go on with: it was imported, recorded by hand, or written by other software",
+            where=str(folder),
+            next_step="name the folder of a session that 'bench run' has begun",
+        )
+    steps = steps_of(texts[PLAN], str(folder))
+    if steps_sha256(steps) != manifest.get("plan_sha256"):
+        raise _not_whole(folder, "its plan has another hash than its manifest says")
+    try:
+        plan = _compiled(manifest, texts)
+    except (InputError, OSError, StopIteration) as error:
+        raise _not_whole(folder, f"its YAML texts do not compile: {error}") from error
+    return replace(plan, steps=steps, sha256=str(manifest["plan_sha256"]), files=_files(plan, texts))
+
+
+def _files(plan: Plan, texts: Mapping[str, str]) -> dict[str, str]:
+    """Shipped files of the names of the texts; where a station of its own was read from is not known any more."""
+    kinds = [kind for kind in _KINDS if kind != "stations" or plan.station.in_process]
+    named = {name: shipped_folder(kind) / Path(name).name for kind in kinds for name in texts if name.startswith(kind)}
+    return {name: str(path) for name, path in named.items() if path.is_file()}
+
+
+def _compiled(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> Plan:
+    with TemporaryDirectory() as place:
+        for name, text in texts.items():
+            if _TEXT.fullmatch(name):
+                path = Path(place, name)
+                path.parent.mkdir(exist_ok=True)
+                path.write_text(text, encoding="utf-8")
+        station = load_station(next(Path(place, "stations").glob("*.yaml")))
+        sequence = Path(place, "sequences", f"{manifest['sequence']}.yaml")
+        return compile_sequence(sequence, station, dict(manifest.get("settings", {})))
+
+
+def _not_whole(folder: Path, why: str) -> SessionDamaged:
+    return SessionDamaged(
+        "B-RES-004",
+        f"the configuration in the session is not whole: {why}",
+        where=str(folder),
+        next_step="'bench recover' lists what the session still holds and writes a make-up sequence",
+    )
+
+
+def changed_files(files: Mapping[str, str], texts: Mapping[str, str]) -> dict[str, str]:
+    """Files that are not what the run was made of any more, by name: "changed" or "gone"."""
+    found = {}
+    for name, path in sorted(files.items()):
+        try:
+            now = Path(path).read_text(encoding="utf-8")
+        except (OSError, ValueError):
+            found[name] = "gone"
+        else:
+            if now != texts.get(name):
+                found[name] = "changed"
+    return found
 
 
 @dataclass(frozen=True)
@@ -39,7 +109,7 @@ class Stopped:
     @property
     def reason(self) -> str:
         """How the last part ended: an error code, or a crash."""
-        last = next((one for one in reversed(self.events) if one[0] in ("end", "resume")), None)
+        last = next((event for event in reversed(self.events) if event[0] in ("end", "resume")), None)
         return str(last[2]["error"]) if last is not None and last[0] == "end" else CRASH
 
     @property
@@ -84,7 +154,7 @@ def _has_not_ended(folder: Path, events: list[Event]) -> None:
     """Every step done and the session closed is an end; a session that was not closed any more is still to be."""
     if (folder / OPEN_MARKER).exists():
         return
-    last = next((one for one in reversed(events) if one[0] in ("end", "resume")), None)
+    last = next((event for event in reversed(events) if event[0] in ("end", "resume")), None)
     if last is not None and last[0] == "end" and last[2].get("error") is None:
         raise InputError(
             "B-RES-001",
@@ -116,14 +186,14 @@ def resumption(stopped: Stopped, utc_ns: int) -> Resumption:
 def _unit_answer(events: list[Event]) -> bytes | None:
     """The first answer of the unit that says who it is; None if it was never asked."""
     answers = (fields for kind, _, fields in events if kind == "answer" and fields.get("name") == IDENTIFY)
-    return next((bytes.fromhex(str(one["payload"])) for one in answers if one.get("status") == DONE), None)
+    return next((bytes.fromhex(str(answer["payload"])) for answer in answers if answer.get("status") == DONE), None)
 
 
 def _was_settled(stopped: Stopped, start: int) -> bool:
     """False if the soak before a step was left unstable; then records behind it say so until it is done again."""
     soak = next((step.number for step in reversed(stopped.plan.steps[:start]) if isinstance(step, PlannedSoak)), None)
     late = (fields for kind, _, fields in stopped.events if kind == "late")
-    return not any(one.get("step") == soak and one.get("policy") == "skip" for one in late)
+    return not any(fields.get("step") == soak and fields.get("policy") == "skip" for fields in late)
 
 
 def same_plan(plan: Plan, given: Plan, where: str) -> None:

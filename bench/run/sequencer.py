@@ -15,17 +15,15 @@ from bench.plan import Phase as PhaseName
 from bench.record import Journal, RecordRow
 from bench.run.bench.safety import heat_off, make_safe
 from bench.run.context import RunContext
-from bench.run.hold.holds import Interruption, Wish
-from bench.run.hold.instrument import wish_to_wait
-from bench.run.hold.patience import patient
-from bench.run.hold.standing import stand_still
+from bench.run.hold.standing import stand_still, wish_to_wait
+from bench.run.observers import patient
 from bench.run.steps.dispatch import execute
 from bench.run.steps.position import in_point, point_start, point_stop, readings_of
 from bench.run.steps.recording import measurement_rows
 from bench.run.steps.reentry import come_back, tables_back
 from bench.run.steps.setpoints import setpoint_of
 from bench.run.steps.timing import Timeline
-from bench.run.stop import unforeseen
+from bench.run.stop import Interruption, Wish, unforeseen
 
 CHAMBER_ASTRAY = ("B-RUN-031", "B-RUN-071")  # a temperature not reached, an interlock that ends the run
 PHASES: tuple[PhaseName, ...] = ("prepare", "campaign", "finally")

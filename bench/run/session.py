@@ -22,15 +22,14 @@ from bench.run.bench.opener import OpenBench, open_bench
 from bench.run.bench.transcript import HeldTranscript, new_folder
 from bench.run.context import RunContext
 from bench.run.control.operator import Operator
-from bench.run.frozen import changed_files
 from bench.run.guard.guarding import station_lock
 from bench.run.guard.health import WRITER
-from bench.run.hold.patience import patient
-from bench.run.links.acquisition import Acquisition, LinkReader
+from bench.run.links.acquisition import Acquisition
 from bench.run.links.keeper import keep_links
-from bench.run.observers import AtTerminal, Listener, Observers, Recorder, StoredEvent
+from bench.run.links.reader import LinkReader
+from bench.run.observers import AtTerminal, Listener, Observers, Recorder, StoredEvent, patient
 from bench.run.provenance import software
-from bench.run.resume import same_instruments
+from bench.run.resume import changed_files, same_instruments
 from bench.run.sequencer import Outcome, Sequencer
 from bench.run.steps.position import Resumption
 from bench.run.steps.reentry import enter
@@ -137,7 +136,7 @@ def conduct(
             recorder = Recorder(writer, keep_events)
             observers = Observers(clock, recorder, AtTerminal(listener))
             transcript.attach(observers)
-            transcript.on_traffic = stop.on_traffic
+            transcript.on_traffic = lambda: stop.on_check()  # noqa: PLW0108 - it is set later
             if judged is not None:
                 observers.event(judged)
             frames, earlier = _frames(plan), transcript.earlier

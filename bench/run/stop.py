@@ -1,24 +1,103 @@
-"""The wish to stop: of the operator (first Ctrl-C or SIGTERM: at the next check, the second: at once) or of a fault.
+"""What somebody beside the sequencer wants of it: that it stops, stands still, takes the point again or skips it.
 
-The sequencer checks it between steps and while it waits; each check is its sign of life. A hang-up of the terminal
-(SIGHUP) stops nothing: an unattended run does not need the terminal it was started from.
+The operator stops it (first Ctrl-C or SIGTERM: at the next check, the second: at once), or a fault does. The sequencer
+checks between steps and while it waits; each check is its sign of life. A hang-up of the terminal (SIGHUP) stops
+nothing: an unattended run does not need the terminal it was started from.
 """
 
 from __future__ import annotations
 
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from types import FrameType
-from typing import Any
+from typing import Any, Literal
 
 from bench.model.errors import BenchError, OperatorStop
-from bench.run.hold.holds import Holds, Interruption
 
+Kind = Literal["hold", "retake", "skip"]
+HOLD_LIMIT_S = 4 * 3600.0  # a cause that nobody removed by then will not go away by itself
 _STOPS = (signal.SIGINT, signal.SIGTERM)
 _HANGUPS = tuple(filter(None, [getattr(signal, "SIGHUP", None)]))  # not every system has it
 _INTERNAL = "B-INT-001"
+
+
+@dataclass(frozen=True)
+class Wish:
+    """A wish at the point under way: take it again, skip it, or stand still; ``by`` = who wishes it."""
+
+    kind: Kind
+    by: str
+    reason: str
+
+
+class Interruption(Exception):
+    """Leaves the step under way because of a wish; only the sequencer catches it."""
+
+    def __init__(self, wish: Wish) -> None:
+        super().__init__(f"{wish.kind}: {wish.reason}")
+        self.wish = wish
+
+
+class Holds:
+    """The reasons to stand still, by who gave them; the run goes on when the last one is gone. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._reasons: dict[str, str] = {}
+        self._limits_s: dict[str, float] = {}
+        self._since_s: dict[str, float] = {}  # when a reason was first seen while the run stood still
+        self._wish: Wish | None = None
+
+    def hold(self, by: str, reason: str, limit_s: float = HOLD_LIMIT_S) -> None:
+        """Stand still from the next check on, until ``release`` is called with the same ``by``.
+
+        ``limit_s``: the run ends safely when it has stood still that long for this reason.
+        """
+        with self._lock:
+            self._reasons[by] = reason
+            self._limits_s[by] = limit_s
+
+    def release(self, by: str) -> bool:
+        """Take a reason back; False if there was none."""
+        with self._lock:
+            self._limits_s.pop(by, None)
+            self._since_s.pop(by, None)
+            return self._reasons.pop(by, None) is not None
+
+    def wish(self, wish: Wish) -> None:
+        """Retake or skip the point under way; the first wish counts until it is granted."""
+        with self._lock:
+            self._wish = self._wish or wish
+
+    @property
+    def reasons(self) -> dict[str, str]:
+        """Reasons to stand still, by who gave them."""
+        with self._lock:
+            return dict(self._reasons)
+
+    def overdue(self, held_s: float) -> tuple[str, str, float] | None:
+        """The first reason whose limit is over after standing still for ``held_s``: (by, reason, limit in second).
+
+        A reason that comes while the run stands still for another one has its whole limit from then on.
+        """
+        with self._lock:
+            for by, limit_s in self._limits_s.items():
+                if held_s - self._since_s.setdefault(by, held_s) > limit_s:
+                    return by, self._reasons[by], limit_s
+            return None
+
+    def take(self) -> Wish | None:
+        """Return what is wished now: standing still comes first. A retake or skip is handed out once."""
+        with self._lock:
+            if self._reasons:
+                by, reason = next(iter(self._reasons.items()))
+                return Wish("hold", by, reason)
+            wish, self._wish = self._wish, None
+            return wish
 
 
 class StopSwitch:
@@ -72,6 +151,15 @@ class StopSwitch:
         finally:
             self._at_once = False
 
+    @contextmanager
+    def deferring(self) -> Iterator[None]:
+        """Let a hold, retake or skip wait; a stop or fault still ends the run."""
+        before, self.deferred = self.deferred, True
+        try:
+            yield
+        finally:
+            self.deferred = before
+
     def fail(self, error: BenchError) -> None:
         """End the run at the next check because of an error on another thread; the first one counts."""
         self.fault = self.fault or error
@@ -85,10 +173,6 @@ class StopSwitch:
     def over(self) -> bool:
         """True from the moment on when the bench is made safe at the end."""
         return self._shielded
-
-    def on_traffic(self) -> None:
-        """A command or reply went over the bus: the sequencer lives."""
-        self.on_check()
 
     def request(self, who: str) -> None:
         """Stop at the next check, as the first Ctrl-C does; a person who is being asked is asked no longer."""

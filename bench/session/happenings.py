@@ -1,21 +1,36 @@
-"""What did not go to plan in a run, as lines of the terminal and as a table of the report."""
+"""Happenings of a run, for the terminal and the report: what did not go to plan, what people and surroundings did."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Protocol, TypeVar
+import hashlib
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
 
 from bench.analysis import Table
+from bench.model import events
 from bench.model.clock import NS
-from bench.model.events import End, Event, Guard, Link, Phase, Preflight
+from bench.model.errors import InputError
+from bench.model.events import Control, End, Event, Guard, Link, Phase, Preflight
 from bench.model.units import hours
+from bench.model.yamlio import parse_yaml
+from bench.plan import StationFile
+from bench.replay import Splice
+from bench.report import Surrounding
 
 E = TypeVar("E", bound=Event)
-
 KINDS = (
     "late", "slip", "overrun", "retake", "hold", "release", "skip", "control", "interlock", "alarm", "verdict", "link",
     "guard", "clock_step", "config", "error",
 )  # fmt: skip
+_ALARMS = ("alarm", "interlock")
+_OF_COMMAND = ("what", "by", "reason")
+_LABORATORY = "lab_air"
+_PLAN = "plan.json"
+_HEADERS = ["stopped (UTC)", "gone on (UTC)", "away", "at step", "reason", "unit's temperature meanwhile", "then"]
 
 
 class Events(Protocol):
@@ -86,3 +101,108 @@ def _troubles(view: Events) -> Iterator[tuple[int, Event]]:
         as_it_should_be = isinstance(event, Link | Guard) and event.state in ("open", "ready")
         if event.kind in KINDS and not as_it_should_be:
             yield t_ns, event
+
+
+def commands_given(view: Events) -> list[dict[str, Any]]:
+    """Return every command a person gave: when since the run began, what, who, why, and what else was said with it."""
+    start_ns = _start_ns(view)
+    found = []
+    for t_ns, command in view.events_of(Control):
+        fields = command.document()
+        more = {name: value for name, value in fields.items() if name not in _OF_COMMAND and value not in (None, "")}
+        known = {name: fields.get(name) or "–" for name in _OF_COMMAND}
+        found.append({"time": hours((t_ns - start_ns) / NS), **known, **more})
+    return found
+
+
+def alarms_raised(view: Events) -> list[dict[str, Any]]:
+    """Return every alarm and what the interlocks did, in order of time."""
+    rows = (row for table in happening_tables(view) for row in table.rows)
+    return [{"time": time, "what": kind, "text": text} for time, kind, text in rows if kind in _ALARMS]
+
+
+def length_s(view: Events) -> float:
+    """From the first phase to the end of the run; NaN for one that has not ended or a log of another system."""
+    ends = [t_ns for t_ns, _ in view.events_of(End)]
+    return (ends[-1] - _start_ns(view)) / NS if ends and view.events_of(Phase) else math.nan
+
+
+def surroundings(view: Events, texts: Mapping[str, str], campaign_ns: int) -> list[Surrounding]:
+    """Return temperatures that a logger scanned, by channel, against the start of the campaign phase."""
+    scans: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for t_ns, scan in view.events_of(events.Surroundings):
+        for channel, degC in scan.degC.items():
+            scans.setdefault((scan.role, str(channel)), []).append(((t_ns - campaign_ns) / NS, float(degC)))
+    rooms = _laboratory(texts)
+    found = []
+    for place, readings in sorted(scans.items()):
+        t_s, degC = np.array(readings).T
+        found.append(Surrounding(" ".join(place), t_s, degC, laboratory=place in rooms))
+    return found
+
+
+def _laboratory(texts: Mapping[str, str]) -> set[tuple[str, str]]:
+    """Role and channel of what measures the air of the room, by the interlocks of the station."""
+    found: set[tuple[str, str]] = set()
+    for name, text in texts.items():
+        if name.startswith("stations/"):
+            try:
+                interlocks = parse_yaml(text, name, StationFile).model.interlocks.values()
+            except InputError:  # a station of another version: its channels keep their numbers
+                continue
+            found |= {
+                (str(interlock.of), str(interlock.channel))
+                for interlock in interlocks
+                if interlock.signal == _LABORATORY
+            }
+    return found
+
+
+def hashes_of(texts: Mapping[str, str]) -> dict[str, str]:
+    """SHA-256 of the YAML texts of a session by name; the compiled plan has its own hash in results.json."""
+    return {name: hashlib.sha256(text.encode()).hexdigest() for name, text in sorted(texts.items()) if name != _PLAN}
+
+
+def splice_documents(splices: Sequence[Splice]) -> list[dict[str, Any]]:
+    """Return entries of "splices" in results.json."""
+    return [
+        {
+            "stopped": _utc(splice.stopped_utc_ns),
+            "started": _utc(splice.started_utc_ns),
+            "away_s": splice.away_s,
+            "step": splice.step,
+            "reason": splice.reason,
+            "drift_degC": splice.drift_degC,
+            "soaked": splice.soaked,
+        }
+        for splice in splices
+    ]
+
+
+def splice_tables(splices: Sequence[Splice]) -> list[Table]:
+    """Return the table "Splices" of the report; none for a run that was never stopped."""
+    if not splices:
+        return []
+    rows = [
+        [
+            _utc(splice.stopped_utc_ns) or "unknown",
+            _utc(splice.started_utc_ns) or "unknown",
+            "unknown" if splice.away_s is None else f"{splice.away_s:.0f} s",
+            str(splice.step),
+            splice.reason,
+            "unknown" if splice.drift_degC is None else f"{splice.drift_degC:+.2f} degC",
+            "soaked again" if splice.soaked else "went on at once",
+        ]
+        for splice in splices
+    ]
+    caption = (
+        "The run was stopped and gone on with here. Records from before and after stand in one result; times behind a "
+        "splice are placed by UTC, and the lines of the temperatures are broken there."
+    )
+    return [Table("Splices", caption, _HEADERS, rows, prose=True)]
+
+
+def _utc(t_ns: int | None) -> str | None:
+    if t_ns is None:
+        return None
+    return datetime.fromtimestamp(t_ns // NS, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

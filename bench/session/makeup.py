@@ -44,26 +44,26 @@ def make_up_sequence(plan: Plan, states: Sequence[RecordState]) -> tuple[str, in
 
     Raises: InputError B-RES-007 if nothing is missing, B-RES-008 for records that follow each other without a gap.
     """
-    again = [one for one in states if one.state != VALID]
+    again = [state for state in states if state.state != VALID]
     if not again:
         raise InputError("B-RES-007", "every record is valid, there is nothing to make up", next_step="'bench fit'")
-    for one in again:
-        if one.step.samples:
+    for state in again:
+        if state.step.samples:
             raise InputError(
                 "B-RES-008",
                 "records of samples on a table cannot be taken again one by one: each depends on how it was mounted",
-                where=one.step.where,
+                where=state.step.where,
                 next_step="'bench resume' goes on with the run; else run the campaign again",
             )
-        if one.step.follows or "window_index" in one.step.conditions:
+        if state.step.follows or "window_index" in state.step.conditions:
             raise InputError(
                 "B-RES-008",
                 "records without a gap over a changing temperature cannot be taken again one by one",
-                where=one.step.where,
+                where=state.step.where,
                 next_step="'bench resume' goes on with the ramp; else run the campaign again",
             )
     overlap = _overlap(plan, states, again)
-    chosen = sorted([*again, *overlap], key=lambda one: (one.state != VALID, one.step.number))
+    chosen = sorted([*again, *overlap], key=lambda state: (state.state != VALID, state.step.number))
     name = f"{plan.name}_make_up"
     lines = [
         f"# Make-up of {plan.name}: {len(again)} points that are missing or invalid, {len(overlap)} that overlap.",
@@ -87,14 +87,14 @@ def _section(name: str, plan: Plan, steps: Sequence[Step]) -> list[str]:
 
 def _overlap(plan: Plan, states: Sequence[RecordState], again: Sequence[RecordState]) -> list[RecordState]:
     """The good point with the largest current of each channel and temperature that is visited again."""
-    visited = {_visit(plan, one.step) for one in again}
+    visited = {_visit(plan, state.step) for state in again}
     best: dict[Any, RecordState] = {}
-    for one in states:
-        visit = _visit(plan, one.step)
-        if one.state == VALID and visit in visited:
+    for state in states:
+        visit = _visit(plan, state.step)
+        if state.state == VALID and visit in visited:
             known = best.get(visit)
-            if known is None or _current_A(one) > _current_A(known):
-                best[visit] = one
+            if known is None or _current_A(state) > _current_A(known):
+                best[visit] = state
     return list(best.values())
 
 
@@ -102,8 +102,8 @@ def _visit(plan: Plan, step: Step) -> tuple[Any, ...]:
     return _soak_key(_soak_before(plan, step)), step.conditions.get("channel")
 
 
-def _current_A(one: RecordState) -> float:
-    return abs(float(one.step.conditions.get("current_A", 0.0)))
+def _current_A(state: RecordState) -> float:
+    return abs(float(state.step.conditions.get("current_A", 0.0)))
 
 
 def _soak_before(plan: Plan, step: Step) -> PlannedSoak | None:
@@ -117,30 +117,30 @@ def _soak_key(soak: PlannedSoak | None) -> str:
 def _steps(plan: Plan, chosen: Sequence[RecordState]) -> Iterator[str]:
     """Yield each temperature once, in the order of the plan; the overlap first, then what is made up."""
     visits: dict[str, tuple[PlannedSoak | None, list[RecordState]]] = {}
-    for one in sorted(chosen, key=lambda one: one.step.number):
-        soak = _soak_before(plan, one.step)
-        visits.setdefault(_soak_key(soak), (soak, []))[1].append(one)
+    for state in sorted(chosen, key=lambda state: state.step.number):
+        soak = _soak_before(plan, state.step)
+        visits.setdefault(_soak_key(soak), (soak, []))[1].append(state)
     for soak, points in visits.values():
         if soak is not None:
             yield f"  - {_written(plan, soak)}"
-        for one in sorted(points, key=lambda one: (one.state != VALID, one.step.number)):
-            why = f"overlap, was record {one.number}" if one.state == VALID else one.why
-            yield f"  - {_name(one)}  # {_one_line(why)}"
+        for state in sorted(points, key=lambda state: (state.state != VALID, state.step.number)):
+            why = f"overlap, was record {state.number}" if state.state == VALID else state.why
+            yield f"  - {_name(state)}  # {_one_line(why)}"
 
 
 def _one_line(text: str) -> str:
     return " ".join(text.split())
 
 
-def _name(one: RecordState) -> str:
-    return f"{'overlap' if one.state == VALID else 'point'}_{one.step.number}"
+def _name(state: RecordState) -> str:
+    return f"{'overlap' if state.state == VALID else 'point'}_{state.step.number}"
 
 
 def _procedures(plan: Plan, chosen: Sequence[RecordState]) -> Iterator[str]:
-    for one in chosen:
-        yield f"  {_name(one)}:"
+    for state in chosen:
+        yield f"  {_name(state)}:"
         yield "    do:"
-        for step in _point(plan, one.step):
+        for step in _point(plan, state.step):
             yield f"      - {_written(plan, step)}"
 
 

@@ -37,7 +37,7 @@ def partial(folder: Path) -> dict[str, Any]:
         estimates = analyse(material_of(view)).estimates
     except BenchError as error:  # most often: too few records yet
         return {**found, "why": error.message}
-    determined = [_row(one) for one in estimates if _is_number(one.get("value"))]
+    determined = [_row(estimate) for estimate in estimates if _is_number(estimate.get("value"))]
     declared = analysis_declaration(str(view.manifest["campaign"]["analysis"]))
     main = () if declared is None else declared.main
     rows = [row for row in determined if row["quantity"] in main] or determined

@@ -65,7 +65,7 @@ def _state(
     step: PlannedRecord, row: RecordRow | None, problem: str, skips: Iterable[Mapping[str, Any]], reached: int
 ) -> RecordState:
     if row is None:
-        skip = next((one for one in skips if one["first"] <= step.number < one["stop"]), None)
+        skip = next((entry for entry in skips if entry["first"] <= step.number < entry["stop"]), None)
         if skip is not None:
             return RecordState(step, None, MISSING, f"skipped: {skip['reason']}")
         lost = "its record is lost" if step.number < reached else "the run stopped before"
@@ -85,14 +85,14 @@ def row_problem(row: RecordRow) -> str:
 
 def summary_lines(states: Sequence[RecordState]) -> list[str]:
     """Return the states for a person: counts, and each record that is not valid."""
-    counts = Counter(one.state for one in states)
+    counts = Counter(state.state for state in states)
     said = [", ".join(f"{counts[state]} {state}" for state in (VALID, MISSING, INVALID)) + f" of {len(states)} records"]
     said += [
-        f"  record {one.number} (step {one.step.number}): invalid, {one.why}: {_where(one.step)}"
-        for one in states
-        if one.state == INVALID
+        f"  record {state.number} (step {state.step.number}): invalid, {state.why}: {_where(state.step)}"
+        for state in states
+        if state.state == INVALID
     ]
-    missing = Counter(one.why for one in states if one.state == MISSING)
+    missing = Counter(state.why for state in states if state.state == MISSING)
     said += [f"  {count} missing: {why}" for why, count in missing.items()]
     return said
 

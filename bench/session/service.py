@@ -1,8 +1,12 @@
-"""A recorded session read again: from its folder to records, events, results and their analysis."""
+"""A recorded session read again: from its folder to records, events, results and their analysis.
+
+The make-up sessions that complete it are read as one with it: ``bench fit SESSION --with MAKE_UP``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +16,13 @@ from numpy.typing import NDArray
 from bench.analysis import Analysis
 from bench.model.errors import InputError
 from bench.plan import steps_of
-from bench.record import OPEN_MARKER
-from bench.replay import IMPORT, Replayed, replay_rows, replay_series
-from bench.session.merge import merged
+from bench.record import OPEN_MARKER, RecordRow
+from bench.replay import IMPORT, Replayed, moved_rows, replay_rows, replay_series
+from bench.session.record_states import condition_key, measuring, row_problem
 from bench.session.view import SessionView, analyse_view, happened
+
+_OF_STANDARD = ("model", "serial", "certificate", "uncertainty", "corrections", "stated")
+_SAME = ("analysis", "channels", "uut", "rate_Hz", "af_clock_Hz", "master_Hz", "fg_Hz")
 
 
 def analysed(
@@ -67,3 +74,102 @@ def _is_incomplete(folder: Path, replayed: Replayed) -> bool:
     stopped = last is not None and (last.get("error") is not None or "steps" not in last)
     newest = max(path.name for path in folder.glob("session.*.mcap"))
     return stopped or newest in replayed.unfinished or (folder / OPEN_MARKER).exists()
+
+
+def merged(view: SessionView, others: Sequence[SessionView]) -> SessionView:
+    """Return one view of several sessions of one unit; times of the later ones are placed by UTC, behind the first.
+
+    It is complete when every planned record is valid in one of them. The notes name the overlap.
+    Raises: InputError B-RES-010 if a session is of another unit, analysis or set of channels, or of other standards.
+    """
+    records = measuring(view.plan_steps)
+    if not records or any(record.samples for record in records):
+        raise InputError(
+            "B-RES-010",
+            "its results do not come from records that are made up one by one",
+            where=str(view.manifest["session"]),
+            next_step="'bench resume' goes on with it; else run the campaign again",
+        )
+    for other in others:
+        _compatible(view, other)
+        view = _joined(view, other)
+    valid = {condition_key(row.window.conditions) for row in view.rows if not row_problem(row)}
+    planned = {condition_key(record.conditions) for record in records}
+    return replace(view, incomplete=bool(planned - valid))
+
+
+def _compatible(view: SessionView, other: SessionView) -> None:
+    first, second = view.manifest["campaign"], other.manifest["campaign"]
+    differing = [name for name in _SAME if first.get(name) != second.get(name)]
+    if _standards(view) != _standards(other):  # one register is used for all records, and another one is not true
+        differing.append("standards")
+    if view.manifest.get("simulated") != other.manifest.get("simulated"):
+        differing.append("simulated")
+    if differing:
+        raise InputError(
+            "B-RES-010",
+            f"differs from {view.manifest['session']} in {', '.join(differing)}",
+            where=str(other.manifest["session"]),
+            next_step="name a session that a make-up sequence of the first one gave",
+        )
+
+
+def _standards(view: SessionView) -> dict[str, dict[str, Any]]:
+    """Return what the values and uncertainties of the standards rest on, by role."""
+    register = view.manifest.get("standards", {})
+    return {role: {name: one.get(name) for name in _OF_STANDARD} for role, one in register.items()}
+
+
+def _joined(view: SessionView, other: SessionView) -> SessionView:
+    shift_ns = _shift_ns(view, other)
+    highest = max((row.window.number for row in view.rows), default=0)
+    later = [replace(row, window=replace(row.window, number=row.window.number + highest)) for row in other.rows]
+    rows = moved_rows([*((0, row) for row in view.rows), *((1, row) for row in later)], [0, shift_ns])
+    notes = [f"Completed by the session {other.manifest['session']} of {len(other.rows)} records."]
+    return replace(
+        view,
+        rows=rows,
+        counts={name: count + other.counts.get(name, 0) for name, count in view.counts.items()},
+        events=[*view.events, *((t_ns + shift_ns, event) for t_ns, event in other.events)],
+        notes=[*view.notes, *other.notes, *notes, *_overlap_notes(view.rows, other.rows)],
+        damage=(*view.damage, *other.damage),
+        make_up=(*view.make_up, other.session_sha256),
+    )
+
+
+def _shift_ns(view: SessionView, other: SessionView) -> int:
+    """By the UTC of both; two rehearsals begin at one UTC, so never before the end of the first."""
+    end_ns = max((t_ns for t_ns, _ in view.events), default=0)
+    start_ns = min((t_ns for t_ns, _ in other.events), default=0)
+    by_utc = 0
+    if view.utc_offset_ns is not None and other.utc_offset_ns is not None:
+        by_utc = other.utc_offset_ns - view.utc_offset_ns
+    return max(by_utc, end_ns - start_ns)
+
+
+def _overlap_notes(rows: Iterable[RecordRow], again: Iterable[RecordRow]) -> list[str]:
+    known = {condition_key(row.window.conditions): row for row in rows if not row_problem(row)}
+    said = []
+    for row in again:
+        before = known.get(condition_key(row.window.conditions))
+        if before is not None and not row_problem(row) and (change_ppm := _change_ppm(before, row)) is not None:
+            said.append(f"Overlap, {_place(row.window.conditions)}: {change_ppm:+.2f} ppm in the make-up session.")
+    return said
+
+
+def _change_ppm(before: RecordRow, after: RecordRow) -> float | None:
+    """Relative change of the net pulse rate of a point, ppm; None without a current."""
+    channel = before.window.conditions.get("channel")
+    if channel is None or not before.window.link or not before.window.conditions.get("current_A"):
+        return None
+    rates = []
+    for row in (before, after):
+        net = int(row.sums["npp"][channel - 1]) - int(row.sums["ppp"][channel - 1])
+        rates.append(net / int(row.sums["master_count"]))
+    return (rates[1] / rates[0] - 1.0) * 1e6 if rates[0] else None
+
+
+def _place(conditions: Mapping[str, Any]) -> str:
+    sign = "-" if conditions.get("polarity", 1) < 0 else "+"
+    level = f"{sign}{conditions['current_A']:g} A"
+    return f"channel {conditions['channel']} at {conditions.get('temperature_degC', float('nan')):g} degC, {level}"

@@ -45,7 +45,7 @@ class Verification:
 
     def add(self, file: str, *what: str) -> None:
         """Name what is wrong with a file."""
-        self.changes += [Change(file, one) for one in what]
+        self.changes += [Change(file, text) for text in what]
 
     def content(self, path: Path) -> bytes | None:
         """Bytes of a file, which counts as compared then; None if it is not there or cannot be read, which is noted."""
@@ -76,11 +76,15 @@ def check_results(found: Verification, folder: Path, results: Mapping[str, Any])
         found.add(RESULTS, "is not a document of results")
         return None
     differences = compare(stored, json.loads(now))
-    other_software = [one for one in differences if one.path == SOFTWARE_PATH]
-    found.notes += [f"{RESULTS} was written by {one.first}, this is {one.second}" for one in other_software]
-    values = [one for one in differences if one.path != SOFTWARE_PATH]
-    values.sort(key=lambda one: not one.path.startswith(PROVENANCE))  # another recording explains all that follows
-    found.add(RESULTS, *(_said(one) for one in values[:NAMED]))
+    other_software = [difference for difference in differences if difference.path == SOFTWARE_PATH]
+    found.notes += [
+        f"{RESULTS} was written by {difference.first}, this is {difference.second}" for difference in other_software
+    ]
+    values = [difference for difference in differences if difference.path != SOFTWARE_PATH]
+    values.sort(
+        key=lambda difference: not difference.path.startswith(PROVENANCE)
+    )  # another recording explains all that follows
+    found.add(RESULTS, *(_said(difference) for difference in values[:NAMED]))
     if len(values) > NAMED:
         found.add(RESULTS, f"{len(values) - NAMED} more values differ")
     if not differences and content != now.encode():
@@ -89,8 +93,8 @@ def check_results(found: Verification, folder: Path, results: Mapping[str, Any])
     return stored
 
 
-def _said(one: Difference) -> str:
-    return f"{one.path} {_value(one.first)} -> {_value(one.second)}"
+def _said(difference: Difference) -> str:
+    return f"{difference.path} {_value(difference.first)} -> {_value(difference.second)}"
 
 
 def _value(value: Any) -> str:
@@ -99,7 +103,7 @@ def _value(value: Any) -> str:
 
 def _rounding(differences: Sequence[Difference]) -> list[str]:
     """A sentence if nothing but the last digits of numbers differ, as they may on another machine."""
-    pairs = [(one.first, one.second) for one in differences]
+    pairs = [(difference.first, difference.second) for difference in differences]
     if not pairs or not all(isinstance(value, float) for pair in pairs for value in pair):
         return []
     worst = max(abs(first - second) / max(abs(first), abs(second), SMALLEST) for first, second in pairs)

@@ -26,15 +26,25 @@ from bench.analysis import (
 from bench.frame import CommandLayout, parse_frame
 from bench.model import events
 from bench.model.clock import NS
+from bench.model.errors import InputError
 from bench.model.events import Environment, Event, Phase, Preflight, Prompt, Retake, event_of
-from bench.plan import Step
+from bench.model.yamlio import parse_yaml
+from bench.plan import StationFile, Step
 from bench.record import Damage, RecordRow
 from bench.replay import Splice
 from bench.report import Report, RunStory, TemperatureTrace, report_model
-from bench.session.happenings import happening_tables, preflight_table, punctuality
-from bench.session.line_times import line_times_s
-from bench.session.operation import alarms_raised, commands_given, hashes_of, length_s, surroundings
-from bench.session.splices import splice_documents, splice_tables
+from bench.session.happenings import (
+    alarms_raised,
+    commands_given,
+    happening_tables,
+    hashes_of,
+    length_s,
+    preflight_table,
+    punctuality,
+    splice_documents,
+    splice_tables,
+    surroundings,
+)
 
 E = TypeVar("E", bound=Event)
 SOFTWARE = f"inertial-bench {__version__}"
@@ -43,6 +53,7 @@ KEPT_EVENTS = (
     "release", "resume", "reentry", "link", "interlock", "alarm", "guard", "preflight", "verdict", "config",
     "clock_step", "control", "surroundings", "exchange",
 )  # fmt: skip
+BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
 
 
 def happened(stored: Iterable[tuple[str, int, Mapping[str, Any]]]) -> list[tuple[int, Event]]:
@@ -248,3 +259,24 @@ def _trace(view: SessionView) -> Trace:
 
 def _number(value: float | None) -> float:
     return math.nan if value is None else float(value)
+
+
+def line_times_s(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str, float]:
+    """Return seconds of a frame by link; links that are no serial port or whose frames vary in length are left out."""
+    station = next((name for name in texts if name.startswith("stations/")), None)
+    if station is None:
+        return {}
+    try:
+        ports = parse_yaml(texts[station], station, StationFile).model.links
+    except InputError:  # a station of another version
+        return {}
+    found = {}
+    for link, frame in manifest.get("links", {}).items():
+        baud = ports[link].baud if link in ports else None
+        if baud is None or frame not in texts:
+            continue
+        layout = parse_frame(texts[frame], frame).layout
+        lengths = {message.length for message in layout.messages}
+        if len(lengths) == 1 and 0 not in lengths:
+            found[link] = BITS_PER_BYTE * lengths.pop() / baud
+    return found

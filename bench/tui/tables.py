@@ -7,7 +7,7 @@ from typing import Any
 
 from rich.text import Text
 
-from bench.run.feed.words import conditions_in_words
+from bench.run.feed.planned import conditions_in_words
 from bench.tui.folding import cut, folded, joined
 from bench.tui.look import Look, duration
 from bench.tui.watch import Seen

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from bench.run.control.place import find_socket
+from bench.run.control.local_socket import find_socket
 
 ANSWER_S = 5.0
 LONGEST_REPLY = 1 << 20

@@ -12,7 +12,7 @@ import numpy as np
 
 from bench.model.clock import NS, Clock, pause, to_ns
 from bench.record import OPEN_MARKER
-from bench.run.control.place import LIVE, find_socket
+from bench.run.control.local_socket import LIVE, find_socket
 from bench.run.feed.client import FeedClient, FeedGone, FeedReply
 from bench.web.points import MISSING_BEFORE, Points
 from bench.web.room import Room

@@ -350,7 +350,7 @@ MUTANTS = [
     ),
     Mutant(
         "interlock that trips without its dwell",
-        "bench/run/watch/interlock_state.py",
+        "bench/run/watch/interlocks.py",
         "t_ns - self._beyond_ns >= self.rule.dwell_s * NS else None",
         "t_ns >= self._beyond_ns else None",
         ["tests/unit/run/watch/test_interlock_state.py::test_it_trips_when_the_dwell_is_over_and_not_before"],

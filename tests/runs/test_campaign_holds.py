@@ -18,8 +18,8 @@ from bench.replay import replay_rows
 from bench.run.besides import besides
 from bench.run.context import RunContext
 from bench.run.control.operator import SimulatedOperator
-from bench.run.hold.holds import Wish
 from bench.run.session import Conducted, conduct
+from bench.run.stop import Wish
 from bench.session.view import KEPT_EVENTS, analyse_view
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +21,15 @@ from bench.commands.session import fit, replay
 from bench.model.clock import VirtualClock
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.plan import Step
-from bench.record import SessionReader, read_journal
+from bench.record import RecordRow, SessionReader, read_journal
 from bench.replay.parts import recorded_windows
 from bench.run.context import RunContext
 from bench.run.control.operator import SimulatedOperator
 from bench.run.resume import read_stopped, resumption
-from bench.run.session import conduct
+from bench.run.session import Conducted, conduct
 from bench.run.steps.setpoints import expected_of
+from bench.session.happenings import splice_tables
 from bench.session.service import read_view
-from bench.session.splices import splice_tables
 from bench.session.view import SessionView, analyse_view, report_html
 from sim_instruments.worlds.af_converter import core as ngu_core
 from sim_instruments.worlds.common.world import World
@@ -63,59 +64,74 @@ def dsf_of(view: SessionView) -> dict[str, dict[str, Any]]:
     return {entry["quantity"]: entry for entry in results["estimates"] if entry["quantity"].startswith("dsf_")}
 
 
+@dataclass(frozen=True)
+class GoneOn:
+    """A killed run that was gone on with: what was there before, who watched, how it ended."""
+
+    folder: Path
+    acknowledged: dict[int, int]
+    before: Sequence[RecordRow]
+    watched: Watched
+    run: Conducted
+
+
+@pytest.fixture(scope="module")
+def gone_on(crashes: Crashes, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], GoneOn]:
+    """Go on with the run that was killed at a place, once for all tests; for reading only."""
+
+    def go(place: str) -> GoneOn:
+        folder, watched = copied(crashes, place, tmp_path_factory.mktemp("gone_on")), nobody()
+        acknowledged, before = records_in(folder), read_view(folder).rows
+        with pytest.MonkeyPatch.context() as patch:
+            watch_worlds(patch, watched)
+            return GoneOn(folder, acknowledged, before, watched, go_on(folder, watched))
+
+    return cache(go)
+
+
 @pytest.mark.parametrize("place", PLACES)
 def test_a_killed_run_goes_on_and_gives_the_same_results(
-    crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+    crashes: Crashes, gone_on: Callable[[str], GoneOn], place: str
 ) -> None:
-    folder = copied(crashes, place, tmp_path)
-    acknowledged = records_in(folder)
-    watched = nobody()
-    watch_worlds(monkeypatch, watched)
-    run = go_on(folder, watched)
-    assert run.outcome.error is None
-    assert run.outcome.unsafe == ()
-    after = records_in(folder)
+    done = gone_on(place)
+    assert done.run.outcome.error is None
+    assert done.run.outcome.unsafe == ()
+    after = records_in(done.folder)
     expected = {step.number for step in crashes.plan.steps if step.kind == "record"}
     assert sorted(after.values()) == sorted(expected), "each record once"
     assert sorted(after) == list(range(1, RECORDS + 1))
-    assert acknowledged.items() <= after.items(), "an acknowledged record is lost"
-    view = read_view(folder)
+    assert done.acknowledged.items() <= after.items(), "an acknowledged record is lost"
+    view = read_view(done.folder)
     assert len(view.splices) == 1
     assert not view.incomplete
     sigma = worst_sigma(view, read_view(crashes.whole))
     print(f"seed {SEED}, killed at {place}: worst difference {sigma:.2f} standard uncertainties")
     assert sigma < 3.0
-    world = watched.worlds[-1]
+    world = done.watched.worlds[-1]
     assert world.wiring.loop_current_A == 0.0
     assert world.wiring.closed == frozenset()
     assert not world.instruments["supply"].on
-    assert not (folder / "journal.jsonl").exists()
-    assert not (folder / "session.open").exists()
+    assert not (done.folder / "journal.jsonl").exists()
+    assert not (done.folder / "session.open").exists()
 
 
-def test_acknowledged_records_are_not_taken_again(
-    crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    folder = copied(crashes, "between points", tmp_path)
-    before = {row.window.number: row for row in read_view(folder).rows}
-    watch_worlds(monkeypatch, watched := nobody())
-    go_on(folder, watched)
-    after = {row.window.number: row for row in read_view(folder).rows}
+def test_acknowledged_records_are_not_taken_again(gone_on: Callable[[str], GoneOn]) -> None:
+    done = gone_on("between points")
+    before = {row.window.number: row for row in done.before}
+    after = {row.window.number: row for row in read_view(done.folder).rows}
+    assert before
     for number, row in before.items():
         assert after[number].window == row.window
         assert after[number].sums["npp"].tolist() == row.sums["npp"].tolist()
-    taken_again = [step.number for step in watched.steps if step.kind == "record"]
+    taken_again = [step.number for step in done.watched.steps if step.kind == "record"]
     assert set(taken_again).isdisjoint({row.window.step for row in before.values()})
 
 
 def test_the_unit_is_soaked_again_only_if_it_has_left_its_band(
-    crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    gone_on: Callable[[str], GoneOn], tmp_path: Path
 ) -> None:
     """A bench begun anew has its unit at 23 degC: out of the band of 1 degC about 25 degC, inside one of 3 degC."""
-    slow = copied(crashes, "between points", tmp_path)
-    watch_worlds(monkeypatch, watched := nobody())
-    go_on(slow, watched)
-    ((_, _, fields),) = list(SessionReader(slow).events("reentry"))
+    ((_, _, fields),) = list(SessionReader(gone_on("between points").folder).events("reentry"))
     assert fields["soaked"]
     assert abs(fields["unit_degC"] - 23.0) < 0.2
     assert fields["seconds"] >= SOAK_s
@@ -223,10 +239,8 @@ def test_the_journal_holds_what_the_instruments_confirmed(crashes: Crashes) -> N
     assert state["function_generator"]["square"]["frequency"] == 10e6
 
 
-def test_what_is_found_is_compared_with_what_was_set(crashes: Crashes, tmp_path: Path) -> None:
-    folder = copied(crashes, "behind a record", tmp_path)
-    go_on(folder, Watched(lambda world, step: None, worlds=[None]))  # type: ignore[list-item]
-    ((_, _, fields),) = list(SessionReader(folder).events("resume"))
+def test_what_is_found_is_compared_with_what_was_set(gone_on: Callable[[str], GoneOn]) -> None:
+    ((_, _, fields),) = list(SessionReader(gone_on("behind a record").folder).events("resume"))
     said = "\n".join(fields["differences"])
     assert "calibrator: output was on, is off" in said
     assert "supply: was at 18 V, is at " in said
@@ -273,7 +287,6 @@ def test_another_unit_is_not_gone_on_with(crashes: Crashes, tmp_path: Path, monk
     before = records_in(folder)
     monkeypatch.setattr(ngu_core, "IDENTITY", b"NGU SIM-2 1.0")
     error = go_on(folder, nobody_in(monkeypatch)).outcome.error
-    assert error is not None
     assert (error.code, error.exit_status) == ("B-RUN-025", ExitStatus.SAFE_AFTER_FAULT)
     assert "expected 'NGU SIM-1 1.0'" in error.message
     assert len(records_in(folder)) <= len(before)

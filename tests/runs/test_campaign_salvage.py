@@ -20,9 +20,8 @@ from bench.replay import replay_rows
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct
 from bench.session.makeup import make_up_sequence
-from bench.session.merge import merged
 from bench.session.record_states import record_states
-from bench.session.service import read_view
+from bench.session.service import merged, read_view
 from bench.session.view import SessionView, analyse_view
 from sim_instruments.worlds.common.world import World
 

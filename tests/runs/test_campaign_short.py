@@ -9,7 +9,7 @@ from subprocess import CompletedProcess
 import jsonschema
 import pytest
 from recorded import writable_copy
-from rehearsal import GOLDEN_SEQUENCE, NAME, SEED, Inside, run_short
+from rehearsal import NAME, SEED, Inside, run_short
 
 from bench.analysis import results_schema
 

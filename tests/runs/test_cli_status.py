@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 from recorded import writable_copy
-from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, bench, main_of
+from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, main_of, tiny_plan
 
 import bench.commands.run as run_command
 import bench.session.finish as finish_command
@@ -186,7 +186,7 @@ def test_4_the_operator_refuses_a_prompt(
 
 
 @pytest.mark.slow
-def test_4_ctrl_c_under_the_wall_clock_ends_safely_within_5_s(tmp_path: Path) -> None:
+def test_4_ctrl_c_under_the_wall_clock_ends_safely_within_5_s(tmp_path: Path, inside: Inside) -> None:
     command = [sys.executable, "-m", "bench", "run", "timeline_example", "--clock", "wall", "--out", str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         wait_for_the_session(tmp_path)
@@ -194,16 +194,16 @@ def test_4_ctrl_c_under_the_wall_clock_ends_safely_within_5_s(tmp_path: Path) ->
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=30)
         took_s = time.monotonic() - began
-    print(f"safe {took_s:.1f} s after SIGINT")
     refused(CompletedProcess(command, process.returncode, out, err), 4, "B-RUN-010")
     assert "The bench is safe" in out
     assert took_s < 5.0
     (session,) = (path for path in tmp_path.iterdir() if path.is_dir())
     assert (session / "journal.jsonl").exists()
     assert not (session / "session.open").exists()
-    recovered = bench("recover", str(session), "--json")
+    recovered = inside("recover", str(session), "--json")
     assert json.loads(recovered.stdout)
     assert recovered.returncode == 0, recovered.stdout
+    print(f"safe {took_s:.1f} s after SIGINT")
 
 
 def wait_for_the_session(folder: Path) -> None:
@@ -320,10 +320,12 @@ def test_results_are_written_when_nobody_listens(tmp_path: Path) -> None:
     """Standard output and standard error are closed pipes: the campaign is done all the same."""
     read, write = os.pipe()
     os.close(read)
-    command = [sys.executable, "-m", "bench", "run", "scale_factor_short", "--out", str(tmp_path)]
+    tiny_plan(tmp_path)
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "bench", "run", str(tmp_path / "tiny.yaml"), "--out", str(out)]
     subprocess.run(command, stdout=write, stderr=write, check=False)
     os.close(write)
-    (session,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    (session,) = (path for path in out.iterdir() if path.is_dir())
     assert (session / "results.json").exists()
     assert (session / "report.html").exists()
 

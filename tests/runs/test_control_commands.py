@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rehearsal import bench
+from rehearsal import Inside
 
 from bench.commands.control import ask
 from bench.model.clock import WallClock
@@ -55,7 +55,7 @@ def arranged(folder: Path) -> tuple[Path, Path]:
 
 
 @pytest.mark.slow
-def test_another_terminal_pauses_resumes_and_aborts_a_run(tmp_path: Path) -> None:
+def test_another_terminal_pauses_resumes_and_aborts_a_run(tmp_path: Path, inside: Inside) -> None:
     out = tmp_path / "out"
     sequence, caught = arranged(tmp_path)
     command = [sys.executable, "-m", "bench", "run", str(sequence), "--clock", "wall", "--out", str(out)]
@@ -65,18 +65,19 @@ def test_another_terminal_pauses_resumes_and_aborts_a_run(tmp_path: Path) -> Non
         try:
             folder = wait_for(lambda: next(iter(out.glob("*_SIM-1*")), None), "a session")
             wait_for(lambda: status(folder).get("records", 0) >= 1, "a record")
-            assert bench("pause", str(folder), "--reason", "door open").returncode == 0
+            assert inside("pause", str(folder), "--reason", "door open").returncode == 0
             held = wait_for(lambda: (now := status(folder)).get("state") == "holding" and now, "a hold")
             assert any("door open" in reason for reason in held["reasons"].values())
+            wait_for(lambda: caught.exists() and '"hold"' in caught.read_text(), "the news of it")
             verdict = wait_for(lambda: "early verdict" in (tmp_path / "log").read_text(), "a verdict")
             assert verdict
-            assert bench("resume", str(folder)).returncode == 0
+            assert inside("resume", str(folder)).returncode == 0
             wait_for(lambda: status(folder).get("records", 0) > held["records"], "another record")
-            assert bench("abort", str(folder), "--reason", "enough").returncode == 0
+            assert inside("abort", str(folder), "--reason", "enough").returncode == 0
             assert run.wait(WAIT_S) == 4
         finally:
             run.kill()
-    gone = bench("pause", str(folder))
+    gone = inside("pause", str(folder))
     assert gone.returncode == 2
     assert "B-CTRL-001" in gone.stderr
     reader = SessionReader(folder, strict=True)

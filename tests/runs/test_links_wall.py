@@ -24,9 +24,10 @@ from bench.record import SessionReader, SessionWriter
 from bench.record.files import AppendFile, OsFiles
 from bench.run.bench.opener import open_port
 from bench.run.guard.health import LINKS, Health
-from bench.run.links.acquisition import Acquisition, LinkReader
+from bench.run.links.acquisition import Acquisition
 from bench.run.links.keeper import keep_links
 from bench.run.links.port import PortLink
+from bench.run.links.reader import LinkReader
 from bench.run.observers import Observers
 from bench.run.stop import StopSwitch
 

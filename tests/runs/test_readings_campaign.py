@@ -27,13 +27,12 @@ from bench.run.besides import besides
 from bench.run.context import RunContext
 from bench.run.control.operator import SimulatedOperator
 from bench.run.feed.client import FeedClient
-from bench.run.hold.holds import Wish
 from bench.run.observers import Observer
 from bench.run.session import conduct
+from bench.run.stop import Wish
 from bench.session.early import verdict
-from bench.session.merge import merged
 from bench.session.record_states import INVALID, VALID, record_states
-from bench.session.service import read_view
+from bench.session.service import merged, read_view
 from bench.session.view import KEPT_EVENTS, analyse_view, material_of
 from bench.tui.glyphs import UNICODE
 from bench.tui.look import Look, catalogue

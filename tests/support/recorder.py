@@ -14,7 +14,7 @@ from bench.model.clock import NS
 from bench.model.events import Disk, Resume
 from bench.record import Journal, SessionWriter
 from bench.record.recover import resume_session
-from bench.run.hold.patience import patient
+from bench.run.observers import patient
 
 MANIFEST = {"schema": 1, "session": "recorded", "links": {"port_a": "frames/ngu_a.yaml"}, "measurement_link": "port_a"}
 TEXTS = {"sequences/x.yaml": "sequence: x\n", "plan.json": "[]"}

@@ -22,7 +22,8 @@ from bench.plan import Step
 from bench.record import Journal, RecordCutter
 from bench.run.context import RunContext
 from bench.run.control.operator import Answer, Question
-from bench.run.links.acquisition import Acquisition, LinkReader
+from bench.run.links.acquisition import Acquisition
+from bench.run.links.reader import LinkReader
 from bench.run.observers import AtTerminal, Observers, Recorder
 from bench.run.sequencer import Outcome, Sequencer
 from bench.run.steps.timing import Timeline
@@ -32,6 +33,7 @@ ROOT = Path(__file__).resolve().parents[2]
 GATE_NS = NS // 100
 LINE_NS = 600_000
 K0_C = 1.25e-6
+BLOCK = 1000  # frames that are encoded at once: a frame costs little, a call of the encoder much
 
 
 def frame(name: str) -> FrameDefinition:
@@ -93,15 +95,24 @@ class Instrument:
         self._call("close")
 
 
+def nothing(counter: int) -> bool:
+    """Drop no frame."""
+    return False
+
+
 class PortA:
-    """Measurement link: per frame ``npp[channel]``, ``ppp[channel]``; counters in ``dropped`` never arrive."""
+    """Measurement link: per frame ``npp[channel]``, ``ppp[channel]``; counters in ``dropped`` never arrive.
+
+    ``npp`` and ``ppp`` may have a row for each frame of a block.
+    """
 
     def __init__(self, clock: VirtualClock) -> None:
         self.clock, self.definition = clock, frame("ngu_a")
         self.npp, self.ppp = np.zeros(10, np.int64), np.zeros(10, np.int64)
-        self.dropped: Callable[[int], bool] = lambda counter: False
+        self.dropped: Callable[[int], bool] = nothing
         self.broken: OSError | None = None
         self._bytes = bytearray()
+        self._encoded: tuple[Any, Any] = (None, None)  # the newest block and what it holds
         self._next = 0  # first frame that has not arrived whole
         self._ahead = 0  # bytes of it that have arrived
 
@@ -111,23 +122,35 @@ class PortA:
             raise self.broken
         now = self.clock.now_ns()
         whole = max(self._next, (now - LINE_NS) // GATE_NS)
-        arrived = b"".join(self._frames(self._next, whole))
+        arrived = self._frames(self._next, whole)
         since = now - (whole + 1) * GATE_NS
-        started = b"".join(self._frames(whole, whole + 1)) if since > 0 else b""
+        started = self._frames(whole, whole + 1) if since > 0 else b""
         started = started[: len(started) * since // LINE_NS]
         self._bytes += (arrived + started)[self._ahead :]
         self._next, self._ahead = whole, len(started)
         return len(self._bytes)
 
-    def _frames(self, first: int, stop: int) -> list[bytes]:
-        counter = np.arange(first, stop)
-        columns = {
-            "counter": counter % 65536, "npp": np.tile(self.npp, (len(counter), 1)),
-            "ppp": np.tile(self.ppp, (len(counter), 1)), "af_clock": 2560, "master_count": 100_000,
-            "fg_count": 100_000, "status": 0,
-        }  # fmt: skip
-        rows = self.definition.encode(columns, len(counter)) if len(counter) else []
-        return [row.tobytes() for number, row in zip(counter, rows, strict=True) if not self.dropped(int(number))]
+    def _frames(self, first: int, stop: int) -> bytes:
+        parts = []
+        for start in range(first - first % BLOCK, stop, BLOCK):
+            counters = range(max(first, start), min(stop, start + BLOCK))
+            rows = self._block(start)[counters.start - start : counters.stop - start]
+            if self.dropped is not nothing:
+                rows = rows[[not self.dropped(counter) for counter in counters]]
+            parts.append(rows.tobytes())
+        return b"".join(parts)
+
+    def _block(self, start: int) -> Any:
+        """Return the frames of a block, (BLOCK, bytes); encoded anew when the counts have changed."""
+        key = (start, self.npp.tobytes(), self.ppp.tobytes())
+        if self._encoded[0] != key:
+            columns = {
+                "counter": np.arange(start, start + BLOCK) % 65536, "npp": np.broadcast_to(self.npp, (BLOCK, 10)),
+                "ppp": np.broadcast_to(self.ppp, (BLOCK, 10)), "af_clock": 2560, "master_count": 100_000,
+                "fg_count": 100_000, "status": 0,
+            }  # fmt: skip
+            self._encoded = (key, self.definition.encode(columns, BLOCK))
+        return self._encoded[1]
 
     def read(self, size: int = 1) -> bytes:
         size = min(size, self.in_waiting)
@@ -154,25 +177,35 @@ class PortB:
         self._pending: list[tuple[int, bytes]] = []
         self._count = 0
         self._bytes = bytearray()
+        self._encoded: tuple[Any, Any] = (None, None)  # the newest block of one temperature
 
     @property
     def in_waiting(self) -> int:
         now = self.clock.now_ns()
         due = now // (10 * GATE_NS)
         if due > self._count and not self.silent:
-            n, at_s = due - self._count, 0.1 * np.arange(self._count + 1, due + 1)
-            raw = np.round([100 * self.degC(float(moment_s)) for moment_s in at_s]).astype(int)
-            columns = {
-                "counter": np.arange(self._count, due) % 65536, "unit_temperature": np.tile(raw[:, None], (1, 4)),
-                "supply_voltage": 28000, "supply_current": 1800, "rails": np.tile([5000, 15000, 15000], (n, 1)),
-                "status": 1,
-            }  # fmt: skip
-            self._bytes += self.definition.encode(columns, n, "housekeeping").tobytes()
+            raw = [round(100 * self.degC(0.1 * moment)) for moment in range(self._count + 1, due + 1)]
+            if len(set(raw)) == 1 and len(raw) <= BLOCK:
+                key = (self._count // BLOCK, raw[0])
+                if self._encoded[0] != key:
+                    self._encoded = (key, self._housekeeping(key[0] * BLOCK, raw[:1] * 2 * BLOCK))
+                self._bytes += self._encoded[1][self._count % BLOCK :][: len(raw)].tobytes()
+            else:
+                self._bytes += self._housekeeping(self._count, raw).tobytes()
         self._count = due
         for due_ns, raw in [one for one in self._pending if one[0] <= now]:
             self._bytes += raw
             self._pending.remove((due_ns, raw))
         return len(self._bytes)
+
+    def _housekeeping(self, first: int, raw: list[int]) -> Any:
+        columns = {
+            "counter": np.arange(first, first + len(raw)) % 65536,
+            "unit_temperature": np.tile(np.array(raw)[:, None], (1, 4)),
+            "supply_voltage": 28000, "supply_current": 1800, "rails": np.tile([5000, 15000, 15000], (len(raw), 1)),
+            "status": 1,
+        }  # fmt: skip
+        return self.definition.encode(columns, len(raw), "housekeeping")
 
     read = PortA.read
     close = PortA.close

@@ -30,9 +30,8 @@ from bench.run.bench.opener import open_bench
 from bench.run.bench.transcript import HeldTranscript, new_folder
 from bench.run.context import InUse
 from bench.run.guard.diary import read_diary
-from bench.run.guard.guarding import DIARY, station_lock
+from bench.run.guard.guarding import DIARY, GuardTask, station_lock
 from bench.run.guard.health import CHAMBER_AIR, Health
-from bench.run.guard.task import GuardTask
 from bench.run.hold.standing import drives
 from bench.run.provenance import software
 from bench.run.stop import StopSwitch

@@ -35,7 +35,7 @@ _LOOK_S = 0.1
 def source_of(station: Station, drivers: dict[str, type]) -> str:
     """Return the role that switches a stimulus on. Raises: InputError B-RUN-095 if the station has none."""
     for role in station.safe_order:
-        if any(one.effect is Effect.STIMULUS_ON for one in actions_of(drivers[role]).values()):
+        if any(action.effect is Effect.STIMULUS_ON for action in actions_of(drivers[role]).values()):
             return role
     raise InputError("B-RUN-095", "the station has no instrument that switches a stimulus on", where=station.name)
 
@@ -52,7 +52,7 @@ def has_source(station: Station) -> bool:
 def stimulate(instruments: dict[str, Instrument], source: str) -> None:
     """Close a route if the bench has one, then switch the source on at 0 A."""
     for instrument in instruments.values():
-        if any(one.effect is Effect.ROUTE for one in actions_of(type(instrument)).values()):
+        if any(action.effect is Effect.ROUTE for action in actions_of(type(instrument)).values()):
             instrument.route(channel=CHANNEL, polarity=POLARITY)  # type: ignore[attr-defined]
     output: Any = instruments[source]
     output.output(current=LEVEL_A)
@@ -63,7 +63,7 @@ def stimulated(instruments: dict[str, Instrument]) -> dict[str, object]:
     """Return what is on by read-back: roles in operate, closed routes; empty when nothing is."""
     found: dict[str, object] = {}
     for role, instrument in instruments.items():
-        effects = {one.effect for one in actions_of(type(instrument)).values()}
+        effects = {action.effect for action in actions_of(type(instrument)).values()}
         if Effect.STIMULUS_ON in effects and instrument.operating():  # type: ignore[attr-defined]
             found[role] = "operating"
         if Effect.ROUTE in effects and (closed := instrument.closed()):  # type: ignore[attr-defined]
@@ -75,8 +75,7 @@ def main(station_file: str, folder: str) -> int:
     """Say "on" when the stimulus is on, then beat until the standard input is closed."""
     station, clock, stop = load_station(Path(station_file)), WallClock(), StopSwitch()
     transcript, health = HeldTranscript(), Health(clock)
-    stop.on_check = lambda: health.alive(SEQUENCER)
-    transcript.on_traffic = stop.on_traffic
+    stop.on_check = transcript.on_traffic = lambda: health.alive(SEQUENCER)
     with ExitStack() as stack:
         stack.enter_context(station_lock(station, "drill", clock))
         bench = open_bench(station, clock, transcript, seed=0, links=False)

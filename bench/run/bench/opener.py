@@ -1,8 +1,13 @@
-"""The one place of the bench that opens VISA resources and serial ports."""
+"""The one place of the bench that opens VISA resources and serial ports.
+
+Whether somebody listens at an address on the network is asked before a VISA library that may wait long for it.
+"""
 
 from __future__ import annotations
 
 import importlib
+import re
+import socket
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -19,10 +24,8 @@ from bench.model.clock import Clock
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError, InstrumentError, LinkError
 from bench.model.ports import ByteLink, Instrument, RecordWindow, Transcript
-from bench.run.bench.network import check_answers
 from bench.run.bench.served_world import told
-from bench.run.links.instrument import InstrumentLink
-from bench.run.links.port import PortLink
+from bench.run.links.port import InstrumentLink, PortLink
 
 if TYPE_CHECKING:
     from bench.plan import Station  # the guard opens instruments too, and must not need plans
@@ -32,6 +35,11 @@ SERIAL_HANDLERS = "sim_instruments.bus"
 WRITE_LIMIT_S = 1.0
 OPERATE = "operate"  # word of the control socket of a served bench
 BY_SERIAL_NUMBER = "serial-number:"
+CONNECT_S = 1.0
+_ADDRESS = re.compile(r"TCPIP\d*::([^:]+)::(.+)::(INSTR|SOCKET)", re.IGNORECASE)
+_HISLIP = re.compile(r"hislip\d*(?:,(\d+))?", re.IGNORECASE)
+_HISLIP_PORT = 4880
+_PORTMAP = 111  # VXI-11 asks there for its own port
 
 
 class World(Protocol):
@@ -114,6 +122,10 @@ def open_bench(
         bench.close()
         raise
     return bench
+
+
+def unheard(role: str, direction: str, text: str, t_mono_ns: int) -> None:
+    """Forget what is said on the bus: there is no session it could go to."""
 
 
 def open_visa(library: str) -> pyvisa.ResourceManager:
@@ -249,3 +261,28 @@ def _located(url: str) -> str:
         known = ", ".join(sorted(port.serial_number for port in ports if port.serial_number)) or "none"
         raise ValueError(f"{len(devices)} ports have the serial number {wanted!r}; there are: {known}")
     return str(devices[0])
+
+
+def port_of(resource: str) -> tuple[str, int] | None:
+    """Host and TCP port of a VISA address; None for one that is not on the network.
+
+    Source: VPP-4.3 (address strings), IVI-6.1 (HiSLIP port 4880), VXI-11 (port mapper).
+    """
+    address = _ADDRESS.fullmatch(resource)
+    if address is None:
+        return None
+    host, device, kind = address.groups()
+    if kind.upper() == "SOCKET":
+        return (host, int(device)) if device.isdigit() else None
+    hislip = _HISLIP.fullmatch(device)
+    return (host, _PORTMAP if hislip is None else int(hislip[1] or _HISLIP_PORT))
+
+
+def check_answers(resource: str) -> None:
+    """Return if somebody accepts a connection within ``CONNECT_S``, or if the address is not on the network.
+
+    Raises: OSError if nobody does.
+    """
+    found = port_of(resource)
+    if found is not None:
+        socket.create_connection(found, CONNECT_S).close()

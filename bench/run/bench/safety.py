@@ -49,15 +49,15 @@ def heat_off(chamber: Instrument | None) -> list[RunError]:
     return []
 
 
-def hurried(instrument: Instrument, limit_s: float) -> AbstractContextManager[object]:
-    """No call of the instrument waits longer than ``limit_s``, and none is repeated, where its driver can do that."""
+def hurried(instrument: Instrument, limit_s: float | None) -> AbstractContextManager[object]:
+    """Keep calls from waiting longer than ``limit_s`` and from being repeated, where the driver can; None: no limit."""
     quick = getattr(instrument, "quick", None)
-    return nullcontext() if quick is None else quick(limit_s)
+    return nullcontext() if quick is None or limit_s is None else quick(limit_s)
 
 
 def _try(role: str, instrument: Instrument, limit_s: float | None) -> RunError | None:
     try:
-        with nullcontext() if limit_s is None else hurried(instrument, limit_s):
+        with hurried(instrument, limit_s):
             instrument.make_safe()
     except Exception as error:  # whatever it is, the instruments after this one must still be made safe
         return _not_safe(role, error)

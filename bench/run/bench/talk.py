@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 
 from bench.model.clock import NS, Clock
 from bench.plan import Station
@@ -57,9 +56,7 @@ class TalkSession:
     def __enter__(self) -> TalkSession:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         try:
             self._writer.close("talk ended")
         finally:

@@ -160,11 +160,7 @@ class WaitingOperator:
 
 
 def _fields(asked: _Open) -> dict[str, Any]:
-    question = asked.question
-    return {
-        "id": asked.id, "text": question.text, "confirm": question.confirm, "unit": question.unit,
-        "low": question.low, "high": question.high,
-    }  # fmt: skip
+    return {"id": asked.id, **vars(asked.question)}
 
 
 def _judged(question: Question, value: object, by: str) -> Answer:

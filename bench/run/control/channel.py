@@ -18,10 +18,9 @@ from bench.model import events
 from bench.model.clock import NS
 from bench.run.context import RunContext
 from bench.run.control.asking import Refused, WaitingOperator
-from bench.run.control.following import Following
-from bench.run.control.place import forget_socket, socket_path
-from bench.run.control.server import ControlServer
+from bench.run.control.local_socket import ControlServer, forget_socket, socket_path
 from bench.run.feed.state import RunState
+from bench.run.observers import Following
 
 OPERATOR, EARLY = "operator", "early verdict"
 RELEASABLE = (OPERATOR, EARLY)  # an interlock releases by itself, when its value is back
@@ -102,7 +101,7 @@ class Control:
         return "the run holds at its next check; its stimulus goes off"
 
     def _resume(self, _: Mapping[str, Any], __: str, ___: str) -> str:
-        released = [one for one in RELEASABLE if self._context.stop.holds.release(one)]
+        released = [by for by in RELEASABLE if self._context.stop.holds.release(by)]
         still = self._context.stop.holds.reasons
         if not released and not still:
             raise Refusal("the run is not holding")

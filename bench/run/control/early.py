@@ -21,8 +21,7 @@ from bench.model.processes import EARLY_VERDICT, own_process
 from bench.plan import Early
 from bench.run.context import RunContext
 from bench.run.control.channel import EARLY
-from bench.run.hold.holds import HOLD_LIMIT_S
-from bench.run.stop import guarded
+from bench.run.stop import HOLD_LIMIT_S, guarded
 
 LIMITS = ("max_lost", "max_bad", "max_dispersion", "max_residual")
 TIMEOUT_S = 900.0

@@ -1,4 +1,4 @@
-"""Unix sockets for the owner of a run and root alone: where they listen, who connects, and one thread for all.
+"""Unix sockets of a run for its owner and root alone: where they are, who connects, and one thread for all.
 
 A server is bounded in everything, so that no client can hold it up: more than ``MOST_CLIENTS`` at once, and the oldest
 is closed; one that asks for nothing for ``idle_s`` is closed too.
@@ -6,22 +6,59 @@ is closed; one that asks for nothing for ``idle_s`` is closed too.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import pwd
 import selectors
 import socket
 import struct
+import tempfile
 import threading
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
-from bench.model.clock import Clock, to_ns
+from bench.model.clock import NS, Clock, to_ns
 
+CONTROL, LIVE = "control", "live"
+LONGEST_PATH = 107
 BACKLOG = 128  # clients that may wait to be accepted; more are turned away by the system
 MOST_CLIENTS = 16
 POLL_S = 0.25
+LONGEST_LINE = 16384  # a reason of 500 letters of any script fits, twelve bytes each
+IDLE_S = 5.0
+
+Answer = Callable[[dict[str, Any], str], dict[str, Any]]
+"""Takes a request and who asks; gives the reply. Must not wait."""
+
+
+def socket_path(folder: Path, what: str = CONTROL) -> Path:
+    """Path for a socket of a session, made short where it must be; writes ``control.path`` (``live.path``) then."""
+    path = (folder / f"{what}.sock").resolve()
+    if len(os.fsencode(path)) <= LONGEST_PATH:
+        return path
+    runtime = Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()) / f"inertial-bench-{os.getuid()}"
+    runtime.mkdir(mode=0o700, exist_ok=True)
+    if runtime.stat().st_uid != os.getuid():
+        raise PermissionError(f"{runtime} belongs to somebody else")
+    path = runtime / f"{hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:16]}.{what}.sock"
+    (folder / f"{what}.path").write_text(str(path), encoding="utf-8")
+    return path
+
+
+def find_socket(folder: Path, what: str = CONTROL) -> Path:
+    """Path of a socket of a session that may be running."""
+    pointer = folder / f"{what}.path"
+    return Path(pointer.read_text(encoding="utf-8")) if pointer.is_file() else folder.resolve() / f"{what}.sock"
+
+
+def forget_socket(folder: Path, path: Path, what: str = CONTROL) -> None:
+    """Nobody answers there any more."""
+    path.unlink(missing_ok=True)
+    (folder / f"{what}.path").unlink(missing_ok=True)
 
 
 def listen(path: Path) -> socket.socket:
@@ -160,3 +197,55 @@ class LocalServer(Generic[C]):
             self._selector.unregister(client.socket)
         client.events = 0
         client.socket.close()
+
+
+class ControlServer(LocalServer[Client]):
+    """Listens from the moment it is made until ``close``. Raises: OSError if the socket cannot be made."""
+
+    client = Client
+    idle_s = IDLE_S
+
+    def __init__(self, path: Path, answer: Answer, clock: Clock) -> None:
+        self._answer = answer
+        super().__init__(path, clock, "control")
+
+    def _turn(self, client: Client, events: int) -> None:
+        try:
+            chunk = client.socket.recv(LONGEST_LINE)
+        except BlockingIOError:
+            return
+        except OSError:
+            chunk = b""
+        if not chunk:
+            self._drop(client)
+            return
+        client.received += chunk
+        while b"\n" in client.received:
+            line, _, client.received = client.received.partition(b"\n")
+            if not self._reply(client, line):
+                return
+        if len(client.received) > LONGEST_LINE:
+            self._drop(client)
+
+    def _reply(self, client: Client, line: bytearray) -> bool:
+        client.until_ns = self._clock.now_ns() + round(IDLE_S * NS)
+        reply = self._judged(line, client.by)
+        try:
+            sent = client.socket.send(json.dumps(reply).encode() + b"\n")
+        except OSError:  # gone, or it does not read its replies
+            sent = 0
+        if not sent:
+            self._drop(client)
+        return bool(sent)
+
+    def _judged(self, line: bytearray, by: str) -> dict[str, Any]:
+        try:
+            request = json.loads(line) if len(line) <= LONGEST_LINE else None
+        except (ValueError, RecursionError):
+            request = None
+        if not isinstance(request, dict):
+            return {"ok": False, "error": f"a request is one line of JSON, an object, at most {LONGEST_LINE} bytes"}
+        try:
+            return self._answer(request, by)
+        except Exception as error:  # whatever a client asks, the run goes on
+            return {"ok": False, "error": f"{type(error).__name__}: {error}"}

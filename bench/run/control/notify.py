@@ -11,25 +11,21 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 from bench.model.clock import NS
 from bench.model.events import Alarm, End, Error, Event, Hold, Interlock, Notify, Release, Verdict
 from bench.model.yamlio import load_yaml
 from bench.plan import Notify as NotifySection
 from bench.run.context import RunContext
-from bench.run.control.notify_ways import NotSent, by_command, by_mail, by_webhook
+from bench.run.control.notify_ways import ATTEMPTS, Message, NotSent, ways_of
 from bench.run.observers import Observer
 from bench.run.stop import guarded
 
 LONGEST_QUEUE = 100
-ATTEMPTS = 3
 PAUSE_S = 5.0
 LAST_WORDS_S = 20.0  # what is still in the queue at the end of a run has this long
 HEARTBEAT = "heartbeat"
-Message = dict[str, Any]
 
 
 def occasion(event: Event) -> str:
@@ -102,8 +98,9 @@ class Notifier(Observer):
                 message = self._queue.popleft()
                 message |= {"left_out": self._dropped} if self._dropped else {}
                 self._dropped = 0
-            for name, send in self._ways(message["kind"]):
-                self._send(name, send, message)
+            for name, send in ways_of(self._notify):
+                if name != "email" or message["kind"] != HEARTBEAT:
+                    self._send(name, send, message)
 
     def _send(self, name: str, send: Callable[[Message], None], message: Message) -> None:
         """Try a few times; a failure is an event, never an error of the run."""
@@ -120,17 +117,6 @@ class Notifier(Observer):
             else:
                 return
         self._context.note(Notify(way=name, message=message["kind"], sent=False, why=why))
-
-    def _ways(self, kind: str) -> list[tuple[str, Callable[[Message], None]]]:
-        notify = self._notify
-        ways: list[tuple[str, Callable[[Message], None]]] = []
-        if notify.command is not None:
-            ways.append(("command", partial(by_command, notify.command)))
-        if notify.webhook is not None:
-            ways.append(("webhook", partial(by_webhook, notify.webhook)))
-        if notify.email is not None and kind != HEARTBEAT:
-            ways.append(("email", partial(by_mail, notify.email)))
-        return ways
 
 
 @contextmanager

@@ -11,17 +11,32 @@ import smtplib
 import ssl
 import subprocess
 import urllib.request
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from email.message import EmailMessage
+from functools import partial
 from typing import Any
 
-from bench.plan import Mail, Webhook, web_address
+from bench.plan import Mail, Notify, Webhook, web_address
 
 TIMEOUT_S = 10.0
+ATTEMPTS = 3
+Message = dict[str, Any]
 
 
 class NotSent(Exception):
     """A message did not get through; the text says why, without secrets."""
+
+
+def ways_of(notify: Notify) -> list[tuple[str, Callable[[Message], None]]]:
+    """Return the ways that a section ``notify`` names, with their names; each raises NotSent."""
+    ways: list[tuple[str, Callable[[Message], None]]] = []
+    if notify.command is not None:
+        ways.append(("command", partial(by_command, notify.command)))
+    if notify.webhook is not None:
+        ways.append(("webhook", partial(by_webhook, notify.webhook)))
+    if notify.email is not None:
+        ways.append(("email", partial(by_mail, notify.email)))
+    return ways
 
 
 def by_command(words: list[str], message: Mapping[str, Any]) -> None:

@@ -73,7 +73,9 @@ def judge(question: Question, answer: Answer, where: str) -> None:
 
 def limits_of(question: Question) -> str:
     """Return what value is due, for a person, such as "at most 0.5 ohm"; "" for a plain confirmation."""
-    low, high = (None if one is None else plain_quantity(one, question.unit) for one in (question.low, question.high))
+    low, high = (
+        None if limit is None else plain_quantity(limit, question.unit) for limit in (question.low, question.high)
+    )
     if high is None:
         return question.unit if low is None or not question.unit else f"at least {low}"
     return f"at most {high}" if low is None else f"{low} to {high}"
@@ -90,14 +92,4 @@ def changes_of(steps: Iterable[Step]) -> dict[str, Any]:
 
 def answered(question: Question, answer: Answer, step: int, changes: Mapping[str, Any]) -> Prompt:
     """Return the prompt of a step as an event; ``changes``: what the person did to the bench."""
-    return Prompt(
-        step=step,
-        text=question.text,
-        confirm=question.confirm,
-        by=answer.by,
-        value=answer.value,
-        unit=question.unit,
-        low=question.low,
-        high=question.high,
-        sets=changes or None,
-    )
+    return Prompt(step=step, by=answer.by, value=answer.value, sets=changes or None, **vars(question))

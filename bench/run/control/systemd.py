@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 
 from bench.run.context import RunContext
-from bench.run.control.following import Following
+from bench.run.observers import Following
 from bench.run.stop import guarded
 
 SILENCE_S = 5.0  # a part that was silent for longer is not well
@@ -25,14 +25,10 @@ class ServiceNotice:
     def __init__(self, environment: Mapping[str, str]) -> None:
         address = environment.get("NOTIFY_SOCKET", "")
         self._address = f"\0{address[1:]}" if address.startswith("@") else address
+        self.there = bool(address)  # somebody wants to know
         meant = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
         limit = environment.get("WATCHDOG_USEC", "")
         self.watchdog_s = int(limit) * _USEC / 2.0 if meant and limit.isdecimal() and int(limit) else None
-
-    @property
-    def there(self) -> bool:
-        """True if somebody wants to know."""
-        return bool(self._address)
 
     def tell(self, *lines: str) -> None:
         """Send assignments; a manager that does not listen is no reason to stop."""

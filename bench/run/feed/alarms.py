@@ -32,10 +32,7 @@ class Alarm:
 
     def document(self) -> dict[str, Any]:
         """As part of the state document."""
-        return {
-            "id": self.id, "severity": self.severity, "code": self.code, "t_utc_s": self.t_utc_s, "text": self.text,
-            "active": self.active, "acknowledged": self.acknowledged,
-        }  # fmt: skip
+        return {name: value for name, value in vars(self).items() if name not in ("key", "of")}
 
 
 class Alarms:
@@ -98,13 +95,8 @@ class Alarms:
         severity, code = event.severity, event.error_code
         for alarm in self._alarms:
             if alarm.key == key and alarm.acknowledged is None:
-                alarm.severity, alarm.code, alarm.t_utc_s, alarm.text, alarm.active = (
-                    severity,
-                    code,
-                    t_utc_s,
-                    text,
-                    active,
-                )
+                alarm.severity, alarm.code, alarm.t_utc_s = severity, code, t_utc_s
+                alarm.text, alarm.active = text, active
                 return
         self._count += 1
         self._over(key)  # an alarm that was acknowledged while it lasted; this one has taken its place

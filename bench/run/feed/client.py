@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.errors import InputError
-from bench.run.control.place import LIVE, find_socket
+from bench.run.control.local_socket import LIVE, find_socket
 
 ANSWER_S = 2.0
 LONGEST_REPLY = 16_000_000

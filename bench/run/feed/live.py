@@ -1,8 +1,12 @@
-"""A living run as its feed shows it: what it does goes into the state, its frames into points; nothing comes back."""
+"""A living run as its feed shows it: what it does goes into the state, its frames into points; nothing comes back.
+
+Its links are described without asking them anything: nothing is read, decoded or locked.
+"""
 
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -18,15 +22,17 @@ from bench.plan import Step, graphs_of, names_in
 from bench.record import RecordRow
 from bench.run.context import RunContext
 from bench.run.control.asking import WaitingOperator
-from bench.run.control.place import LIVE, forget_socket, socket_path
-from bench.run.feed.links import links_of
+from bench.run.control.local_socket import LIVE, forget_socket, socket_path
 from bench.run.feed.points import PATIENCE_NS, PATIENCE_VIRTUAL_NS, Points
 from bench.run.feed.server import FeedServer
 from bench.run.feed.state import PROTO, RunState
 from bench.run.guard.health import UNIT
+from bench.run.links.reader import LinkReader
+from bench.run.links.status import silence_s
 from bench.run.observers import Observer
 
 FRESH_S = 10.0  # a temperature of the unit that was noted longer ago is none
+DECODED_S = 62.0  # a rehearsal decodes that seldom: what it received since then may be frames
 
 
 class LiveFeed(Observer):
@@ -51,7 +57,7 @@ class LiveFeed(Observer):
             run=context.folder.name,
             boot_id=_boot_id(),
             places={role: (entry.driver, entry.resource) for role, entry in station.instruments.items()},
-            signals=[{"name": one.name, "unit": one.unit, "decimals": one.decimals} for one in signals],
+            signals=[{"name": signal.name, "unit": signal.unit, "decimals": signal.decimals} for signal in signals],
             graphs=[asdict(graph) for graph in graphs_of(entries, frames, context.measurement_link)],
         )
         self.state.on_start(_began(context.manifest, self._utc_s(clock.now_ns())))
@@ -65,7 +71,6 @@ class LiveFeed(Observer):
         return {"proto": PROTO, "boot_id": document["boot_id"], "signals": len(self.points.signals)}
 
     def event(self, event: Event, t_mono_ns: int) -> None:
-        """Something happened."""
         self.state.on_event(event, self._utc_s(t_mono_ns))
         if isinstance(event, Environment):
             readings = {"air": event.air_degC, "unit": event.unit_degC}
@@ -74,7 +79,6 @@ class LiveFeed(Observer):
             self.points.on_reading(t_mono_ns, {"setpoint": event.target_degC})
 
     def step(self, step: Step, at_s: float) -> None:
-        """A step begins."""
         now_ns = self._context.clock.now_ns()
         self.state.on_timeline(self._utc_s(self._context.timeline.target_ns(0.0)))
         self.state.on_step(step.number, self._utc_s(now_ns))
@@ -82,7 +86,6 @@ class LiveFeed(Observer):
             self.points.on_reading(now_ns, {"setpoint": step.set_point.temperature_degC})
 
     def record(self, row: RecordRow) -> None:
-        """A record is complete."""
         flags = [str(flag.name).lower().replace("_", " ") for flag in Quality if flag & row.quality]
         counts: dict[str, Any] = {"frames": row.frames, "lost": row.lost, "bad": row.bad, "flags": flags}
         if not row.window.link:
@@ -91,11 +94,9 @@ class LiveFeed(Observer):
         self.state.on_record(row.window.number, now_s, row.window.conditions, counts)
 
     def traffic(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
-        """A command to or reply of an instrument."""
         self.state.on_traffic(role, direction, text, self._utc_s(t_mono_ns))
 
     def batch(self, link: str, batch: LinkBatch) -> None:
-        """Frames of a link were decoded."""
         self.points.on_batch(link, batch)
 
     def failed(self) -> None:
@@ -156,3 +157,40 @@ def _began(manifest: Mapping[str, Any], now_utc_s: float) -> float:
         return datetime.strptime(stamp, "%Y%m%dT%H%M%SZ").replace(tzinfo=UTC).timestamp()
     except ValueError:
         return now_utc_s
+
+
+def links_of(context: RunContext, now_ns: int) -> dict[str, dict[str, Any]]:
+    """Return all links by name, as in docs/live-protocol.md."""
+    stale = context.health.values()
+    return {
+        name: _link(reader, now_ns, bool(stale.get(f"{name}_stale")), virtual=context.clock.virtual)
+        for name, reader in context.acquisition.readers.items()
+    }
+
+
+def _link(reader: LinkReader, now_ns: int, stale: bool, *, virtual: bool) -> dict[str, Any]:
+    counts, rate_Hz = reader.decoder.counts, reader.rate_Hz
+    newest_ns = reader.last_frame_ns
+    undecided = virtual or reader.decoder.pending_bytes
+    if newest_ns >= 0 and undecided and now_ns - newest_ns < to_ns(DECODED_S):
+        newest_ns = max(newest_ns, reader.last_byte_ns)  # received, and not decoded yet
+    return {
+        "state": _state(reader, now_ns - newest_ns, stale and not virtual),
+        "reason": reader.lost,
+        "frames": counts.frames,
+        "bad": counts.bad,
+        "lost": counts.lost,
+        "duplicate": counts.duplicate,
+        "rate_Hz": None if math.isnan(rate_Hz) else round(rate_Hz, 3),
+        "age_s": None if newest_ns < 0 else round(max(0, now_ns - newest_ns) / NS, 3),
+    }
+
+
+def _state(reader: LinkReader, age_ns: int, stale: bool) -> str:
+    if reader.lost:
+        return "lost"
+    if reader.last_frame_ns < 0:
+        return "waiting"
+    if age_ns > to_ns(silence_s(reader)):
+        return "silent"
+    return "stale" if stale else "streaming"

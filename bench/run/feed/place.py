@@ -1,9 +1,14 @@
-"""The step under way and its place on the timeline, told by a living run or found by planned time in a recording."""
+"""The step under way, its place on the timeline, and what it waits for: since when, until when, the last that was read.
+
+A living run tells the step; in a recording it is found by planned time.
+"""
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
+from typing import Any
 
 from bench.model.events import (
     Answer,
@@ -20,11 +25,14 @@ from bench.model.events import (
     Skip,
     Slip,
 )
-from bench.plan import PlannedSoak, Step
+from bench.plan import PlannedPrompt, PlannedRecord, PlannedSettle, PlannedSoak, Step
 from bench.run.feed.planned import PlannedRun
 from bench.run.steps.position import point_start
 
 _SEEN: Mapping[str, type[Event]] = {"record": Record, "verify": Reading, "prompt": Prompt, "unit": Answer}
+SLOPE_S = 600.0
+LONG_CALL_S = 2.0  # an instrument that takes longer to do what it was told is waited for
+_KEPT = 400
 
 
 class Place:
@@ -165,9 +173,9 @@ class Place:
         if isinstance(self.step, PlannedSoak) and step.number > self.step.number:
             self._shares.setdefault(self.step.number, 0.0)
         self.step, self.since_utc_s = step, t
-        for one in self._plan.thermal:  # a recording may step over some
-            if one.phase == step.phase and one.number <= step.number and one.number not in self._starts:
-                self._starts[one.number] = t if one is step else min(t, (self._origin or t) + one.at_s)
+        for thermal in self._plan.thermal:  # a recording may step over some
+            if thermal.phase == step.phase and thermal.number <= step.number and thermal.number not in self._starts:
+                self._starts[thermal.number] = t if thermal is step else min(t, (self._origin or t) + thermal.at_s)
 
     def _shift(self, seconds: float) -> None:
         if not self._live and self._origin is not None and not math.isnan(seconds):
@@ -210,3 +218,50 @@ class Place:
         """Return how much longer a soak that is late may last, second."""
         limit = None if self._late is None else self.late_until(self._late)
         return 0.0 if limit is None else max(0.0, limit - t)
+
+
+class Temperature:
+    """Newest temperature of the unit, and its slope over the last ten minutes."""
+
+    def __init__(self) -> None:
+        self._readings: deque[tuple[float, float]] = deque(maxlen=_KEPT)
+
+    def add(self, t_utc_s: float, unit_degC: float) -> None:
+        """A reading; one that comes within 2 s of the one before takes its place."""
+        if len(self._readings) > 1 and t_utc_s - self._readings[-2][0] < 2.0:
+            self._readings.pop()
+        self._readings.append((t_utc_s, unit_degC))
+        while t_utc_s - self._readings[0][0] > SLOPE_S:
+            self._readings.popleft()
+
+    @property
+    def sentence(self) -> str | None:
+        """Such as "48.21 degC, +0.401 degC/min"; None before the first reading."""
+        if not self._readings:
+            return None
+        (t0, first), (t1, last) = self._readings[0], self._readings[-1]
+        slope = f", {(last - first) / (t1 - t0) * 60.0:+.3f} degC/min" if t1 - t0 >= 30.0 else ""
+        return f"{last:.2f} degC{slope}"
+
+
+def wait_of(t: float, step: Step, place: Place, unit: Temperature, said: str | None) -> dict[str, Any] | None:
+    """Return what a step waits for; None for one that takes no time worth telling."""
+    if isinstance(step, PlannedSoak):
+        limit = place.late_until(step)
+        until = place.time_of(step, step.at_s + step.duration_s) if limit is None else limit
+        reason = f"soak {step.temperature_degC:g} degC"
+        reason += "" if limit is None else ", later than planned"
+        return _wait(reason, place, until, unit.sentence)
+    if isinstance(step, PlannedSettle):
+        return _wait(f"settle {step.duration_s:g} s", place, place.time_of(step, step.at_s + step.duration_s), said)
+    if isinstance(step, PlannedRecord):
+        until = place.time_of(step, step.at_s + step.duration_s)
+        return _wait(f"record of {step.seconds:g} s", place, until, unit.sentence)
+    since = place.since_utc_s
+    if isinstance(step, PlannedPrompt) or since is None or t - since < LONG_CALL_S:
+        return None
+    return _wait(f"{step.role}.{step.name or step.kind}", place, None, said)
+
+
+def _wait(reason: str, place: Place, until: float | None, last: str | None) -> dict[str, Any]:
+    return {"reason": reason, "since_utc_s": place.since_utc_s, "until_utc_s": until, "last": last}

@@ -1,15 +1,30 @@
-"""A plan by planned time: its phases one after the other, the step at a moment, what is still to come."""
+"""A plan by planned time: the step at a moment and in words, what is still to come, its temperatures, its end.
+
+Planned time is waited out, so a run is never sooner than its plan plus the slip so far: that is ``earliest`` and, since
+most soaks end in their slot, ``likely``. A step that takes longer than planned, and a hold, move both second by second.
+What makes runs late are soaks. ``latest`` adds
+
+* a share of the soak time that is still to come: the largest share by which a soak of this run was late, at least
+  ``SHARE`` / (1 + soaks done);
+* for a soak that is late now, what is left of its hold limit;
+* ``LOOSE`` of all planned time to come and ``MARGIN_S``, for bus calls no settle time covers and records taken again.
+"""
 
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from bench.plan import MEASUREMENT, PlannedRecord, PlannedSettle, PlannedSoak, Step
+from bench.model.units import format_quantity
+from bench.plan import MEASUREMENT, PlannedRecord, PlannedSettle, PlannedSoak, SetPoint, Step
 
 ORDER = ("prepare", "campaign", "finally")
 TELLING = ("prompt", "record", "unit", "verify")  # kinds of step that always leave an event in the session
+SHARE = 0.10
+LOOSE = 0.005
+MARGIN_S = 30.0
 
 
 def is_measurement(conditions: Mapping[str, Any]) -> bool:
@@ -51,7 +66,7 @@ class PlannedRun:
 
     def before_s(self, phase: str) -> float:
         """Planned length of the phases before one, second."""
-        return sum(self.length_s[one] for one in ORDER[: ORDER.index(phase)])
+        return sum(self.length_s[earlier] for earlier in ORDER[: ORDER.index(phase)])
 
     def step_at(self, phase: str, seconds: float) -> Step | None:
         """Return the step under way at a planned moment; None if the phase has no step."""
@@ -75,3 +90,90 @@ class PlannedRun:
         """Planned seconds since the start of the run, inside the step under way."""
         inside = min(max(seconds, step.at_s), self._until_s[step.number])
         return self.before_s(step.phase) + inside
+
+
+def conditions_in_words(conditions: Mapping[str, Any]) -> str:
+    """Return temperature, channel, level and branch of a step or record, such as "50 degC channel 3 -10 mA"."""
+    parts = []
+    if "temperature_degC" in conditions:
+        parts.append(f"{conditions['temperature_degC']:g} degC")
+    if "channel" in conditions:
+        parts.append(f"channel {conditions['channel']}")
+    if conditions.get("route") == "open":
+        parts.append("open")
+    elif "current_A" in conditions:
+        sign = "-" if conditions.get("polarity", 1) < 0 else "+"
+        parts.append(sign + format_quantity(float(conditions["current_A"]), "A"))
+    if "branch" in conditions:
+        parts.append(str(conditions["branch"]))
+    return " ".join(parts)
+
+
+def in_words(step: Step) -> str:
+    """Return one line about a step: what is done and under which conditions."""
+    conditions = conditions_in_words(step.conditions)
+    if isinstance(step, PlannedSoak) and "temperature_degC" not in step.conditions:
+        conditions = f"{step.temperature_degC:g} degC {conditions}"
+    what = f"{step.role}.{step.name}" if step.on_the_bus else step.kind
+    return f"{what} {conditions}".strip()
+
+
+def corners(
+    thermal: Sequence[Step], start_of: Callable[[Step], float], end_utc_s: float, first_degC: float | None
+) -> dict[str, list[float]]:
+    """Corners of the set-point over time.
+
+    Args: thermal: soaks and set-points of the chamber in order.   start_of: when a step began or will, UTC second.
+          end_utc_s: end of the run.   first_degC: of the chamber before the first one; None: its own target.
+    Returns: ``t_utc_s`` (rising or equal) and ``temperature_degC``, of equal length.
+    """
+    times: list[float] = []
+    values: list[float] = []
+    now_degC = first_degC
+    starts = [start_of(step) for step in thermal]
+    for index, step in enumerate(thermal):
+        asked = step.set_point
+        if asked is None:
+            continue
+        before_degC = asked.temperature_degC if now_degC is None else now_degC
+        start = max(starts[index], times[-1] if times else starts[index])
+        stop = max(start, starts[index + 1] if index + 1 < len(starts) else end_utc_s)
+        there, now_degC = _ramp(start, stop, before_degC, asked)
+        times += [start, there, stop]
+        values += [before_degC, now_degC, now_degC]
+    return {"t_utc_s": times, "temperature_degC": values}
+
+
+def _ramp(start: float, stop: float, before_degC: float, asked: SetPoint) -> tuple[float, float]:
+    """Return when the set-point is at its target, or how far it comes until the next one."""
+    target_degC, rate_degC_s = asked.temperature_degC, asked.ramp_degC_min / 60.0
+    if rate_degC_s <= 0.0:
+        return start, target_degC
+    there = start + abs(target_degC - before_degC) / rate_degC_s
+    if there <= stop:
+        return there, target_degC
+    share = (stop - start) / (there - start)
+    return stop, before_degC + share * (target_degC - before_degC)
+
+
+@dataclass(frozen=True)
+class Remaining:
+    """What is still to come: ``likely_s`` seconds, of which ``soak_s`` in soaks; ``grace_s``: a late soak may last."""
+
+    likely_s: float
+    soak_s: float
+    grace_s: float = 0.0
+
+
+def end_of_run(t_utc_s: float, left: Remaining, late_shares: Sequence[float]) -> dict[str, float]:
+    """Range of the end, seconds since 1970 UTC. ``late_shares``: lateness over planned length of each soak done."""
+    share = max([SHARE / (1 + len(late_shares)), *late_shares])
+    likely = t_utc_s + left.likely_s
+    spread_s = left.soak_s * share + left.grace_s + LOOSE * left.likely_s + MARGIN_S
+    return {"earliest_utc_s": likely, "likely_utc_s": likely, "latest_utc_s": likely + spread_s}
+
+
+def soak_to_come_s(soaks: Sequence[Step], step: Step, inside_s: float) -> float:
+    """Planned soak time behind a moment of the plan, second; a soak under way counts from there on."""
+    whole = sum(soak.duration_s for soak in soaks if soak.number > step.number)
+    return whole + (max(0.0, step.at_s + step.duration_s - inside_s) if isinstance(step, PlannedSoak) else 0.0)

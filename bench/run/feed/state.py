@@ -28,14 +28,10 @@ from bench.model.events import (
 )
 from bench.plan import Step
 from bench.run.feed.alarms import Alarms
-from bench.run.feed.eta import Remaining, end_of_run, soak_to_come_s
-from bench.run.feed.place import Place
-from bench.run.feed.planned import PlannedRun
+from bench.run.feed.place import Place, Temperature, wait_of
+from bench.run.feed.planned import PlannedRun, Remaining, corners, end_of_run, in_words, soak_to_come_s
 from bench.run.feed.records import Records
-from bench.run.feed.timetable import corners
 from bench.run.feed.traffic import InstrumentPanel
-from bench.run.feed.wait import Temperature, wait_of
-from bench.run.feed.words import in_words
 
 PROTO = 1
 LONGEST_LOG = 200

@@ -88,11 +88,7 @@ class InstrumentPanel:
 
 
 def _document(line: _Line) -> dict[str, Any]:
-    return {
-        "driver": line.driver, "resource": line.resource, "identity": line.identity, "command": line.command,
-        "reply": line.reply, "t_utc_s": line.t_utc_s, "answer_ms": line.answer_ms, "error": line.error,
-        "errors": line.errors, "state": line.state,
-    }  # fmt: skip
+    return {name: value for name, value in vars(line).items() if name != "sent_utc_s"}
 
 
 def _judge(line: _Line) -> None:

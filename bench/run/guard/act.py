@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
+import select
+import signal
 import subprocess
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +17,8 @@ from bench.model.clock import NS, Clock, to_ns
 from bench.model.drivers import driver_class
 from bench.model.errors import BenchError
 from bench.model.ports import Effect, Instrument, actions_of
-from bench.run.guard.brief import Address, Brief
-from bench.run.guard.controller import Controller
-from bench.run.guard.decision import Action
+from bench.run.bench.safety import hurried
+from bench.run.guard.decision import Action, Address, Brief
 from bench.run.guard.diary import Diary
 from bench.run.guard.lock import GUARD, BenchLock, bus_keys
 
@@ -30,6 +32,33 @@ _NOTIFY_S = 120.0
 _TAIL = 300
 
 Opener = Callable[[Address], Instrument]
+
+
+class Controller:
+    """The parent process. The handle is a process file descriptor (Linux 5.3); elsewhere the parent's number, which
+    is trusted only while it is still the parent's.
+    """
+
+    def __init__(self, pid: int) -> None:
+        self._pid = pid
+        self._handle: int | None = None
+        with suppress(OSError, AttributeError):
+            self._handle = os.pidfd_open(pid)
+        self._gone = os.getppid() != pid  # it died before its handle was open: the number may be somebody else's
+
+    def end(self, limit_s: float) -> bool:
+        """Kill it, stopped or not, and wait until it has left; False if it has not after ``limit_s``."""
+        if self._gone:
+            return True
+        with suppress(ProcessLookupError):
+            if self._handle is not None:
+                signal.pidfd_send_signal(self._handle, signal.SIGKILL)
+            elif os.getppid() == self._pid:
+                os.kill(self._pid, signal.SIGKILL)
+        if self._handle is None:
+            return os.getppid() != self._pid
+        readable, _, _ = select.select([self._handle], [], [], limit_s)
+        return bool(readable)
 
 
 def act(action: Action, brief: Brief, controller: Controller, opened: Opener, clock: Clock, diary: Diary) -> bool:
@@ -72,7 +101,9 @@ class _Bench:
     def __init__(
         self, addresses: Sequence[Address], heat_off: bool, opened: Opener, clock: Clock, diary: Diary
     ) -> None:
-        self._addresses = sorted(addresses, key=_heats, reverse=True) if heat_off else list(addresses)
+        self._addresses = list(addresses)
+        if heat_off:
+            self._addresses.sort(key=lambda address: heats(driver_class(address.driver)), reverse=True)
         self._heat_off = heat_off
         self._opened = opened
         self._clock = clock
@@ -113,7 +144,7 @@ class _Bench:
             if instrument is None:
                 instrument = self._opened(address)
                 self._open[address.role] = instrument
-            with _hurry(instrument, call_s):
+            with hurried(instrument, call_s):
                 _clear(instrument, address.resource)
                 put_safe(instrument, self._heat_off)
         except Exception as error:  # whatever it is, the instruments after this one must still be made safe
@@ -133,13 +164,9 @@ def put_safe(instrument: Instrument, heat_off: bool) -> None:
         instrument.make_safe()
 
 
-def _heats(address: Address) -> bool:
-    return any(one.effect is Effect.THERMAL for one in actions_of(driver_class(address.driver)).values())
-
-
-def _hurry(instrument: Instrument, call_s: float | None) -> AbstractContextManager[object]:
-    quick = getattr(instrument, "quick", None)
-    return nullcontext() if call_s is None or quick is None else quick(call_s)
+def heats(driver: type) -> bool:
+    """Return whether instruments of a driver are sources of heat."""
+    return any(action.effect is Effect.THERMAL for action in actions_of(driver).values())
 
 
 def _clear(instrument: Instrument, resource: str) -> None:

@@ -9,15 +9,10 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable
-from functools import partial
-from typing import Any
 
 from bench.model.processes import NOTICE, own_process
 from bench.plan import Notify
-from bench.run.control.notify_ways import NotSent, by_command, by_mail, by_webhook
-
-ATTEMPTS = 3
-Send = Callable[[dict[str, Any]], None]
+from bench.run.control.notify_ways import ATTEMPTS, Message, NotSent, ways_of
 
 
 def notice_command(notify: Notify | None) -> tuple[str, ...]:
@@ -32,18 +27,11 @@ def main(document: str) -> int:
     """Send the message every way there is. Returns: 0, or 1 if one of them did not get through."""
     notify = Notify.model_validate_json(document)
     message = json.load(sys.stdin)
-    sends: list[Send] = []
-    if notify.command is not None:
-        sends.append(partial(by_command, notify.command))
-    if notify.webhook is not None:
-        sends.append(partial(by_webhook, notify.webhook))
-    if notify.email is not None:
-        sends.append(partial(by_mail, notify.email))
-    failed = [send for send in sends if not _sent(send, message)]
+    failed = [send for _, send in ways_of(notify) if not _sent(send, message)]
     return 1 if failed else 0
 
 
-def _sent(send: Send, message: dict[str, Any]) -> bool:
+def _sent(send: Callable[[Message], None], message: Message) -> bool:
     for _ in range(ATTEMPTS):
         try:
             send(message)

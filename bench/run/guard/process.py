@@ -1,7 +1,8 @@
 """The guard as a process: hears heartbeats on its standard input, and acts when they say so or no longer come.
 
 Everything it may need is imported and the VISA library is loaded before it says "ready"; no instrument is opened
-before it acts, because not every interface bears two controllers.
+before it acts, because not every interface bears two controllers. Only the chamber is, when the controller has had no
+reading of its air for a while.
 """
 
 from __future__ import annotations
@@ -11,20 +12,19 @@ import json
 import os
 import select
 import signal
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from bench.model.clock import WallClock
+from bench.model.clock import Clock, WallClock, to_ns
 from bench.model.drivers import driver_class
-from bench.model.ports import Instrument
-from bench.run.bench.opener import open_instrument, open_visa
-from bench.run.guard.act import Opener, act
-from bench.run.guard.brief import Address, Brief
-from bench.run.guard.controller import Controller
-from bench.run.guard.decision import Action, Watched, decide
+from bench.model.errors import BenchError
+from bench.model.ports import Instrument, actions_of
+from bench.run.bench.opener import open_instrument, open_visa, unheard
+from bench.run.guard.act import Controller, Opener, act
+from bench.run.guard.decision import Action, Address, Brief, Watched, decide
 from bench.run.guard.diary import Diary
-from bench.run.guard.reading import AIR, OwnReading
 
 PRIORITY = -10
 _MCL_CURRENT_ON_FAULT = 1 | 4
@@ -34,6 +34,10 @@ LOOK_S = 0.1
 _READ_BYTES = 65536
 _DIARY_S = 10.0
 _TERMINAL = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP)
+AIR = "chamber_air_degC"
+STALE_S = 10.0  # no step talks to the chamber for so long
+AGAIN_S = 5.0
+_CALL_S = 0.5
 
 
 def main() -> int:
@@ -49,7 +53,7 @@ def main() -> int:
         driver_class(entry.driver)
 
     def opened(address: Address) -> Instrument:
-        return open_instrument(visa, address.role, address, clock, _unheard)
+        return open_instrument(visa, address.role, address, clock, unheard)  # its diary says what was confirmed
 
     diary = Diary(Path(brief.diary), clock)
     _stay_ready()
@@ -97,10 +101,6 @@ def _watch(lines: _Lines, state: Watched, brief: Brief, opened: Opener, clock: W
     return action
 
 
-def _unheard(role: str, direction: str, text: str, t_mono_ns: int) -> None:
-    """The guard keeps no transcript: its diary says what was confirmed."""
-
-
 def _hear(state: Watched, line: bytes, now_ns: int) -> float | None:
     """Return one message of the controller: {"values": ...} is a heartbeat, {"goodbye": ...} the end.
 
@@ -141,3 +141,43 @@ class _Lines:
             self.ended = self.ended or not chunk
             *lines, self._rest = (self._rest + chunk).split(b"\n")
             yield from lines
+
+
+class OwnReading:
+    """Reads in a thread of its own, so that an instrument that hangs keeps the guard from nothing.
+
+    The chamber is opened when the first reading is due, and stays open.
+    """
+
+    def __init__(self, addresses: Sequence[Address], opened: Callable[[Address], Instrument], clock: Clock) -> None:
+        self._address = next(
+            (address for address in addresses if "measure_air" in actions_of(driver_class(address.driver))), None
+        )
+        self._opened = opened
+        self._clock = clock
+        self._chamber: Instrument | None = None
+        self._thread: threading.Thread | None = None
+        self._next_ns = 0
+        self.newest: float | None = None
+
+    def look(self, age_s: float | None) -> float | None:
+        """The newest reading of its own, degC, while the controller's is older than ``STALE_S``; else None."""
+        if age_s is None or age_s < STALE_S or self._address is None:
+            self.newest = None
+            return None
+        now_ns = self._clock.now_ns()
+        busy = self._thread is not None and self._thread.is_alive()
+        if not busy and now_ns >= self._next_ns:
+            self._next_ns = now_ns + to_ns(AGAIN_S)
+            self._thread = threading.Thread(target=self._read, args=(self._address,), daemon=True)
+            self._thread.start()
+        return self.newest
+
+    def _read(self, address: Address) -> None:
+        try:
+            if self._chamber is None:
+                self._chamber = self._opened(address)
+            with self._chamber.quick(_CALL_S):  # type: ignore[attr-defined]
+                self.newest = float(self._chamber.measure_air())  # type: ignore[attr-defined]
+        except (BenchError, OSError):
+            self.newest = None

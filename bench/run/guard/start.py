@@ -17,7 +17,7 @@ from bench.model.clock import NS, Clock
 from bench.model.errors import RunError
 from bench.model.events import Guard
 from bench.model.processes import GUARD, own_process
-from bench.run.guard.brief import Brief
+from bench.run.guard.decision import Brief
 from bench.run.guard.health import CHAMBER_AIR, LINKS, SEQUENCER, WRITER, Health
 from bench.run.guard.process import READY
 from bench.run.stop import StopSwitch, guarded
@@ -90,11 +90,6 @@ class GuardProcess:
             if not silent and not self._lost:
                 self._send({"values": self._health.values(), "air_age_s": self._air_age_s()})
                 self._hear()
-
-    @property
-    def pid(self) -> int:
-        """Of the guard."""
-        return self._process.pid
 
     def _air_age_s(self) -> float:
         """How old the newest reading of the chamber's air is; without any, how long there could have been one."""

@@ -4,24 +4,63 @@ Off means: every instrument that drives a stimulus or leads it to the unit is ma
 calibrator goes to standby before a relay opens), and so is a table, because somebody may come to it. Supply, clock and
 chamber go on, so that the unit stays warm and its stream is watched; the frames that come meanwhile are recorded like
 any others.
+
+An instrument that has fallen silent is waited for, instead of ending the run in the night. The bus session has climbed
+its whole ladder by then. Only one outside the stimulus is waited for: when the calibrator or the switch cannot be told
+to be safe the run ends.
 """
 
 from __future__ import annotations
 
 from bench.model.clock import NS
 from bench.model.errors import InstrumentError, RunError
-from bench.model.events import Hold, HoldAlarm, Release, StimulusAlarm
+from bench.model.events import Hold, HoldAlarm, Release, StimulusAlarm, by_instrument
 from bench.model.ports import Effect, actions_of
 from bench.run.context import RunContext
-from bench.run.hold.holds import Wish
-from bench.run.hold.instrument import ASK_S, ask_again
-from bench.run.steps.motion_again import can_move
+from bench.run.steps.setpoints import can_move
+from bench.run.stop import Wish
 
+SILENT = ("B-INST-001", "B-INST-003", "B-INST-004")  # no answer, the bus failed, a reply that is not understood
+ASK_S = 5.0
+LIMIT_S = 1800.0
+MOST_HOLDS = 3  # at one step: an instrument that answers its identity and never the step will not get better
 POLL_S = 0.25
 AGAIN_S = 2.0  # between two attempts to switch a stimulus off
 UNSAFE_LIMIT_S = 1800.0
 ALARM_S = 600.0  # a person should look after this long
 _STIMULUS = (Effect.STIMULUS_ON, Effect.ROUTE)
+
+
+def wish_to_wait(context: RunContext, error: InstrumentError, role: str, held_before: int) -> Wish:
+    """Hold the run because of an instrument; ``ask_again`` releases it when the instrument identifies itself again.
+
+    Raises: the error itself if it is no silence, if the run may not be interrupted, or after ``MOST_HOLDS``.
+    """
+    if error.code not in SILENT or not context.stop.interruptible or held_before >= MOST_HOLDS:
+        raise error
+    wish = Wish("hold", by_instrument(role), f"{error.code}: {error.message}")
+    context.stop.holds.hold(wish.by, wish.reason, LIMIT_S)
+    context.away.add(role)
+    return wish
+
+
+def ask_again(context: RunContext) -> None:
+    """Ask the instruments that are waited for who they are, on the thread of the steps.
+
+    A thread of its own would climb its ladder with the bus held, and keep the steps from making a stimulus safe; the
+    guard would take them for hanging. Raises: InstrumentError if another one answers; what ``stop.check_stop`` raises.
+    """
+    for role in sorted(context.away):
+        context.stop.check_stop()
+        try:
+            with context.in_use.take(role):
+                context.instruments[role].identify()
+        except InstrumentError as still:
+            if still.code not in SILENT:
+                raise
+        else:
+            context.away.discard(role)
+            context.stop.holds.release(by_instrument(role))
 
 
 def stand_still(context: RunContext, wish: Wish, step: int) -> int:

@@ -20,14 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.clock import NS, Clock, Periodic, VirtualClock, to_ns
-from bench.run.links.instrument import InstrumentLink
-from bench.run.links.port import descriptor_of
-from bench.run.links.reader import BatchListener, LinkReader
+from bench.run.links.port import InstrumentLink, PortThread, descriptor_of
+from bench.run.links.reader import LinkReader
 from bench.run.links.status import LinkStatus, status_of
-from bench.run.links.thread import PortThread
 from bench.run.stop import StopSwitch, guarded, unforeseen
-
-__all__ = ["Acquisition", "BatchListener", "LinkReader"]
 
 VIRTUAL_POLL_S = 1.0
 VIRTUAL_DECODE_BYTES = 1_000_000

@@ -18,8 +18,7 @@ from bench.model.ports import Effect, actions_of
 from bench.plan import PlannedCall, PlannedCommand, PlannedPrompt, PlannedRecord, PlannedSend, PlannedSoak, Step
 from bench.run.context import RunContext
 from bench.run.guard.health import LINKS
-from bench.run.links.instrument import InstrumentLink
-from bench.run.links.port import Reopenable, kernel_counts
+from bench.run.links.port import InstrumentLink, Reopenable, kernel_counts
 from bench.run.links.reader import LinkReader
 from bench.run.links.status import age_s, is_silent, is_stale, silence_s
 from bench.run.links.unit import NOWHERE, CounterMark, Unit, went_on
@@ -65,7 +64,7 @@ class Kept:
 
 
 class LinkKeeper(Observer):
-    """Judges and brings back; implements acquisition.LinkWatch. Its state is under the acquisition's lock.
+    """Judges links and brings them back. Its state is under the acquisition's lock.
 
     A silent link counts only once it has sent a frame and while a record or soak needs it: from the next one that
     begins after a command to the unit or to its supply on; a link that a person switches on, such as a radar, once it
@@ -95,7 +94,6 @@ class LinkKeeper(Observer):
                 context.event(Link(link=kept.reader.name, state="open", kernel_counts=counts))
 
     def step(self, step: Step, at_s: float) -> None:
-        """A step begins."""
         self._step = step.number
         self._commanded = step.role if isinstance(step, PlannedCommand) else ""
         self._person(isinstance(step, PlannedPrompt) and bool(step.sets))

@@ -1,4 +1,7 @@
-"""A serial port as the acquisition holds it: reads that lose nothing, the kernel's error counters, and a way back."""
+"""Where the bytes of a link come from: a serial port, or what an instrument has buffered, read as one reads a port.
+
+A port loses nothing, tells the kernel's error counters, can be opened again, and has a thread that waits for it.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +9,20 @@ import fcntl
 import os
 import select
 import struct
+import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Protocol, runtime_checkable
 
-from bench.model.ports import ByteLink
+from bench.model.errors import InputError, InstrumentError
+from bench.model.ports import ByteLink, Instrument
 
 READ_BYTES = 65_536  # a terminal gives 4 KiB at most; a larger buffer costs more than the read
 TIOCGICOUNT = 0x545D  # Linux, asm-generic/ioctls.h
 _COUNTS = struct.Struct("20i")  # serial_icounter_struct of linux/serial.h: 11 counters, 9 reserved
 _PLACES = {"frame": 6, "overrun": 7, "parity": 8, "buf_overrun": 10}
+TURN_MS = 250  # a silent port: how often its thread shows that it lives
+GATHER_MS = 6  # bytes that trickle in are read together; a frame that comes whole does not wait
 
 
 @runtime_checkable
@@ -111,3 +118,82 @@ def kernel_counts(link: object) -> dict[str, int] | None:
         return None
     values = _COUNTS.unpack(answer)
     return {name: values[place] for name, place in _PLACES.items()}
+
+
+class PortThread:
+    """Waits on the descriptor of one port and calls ``on_ready`` when there is something to read.
+
+    ``on_ready`` returns False when the port is gone, which ends the thread. ``on_turn`` is called at least each
+    ``TURN_MS``.
+    """
+
+    def __init__(self, name: str, descriptor: int, on_ready: Callable[[], bool], on_turn: Callable[[], None]) -> None:
+        self._descriptor = descriptor
+        self._on_ready = on_ready
+        self._on_turn = on_turn
+        self._wake_read, self._wake_write = os.pipe()
+        self._thread = threading.Thread(target=self._loop, name=f"link {name}", daemon=True)
+        self._thread.start()
+
+    def _loop(self) -> None:
+        everything, wake = select.poll(), select.poll()
+        for poller in (everything, wake):
+            poller.register(self._wake_read, select.POLLIN)
+        everything.register(self._descriptor, select.POLLIN)
+        while True:
+            ready = [descriptor for descriptor, _ in everything.poll(TURN_MS)]
+            self._on_turn()
+            if self._wake_read in ready:
+                return
+            if ready and (not self._on_ready() or wake.poll(GATHER_MS)):
+                return
+
+    def stop(self) -> None:
+        """End the thread and wait for its end."""
+        os.write(self._wake_write, b"x")
+        self._thread.join()
+        os.close(self._wake_read)
+        os.close(self._wake_write)
+
+
+@runtime_checkable
+class StreamSource(Protocol):
+    """An instrument that measures by itself and keeps what it finds until it is read."""
+
+    def read_stream(self, most_bytes: int) -> bytes:
+        """Return what is buffered, at most so much; b"" at once if there is nothing. Raises: InstrumentError."""
+
+
+class InstrumentLink:
+    """A ByteLink on the buffer of an instrument; reading it again is all it takes to open it again.
+
+    Raises: InputError B-RUN-007 if the instrument has no such buffer.
+    """
+
+    def __init__(self, name: str, instrument: Instrument) -> None:
+        if not isinstance(instrument, StreamSource):
+            message = f"{instrument.role} buffers nothing that could be read as a link"
+            raise InputError("B-RUN-007", message, where=name, next_step="name another instrument in the station file")
+        self._source: StreamSource = instrument
+
+    def read(self, size: int = 1) -> bytes:
+        """Return what the instrument has buffered. Raises: OSError if it cannot be read."""
+        try:
+            return self._source.read_stream(size)
+        except InstrumentError as error:
+            raise OSError(error.message) from error
+
+    def write(self, data: bytes) -> int | None:
+        """Raises: OSError: a buffer takes no commands."""
+        raise OSError(f"{len(data)} bytes for an instrument, which is commanded over its bus")
+
+    @property
+    def in_waiting(self) -> int:
+        """Nobody knows before it is read."""
+        return 0
+
+    def close(self) -> None:
+        """The instrument is closed by whoever opened it."""
+
+    def reopen(self) -> None:
+        """The next reading shows whether it is there."""

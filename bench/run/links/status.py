@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from bench.model.clock import NS, to_ns
-from bench.run.links.instrument import InstrumentLink
+from bench.run.links.port import InstrumentLink
 from bench.run.links.reader import LinkReader
 
 SILENCE_S = 2.0  # without a good frame: the unit is silent
@@ -19,23 +19,16 @@ State = Literal["waiting", "streaming", "stale", "silent", "lost"]
 
 @dataclass(frozen=True)
 class LinkStatus:
-    """One link. ``state``: waiting (no good frame yet), streaming, stale (none for 2 frame periods), silent (none for
-    2 s), lost (the port is gone, ``reason`` says why).
+    """One link: waiting (no good frame yet), streaming, stale (none for 2 frame periods), silent (for 2 s) or lost.
 
-    frames, bad, lost, duplicate: totals of the run; rate_Hz: of the last seconds, NaN before one second of frames;
-    age_s: of the newest good frame, NaN before the first; behind: how often decoding had fallen behind.
+    frames, lost, bad: totals of the run; age_s: of the newest good frame, NaN before the first.
     """
 
-    link: str
     state: State
-    reason: str
     frames: int
-    bad: int
     lost: int
-    duplicate: int
-    rate_Hz: float
+    bad: int
     age_s: float
-    behind: int
 
 
 def silence_s(reader: LinkReader) -> float:
@@ -64,18 +57,7 @@ def is_stale(reader: LinkReader, now_ns: int) -> bool:
 def status_of(reader: LinkReader, now_ns: int) -> LinkStatus:
     """State and totals of a link whose bytes are decoded up to now."""
     counts = reader.decoder.counts
-    return LinkStatus(
-        link=reader.name,
-        state=_state(reader, now_ns),
-        reason=reader.lost,
-        frames=counts.frames,
-        bad=counts.bad,
-        lost=counts.lost,
-        duplicate=counts.duplicate,
-        rate_Hz=reader.rate_Hz,
-        age_s=age_s(reader, now_ns),
-        behind=reader.behind,
-    )
+    return LinkStatus(_state(reader, now_ns), counts.frames, counts.lost, counts.bad, age_s(reader, now_ns))
 
 
 def _state(reader: LinkReader, now_ns: int) -> State:

@@ -1,10 +1,8 @@
 """What is looked at before a run begins: the bench, its links, its papers and the machine."""
 
-from bench.run.preflight.context import Surroundings
-from bench.run.preflight.finding import Finding, Report, Status
-from bench.run.preflight.inhibit import stay_awake
-from bench.run.preflight.live import examine, examine_machine
-from bench.run.preflight.survey import Preflight
+from bench.run.preflight.context import Finding, Report, Status, Surroundings
+from bench.run.preflight.of_machine import stay_awake
+from bench.run.preflight.survey import Preflight, examine, examine_machine
 
 __all__ = [
     "Finding",

@@ -1,17 +1,122 @@
-"""What a check before the run may look at."""
+"""What a check before the run may look at, the machine and the bench that is about to run; and what it has found.
+
+Nothing of the machine raises and nothing waits longer than its limit: a machine without systemd, a container, another
+kernel answer "unknown" (None). All findings together are a table, an event, or the refusal to start.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import ctypes
+import os
+import resource
+import struct
+import subprocess
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from enum import StrEnum
+from importlib import metadata
 from pathlib import Path
 
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, Clock
-from bench.model.errors import BenchError
+from bench.model.errors import BenchError, InputError, InstrumentError
+from bench.model.events import Preflight
 from bench.model.ports import ByteLink, Instrument
 from bench.plan import Plan, Station, roles_of
-from bench.run.preflight.host import Host
+
+_TIMEX_BYTES = 512  # struct timex has 208 bytes on 64-bit Linux
+_TIMEX = struct.Struct("i4xqqqqi")  # modes, offset, frequency, largest error, estimated error, status
+_UNSYNCHRONISED = 0x0040  # STA_UNSYNC
+_NEXT = "put it right, then look again with 'bench check SEQUENCE --station STATION --live'"
+
+
+@dataclass(frozen=True)
+class KernelClock:
+    """State of the kernel's clock: is it disciplined by anything, and its own estimate of its largest error, second.
+
+    Source: adjtimex(2), STA_UNSYNC and maxerror.
+    """
+
+    synchronised: bool
+    largest_error_s: float
+
+
+class Host:
+    """The machine as it is; tests put another one in its place."""
+
+    def text(self, path: str) -> str | None:
+        """A small file of /proc or /sys, None if it cannot be read."""
+        try:
+            return Path(path).read_text(encoding="utf-8", errors="replace").strip()
+        except OSError:
+            return None
+
+    def names(self, folder: str) -> list[str]:
+        """Return what a folder holds, [] if it cannot be read."""
+        try:
+            return sorted(path.name for path in Path(folder).iterdir())
+        except OSError:
+            return []
+
+    def exists(self, path: str) -> bool:
+        """Return whether there is such a file or folder."""
+        return Path(path).exists()
+
+    def terminal(self, descriptor: int | None) -> str:
+        """Device of an open terminal, "" if it is none."""
+        try:
+            return "" if descriptor is None else os.ttyname(descriptor)
+        except OSError:
+            return ""
+
+    def output(self, words: Sequence[str], limit_s: float = 5.0) -> str | None:
+        """Return what a program prints; None if it is missing, fails or takes longer than ``limit_s``."""
+        try:
+            done = subprocess.run(words, capture_output=True, text=True, timeout=limit_s, check=True)
+        except (OSError, subprocess.SubprocessError):
+            return None
+        return done.stdout.strip()
+
+    def kernel_clock(self) -> KernelClock | None:
+        """Return the kernel's clock; None where it cannot be asked."""
+        if struct.calcsize("l") != 8:
+            return None
+        try:
+            library = ctypes.CDLL(None)
+            answer = ctypes.create_string_buffer(_TIMEX_BYTES)
+            if library.adjtimex(answer) < 0:
+                return None
+        except (OSError, AttributeError):
+            return None
+        _, _, _, largest_us, _, status = _TIMEX.unpack_from(answer.raw)
+        return KernelClock(not status & _UNSYNCHRONISED, largest_us * 1e-6)
+
+    def most_open_files(self) -> int | None:
+        """Descriptors the process may have open; None: no limit."""
+        return _soft(resource.RLIMIT_NOFILE)
+
+    def largest_file_bytes(self) -> int | None:
+        """Size a file may have; None: no limit."""
+        return _soft(resource.RLIMIT_FSIZE)
+
+    def version(self, package: str) -> str | None:
+        """Version of an installed package."""
+        try:
+            return metadata.version(package)
+        except metadata.PackageNotFoundError:
+            return None
+
+    def newest_change_utc_ns(self, folder: Path) -> int | None:
+        """When the newest entry of a folder was changed, nanoseconds since 1970; None if it holds nothing."""
+        try:
+            return max((entry.stat(follow_symlinks=False).st_mtime_ns for entry in os.scandir(folder)), default=None)
+        except OSError:
+            return None
+
+
+def _soft(kind: int) -> int | None:
+    soft, _ = resource.getrlimit(kind)
+    return None if soft == resource.RLIM_INFINITY else soft
 
 
 @dataclass(kw_only=True)
@@ -60,3 +165,79 @@ class PreflightContext(Surroundings):
         """When the run starts if it starts now; the start of virtual time on a bench simulated in this process."""
         utc_ns = VIRTUAL_START_UTC_NS if self.in_process else self.clock.utc_ns()
         return datetime.fromtimestamp(utc_ns / NS, UTC)
+
+
+class Status(StrEnum):
+    """``warn`` is told and goes on, ``fail`` keeps the run from starting, ``skipped`` says why nothing was judged."""
+
+    OK = "ok"
+    WARN = "warn"
+    FAIL = "fail"
+    SKIPPED = "skipped"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at: what was found, what is due, and a sentence for a person.
+
+    ``of_bench`` tells a fault of the bench (exit status 3) from a mistake in files, folders or the plan (2).
+    """
+
+    name: str
+    status: Status
+    value: str = ""
+    limit: str = ""
+    text: str = ""
+    of_bench: bool = False
+
+
+@dataclass(frozen=True)
+class Report:
+    """All findings, in the order in which they were made."""
+
+    findings: tuple[Finding, ...]
+
+    def of(self, status: Status) -> list[Finding]:
+        """Return the findings of one status."""
+        return [finding for finding in self.findings if finding.status is status]
+
+    def refusal(self) -> BenchError | None:
+        """One error that lists everything that keeps the run from starting; None if nothing does.
+
+        B-RUN-081 if anything of it is a fault of the bench, else B-RUN-080.
+        """
+        failed = self.of(Status.FAIL)
+        if not failed:
+            return None
+        message = f"not started: {'; '.join(told(finding) for finding in failed)}"
+        if any(finding.of_bench for finding in failed):
+            return InstrumentError("B-RUN-081", message, where="pre-flight", next_step=_NEXT)
+        return InputError("B-RUN-080", message, where="pre-flight", next_step=_NEXT)
+
+    def event(self) -> Preflight:
+        """Return the findings as an event of the session (docs/unattended.md)."""
+        return Preflight(
+            ok=len(self.of(Status.OK)),
+            warn=len(self.of(Status.WARN)),
+            fail=len(self.of(Status.FAIL)),
+            skipped=len(self.of(Status.SKIPPED)),
+            findings=[fields_of(finding) for finding in self.findings],
+        )
+
+
+def told(finding: Finding) -> str:
+    """Return a finding in one clause."""
+    limit = f" (due: {finding.limit})" if finding.limit else ""
+    value = f" {finding.value}" if finding.value else ""
+    return f"{finding.name}:{value}{limit}{', ' if value or limit else ' '}{finding.text}".rstrip(", :")
+
+
+def fields_of(finding: Finding) -> dict[str, str]:
+    """Return a finding as plain words."""
+    return {
+        "name": finding.name,
+        "status": str(finding.status),
+        "value": finding.value,
+        "limit": finding.limit,
+        "text": finding.text,
+    }

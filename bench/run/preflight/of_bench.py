@@ -1,13 +1,15 @@
-"""Whatever watches over the bench: the guard process, and the drill that proved it."""
+"""The bench around its instruments: the serial links, the guard process, and the drill that proved it."""
 
 from __future__ import annotations
 
 import sys
+import termios
+from pathlib import PurePosixPath
 
 from bench.run.bench.drill import drill_age, latest_drill
 from bench.run.bench.drill_controller import has_source
-from bench.run.preflight.context import PreflightContext
-from bench.run.preflight.finding import Finding, Status
+from bench.run.links.port import descriptor_of
+from bench.run.preflight.context import Finding, PreflightContext, Status
 
 GUARD_LIMIT_S = 15.0
 DRILL_DAYS = 30
@@ -15,6 +17,10 @@ _START = (
     "import sys; import bench.run.guard.process; from bench.run.bench.opener import open_visa; "
     "open_visa(sys.argv[1]); print('ready')"
 )
+LATENCY_MS = 2  # a USB adapter collects bytes so long before it sends them; 16 is what many start with
+_SOFTWARE_FLOW = termios.IXON | termios.IXOFF
+_BAUD = 5  # index of the output speed in what tcgetattr returns
+_SPEEDS = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name[0] == "B" and name[1:].isdecimal()}
 
 
 def guard(context: PreflightContext) -> Finding:
@@ -47,3 +53,72 @@ def drill(context: PreflightContext) -> Finding:
     return Finding(
         name, Status.OK if days <= DRILL_DAYS else Status.WARN, value, limit, "" if days <= DRILL_DAYS else again
     )
+
+
+def line_settings(context: PreflightContext) -> list[Finding]:
+    """Every port of the station opens and has the declared speed, 8 bits, no parity, no flow control of any kind."""
+    return [_line(context, name) for name, link in context.station.links.items() if link.instrument is None]
+
+
+def _line(context: PreflightContext, link: str) -> Finding:
+    name, limit = f"line of {link}", f"{context.station.links[link].baud} baud, 8N1, no flow control"
+    if link in context.absent:
+        error = context.absent[link]
+        return Finding(name, Status.FAIL, error.code, limit, error.message, of_bench=True)
+    port = context.links[link]
+    descriptor = descriptor_of(port)
+    if descriptor is None:
+        return Finding(name, Status.SKIPPED, "", limit, "not a port of this machine")
+    try:
+        modes = termios.tcgetattr(descriptor)
+    except termios.error as error:
+        return Finding(name, Status.WARN, "unknown", limit, f"its settings cannot be read: {error}")
+    wrong = _wrong_modes(modes, context.station.links[link].baud or 0)
+    if wrong:
+        return Finding(name, Status.FAIL, ", ".join(wrong), limit, "another program has changed it", of_bench=True)
+    return Finding(name, Status.OK, "as declared", limit)
+
+
+def _wrong_modes(modes: list[int], baud: int) -> list[str]:
+    """Return what is not as it should be, by termios(3)."""
+    input_modes, _, control_modes, _ = modes[:4]
+    speed = _SPEEDS.get(modes[_BAUD])  # a speed without a name of its own is not in the list: nothing to compare
+    wrong = [
+        (bool(input_modes & _SOFTWARE_FLOW), "XON/XOFF on"),
+        (bool(control_modes & termios.CRTSCTS), "RTS/CTS on"),
+        (control_modes & termios.CSIZE != termios.CS8, "not 8 bits"),
+        (bool(control_modes & termios.PARENB), "parity on"),
+        (bool(control_modes & termios.CSTOPB), "2 stop bits"),
+        (speed is not None and speed != baud, f"{speed} baud"),
+    ]
+    return [text for is_wrong, text in wrong if is_wrong]
+
+
+def latency_timers(context: PreflightContext) -> list[Finding]:
+    """USB adapters that collect bytes before they send them do so for 2 ms at most."""
+    findings = []
+    for link, port in context.links.items():
+        device = PurePosixPath(context.host.terminal(descriptor_of(port))).name
+        text = context.host.text(f"/sys/bus/usb-serial/devices/{device}/latency_timer")
+        if text is None or not text.isdecimal():
+            continue
+        name, limit = f"latency of {link}", f"at most {LATENCY_MS} ms"
+        late = int(text) > LATENCY_MS
+        remark = f"write 1 into /sys/bus/usb-serial/devices/{device}/latency_timer" if late else ""
+        findings.append(Finding(name, Status.WARN if late else Status.OK, f"{text} ms", limit, remark))
+    return findings
+
+
+def quiet(context: PreflightContext) -> list[Finding]:
+    """Return what the links deliver before the unit is powered: nothing, or garbage, both are fine; it is said."""
+    findings = []
+    for link, port in context.links.items():
+        name = f"silence of {link}"
+        try:
+            waiting = port.in_waiting
+        except OSError as error:
+            findings.append(Finding(name, Status.FAIL, "lost", "", f"the port fails: {error}", of_bench=True))
+            continue
+        text = "the unit is on, or the line is open" if waiting else "nothing comes"
+        findings.append(Finding(name, Status.OK, f"{waiting} bytes", "", text))
+    return findings

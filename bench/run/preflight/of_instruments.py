@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
 from datetime import timedelta
 from typing import Any
 
 from bench.model.errors import BenchError, InstrumentError
 from bench.model.ports import Instrument
 from bench.plan import WIRING, PlannedPrompt, PlannedRecord
-from bench.run.preflight.context import PreflightContext
-from bench.run.preflight.finding import Finding, Status
+from bench.run.bench.safety import hurried
+from bench.run.preflight.context import Finding, PreflightContext, Status
 
 MARGIN = timedelta(days=1)  # holds, retakes and a late start
 LAB_DEGC, LAB_WITHIN_DEGC = 23.0, 1.0  # the certificates of calibrator and meter hold for it
@@ -31,7 +30,7 @@ def _identity(context: PreflightContext, role: str) -> Finding:
         if role in context.absent:
             raise context.absent[role]
         instrument = context.instruments[role]
-        with _at_once(instrument):
+        with hurried(instrument, ANSWER_S):  # no second try: whoever reads this is at the bench and sees what is off
             found = getattr(instrument, "identity", None) or instrument.identify()
     except BenchError as error:
         return Finding(name, Status.FAIL, error.code, due, error.message, of_bench=True)
@@ -42,12 +41,6 @@ def _identity(context: PreflightContext, role: str) -> Finding:
     value = f"{found.model} {found.serial if known else '(tells no number)'}"
     remark = "" if known or not due else "it does not tell its serial number: compare its label"
     return Finding(name, Status.OK, value, due, remark)
-
-
-def _at_once(instrument: Any) -> AbstractContextManager[object]:
-    """No second try: whoever reads the table is at the bench and sees what is switched off."""
-    quick = getattr(instrument, "quick", None)
-    return nullcontext() if quick is None else quick(ANSWER_S)
 
 
 def standards(context: PreflightContext) -> Finding:
@@ -160,11 +153,10 @@ def generators(context: PreflightContext) -> list[Finding]:
     """A function generator does not say where its time base comes from: only a counter tells."""
     generating = [role for role in context.used_roles if hasattr(context.instruments.get(role), "square")]
     counted = any(step.name == "measure_frequency" for step in context.plan.steps)
-    text = "no output is switched on before the run; "
-    if counted:
-        text += "the campaign measures it with a counter"
-        return [Finding(f"frequency of {role}", Status.SKIPPED, "", "", text) for role in sorted(generating)]
-    text += "nothing in the campaign measures it either: its certificate counts"
+    later = "the campaign measures it with a counter"
+    if not counted:
+        later = "nothing in the campaign measures it either: its certificate counts"
+    text = f"no output is switched on before the run; {later}"
     return [Finding(f"frequency of {role}", Status.SKIPPED, "", "", text) for role in sorted(generating)]
 
 
@@ -186,7 +178,7 @@ def laboratory(context: PreflightContext) -> Finding:
 
 def _logger(context: PreflightContext) -> Any:
     candidates: list[Instrument] = list(context.instruments.values())
-    return next((one for one in candidates if hasattr(one, "scan")), None)
+    return next((instrument for instrument in candidates if hasattr(instrument, "scan")), None)
 
 
 def wiring(context: PreflightContext) -> Finding:

@@ -1,28 +1,38 @@
-"""Looks at everything, one check after the other; none of them can raise or hang the run."""
+"""Looks at everything, one check after the other; none of them can raise or hang the run.
+
+The bench is opened already (``conduct(preflight=...)``), or what of it can be opened is, looked at and left as it is
+(``bench check --live``).
+"""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from bench.model import events
 from bench.model.clock import Clock
-from bench.model.errors import BenchError
-from bench.plan import Plan
-from bench.run.bench.opener import OpenBench
-from bench.run.preflight import of_bench, of_disk, of_instruments, of_links, of_machine
-from bench.run.preflight.context import PreflightContext
-from bench.run.preflight.finding import Finding, Report, Status, told
-from bench.run.preflight.host import Host
+from bench.model.errors import BenchError, InstrumentError
+from bench.model.ports import ByteLink, Instrument
+from bench.plan import Plan, Station
+from bench.run.bench.opener import OpenBench, open_bench, open_instrument, open_port, open_visa, unheard
+from bench.run.guard.lock import BenchLock, bus_keys
+from bench.run.preflight import of_bench, of_instruments, of_machine
+from bench.run.preflight.context import Finding, Host, PreflightContext, Report, Status, Surroundings, told
+from bench.run.preflight.of_bench import line_settings, quiet
+from bench.run.preflight.of_machine import write_speed
 
 BUS_LIMIT_S = 60.0
 LIMIT_S = 20.0
 
 Looked = Finding | Sequence[Finding]
 T = TypeVar("T")
+OPEN_LIMIT_S = 5.0  # for each instrument and port
+SEED = 1  # of a bench that is simulated in this process
 
 
 @dataclass(frozen=True)
@@ -43,7 +53,7 @@ ALWAYS = (
     Check("identities", of_instruments.identities, on_bus=True),
     Check("calibration dates", of_instruments.standards),
     Check("wiring check", of_instruments.wiring),
-    Check("room on the disk", of_disk.space),
+    Check("room on the disk", of_machine.space),
 )
 ON_THE_BUS = (
     Check("warm-up", of_instruments.warm_up, on_bus=True),
@@ -60,10 +70,10 @@ MACHINE = (  # asks for no plan and no bench
     ("versions", of_machine.software),
 )
 ON_THE_MACHINE = (
-    Check("line settings", of_links.line_settings),
-    Check("latency timers", of_links.latency_timers),
-    Check("silence", of_links.quiet),
-    Check("write speed", of_disk.write_speed),
+    Check("line settings", of_bench.line_settings),
+    Check("latency timers", of_bench.latency_timers),
+    Check("silence", of_bench.quiet),
+    Check("write speed", of_machine.write_speed),
     *(Check(name, look) for name, look in MACHINE),
     Check("guard", of_bench.guard),
     Check("kill drill", of_bench.drill),
@@ -166,3 +176,94 @@ def within(limit_s: float, call: Callable[[], T]) -> T:
     if not returned:
         raise OverdueError(f"over {limit_s:g} s")
     return returned[0]
+
+
+def examine(plan: Plan, clock: Clock, out: Path, host: Host | None = None) -> Report:
+    """Return everything the pre-flight of a run would find now; no output is switched, nothing is made safe.
+
+    Instruments and ports that another controller uses are not touched: nothing of the bench is opened then.
+    """
+    context = PreflightContext(
+        plan=plan, clock=clock, out=out, instruments={}, links={}, host=Host() if host is None else host
+    )
+    if plan.station.in_process:
+        bench = open_bench(plan.station, clock, unheard, seed=SEED)
+        try:
+            return survey(replace(context, instruments=bench.instruments, links=bench.links))
+        finally:
+            bench.close()
+    lock = BenchLock(bus_keys(entry.resource for entry in plan.station.instruments.values()), "check", clock)
+    try:
+        lock.take()
+    except BenchError as error:
+        return _untouched(context, error)
+    try:
+        free = Finding("second controller", Status.OK, "none", "the bench is free")
+        with _opened(plan.station, clock) as (instruments, links, absent):
+            report = survey(replace(context, instruments=instruments, links=links, absent=absent))
+        return Report((free, *report.findings))
+    finally:
+        lock.release()
+
+
+def examine_machine(around: Surroundings) -> Report:
+    """Return what can be said of a machine without a plan or a bench."""
+    return Report(tuple(look(around) for _, look in MACHINE))
+
+
+def _untouched(context: PreflightContext, error: BenchError) -> Report:
+    """Return what can be said about a bench that somebody else is using; not even its disk is kept busy."""
+    used = Finding("second controller", Status.FAIL, error.code, "the bench is free", error.message)
+    skipped = Finding("instruments and links", Status.SKIPPED, text="not touched while the bench is in use")
+    harmless = [check for check in (*ALWAYS, *ON_THE_MACHINE) if not check.on_bus and check.look not in _TOUCHING]
+    return Report((used, skipped, *survey(context, harmless).findings))
+
+
+_TOUCHING = (line_settings, quiet, write_speed)
+
+Opened = tuple[dict[str, Instrument], dict[str, ByteLink], dict[str, BenchError]]
+
+
+@contextmanager
+def _opened(station: Station, clock: Clock) -> Iterator[Opened]:
+    """Every instrument and port that opens, and the errors of those that do not."""
+    instruments: dict[str, Instrument] = {}
+    links: dict[str, ByteLink] = {}
+    absent: dict[str, BenchError] = {}
+    closers: list[Callable[[], Any]] = []
+    try:
+        for name, link in station.links.items():
+            if link.baud is None:  # read from an instrument: it has no port
+                continue
+            with _noted(absent, name):
+                open_link = partial(open_port, name, str(link.url), link.baud, exclusive=True)
+                links[name] = within(OPEN_LIMIT_S, open_link)
+                closers.append(links[name].close)
+        try:
+            visa = open_visa(station.file.visa)
+        except BenchError as error:
+            absent.update(dict.fromkeys(station.instruments, error))
+        else:
+            closers.insert(0, visa.close)
+            for role, entry in station.instruments.items():
+                with _noted(absent, role):
+                    instruments[role] = within(
+                        OPEN_LIMIT_S, partial(open_instrument, visa, role, entry, clock, unheard)
+                    )
+                    closers.append(instruments[role].close)
+        yield instruments, links, absent
+    finally:
+        for close in reversed(closers):
+            with suppress(Exception):  # one that is gone already, or hangs, keeps nothing else open
+                within(OPEN_LIMIT_S, close)
+
+
+@contextmanager
+def _noted(absent: dict[str, BenchError], name: str) -> Iterator[None]:
+    try:
+        yield
+    except BenchError as error:
+        absent[name] = error
+    except OverdueError:
+        text = f"it does not open within {OPEN_LIMIT_S:g} s"
+        absent[name] = InstrumentError("B-RUN-002", text, where=name, next_step="check its address and its power")

@@ -20,8 +20,7 @@ from bench.run.context import RunContext
 from bench.run.control.operator import Question, answered, judge
 from bench.run.links.reader import LinkReader, UnitAnswer
 from bench.run.steps.exchange import ATTEMPTS, exchange, timeout_of
-from bench.run.steps.readings import act, call_or_flag
-from bench.run.steps.recording import take_record
+from bench.run.steps.recording import act, call_or_flag, take_record
 from bench.run.steps.soak import soak
 
 ANSWER_S = 2.0

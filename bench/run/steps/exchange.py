@@ -11,8 +11,7 @@ answered last is not known then; behind it, it is, and the next one differs.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bench.frame import FrameDefinition
@@ -23,7 +22,6 @@ from bench.plan import PlannedCommand
 from bench.run.context import RunContext
 from bench.run.links.reader import LinkReader, UnitAnswer
 from bench.run.links.unit import IDENTIFY
-from bench.run.stop import StopSwitch
 
 ATTEMPTS = 3
 TIMEOUT_S = 0.2  # of a command for which neither step nor frame definition says more
@@ -55,7 +53,7 @@ def exchange(context: RunContext, step: PlannedCommand) -> Exchanged:
     """
     reader = context.acquisition.readers[step.role]
     try:
-        with _not_interrupted(context.stop):
+        with context.stop.deferring():
             _open(context, reader)
             if step.item and reader.numbers.overtaken(step.number):
                 done = _given_up(context, reader, step)
@@ -118,7 +116,7 @@ def _awaited(context: RunContext, reader: LinkReader, due: tuple[int, int], unti
     """Return the answer with this number and code; None if there is none in time."""
 
     def found() -> UnitAnswer | None:
-        return next((one for one in reader.answers if (one.sequence, one.command) == due), None)
+        return next((answer for answer in reader.answers if (answer.sequence, answer.command) == due), None)
 
     soon_ns = min(until_ns, context.clock.now_ns() + _SOON_NS)
     wait = context.acquisition.wait_until
@@ -126,15 +124,6 @@ def _awaited(context: RunContext, reader: LinkReader, due: tuple[int, int], unti
         wait(lambda: found() is not None, until_ns, _SELDOM_S)
     with context.acquisition.lock:
         return found()
-
-
-@contextmanager
-def _not_interrupted(stop: StopSwitch) -> Iterator[None]:
-    before, stop.deferred = stop.deferred, True
-    try:
-        yield
-    finally:
-        stop.deferred = before
 
 
 def _event_of(step: PlannedCommand, done: Exchanged) -> Exchange:

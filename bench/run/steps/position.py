@@ -21,7 +21,7 @@ from bench.plan import (
     driver_actions,
 )
 from bench.record import JournalEntry
-from bench.run.steps.motion_again import is_motion
+from bench.run.steps.setpoints import is_motion
 
 Event = tuple[str, int, Mapping[str, Any]]
 NOTED = ("exchange", "reading", "prompt")  # events of steps that, beside records, results are made of
@@ -70,7 +70,7 @@ def stopped_at(plan: Plan, entries: Sequence[JournalEntry], events: Sequence[Eve
     like a record; a test of the unit is done again from the beginning of its item.
     """
     taken, skipped = _taken(events)
-    last = next((one for one in reversed(events) if one[0] in ("end", "resume")), None)
+    last = next((event for event in reversed(events) if event[0] in ("end", "resume")), None)
     told = last is not None and last[0] == "end"
     if last is not None and told and last[2].get("error", "") is None:  # killed behind its last step, unclosed
         number = len(plan.steps)
@@ -83,8 +83,8 @@ def stopped_at(plan: Plan, entries: Sequence[JournalEntry], events: Sequence[Eve
         first = point_start(steps, inside, readings_of(steps, _drivers(plan, steps)))
         inside = 0 if steps[0].phase == "finally" else _item_start(steps, first)
         number = steps[inside].number
-    again = tuple(sorted(one for one, step in taken.items() if step >= number))
-    return Position(number, max((one for one in taken if one not in again), default=0), again)
+    again = tuple(sorted(record for record, step in taken.items() if step >= number))
+    return Position(number, max((record for record in taken if record not in again), default=0), again)
 
 
 def _taken(events: Sequence[Event]) -> tuple[dict[int, int], list[range]]:
@@ -126,7 +126,7 @@ def _first_lost(
 ) -> int:
     """The first step before ``number`` whose note is not in the session any more, behind the last that is; or it."""
     last = max((step for step in (*taken.values(), *(step for _, step in noted)) if step < number), default=-1)
-    between = [step for step in plan.steps[last + 1 : number] if not any(step.number in one for one in skipped)]
+    between = [step for step in plan.steps[last + 1 : number] if not any(step.number in stretch for stretch in skipped)]
     return next((step.number for step in between if _notes(plan, step)), number)
 
 

@@ -8,8 +8,7 @@ branch, and the position is entered when as much of the ramp has passed as the p
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from bench.model.clock import NS, to_ns
@@ -19,8 +18,7 @@ from bench.plan import PlannedSend, PlannedSettle, PlannedSoak, SetPoint, Step
 from bench.run.context import RunContext
 from bench.run.control.operator import changes_of
 from bench.run.steps.dispatch import execute
-from bench.run.steps.motion_again import changes_motion, motion_again
-from bench.run.steps.setpoints import steps_again, warm_up_s
+from bench.run.steps.setpoints import changes_motion, motion_again, steps_again, warm_up_s
 from bench.run.steps.soak import soak
 from bench.run.steps.timing import Timeline
 
@@ -37,7 +35,7 @@ def enter(context: RunContext, start: int) -> None:
     for name, value in changes_of(context.plan.steps[:start]).items():
         context.message(f"taken to be as before: {name} {value}")
         context.operate(name, value)
-    with _not_interrupted(context):
+    with context.stop.deferring():
         began_ns = context.clock.now_ns()
         _do_again(context, [*steps_again(context.plan, start, _drivers(context)), *_motion(context, start)])
         _warm_up(context, start, began_ns)
@@ -51,11 +49,11 @@ def come_back(context: RunContext, number: int) -> None:
 
     Raises: B-RUN-031; InstrumentError of a table.
     """
-    with _not_interrupted(context):
+    with context.stop.deferring():
         _do_again(context, _motion(context, number))
     if isinstance(context.plan.steps[number], PlannedSoak):
         return
-    with _not_interrupted(context):
+    with context.stop.deferring():
         _to_temperature(context, number, stopped=False)
 
 
@@ -68,7 +66,7 @@ def tables_back(context: RunContext, number: int, passed: Sequence[Step]) -> Non
     moved = dict.fromkeys(step.role for step in passed if changes_motion(step, _drivers(context)))
     if not moved:
         return
-    with _not_interrupted(context):
+    with context.stop.deferring():
         for role in moved:
             context.message(f"{role}: brought to rest, then to where step {number} of the plan needs it")
             with context.in_use.take(role):
@@ -180,13 +178,3 @@ def _unit_degC(context: RunContext, step: Step) -> float:
     deadline_ns = context.clock.now_ns() + to_ns(UNIT_SPEAKS_S)
     context.acquisition.wait_until(lambda: not math.isnan(context.unit_temperature_degC), deadline_ns, 0.2)
     return context.unit_temperature_degC
-
-
-@contextmanager
-def _not_interrupted(context: RunContext) -> Iterator[None]:
-    """A stop or fault still ends the run; a hold, retake or skip waits until the plan goes on."""
-    context.stop.deferred = True
-    try:
-        yield
-    finally:
-        context.stop.deferred = False

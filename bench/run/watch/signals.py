@@ -14,16 +14,24 @@ from collections.abc import Callable, Collection
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.frame import LinkBatch
 from bench.model.clock import NS
 from bench.model.errors import InstrumentError
 from bench.model.events import Error, Surroundings
 from bench.model.ports import Instrument
 from bench.plan import CHAMBER, SECOND_BYTES, InterlockRule
+from bench.record import RecordRow
 from bench.run.bench.safety import hurried
 from bench.run.context import RunContext
 from bench.run.guard.health import CHAMBER_AIR
-from bench.run.links.acquisition import STALE_S, TEMPERATURE, LinkReader
+from bench.run.links.acquisition import STALE_S, TEMPERATURE
+from bench.run.links.reader import LinkReader
 
+KEPT_FRAMES = 200_000  # of the newest frames: more than any record that pulses are timed in has
+COUNTS = ("npp", "ppp")
 CALL_S = 1.0
 FRESH_S = 30.0  # what the guard of the hard limits has just read is not asked for again
 LOGGER_EACH = 5  # times the chamber: laboratory air is slow, and a scan keeps the bus for seconds
@@ -37,6 +45,45 @@ HOUSEKEEPING = {
     "supply_current": ("supply_current",),
     "supply_voltage": ("supply_voltage",),
 }
+
+
+class RateStep:
+    """Feed it with every batch of the measurement link, then ask for a record that has just ended.
+
+    Args: rate_Hz: frames per second of the link.
+    """
+
+    def __init__(self, rate_Hz: float) -> None:
+        self._rate_Hz = rate_Hz
+        self._kept: deque[tuple[NDArray[np.int64], NDArray[np.int64]]] = deque()
+        self._frames = 0
+
+    def feed(self, batch: LinkBatch) -> None:
+        """Keep the net counts of frames with a counter and counts of both polarities."""
+        for frames in batch.messages.values():
+            if not len(frames) or frames.counter is None or not set(COUNTS) <= set(frames.message.by_name):
+                continue
+            net = frames.raw("npp").astype(np.int64) - frames.raw("ppp")
+            self._kept.append((frames.counter, net))
+            self._frames += len(frames)
+        while self._frames > KEPT_FRAMES and len(self._kept) > 1:
+            self._frames -= len(self._kept.popleft()[0])
+
+    def of(self, row: RecordRow) -> float:
+        """Return mean net rate of the record's channel in its second half minus that in its first, absolute, hertz.
+
+        NaN if the record names no channel or a half of it has no frames.
+        """
+        channel, first = row.window.conditions.get("channel"), row.window.first_counter
+        middle, stop = first + row.window.frames // 2, first + row.window.frames
+        if not isinstance(channel, int) or not self._kept:
+            return math.nan
+        counters = np.concatenate([counters for counters, _ in self._kept])
+        counts = np.concatenate([net for _, net in self._kept])[:, channel - 1]
+        halves = [counts[(counters >= a) & (counters < b)] for a, b in ((first, middle), (middle, stop))]
+        if not all(len(half) for half in halves):
+            return math.nan
+        return abs(float(halves[1].mean() - halves[0].mean())) * self._rate_Hz
 
 
 @dataclass
@@ -141,7 +188,7 @@ class WatchedSignals:
             for of, channel in self._channels:
                 if of == role and channel in found:
                     self.put("lab_air", float(found[channel]), role, channel)
-            self._context.event(Surroundings(role=role, degC={str(one): found[one] for one in found}))
+            self._context.event(Surroundings(role=role, degC={str(channel): found[channel] for channel in found}))
 
         self._idle(role, scan)
 

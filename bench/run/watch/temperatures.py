@@ -26,25 +26,11 @@ CALL_S = 0.5  # a question that is not answered at once is asked again later: it
 class Guarded(Protocol):
     """As much of a run (bench.run.context.RunContext) as whatever guards it needs."""
 
-    @property
-    def instruments(self) -> Mapping[str, Instrument]:
-        """By role."""
-
-    @property
-    def clock(self) -> Clock:
-        """Of the run."""
-
-    @property
-    def stop(self) -> StopSwitch:
-        """Ends the run."""
-
-    @property
-    def health(self) -> Health:
-        """Signs of life and newest values."""
-
-    @property
-    def in_use(self) -> InUse:
-        """What the steps are talking to."""
+    instruments: dict[str, Instrument]
+    clock: Clock
+    stop: StopSwitch
+    health: Health
+    in_use: InUse
 
     @property
     def unit_temperature_degC(self) -> float:

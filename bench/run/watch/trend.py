@@ -51,11 +51,9 @@ class TrendRecorder(Observer):
             self._heard(lambda writer: self._links[link].push(batch))
 
     def event(self, event: Event, t_mono_ns: int) -> None:
-        """Something happened."""
         self._heard(lambda writer: writer.add(BENCH, self._bench.event(event, t_mono_ns + writer.offset_ns)))
 
     def step(self, step: Step, at_s: float) -> None:
-        """A step begins."""
         asked = step.set_point
         if asked is not None:
             degC = asked.temperature_degC

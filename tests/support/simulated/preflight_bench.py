@@ -16,8 +16,7 @@ from bench.model.ports import Identity
 from bench.model.shipped import find_shipped
 from bench.plan import Plan, compile_sequence, load_station
 from bench.plan.served import served_station
-from bench.run.preflight.context import PreflightContext
-from bench.run.preflight.host import Host, KernelClock
+from bench.run.preflight.context import Host, KernelClock, PreflightContext
 
 TODAY = date(2026, 3, 1)
 NOON_NS = 1_772_366_400 * NS  # 2026-03-01T12:00:00Z

@@ -34,7 +34,6 @@ def test_two_parts_are_one() -> None:
     assert one.window.conditions == first.window.conditions
     assert (one.frames, one.lost, one.bad, one.duplicate, one.suspect) == (600, 7, 8, 10, 12)
     assert one.quality == Quality.LOST
-    assert one.samples is not None
     assert np.array_equal(one.samples.counter, np.arange(600))
     assert np.array_equal(one.samples.columns["gyro"][200:], second.samples.columns["gyro"])  # type: ignore[union-attr]
     assert np.array_equal(one.samples.t_ns[:200], first.samples.t_ns)  # type: ignore[union-attr]

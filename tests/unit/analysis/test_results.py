@@ -14,7 +14,6 @@ from bench.analysis import (
     analyse,
     analysis_module,
     build_results,
-    registry,
     results_json,
     results_schema,
     validate_results,
@@ -29,7 +28,7 @@ SHIPPED = resources.files("bench.analysis").joinpath("results.schema.json").read
 @pytest.fixture(scope="module")
 def document() -> dict[str, Any]:
     campaign = sim.simulate(30, sim.Switches(), repeat_channel=1)
-    analysis = registry.analyse(Material(campaign.rows, campaign.campaign, campaign.standards))
+    analysis = analyse(Material(campaign.rows, campaign.campaign, campaign.standards))
     return build_results("session", analysis, {"records": 165, "frames": 1_650_000, "flagged": 2}, PROVENANCE)
 
 

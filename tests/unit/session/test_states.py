@@ -13,8 +13,8 @@ from bench.model.errors import InputError
 from bench.model.quality import Quality
 from bench.record.window import UNIT_TEMPERATURE
 from bench.session.makeup import make_up_sequence
-from bench.session.merge import merged
 from bench.session.record_states import record_states
+from bench.session.service import merged
 
 SAMPLES = {"samples": True}
 COUNTS = {name: np.array([50_000]) for name in ("npp", "ppp", "af_clock", "master_count")}

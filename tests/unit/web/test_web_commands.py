@@ -11,8 +11,7 @@ import pytest
 from web_rig import RUN, Answer, Page, served
 
 from bench.model.clock import VirtualClock, WallClock
-from bench.run.control.place import socket_path
-from bench.run.control.server import ControlServer
+from bench.run.control.local_socket import ControlServer, socket_path
 from bench.web.command_request import MOST_KEPT
 from bench.web.security.cookie import Login
 from bench.web.security.operator import AWAY_S, Lease

@@ -1,7 +1,8 @@
-"""Opening and closing a bench: what does not open has its code, and one failure keeps nothing else open."""
+"""Opening a bench: what is refused, what is closed again, and who is asked before a library that waits long."""
 
 from __future__ import annotations
 
+import socket
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import BenchError, ExitStatus
 from bench.plan import Plan, Station, compile_sequence, load_station
 from bench.run.bench import opener
-from bench.run.bench.opener import OpenBench, open_bench
+from bench.run.bench.opener import OpenBench, check_answers, open_bench, port_of
 from bench.run.bench.transcript import HeldTranscript, new_folder
 from bench.run.control.operator import SimulatedOperator
 from bench.run.observers import Observers, Recorder
@@ -148,3 +149,27 @@ def test_a_full_disk_keeps_no_command_from_an_instrument() -> None:
     transcript = HeldTranscript()
     transcript.attach(Observers(VirtualClock(), Recorder(Full())))  # type: ignore[arg-type]
     transcript("calibrator", "tx", "STBY", 0)
+
+
+@pytest.mark.parametrize(
+    ("resource", "found"),
+    [
+        ("TCPIP0::127.0.0.1::hislip3,41234::INSTR", ("127.0.0.1", 41234)),
+        ("TCPIP::meter.lab::hislip0::INSTR", ("meter.lab", 4880)),
+        ("TCPIP0::10.0.0.7::inst0::INSTR", ("10.0.0.7", 111)),
+        ("TCPIP0::10.0.0.7::5025::SOCKET", ("10.0.0.7", 5025)),
+        ("GPIB0::4::INSTR", None),
+        ("ASRL/dev/ttyS0::INSTR", None),
+    ],
+)
+def test_host_and_port(resource: str, found: tuple[str, int] | None) -> None:
+    assert port_of(resource) == found
+
+
+def test_somebody_answers_or_not() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        check_answers(f"TCPIP0::127.0.0.1::{port}::SOCKET")
+    with pytest.raises(OSError, match=r"refused|timed out"):
+        check_answers(f"TCPIP0::127.0.0.1::{port}::SOCKET")
+    check_answers("GPIB0::4::INSTR")

@@ -24,12 +24,17 @@ from bench.model.events import ClockStep, Event
 from bench.record import RecordError
 from bench.run.context import RunContext
 from bench.run.control.channel import MOST_REFUSED, Control, control
-from bench.run.control.following import Following
-from bench.run.control.local_socket import MOST_CLIENTS
-from bench.run.control.place import LONGEST_PATH, find_socket, socket_path
-from bench.run.control.server import IDLE_S, LONGEST_LINE, ControlServer
+from bench.run.control.local_socket import (
+    IDLE_S,
+    LONGEST_LINE,
+    LONGEST_PATH,
+    MOST_CLIENTS,
+    ControlServer,
+    find_socket,
+    socket_path,
+)
 from bench.run.feed.state import RunState
-from bench.run.observers import Observer
+from bench.run.observers import Following, Observer
 
 WAIT_S = 20.0
 
@@ -40,7 +45,7 @@ def controlled(folder: Path) -> tuple[HoldRig, RunContext, Control]:
     context.folder = folder
     context.plan.duration_s, context.plan.prepare_s, context.plan.finally_s = 30.0, 0.0, 5.0  # type: ignore[misc]
     context.plan.record_count = 2  # type: ignore[misc]
-    following = Following(context)
+    following = Following(context.observers)
     following.step(rig.steps[2], 5.0)
     return rig, context, Control(context, following, lambda: {"air": "too warm"})
 
@@ -49,7 +54,7 @@ def controlled(folder: Path) -> tuple[HoldRig, RunContext, Control]:
 def served(folder: Path) -> Iterator[tuple[HoldRig, RunContext]]:
     rig, context, _ = controlled(folder)
     context.clock = WallClock()  # type: ignore[assignment]
-    with control(context, Following(context), dict):
+    with control(context, Following(context.observers), dict):
         yield rig, context
 
 
@@ -180,9 +185,8 @@ def test_a_run_that_does_not_answer_is_not_waited_for(tmp_path: Path, monkeypatc
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as mute:
         mute.bind(str(tmp_path / "control.sock"))
         mute.listen(1)
-        with pytest.raises(InputError) as caught:
+        with pytest.raises(InputError, match="B-CTRL-003"):
             command.pause(tmp_path, "x")
-    assert caught.value.code == "B-CTRL-003"
 
 
 def test_a_long_path_gets_a_short_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -325,7 +329,7 @@ class Told(Observer):
 def test_who_speaks_through_another_process_is_journaled_and_acknowledges_an_alarm(tmp_path: Path) -> None:
     rig, context, _ = controlled(tmp_path)
     state = RunState(rig.steps, {})
-    following = Following(context)
+    following = Following(context.observers)
     context.observers.add(Told(state))
     answering = Control(context, following, dict, state)
     context.event(ClockStep(step_s=3.0, t_utc_ns=0))

@@ -215,7 +215,7 @@ def test_a_way_that_hangs_keeps_nobody_waiting_and_the_queue_is_bounded(
         go_on.wait(20.0)
         sent.append(message)
 
-    monkeypatch.setattr("bench.run.control.notify.by_command", hang)
+    monkeypatch.setattr("bench.run.control.notify_ways.by_command", hang)
     _, context = context_of(tmp_path)
     notifier = Notifier(Notify(command=["x"]), context)  # type: ignore[call-arg]
     for number in range(LONGEST_QUEUE + 50):
@@ -251,7 +251,6 @@ def test_the_users_own_file_is_found_and_its_mistakes_have_a_place(tmp_path: Pat
     (folder / "notify.yaml").write_text("on: [end]\ncommand: [mail-me]\n")
     for environment in ({"HOME": str(tmp_path)}, {"XDG_CONFIG_HOME": str(tmp_path / ".config"), "HOME": "/nowhere"}):
         found = user_notify(environment)
-        assert found is not None
         assert (found.on, found.command) == (["end"], ["mail-me"])
     (folder / "notify.yaml").write_text("on: [end]\npassword: secret\n")
     with pytest.raises(InputErrors, match="unknown key 'password'") as caught:

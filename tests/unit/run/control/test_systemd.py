@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from hold_rig import HoldRig
 
-from bench.run.control.following import Following
 from bench.run.control.systemd import ServiceNotice, service_notice
 from bench.run.guard.health import SEQUENCER, WRITER
+from bench.run.observers import Following
 
 
 @contextmanager
@@ -38,7 +38,7 @@ def test_the_watchdog_is_fed_while_every_part_is_well(tmp_path: Path, abstract: 
     address = f"@inertial-bench-{os.getpid()}" if abstract else str(tmp_path / "notify")
     rig = HoldRig(tmp_path, 2)
     context = rig.context()
-    following = Following(context)
+    following = Following(context.observers)
     environment = {"NOTIFY_SOCKET": address, "WATCHDOG_USEC": "20000000"}
     with manager(address) as receiver:
         with service_notice(context, environment, following):

@@ -22,9 +22,7 @@ from hold_rig import HoldRig
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus
 from bench.model.events import Phase, Reentry
-from bench.run.control.local_socket import MOST_CLIENTS
-from bench.run.control.place import LIVE, LONGEST_PATH, socket_path
-from bench.run.control.server import ControlServer
+from bench.run.control.local_socket import LIVE, LONGEST_PATH, MOST_CLIENTS, ControlServer, socket_path
 from bench.run.feed import server as served_by
 from bench.run.feed.client import FeedClient, FeedGone
 from bench.run.feed.live import live_feed

@@ -9,8 +9,7 @@ import pytest
 from feed_plan import MANIFEST, START_S, small_plan
 
 from bench.model.events import event_of
-from bench.run.feed.eta import MARGIN_S, SHARE, Remaining, end_of_run
-from bench.run.feed.planned import PlannedRun
+from bench.run.feed.planned import MARGIN_S, SHARE, PlannedRun, Remaining, end_of_run
 from bench.run.feed.state import RunState
 
 KEYS = {

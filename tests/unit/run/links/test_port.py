@@ -1,4 +1,4 @@
-"""A port on a pseudo-terminal and the kernel's counters; which port a station names; who the unit is."""
+"""Where bytes of a link come from: a port that is read, counted and opened again, and the buffer of an instrument."""
 
 from __future__ import annotations
 
@@ -21,12 +21,18 @@ from run_rig import Rig, frame
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
 
-from bench.model.clock import NS
-from bench.model.errors import LinkError
-from bench.plan import Step
+from bench.frame import load_frame
+from bench.model.clock import NS, VirtualClock, to_ns
+from bench.model.errors import InputError, InputErrors, InstrumentError, LinkError
+from bench.model.shipped import find_shipped
+from bench.plan import Step, load_station
 from bench.run.bench.opener import open_port
-from bench.run.links.port import TIOCGICOUNT, PortLink, descriptor_of, kernel_counts
+from bench.run.links.port import TIOCGICOUNT, InstrumentLink, PortLink, descriptor_of, kernel_counts
+from bench.run.links.reader import LinkReader
+from bench.run.links.status import is_stale
 from bench.run.links.unit import CounterMark, Unit, went_on
+
+FRAME = load_frame(find_shipped("frames", "time_tags"))
 
 
 class Line:
@@ -76,9 +82,8 @@ def test_the_end_of_a_port_is_an_error_and_the_way_back_is_its_name(line: Line, 
     line.pull()
     with pytest.raises(OSError, match=r"hung up|Input/output error"):
         link.read(100)
-    with pytest.raises(LinkError) as caught:
+    with pytest.raises(LinkError, match="B-RUN-003"):
         link.reopen()
-    assert caught.value.code == "B-RUN-003"
     line.plug()
     link.reopen()
     os.write(line.far, b"again")
@@ -87,9 +92,8 @@ def test_the_end_of_a_port_is_an_error_and_the_way_back_is_its_name(line: Line, 
 
 def test_nobody_else_opens_the_port(line: Line, link: PortLink) -> None:
     assert descriptor_of(link) is not None
-    with pytest.raises(LinkError) as caught:
+    with pytest.raises(LinkError, match="B-RUN-003"):
         open_port("port_a", str(line.name), 115_200, exclusive=True)
-    assert caught.value.code == "B-RUN-003"
 
 
 def test_flow_control_is_off_and_low_latency_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -218,3 +222,72 @@ def test_the_last_command_before_a_step_is_sent_again(tmp_path: Path) -> None:
     assert [unit.again(number) for number in (1, 2, 3)] == ["", "start", "stop"]
     rig.port_b.write = lambda sent: (_ for _ in ()).throw(OSError("gone"))  # type: ignore[method-assign]
     assert unit.again(2) == ""
+
+
+class Buffer(SimpleNamespace):
+    """An instrument that keeps bytes until they are read."""
+
+    role = "tagger"
+    kept = b"abcdef"
+    silent = False
+
+    def read_stream(self, most_bytes: int) -> bytes:
+        if self.silent:
+            raise InstrumentError("B-INST-001", "no reply", where="tagger")
+        found, self.kept = self.kept[:most_bytes], self.kept[most_bytes:]
+        return found
+
+
+def link_of(instrument: Any) -> InstrumentLink:
+    return InstrumentLink("edges", instrument)
+
+
+def test_what_is_buffered_is_read_once() -> None:
+    link = link_of(Buffer())
+    assert [link.read(4), link.read(4), link.read(4)] == [b"abcd", b"ef", b""]
+
+
+def test_an_instrument_that_does_not_answer_is_a_port_that_is_gone_and_comes_back() -> None:
+    buffer = Buffer()
+    link = link_of(buffer)
+    buffer.silent = True
+    with pytest.raises(OSError, match="no reply"):
+        link.read(4)
+    buffer.silent = False
+    link.reopen()
+    assert link.read(4) == b"abcd"
+
+
+def test_frames_that_waited_in_a_buffer_are_not_old() -> None:
+    clock = VirtualClock()
+    reader = LinkReader("edges", link_of(Buffer()), FRAME, clock, sink=SimpleNamespace())  # type: ignore[arg-type]
+    reader.last_frame_ns = 0
+    assert not is_stale(reader, to_ns(0.49))
+    assert is_stale(reader, to_ns(0.51))
+
+
+def test_nothing_is_written_to_a_buffer() -> None:
+    with pytest.raises(OSError, match="3 bytes for an instrument"):
+        link_of(Buffer()).write(b"abc")
+
+
+def test_an_instrument_without_a_buffer_b_run_007() -> None:
+    with pytest.raises(InputError) as caught:
+        link_of(SimpleNamespace(role="supply"))
+    assert (caught.value.code, "supply" in caught.value.message) == ("B-RUN-007", True)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "due"),
+    [
+        ("{frame: time_tags, instrument: tagger}", "{frame: time_tags}", "a link has a 'baud', or the 'instrument'"),
+        ("{frame: time_tags, instrument: tagger}", "{frame: time_tags, instrument: tagger, baud: 9600}", "no 'baud'"),
+        ("{frame: time_tags, instrument: tagger}", "{frame: time_tags, instrument: taggr}", "'taggr', which is no"),
+    ],
+)
+def test_a_link_has_one_source(tmp_path: Path, old: str, new: str, due: str) -> None:
+    path = tmp_path / "rlg_bench_sim.yaml"
+    path.write_text(find_shipped("stations", "rlg_bench_sim").read_text(encoding="utf-8").replace(old, new))
+    with pytest.raises(InputErrors) as caught:
+        load_station(path)
+    assert due in str(caught.value)

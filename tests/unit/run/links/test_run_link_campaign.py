@@ -1,4 +1,4 @@
-"""A short run on the simulated bench whose links are lost, silent, stuck, or come back with another unit."""
+"""Links that are pulled out or fall silent in the middle of a campaign: the run waits, and nothing is done twice."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from typing import Any
 
 import pytest
 
+from bench.frame import load_frame
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import ExitStatus
+from bench.model.shipped import find_shipped
 from bench.plan import Step, check_plan, compile_sequence
 from bench.replay import replay_rows
 from bench.run.control.operator import SimulatedOperator
@@ -43,6 +45,7 @@ finally:
 """
 SECOND_RECORD_S = 21
 KINDS = ("link", "hold", "release", "error", "end", "answer", "gap")
+ERASE = 1
 
 
 @dataclass
@@ -200,7 +203,6 @@ def test_another_unit_ends_the_run(start: Start, monkeypatch: pytest.MonkeyPatch
 
     ran = start((SECOND_RECORD_S + 6, unplug("port_a", True)), (SECOND_RECORD_S + 12, swap))
     error = ran.run.outcome.error
-    assert error is not None
     assert (error.code, error.where, error.exit_status) == ("B-RUN-025", "port_a", ExitStatus.SAFE_AFTER_FAULT)
     assert "'NGU SIM-2 1.0', expected 'NGU SIM-1 1.0'" in error.message
     assert ran.run.outcome.unsafe == ()
@@ -220,7 +222,6 @@ def test_a_plan_that_cannot_ask_goes_by_frames_and_counter(start: Start) -> None
 def test_patience_ends(start: Start, fault: Callable[[str, bool], Any], code: str) -> None:
     ran = start((SECOND_RECORD_S + 6, fault("port_a", True)))
     error = ran.run.outcome.error
-    assert error is not None
     assert (error.code, error.where) == (code, "port_a")
     assert "not back after 600 s" in error.message
     assert ran.run.outcome.unsafe == ()
@@ -255,3 +256,32 @@ def test_nothing_is_held_while_the_bench_is_put_away(start: Start) -> None:
     assert ran.events("hold") == []
     assert ran.links == ["port_a lost"]
     assert len(ran.run.outcome.rows) == 3
+
+
+@pytest.mark.parametrize("pulled_s", [6.0, 12.0, 14.5])
+def test_a_run_of_unit_tests_waits_for_its_link(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pulled_s: float
+) -> None:
+    plan = compile_sequence("gnc_unit_test", None, {"units": "GNC-01"})
+    watched, plain = (
+        Watched([(pulled_s, unplug("rs422", True)), (pulled_s + 5, unplug("rs422", False))]),
+        simulation.open_world,
+    )
+    monkeypatch.setattr(simulation, "open_world", lambda *a, **k: watched.begin(plain(*a, **k)))
+    done = conduct(
+        plan, clock=VirtualClock(), seed=5, out=tmp_path, operator=SimulatedOperator(), listener=watched,
+        keep_events=("exchange", "hold", "link"),
+    )  # fmt: skip
+    assert done.outcome.error is None
+    events: dict[str, list[Any]] = {kind: [f for k, _, f in done.events if k == kind] for kind in ("exchange", "link")}
+    assert [one["state"] for one in events["link"]] == ["lost", "back"]
+    tests = [step.number for step in plan.steps if step.kind == "unit"]
+    assert [one["step"] for one in events["exchange"]] == tests
+    assert {one["status"] for one in events["exchange"]} == {0}
+    memory = load_frame(find_shipped("frames", "gnc_422")).commands["memory"]
+    erased = [
+        memory.decode(bytes.fromhex(one["received"]))["erases"]
+        for one in events["exchange"]
+        if one["name"] == "memory" and one["conditions"]["operation"] == ERASE
+    ]
+    assert erased == [1, 1]

@@ -26,11 +26,20 @@ from bench.plan.summary import summarise
 from bench.run.bench.drill import RESULT
 from bench.run.bench.opener import open_port
 from bench.run.preflight import Status
-from bench.run.preflight.host import Host, KernelClock
-from bench.run.preflight.of_bench import drill, guard
-from bench.run.preflight.of_disk import space, try_disk, write_speed
-from bench.run.preflight.of_links import latency_timers, line_settings, quiet
-from bench.run.preflight.of_machine import LOCK_FILE, PACKAGES, clock_state, mains, room_to_run, sleep, software
+from bench.run.preflight.context import Host, KernelClock
+from bench.run.preflight.of_bench import drill, guard, latency_timers, line_settings, quiet
+from bench.run.preflight.of_machine import (
+    LOCK_FILE,
+    PACKAGES,
+    clock_state,
+    mains,
+    room_to_run,
+    sleep,
+    software,
+    space,
+    try_disk,
+    write_speed,
+)
 
 BAUD = 921_600
 
@@ -233,7 +242,7 @@ def test_a_disk_that_does_not_keep_up(tmp_path: Path, monkeypatch: pytest.Monkey
     clock = clock_at_noon()
     bench = context(tmp_path, clock=clock)
     monkeypatch.setattr(
-        "bench.run.preflight.of_disk.summarise", lambda _: SimpleNamespace(disk_bytes=0.2e6 * bench.length_s)
+        "bench.run.preflight.of_machine.summarise", lambda _: SimpleNamespace(disk_bytes=0.2e6 * bench.length_s)
     )
     found = write_speed(bench, lambda _: clock.sleep(0.63))
     assert (found.status, found.limit.split(",")[0]) == (Status.FAIL, "0.400 MB/s")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,10 +17,10 @@ from bench.model.events import Event
 from bench.report.tables import analysis_tables
 from bench.run.bench.opener import OpenBench, open_bench
 from bench.run.guard.lock import BenchLock, bus_keys
-from bench.run.preflight import Finding, Preflight, Report, Status, live
-from bench.run.preflight.inhibit import stay_awake
-from bench.run.preflight.live import examine
-from bench.run.preflight.survey import Check, survey
+from bench.run.preflight import Finding, Preflight, Report, Status
+from bench.run.preflight import survey as surveying
+from bench.run.preflight.of_machine import stay_awake
+from bench.run.preflight.survey import Check, examine, survey
 from bench.session.happenings import preflight_table
 
 OK = Finding("one", Status.OK, "1", "2", "fine")
@@ -90,9 +89,8 @@ def blocked() -> Iterator[Any]:
 
 
 def test_a_check_that_hangs_keeps_nobody_waiting(tmp_path: Path, blocked: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    module = sys.modules["bench.run.preflight.survey"]  # the package hands on a function of that name
-    monkeypatch.setattr(module, "BUS_LIMIT_S", 0.05)
-    monkeypatch.setattr(module, "LIMIT_S", 0.05)
+    monkeypatch.setattr(surveying, "BUS_LIMIT_S", 0.05)
+    monkeypatch.setattr(surveying, "LIMIT_S", 0.05)
     checks = [Check("disk", blocked), Check("bus", blocked, on_bus=True), Check("next", stumbles, on_bus=True)]
     disk, bus, following = looked(tmp_path, *checks).findings
     assert (disk.status, disk.of_bench) == (Status.WARN, False)
@@ -146,20 +144,17 @@ def test_a_run_without_room_is_refused(
 ) -> None:
     bench, clock, _ = rehearsed
     monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=0))
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match="B-RUN-080"):
         Preflight()(in_process_plan(), bench, clock, tmp_path)
-    assert caught.value.code == "B-RUN-080"
 
 
 def test_warnings_are_told_and_the_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    module = sys.modules["bench.run.preflight.survey"]  # the package hands on a function of that name
     for name in ("ALWAYS", "ON_THE_BUS", "ON_THE_MACHINE"):
-        monkeypatch.setattr(module, name, (Check(name, lambda _: [OK, WARN]),))
+        monkeypatch.setattr(surveying, name, (Check(name, lambda _: [OK, WARN]),))
     bench: Any = SimpleNamespace(instruments={}, links={})
     told: list[str] = []
     event = Preflight(told.append, Machine())(served_plan(), bench, WallClock(), tmp_path)
     assert told == ["pre-flight, warning: two: not so fine"] * 3
-    assert event is not None
     assert (event.ok, event.warn) == (3, 3)
 
 
@@ -184,12 +179,11 @@ def test_a_bench_without_a_visa_library_is_told_completely(tmp_path: Path, monke
     def missing(library: str) -> Any:
         raise InstrumentError("B-RUN-002", "no VISA library is found", where=library)
 
-    monkeypatch.setattr(live, "open_visa", missing)
+    monkeypatch.setattr(surveying, "open_visa", missing)
     found = examine(served_plan(), clock_at_noon(), tmp_path, Machine())
     assert [one.name for one in found.of(Status.FAIL)] == IDENTITIES
     assert {one.value for one in found.of(Status.FAIL)} == {"B-RUN-002"}
     refusal = found.refusal()
-    assert refusal is not None
     assert refusal.code == "B-RUN-081"
 
 
@@ -201,8 +195,8 @@ def test_instruments_that_do_not_open_or_hang_while_they_do(
             return blocked(None)
         raise InstrumentError("B-RUN-002", "does not open", where=role)
 
-    monkeypatch.setattr(live, "OPEN_LIMIT_S", 0.05)
-    monkeypatch.setattr(live, "open_instrument", open_instrument)
+    monkeypatch.setattr(surveying, "OPEN_LIMIT_S", 0.05)
+    monkeypatch.setattr(surveying, "open_instrument", open_instrument)
     found = examine(served_plan(), clock_at_noon(), tmp_path, Machine())
     assert [one.name for one in found.of(Status.FAIL)] == IDENTITIES
     assert found.findings[1].text == "it does not open within 0.05 s"

@@ -113,7 +113,6 @@ def test_a_unit_that_is_silent_before_a_record_ends_the_run(tmp_path: Path, sile
     rig = recording(tmp_path)
     rig.port_a.dropped = lambda counter: counter >= silent_from
     error = rig.run().error
-    assert error is not None
     assert error.code == "B-RUN-021"
     assert error.exit_status is ExitStatus.SAFE_AFTER_FAULT
 
@@ -123,7 +122,6 @@ def test_a_unit_that_is_silent_through_a_record_ends_the_run(tmp_path: Path, ret
     rig = recording(tmp_path, retry=retry)
     rig.port_a.dropped = lambda counter: counter >= 495
     outcome = rig.run()
-    assert outcome.error is not None
     assert outcome.error.code == "B-RUN-021"
     assert outcome.rows == []
 
@@ -171,7 +169,6 @@ def test_right_wiring_passes_and_is_no_measurement(
 def test_wrong_polarity_or_amount(tmp_path: Path, polarity: int, npp: dict[int, int], ppp: dict[int, int]) -> None:
     rig = wiring(tmp_path, npp, ppp, polarity)
     error = rig.run().error
-    assert error is not None
     assert error.code == "B-RUN-050"
     assert error.where == "test.yaml:2:1"
 
@@ -181,7 +178,6 @@ def test_wrong_polarity_or_amount(tmp_path: Path, polarity: int, npp: dict[int, 
 def test_the_current_reaches_another_channel(tmp_path: Path, other: int, also_own: bool) -> None:
     rig = wiring(tmp_path, {other: PER_FRAME, 3: PER_FRAME if also_own else 0}, {})
     error = rig.run().error
-    assert error is not None
     assert error.code == "B-RUN-051"
     assert f"channel 3 moves channel {other}" in error.message
 
@@ -230,7 +226,6 @@ def test_a_temperature_that_is_not_reached_ends_the_run(
     rig = soaking(tmp_path, **arguments)
     rig.unit_degC = lambda t_s: 48.2
     error = rig.run().error
-    assert error is not None
     assert error.code == "B-RUN-031"
     assert f"in {seconds} s (last 48.20 degC, +0.000 degC/min)" in error.message
     assert rig.events("record") == []
@@ -260,7 +255,6 @@ def test_a_silent_sensor_is_never_taken_for_a_stable_temperature(tmp_path: Path)
 
     rig.on_tick = silence
     error = rig.run().error
-    assert error is not None
     assert error.code == "B-RUN-031"
     assert "nan" in error.message
 

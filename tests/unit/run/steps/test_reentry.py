@@ -15,11 +15,11 @@ from bench.model.errors import LinkError, RunError
 from bench.model.ports import Action, actions_of
 from bench.plan import Step
 from bench.run.control.channel import Control
-from bench.run.control.following import Following
-from bench.run.hold.holds import Interruption, Wish
 from bench.run.links.keeper import keep_links
+from bench.run.observers import Following
 from bench.run.steps.reentry import come_back, enter
 from bench.run.steps.setpoints import differences, expected_of, read_back, setpoint_of, steps_again
+from bench.run.stop import Interruption, Wish
 
 SOAK = {"temperature": 20.0, "ramp": 0.5, "slot": 600.0, "within": 1.0, "for": 120.0, "sensor": "unit", "late": "abort"}
 
@@ -327,7 +327,7 @@ def test_a_pause_on_the_way_back_counts_from_its_end_on(tmp_path: Path) -> None:
     rig.unit_degC = lambda t_s: 15.0 if t_s < 100.0 else 20.0
     context = rig.context()
     answers: list[dict[str, Any]] = []
-    answering = Control(context, Following(context), dict)
+    answering = Control(context, Following(context.observers), dict)
     rig.clock.every(300.0, lambda: answers.append(answering.answer({"command": "pause", "reason": "door"}, "me")))
     rig.clock.sleep(1.0)
     come_back(context, 1)

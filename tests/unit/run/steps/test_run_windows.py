@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from run_rig import GATE_NS, Rig
+from run_rig import BLOCK, GATE_NS, Rig
 
 from bench.model.clock import NS
 from bench.model.quality import Quality
@@ -95,16 +95,7 @@ def test_no_frame_is_in_two_windows_and_none_between_with_dropped_frames(tmp_pat
     print(f"seed {SEED}, share {share}")
     rig = chained(tmp_path, windows=12, call_after=4, pulse_timing=True)
     rig.port_a.dropped = lambda counter: counter in gone
-    plain = rig.port_a._frames
-
-    def one_pulse(first: int, stop: int) -> list[bytes]:
-        found = []
-        for counter in range(first, stop):
-            rig.port_a.npp = np.eye(10, dtype=np.int64)[counter % 10]
-            found += plain(counter, counter + 1)
-        return found
-
-    rig.port_a._frames = one_pulse  # type: ignore[method-assign]
+    rig.port_a.npp = np.tile(np.eye(10, dtype=np.int64), (BLOCK // 10, 1))
     outcome = rig.run()
     assert outcome.error is None
     assert_contiguous(list(outcome.rows))
@@ -158,7 +149,6 @@ def test_a_unit_that_falls_silent_between_windows_ends_the_run(tmp_path: Path) -
     rig = chained(tmp_path)
     rig.port_a.dropped = lambda counter: counter >= 900
     error = rig.run().error
-    assert error is not None
     assert error.code == "B-RUN-021"
 
 

@@ -10,7 +10,7 @@ from hold_rig import HoldRig
 from run_rig import Instrument, Rig
 
 from bench.model.ports import Effect, Parameter, action
-from bench.run.hold.holds import Wish
+from bench.run.stop import Wish
 
 AXIS, ANGLE, RATE = Parameter("axis", choices=(1, 2, 3)), Parameter("angle", "deg"), Parameter("rate", "deg/s")
 

@@ -10,7 +10,7 @@ import pytest
 
 from bench.model.clock import NS
 from bench.plan.language.interlocks import InterlockRule
-from bench.run.watch.interlock_state import InterlockState
+from bench.run.watch.interlocks import InterlockState
 
 
 def rule(**changes: Any) -> InterlockRule:

@@ -15,9 +15,8 @@ from bench.model.drivers import driver_class
 from bench.model.ports import actions_of
 from bench.plan import Step
 from bench.run.hold.standing import _goes_off
-from bench.run.steps.motion_again import can_move, motion_again
 from bench.run.steps.position import point_start
-from bench.run.steps.setpoints import steps_again
+from bench.run.steps.setpoints import can_move, motion_again, steps_again
 
 DRIVERS = {"turntable": actions_of(driver_class("acutrol_3000")), "supply": actions_of(driver_class("hp_6632b"))}
 
