@@ -12,10 +12,8 @@ import typer
 from typer.exceptions import Abort, TyperException
 
 import bench
-from bench.commands.batch_app import batch
 from bench.commands.history.app import app as history_app
-from bench.commands.session_app import AsJson, SessionFolder, fit, replay, report
-from bench.commands.study.app import study
+from bench.commands.session_app import AsJson, SessionFolder, batch, fit, replay, report, study
 from bench.model.errors import BenchError, ExitStatus
 from bench.model.installed import OWN, checked_package
 from bench.model.shipped import find_shipped
@@ -146,9 +144,9 @@ def coefficients(
     out: Annotated[Path, typer.Option("--out", help="folder for coefficients.json and coefficients.h")] = Path(),
 ) -> None:
     """Merge the compensation of a scale-factor and a bias session of one unit; a bias only from the bias campaign."""
-    from bench.commands import coefficients as coefficients_command
+    from bench.commands import session as session_command
 
-    raise typer.Exit(coefficients_command.coefficients(sessions, out))
+    raise typer.Exit(session_command.coefficients(sessions, out))
 
 
 app.command(epilog="Example: bench batch sessions --out batch")(batch)
@@ -191,9 +189,9 @@ def talk(
     out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
 ) -> None:
     """Reach an instrument by hand; every command and reply goes to a session of its own."""
-    from bench.commands import talk as talk_command
+    from bench.commands import by_hand
 
-    raise typer.Exit(talk_command.talk(instrument, command, station, out))
+    raise typer.Exit(by_hand.talk(instrument, command, station, out))
 
 
 @app.command(
@@ -293,9 +291,9 @@ def drill(
     json: AsJson = False,
 ) -> None:
     """Kill a controller that drives a harmless stimulus, and prove that the guard leaves the bench safe within 5 s."""
-    from bench.commands import drill as drill_command
+    from bench.commands import by_hand
 
-    raise typer.Exit(drill_command.drill(station, out, json))
+    raise typer.Exit(by_hand.drill(station, out, json))
 
 
 @app.command(epilog="Example: bench schema --vscode")
@@ -330,6 +328,13 @@ def version() -> None:
     typer.echo(bench.__version__)
 
 
+def _open_streams() -> None:
+    """Open standard streams that were closed by whoever started this: no file of a session takes their numbers."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
+
+
 def _tell(text: str) -> None:
     with suppress(OSError):  # a terminal that is gone changes no exit status
         typer.echo(text, err=True)
@@ -337,6 +342,7 @@ def _tell(text: str) -> None:
 
 def main() -> NoReturn:
     """Entry point: BenchErrors become one clear message and their exit status."""
+    _open_streams()
     for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):  # read when numpy is imported, which is later
         os.environ.setdefault(variable, "1")  # the matrices are small, and no result may depend on the cores
     try:

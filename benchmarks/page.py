@@ -36,7 +36,7 @@ from bench.model.clock import NS, WallClock
 from bench.record import SessionWriter
 from bench.run.feed.points import PointBatch
 from bench.run.feed.server import FeedServer
-from bench.web.security.cookie import Cookies, Login
+from bench.web.security.logins import Cookies, Login
 from bench.web.security.tokens import obtain_tokens
 
 SIGNALS, POINTS_HZ, KEPT = 20, 10, 600

@@ -17,7 +17,7 @@ import sys
 from time import perf_counter, process_time
 from typing import Any
 
-from bench.commands.study.cluster import THREADS, run_on_cluster
+from bench.commands.cluster import THREADS, run_on_cluster
 from bench.systems.time_sync.estimators.sar.response import impulse_response
 from bench.systems.time_sync.study.flight import simulated
 from bench.systems.time_sync.study.study import BASE, Group, LONG_s, SHORT_s, StudyOptions, Task, image_tasks

@@ -12,7 +12,7 @@ import pytest
 from crashes import Crashes, crashed_everywhere, crashes_in
 from hypothesis import HealthCheck, settings
 from recorded import recorded
-from rehearsal import NAME, SAID, Inside, Rehearsal, main_of, record_ramp, record_short, rehearsed
+from rehearsal import NAME, SAID, Inside, Rehearsal, main_of, record_golden, record_ramp, record_short, rehearsed
 
 settings.register_profile("any machine", suppress_health_check=[HealthCheck.too_slow], deadline=None)
 settings.load_profile("any machine")  # how fast inputs are drawn says something of the machine only
@@ -23,6 +23,13 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.Co
     """Return the folder of the short campaign and what the command said; for reading only."""
     folder = recorded(tmp_path_factory, "short", record_short)
     return folder / NAME, subprocess.CompletedProcess(**json.loads((folder / SAID).read_text()))
+
+
+@pytest.fixture(scope="session")
+def golden(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of the smallest campaign with an analysis, with results and report; for reading only."""
+    out = recorded(tmp_path_factory, "golden", record_golden)
+    return next(path.parent for path in out.glob("*/results.json"))
 
 
 @pytest.fixture(scope="session")

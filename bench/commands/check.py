@@ -1,9 +1,12 @@
-"""``bench check``: everything that can be known without touching an instrument; with ``--live`` the bench, too."""
+"""``bench check``: from the words of the command line to a checked plan, without touching an instrument; with
+``--live`` the bench is looked at, too.
+"""
 
 from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,11 +15,11 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from bench.commands.console import console
-from bench.commands.loading import checked_plan
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
-from bench.model.errors import ExitStatus
+from bench.model.errors import ExitStatus, InputError, InputErrors
+from bench.model.shipped import find_shipped
 from bench.model.units import hours
-from bench.plan import Plan, Summary, summarise
+from bench.plan import Plan, Summary, check_plan, compile_sequence, load_station, summarise
 from bench.session.output import writing
 
 if TYPE_CHECKING:
@@ -85,6 +88,28 @@ def _print(out: Console, plan: Plan, summary: Summary, plot: Path | None, found:
         out.print(f"  timetable    {plot}")
     out.print("no mistake found")
     if found is not None:
-        from bench.commands.tables.preflight import print_preflight
+        from bench.commands.doctor import print_preflight
 
         print_preflight(out, found)
+
+
+def settings_of(pairs: Sequence[str]) -> dict[str, str]:
+    """``["key=value"]`` as a dictionary. Raises InputError B-CLI-001."""
+    settings = {}
+    for pair in pairs:
+        key, equals, value = pair.partition("=")
+        if not equals or not key:
+            raise InputError(
+                "B-CLI-001", f"{pair!r} is not KEY=VALUE", where="--set", next_step="for example --set dwell='10 s'"
+            )
+        settings[key.strip()] = value.strip()
+    return settings
+
+
+def checked_plan(sequence: str, station: str | None, settings: Sequence[str]) -> Plan:
+    """Compile and check a sequence. Raises InputErrors with every mistake."""
+    bench = None if station is None else load_station(find_shipped("stations", station))
+    plan = compile_sequence(find_shipped("sequences", sequence), bench, settings_of(settings))
+    if mistakes := check_plan(plan, plan.station):
+        raise InputErrors(mistakes)
+    return plan

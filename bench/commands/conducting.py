@@ -1,20 +1,29 @@
-"""What ``bench run`` and ``bench resume`` share: the watchers beside a run and the pre-flight before it."""
+"""What ``bench run`` and ``bench resume`` share: the watchers beside a run, the pre-flight before it, and the terminal
+where a person is asked; others may answer meanwhile.
+"""
 
 from __future__ import annotations
 
+import errno
 import os
+import select
+import sys
+import termios
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 
 from rich.console import Console
 
-from bench.commands.asking import Aside, terminal_here
+from bench.commands.console import console
 from bench.commands.progress import watcher
-from bench.commands.terminal import TerminalOperator
 from bench.model.clock import Clock
+from bench.model.errors import OperatorStop, RunError
+from bench.model.units import parse_quantity
 from bench.plan import Plan
 from bench.run.besides import besides
 from bench.run.control.asking import WaitingOperator
-from bench.run.control.operator import Operator, SimulatedOperator
+from bench.run.control.operator import Answer, Operator, Question, SimulatedOperator, limits_of
 from bench.run.guard.guarding import guard_beside
 from bench.run.preflight import Preflight, stay_awake
 from bench.run.session import Beside, Conducted, conduct
@@ -60,3 +69,87 @@ def watchers(plan: Plan, clock: Clock, asking: WaitingOperator | None = None) ->
     """Who watches over a run, the guard first: it is the last one to be let go."""
     found: list[Beside] = [guard_beside(plan.station), *besides(plan, os.environ, virtual=clock.virtual, asking=asking)]
     return found if clock.virtual else [*found, clock_watch, stay_awake]
+
+
+class Aside:
+    """An operator who is asked while nothing else is drawn on the terminal (bench.run.control.operator.Operator)."""
+
+    def __init__(self, operator: Operator, aside: Callable[[], AbstractContextManager[None]]) -> None:
+        self._operator, self._aside = operator, aside
+
+    def ask(self, question: Question) -> Answer:
+        """As the operator does."""
+        with self._aside():
+            return self._operator.ask(question)
+
+
+class StdinTerminal:
+    """Standard input and error of the process (bench.run.control.asking.Terminal)."""
+
+    def ask(self, question: Question) -> None:
+        """Show a question and how to answer it. What was typed before is no answer to it, and is dropped."""
+        with suppress(termios.error):
+            termios.tcflush(sys.stdin, termios.TCIFLUSH)
+        due = f"value ({limits_of(question)})" if question.unit else "yes"
+        self.tell(f"{question.text}\n{due} or stop:")
+
+    def line(self, timeout_s: float) -> str | None:
+        """A line that was typed, None if none comes in time.
+
+        Raises: OperatorStop B-CLI-006 for "stop" and at the end of the input; OSError if the terminal is gone.
+        """
+        ready, _, _ = select.select([sys.stdin], [], [], timeout_s)
+        if not ready:
+            return None
+        typed = sys.stdin.readline()
+        if not typed and not sys.stdin.isatty():  # a terminal that has hung up reads like one where nothing is said
+            raise OSError(errno.EIO, "the terminal has hung up")
+        if not typed or typed.strip().lower() == "stop":
+            raise OperatorStop("B-CLI-006", "the operator refused a prompt", where="prompt")
+        return typed.strip()
+
+    def tell(self, text: str) -> None:
+        """Say something about the question."""
+        console(stderr=True).print(text)
+
+
+def terminal_here() -> StdinTerminal | None:
+    """The terminal this process was started from; None if nobody sits there."""
+    return StdinTerminal() if sys.stdin is not None and sys.stdin.isatty() else None
+
+
+class TerminalOperator:
+    """Asks the person at the terminal; refuses to guess when there is none."""
+
+    def ask(self, question: Question) -> Answer:
+        if not sys.stdin.isatty():
+            raise RunError(
+                "B-CLI-005",
+                f"nobody is there to answer '{question.text}'",
+                where="prompt",
+                next_step="run from a terminal",
+            )
+        console(stderr=True).print(question.text)
+        if not question.unit:
+            while True:
+                reply = _typed("done? [yes/stop] ").lower()
+                if reply in ("y", "yes"):
+                    return Answer(question.confirm)
+        while True:
+            try:
+                return Answer(
+                    question.confirm, parse_quantity(_typed(f"value in {question.unit} (or stop): "), question.unit)
+                )
+            except ValueError as error:
+                console(stderr=True).print(str(error))
+
+
+def _typed(prompt: str) -> str:
+    """Return one line from the terminal. Raises: OperatorStop B-CLI-006 for "stop" and at the end of the input."""
+    try:
+        reply = input(prompt).strip()
+    except EOFError:
+        reply = "stop"
+    if reply.lower() == "stop":
+        raise OperatorStop("B-CLI-006", "the operator refused a prompt", where="prompt")
+    return reply

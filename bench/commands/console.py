@@ -13,8 +13,13 @@ PLAIN_COLUMNS = 110
 
 class _Console(Console):
     def on_broken_pipe(self) -> None:
-        """Nobody reads any more: an error like any other, not an exit with a status of its own."""
-        raise BrokenPipeError
+        """Nobody reads any more: of results an error like any other; what is told beside them is lost, not the run."""
+        if not self.stderr:
+            raise BrokenPipeError
+        self._lead_nowhere()
+
+    def _lead_nowhere(self) -> None:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), self.file.fileno())  # for what is still in the buffers
 
     def print(self, *words: Any, **style: Any) -> None:
         """A terminal that has hung up is one that nobody looks at: nothing is said any more, nothing fails."""
@@ -23,7 +28,7 @@ class _Console(Console):
         except OSError as error:
             if error.errno != errno.EIO:
                 raise
-            os.dup2(os.open(os.devnull, os.O_WRONLY), self.file.fileno())  # for what is still in the buffers
+            self._lead_nowhere()
 
 
 def console(stderr: bool = False) -> Console:

@@ -9,8 +9,11 @@ import zipfile
 from dataclasses import asdict
 from pathlib import Path
 
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
 from bench.commands.console import console
-from bench.commands.tables.preflight import print_preflight
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus
 from bench.model.installed import KINDS, driver_packages, offers
@@ -20,6 +23,9 @@ from bench.plan import Findings, check_station, load_station
 from bench.run.preflight import Finding, Report, Status, Surroundings, examine_machine
 from bench.run.provenance import software
 from bench.session.output import writing
+
+_COLUMNS = ("", "looked at", "found", "due")
+_MARKS = {Status.OK: "ok", Status.WARN: "WARN", Status.FAIL: "FAIL", Status.SKIPPED: "-"}
 
 
 def doctor(station: str | None, out: Path, bundle: Path | None, as_json: bool) -> int:
@@ -80,3 +86,22 @@ def _of_station(path: Path) -> list[Finding]:
         text = f"{len(loaded.instruments)} instruments, {len(loaded.links)} links"
         return [Finding("station file", Status.OK, text, "no mistake")]
     return [Finding("station file", Status.FAIL, one.code, "no mistake", str(one)) for one in mistakes.sorted()]
+
+
+def print_preflight(out: Console, found: Report, title: str = "Pre-flight") -> None:
+    """Print one line for each finding, and under the table a sentence for each that is not simply in order."""
+    table = Table(title=title, box=box.SIMPLE, title_justify="left", collapse_padding=True, pad_edge=False)
+    for name in _COLUMNS:
+        table.add_column(name, no_wrap=name in _COLUMNS[:2], overflow="fold")
+    for finding in found.findings:
+        table.add_row(_MARKS[finding.status], finding.name, finding.value, finding.limit)
+    out.print(table)
+    for status in (Status.FAIL, Status.WARN, Status.SKIPPED):
+        for finding in found.of(status):
+            out.print(_remark(finding))
+    counts = [f"{len(found.of(status))} {status}" for status in Status]
+    out.print(", ".join(counts))
+
+
+def _remark(finding: Finding) -> str:
+    return f"{_MARKS[finding.status]:4} {finding.name}: {finding.text or 'no judgement'}"

@@ -11,7 +11,7 @@ from typing import Any
 
 from bench.analysis import declared_analysis
 from bench.commands.console import console
-from bench.commands.tables.results import print_results, print_written
+from bench.commands.tables import print_results, print_written
 from bench.model.clock import NS
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.yamlio import Document

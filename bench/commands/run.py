@@ -13,10 +13,10 @@ from typing import Any
 from rich.console import Console
 
 from bench.analysis import results_json
+from bench.commands.check import checked_plan
 from bench.commands.conducting import conduct_watched
 from bench.commands.console import console
-from bench.commands.loading import checked_plan
-from bench.commands.tables.results import print_results, print_without_results, print_written
+from bench.commands.tables import print_results, print_without_results, print_written
 from bench.model.clock import Clock, VirtualClock, WallClock
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.plan import Plan

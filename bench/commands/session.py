@@ -1,4 +1,4 @@
-"""``bench replay``, ``bench fit``, ``bench report``: commands that read a recorded session and nothing else."""
+"""``bench replay``, ``fit``, ``report``, ``coefficients``: commands that read recorded sessions and nothing else."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from typing import Any
 
 from bench.analysis import INCOMPLETE, results_json
 from bench.commands.console import console
-from bench.commands.tables.results import print_results
+from bench.commands.tables import print_results
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
 from bench.replay import ABSENT, Difference, compare
+from bench.session.coefficients import Coefficients, coefficients_of_session, merged_coefficients
 from bench.session.output import write_file
-from bench.session.service import analysed
+from bench.session.service import analysed, read_view
 from bench.session.verification import SOFTWARE_PATH, software_of
-from bench.session.view import SessionView, report_of
+from bench.session.view import SessionView, analyse_view, report_of
 
 SHOWN_DIFFERENCES = 20
 
@@ -106,3 +107,32 @@ def _stored_results(folder: Path) -> Mapping[str, Any]:
             next_step="'bench fit' prints the results of the session",
         ) from error
     return stored
+
+
+def coefficients(folders: Sequence[Path], out: Path) -> int:
+    """Fit the sessions again, merge their coefficients and write both files.
+
+    Raises: InputError B-COEF-001 to -007; SessionDamaged for a session that is not whole.
+    """
+    merged = merged_coefficients([_of_folder(folder) for folder in folders])
+    for path in merged.write(out):
+        console().print(f"wrote    {path}")
+    for source in merged.document["sources"]:
+        for result in source["missing"]:
+            console().print(f"MISSING  {result}")
+    return ExitStatus.PASS
+
+
+def _of_folder(folder: Path) -> Coefficients:
+    view = read_view(folder, strict=True)
+    if view.has_analysis:
+        results, analysis = analyse_view(view)
+        found = coefficients_of_session(analysis, results, view.manifest["campaign"])
+        if found is not None:
+            return found
+    raise InputError(
+        "B-COEF-005",
+        "the session gives no coefficients",
+        where=str(folder),
+        next_step="name a session of a scale-factor or bias campaign with more than one temperature",
+    )

@@ -1,4 +1,7 @@
-"""Arguments of the commands that read a recorded session; what decodes and fits is loaded once there is a session."""
+"""Arguments of the commands that read recorded sessions, and of the study of simulated ones.
+
+What decodes, fits and computes is loaded once there is a session.
+"""
 
 from __future__ import annotations
 
@@ -48,9 +51,46 @@ def report(
     """Write report.html again from the session alone; or say whether results and report are what it gives."""
     session_segments(session)
     if verify:
-        from bench.commands.verify import verify as verify_command
+        from bench.commands import verify as verify_command
 
         raise typer.Exit(verify_command.verify(session, json))
     from bench.commands import session as session_command
 
     raise typer.Exit(session_command.report(session, pdf))
+
+
+def batch(
+    sessions: Annotated[list[Path], typer.Argument(metavar="SESSION...", help="sessions, or folders of sessions")],
+    out: Annotated[Path, typer.Option("--out", help="folder for batch.json and batch.html")] = Path(),
+    json: Annotated[bool, typer.Option("--json", help="print batch.json on standard output and nothing else")] = False,
+) -> None:
+    """Fit many sessions and compare their units: yield, distributions, the worst values."""
+    from bench.commands import batch as batch_command
+
+    raise typer.Exit(batch_command.batch(sessions, out, json))
+
+
+def study(
+    name: Annotated[str, typer.Argument(help="which study; a wrong one lists those that are installed")],
+    runs: Annotated[
+        int | None, typer.Option("--runs", help="Monte Carlo runs of each case; default 50, with --quick 6")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", help="of all errors that are drawn", min=0)] = 1,
+    offsets: Annotated[
+        str, typer.Option("--offsets", metavar="MS,MS,...", help="time offsets, milliseconds; 0 among them")
+    ] = "0,10,20,30",
+    quick: Annotated[
+        bool, typer.Option("--quick", help="few runs, a shorter flight; what needs 50 runs is not judged")
+    ] = False,
+    dask: Annotated[
+        str | None,
+        typer.Option("--dask", metavar="tcp://HOST:PORT|local:N", help="compute on a Dask cluster, or in N processes"),
+    ] = None,
+    out: Annotated[Path, typer.Option("--out", help="folder for study.json and report.html")] = Path("study"),
+    json: Annotated[bool, typer.Option("--json", help="print study.json on standard output and nothing else")] = False,
+) -> None:
+    """Repeat a published simulation study, many runs of each case, and hold it against the published numbers."""
+    from bench.commands import study as study_command
+
+    request = study_command.Request(name, runs, seed, offsets, quick, dask, out, json)
+    raise typer.Exit(study_command.study(request))

@@ -12,7 +12,7 @@ from typing import Any
 
 import typer
 
-from bench.commands.loading import settings_of
+from bench.commands.check import settings_of
 from bench.model.clock import NS, WallClock
 from bench.model.errors import ExitStatus, InputError, InputErrors
 from bench.model.shipped import find_shipped

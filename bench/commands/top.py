@@ -12,11 +12,9 @@ from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError
 from bench.run.feed.client import FeedClient, FeedGone
 from bench.tui.app import TopApp
-from bench.tui.ending import ending
-from bench.tui.glyphs import glyphs_for
-from bench.tui.look import Look, catalogue
+from bench.tui.look import Look, catalogue, glyphs_for
 from bench.tui.page import page_of
-from bench.tui.watch import Seen, Watch, remember_earlier
+from bench.tui.watch import Seen, Watch, ending, remember_earlier
 
 SOCKETS = ("live.sock", "live.path")
 

@@ -1,9 +1,8 @@
 """Reports of a campaign: a self-contained HTML page, the same as PDF, and the picture of the timetable."""
 
 from bench.report.assemble import report_model
-from bench.report.batch.document import batch_json
+from bench.report.batch.document import batch_html, batch_json
 from bench.report.batch.model import Batch, LeftOut, Outcome
-from bench.report.batch.page import batch_html
 from bench.report.batch.tables import unit_name
 from bench.report.dcc import (
     DCC,
@@ -18,11 +17,10 @@ from bench.report.dcc import (
     overdue,
     session_of,
 )
-from bench.report.document import Report
+from bench.report.document import Report, study_html
 from bench.report.model import RunStory, Surrounding, TemperatureTrace
 from bench.report.plots.figures import plot_timetable
 from bench.report.plots.history import FORMATS, MOST_PANELS, Panel, line_years, plot_history
-from bench.report.study import study_html
 from bench.report.tables import Table, analysis_tables
 
 __all__ = [

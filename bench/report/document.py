@@ -1,13 +1,34 @@
-"""A report in one language, drawn once and written as often as wanted."""
+"""Documents: a report in one language, drawn once and written as often as wanted, and the page of a study.
+
+A page is one self-contained HTML document. On paper the same sections are set in A4 by typst, with fonts that come with
+the packages.
+"""
 
 from __future__ import annotations
 
-from bench.model.texts import ENGLISH
-from bench.report.html import html_page
+import json
+from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from bench.analysis import Chapter
+from bench.model.errors import InputError
+from bench.model.texts import ENGLISH, Texts
 from bench.report.model import ReportModel
-from bench.report.pdf import pdf_pages, png_pages
-from bench.report.sections import sections_of
-from bench.report.words import words_of
+from bench.report.plots.graphs import analysis_pictures
+from bench.report.plots.style import Picture
+from bench.report.sections import Section, sections_of
+from bench.report.sheet import FAMILY, ROOM_pt, Sheet, folder, legible, sheets
+from bench.report.tables import Table, analysis_tables, sentence, words_of
+from bench.report.verdict_tables import overall_verdict
+
+TEMPLATES = Path(__file__).parent / "templates"
+_SHORT = 12  # digits of a hash that stand in the footer
+_NO_DATE = datetime(1980, 1, 1, tzinfo=UTC)
 
 
 class Report:
@@ -29,3 +50,169 @@ class Report:
     def pages(self, dots_per_inch: float = 100.0) -> list[bytes]:
         """Return the pages of the PDF as PNG pictures. Raises: InputError B-REP-001."""
         return png_pages(self._model, self.sections, self._words, dots_per_inch)
+
+
+def html_page(model: ReportModel, sections: list[Section], words: Texts) -> str:
+    """The report as one HTML document that needs no other file, no network and no script.
+
+    The same model gives the same bytes in the same environment; no date and no random id enters.
+    """
+    session, verdict = str(model.results["session"]), overall_verdict(model, words)
+    return page(model.title, session, sections, words, verdict=verdict, simulated=model.simulated)
+
+
+def page(
+    title: str, subtitle: str, sections: list[Section], words: Texts, *, verdict: tuple[str, str], simulated: bool
+) -> str:
+    """Sections as one HTML document; ``verdict``: class (none, pass, fail) and words."""
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    return environment.get_template("report.html.j2").render(
+        title=title,
+        subtitle=subtitle,
+        sections=sections,
+        words=words,
+        language=words.language,
+        watermark=words("watermark") if simulated else "",
+        verdict=verdict,
+    )
+
+
+def study_html(document: Mapping[str, Any], chapters: Sequence[Chapter], software: str, language: str = ENGLISH) -> str:
+    """Return the page; the same study gives the same bytes in the same environment, no date and no random id enters.
+
+    Args: document: of study.json, with ``study``, ``runs``, ``seed`` and ``estimates``.
+    """
+    words = words_of(language)
+    name = str(document["study"])
+    subtitle = words("study.subtitle", runs=document["runs"], seed=document["seed"], software=software)
+    sections = [section for section in _sections(name, chapters, words) if section]
+    return page(
+        words(f"study.title.{name}"), subtitle, sections, words, verdict=_verdict(document, words), simulated=True
+    )
+
+
+def _verdict(document: Mapping[str, Any], words: Texts) -> tuple[str, str]:
+    verdicts = [one["verdict"] for one in document["estimates"] if one["verdict"] != "none"]
+    failed = verdicts.count("fail")
+    kind = "fail" if failed else "pass" if verdicts else "none"
+    return kind, words("study.verdict", kept=len(verdicts) - failed, failed=failed)
+
+
+def _sections(name: str, chapters: Sequence[Chapter], words: Texts) -> list[Section]:
+    figures = [(chapter.name, figure) for chapter in chapters for figure in chapter.figures]
+    pictures = analysis_pictures([figure for _, figure in figures])  # all at once: each gets a name of its own
+    groups = dict.fromkeys((place, figure.group) for place, figure in figures)
+    placed = list(zip(groups, pictures, strict=True))
+    return [
+        Section(
+            chapter.name,
+            words(f"study.{name}.{chapter.name}"),
+            tuple(map(sentence, chapter.paragraphs)),
+            tuple(analysis_tables(chapter.tables)),
+            tuple(drawn for (place, _), drawn in placed if place == chapter.name),
+        )
+        for chapter in chapters
+    ]
+
+
+def pdf_pages(model: ReportModel, sections: list[Section], words: Texts) -> bytes:
+    """Return the report as a PDF of A4 pages; no date and no random id enters, the fonts are inside.
+
+    Raises: InputError B-REP-001 if typst, the extra 'pdf', is not installed.
+    """
+    return bytes(_typeset(document_files(model, sections, words), "pdf", None))
+
+
+def png_pages(model: ReportModel, sections: list[Section], words: Texts, dots_per_inch: float) -> list[bytes]:
+    """Return the same pages as pictures, for eyes and tests. Raises: InputError B-REP-001."""
+    found = _typeset(document_files(model, sections, words), "png", dots_per_inch)
+    return found if isinstance(found, list) else [found]
+
+
+def _typeset(files: dict[str, bytes], form: str, dots_per_inch: float | None) -> Any:
+    return _typst()(
+        files, format=form, ppi=dots_per_inch, font_paths=[str(folder())], ignore_system_fonts=True, timestamp=_NO_DATE
+    )
+
+
+def _typst() -> Callable[..., Any]:
+    try:
+        compiler: Callable[..., Any] = import_module("typst").compile
+    except ImportError as error:
+        raise InputError(
+            "B-REP-001",
+            "a PDF needs typst, which is not installed",
+            where="--pdf",
+            next_step="pip install 'inertial-bench[pdf]'; report.html prints to paper too",
+        ) from error
+    return compiler
+
+
+def document_files(model: ReportModel, sections: list[Section], words: Texts) -> dict[str, bytes]:
+    """Return the typst document, the content as JSON and every figure as SVG."""
+    files = {"main": (TEMPLATES / "report.typ").read_bytes()}
+    chapters = [_chapter(section) for section in sections]
+    for section in sections:
+        files |= {_file(one): _figure(one) for one in section.pictures}
+    text = json.dumps({**_frame(model, words), "chapters": chapters}, ensure_ascii=False)
+    files["report.json"] = legible(text).encode()
+    return files
+
+
+def _frame(model: ReportModel, words: Texts) -> dict[str, Any]:
+    """Return what stands on every page and at the head of the first."""
+    kind, verdict = overall_verdict(model, words)
+    sha256 = str(model.results.get("provenance", {}).get("session_sha256", ""))
+    return {
+        "font": FAMILY,
+        "language": words.language,
+        "title": model.title,
+        "session": str(model.results.get("session", "")),
+        "hash": f"SHA-256 {sha256[:_SHORT]}" if sha256 else "",
+        "watermark": words("watermark") if model.simulated else "",
+        "page": words("page.number", number="#n", total="#total"),
+        "verdict": verdict,
+        "verdict_kind": kind,
+    }
+
+
+def _chapter(section: Section) -> dict[str, Any]:
+    return {
+        "title": section.title,
+        "paragraphs": section.paragraphs,
+        "pictures": [
+            {"file": _file(one), "caption": one.caption, "description": one.description} for one in section.pictures
+        ],
+        "tables": [
+            _table(one, table, continued=index > 0)
+            for table in section.tables
+            for index, one in enumerate(sheets(table, ROOM_pt))
+        ],
+    }
+
+
+def _table(sheet: Sheet, table: Table, continued: bool) -> dict[str, Any]:
+    return {
+        "caption": table.caption if not continued else "",
+        "headers": sheet.table.headers,
+        "rows": sheet.table.rows,
+        "widths": sheet.widths_pt,
+        "size": sheet.size_pt,
+        "left": len(sheet.widths_pt) if table.prose else table.stub,
+        "to_fill": table.to_fill,
+    }
+
+
+def _file(picture: Picture) -> str:
+    return f"{Path(picture.name).name}.svg"
+
+
+def _figure(picture: Picture) -> bytes:
+    return legible(picture.svg).encode()

@@ -1,4 +1,6 @@
-"""Tables of estimates: scale factor, coefficients, and every further quantity by channel and temperature."""
+"""Tables of estimates: scale factor, coefficients, every further quantity by channel and temperature, and those
+that belong to no channel: what they are down, units or axes across.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +11,15 @@ from typing import Any
 from bench.analysis import cell, decimals_for, number, unit_text, with_uncertainty
 from bench.model.texts import Texts
 from bench.report.model import ReportModel
-from bench.report.tables import Table, documents_table
-from bench.report.words import column, kind_of
+from bench.report.tables import Table, column, documents_table, kind_of
 
 _SCALE_FACTOR = ("dsf_n", "dsf_p", "dsf_asymmetry")
 _COEFFICIENTS = ("tc0", "tc1", "tc2", "tc3")
 _PIVOT = {"channel", "temperature_degC"}
 PIVOTS = ("unit", "column", "axis")
 _AMPERE = re.compile(r"A(?![A-Za-z])")
+_MOST_ACROSS = 3  # units side by side that a page has room for
+_CAPTIONS = {"unit": "others.by_unit", "column": "others.by_axis", "axis": "others.by_axis"}
 Row = Mapping[str, Any]
 
 
@@ -240,3 +243,36 @@ def components_table(model: ReportModel, words: Texts) -> Table | None:
         for one in model.components
     ]
     return documents_table(words, words("components.table"), rounded)
+
+
+def across_tables(model: ReportModel, words: Texts) -> list[Table]:
+    """Units or axes across, one table for each three of them; () if no estimate has such a condition."""
+    found: dict[str, list[Row]] = {}
+    for row in without_channel(model):
+        if (name := pivot_of(row)) is not None:
+            found.setdefault(_CAPTIONS[name], []).append(row)
+    return [table for caption, rows in found.items() for table in _tables(words, caption, rows)]
+
+
+def _tables(words: Texts, caption: str, rows: Sequence[Row]) -> list[Table]:
+    names = list(dict.fromkeys(_across(row) for row in rows))
+    parts = [names[start : start + _MOST_ACROSS] for start in range(0, len(names), _MOST_ACROSS)]
+    return [_table(words, words(caption), [row for row in rows if _across(row) in part], part) for part in parts]
+
+
+def _table(words: Texts, caption: str, rows: Sequence[Row], names: Sequence[str]) -> Table:
+    lines: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        rest = {name: value for name, value in row["conditions"].items() if name != pivot_of(row)}
+        lines.setdefault((row["quantity"], conditions_text(words, rest)), []).append(row)
+    body = []
+    for (quantity, where), found in lines.items():
+        scale, unit = readable(found)
+        by_name = {_across(row): value_text(row, scale) for row in found}
+        body.append((quantity, where or "–", unit_text(unit), *(by_name.get(name, "–") for name in names)))
+    headers = (words("column.quantity"), words("column.conditions"), words("column.unit"), *names)
+    return Table(caption, headers, tuple(body), stub=3)
+
+
+def _across(row: Row) -> str:
+    return str(row["conditions"][str(pivot_of(row))])

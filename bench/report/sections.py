@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 
 from bench.model.texts import Texts
-from bench.report.across_tables import across_tables
 from bench.report.estimate_tables import (
+    across_tables,
     channel_table,
     coefficient_table,
     components_table,
@@ -27,11 +28,12 @@ from bench.report.run_tables import (
     command_parts,
     environment_table,
     hash_table,
+    identities_table,
     prompt_table,
     quality_table,
+    standards_table,
     summary_table,
 )
-from bench.report.standards_tables import identities_table, standards_table
 from bench.report.tables import Table, analysis_tables, on_uncertainty, pairs_table, sentence
 from bench.report.verdict_tables import verdict_table
 
@@ -55,118 +57,55 @@ class Section:
 
 def sections_of(model: ReportModel, words: Texts) -> list[Section]:
     """All chapters that have content; every figure is drawn here, once for all that is written."""
-    return [section for name, build in _CHAPTERS.items() if (section := build(name, model, words))]
+    return [section for section in (*_on_results(model, words), *_on_the_run(model, words)) if section]
 
 
-def _chapter(name: str, words: Texts, *parts: Table | Picture | None, paragraphs: tuple[str, ...] = ()) -> Section:
-    tables = tuple(one for one in parts if isinstance(one, Table))
-    pictures = tuple(one for one in parts if isinstance(one, Picture))
+def _chapter(words: Texts, name: str, *parts: Table | Picture | None, paragraphs: tuple[str, ...] = ()) -> Section:
+    tables = tuple(part for part in parts if isinstance(part, Table))
+    pictures = tuple(part for part in parts if isinstance(part, Picture))
     return Section(name, words(f"section.{name}"), paragraphs, tables, pictures)
 
 
-def _summary(name: str, model: ReportModel, words: Texts) -> Section:
-    return _chapter(name, words, summary_table(model, words))
-
-
-def _verdicts(name: str, model: ReportModel, words: Texts) -> Section:
-    return _chapter(name, words, verdict_table(model, words))
-
-
-def _results(name: str, model: ReportModel, words: Texts) -> Section:
-    return _chapter(name, words, *analysis_tables([table for table in model.tables if table.lead]))
-
-
-def _scale_factor(name: str, model: ReportModel, words: Texts) -> Section:
-    pictures = (dsf_picture(model, words), asymmetry_picture(model, words), current_picture(model, words))
-    return _chapter(name, words, *pictures, *scale_factor_tables(model, words))
-
-
-def _coefficients(name: str, model: ReportModel, words: Texts) -> Section:
-    return _chapter(name, words, coefficient_table(model, words))
-
-
-def _residuals(name: str, model: ReportModel, words: Texts) -> Section:
-    return _chapter(name, words, residual_picture(model, words))
-
-
-def _figures(name: str, model: ReportModel, words: Texts) -> Section:
-    return _chapter(name, words, *analysis_pictures(model.figures))
-
-
-def _others(name: str, model: ReportModel, words: Texts) -> Section:
-    across = across_tables(model, words)
-    tables = (*pivot_tables(model, words), channel_table(model, words), *across, other_table(model, words))
-    return _chapter(name, words, bias_picture(model, words), *tables)
-
-
-def _uncertainty(name: str, model: ReportModel, words: Texts) -> Section:
-    budgets = analysis_tables([table for table in model.tables if on_uncertainty(table) and not table.lead])
-    return _chapter(name, words, coverage_table(model, words), components_table(model, words), *budgets)
-
-
-def _explanations(name: str, model: ReportModel, words: Texts) -> Section:
+def _on_results(model: ReportModel, words: Texts) -> Iterator[Section]:
+    """Yield the chapters on what was found, and how well."""
+    chapter = partial(_chapter, words)
+    budgets = [table for table in model.tables if on_uncertainty(table) and not table.lead]
     others = [table for table in model.tables if not on_uncertainty(table) and not table.lead]
-    return _chapter(name, words, *analysis_tables(others))
+    yield chapter("summary", summary_table(model, words))
+    yield chapter("results", *analysis_tables([table for table in model.tables if table.lead]))
+    yield chapter("verdicts", verdict_table(model, words))
+    pictures = (dsf_picture(model, words), asymmetry_picture(model, words), current_picture(model, words))
+    yield chapter("scale-factor", *pictures, *scale_factor_tables(model, words))
+    yield chapter("coefficients", coefficient_table(model, words))
+    yield chapter("residuals", residual_picture(model, words))
+    yield chapter("figures", *analysis_pictures(model.figures))
+    tables = (*pivot_tables(model, words), channel_table(model, words), *across_tables(model, words))
+    yield chapter("others", bias_picture(model, words), *tables, other_table(model, words))
+    coverage = (coverage_table(model, words), components_table(model, words))
+    yield chapter("uncertainty", *coverage, *analysis_tables(budgets))
+    yield chapter("explanations", *analysis_tables(others))
 
 
-def _environment(name: str, model: ReportModel, words: Texts) -> Section:
+def _on_the_run(model: ReportModel, words: Texts) -> Iterator[Section]:
+    """Yield the chapters on how it was found, and by whom."""
+    chapter = partial(_chapter, words)
     pictures = (timetable_picture(model.timetable, model.trace, words), surroundings_picture(model, words))
-    return _chapter(name, words, *pictures, environment_table(model, words))
-
-
-def _quality(name: str, model: ReportModel, words: Texts) -> Section:
-    return _chapter(name, words, quality_table(model, words), channel_quality_table(model, words))
-
-
-def _run(name: str, model: ReportModel, words: Texts) -> Section:
+    yield chapter("environment", *pictures, environment_table(model, words))
+    yield chapter("quality", quality_table(model, words), channel_quality_table(model, words))
     said, tables = command_parts(model, words)
-    return _chapter(name, words, *analysis_tables(model.run.tables), *tables, paragraphs=said)
-
-
-def _prompts(name: str, model: ReportModel, words: Texts) -> Section:
-    return _chapter(name, words, prompt_table(model, words))
-
-
-def _standards(name: str, model: ReportModel, words: Texts) -> Section:
-    return _chapter(name, words, standards_table(model, words), identities_table(model, words))
-
-
-def _notes(name: str, model: ReportModel, words: Texts) -> Section:
-    return _chapter(name, words, paragraphs=tuple(map(sentence, model.notes)))
-
-
-def _provenance(name: str, model: ReportModel, words: Texts) -> Section:
+    yield chapter("run", *analysis_tables(model.run.tables), *tables, paragraphs=said)
+    yield chapter("prompts", prompt_table(model, words))
+    yield chapter("standards", standards_table(model, words), identities_table(model, words))
+    yield chapter("notes", paragraphs=tuple(map(sentence, model.notes)))
     heads = (words("column.item"), words("column.value"))
     computed = pairs_table(words("provenance.results"), heads, model.results.get("provenance", {}))
-    return _chapter(
-        name, words, computed, hash_table(model, words), pairs_table(words("provenance.origin"), heads, model.origin)
-    )
+    origin = pairs_table(words("provenance.origin"), heads, model.origin)
+    yield chapter("provenance", computed, hash_table(model, words), origin)
+    yield chapter("signatures", _signatures(model, words))
 
 
-def _signatures(name: str, model: ReportModel, words: Texts) -> Section:
+def _signatures(model: ReportModel, words: Texts) -> Table:
     headers = ("", *(words(f"signature.{line}") for line in _LINES))
     rows = tuple((words(f"signature.{role}"), *("" for _ in _LINES)) for role in _ROLES)
     caption = words("signature.watermarked" if model.simulated else "signature.table")
-    return _chapter(name, words, Table(caption, headers, rows, prose=True, to_fill=True))
-
-
-_CHAPTERS: dict[str, Callable[[str, ReportModel, Texts], Section]] = {
-    "summary": _summary,
-    "results": _results,
-    "verdicts": _verdicts,
-    "scale-factor": _scale_factor,
-    "coefficients": _coefficients,
-    "residuals": _residuals,
-    "figures": _figures,
-    "others": _others,
-    "uncertainty": _uncertainty,
-    "explanations": _explanations,
-    "environment": _environment,
-    "quality": _quality,
-    "run": _run,
-    "prompts": _prompts,
-    "standards": _standards,
-    "notes": _notes,
-    "provenance": _provenance,
-    "signatures": _signatures,
-}
+    return Table(caption, headers, rows, prose=True, to_fill=True)

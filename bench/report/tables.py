@@ -1,4 +1,4 @@
-"""Tables of a report: rows of text, with the units in the header."""
+"""Tables of a report: rows of text with the units in the header, and its fixed texts (texts/en.json)."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from bench import analysis
-from bench.analysis import cell, number, unit_text
+from bench.analysis import cell, header, number, unit_text
 from bench.model.texts import Texts
-from bench.report.words import column
 
 _COLUMNS = (
     *("time", "role", "manufacturer", "model", "serial", "firmware"),
@@ -26,6 +26,7 @@ _NO_SIZE = re.compile(r"-(0(?:\.0+)?)$")
 _COMMA_UNIT = re.compile(r", (?=(?:°C|nA|ppm|ppb|min|ms|h|s|A|%|deg|deg/s|deg/h|m/s2|g|mg|ug|gauss|mgauss)$)")
 _PER_CENT = re.compile(r"(?<=[0-9]) %")
 _BUDGET, _TOTALS = {"contribution", "sensitivity"}, {"u", "k", "U"}
+FOLDER = Path(__file__).parent
 
 
 @dataclass(frozen=True)
@@ -122,3 +123,23 @@ def _flat(prefix: str, pairs: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
             yield from _flat(f"{prefix}{name}.", dict(sorted(value.items())))
         else:
             yield f"{prefix}{name}".replace("_", " "), cell(value)
+
+
+def words_of(language: str) -> Texts:
+    """Return the texts of the report in a language; English stands in for what it does not have."""
+    return Texts(FOLDER, language)
+
+
+def column(words: Texts, key: str) -> str:
+    """Return the heading of a field: that of the catalogue, else made of the field's own name."""
+    return words.all.get(f"column.{key}") or header(key)
+
+
+def kind_of(words: Texts, kind: object) -> str:
+    """Return the word for a kind of channel; a kind that the catalogue does not have stands as it is."""
+    return words.all.get(f"kind.{kind}", str(kind))
+
+
+def channel_title(words: Texts, number: object, kind: object) -> str:
+    """``channel 1, gyro``: the title of a panel."""
+    return words("channel.title", number=number, kind=kind_of(words, kind)) if kind else words("channel", number=number)

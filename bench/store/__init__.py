@@ -1,15 +1,13 @@
 """Floor 4: the calibration history, an SQL database of results, reports and approvals."""
 
-from bench.store.address import check_history_url, chosen_url
-from bench.store.approval import approve
-from bench.store.comparison import LEAST_FOR_CONTROL, Comparison, ParameterHistory, compare_unit
+from bench.store.comparison import LEAST_FOR_CONTROL, Comparison, ParameterHistory, compare_pair, compare_unit
 from bench.store.contents import digest_of_file, started_utc_ns
+from bench.store.database import check_history_url, chosen_url
 from bench.store.due import Due, dues_of
 from bench.store.errors import StoreError
 from bench.store.export import export_history
-from bench.store.pair import compare_pair
 from bench.store.reading import Shown, list_calibrations, show_calibration, units_of
-from bench.store.recording import Recorded, record_calibration
+from bench.store.recording import Recorded, approve, record_calibration
 from bench.store.selection import Filters
 from bench.store.series import conditions_text
 

@@ -10,10 +10,29 @@ from sqlalchemy.exc import DatabaseError, SQLAlchemyError
 
 from bench.model.errors import BenchError, ExitStatus
 
-_IMPORT_LATER = "repair it, then 'bench history import SESSION' adds what is missing"
-_LOCKED = {"55P03", "57014", "40P01"}  # lock not available, statement cancelled by its time limit, deadlock
-_REFUSED = {"25006", "42501"}  # read-only transaction, insufficient privilege
-_FULL = {"53100"}
+_LATER = "'bench history import SESSION'"
+_LOCKED = (
+    "B-STORE-003",
+    "the history is locked by another program",
+    f"wait until it is free, then {_LATER} adds what is missing",
+)
+_REFUSED = (
+    "B-STORE-006",
+    "the history cannot be written",
+    f"check its permissions and the space on the disk, then {_LATER}",
+)
+_UNREACHABLE = (
+    "B-STORE-002",
+    "the history cannot be opened",
+    f"check the folder or the server it names, then {_LATER}",
+)
+_DAMAGED = (
+    "B-STORE-004",
+    "this is no calibration history, or a damaged one",
+    f"repair it, then {_LATER} adds what is missing",
+)
+_LOCKED_STATES = {"55P03", "57014", "40P01"}  # lock not available, statement cancelled by its time limit, deadlock
+_REFUSED_STATES = {"25006", "42501", "53100"}  # read-only transaction, insufficient privilege, disk full
 
 
 class StoreError(BenchError):
@@ -41,48 +60,20 @@ def explained(where: str) -> Iterator[None]:
 def _sqlite(error: sqlite3.Error) -> tuple[str, str, str]:
     name = str(getattr(error, "sqlite_errorname", ""))
     if name.startswith(("SQLITE_BUSY", "SQLITE_LOCKED")):
-        return _locked()
+        return _LOCKED
     if name.startswith(("SQLITE_READONLY", "SQLITE_FULL", "SQLITE_IOERR", "SQLITE_PERM")):
-        return _refused()
+        return _REFUSED
     if name.startswith("SQLITE_CANTOPEN"):
-        return _unreachable()
-    return _damaged()
+        return _UNREACHABLE
+    return _DAMAGED
 
 
 def _server(error: Exception, original: BaseException) -> tuple[str, str, str]:
     state = getattr(original, "sqlstate", None)
-    if state in _LOCKED:
-        return _locked()
-    if state in _REFUSED | _FULL:
-        return _refused()
+    if state in _LOCKED_STATES:
+        return _LOCKED
+    if state in _REFUSED_STATES:
+        return _REFUSED
     if isinstance(error, DatabaseError) and state is not None and not state.startswith(("08", "28", "3D", "57P")):
-        return _damaged()
-    return _unreachable()
-
-
-def _locked() -> tuple[str, str, str]:
-    return (
-        "B-STORE-003",
-        "the history is locked by another program",
-        "wait until it is free, then 'bench history import SESSION' adds what is missing",
-    )
-
-
-def _refused() -> tuple[str, str, str]:
-    return (
-        "B-STORE-006",
-        "the history cannot be written",
-        "check its permissions and the space on the disk, then 'bench history import SESSION'",
-    )
-
-
-def _unreachable() -> tuple[str, str, str]:
-    return (
-        "B-STORE-002",
-        "the history cannot be opened",
-        "check the folder or the server it names, then 'bench history import SESSION'",
-    )
-
-
-def _damaged() -> tuple[str, str, str]:
-    return "B-STORE-004", "this is no calibration history, or a damaged one", _IMPORT_LATER
+        return _DAMAGED
+    return _UNREACHABLE

@@ -1,8 +1,10 @@
-"""Alarms, links, records, instruments and the log of a run, as lines that fold to any width."""
+"""Sections of a page: temperatures with a small plot of characters, alarms, links, records, instruments, the log."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.text import Text
@@ -10,11 +12,16 @@ from rich.text import Text
 from bench.run.feed.planned import conditions_in_words
 from bench.tui.folding import cut, folded, joined
 from bench.tui.look import Look, duration
-from bench.tui.watch import Seen
+from bench.tui.watch import AIR, UNIT, Range, Seen
 
 TITLE = "bold cyan"
 SEVERITIES = {"warning": ("! ", "yellow"), "alarm": ("!!", "bold red"), "fault": ("X ", "bold red")}
 LINK_GOOD = ("streaming", "open", "back")
+PLOT_ROWS = 3
+PLOT_COLUMNS = 60
+_BRAILLE = 0x2800
+_DOTS = ((0x01, 0x02, 0x04, 0x40), (0x08, 0x10, 0x20, 0x80))  # bit of a dot by column and row of a cell, from the top
+LEAST_SPAN = 0.5  # a plot of less than this would draw the noise of a sensor as a mountain
 
 
 def titled(look: Look, key: str, lines: list[Text], style: str = TITLE) -> list[Text]:
@@ -107,3 +114,86 @@ def log(seen: Seen, look: Look) -> list[Text]:
         text = look.clean(f"{look.time(one.get('t_utc_s'), now)} {one.get('kind', '')}: {one.get('text', '')}")
         lines += folded(text, look.width, first="  ", rest="    ")
     return titled(look, "section.log", lines)
+
+
+def temperature(seen: Seen, look: Look) -> list[Text]:
+    """Return one line of values and the plot."""
+    document = seen.document
+    planned = planned_degC(document.get("timetable") or {}, document.get("t_utc_s"))
+    values = {"planned": planned, "air": seen.last.get(AIR), "unit": seen.last.get(UNIT)}
+    parts = [look.texts(f"temperature.{name}", value=look.degC(value)) for name, value in values.items()]
+    lines = joined([f"  {parts[0]}", *parts[1:]], look.width)
+    return titled(look, "section.temperature", [*lines, *_plot(seen, look)])
+
+
+def _plot(seen: Seen, look: Look) -> list[Text]:
+    braille = look.glyphs.braille
+    columns = min(PLOT_COLUMNS, look.width - 2)
+    ranges = seen.trend.ranges(dots_across(columns, braille))
+    known: list[Range] = [one for one in ranges if one is not None]
+    if not known:
+        return [Text(f"  {look.texts('plot.empty')}")]
+    low, high = axis(ranges)
+    span = duration(seen.trend.span_s)
+    caption = look.texts("plot.caption", span=span, low=f"{low:.2f}", high=f"{high:.2f}")
+    rows = [Text(f"  {line}", style="green") for line in plot(ranges, PLOT_ROWS, braille)]
+    return [*rows, *folded(caption, look.width, first="  ")]
+
+
+def planned_degC(timetable: Mapping[str, Any], t_utc_s: float | None) -> float | None:
+    """Planned temperature at a moment, degC, between the corners of the polyline; None outside of it."""
+    times, values = timetable.get("t_utc_s") or [], timetable.get("temperature_degC") or []
+    if t_utc_s is None or len(times) != len(values) or not times or not times[0] <= t_utc_s <= times[-1]:
+        return None
+    after = min(bisect_right(times, t_utc_s), len(times) - 1)
+    before = max(0, after - 1)
+    span = times[after] - times[before]
+    share = (t_utc_s - times[before]) / span if span > 0 else 0.0
+    return float(values[before] + share * (values[after] - values[before]))
+
+
+def dots_across(columns: int, braille: bool) -> int:
+    """Return how many values a plot of so many columns shows."""
+    return columns * (2 if braille else 1)
+
+
+def plot(ranges: Sequence[Range | None], rows: int, braille: bool) -> list[str]:
+    """Return rows of a plot, top first; (least, greatest) per dot across, None where there was nothing.
+
+    The axis spans all values, at least ``LEAST_SPAN``.
+    """
+    height = rows * (4 if braille else 1)
+    low, high = axis(ranges)
+    across = len(ranges) + (len(ranges) % 2 if braille else 0)
+    grid = [[False] * across for _ in range(height)]
+    for column, found in enumerate(ranges):
+        if found is not None:
+            top, bottom = (_row(value, low, high, height) for value in (found[1], found[0]))
+            for row in range(top, bottom + 1):
+                grid[row][column] = True
+    if not braille:
+        return ["".join("*" if dot else " " for dot in line) for line in grid]
+    return [_cells(grid[at : at + 4]) for at in range(0, height, 4)]
+
+
+def axis(ranges: Sequence[Range | None]) -> Range:
+    """Least and greatest value of the axis; (0, 1) without a value."""
+    known = [found for found in ranges if found is not None and all(math.isfinite(value) for value in found)]
+    if not known:
+        return 0.0, 1.0
+    low, high = min(one for one, _ in known), max(other for _, other in known)
+    missing = max(0.0, LEAST_SPAN - (high - low)) / 2
+    return low - missing, high + missing
+
+
+def _row(value: float, low: float, high: float, height: int) -> int:
+    """Row of a value, 0 at the top."""
+    return round((high - value) / (high - low) * (height - 1))
+
+
+def _cells(lines: Sequence[Sequence[bool]]) -> str:
+    cells = []
+    for column in range(0, len(lines[0]), 2):
+        bits = sum(_DOTS[x][y] for x in (0, 1) for y in range(4) if lines[y][column + x])
+        cells.append(chr(_BRAILLE + bits) if bits else " ")
+    return "".join(cells)

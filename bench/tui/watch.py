@@ -1,4 +1,7 @@
-"""What is remembered of a run that is watched: its last word, how old that is, its temperatures of the last hour."""
+"""What is known of a run that is watched: its last word, how old that is, its temperatures of the last hour.
+
+A session for which nobody answers any more says from its folder how it ended, and what its guard did.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +15,19 @@ from numpy.typing import NDArray
 
 from bench.model.clock import NS, Clock
 from bench.model.errors import BenchError
-from bench.record import TrendReader
-from bench.tui.ending import guard_word
-from bench.tui.plot import Range
+from bench.model.events import End, Error, Resume, event_of
+from bench.record import OPEN_MARKER, SessionReader, TrendReader
+from bench.run.guard.diary import read_diary
 
 AIR, UNIT = "bench.air", "bench.unit"
 OLD_S = 3.0  # a run that has said nothing for so long is called lost
 HOUR_S = 3600.0
 BUCKET_S = 30.0
 POINTS = 400  # of the last hour, from the trend beside the session
+DIARY = "guard.jsonl"
+
+Range = tuple[float, float]
+"""Least and greatest value."""
 
 
 class Points(Protocol):
@@ -192,3 +199,44 @@ def remember_earlier(seen: Seen, folder: Path) -> None:
     except (BenchError, OSError, ValueError):
         return
     seen.keep_trend(found.t_utc_s, found.low[:, 0], found.high[:, 0])
+
+
+def ending(folder: Path) -> Mapping[str, Any] | None:
+    """``{"outcome": ...}`` of the state document; None while the recorder has the session open, or died with it.
+
+    The outcome is null if the session does not say how it ended.
+    """
+    if (folder / OPEN_MARKER).exists() or not folder.is_dir():
+        return None
+    try:
+        return {"outcome": _outcome(folder)}
+    except (BenchError, OSError):
+        return {"outcome": None}
+
+
+def _outcome(folder: Path) -> Mapping[str, Any] | None:
+    outcome: Mapping[str, Any] | None = None
+    text = ""
+    for kind, _, fields in SessionReader(folder).events():
+        match event_of(kind, fields):
+            case Error(text=said):
+                text = said
+            case Resume():
+                outcome = None
+            case End(error=code):
+                outcome = {"error": code, "text": text if code else ""}
+    return outcome
+
+
+def guard_word(folder: Path) -> Mapping[str, Any] | None:
+    """``{"reason", "safe": True, False or None (at it), "unsafe": roles}``; None if the guard did not act."""
+    found: dict[str, Any] | None = None
+    for entry in read_diary(folder / DIARY):
+        what = entry.get("what")
+        if what in ("ready", "dismissed"):
+            found = None
+        elif what == "act":
+            found = {"reason": str(entry.get("text", "")), "safe": None, "unsafe": []}
+        elif what in ("safe", "unsafe") and found is not None:
+            found |= {"safe": what == "safe", "unsafe": [str(role) for role in entry.get("instruments") or ()]}
+    return found

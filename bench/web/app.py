@@ -1,8 +1,8 @@
-"""The page server as an application: routes, gate, and the hub that lives as long as it does."""
+"""The page server as an application: its routes in one table, its gate, and the hub that lives as long as it does."""
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 
 from starlette.applications import Starlette
@@ -10,13 +10,19 @@ from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import Response
+from starlette.routing import BaseRoute, Route, WebSocketRoute
 
 from bench.model.errors import BenchError
+from bench.web import commands, pages, runs
 from bench.web.hub import Hub
-from bench.web.routes import routes
+from bench.web.recorded.listing import run_folder
+from bench.web.security import login
 from bench.web.security.gate import Gate
 from bench.web.security.refusal import Refusal, on_bench_error
 from bench.web.serving import Serving
+from bench.web.socket import socket
+
+_Handler = Callable[[Request], Awaitable[Response]]
 
 
 def create_app(serving: Serving) -> Starlette:
@@ -34,7 +40,7 @@ def create_app(serving: Serving) -> Starlette:
             await hub.stop()
 
     app = Starlette(
-        routes=routes(),
+        routes=_routes(),
         middleware=[Middleware(Gate, serving=serving)],
         exception_handlers={BenchError: on_bench_error, HTTPException: _on_http_error},
         lifespan=lifespan,
@@ -50,3 +56,37 @@ async def _on_http_error(request: Request, error: Exception) -> Response:
     del request
     assert isinstance(error, HTTPException)
     return Refusal(error.status_code, "B-WEB-013", "there is no such page").response()
+
+
+def _routes() -> list[BaseRoute]:
+    """Return paths, methods and who answers; docs/live-protocol.md."""
+    return [
+        Route("/", pages.index),
+        Route("/runs/{run}", _of_a_run(pages.run_page)),
+        Route("/login", login.login, methods=["GET", "POST"]),
+        Route("/logout", login.logout, methods=["POST"]),
+        Route("/static/{file}", pages.static),
+        Route("/bokeh/{file}", pages.bokeh),
+        Route("/api/v1/session", login.session),
+        Route("/api/v1/texts", pages.texts),
+        Route("/api/v1/runs", runs.runs),
+        Route("/api/v1/runs/{run}", _of_a_run(runs.run)),
+        Route("/api/v1/runs/{run}/history", _of_a_run(runs.history)),
+        Route("/api/v1/runs/{run}/figures", _of_a_run(runs.figures)),
+        Route("/api/v1/runs/{run}/report", _of_a_run(runs.report)),
+        Route("/api/v1/calibrations", runs.calibrations),
+        Route("/api/v1/commands", commands.commands, methods=["POST"]),
+        Route("/api/v1/operator", commands.operator, methods=["POST"]),
+        WebSocketRoute("/ws", socket),
+    ]
+
+
+def _of_a_run(handler: _Handler) -> _Handler:
+    """Let a handler see only names of sessions that are there."""
+
+    async def checked(request: Request) -> Response:
+        if run_folder(request.app.state.serving.out, request.path_params["run"]) is None:
+            raise Refusal(404, "B-WEB-013", "there is no such run", next_step="the first page lists them")
+        return await handler(request)
+
+    return checked

@@ -13,7 +13,7 @@ from typing import Any
 
 from starlette.requests import Request
 
-from bench.web.security.cookie import Login
+from bench.web.security.logins import Login
 from bench.web.security.refusal import Refusal
 
 COMMANDS = ("pause", "resume", "abort", "acknowledge", "answer")

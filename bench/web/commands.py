@@ -7,18 +7,22 @@ gets the same one. Every attempt goes to the audit.
 from __future__ import annotations
 
 import asyncio
+import json
 from pathlib import Path
 from typing import Any
 
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
-from bench.web.asking import NoAnswer, ask_run
+from bench.run.control.local_socket import find_socket
 from bench.web.command_request import Command, command_of, json_object, taken
-from bench.web.places import run_folder
-from bench.web.security.cookie import Login
+from bench.web.recorded.listing import run_folder
+from bench.web.security.logins import Login
 from bench.web.security.refusal import Refusal
 from bench.web.serving import Serving
+
+ANSWER_S = 5.0
+LONGEST_REPLY = 1 << 20
 
 
 async def commands(request: Request) -> Response:
@@ -66,9 +70,9 @@ async def operator(request: Request) -> Response:
 async def _pass_on(serving: Serving, who: Login, address: str, folder: Path, command: Command) -> dict[str, Any]:
     reply = {"ok": False, "text": "the page server was stopped before the run answered"}
     try:
-        answer = await ask_run(folder, {**command.words, "by": f"{who.name}, {who.role}, {address}"})
+        answer = await _ask_run(folder, {**command.words, "by": f"{who.name}, {who.role}, {address}"})
         reply = {"ok": answer.get("ok") is True, "text": str(answer.get("text") or answer.get("error") or "")}
-    except NoAnswer as silent:
+    except _NoAnswer as silent:
         doubt = "; whether it heard the command is not known" if silent.sent else ""
         reply = {"ok": False, "error": "B-WEB-018", "text": f"no answer: {silent}{doubt}"}
     finally:
@@ -110,3 +114,32 @@ def _audit(serving: Serving, request: Request, wanted: dict[str, Any], refusal: 
     asked = {key: str(wanted.get(key, ""))[:200] for key in ("command", "run", "id", "reason")}
     person = _person(request.user, request.scope["address"])
     serving.audit.write("command", **person, **asked, ok=False, text=f"{refusal.code}: {refusal.message}")
+
+
+class _NoAnswer(Exception):
+    """Nobody is there, or whoever is there said nothing that is understood; ``sent``: the run may have heard it."""
+
+    def __init__(self, why: str, sent: bool) -> None:
+        super().__init__(why)
+        self.sent = sent
+
+
+async def _ask_run(folder: Path, request: dict[str, Any]) -> dict[str, Any]:
+    """Send one request to the run of a session and return its reply. Raises: _NoAnswer after 5 s at most."""
+    sent = False
+    try:
+        async with asyncio.timeout(ANSWER_S):
+            reader, writer = await asyncio.open_unix_connection(find_socket(folder), limit=LONGEST_REPLY)
+            try:
+                writer.write(json.dumps(request, ensure_ascii=False).encode() + b"\n")
+                sent = True
+                reply = json.loads(await reader.readline())
+            finally:
+                writer.close()
+    except TimeoutError as error:
+        raise _NoAnswer(f"nothing came within {ANSWER_S:g} s", sent) from error
+    except (FileNotFoundError, ConnectionRefusedError) as error:
+        raise _NoAnswer("no run of this session is alive", sent) from error
+    except (OSError, ValueError) as error:
+        raise _NoAnswer(getattr(error, "strerror", None) or "the reply is none", sent) from error
+    return reply if isinstance(reply, dict) else {}

@@ -16,14 +16,12 @@ from bench.record import TrendWindow
 from bench.run.feed.client import FeedReply
 from bench.web.live import FeedLine, LiveRun, listens, state_of
 from bench.web.partial import PartialFits
-from bench.web.places import run_folder
 from bench.web.points import Points
-from bench.web.recorded.history_query import HistoryQuery
-from bench.web.recorded.listing import Row, RunList
-from bench.web.recorded.past import Past
+from bench.web.recorded.listing import Row, RunList, run_folder
+from bench.web.recorded.past import HistoryQuery, Past
 from bench.web.recorded.replaying import ReplayRun
+from bench.web.room import Viewer
 from bench.web.security.refusal import Refusal
-from bench.web.viewer import Viewer
 
 FEED_THREADS = 8
 WORK_THREADS = 4  # history, recordings, lists; some may wait for a trend that is being made

@@ -1,9 +1,13 @@
-"""Pages of the browser: the start page, the page of one run, and the catalogue of their texts."""
+"""Pages of the browser, the catalogue of their texts, and the scripts, styles and icons they are made of."""
 
 from __future__ import annotations
 
+import mimetypes
 import re
+from dataclasses import dataclass
 from functools import cache
+from hashlib import sha256
+from importlib.util import find_spec
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -11,10 +15,13 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 
 from bench.model.texts import ENGLISH, Texts, languages
+from bench.web.security.refusal import Refusal
 
 _HERE = Path(__file__).parent
 _COOKIE = "language"
 _IMPORT = re.compile(r'from "\./([a-z-]+\.js)"')
+_BOKEH_FILES = ("bokeh.min.js",)
+_TYPES = {".js": "text/javascript", ".mjs": "text/javascript", ".svg": "image/svg+xml", ".css": "text/css"}
 
 
 @cache
@@ -73,3 +80,56 @@ async def run_page(request: Request) -> Response:
 async def texts(request: Request) -> Response:
     """``GET /api/v1/texts``: every text of the page by key, English where the language has none yet."""
     return JSONResponse(Texts(_HERE, language_of(request)).all)
+
+
+@dataclass(frozen=True)
+class _Asset:
+    """One file as it is sent."""
+
+    content: bytes
+    media_type: str
+    etag: str
+
+
+async def static(request: Request) -> Response:
+    """``GET /static/{file}``: a file of the page."""
+    return _send(request, _own_files().get(request.path_params["file"]))
+
+
+async def bokeh(request: Request) -> Response:
+    """``GET /bokeh/{file}``: a file of BokehJS, from the installed package."""
+    return _send(request, _bokeh_files().get(request.path_params["file"]))
+
+
+def _own_files() -> dict[str, Path]:
+    """Return what there is to send of our own, by name."""
+    return {path.name: path for path in _HERE.glob("static/[!.]*") if path.is_file()}
+
+
+@cache
+def _bokeh_files() -> dict[str, Path]:
+    """Return what is sent of BokehJS, by name; found without importing the package."""
+    package = find_spec("bokeh")
+    assert package is not None
+    assert package.origin is not None
+    folder = Path(package.origin).parent / "server" / "static" / "js"
+    return {name: folder / name for name in _BOKEH_FILES}
+
+
+def _send(request: Request, path: Path | None) -> Response:
+    if path is None:
+        raise Refusal(404, "B-WEB-013", "there is no such page")
+    asset = _read(path, path.stat().st_mtime_ns)
+    # asked for again each time, so that a page never mixes the scripts of two versions
+    headers = {"ETag": asset.etag, "Cache-Control": "private, no-cache"}
+    if asset.etag in request.headers.get("if-none-match", ""):
+        return Response(status_code=304, headers=headers)
+    return Response(asset.content, media_type=asset.media_type, headers=headers)
+
+
+@cache
+def _read(path: Path, changed_ns: int) -> _Asset:
+    del changed_ns  # only tells one content from the next
+    content = path.read_bytes()
+    kind = _TYPES.get(path.suffix) or mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+    return _Asset(content, kind, f'"{sha256(content).hexdigest()[:32]}"')

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
+from bench.model.errors import BenchError
 from bench.web.hub import Hub
-from bench.web.places import content_of
-from bench.web.recorded.history_query import history_query
+from bench.web.recorded.listing import content_of
+from bench.web.recorded.past import history_query
 from bench.web.security.refusal import Refusal
+
+_NO_HISTORY = "B-STORE-007"  # nothing to complain about
 
 
 async def runs(request: Request) -> Response:
@@ -52,7 +56,7 @@ async def report(request: Request) -> Response:
 async def calibrations(request: Request) -> Response:
     """``GET /api/v1/calibrations``: the calibration history, newest first."""
     hub = _hub(request)
-    rows: list[dict[str, Any]] = await hub.work(_calibrations, hub.serving.history, hub.serving.out)
+    rows: list[dict[str, Any]] = await hub.work(calibration_rows, hub.serving.history, hub.serving.out)
     return JSONResponse({"calibrations": rows})
 
 
@@ -67,7 +71,18 @@ def _figures(state: dict[str, Any]) -> dict[str, Any]:
     return run_figures(state)
 
 
-def _calibrations(history: str | None, out: Path) -> list[dict[str, Any]]:
-    from bench.web.recorded.calibrations import calibration_rows  # and so does SQLAlchemy
+def calibration_rows(history: str | None, out: Path) -> list[dict[str, Any]]:
+    """Calibrations, newest first; empty if there is no history.
 
-    return calibration_rows(history, out)
+    Args: history: its URL; None: BENCH_HISTORY or history.sqlite in ``out``.
+    Raises: StoreError B-STORE-001 to B-STORE-005.
+    """
+    from bench.store import Filters, chosen_url, list_calibrations  # SQLAlchemy takes as long as Bokeh
+
+    try:
+        rows = list_calibrations(chosen_url(history, out, os.environ), Filters())
+    except BenchError as error:
+        if error.code == _NO_HISTORY:
+            return []
+        raise
+    return rows[::-1]

@@ -11,7 +11,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from bench.model.errors import BenchError
 from bench.web.hub import Hub, Watched
-from bench.web.viewer import Viewer
+from bench.web.room import Viewer
 
 NO_SUCH_RUN = 4404
 TOO_SLOW = 4408  # has not taken a single message for so long that nobody can be there

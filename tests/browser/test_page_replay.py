@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 from browser_rig import PageServer, until, visiting
 from playwright.sync_api import Browser, Page
+from recorded import writable_copy
 
 pytestmark = pytest.mark.waits
 
@@ -41,7 +42,7 @@ DRAWN = """async () => {
 }"""
 
 
-def recorded(server: PageServer, sequence: str) -> str:
+def run_there(server: PageServer, sequence: str) -> str:
     """A finished session in the folder of the server, by name."""
     command = [sys.executable, "-m", "bench", "run", sequence, "--seed", "1", "--out", str(server.out)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -50,8 +51,8 @@ def recorded(server: PageServer, sequence: str) -> str:
 
 
 @pytest.fixture(scope="module")
-def finished(server: PageServer) -> str:
-    return recorded(server, "scale_factor_short")
+def finished(server: PageServer, short: tuple[Path, subprocess.CompletedProcess[str]]) -> str:
+    return writable_copy(short[0], server.out / short[0].name).name
 
 
 def history(page: Page) -> str:
@@ -117,7 +118,7 @@ def test_a_replay_offers_no_command(browser: Browser, server: PageServer, finish
 @pytest.mark.parametrize("sequence", ["scale_factor_38h", "bias_ramp_25h"])
 def test_whole_campaigns_are_drawn_at_once(browser: Browser, server: PageServer, sequence: str) -> None:
     """25 h and 38 h, ten channels: first plot from the request for the page on; each zoom 38 h, 1 h, 1 min, raw."""
-    name = recorded(server, sequence)
+    name = run_there(server, sequence)
     first, zoomed = [], []
     for _ in range(ATTEMPTS):
         with visiting(browser, server, "viewer") as visitor:

@@ -37,7 +37,7 @@ PLANTED = {
     "buses-in-one-opener": ("bench.run.links.port", "serial"),
     "a-run-does-not-die-of-a-fit": ("bench.run.watch.trend", "scipy"),
     "the-guard-needs-nothing-that-can-fail": ("bench.run.guard.decision", "bench.frame.batch"),
-    "clusters-in-one-place": ("bench.commands.study.study", "distributed"),
+    "clusters-in-one-place": ("bench.commands.study", "distributed"),
 }
 MOST_FILES = 30
 SIBLINGS = {"instruments", "sim_instruments", "tests/protocol"}  # one model each

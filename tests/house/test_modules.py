@@ -66,7 +66,7 @@ FORMATS = {
     "bench/replay/delimited.py": "the text of a delimited file",
     "bench/report/batch/model.py": "what an analysis calls missing begins with its unit",
     "bench/systems/time_sync/figures.py": "the short form of a label",
-    "bench/tui/now.py": "the text of an error begins with its code (docs/errors.md)",
+    "bench/tui/page.py": "the text of an error begins with its code (docs/errors.md)",
     "bench/web/serving.py": "a message of uvicorn",
 }
 """Files in which a text has a format that is documented, or comes from a library that gives nothing else."""

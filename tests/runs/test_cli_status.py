@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 from recorded import writable_copy
-from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, main_of, tiny_plan
+from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, main_of
 
 import bench.commands.run as run_command
 import bench.session.finish as finish_command
@@ -56,8 +56,8 @@ def test_0_a_sequence_without_analysis(tmp_path: Path, inside: Inside) -> None:
     assert done.stdout.count("\n") == len(done.stdout.splitlines())
 
 
-def test_1_a_verdict_fails(short: Short, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    view = read_view(short[0])
+def test_1_a_verdict_fails(golden: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    view = read_view(golden)
     results, analysis = analyse_view(view)
     assert run_command.verdict_status(results, analysis.missing) == ExitStatus.PASS
     assert run_command.verdict_status(results, ["channel 2 at 25 degC"]) == ExitStatus.VERDICT_FAIL
@@ -156,7 +156,7 @@ def test_3_not_confirmed_safe_is_never_exit_status_0(tmp_path: Path, monkeypatch
 
 def test_3_a_prompt_and_nobody_to_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                          capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
-    from bench.commands.terminal import TerminalOperator
+    from bench.commands.conducting import TerminalOperator
 
     monkeypatch.setattr(conducting, "SimulatedOperator", TerminalOperator)
     monkeypatch.setattr(sys.stdin, "isatty", lambda: False, raising=False)
@@ -171,7 +171,7 @@ def test_3_a_prompt_and_nobody_to_answer(tmp_path: Path, monkeypatch: pytest.Mon
 def test_4_the_operator_refuses_a_prompt(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], typed: str
 ) -> None:
-    from bench.commands.terminal import TerminalOperator
+    from bench.commands.conducting import TerminalOperator
 
     def answer(prompt: str) -> str:
         if not typed:
@@ -226,8 +226,8 @@ def test_2_an_address_of_the_history_that_is_none_is_refused_before_the_run(tmp_
 # --- 5 -------------------------------------------------------------------------------------------------------------
 
 
-def test_5_numbers_that_differ(short: Short, tmp_path: Path, inside: Inside) -> None:
-    copy = writable_copy(short[0], tmp_path / "copy")
+def test_5_numbers_that_differ(golden: Path, tmp_path: Path, inside: Inside) -> None:
+    copy = writable_copy(golden, tmp_path / "copy")
     stored = json.loads((copy / "results.json").read_text())
     stored["estimates"][0]["value"] += 1e-9
     (copy / "results.json").write_text(json.dumps(stored))
@@ -244,9 +244,9 @@ def test_5_numbers_that_differ(short: Short, tmp_path: Path, inside: Inside) -> 
     refused(inside("replay", str(copy), "--json"), 2, "B-CLI-010")
 
 
-def test_5_a_damaged_session(short: Short, tmp_path: Path, inside: Inside) -> None:
-    copy = writable_copy(short[0], tmp_path / "copy")
-    segment = copy / "session.0002.mcap"
+def test_5_a_damaged_session(golden: Path, tmp_path: Path, inside: Inside) -> None:
+    copy = writable_copy(golden, tmp_path / "copy")
+    segment = copy / "session.0001.mcap"
     raw = bytearray(segment.read_bytes())
     raw[len(raw) // 2] ^= 1
     segment.write_bytes(raw)
@@ -289,8 +289,8 @@ def test_70_an_error_nobody_foresaw_during_a_run_closes_the_session(
 # --- standard output -----------------------------------------------------------------------------------------------
 
 
-def test_json_is_one_document_and_nothing_else(short: Short, tmp_path: Path, inside: Inside) -> None:
-    session = str(short[0])
+def test_json_is_one_document_and_nothing_else(golden: Path, tmp_path: Path, inside: Inside) -> None:
+    session = str(golden)
     raw = tmp_path / "capture"
     raw.write_bytes(b"\xeb\x90 noise")
     for words in (
@@ -316,16 +316,13 @@ def test_a_reader_that_goes_away_is_no_error() -> None:
     assert "Traceback" not in done.stderr
 
 
-def test_results_are_written_when_nobody_listens(tmp_path: Path) -> None:
-    """Standard output and standard error are closed pipes: the campaign is done all the same."""
-    read, write = os.pipe()
-    os.close(read)
-    tiny_plan(tmp_path)
-    out = tmp_path / "out"
-    command = [sys.executable, "-m", "bench", "run", str(tmp_path / "tiny.yaml"), "--out", str(out)]
-    subprocess.run(command, stdout=write, stderr=write, check=False)
-    os.close(write)
-    (session,) = (path for path in out.iterdir() if path.is_dir())
+@pytest.mark.parametrize("closing", ["|& true", ">&- 2>&-", "<&- >&- 2>&-"], ids=["pipes", "output", "everything"])
+def test_results_are_written_when_nobody_listens(closing: str, tmp_path: Path) -> None:
+    """Standard output and error are closed pipes, or closed altogether: the campaign is done all the same."""
+    command = [sys.executable, "-m", "bench", "run", GOLDEN_SEQUENCE, "--out", str(tmp_path)]
+    done = subprocess.run(["bash", "-c", f"set -o pipefail; {shlex.join(command)} {closing}"], check=False)
+    assert done.returncode == ExitStatus.PASS
+    (session,) = (path for path in tmp_path.iterdir() if path.is_dir())
     assert (session / "results.json").exists()
     assert (session / "report.html").exists()
 

@@ -34,8 +34,7 @@ from bench.session.early import verdict
 from bench.session.record_states import INVALID, VALID, record_states
 from bench.session.service import merged, read_view
 from bench.session.view import KEPT_EVENTS, analyse_view, material_of
-from bench.tui.glyphs import UNICODE
-from bench.tui.look import Look, catalogue
+from bench.tui.look import UNICODE, Look, catalogue
 from bench.tui.tables import records as record_lines
 from bench.tui.watch import Seen
 from bench.web.recorded.past import Past

@@ -13,33 +13,23 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from recorded import writable_copy
 from rehearsal import ROOT
 
-from bench.commands import run as run_command
 from bench.commands.certificate import Request, certificate
 from bench.commands.session import report
-from bench.commands.verify.verify import verify
+from bench.commands.verify import verify
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
 from bench.session import verification
 
 GOLDEN = ROOT / "tests" / "golden" / "sessions"
 SEGMENT = "session.0001.mcap"
-SEED = 3
 HEADER, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, DATA_END, FOOTER = 0x01, 0x06, 0x07, 0x08, 0x0F, 0x02  # of the MCAP format
 
 
-@pytest.fixture(scope="module")
-def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A session of two channels with results and report."""
-    out = tmp_path_factory.mktemp("verify")
-    url = f"sqlite:///{out / 'history.sqlite'}"
-    run_command.run(run_command.Request(str(GOLDEN / "golden.yaml"), None, [], "virtual", SEED, out, False, False, url))
-    return next(path.parent for path in out.glob("*/results.json"))
-
-
 @pytest.fixture
-def session(original: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(original, tmp_path / original.name))
+def session(golden: Path, tmp_path: Path) -> Path:
+    return writable_copy(golden, tmp_path / golden.name)
 
 
 @pytest.fixture
@@ -193,7 +183,7 @@ def test_numbers_of_another_software_are_named(
     session: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The software of today gives another number than the one of the run."""
-    from bench.commands.verify import verify as command
+    from bench.commands import verify as command
 
     plain = command.analyse_view
 

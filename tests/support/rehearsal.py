@@ -62,6 +62,13 @@ def record_ramp(out: Path) -> None:
     assert done.returncode in (0, 1), done.stderr
 
 
+def record_golden(out: Path) -> None:
+    """Run the smallest campaign with an analysis, two channels."""
+    from bench.commands import run as command
+
+    command.run(command.Request(GOLDEN_SEQUENCE, None, [], "virtual", 3, out, False, False, None))
+
+
 @dataclass
 class Watched:
     """Listener of a run that reaches into the simulated world at the beginning of each step."""

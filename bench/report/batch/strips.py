@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 
 from bench.analysis import number, unit_text
 from bench.model.texts import Texts
-from bench.report.batch.model import Batch
-from bench.report.batch.spread import Spread
+from bench.report.batch.model import Batch, Spread
 from bench.report.estimate_tables import readable
-from bench.report.plots.multiples import panels_of
-from bench.report.plots.style import BLUE, GREY, INK, VERMILION, Picture, drawing, inline_svg
+from bench.report.plots.style import BLUE, GREY, INK, VERMILION, Picture, drawing, inline_svg, panels_of
 from bench.report.tables import label
 
 MOST_PANELS = 24  # of a campaign; judged quantities come first

@@ -7,12 +7,10 @@ from typing import Any
 
 from bench.analysis import cell, decimals_for, number, unit_text, with_uncertainty
 from bench.model.texts import Texts
-from bench.report.batch.model import Batch, Outcome, Yield
-from bench.report.batch.spread import Member, Quantity, Spread, Unit
+from bench.report.batch.model import Batch, Member, Outcome, Quantity, Spread, Unit, Yield
 from bench.report.estimate_tables import readable
-from bench.report.tables import Table
+from bench.report.tables import Table, column
 from bench.report.verdict_tables import percent
-from bench.report.words import column
 
 _MOST_ROWS = 400
 

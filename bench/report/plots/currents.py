@@ -10,9 +10,8 @@ from matplotlib.ticker import FuncFormatter
 
 from bench.model.texts import Texts
 from bench.report.model import ReportModel, Residual
-from bench.report.plots.multiples import legend_of, panels_of
-from bench.report.plots.style import GREY, Picture, drawing, inline_svg, look
-from bench.report.words import channel_title
+from bench.report.plots.style import GREY, Picture, drawing, inline_svg, legend_of, look, panels_of
+from bench.report.tables import channel_title
 
 _LINEAR_ppm = 1.0
 _mA = 1e3

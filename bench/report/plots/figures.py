@@ -14,7 +14,7 @@ from bench.model.texts import ENGLISH, Texts
 from bench.report.model import TemperatureTrace, TimedPlan, Timetable
 from bench.report.plots.style import BLUE, GREEN, GREY, INK, VERMILION, WINE, Picture, drawing, inline_svg, svg_text
 from bench.report.plots.timetable import timetable
-from bench.report.words import words_of
+from bench.report.tables import words_of
 
 _FILL = {"prepare": GREY, "finally": GREY, "soak": VERMILION, "measure": BLUE, "repeat": WINE}
 _HATCH = {"prepare": "////", "finally": "////", "soak": "....", "repeat": "xxxx"}

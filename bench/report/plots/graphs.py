@@ -12,8 +12,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from bench import analysis
 from bench.report.plots.figures import thin
-from bench.report.plots.multiples import legend_of, panels_of
-from bench.report.plots.style import Picture, drawing, inline_svg, look
+from bench.report.plots.style import Picture, drawing, inline_svg, legend_of, look, panels_of
 from bench.report.tables import label, sentence
 
 _LINE_STYLES = ("-", (0, (4, 2)), (0, (1, 1.2)), (0, (6, 2, 1, 2)))

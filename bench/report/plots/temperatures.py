@@ -14,9 +14,18 @@ from bench.model.texts import Texts
 from bench.report.estimate_tables import readable
 from bench.report.model import ReportModel
 from bench.report.plots.figures import thin
-from bench.report.plots.multiples import channels_of, legend_of, panels_of
-from bench.report.plots.style import BLUE, VERMILION, Picture, drawing, inline_svg, look
-from bench.report.words import channel_title
+from bench.report.plots.style import (
+    BLUE,
+    VERMILION,
+    Picture,
+    channels_of,
+    drawing,
+    inline_svg,
+    legend_of,
+    look,
+    panels_of,
+)
+from bench.report.tables import channel_title
 
 _APART = 0.008  # of the span of temperatures, to each side
 _LEAST_SPAN_degC = 1.0  # of the axis: a campaign at one temperature differs by hundredths between its records

@@ -1,9 +1,15 @@
-"""The sessions of a folder as a list: each is read once, and again only after something in its folder has changed."""
+"""The sessions of a folder as a list: each is read once, and again only after something in its folder has changed.
+
+The page looks into the sessions directly below one folder, and into nothing else. A session may come from elsewhere: no
+link in it is followed, and a pipe, at which one would wait for ever, is no file.
+"""
 
 from __future__ import annotations
 
 import json
+import os
 import re
+import stat
 from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass
@@ -13,8 +19,8 @@ from threading import Lock
 from typing import Any
 
 from bench.model.errors import BenchError
+from bench.model.segments import SEGMENT_NAME
 from bench.record import OPEN_MARKER, Walk, layout
-from bench.web.places import content_of, run_folder
 
 READ_AT_ONCE = 24  # sessions that one request reads; the rest follows with the next requests
 _FIRST_SEGMENT = layout.segment_name(1)
@@ -23,6 +29,7 @@ _WORST = ("fail", "conditional_fail", "conditional_pass", "pass")
 _STARTED = re.compile(r"(\d{8}T\d{6})Z_")
 
 Row = dict[str, Any]
+RUN_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,199}")  # no leading dot, so neither "." nor ".."
 
 
 @dataclass(frozen=True)
@@ -129,3 +136,27 @@ def results_of(folder: Path) -> Row:
     except (ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
+
+
+def run_folder(out: Path, name: str) -> Path | None:
+    """Folder of a session in ``out``; None if the name is none, is no session or leads elsewhere."""
+    if RUN_NAME.fullmatch(name) is None:
+        return None
+    folder = out / name
+    try:
+        if folder.is_symlink() or not folder.is_dir():
+            return None
+        with os.scandir(folder) as entries:
+            plain = [one.is_file(follow_symlinks=False) for one in entries if SEGMENT_NAME.fullmatch(one.name)]
+    except OSError:
+        return None
+    return folder if plain and all(plain) else None
+
+
+def content_of(path: Path) -> bytes | None:
+    """Return what a plain file of a session holds; None if it is not there, cannot be read, or is no plain file."""
+    try:
+        with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
+            return file.read() if stat.S_ISREG(os.fstat(file.fileno()).st_mode) else None
+    except OSError:
+        return None

@@ -2,25 +2,36 @@
 
 from __future__ import annotations
 
+import hashlib
+import math
+import os
+import shutil
+import subprocess
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 from typing import Any
 
-from bench.model.errors import BenchError
-from bench.record import TrendWindow
-from bench.replay import RAW_S_PER_POINT, history, raw_window, trend_place
+from bench.model.errors import BenchError, InputError
+from bench.model.processes import TREND, own_process
+from bench.record import FOLDER, TrendWindow
+from bench.replay import RAW_S_PER_POINT, history, needs_build, raw_window, trend_place
 from bench.web.partial import finished_estimates
 from bench.web.points import Points, binned
 from bench.web.recorded.listing import results_of
-from bench.web.recorded.recording import Recording, read_recording
-from bench.web.recorded.state import RecordedState, Scenery, scenery_of
-from bench.web.recorded.trends import Trends
+from bench.web.recorded.recording import RecordedState, Recording, Scenery, read_recording, scenery_of
+from bench.web.security.refusal import Refusal
 
 KEPT_SESSIONS = 3
 _Stamp = tuple[int, ...]
+KEPT_TRENDS = 20  # a campaign of 38 hours takes some 25 MB
+LONGEST_S = 600.0
+MOST_POINTS = 4000
+MOST_SIGNALS = 40
+_DEFAULT_POINTS = 1000
 
 
 @dataclass(frozen=True)
@@ -109,3 +120,105 @@ def unreadable(folder: Path, error: BenchError) -> dict[str, Any]:
         **empty, **lists, "proto": 1, "run": folder.name, "boot_id": "", "source": "replay", "state": "stopped",
         "outcome": {"error": error.code, "text": error.message},
     }  # fmt: skip
+
+
+class Trends:
+    """Trends of sessions, those made here in a folder of this user's cache. Safe to be used from several threads."""
+
+    def __init__(self, cache: Path | None = None) -> None:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        self._cache = cache or base / "inertial-bench" / "trend"
+        self._one = Lock()
+        self._building: subprocess.Popen[bytes] | None = None
+        self._stopped = False
+
+    def place(self, folder: Path) -> Path | None:
+        """The cache of a session as bench.replay.history wants it, not made yet; None if the session has its own."""
+        if trend_place(folder) is not None:
+            return None
+        return self._cache / hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:16]
+
+    def made(self, folder: Path) -> Path | None:
+        """As ``place``, the trend being there now. Raises: InputError B-WEB-022 if it cannot be made."""
+        cache = self.place(folder)
+        if cache is None:
+            return None
+        if needs_build(folder, cache / folder.name):
+            with self._one:
+                if needs_build(folder, cache / folder.name):  # still: another thread may have made it
+                    self._build(folder, cache)
+                    self._prune()
+        return cache
+
+    def stop(self) -> None:
+        """Give up what is being made."""
+        self._stopped = True
+        if self._building is not None:
+            with suppress(ProcessLookupError):
+                self._building.kill()
+
+    def _build(self, folder: Path, cache: Path) -> None:
+        words = own_process(TREND, str(folder), str(cache / folder.name))
+        failed = "the page server ends"
+        if not self._stopped:
+            with subprocess.Popen(words, stdin=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
+                self._building = process
+                try:
+                    _, said = process.communicate(timeout=LONGEST_S)
+                except subprocess.TimeoutExpired:
+                    process.kill()
+                    _, said = process.communicate()
+                self._building = None
+            if process.returncode == 0:
+                return
+            failed = (said.decode(errors="replace").strip().splitlines() or ["it was given up"])[-1]
+        raise InputError(
+            "B-WEB-022",
+            f"the trend of this session cannot be made ({failed})",
+            where=str(folder),
+            next_step="zoom in to see single readings; 'bench recover' lists what the session holds",
+        )
+
+    def _prune(self) -> None:
+        made = sorted(self._cache.glob(f"*/*/{FOLDER}"), key=lambda path: path.stat().st_mtime)
+        for path in made[:-KEPT_TRENDS]:
+            shutil.rmtree(path.parent.parent, ignore_errors=True)
+
+
+@dataclass(frozen=True)
+class HistoryQuery:
+    """What a page asks for; times in seconds since 1970 (UTC)."""
+
+    signals: tuple[str, ...]
+    t0_utc_s: float
+    t1_utc_s: float
+    n: int
+
+
+def history_query(words: Mapping[str, str]) -> HistoryQuery:
+    """Read the query of a history request. Raises: Refusal B-WEB-020, status 400, naming what is wrong."""
+    signals = tuple(dict.fromkeys(name for name in words.get("signals", "").split(",") if name))
+    if not 1 <= len(signals) <= MOST_SIGNALS:
+        raise _refused(f"signals names {len(signals)} signals; one to {MOST_SIGNALS} can be asked for, by commas")
+    t0_utc_s, t1_utc_s = _time(words, "t0"), _time(words, "t1")
+    if not t1_utc_s > t0_utc_s:
+        raise _refused(f"t1 ({t1_utc_s} s) must be later than t0 ({t0_utc_s} s)")
+    asked = words.get("n", str(_DEFAULT_POINTS))
+    if not (asked.isascii() and asked.isdigit() and len(asked) < 10 and int(asked) >= 1):
+        raise _refused(f"n is {asked[:20]!r}; it must be a whole number from 1 on")
+    return HistoryQuery(signals, t0_utc_s, t1_utc_s, min(int(asked), MOST_POINTS))
+
+
+def _time(words: Mapping[str, str], key: str) -> float:
+    text = words.get(key, "")
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise _refused(f"{key} is {text[:20]!r}; it must be a number: seconds since 1970 (UTC)")
+    return value
+
+
+def _refused(message: str) -> Refusal:
+    return Refusal(400, "B-WEB-020", f"history: {message}", next_step="ask again, as docs/live-protocol.md says")

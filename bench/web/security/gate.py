@@ -12,14 +12,13 @@ import logging
 import re
 from typing import Any
 
-from starlette.datastructures import Headers
+from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from bench.web.security.browser_rules import rules_for
-from bench.web.security.cookie import Login
 from bench.web.security.login import login_page
+from bench.web.security.logins import Login
 from bench.web.security.refusal import Refusal
 from bench.web.serving import Serving
 
@@ -34,6 +33,25 @@ _ELSEWHERE = re.compile(rb"%2f|%5c|%00|\\|//|(^|/)\.\.?(/|$)|%2e", re.IGNORECASE
 _CLOSE = {401: 4401, 403: 4403, 404: 4404, 429: 4429}
 
 log = logging.getLogger(__name__)
+PAGE_CSP = (
+    "default-src 'self'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
+    "connect-src 'self'; object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+)
+# a report comes from a folder that may have come from elsewhere: it is shown, and can do nothing
+REPORT_CSP = (
+    "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; base-uri 'none'; "
+    "form-action 'none'; frame-ancestors 'none'"
+)
+REPORT = re.compile(r"/api/v1/runs/[^/]*/report")
+ASSETS = ("/static/", "/bokeh/")
+LOGIN_STATUS = 401
+_ALWAYS = {
+    "X-Content-Type-Options": "nosniff",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "X-Frame-Options": "DENY",
+    "Permissions-Policy": "camera=(), geolocation=(), microphone=(), payment=(), usb=(), serial=()",
+}
 
 
 class Gate:
@@ -195,3 +213,17 @@ def _replay(body: bytes) -> Receive:
         return messages.pop() if messages else {"type": "http.disconnect"}
 
     return receive
+
+
+def rules_for(path: str, start: Message) -> list[tuple[bytes, bytes]]:
+    """Headers of the ``http.response.start`` message of an answer to ``path``, with the rules put in."""
+    headers = MutableHeaders(raw=list(start["headers"]))
+    for name, value in _ALWAYS.items():
+        headers[name] = value
+    headers["Content-Security-Policy"] = REPORT_CSP if REPORT.fullmatch(path) else PAGE_CSP
+    # with "no-referrer" a browser sends the login form with "Origin: null", which is refused
+    is_form = start["status"] == LOGIN_STATUS and headers.get("content-type", "").startswith("text/html")
+    headers["Referrer-Policy"] = "same-origin" if is_form else "no-referrer"
+    if not (path.startswith(ASSETS) and start["status"] in (200, 304)):
+        headers["Cache-Control"] = "no-store"
+    return headers.raw

@@ -16,7 +16,7 @@ from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Re
 from bench import __version__
 from bench.model.texts import Texts
 from bench.web.pages import language_of
-from bench.web.security.cookie import Login, clean_name
+from bench.web.security.logins import Login, clean_name
 from bench.web.security.tokens import draw_id
 from bench.web.serving import Serving
 

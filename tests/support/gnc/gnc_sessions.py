@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from recorded import recorded
 
-from bench.commands.loading import checked_plan
+from bench.commands.check import checked_plan
 from bench.commands.run import view_of
 from bench.model.clock import VirtualClock
 from bench.plan import Step

@@ -20,7 +20,7 @@ from websockets.sync.client import connect
 from bench.model.clock import WallClock
 from bench.web.app import create_app
 from bench.web.security.audit import FILE, Audit
-from bench.web.security.cookie import Login
+from bench.web.security.logins import Login
 from bench.web.security.tokens import obtain_tokens
 from bench.web.serving import Serving, server_of, written
 

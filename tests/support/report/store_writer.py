@@ -1,14 +1,11 @@
-"""A process that writes calibrations into a history until it is killed: store_writer.py URL SEED COUNT [STATEMENT].
-
-With STATEMENT it kills itself when that statement, counted over the whole process, is about to be executed.
-"""
+"""A process that writes calibrations into a history until it is killed."""
 
 from __future__ import annotations
 
 import functools
 import os
 import signal
-import sys
+from multiprocessing.connection import Connection
 from typing import Any
 
 import store_sample
@@ -40,17 +37,12 @@ def die_at(statement: int) -> None:
             os.kill(os.getpid(), signal.SIGKILL)
 
 
-def main() -> None:
-    url, seed, count = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+def write(url: str, seed: int, count: int, statement: int = 0, told: Connection | None = None) -> None:
+    """Write; ``told`` hears when it begins. Before ``statement``, if it is not 0, this process kills itself."""
     documents = every_document(seed, count)
-    if len(sys.argv) > 4:
-        die_at(int(sys.argv[4]))
-    sys.stdout.write("ready\n")
-    sys.stdout.flush()
+    if statement:
+        die_at(statement)
+    if told is not None:
+        told.send("ready")
     for document, manifest, report in documents:
         record_calibration(url, document, manifest, report)
-    sys.stdout.write("done\n")
-
-
-if __name__ == "__main__":
-    main()

@@ -12,9 +12,9 @@ from typing import Any
 import distributed
 import pytest
 
-from bench.commands.study import study as study_command
-from bench.commands.study.cluster import run_on_cluster
-from bench.commands.study.study import Request, study
+from bench.commands import study as study_command
+from bench.commands.cluster import run_on_cluster
+from bench.commands.study import Request, study
 from bench.model.errors import InputError
 from bench.systems.time_sync import study as published
 from bench.systems.time_sync.study.study import BASE, NAME, TIGHT, Group, StudyOptions, Task

@@ -10,7 +10,7 @@ import fit_simulation as sim
 import pytest
 
 from bench import cli
-from bench.commands import coefficients as command
+from bench.commands import session as command
 from bench.model.errors import InputError
 from bench.session.view import SessionView
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from bench.commands.study import cluster as study_cluster
-from bench.commands.study.cluster import run_on_cluster, run_there, software_here
+from bench.commands import cluster as study_cluster
+from bench.commands.cluster import run_on_cluster, run_there, software_here
 from bench.model.errors import BenchError, InputError, RunError
 from bench.systems.time_sync.study.study import BASE, Group, Task
 

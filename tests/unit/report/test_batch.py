@@ -11,10 +11,8 @@ import pytest
 from batch_sample import LIMIT, SEED, calibrations, coupling, results
 
 from bench.analysis import estimate
-from bench.report.batch.document import batch_document, batch_json
-from bench.report.batch.model import Batch, LeftOut
-from bench.report.batch.page import batch_html
-from bench.report.batch.spread import Unit
+from bench.report.batch.document import batch_document, batch_html, batch_json
+from bench.report.batch.model import Batch, LeftOut, Unit
 
 GOOD, BAD = 0.5 * LIMIT, 2.0 * LIMIT
 

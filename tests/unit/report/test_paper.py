@@ -1,4 +1,4 @@
-"""The report as PDF: complete, inside the page, fonts inside the file, the same bytes for the same numbers."""
+"""The report as PDF: complete, inside the page, fonts and tables inside, the same bytes for the same numbers."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from fontTools.ttLib import TTFont
 from matplotlib.image import imread
 from report_sample import sample_model, sample_results
 
 from bench.model.errors import InputError
 from bench.report import Report
-from bench.report.fonts import missing
+from bench.report.document import document_files
 from bench.report.model import ReportModel
-from bench.report.pdf import document_files
-from bench.report.words import words_of
+from bench.report.sheet import ROOM_pt, SIZES_pt, folder, legible, missing, sheets, width_pt
+from bench.report.tables import Table, words_of
 
 MM_PER_INCH = 25.4
 DPI = 60.0
@@ -32,8 +33,13 @@ def report() -> Report:
 
 
 @pytest.fixture(scope="module")
-def real() -> Report:
-    return Report(sample_model(simulated=False))
+def marked_pages(report: Report) -> list[bytes]:
+    return report.pages(DPI)
+
+
+@pytest.fixture(scope="module")
+def real_pages() -> list[bytes]:
+    return Report(sample_model(simulated=False)).pages(DPI)
 
 
 @pytest.fixture(scope="module")
@@ -69,15 +75,14 @@ def test_every_font_is_inside(pdf: bytes) -> None:
     assert len(re.findall(rb"/FontFile[23]?\b", inside)) >= len(names)
 
 
-def test_the_pictures_are_the_pages_of_the_file(report: Report, pdf: bytes) -> None:
-    pages = report.pages(30.0)
-    assert f"/Count {len(pages)}".encode() in opened(pdf)
-    assert len(pages) >= 8
+def test_the_pictures_are_the_pages_of_the_file(marked_pages: list[bytes], pdf: bytes) -> None:
+    assert f"/Count {len(marked_pages)}".encode() in opened(pdf)
+    assert len(marked_pages) >= 8
 
 
-def test_nothing_reaches_into_the_margins(real: Report) -> None:
+def test_nothing_reaches_into_the_margins(real_pages: list[bytes]) -> None:
     """Header, footer, figures and tables end inside 18 mm from the left and right edge of the sheet."""
-    for number, page in enumerate(real.pages(DPI), 1):
+    for number, page in enumerate(real_pages, 1):
         grey = imread(io.BytesIO(page))[..., :3].mean(axis=2)
         assert grey.shape[1] == pytest.approx(210.0 / MM_PER_INCH * DPI, abs=1.0)
         edge = int(17.0 / MM_PER_INCH * DPI)
@@ -87,9 +92,11 @@ def test_nothing_reaches_into_the_margins(real: Report) -> None:
         assert np.ptp(grey) > 0.5, f"page {number} is empty"
 
 
-def test_a_simulated_run_is_marked_on_every_page_and_a_real_one_on_none(report: Report, real: Report) -> None:
+def test_a_simulated_run_is_marked_on_every_page_and_a_real_one_on_none(
+    marked_pages: list[bytes], real_pages: list[bytes]
+) -> None:
     pale_red = np.array((248.0, 232.0, 235.0)) / 255.0  # 9 % of the red of the mark on white
-    for pages, marked in ((report.pages(50.0), True), (real.pages(50.0), False)):
+    for pages, marked in ((marked_pages, True), (real_pages, False)):
         for page in pages:
             away = np.abs(imread(io.BytesIO(page))[..., :3] - pale_red).max(axis=2)
             count = int((away < 3.0 / 255.0).sum())
@@ -129,3 +136,59 @@ def test_page_and_paper_have_the_same_sections(report: Report) -> None:
     assert re.findall(r"<h2>([^<]*)</h2>", page) == titles
     pictures = [picture["file"] for chapter in frame["chapters"] for picture in chapter["pictures"]]
     assert len(pictures) == len(set(pictures)) == page.count("<svg ")
+
+
+def test_widths_and_glyphs_are_those_of_another_reader_of_the_font() -> None:
+    for bold, file in ((False, "DejaVuSans.ttf"), (True, "DejaVuSans-Bold.ttf")):
+        with TTFont(folder() / file) as font:
+            charmap, advances, units = font.getBestCmap(), font["hmtx"], font["head"].unitsPerEm
+        for text in ("Scale-factor error / ppm", "−12\u202f345.678 ± 0.012", "µΩ°C²∞√·…–—"):
+            expected = 10.0 * sum(advances[charmap[ord(one)]][0] for one in text) / units
+            assert width_pt(text, 10.0, bold) == pytest.approx(expected, rel=1e-6)
+        assert ord("한") not in charmap
+
+
+def test_a_character_without_a_glyph_is_written_as_its_code() -> None:
+    assert missing("−°µ±∞²³√·…–—\u202f\u2060\u200b\n") == set()
+    assert missing("A한") == {"한"}
+    assert legible("한 A") == "[U+D55C] A"
+
+
+def test_a_narrow_table_keeps_its_size_and_its_words() -> None:
+    table = Table("c", ("channel", "N / ppm"), (("1", "−240 ± 20"), ("2", "1 ± 20")))
+    (one,) = sheets(table, ROOM_pt)
+    assert one.size_pt == SIZES_pt[0]
+    assert sum(one.widths_pt) < 0.5 * ROOM_pt
+    assert one.table.rows[0][1] == "−240\u00a0±\u00a020"  # a value is never broken
+    assert width_pt("−240 ± 20", one.size_pt) < one.widths_pt[1]
+
+
+def test_words_are_broken_over_lines_before_the_type_gets_smaller() -> None:
+    table = Table("c", ("item", "in words"), (("a", "word " * 80),), prose=True)
+    (one,) = sheets(table, ROOM_pt)
+    assert one.size_pt == SIZES_pt[0]
+    assert sum(one.widths_pt) == pytest.approx(ROOM_pt)
+
+
+def test_a_word_longer_than_the_page_can_be_broken() -> None:
+    (one,) = sheets(Table("c", ("hash",), (("f" * 400,),)), ROOM_pt)
+    assert sum(one.widths_pt) <= ROOM_pt
+    assert one.table.rows[0][0].replace("\u200b", "") == "f" * 400
+
+
+def test_a_table_too_wide_goes_in_parts_that_name_their_rows() -> None:
+    headers = ("channel", *(f"quantity{column:02d} / nA" for column in range(30)))
+    rows = tuple((str(row), *(f"{row}{column:02d}.5 ± 0.1" for column in range(30))) for row in range(3))
+    parts = sheets(Table("c", headers, rows), ROOM_pt)
+    assert len(parts) > 1
+    assert all(sum(one.widths_pt) <= ROOM_pt and one.size_pt == SIZES_pt[-1] for one in parts)
+    assert all(one.table.headers[0] == "channel" for one in parts)
+    shown = [cell.replace("\u00a0", " ") for one in parts for cell in one.table.rows[2][1:]]
+    assert shown == list(rows[2][1:])
+
+
+def test_a_table_to_fill_in_takes_the_whole_width() -> None:
+    table = Table("c", ("", "name", "signature"), (("prepared", "", ""),), to_fill=True)
+    (one,) = sheets(table, ROOM_pt)
+    assert sum(one.widths_pt) == pytest.approx(ROOM_pt)
+    assert one.widths_pt[1] == one.widths_pt[2] > 100.0

@@ -1,27 +1,33 @@
-"""Pages of sessions without channels: several units in one session, axes, counts, verdicts first."""
+"""Reports of several units, and the fixed texts of a report."""
 
 from __future__ import annotations
 
+import ast
 import re
+from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from report_sample import estimate, small_model
 
+import bench.report
 from bench.analysis import Figure, Table, series
+from bench.model.texts import Texts, languages
 from bench.report import Report, TemperatureTrace
-from bench.report.across_tables import across_tables
-from bench.report.estimate_tables import coverage_table, other_table
+from bench.report.estimate_tables import across_tables, coverage_table, other_table
 from bench.report.model import Bar, ReportModel, Timetable
 from bench.report.plots.figures import timetable_picture
 from bench.report.plots.graphs import analysis_pictures
 from bench.report.sections import sections_of
+from bench.report.tables import FOLDER, words_of
 from bench.report.verdict_tables import verdict_table
-from bench.report.words import words_of
 
 WORDS = words_of("en")
+SOURCES = sorted(path for path in Path(bench.report.__file__).parent.rglob("*.py") if path.parent.name != "dcc")
+KEYS = words_of("en").all
 
 
 def of_unit(quantity: str, unit: str, value: float, expanded: float, serial: str, **conditions: Any) -> dict[str, Any]:
@@ -138,3 +144,59 @@ def test_a_circle_looks_like_one() -> None:
     (picture,) = analysis_pictures([drawn])
     assert "X / mgauss" in picture.svg
     assert picture.caption == "Order: +x, −1."
+
+
+def called(tree: ast.AST) -> Iterator[ast.expr]:
+    """First arguments of ``words(...)`` and ``words.all.get(...)``."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call) and node.args and ast.unparse(node.func) in ("words", "words.all.get"):
+            yield node.args[0]
+
+
+def patterns(expression: ast.expr) -> list[str]:
+    """Regular expressions of the keys an expression can give; none for a plain variable."""
+    if isinstance(expression, ast.IfExp):
+        return patterns(expression.body) + patterns(expression.orelse)
+    if isinstance(expression, ast.Constant):
+        return [re.escape(str(expression.value))]
+    if isinstance(expression, ast.JoinedStr):
+        parts = [re.escape(part.value) if isinstance(part, ast.Constant) else r"[\w.-]*" for part in expression.values]
+        return ["".join(parts)]
+    return []
+
+
+TREES = [ast.parse(path.read_text(encoding="utf-8")) for path in SOURCES]
+WANTED = {pattern for tree in TREES for one in called(tree) for pattern in patterns(one)}
+LITERAL = {node.value for tree in TREES for node in ast.walk(tree) if isinstance(node, ast.Constant)}
+TEMPLATE = (FOLDER / "templates" / "report.html.j2").read_text(encoding="utf-8")
+
+
+def test_there_are_texts() -> None:
+    assert len(KEYS) > 100
+    assert len(WANTED) > 50
+    assert languages(FOLDER)[0] == "en"
+
+
+def test_no_text_is_missing() -> None:
+    assert [one for one in sorted(WANTED) if not any(re.fullmatch(one, key) for key in KEYS)] == []
+    assert [key for key in re.findall(r"words\('([^']+)'\)", TEMPLATE) if key not in KEYS] == []
+
+
+def test_no_text_is_left_over() -> None:
+    used = "|".join(sorted(WANTED))
+    left = [key for key in KEYS if not re.fullmatch(used, key) and key not in LITERAL and f"'{key}'" not in TEMPLATE]
+    assert left == []
+
+
+def test_language_of_the_page() -> None:
+    model = ReportModel(title="T", results={"session": "s", "estimates": []})
+    assert '<html lang="en">' in Report(model).html()
+
+
+def test_another_language_needs_no_code(tmp_path: Path) -> None:
+    (tmp_path / "texts").mkdir()
+    (tmp_path / "texts" / "en.json").write_text((FOLDER / "texts" / "en.json").read_text())
+    (tmp_path / "texts" / "ko.json").write_text('{"section.summary": "요약"}')
+    words = Texts(tmp_path, "ko")
+    assert words("section.summary") == "요약"
+    assert words("section.quality") == KEYS["section.quality"]

@@ -9,7 +9,7 @@ import pytest
 from dcc_sample import calibration, estimate
 
 from bench.analysis import results_json
-from bench.commands.verify.certificate import check_certificates
+from bench.commands.verify import check_certificates
 from bench.report.dcc import certificate_text
 from bench.session.verification import Verification
 

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 from sqlalchemy import func, select
 from store_database import BACKENDS, new_history
-from store_writer import every_document
+from store_writer import every_document, write
 
 from bench.store import Filters, StoreError, list_calibrations, record_calibration, show_calibration
 from bench.store.database import reading
@@ -23,27 +22,20 @@ LONGEST_s = 0.5
 STATEMENTS = (3, 20, 33, 38, 44, 61, 70)  # of the creation, of the first session, of later ones
 
 
-def writer(url: str, *more: str) -> subprocess.Popen[str]:
-    command = [
-        sys.executable,
-        str(Path(__file__).resolve().parents[2] / "support" / "report" / "store_writer.py"),
-        url,
-        str(SEED),
-        str(COUNT),
-        *more,
-    ]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+PROCESSES = multiprocessing.get_context("forkserver")
+PROCESSES.set_forkserver_preload(["bench.store"])  # which takes longer to import than everything to be written
 
 
-def killed_after(url: str, wait_s: float) -> int:
+def killed_after(url: str, wait_s: float) -> int | None:
     """Let the writer write for a while, kill it; its exit status."""
-    with writer(url) as process:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n"
-        time.sleep(wait_s)
-        process.kill()
-        process.stdout.read()
-    return process.returncode
+    ready, told = PROCESSES.Pipe(duplex=False)
+    process = PROCESSES.Process(target=write, args=(url, SEED, COUNT, 0, told))
+    process.start()
+    assert ready.recv() == "ready"
+    time.sleep(wait_s)
+    process.kill()
+    process.join()
+    return process.exitcode
 
 
 def sessions_in(url: str) -> int:
@@ -126,8 +118,9 @@ def kill_and_complete(url: str, seed: int) -> None:
 def test_killed_before_a_statement(backend: str, statement: int, tmp_path: Path) -> None:
     """The instants that count lie inside the transaction, so they are not left to chance."""
     url = new_history(backend, tmp_path)
-    with writer(url, str(statement)) as process:
-        process.communicate()
-    assert process.returncode == -signal.SIGKILL
+    process = PROCESSES.Process(target=write, args=(url, SEED, COUNT, statement))
+    process.start()
+    process.join()
+    assert process.exitcode == -signal.SIGKILL
     print(f"killed before statement {statement}: {sessions_in(url)} sessions")
     completed(url)

@@ -63,7 +63,7 @@ def test_no_address(url: str) -> None:
 
 
 def test_a_driver_that_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.store.address.find_spec", lambda name: None)
+    monkeypatch.setattr("bench.store.database.find_spec", lambda name: None)
     with pytest.raises(StoreError, match=r"inertial-bench\[postgresql\]") as caught:
         list_calibrations("postgresql://me:secret@127.0.0.1/x", Filters())
     assert caught.value.code == "B-STORE-001"

@@ -17,8 +17,7 @@ from textual.pilot import Pilot
 from top_sample import ALARM, PROMPT, FakeFeed, Gone, SetClock, document
 
 from bench.tui.app import TopApp
-from bench.tui.glyphs import ASCII, UNICODE, Glyphs
-from bench.tui.look import Look, catalogue
+from bench.tui.look import ASCII, UNICODE, Glyphs, Look, catalogue
 from bench.tui.watch import Watch
 
 SIZES = {"terminal": (80, 24), "phone": (60, 20), "wide": (140, 50)}

@@ -13,11 +13,9 @@ from rich.cells import cell_len
 from top_sample import ALARM, NOW_S, PROMPT, SEEN_AND_OVER, START_S, FakeFeed, Gone, SetClock, document
 
 from bench.tui.folding import cut, folded, joined
-from bench.tui.glyphs import ASCII, UNICODE, Glyphs, glyphs_for
-from bench.tui.look import Look, catalogue, duration
+from bench.tui.look import ASCII, UNICODE, Glyphs, Look, catalogue, duration, glyphs_for
 from bench.tui.page import STYLES, page_of
-from bench.tui.plot import axis, plot
-from bench.tui.temperature import planned_degC
+from bench.tui.tables import axis, planned_degC, plot
 from bench.tui.watch import Seen, Trend, Watch
 
 TEXTS = catalogue()

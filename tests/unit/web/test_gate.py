@@ -13,8 +13,8 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.types import Receive, Scope, Send
 from web_rig import COMMAND, RUN, Page, served
 
-from bench.web.security.cookie import Login
 from bench.web.security.gate import Gate
+from bench.web.security.logins import Login
 from bench.web.security.tokens import OPERATOR, VIEWER
 
 CSP = (

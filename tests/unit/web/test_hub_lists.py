@@ -18,11 +18,9 @@ from bench.model.clock import VirtualClock
 from bench.record.writer import OPEN_MARKER
 from bench.web import partial
 from bench.web.partial import KEPT_IN_ALL, KEPT_PER_ROW, PartialFits, finished_estimates, joined
-from bench.web.recorded.calibrations import calibration_rows
-from bench.web.recorded.history_query import MOST_POINTS, history_query
 from bench.web.recorded.listing import READ_AT_ONCE, RunList, verdict_of
-from bench.web.recorded.past import Past
-from bench.web.recorded.trends import Trends
+from bench.web.recorded.past import MOST_POINTS, Past, Trends, history_query
+from bench.web.runs import calibration_rows
 from bench.web.security.refusal import Refusal
 
 GOOD = {"signals": "a.b,a.c,a.b", "t0": "1.5", "t1": "2.5", "n": "10"}

@@ -1,10 +1,12 @@
-"""Merge patches, batches and queues: what is sent to a page, without a run and without a page."""
+"""What pages are sent: the messages of a room, and a recording that is shown like a living run."""
 
 from __future__ import annotations
 
+import asyncio
 import json
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,10 +14,20 @@ import pytest
 from feed_stand_in import T0, first_state
 from hypothesis import given
 from hypothesis import strategies as st
+from record_sample import MANIFEST
 
+from bench.model.clock import NS, VirtualClock
+from bench.model.events import Resume
+from bench.record import SessionWriter
+from bench.record.recover import resume_session
 from bench.web.points import KEPT, LastPoints, Points, binned, no_points
-from bench.web.room import Room, merge_patch
-from bench.web.viewer import LONGEST_QUEUE, Viewer
+from bench.web.recorded import replaying
+from bench.web.recorded.recording import RecordedState, Recording, read_recording, scenery_of
+from bench.web.recorded.replaying import BLOCK, ReplayRun
+from bench.web.room import LONGEST_QUEUE, Room, Viewer, merge_patch
+
+UTC_S = 946_684_800
+CHANNEL = {"channel": 1, "kind": "gyro"}
 
 
 def applied(target: Any, patch: Any) -> Any:
@@ -147,3 +159,208 @@ def test_everybody_in_a_room_is_told_the_same_and_only_what_changed() -> None:
     assert json.loads(str(boss.take())) == delta
     assert watcher.take() is None, "what did not change is not sent"
     assert json.loads(str(room.snapshot(watcher)[0]))["seq"] == 1
+
+
+def record(number: int, t_s: float) -> dict[str, Any]:
+    times = {"t_start_ns": round((t_s - 100) * NS), "t_end_ns": round(t_s * NS)}
+    return {"number": number, "link": "port_a", "first_counter": number * 10_000, "frames": 10_000, "step": -1,
+            "conditions": CHANNEL, **times}  # fmt: skip
+
+
+def write_session(folder: Path, *, ends: bool = True) -> None:
+    """1000 s: a reading of the meter each 10 s, a record each 100 s."""
+    writer = SessionWriter.create(folder, MANIFEST, {"plan.json": "[]"}, t_mono_ns=5 * NS)
+    writer.clock_pair(5 * NS, (UTC_S + 5) * NS)
+    for second in range(10, 1001, 10):
+        t_ns = second * NS
+        writer.command("dmm", "tx", f"READ? {second}", t_ns)
+        writer.command("dmm", "rx", f"{second}.0", t_ns + NS // 100)
+        if second % 100 == 0:
+            writer.event("record", t_ns, record(second // 100, second))
+        writer.tick(t_ns)
+    if ends:
+        writer.event("end", 1000 * NS + 1, {"error": None})
+    writer.close("done")
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    folder = tmp_path_factory.mktemp("sessions") / "20000101T000000Z_x_1"
+    write_session(folder)
+    return read_recording(folder)
+
+
+def test_the_messages_are_on_the_axis_of_utc(session: Recording) -> None:
+    assert session.first_utc_s == UTC_S + 10
+    assert session.last_utc_s == pytest.approx(UTC_S + 1000.01)
+    assert session.until(UTC_S + 9.9) == 0
+    assert session.until(UTC_S + 10) == 1
+    assert session.until(UTC_S + 10.01) == 2
+    assert session.until(UTC_S + 2e9) == len(session.messages) == 212  # 200 lines, 10 records, end and closed
+
+
+def test_the_part_after_a_resume_has_its_own_utc(tmp_path: Path) -> None:
+    folder = tmp_path / "s"
+    write_session(folder, ends=False)
+    writer = resume_session(folder, Resume(reason="power"), t_mono_ns=3 * NS)
+    writer.clock_pair(3 * NS, (UTC_S + 5000) * NS)  # another boot: its clock begins anew
+    writer.command("dmm", "tx", "READ? again", 13 * NS)
+    writer.close("done")
+    found = read_recording(folder)
+    again = next(index for index, one in enumerate(found.messages) if b"again" in one.payload)
+    assert found.t_utc_s[again] == UTC_S + 5010
+    assert found.t_utc_s == sorted(found.t_utc_s)
+
+
+def state_of(session: Recording) -> RecordedState:
+    return RecordedState(session, scenery_of(session))
+
+
+def test_the_state_is_that_of_the_moment_forward_and_back(session: Recording) -> None:
+    state = state_of(session)
+    ended = state.at(session.last_utc_s)
+    assert (ended["state"], ended["outcome"]["error"], ended["records"]["done"]) == ("ended", None, 10)
+    middle = state.at(UTC_S + 455.0)
+    assert middle["outcome"] is None
+    assert middle["records"]["done"] == 4
+    assert (middle["instruments"]["dmm"]["command"], middle["instruments"]["dmm"]["reply"]) == ("READ? 450", "450.0")
+    assert middle["instruments"]["dmm"]["answer_ms"] == pytest.approx(10.0, abs=0.01)
+    assert state.at(session.last_utc_s) == ended
+    assert state_of(session).at(UTC_S + 455.0) == middle
+
+
+def test_a_recording_without_an_end_was_stopped(tmp_path: Path) -> None:
+    write_session(tmp_path / "s", ends=False)
+    state = state_of(read_recording(tmp_path / "s"))
+    assert state.at(UTC_S + 455.0)["state"] != "stopped"
+    assert state.at(UTC_S + 2000.0)["state"] == "stopped"
+
+
+class Stage:
+    """A replay on a clock that a test moves; its points carry the second they belong to."""
+
+    def __init__(self, session: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.clock = VirtualClock()
+        self.fetched: list[tuple[float, float, float]] = []
+        self.replay = ReplayRun(state_of(session), self.fetch, self.work, self.clock, lambda: {"operator": None})
+        self.viewer = Viewer("viewer")
+        self.replay.room.viewers.add(self.viewer)
+        self.seen: list[Any] = []
+        monkeypatch.setattr(replaying, "pause", self.pause)
+        self.ticks = 0
+        self.script: dict[int, dict[str, Any]] = {}
+
+    def fetch(self, t0: float, t1: float, width: float) -> Points:
+        self.fetched.append((t0, t1, width))
+        stamps = np.arange(np.ceil(t0 / width), t1 / width) * width
+        return Points(0, stamps, np.zeros((len(stamps), 0, 2), dtype=np.float32))
+
+    async def work(self, task: Callable[..., Any], *arguments: Any) -> Any:
+        return task(*arguments)
+
+    async def pause(self, seconds: float) -> None:
+        self.clock.sleep(seconds)
+        await asyncio.sleep(0)
+        if self.viewer.stale and self.replay.room.state:
+            self.viewer.start(self.replay.room.snapshot(self.viewer))
+        while (message := self.viewer.take()) is not None:
+            self.seen.append(json.loads(message) if isinstance(message, str) else message)
+        self.ticks += 1
+        if self.ticks in self.script:
+            await self.replay.move(self.script[self.ticks])
+
+    def play(self, ticks: int, script: dict[int, dict[str, Any]]) -> None:
+        self.script = script
+
+        async def follow() -> None:
+            task = asyncio.ensure_future(self.replay.follow())
+            while self.ticks < ticks and not task.done():
+                await asyncio.sleep(0)
+            task.cancel()
+            await asyncio.gather(task, return_exceptions=True)
+
+        asyncio.run(follow())
+
+    def of(self, kind: str) -> list[dict[str, Any]]:
+        return [one for one in self.seen if isinstance(one, dict) and one["type"] == kind]
+
+    def stamps(self) -> list[float]:
+        batches = [one for one in self.seen if isinstance(one, bytes)]
+        return [stamp for one in batches for stamp in np.frombuffer(one, "<f8", (len(one) - 8) // 8, 8)]
+
+
+@pytest.fixture
+def stage(session: Recording, monkeypatch: pytest.MonkeyPatch) -> Stage:
+    return Stage(session, monkeypatch)
+
+
+def test_it_begins_at_the_end_and_stands(stage: Stage, session: Recording) -> None:
+    stage.play(30, {})
+    assert len(stage.of("snapshot")) == 1
+    state = stage.of("snapshot")[0]["state"]
+    last = session.last_utc_s
+    cursor = {"first_utc_s": UTC_S + 10, "last_utc_s": last, "at_utc_s": last, "speed": 1, "playing": False}
+    assert state["replay"] == cursor
+    assert (state["source"], state["state"]) == ("replay", "ended")
+    assert stage.of("delta") == []
+    assert len(stage.of("heartbeat")) == 2, "one a second after the snapshot"
+    assert len(stage.fetched) == 1
+
+
+def test_played_from_the_end_it_begins_anew_in_real_time(stage: Stage) -> None:
+    stage.play(62, {1: {"playing": True}})
+    assert stage.of("snapshot")[-1]["state"]["replay"]["at_utc_s"] == UTC_S + 10
+    last = stage.of("delta")[-1]["patch"]["replay"]
+    assert UTC_S + 15 < last["at_utc_s"] < UTC_S + 16.1
+    fresh = [stamp for stamp in stage.stamps() if UTC_S + 10.05 < stamp < UTC_S + 100]
+    assert np.allclose(np.diff(fresh), 0.1), "every point once, in order"
+    assert len(stage.fetched) <= 4, "fetched in blocks"
+
+
+@pytest.mark.parametrize(("speed", "width"), [(10, 0.1), (100, 1.0), (1000, 10.0)])
+def test_faster_points_are_wider_and_none_is_left_out(stage: Stage, speed: int, width: float) -> None:
+    stage.play(6, {1: {"at_utc_s": UTC_S + 100, "speed": speed, "playing": True}})
+    fresh = [stamp for stamp in stage.stamps() if UTC_S + 100 + width / 2 < stamp < UTC_S + 900]
+    assert len(fresh) > 10
+    assert np.allclose(np.diff(fresh), width)
+    sizes = [(len(one) - 8) // 8 for one in stage.seen[-4:] if isinstance(one, bytes)]
+    assert max(sizes) <= 11, "no more than a hundred points a second"
+    assert all(t1 - t0 <= (600 + BLOCK) * width for t0, t1, _ in stage.fetched)
+
+
+def test_it_stops_at_the_end(stage: Stage, session: Recording) -> None:
+    stage.play(30, {1: {"at_utc_s": UTC_S + 900, "speed": 1000, "playing": True}})
+    cursor = stage.of("delta")[-1]["patch"]["replay"]
+    assert (cursor["at_utc_s"], cursor["playing"]) == (session.last_utc_s, False)
+    assert stage.of("delta")[-1]["patch"]["state"] == "ended"
+
+
+@pytest.mark.parametrize(
+    "said",
+    [{"speed": 7}, {"speed": True}, {"speed": "10"}, {"at_utc_s": float("nan")}, {"at_utc_s": "x"}, {"playing": 1}, {},
+     {"speed": [1]}, {"at_utc_s": None}, {"at_utc_s": float("inf")}, {"at_utc_s": True}],
+)  # fmt: skip
+def test_what_makes_no_sense_is_not_done(stage: Stage, said: dict[str, Any]) -> None:
+    stage.play(12, {1: said})
+    assert len(stage.of("snapshot")) == 1
+    assert stage.of("delta") == []
+
+
+def test_a_cursor_stays_inside_the_recording(stage: Stage) -> None:
+    stage.play(4, {1: {"at_utc_s": 0.0}})
+    assert stage.of("snapshot")[-1]["state"]["replay"]["at_utc_s"] == UTC_S + 10
+    assert stage.of("snapshot")[-1]["points"]["n"] <= 600
+
+
+def test_a_whole_number_that_no_float_holds_is_the_end(stage: Stage, session: Recording) -> None:
+    stage.play(4, {1: {"at_utc_s": 10**400}})
+    assert stage.of("snapshot")[-1]["state"]["replay"]["at_utc_s"] == session.last_utc_s
+    assert len(stage.of("snapshot")) == 2
+
+
+def test_a_viewer_that_stands_still_holds_no_more_than_its_queue(stage: Stage) -> None:
+    stage.viewer.start([])
+    for _ in range(10 * LONGEST_QUEUE):
+        stage.replay.room.beat(0.0, 0.0)
+    assert stage.viewer.stale
+    assert stage.viewer.take() is None

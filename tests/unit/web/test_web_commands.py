@@ -13,8 +13,7 @@ from web_rig import RUN, Answer, Page, served
 from bench.model.clock import VirtualClock, WallClock
 from bench.run.control.local_socket import ControlServer, socket_path
 from bench.web.command_request import MOST_KEPT
-from bench.web.security.cookie import Login
-from bench.web.security.operator import AWAY_S, Lease
+from bench.web.security.logins import AWAY_S, Lease, Login
 from bench.web.security.tokens import OPERATOR, VIEWER
 
 KIM, LEE = Login("kim", OPERATOR, "1"), Login("lee", OPERATOR, "2")
@@ -258,7 +257,7 @@ def test_a_run_that_is_gone_b_web_018(page: Page) -> None:
 
 
 def test_a_run_that_does_not_answer_b_web_018(page: Page, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.web.asking.ANSWER_S", 0.2)
+    monkeypatch.setattr("bench.web.commands.ANSWER_S", 0.2)
     take(page)
     run.go.clear()
     answer = send(page, "abort", reason="now").json

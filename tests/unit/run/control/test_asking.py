@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 from hold_rig import HoldRig
 
-from bench.commands import asking as at_the_terminal
+from bench.commands import conducting as at_the_terminal
 from bench.commands import control as command
-from bench.commands.asking import Aside, StdinTerminal, terminal_here
+from bench.commands.conducting import Aside, StdinTerminal, terminal_here
 from bench.model.clock import WallClock
 from bench.model.errors import BenchError, ExitStatus, InputError, OperatorStop, RunError
 from bench.run.control.asking import Refused, WaitingOperator

@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 from bench.analysis import Analysis, Material, analyse, build_results
-from bench.commands.tables.results import WIDTH, print_results
+from bench.commands.tables import WIDTH, print_results
 from bench.model.quality import Quality
 
 PROVENANCE = {"simulated": True, "plan_sha256": "a", "frame_sha256": "b", "session_sha256": "c", "software": "1"}

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from sync_study_results import changed, made_results
 
-from bench.report.study import study_html
+from bench.report.document import study_html
 from bench.systems.time_sync.study.document import study_chapters, study_document, study_json
 from bench.systems.time_sync.study.results import Results
 from bench.systems.time_sync.study.study import (

@@ -56,7 +56,7 @@ def _computed(chosen: Study, tasks: Sequence[Task], where: str | None) -> list[A
     progress = Progress(len(tasks))
     if where is None:
         return [progress.done(task, chosen.run_task(task)) for task in tasks]
-    from bench.commands.study.cluster import run_on_cluster
+    from bench.commands.cluster import run_on_cluster
 
     return run_on_cluster(where, tasks, chosen.run_task, progress)
 

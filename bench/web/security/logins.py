@@ -1,9 +1,12 @@
-"""Who is logged in, as a signed cookie: nothing of it is kept by the server, so it survives a restart."""
+"""Who is logged in, as a signed cookie of which the server keeps nothing, and which login commands: one at a time."""
 
 from __future__ import annotations
 
 import re
 import unicodedata
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
 
@@ -16,6 +19,7 @@ from bench.web.security.tokens import OPERATOR, VIEWER, Tokens
 VALID_S = 7 * 86_400  # longer than any run
 AHEAD_S = 86_400  # a cookie may come from the future, because clocks are set back, but not from afar
 NAME = re.compile(r"\w[\w .'@-]{0,38}[\w.]|\w")  # no comma, no bracket: the name becomes part of "name, role, address"
+AWAY_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -83,3 +87,68 @@ def clean_name(text: str) -> str | None:
     """A person's name as it is shown and recorded: one to 40 letters, digits, blanks and . ' @ -; else None."""
     name = " ".join(unicodedata.normalize("NFC", text).split())
     return name if NAME.fullmatch(name) else None
+
+
+@dataclass(frozen=True)
+class Holder:
+    """Who has the command, since when (UTC, seconds since 1970)."""
+
+    login: Login
+    since_utc_s: float
+
+
+class Lease:
+    """Belongs to one login; ends when the login has had no open socket for ``AWAY_S``. For one event loop."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._holder: Holder | None = None
+        self._open: Counter[str] = Counter()
+        self._last_seen_ns = 0
+
+    @contextmanager
+    def present(self, login: Login) -> Iterator[None]:
+        """As long as this is entered, the login has an open socket."""
+        self._open[login.id] += 1
+        try:
+            yield
+        finally:
+            self._open[login.id] -= 1
+            if not self._open[login.id]:
+                del self._open[login.id]
+            if self._holder is not None and self._holder.login.id == login.id:
+                self._last_seen_ns = self._clock.now_ns()
+
+    def take(self, login: Login) -> Holder | None:
+        """Give the command to ``login``; returns who had it before, if that was another login."""
+        before = self.holder()
+        if before is not None and before.login.id == login.id:
+            return None
+        self._holder = Holder(login, self._clock.utc_ns() / NS)
+        self._last_seen_ns = self._clock.now_ns()
+        return before
+
+    def leave(self, login: Login) -> bool:
+        """Give the command up; False if it was not this login's."""
+        if not self.held_by(login):
+            return False
+        self._holder = None
+        return True
+
+    def held_by(self, login: Login) -> bool:
+        """Return True if this login has the command."""
+        holder = self.holder()
+        return holder is not None and holder.login.id == login.id
+
+    def holder(self) -> Holder | None:
+        """Who has the command now."""
+        if self._holder is not None and not self._open[self._holder.login.id]:
+            away_ns = self._clock.now_ns() - self._last_seen_ns
+            if away_ns > AWAY_S * NS:
+                self._holder = None
+        return self._holder
+
+    def document(self) -> dict[str, object] | None:
+        """Return the key ``operator`` of the state document (docs/live-protocol.md)."""
+        holder = self.holder()
+        return None if holder is None else {"name": holder.login.name, "since_utc_s": holder.since_utc_s}

@@ -1,0 +1,250 @@
+"""The result table at the end of a run.
+
+Scale-factor errors by channel and temperature; else the tables that an analysis wants to be read first; else channels
+down, quantities across, and the rest in lines.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table as TerminalTable
+from rich.text import Text
+
+from bench import analysis
+from bench.analysis import Analysis, with_uncertainty
+from bench.model.errors import ExitStatus, FitError
+from bench.report import Table, analysis_tables
+from bench.session.finish import Finished
+
+WIDTH = 110
+_COLUMNS = (
+    "channel", "kind", "set degC", "unit degC", "DSF_N ppm", "DSF_P ppm", "N - P ppm", "U 95 % ppm", "verdict",
+)  # fmt: skip
+_SCALE_FACTORS = ("dsf_n", "dsf_p", "dsf_asymmetry")
+_SEVERITY = ("fail", "conditional_fail", "conditional_pass", "pass")
+_MOST_ROWS = 24
+_NOT_TESTED = "not tested"
+_VERDICTS = {"PASS": "green", "FAIL": "bold red", "CONDITIONAL FAIL": "bold red"}
+_HOLD = ("\u00a0", "\u202f")  # a log or a terminal without them shows something else
+_MOST_COLUMNS = 6
+_MOST_LINES = 24
+_SMALL_A = 1e-3
+_AMPERE = re.compile(r"A(?![A-Za-z])")
+_CURVATURES = ("_tc2", "_tc3")
+Estimate = Mapping[str, Any]
+
+
+def print_results(out: Console, results: Mapping[str, Any], analysis: Analysis) -> None:
+    """The results as a table, and what is missing: scale-factor errors per channel and temperature, the tables that an
+    analysis wants to be read first, else a summary.
+
+    "unit degC" is the measured temperature the values hold for; the verdict is the worst of what compensation leaves
+    over and the change since the previous calibration.
+    """
+    simulated = " (SIMULATED, not a calibration)" if results["provenance"]["simulated"] else ""
+    uut = f"{results['uut']['model']} {results['uut']['serial']}"
+    title = f"{results['campaign']} of {uut}{simulated}, method {analysis.method}"
+    rows = _rows(results["estimates"])
+    lead = _lead_tables(analysis.tables)
+    if rows:
+        _print_scale_factors(out, title, rows)
+    elif lead:
+        out.print(title, highlight=False)
+        _print_lead_tables(out, lead)
+        _print_verdicts(out, results["estimates"])
+    else:
+        print_summary(out, title, results["estimates"], _reference_degC(results["estimates"]))
+    _print_missing(out, analysis.missing)
+    quality = results["quality"]
+    if not quality["records"] and not quality["frames"]:
+        return  # an imported log has none
+    out.print(
+        f"{quality['records']} records, {quality['frames']} frames, {quality['frames_bad']} bad, "
+        f"{quality['frames_lost']} lost, {quality['retaken']} retaken"
+    )
+
+
+def print_written(finished: Finished, out: Console, errors: Console) -> None:
+    """Name the files that were written, then the trouble."""
+    for kind, where in finished.written:
+        out.print(f"{kind:<8} {where}")
+    for text in finished.trouble:
+        errors.print(text)
+
+
+def print_without_results(error: FitError, folder: Path, out: Console, errors: Console) -> int:
+    """Tell where a whole session without any result is and what is left to do; return the exit status."""
+    errors.print(str(error))
+    out.print(
+        f"Every step was done, the bench is safe; no result can be computed from {folder}: "
+        f"'bench recover {folder}' says which records are not valid and can write a sequence for them"
+    )
+    return ExitStatus.VERDICT_FAIL
+
+
+def _print_verdicts(out: Console, estimates: Sequence[Estimate]) -> None:
+    counts = Counter(one["verdict"] for one in estimates if one["verdict"] != "none")
+    found = ", ".join(f"{counts[name]} {name.replace('_', ' ')}" for name in _SEVERITY if counts[name])
+    judged = f"verdicts: {found}; " if found else "nothing is judged; "
+    out.print(f"{judged}{len(estimates)} values with their uncertainties in results.json", highlight=False)
+
+
+def _print_scale_factors(out: Console, title: str, rows: Sequence[tuple[str, ...]]) -> None:
+    table = TerminalTable(title=title, box=box.SIMPLE, title_justify="left", collapse_padding=True, pad_edge=False)
+    for name in _COLUMNS:
+        table.add_column(name, justify="left" if name in ("kind", "verdict") else "right", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    out.print(table)
+
+
+def _reference_degC(estimates: Sequence[Estimate]) -> float | None:
+    found = (one["conditions"].get("reference_temperature_degC") for one in estimates)
+    return next((value for value in found if value is not None), None)
+
+
+def _print_missing(out: Console, missing: Sequence[str]) -> None:
+    if missing:
+        out.print(f"MISSING: {len(missing)} promised without a result", highlight=False)
+    for one in missing:
+        out.print(f"  {one}", markup=False, highlight=False, width=min(out.width, WIDTH))
+
+
+def _rows(estimates: Sequence[Estimate]) -> list[tuple[str, ...]]:
+    groups: dict[tuple[int, float], dict[str, Estimate]] = {}
+    verdicts: dict[tuple[int, float], set[str]] = {}
+    for one in estimates:
+        conditions = one["conditions"]
+        if conditions.get("channel") is None or conditions.get("temperature_degC") is None:
+            continue
+        place = conditions["channel"], conditions["temperature_degC"]
+        verdicts.setdefault(place, set()).add(one["verdict"])
+        if one["quantity"] in _SCALE_FACTORS:
+            groups.setdefault(place, {})[one["quantity"]] = one
+    return [
+        (*_row(*place, found), _worst(verdicts[place]))
+        for place, found in groups.items()
+        if found.keys() >= set(_SCALE_FACTORS)
+    ]
+
+
+def _row(channel: int, temperature_degC: float, found: Mapping[str, Estimate]) -> tuple[str, ...]:
+    known = found["dsf_n"]
+    measured_degC = known["conditions"].get("unit_temperature_degC")
+    return (
+        str(channel),
+        str(known["conditions"]["kind"]),
+        f"{temperature_degC:g}",
+        "-" if measured_degC is None else f"{measured_degC:.2f}",
+        f"{found['dsf_n']['value']:+.2f}",
+        f"{found['dsf_p']['value']:+.2f}",
+        f"{found['dsf_asymmetry']['value']:+.3f}",
+        f"{max(found[name]['expanded_uncertainty'] for name in ('dsf_n', 'dsf_p')):.1f}",
+    )
+
+
+def _worst(verdicts: set[str]) -> str:
+    return next((one for one in _SEVERITY if one in verdicts), "none").replace("_", " ")
+
+
+def _lead_tables(tables: Sequence[analysis.Table]) -> list[analysis.Table]:
+    """Return the tables that are read first."""
+    return [table for table in tables if table.lead]
+
+
+def _print_lead_tables(out: Console, tables: Sequence[analysis.Table]) -> None:
+    """Print them in their order; rows that end in "not tested" are counted, not shown; the report has them all."""
+    for described, table in zip(tables, analysis_tables(tables), strict=True):
+        rows = [row for row in table.rows if row[-1] != _NOT_TESTED]
+        if rows or not table.rows:
+            _print_table(out, described.title, table, rows[:_MOST_ROWS])
+        _say_left_out(out, described.title, len(table.rows) - len(rows), len(rows) - _MOST_ROWS)
+
+
+def _say_left_out(out: Console, title: str, not_tested: int, more: int) -> None:
+    if not_tested:
+        out.print(f"{title}: {not_tested} rows not tested", highlight=False)
+    if more > 0:
+        out.print(f"{title}: {more} more rows in the report", highlight=False)
+
+
+def _print_table(out: Console, title: str, table: Table, rows: Sequence[tuple[str, ...]]) -> None:
+    shown = TerminalTable(title=title, box=box.SIMPLE, title_justify="left", collapse_padding=True, pad_edge=False)
+    for index, text in enumerate(table.headers):
+        left = table.prose or index < table.stub
+        whole = None if table.prose else max((len(row[index]) for row in rows), default=1)  # a value is not broken
+        shown.add_column(_plain(text), justify="left" if left else "right", overflow="fold", min_width=whole)
+    for row in rows:
+        shown.add_row(*(Text(_plain(text), style=_VERDICTS.get(text, "")) for text in row))
+    out.print(shown, highlight=False)
+
+
+def _plain(text: str) -> str:
+    for one in _HOLD:
+        text = text.replace(one, " ")
+    return text
+
+
+def print_summary(out: Console, title: str, estimates: Sequence[Estimate], reference_degC: float | None) -> None:
+    """Estimates that hold for the campaign or its reference temperature: each channel, then those without a channel.
+
+    Currents are in nA; every value stands with its expanded uncertainty. Curvatures are in results.json.
+    """
+    out.print(title)
+    by_quantity: dict[str, dict[Any, Estimate]] = {}
+    whole: list[Estimate] = []
+    for one in estimates:
+        conditions = one["conditions"]
+        elsewhere = conditions.get("temperature_degC", reference_degC) != reference_degC
+        if elsewhere or one["quantity"].endswith(_CURVATURES):
+            continue
+        if "channel" not in conditions:
+            whole.append(one)
+        elif "repeat" not in conditions:
+            by_quantity.setdefault(one["quantity"], {}).setdefault(conditions["channel"], one)
+    if by_quantity:
+        out.print(_by_channel(by_quantity))
+    for one in whole[:_MOST_LINES]:
+        out.print(f"{one['quantity']:<28} {_value(one)} {_unit(one)}  {_where(one)}".rstrip())
+    if len(whole) > _MOST_LINES:
+        out.print(f"... and {len(whole) - _MOST_LINES} more in results.json")
+
+
+def _by_channel(by_quantity: Mapping[str, Mapping[Any, Estimate]]) -> TerminalTable:
+    shown = list(by_quantity)[:_MOST_COLUMNS]
+    table = TerminalTable(box=box.SIMPLE, collapse_padding=True, pad_edge=False)
+    table.add_column("ch", justify="right", no_wrap=True)
+    for quantity in shown:
+        unit = _unit(next(iter(by_quantity[quantity].values())))
+        table.add_column(f"{quantity.replace('_', chr(10))}\n{unit}", justify="right", no_wrap=True)
+    table.add_column("verdict")
+    for channel in sorted({channel for found in by_quantity.values() for channel in found}):
+        row = [_value(by_quantity[name][channel]) if channel in by_quantity[name] else "-" for name in shown]
+        verdicts = {found[channel]["verdict"] for found in by_quantity.values() if channel in found}
+        table.add_row(str(channel), *row, _worst(verdicts))
+    return table
+
+
+def _scale(one: Estimate) -> float:
+    """Return currents of a converter read best in nanoampere; that of a supply does not."""
+    return 1e9 if _AMPERE.match(one["unit"]) and abs(one["value"]) < _SMALL_A else 1.0
+
+
+def _value(one: Estimate) -> str:
+    scale = _scale(one)
+    return with_uncertainty(one["value"] * scale, one["expanded_uncertainty"] * scale)
+
+
+def _unit(one: Estimate) -> str:
+    return ("n" if _scale(one) != 1.0 else "") + str(one["unit"])
+
+
+def _where(one: Estimate) -> str:
+    return ", ".join(f"{name} {value}" for name, value in one["conditions"].items())

@@ -1,0 +1,209 @@
+"""``bench report --verify``: everything derived again from the raw bytes, and compared; nothing is written.
+
+Of a certificate the hashes it names and every number of its results are compared; of the trend, from which the page
+draws its history, every byte.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections.abc import Mapping
+from datetime import date
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+from xml.etree import ElementTree as ET
+
+from bench.analysis import results_json
+from bench.commands.console import console
+from bench.frame import BENCH
+from bench.model.errors import BenchError, ExitStatus, InputError, SessionDamaged
+from bench.record import FOLDER, HEAD, LEVELS_S, OPEN_MARKER, read_head
+from bench.replay import build_trend
+from bench.report import DCC, Calibration, certificate_text, nobody, session_of
+from bench.session.service import read_view
+from bench.session.verification import (
+    REPORT,
+    RESULTS,
+    Pages,
+    Verification,
+    check_coefficients,
+    check_reports,
+    check_results,
+)
+from bench.session.view import SessionView, analyse_view
+
+NAMES = ("certificate.xml", "certificate.specimen.xml")
+FILES = {"results": RESULTS, "report": REPORT}
+_RESULTS = f".//{{{DCC}}}results"
+_ANY_DAY = date(2000, 1, 1)  # stands nowhere in what is compared
+ADVICE = "it is no part of the recording: remove the folder 'trend', and the page makes it again"
+
+
+def verify(folder: Path, as_json: bool) -> int:
+    """Say "identical", or list what the session does not give.
+
+    Raises: SessionDamaged B-CLI-012 if a segment is damaged or a file is not what the session gives; InputError
+    B-CLI-010 if there are no results to compare with, B-REC-010 if there is no session; BenchError of the analysis.
+    """
+    found = Verification()
+    view = read_view(folder)
+    _segments(found, folder, view)
+    try:
+        _computed(found, folder, view)
+    except BenchError as error:
+        if not found.changes:
+            raise
+        found.add(RESULTS, f"cannot be derived from what is left: {error}")
+    check_trend(found, folder)
+    _tell(found, folder, view, as_json)
+    if found.changes:
+        raise SessionDamaged(
+            "B-CLI-012",
+            f"{len(found.changes)} things are not what the raw bytes of the session give, they are listed above",
+            where=str(folder),
+            next_step="compare with a copy of the session; 'bench recover' lists what a damaged one still holds",
+        )
+    return ExitStatus.PASS
+
+
+def _segments(found: Verification, folder: Path, view: SessionView) -> None:
+    """Every segment is verified on the way: CRCs, running numbers, hash chain."""
+    found.compared += sorted(path.name for path in folder.glob("session.*.mcap"))
+    for place in view.damage:
+        found.add(place.segment, place.inside)
+    found.notes += view.notes
+
+
+def _computed(found: Verification, folder: Path, view: SessionView) -> None:
+    if not view.has_analysis:
+        found.notes.append("the sequence of this session asks for no analysis: there is nothing to derive")
+        return
+    results, analysis = analyse_view(view)
+    stored = check_results(found, folder, results)
+    if stored is None and not found.changes:
+        raise InputError(
+            "B-CLI-010",
+            "is not there, so there is nothing to compare with",
+            where=str(folder / RESULTS),
+            next_step="'bench fit' prints the results of the session",
+        )
+    check_reports(found, folder, Pages(view, results, analysis, stored or {}))
+    check_coefficients(found, folder, view, results, analysis)
+    check_certificates(found, folder, view.manifest, results)
+
+
+def _tell(found: Verification, folder: Path, view: SessionView, as_json: bool) -> None:
+    if as_json:
+        sys.stdout.write(json.dumps(_document(found, folder, view), indent=1, ensure_ascii=False) + "\n")
+        return
+    out = console()
+    for change in found.changes:
+        out.print(str(change))
+    for note in found.notes:
+        out.print(f"note: {note}")
+    if found.absent:
+        out.print(f"not there: {', '.join(found.absent)}")
+    if not found.changes:
+        out.print(
+            f"identical: {folder}: {', '.join(_shortened(found.compared))}; {len(view.rows)} records, "
+            f"{view.counts['frames']} frames, session sha256 {view.session_sha256}"
+        )
+
+
+def _shortened(names: list[str]) -> list[str]:
+    """Return names of files; of many segments the number."""
+    segments = [name for name in names if name.endswith(".mcap")]
+    return [f"{len(segments)} segments" if len(segments) != 1 else segments[0], *names[len(segments) :]]
+
+
+def _document(found: Verification, folder: Path, view: SessionView) -> dict[str, Any]:
+    return {
+        "session": str(folder),
+        "identical": not found.changes,
+        "session_sha256": view.session_sha256,
+        "records": len(view.rows),
+        **view.counts,
+        "compared": found.compared,
+        "absent": found.absent,
+        "changes": [{"file": change.file, "what": change.what} for change in found.changes],
+        "notes": found.notes,
+    }
+
+
+def check_certificates(
+    found: Verification, folder: Path, manifest: Mapping[str, Any], results: Mapping[str, Any]
+) -> None:
+    """Compare the certificates that are in the session's folder; what a laboratory says of itself is not compared."""
+    results = json.loads(results_json(results))  # as a certificate reads them: conditions in the order of the file
+    for name in NAMES:
+        content = found.content(folder / name) if (folder / name).exists() else None
+        if content is None:
+            continue
+        try:
+            found.add(name, *_hashes(content, folder, results), *_numbers(content, manifest, results))
+        except InputError as error:
+            found.add(name, error.message)
+
+
+def _hashes(content: bytes, folder: Path, results: Mapping[str, Any]) -> list[str]:
+    certified = session_of(content)
+    wrong = []
+    if certified.hashes["session"] != results["provenance"]["session_sha256"]:
+        wrong.append(f"is of another recording, {certified.session} {certified.hashes['session']}")
+    for key, name in FILES.items():
+        path = folder / name
+        if key in certified.hashes and path.is_file():
+            digest = hashlib.sha256(path.read_bytes()).hexdigest()
+            if digest != certified.hashes[key]:
+                wrong.append(f"is of another {name}: sha256 {certified.hashes[key]} -> {digest}")
+    return wrong
+
+
+def _numbers(content: bytes, manifest: Mapping[str, Any], results: Mapping[str, Any]) -> list[str]:
+    """Return where the results of a certificate are not those of the session."""
+    specimen = session_of(content).specimen
+    calibration = Calibration(results, manifest, nobody(), {}, _ANY_DAY, _ANY_DAY, specimen=specimen)
+    said, due = _leaves(content), _leaves(certificate_text(calibration).encode())
+    if said == due:
+        return []
+    if len(said) != len(due):
+        return [f"its results have {len(said)} entries, the session gives {len(due)}"]
+    return [f"results: {one} -> {other}" for one, other in zip(said, due, strict=True) if one != other][:5]
+
+
+def _leaves(content: str | bytes) -> list[str]:
+    """Return every text and name below the results, in order; references to other parts are the laboratory's."""
+    found = []
+    for results in ET.fromstring(content).findall(_RESULTS):
+        for element in results.iter():
+            marks = sorted(f"{key}={value}" for key, value in element.attrib.items() if not key.endswith("refId"))
+            found.append(" ".join([element.tag.rpartition("}")[2], *marks, (element.text or "").strip()]).strip())
+    return found
+
+
+def check_trend(found: Verification, folder: Path) -> None:
+    """Make the trend again and compare its files byte by byte; what differs is noted, with what to do.
+
+    Of the bench's own temperatures nothing is compared: a trend that is made again knows the times of set-points by the
+    plan alone (docs/session-format.md). A session that is damaged or not closed is not looked at.
+    """
+    if found.changes or (folder / OPEN_MARKER).exists() or not (folder / FOLDER).is_dir():
+        return
+    head = read_head(folder / FOLDER)
+    if head is None:
+        found.notes.append(f"{FOLDER}/{HEAD} cannot be read; {ADVICE}")
+        return
+    with TemporaryDirectory() as place:
+        build_trend(folder, Path(place))
+        made = read_head(Path(place) / FOLDER)
+        assert made is not None
+        differing = [] if head.sources == made.sources else [HEAD]
+        for source in made.sources if not differing else ():
+            for level_s in LEVELS_S if source.name != BENCH else ():
+                stored, due = (source.path(one / FOLDER, level_s) for one in (folder, Path(place)))
+                if not stored.is_file() or stored.read_bytes() != due.read_bytes():
+                    differing.append(stored.name)
+    found.notes += [f"{FOLDER}/{name} is not what the session gives; {ADVICE}" for name in differing]
