@@ -13,7 +13,7 @@ export OMP_NUM_THREADS ?= 1
 # Hundreds of processes are started by the tests: they read compiled modules, whatever the machine says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test mutants sweep faults soak compare pictures structure validate bench lint wheel lock
+.PHONY: demo test mutants sweep faults soak compare pictures structure ways validate bench lint wheel lock
 
 demo: $(VENV)/.run
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
@@ -47,6 +47,10 @@ pictures: $(VENV)/.dev
 # Files, imports, circles and the largest folders; TREE=FOLDER for another tree.
 structure:
 	$(PYTHON) tests/house/structure.py $(TREE)
+
+# The files that a frame and a step pass (docs/architecture.md).
+ways: $(VENV)/.run
+	$(PY) tests/house/ways.py
 
 validate: $(VENV)/.dev
 	PYTHONPATH=tests $(PY) -m pytest -q -p validation_record --validation-record docs/validation.md
