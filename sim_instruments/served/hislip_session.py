@@ -37,6 +37,7 @@ from sim_instruments.served.hislip_wire import (
 )
 
 WAIT_MS = 5  # while a reply is not due yet, or a lock of another client is waited for
+LAST_MS = 500  # for commands of a client that is gone; two connections need not keep the order on a busy machine
 _NEAR_NS = 5_000_000  # a reply due sooner is slept for on the bench's clock
 _LOCAL_CONTROLS = range(7)
 
@@ -92,9 +93,12 @@ class HislipSession:
     def _serve(self) -> bool:
         self._wait()
         asked = receive_now(self._async)  # taken first, handled last: what was sent before it has arrived by now
-        alive = self._take_commands() and asked != b""
+        alive = self._take_commands()
         if alive and asked:
             alive = self._handle(self._async, asked)
+        elif alive and asked == b"":
+            self._take_last_commands()
+            return False
         if not self._instrument.hung:
             self._send_due()
             if self._wanted_lock is not None:
@@ -134,6 +138,13 @@ class HislipSession:
             if not chunk or not self._handle(self._sync, chunk):
                 return False
         return True
+
+    def _take_last_commands(self) -> None:
+        """The asynchronous channel is closed: what was sent on the other one before may still be on its way."""
+        coming = select.poll()
+        coming.register(self._sync, select.POLLIN)
+        while not self._shut_out and coming.poll(LAST_MS) and self._take_commands():
+            pass
 
     def _handle(self, sock: socket.socket, chunk: bytes) -> bool:
         """Handle the messages that are complete; False if one of them ends the session."""

@@ -21,7 +21,7 @@ from bench.session import finish
 ROOT = Path(__file__).resolve().parents[2]
 PRODUCT = f"{ROOT}/bench/"
 SEQUENCE = "scale_factor_wall"
-FRAME = [(LinkReader, "receive"), (LinkReader, "receive_parts"), (LinkReader, "take"), (LinkReader, "record"),
+FRAME = [(LinkReader, "receive"), (LinkReader, "receive_parts"), (LinkReader, "record"),
          (LinkReader, "decode"), (finish, "analyse_view"), (finish, "results_json"), (finish, "write_file")]  # fmt: skip
 STEP = [(command, "checked_plan"), (Sequencer, "_execute")]
 BESIDE = [(VirtualClock, "_run")]  # what watches and feeds while a step waits

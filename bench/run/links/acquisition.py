@@ -81,6 +81,7 @@ class Acquisition:
         self._next_second_ns = clock.now_ns() + NS
         self._serviced_ns = self._decoded_ns = clock.now_ns()
         self._threads: dict[str, PortThread] = {}
+        self._turn_ns: int | None = None  # the turn of the virtual clock that is taken, while the clock is further
         self._recording_ns: dict[str, int] = {}  # by link: since when its thread records
         self._turned_ns: dict[str, int] = {}
         for reader in self.readers.values():
@@ -153,13 +154,18 @@ class Acquisition:
         """Sleep through all turns but the last one, then record what each of them would have read."""
         if not len(arrivals):
             return
-        clock.sleep_until_ns(turns_ns[-1])
-        parts = [reader.receive_parts(column.tolist()) for reader, column in zip(readers, arrivals.T, strict=True)]
-        for turn_ns, *of_turn in zip(turns_ns[:-1], *parts, strict=True):
-            for reader, part in zip(readers, of_turn, strict=True):
-                if part:
-                    reader.take(turn_ns, part)
-            after(turn_ns)
+        self._turn_ns = turns_ns[0]
+        try:
+            clock.sleep_until_ns(turns_ns[-1])
+            for reader, ends in zip(readers, arrivals.T.tolist(), strict=True):
+                reader.receive_parts(turns_ns[:-1], ends)
+            for turn_ns in turns_ns[:-1]:
+                self._turn_ns = turn_ns
+                for reader in readers:
+                    reader.record(sys.maxsize, turn_ns)
+                after(turn_ns)
+        finally:
+            self._turn_ns = None
 
     def _second(self, now_ns: int) -> None:
         if now_ns >= self._next_second_ns:
@@ -304,7 +310,8 @@ class Acquisition:
                 self.catch_up()
             finally:
                 self.lock.release()
-        now_ns = self._clock.now_ns()
+        turn_ns = self._turn_ns
+        now_ns = self._clock.now_ns() if turn_ns is None else turn_ns
         return {name: status_of(reader, now_ns) for name, reader in self.readers.items()}
 
     def unit_temperature_degC(self) -> float:
@@ -339,7 +346,7 @@ class Acquisition:
 
 def _arrivals(readers: Sequence[LinkReader], turns_ns: Sequence[int]) -> Int64:
     """Return the bytes that arrive at each link by coming turns, (n, links): as many turns as all links know."""
-    if not turns_ns or any(reader.lost for reader in readers):
+    if not turns_ns or not readers or any(reader.lost for reader in readers):
         return _NOTHING
     arrivals = [reader.arrivals(turns_ns) for reader in readers]
     known = min(map(len, arrivals))

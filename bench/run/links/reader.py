@@ -24,6 +24,7 @@ HELD_BYTES = 8_000_000  # per link, read and not yet recorded: 11 minutes at 115
 ANSWER, REFUSAL = "answer", "refusal"  # messages of a frame definition
 SEQUENCE = "sequence"  # the field of a command that its answer repeats
 _MARKS = 10  # of the rate, one each second
+_EVER = 2**63
 _NUMBERS = 256  # a sequence number is one byte
 
 BatchListener = Callable[[LinkBatch], None]
@@ -158,24 +159,28 @@ class LinkReader:
     def arrivals(self, turns_ns: Sequence[int]) -> Sequence[int]:
         """Return the bytes that will have arrived at coming times, as far as a simulated link knows them."""
         ask = getattr(self.link, "arrivals", None)
-        return () if ask is None or self._arrived else ask(turns_ns)
+        if ask is None or self._arrived:
+            return ()
+        try:
+            coming: Sequence[int] = ask(turns_ns)
+        except OSError:  # the next read says why
+            return ()
+        return coming
 
-    def receive_parts(self, ends: Sequence[int]) -> list[bytes]:
-        """Read what has arrived, cut behind the given numbers of bytes."""
+    def receive_parts(self, stamps: Sequence[int], ends: Sequence[int]) -> None:
+        """Read what has arrived, cut behind the given numbers of bytes: each part is stamped with its own time."""
         with self._gate:
             chunk = self.link.read(ends[-1]) if ends[-1] else b""
-        return [chunk[start:end] for start, end in pairwise((0, *ends))]
+            for stamp, (start, end) in zip(stamps, pairwise((0, *ends)), strict=True):
+                if end > start:
+                    self.last_byte_ns = stamp
+                    self._arrived.append((stamp, chunk[start:end]))
+            self._held += len(chunk)
 
-    def take(self, stamp: int, chunk: bytes) -> None:
-        """Record and queue bytes that were there at a time."""
-        self.last_byte_ns = stamp
-        self.sink.raw(self.name, "rx", stamp, chunk)
-        self.decoder.push(stamp, chunk)
-
-    def record(self, room: int) -> bool:
-        """Record and queue what was read, until ``room`` bytes wait to be decoded; True if more was read."""
+    def record(self, room: int, until_ns: int = _EVER) -> bool:
+        """Record and queue what was read by a time, until ``room`` bytes wait to be decoded; True if more was read."""
         with self._lock:
-            while self._arrived and self.decoder.pending_bytes < room:
+            while self._arrived and self.decoder.pending_bytes < room and self._arrived[0][0] <= until_ns:
                 stamp, chunk = self._arrived[0]
                 self.sink.raw(self.name, "rx", stamp, chunk)
                 self.decoder.push(stamp, chunk)

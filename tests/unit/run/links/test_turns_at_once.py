@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from typing import Any
 
 import pytest
 import pyvisa
 import serial
 from sim_bench import Bench, station
 
-from bench.frame import load_frame
-from bench.model.clock import VirtualClock
+from bench.frame import LinkBatch, load_frame
+from bench.model.clock import NS, VirtualClock
 from bench.model.shipped import find_shipped
+from bench.record import RecordError
 from bench.run.links.acquisition import Acquisition
 from bench.run.links.port import PortLink
 from bench.run.links.reader import LinkReader
@@ -27,7 +31,7 @@ class Sink:
     """Notes what is recorded and when a second ends, in order; and every flush with what it gave."""
 
     def __init__(self) -> None:
-        self.noted: list[tuple[object, ...]] = []
+        self.noted: list[tuple[Any, ...]] = []
         self.reads = 0
 
     def raw(self, link: str, direction: str, t_mono_ns: int, chunk: bytes) -> None:
@@ -35,6 +39,9 @@ class Sink:
 
     def tick(self, t_mono_ns: int) -> None:
         self.noted.append(("tick", t_mono_ns))
+
+    def decoded(self, link: str, clock: VirtualClock, batch: LinkBatch) -> None:
+        self.noted.append((link, clock.now_ns(), [(name, len(part)) for name, part in batch.messages.items()]))
 
 
 class Calm:
@@ -52,50 +59,52 @@ def simulated_ports(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(serial, "protocol_handler_packages", [*serial.protocol_handler_packages, "sim_instruments.bus"])
 
 
-def watched(poll_s: dict[str, float], monkeypatch: pytest.MonkeyPatch) -> Sink:
-    """Eight minutes of the simulated unit: started, silent for a while, over a noisy cable, without supply."""
-    clock, sink = VirtualClock(), Sink()
+@contextmanager
+def acquiring(poll_s: dict[str, float], sink: Sink) -> Iterator[tuple[Bench, Acquisition]]:
+    """The simulated unit on its bench, with everything that its links give noted in ``sink``."""
+    clock = VirtualClock()
     with ExitStack() as opened:
         world = open_world("af_converter", clock=clock, seed=SEED, station=station(), options={})
         opened.callback(world.close)
         bench = Bench(world, pyvisa.ResourceManager(world.visa_library))
         opened.callback(bench.manager.close)
-        read = PortLink.read
-
-        def counted(link: PortLink, size: int = 1) -> bytes:
-            sink.reads += 1
-            return read(link, size)
-
-        monkeypatch.setattr(PortLink, "read", counted)
-        opened.callback(monkeypatch.setattr, PortLink, "read", read)
         readers = {}
         for name, frame in FRAMES.items():
             link = PortLink(lambda name=name: serial.serial_for_url(world.link_url(name), baudrate=921_600, timeout=0))
             opened.callback(link.close)
             definition = load_frame(find_shipped("frames", frame))
             readers[name] = LinkReader(name, link, definition, clock, sink, poll_s=poll_s[name])
-            readers[name].listeners.append(
-                lambda batch, name=name: sink.noted.append(
-                    (name, clock.now_ns(), [(key, len(part)) for key, part in batch.messages.items()])
-                )
-            )
+            readers[name].listeners.append(partial(sink.decoded, name, clock))
         acquisition = Acquisition(readers, clock, sink.tick, StopSwitch())
         acquisition.watch = Calm()
-        clock.every(7.3, acquisition.refresh)
-        clock.sleep(3.3)
+        yield bench, acquisition
+        acquisition.stop()
+
+
+def watched(poll_s: dict[str, float], monkeypatch: pytest.MonkeyPatch) -> Sink:
+    """Eight minutes of the simulated unit: started, silent for a while, over a noisy cable, without supply."""
+    sink, read = Sink(), PortLink.read
+
+    def counted(link: PortLink, size: int = 1) -> bytes:
+        sink.reads += 1
+        return read(link, size)
+
+    with monkeypatch.context() as patched, acquiring(poll_s, sink) as (bench, acquisition):
+        patched.setattr(PortLink, "read", counted)
+        bench.clock.every(7.3, acquisition.refresh)
+        bench.clock.sleep(3.3)
         bench.send("supply", "CURR 2;VOLT 18;:OUTP ON")
-        clock.sleep(140.0)
-        faults = world.faults.link("port_a")
+        bench.clock.sleep(140.0)
+        faults = bench.world.faults.link("port_a")
         faults.silent = True
-        clock.sleep(12.5)
+        bench.clock.sleep(12.5)
         faults.silent = False
         faults.bit_error_rate = 1e-4
-        clock.sleep(123.4)
+        bench.clock.sleep(123.4)
         bench.send("supply", "OUTP OFF")
-        clock.sleep(20.0)
+        bench.clock.sleep(20.0)
         bench.send("supply", "OUTP ON")
-        clock.sleep(180.0)
-        acquisition.stop()
+        bench.clock.sleep(180.0)
     return sink
 
 
@@ -107,3 +116,33 @@ def test_the_same_is_recorded_with_fewer_reads(poll_s: dict[str, float], monkeyp
     assert len(single.noted) > 900
     assert at_once.noted == single.noted, f"seed {SEED}"
     assert at_once.reads < single.reads / 2, (at_once.reads, single.reads)
+
+
+def test_what_a_disk_refuses_in_between_is_recorded_later() -> None:
+    refusals = [RecordError("B-REC-003", "the disk takes nothing")]
+
+    class Refusing(Sink):
+        def raw(self, link: str, direction: str, t_mono_ns: int, chunk: bytes) -> None:
+            if t_mono_ns > 12 * NS and refusals:
+                raise refusals.pop()
+            super().raw(link, direction, t_mono_ns, chunk)
+
+    taken = []
+    for sink in (Sink(), Refusing()):
+        with acquiring(POLL_S[0], sink) as (bench, _):
+            bench.send("supply", "CURR 2;VOLT 18;:OUTP ON")
+            bench.clock.sleep(60.0)
+        taken.append([b"".join(noted[3] for noted in sink.noted if noted[:2] == (name, "rx")) for name in FRAMES])
+    assert not refusals
+    assert taken[0] == taken[1]
+    assert len(taken[0][1]) > 200_000
+
+
+def test_a_port_that_is_gone_knows_nothing_of_the_coming_turns() -> None:
+    sink = Sink()
+    with acquiring(POLL_S[0], sink) as (bench, acquisition):
+        reader = acquisition.readers["port_a"]
+        reader.kept = True
+        bench.world.faults.link("port_a").unplugged = True
+        bench.clock.sleep(10.0)
+        assert "unplugged" in reader.lost
