@@ -48,10 +48,10 @@ def check(request: Request) -> int:
     start_ns = VIRTUAL_START_UTC_NS if plan.station.in_process else WallClock().utc_ns()
     summary = summarise(plan, start_ns)
     if request.plot is not None:
-        from bench.report import plot_timetable  # matplotlib takes longer to load than a sequence to check
+        from bench.report import plots  # matplotlib takes longer to load than a sequence to check
 
         with writing(request.plot):
-            plot_timetable(plan, request.plot)
+            plots.plot_timetable(plan, request.plot)
     found = _examined(plan, request.out) if request.live else None
     if request.json:
         document = {"sequence": plan.name, "station": plan.station_name, "plan_sha256": plan.sha256, **asdict(summary)}

@@ -19,21 +19,16 @@ from bench.report.dcc import (
 )
 from bench.report.document import Report, study_html
 from bench.report.model import RunStory, Surrounding, TemperatureTrace
-from bench.report.plots.figures import plot_timetable
-from bench.report.plots.history import FORMATS, MOST_PANELS, Panel, line_years, plot_history
 from bench.report.tables import Table, analysis_tables
 
 __all__ = [
     "DCC",
-    "FORMATS",
-    "MOST_PANELS",
     "Batch",
     "Calibration",
     "CertificateSchema",
     "Laboratory",
     "LeftOut",
     "Outcome",
-    "Panel",
     "Report",
     "RunStory",
     "Span",
@@ -44,13 +39,10 @@ __all__ = [
     "batch_html",
     "batch_json",
     "certificate_text",
-    "line_years",
     "load_laboratory",
     "nobody",
     "not_valid",
     "overdue",
-    "plot_history",
-    "plot_timetable",
     "report_model",
     "session_of",
     "study_html",

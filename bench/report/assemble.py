@@ -19,7 +19,7 @@ from bench.report.model import (
     RunStory,
     TemperatureTrace,
 )
-from bench.report.plots.timetable import timetable
+from bench.report.timetable import timetable
 
 _ORIGIN = ("sequence", "station", "clock", "seed", "links", "settings", "software")
 _STARTED = re.compile(r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)Z")

@@ -18,9 +18,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from bench.analysis import Chapter
 from bench.model.errors import InputError
 from bench.model.texts import ENGLISH, Texts
-from bench.report.model import ReportModel
-from bench.report.plots.graphs import analysis_pictures
-from bench.report.plots.style import Picture
+from bench.report.model import Picture, ReportModel
 from bench.report.sections import Section, sections_of
 from bench.report.sheet import FAMILY, ROOM_pt, Sheet, folder, legible, sheets
 from bench.report.tables import Table, analysis_tables, sentence, words_of
@@ -106,8 +104,10 @@ def _verdict(document: Mapping[str, Any], words: Texts) -> tuple[str, str]:
 
 
 def _sections(name: str, chapters: Sequence[Chapter], words: Texts) -> list[Section]:
+    from bench.report import plots  # with matplotlib
+
     figures = [(chapter.name, figure) for chapter in chapters for figure in chapter.figures]
-    pictures = analysis_pictures([figure for _, figure in figures])  # all at once: each gets a name of its own
+    pictures = plots.analysis_pictures([figure for _, figure in figures])  # all at once: each gets a name of its own
     groups = dict.fromkeys((place, figure.group) for place, figure in figures)
     placed = list(zip(groups, pictures, strict=True))
     return [

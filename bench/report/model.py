@@ -50,6 +50,16 @@ class TimedPlan(Protocol):
 
 
 @dataclass(frozen=True)
+class Picture:
+    """A figure for a page: SVG text without prologue, a caption, and a sentence for readers who do not see it."""
+
+    name: str
+    svg: str
+    caption: str
+    description: str
+
+
+@dataclass(frozen=True)
 class TemperatureTrace:
     """Temperatures of a run, (n,), degC, at ``t_s`` seconds from the start of the campaign phase; NaN = no reading.
 

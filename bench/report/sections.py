@@ -17,12 +17,7 @@ from bench.report.estimate_tables import (
     pivot_tables,
     scale_factor_tables,
 )
-from bench.report.model import ReportModel
-from bench.report.plots.currents import current_picture, residual_picture
-from bench.report.plots.figures import timetable_picture
-from bench.report.plots.graphs import analysis_pictures
-from bench.report.plots.style import Picture
-from bench.report.plots.temperatures import asymmetry_picture, bias_picture, dsf_picture, surroundings_picture
+from bench.report.model import Picture, ReportModel
 from bench.report.run_tables import (
     channel_quality_table,
     command_parts,
@@ -68,19 +63,25 @@ def _chapter(words: Texts, name: str, *parts: Table | Picture | None, paragraphs
 
 def _on_results(model: ReportModel, words: Texts) -> Iterator[Section]:
     """Yield the chapters on what was found, and how well."""
+    from bench.report import plots  # with matplotlib
+
     chapter = partial(_chapter, words)
     budgets = [table for table in model.tables if on_uncertainty(table) and not table.lead]
     others = [table for table in model.tables if not on_uncertainty(table) and not table.lead]
     yield chapter("summary", summary_table(model, words))
     yield chapter("results", *analysis_tables([table for table in model.tables if table.lead]))
     yield chapter("verdicts", verdict_table(model, words))
-    pictures = (dsf_picture(model, words), asymmetry_picture(model, words), current_picture(model, words))
+    pictures = (
+        plots.dsf_picture(model, words),
+        plots.asymmetry_picture(model, words),
+        plots.current_picture(model, words),
+    )
     yield chapter("scale-factor", *pictures, *scale_factor_tables(model, words))
     yield chapter("coefficients", coefficient_table(model, words))
-    yield chapter("residuals", residual_picture(model, words))
-    yield chapter("figures", *analysis_pictures(model.figures))
+    yield chapter("residuals", plots.residual_picture(model, words))
+    yield chapter("figures", *plots.analysis_pictures(model.figures))
     tables = (*pivot_tables(model, words), channel_table(model, words), *across_tables(model, words))
-    yield chapter("others", bias_picture(model, words), *tables, other_table(model, words))
+    yield chapter("others", plots.bias_picture(model, words), *tables, other_table(model, words))
     coverage = (coverage_table(model, words), components_table(model, words))
     yield chapter("uncertainty", *coverage, *analysis_tables(budgets))
     yield chapter("explanations", *analysis_tables(others))
@@ -88,8 +89,11 @@ def _on_results(model: ReportModel, words: Texts) -> Iterator[Section]:
 
 def _on_the_run(model: ReportModel, words: Texts) -> Iterator[Section]:
     """Yield the chapters on how it was found, and by whom."""
+    from bench.report import plots  # with matplotlib
+
     chapter = partial(_chapter, words)
-    pictures = (timetable_picture(model.timetable, model.trace, words), surroundings_picture(model, words))
+    timetable = plots.timetable_picture(model.timetable, model.trace, words)
+    pictures = (timetable, plots.surroundings_picture(model, words))
     yield chapter("environment", *pictures, environment_table(model, words))
     yield chapter("quality", quality_table(model, words), channel_quality_table(model, words))
     said, tables = command_parts(model, words)

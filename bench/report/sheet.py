@@ -11,11 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-
-import matplotlib as mpl
-from matplotlib.ft2font import FT2Font, LoadFlags
+from typing import TYPE_CHECKING
 
 from bench.report.tables import Table
+
+if TYPE_CHECKING:
+    from matplotlib.ft2font import FT2Font
 
 SIZES_pt = (7.5, 7.0, 6.5)
 ROOM_pt = 493.2  # an A4 page of 595.3 with margins of 18 mm, as in templates/report.typ
@@ -130,6 +131,8 @@ def _shared(least: Sequence[float], natural: Sequence[float], room_pt: float) ->
 
 def folder() -> Path:
     """Return the folder of the font files."""
+    import matplotlib as mpl
+
     return Path(mpl.get_data_path()) / "fonts" / "ttf"
 
 
@@ -152,6 +155,8 @@ def legible(text: str) -> str:
 @cache
 def _advance(character: str, bold: bool) -> float:
     """Return how far a character moves the pen, in parts of the size."""
+    from matplotlib.ft2font import LoadFlags
+
     font = _font(bold)
     code = ord(character if ord(character) in _characters(bold) else "M")
     return float(font.load_char(code, flags=LoadFlags.NO_SCALE).horiAdvance / font.units_per_EM)
@@ -164,4 +169,6 @@ def _characters(bold: bool) -> frozenset[int]:
 
 @cache
 def _font(bold: bool) -> FT2Font:
+    from matplotlib.ft2font import FT2Font
+
     return FT2Font(str(folder() / _FILES[bold]))

@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import InputError
-from bench.report import FORMATS, MOST_PANELS, Panel, line_years, plot_history
+from bench.report import plots
 from bench.session.output import writing
 from bench.store import Comparison, ParameterHistory
 
@@ -18,16 +18,16 @@ _EPOCH_YEAR = 1970.0
 
 def draw(comparison: Comparison, path: Path) -> None:
     """Draw the parameters with the clearest drift. Raises: InputError B-CLI-007 if the file cannot be written."""
-    if path.suffix not in FORMATS:
+    if path.suffix not in plots.FORMATS:
         raise InputError("B-CLI-007", "is neither .svg nor .png", where=str(path), next_step="name such a file")
-    histories = sorted(comparison.parameters, key=_clearest)[:MOST_PANELS]
+    histories = sorted(comparison.parameters, key=_clearest)[: plots.MOST_PANELS]
     series = comparison.series
     left = len(comparison.parameters) - len(histories)
     more = f", {left} more parameters not drawn" if left > 0 else ""
     title = f"{' '.join(series.uut)}: {len(series.calibrations)} calibrations, clearest drift first{more}"
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        plot_history([_panel(one) for one in histories], title, bool(series.calibrations[-1]["simulated"]), path)
+        plots.plot_history([_panel(one) for one in histories], title, bool(series.calibrations[-1]["simulated"]), path)
 
 
 def _clearest(one: ParameterHistory) -> float:
@@ -35,13 +35,13 @@ def _clearest(one: ParameterHistory) -> float:
     return 0.0 if one.line is None else -abs(one.line.rate) / one.line.rate_std
 
 
-def _panel(one: ParameterHistory) -> Panel:
+def _panel(one: ParameterHistory) -> plots.Panel:
     empty = np.empty(0)
-    at = line_years(one.t_year[0], one.t_year[-1]) if one.line else empty
+    at = plots.line_years(one.t_year[0], one.t_year[-1]) if one.line else empty
     unit = one.parameter.unit
     nano = unit == "A" or unit.startswith("A/")
     scale = 1e9 if nano else 1.0
-    return Panel(
+    return plots.Panel(
         title=one.parameter.label,
         unit=f"n{unit}" if nano else unit,
         year=one.t_year + _EPOCH_YEAR,

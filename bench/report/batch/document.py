@@ -11,7 +11,6 @@ from typing import Any
 
 from bench.model.texts import ENGLISH, Texts
 from bench.report.batch.model import Batch, Member, Outcome, Spread, Unit, Yield
-from bench.report.batch.strips import strip_pictures
 from bench.report.batch.tables import left_out_table, spread_tables, unit_table, worst_table, yield_table
 from bench.report.document import page
 from bench.report.sections import Section
@@ -103,6 +102,8 @@ def _verdict(batch: Batch, words: Texts) -> tuple[str, str]:
 
 
 def _sections(batch: Batch, words: Texts) -> list[Section]:
+    from bench.report import plots  # with matplotlib
+
     left_out, worst = left_out_table(batch, words), worst_table(batch, words)
     mixed = batch.simulated and len(set(batch.simulated)) < len({part.session for part in batch.parts})
     notes = (words("batch.mixed", sessions=", ".join(batch.simulated)),) if mixed else ()
@@ -116,7 +117,7 @@ def _sections(batch: Batch, words: Texts) -> list[Section]:
             (words("batch.said.worst"),) if worst else (),
             (worst,) if worst else (),
         ),
-        Section("strips", words("batch.section.strips"), (), (), tuple(strip_pictures(batch, words))),
+        Section("strips", words("batch.section.strips"), (), (), tuple(plots.strip_pictures(batch, words))),
         Section(
             "quantities",
             words("batch.section.quantities"),

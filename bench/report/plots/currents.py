@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter
 
 from bench.model.texts import Texts
-from bench.report.model import ReportModel, Residual
-from bench.report.plots.style import GREY, Picture, drawing, inline_svg, legend_of, look, panels_of
+from bench.report.model import Picture, ReportModel, Residual
+from bench.report.plots.style import GREY, drawing, inline_svg, legend_of, look, panels_of
 from bench.report.tables import channel_title
 
 _LINEAR_ppm = 1.0

@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 
 from bench.analysis import Floats
 from bench.model.texts import ENGLISH, Texts
-from bench.report.model import TemperatureTrace, TimedPlan, Timetable
-from bench.report.plots.style import BLUE, GREEN, GREY, INK, VERMILION, WINE, Picture, drawing, inline_svg, svg_text
-from bench.report.plots.timetable import timetable
+from bench.report.model import Picture, TemperatureTrace, TimedPlan, Timetable
+from bench.report.plots.style import BLUE, GREEN, GREY, INK, VERMILION, WINE, drawing, inline_svg, svg_text
 from bench.report.tables import words_of
+from bench.report.timetable import timetable
 
 _FILL = {"prepare": GREY, "finally": GREY, "soak": VERMILION, "measure": BLUE, "repeat": WINE}
 _HATCH = {"prepare": "////", "finally": "////", "soak": "....", "repeat": "xxxx"}

@@ -11,8 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from bench import analysis
+from bench.report.model import Picture
 from bench.report.plots.figures import thin
-from bench.report.plots.style import Picture, drawing, inline_svg, legend_of, look, panels_of
+from bench.report.plots.style import drawing, inline_svg, legend_of, look, panels_of
 from bench.report.tables import label, sentence
 
 _LINE_STYLES = ("-", (0, (4, 2)), (0, (1, 1.2)), (0, (6, 2, 1, 2)))

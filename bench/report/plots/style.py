@@ -7,7 +7,6 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import matplotlib as mpl
@@ -58,16 +57,6 @@ _ABOVE_in = 0.28  # the title of a panel
 _BELOW_in = 0.45  # its numbers and label
 _LEGEND_in, _LEGEND_ROW_in = 0.3, 0.18  # a legend of one row, and each row more
 _LABEL_in = 0.62  # from the panel to its label; numbers of eight characters fit between
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure for a page: SVG text without prologue, a caption, and a sentence for readers who do not see it."""
-
-    name: str
-    svg: str
-    caption: str
-    description: str
 
 
 @contextmanager

@@ -12,12 +12,11 @@ from matplotlib.figure import Figure
 
 from bench.model.texts import Texts
 from bench.report.estimate_tables import readable
-from bench.report.model import ReportModel
+from bench.report.model import Picture, ReportModel
 from bench.report.plots.figures import thin
 from bench.report.plots.style import (
     BLUE,
     VERMILION,
-    Picture,
     channels_of,
     drawing,
     inline_svg,

@@ -12,8 +12,8 @@ from bench.model.shipped import find_shipped
 from bench.plan import Step, compile_sequence
 from bench.report import TemperatureTrace, plot_timetable
 from bench.report.plots.figures import thin, timetable_picture
-from bench.report.plots.timetable import planned_temperature, timetable
 from bench.report.tables import words_of
+from bench.report.timetable import planned_temperature, timetable
 
 
 def test_bars_cover_exactly_the_planned_time() -> None:

@@ -14,7 +14,8 @@ from bench.analysis import number, unit_text
 from bench.model.texts import Texts
 from bench.report.batch.model import Batch, Spread
 from bench.report.estimate_tables import readable
-from bench.report.plots.style import BLUE, GREY, INK, VERMILION, Picture, drawing, inline_svg, panels_of
+from bench.report.model import Picture
+from bench.report.plots.style import BLUE, GREY, INK, VERMILION, drawing, inline_svg, panels_of
 from bench.report.tables import label
 
 MOST_PANELS = 24  # of a campaign; judged quantities come first
