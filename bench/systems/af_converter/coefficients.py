@@ -130,14 +130,14 @@ def compensation_entry(
 
 def scale_factor_compensation(fitted: Fitted, campaign: Campaign) -> list[dict[str, Any]]:
     """``Analysis.compensation`` of a scale-factor campaign: dsf_n, dsf_p of each channel; its bias is diagnostic."""
-    found = []
+    entries = []
     for (quantity, channel), polynomial in fitted.polynomials.items():
-        warmth = [one.fit.unit_temperature_degC for one in fitted.visits(channel)]
+        warmth = [visit.fit.unit_temperature_degC for visit in fitted.visits(channel)]
         if quantity in QUANTITIES:
             place, valid = (channel, campaign.channel(channel).kind), [min(warmth), max(warmth)]
             entry = compensation_entry(quantity, place, polynomial.reference_degC, polynomial.coefficients, valid)
-            found.append(entry)
-    return found
+            entries.append(entry)
+    return entries
 
 
 def coefficients_of(analysis: Analysis, results: Mapping[str, Any], campaign: Mapping[str, Any]) -> dict[str, Any]:
@@ -148,8 +148,8 @@ def coefficients_of(analysis: Analysis, results: Mapping[str, Any], campaign: Ma
              the form of coefficients.json.
     """
     session = str(results["session"])
-    parameters = [dict(one) | {"session": session} for one in analysis.compensation]
-    if analysis.campaign != BIAS_CAMPAIGN and any(one["parameter"] == "bias" for one in parameters):
+    parameters = [dict(parameter) | {"session": session} for parameter in analysis.compensation]
+    if analysis.campaign != BIAS_CAMPAIGN and any(parameter["parameter"] == "bias" for parameter in parameters):
         raise InputError(
             "B-COEF-004",
             f"the bias of a campaign {analysis.campaign!r} is diagnostic; only that of {BIAS_CAMPAIGN!r} compensates",
@@ -162,7 +162,9 @@ def coefficients_of(analysis: Analysis, results: Mapping[str, Any], campaign: Ma
         "uut": {name: str(results["uut"][name]) for name in ("model", "serial")},
         "simulated": results["provenance"]["simulated"] is not False,
         "signs": dict(SIGNS),
-        "nominal": [{"channel": one["number"], "kind": one["kind"], "k0_C": one["k0_C"]} for one in channels],
+        "nominal": [
+            {"channel": channel["number"], "kind": channel["kind"], "k0_C": channel["k0_C"]} for channel in channels
+        ],
         "parameters": parameters,
         "sources": [source_of(analysis, results)],
     }
@@ -179,37 +181,41 @@ def merged(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """
     first = documents[0]
     same_unit(documents, _NEXT)
-    parameters = [one for document in documents for one in document["parameters"]]
+    parameters = [parameter for document in documents for parameter in document["parameters"]]
     seen: dict[tuple[str, int], str] = {}
-    for one in parameters:
-        place = one["parameter"], one["channel"] or 0
+    for parameter in parameters:
+        place = parameter["parameter"], parameter["channel"] or 0
         if place in seen:
             raise InputError(
                 "B-COEF-002",
                 f"{place[0]} of {f'channel {place[1]}' if place[1] else 'the unit'} comes from two sessions",
-                where=f"{seen[place]}, {one['session']}",
+                where=f"{seen[place]}, {parameter['session']}",
                 next_step=_NEXT,
             )
-        seen[place] = one["session"]
+        seen[place] = parameter["session"]
     order = list(UNITS)
     return dict(first) | {
         "nominal": _nominal(documents),
-        "parameters": sorted(parameters, key=lambda one: (order.index(one["parameter"]), one["channel"] or 0)),
+        "parameters": sorted(
+            parameters, key=lambda parameter: (order.index(parameter["parameter"]), parameter["channel"] or 0)
+        ),
         "sources": [source for document in documents for source in document["sources"]],
     }
 
 
 def _nominal(documents: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    found: dict[int, tuple[dict[str, Any], str]] = {}
+    stated: dict[int, tuple[dict[str, Any], str]] = {}
     for document in documents:
         session = str(document["sources"][0]["session"])
-        for one in document["nominal"]:
-            known, where = found.setdefault(one["channel"], (dict(one), session))
-            if known != one:
-                values = " and ".join(f"{each['kind']} {each['k0_C']} C" for each in (known, one))
-                message = f"the sessions refer to different nominal constants of channel {one['channel']} ({values})"
+        for constants in document["nominal"]:
+            known, where = stated.setdefault(constants["channel"], (dict(constants), session))
+            if known != constants:
+                values = " and ".join(f"{each['kind']} {each['k0_C']} C" for each in (known, constants))
+                message = (
+                    f"the sessions refer to different nominal constants of channel {constants['channel']} ({values})"
+                )
                 raise InputError("B-COEF-001", message, where=f"{where}, {session}", next_step=_NEXT)
-    return [found[number][0] for number in sorted(found)]
+    return [stated[number][0] for number in sorted(stated)]
 
 
 def coefficients_schema() -> dict[str, Any]:
@@ -226,8 +232,8 @@ def header_text(document: Mapping[str, Any]) -> str:
     unit = document["uut"]
     guard = re.sub("[^A-Z0-9]+", "_", f"COMPENSATION_{unit['model']}_{unit['serial']}_H".upper())
     parameters = document["parameters"]
-    width = max((len(one["coefficients"]) for one in parameters), default=1)
-    last = max((int(one["channel"] or 0) for one in (*document["nominal"], *parameters)), default=0)
+    width = max((len(parameter["coefficients"]) for parameter in parameters), default=1)
+    last = max((int(entry["channel"] or 0) for entry in (*document["nominal"], *parameters)), default=0)
     parts = [
         c_preamble(document),
         f"#ifndef {guard}\n#define {guard}\n",
@@ -236,7 +242,7 @@ def header_text(document: Mapping[str, Any]) -> str:
         _nominal_charges(document["nominal"], last),
     ]
     for name, constant in _CONSTANTS.items():
-        members = [one for one in parameters if one["parameter"] == name]
+        members = [parameter for parameter in parameters if parameter["parameter"] == name]
         if members:
             parts.append(_table(f"COMPENSATION_{constant}", members, width, last))
     return "\n".join([*parts, f"#endif /* {guard} */\n"])
@@ -245,7 +251,7 @@ def header_text(document: Mapping[str, Any]) -> str:
 def _nominal_charges(nominal: Sequence[Mapping[str, Any]], last: int) -> str:
     if not nominal:
         return ""
-    charges = {int(one["channel"]): one for one in nominal}
+    charges = {int(constants["channel"]): constants for constants in nominal}
     lines = [
         f"    {float(charges[number]['k0_C'])!r}, /* {number}: {c_text(charges[number]['kind'])} */"
         if number in charges
@@ -262,7 +268,7 @@ def _nominal_charges(nominal: Sequence[Mapping[str, Any]], last: int) -> str:
 def _table(name: str, members: Sequence[Mapping[str, Any]], width: int, last: int) -> str:
     if members[0]["channel"] is None:
         return f"static const compensation_polynomial {name} = {_initialiser(members[0], width)};\n"
-    by_channel = {int(one["channel"]): one for one in members}
+    by_channel = {int(parameter["channel"]): parameter for parameter in members}
     lines = [
         f"    {_initialiser(by_channel.get(number), width)}, /* {number}{'' if number in by_channel else ': none'} */"
         for number in range(last + 1)
@@ -270,9 +276,9 @@ def _table(name: str, members: Sequence[Mapping[str, Any]], width: int, last: in
     return f"static const compensation_polynomial {name}[{len(lines)}] = {{\n" + "\n".join(lines) + "\n};\n"
 
 
-def _initialiser(one: Mapping[str, Any] | None, width: int) -> str:
-    coefficients = [] if one is None else [float(value) for value in one["coefficients"]]
+def _initialiser(parameter: Mapping[str, Any] | None, width: int) -> str:
+    coefficients = [] if parameter is None else [float(value) for value in parameter["coefficients"]]
     numbers = ", ".join(repr(value) for value in [*coefficients, *[0.0] * (width - len(coefficients))])
-    low, high = (0.0, 0.0) if one is None else one["valid_degC"]
-    reference = 0.0 if one is None else float(one["reference_temperature_degC"])
+    low, high = (0.0, 0.0) if parameter is None else parameter["valid_degC"]
+    reference = 0.0 if parameter is None else float(parameter["reference_temperature_degC"])
     return f"{{ {reference!r}, {float(low)!r}, {float(high)!r}, {len(coefficients)}, {{ {numbers} }} }}"

@@ -1,4 +1,4 @@
-"""What a scale-factor analysis reads from the manifest of a session: converter constants and standards."""
+"""Converter constants and standards, as a scale-factor analysis reads them from the manifest of a session."""
 
 from __future__ import annotations
 
@@ -72,9 +72,9 @@ class Campaign(_Tolerant):
 
     def channel(self, number: int) -> Channel:
         """Constants of one channel. Raises FitError B-FIT-008 for a channel the campaign does not declare."""
-        for one in self.channels:
-            if one.number == number:
-                return one
+        for channel in self.channels:
+            if channel.number == number:
+                return channel
         raise FitError(
             "B-FIT-008",
             f"the session has records of channel {number}, but the campaign declares no such channel",
@@ -108,7 +108,7 @@ class Standards:
 
     @property
     def common_relative_ppm(self) -> float:
-        """What a stated traceability and drift of the calibrator add to every scale-factor error, standard, ppm."""
+        """Return what stated traceability and drift of the calibrator add to each scale-factor error, standard, ppm."""
         return math.hypot(self.traceability or 0.0, self.drift or 0.0) * 1e6
 
 
@@ -133,15 +133,15 @@ def read_ranges(standards: Mapping[str, Mapping[str, Any]], role: str) -> dict[f
     """
     try:
         entry = standards[role]
-        corrections = {float(one["range_A"]): one for one in entry.get("corrections") or ()}
+        corrections = {float(correction["range_A"]): correction for correction in entry.get("corrections") or ()}
         return {
-            float(one["range_A"]): RangeSpecification(
-                relative=float(one["relative"]),
-                floor_A=float(one["floor_A"]),
-                gain=float(corrections.get(float(one["range_A"]), {}).get("gain", 0.0)),
-                offset_A=float(corrections.get(float(one["range_A"]), {}).get("offset_A", 0.0)),
+            float(uncertainty["range_A"]): RangeSpecification(
+                relative=float(uncertainty["relative"]),
+                floor_A=float(uncertainty["floor_A"]),
+                gain=float(corrections.get(float(uncertainty["range_A"]), {}).get("gain", 0.0)),
+                offset_A=float(corrections.get(float(uncertainty["range_A"]), {}).get("offset_A", 0.0)),
             )
-            for one in entry["uncertainty"]
+            for uncertainty in entry["uncertainty"]
         }
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise _register_error(role, error) from error

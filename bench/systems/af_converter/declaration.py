@@ -1,5 +1,5 @@
-"""What the engine is told of the calibration of AF converters, and what a sequence says of a unit with such converters:
-its clocks, its temperature sensor, its kinds of channels.
+"""Declaration of the calibration of AF converters, and the part of a sequence on a unit with such converters: its
+clocks, its temperature sensor, its kinds of channels.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ _AT_ONE_TEMPERATURE: dict[str, Any] = {
 
 
 def _sensor(text: str) -> str:
-    found = read_quantity(text)
-    if found is None or found[1] not in ("deg/s", "g") or found[0] <= 0:
+    quantity = read_quantity(text)
+    if quantity is None or quantity[1] not in ("deg/s", "g") or quantity[0] <= 0:
         raise ValueError(f"{text!r} is not a positive rate or acceleration, for example '83 deg/s' or '20 g'")
     return text
 

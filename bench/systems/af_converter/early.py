@@ -47,11 +47,11 @@ def repeat_check(rows: Sequence[RecordRow], campaign: Campaign, limit: float) ->
         if "channel" in row.window.conditions and row.frames:
             groups.setdefault(tuple(row.window.conditions.get(name) for name in POINT), []).append(row)
     pairs = [pair for group in groups.values() for pair in pairwise(group)]
-    for one, two in pairs:
-        channel = campaign.channel(int(one.window.conditions["channel"]))
-        change = _change(one, two, channel.number, campaign)
+    for first, second in pairs:
+        channel = campaign.channel(int(first.window.conditions["channel"]))
+        change = _change(first, second, channel.number, campaign)
         if change > worst:
-            worst, where = change, f"records {one.window.number} and {two.window.number}, channel {channel.number}"
+            worst, where = change, f"records {first.window.number} and {second.window.number}, channel {channel.number}"
     if not pairs:
         return Check("repeated points", None, None, limit, "no point was measured twice yet")
     return Check("repeated points", worst <= limit, worst, limit, f"{len(pairs)} pairs; largest: {where or 'none'}")
@@ -64,7 +64,7 @@ def scatter_check(rows: Sequence[RecordRow], campaign: Campaign, limit: float) -
     """
     worst, where = 0.0, ""
     for number, pairs in _neighbours(rows, campaign):
-        changes = [_change(one, two, number, campaign) for one, two in pairs]
+        changes = [_change(first, second, number, campaign) for first, second in pairs]
         if len(changes) >= _ENOUGH and (scatter := float(np.median(changes)) / _MAD) > worst:
             worst, where = scatter, f"channel {number}, {len(changes)} neighbours"
     if not where:
@@ -75,28 +75,28 @@ def scatter_check(rows: Sequence[RecordRow], campaign: Campaign, limit: float) -
 def residual_check(analysis: Analysis, limit: float) -> Check:
     """The largest residual of a partial fit, in the standard deviation that the declared noise gives it."""
     judged = [
-        (abs(one["residual_ppm"]) / one["std_ppm"], one)
-        for one in analysis.residuals
-        if math.isfinite(one["residual_ppm"]) and one["std_ppm"] > 0
+        (abs(residual["residual_ppm"]) / residual["std_ppm"], residual)
+        for residual in analysis.residuals
+        if math.isfinite(residual["residual_ppm"]) and residual["std_ppm"] > 0
     ]
     if not judged:
         return Check("residuals", None, None, limit, "nothing is fitted yet")
-    worst, one = max(judged, key=lambda pair: pair[0])
-    text = f"record {one['number']}, channel {one['channel']} at {one['temperature_degC']:g} degC"
+    worst, residual = max(judged, key=lambda pair: pair[0])
+    text = f"record {residual['number']}, channel {residual['channel']} at {residual['temperature_degC']:g} degC"
     return Check("residuals", worst <= limit, worst, limit, text)
 
 
 def drift_check(analysis: Analysis, limit: float) -> Check:
     """Return the largest drift between a first visit and its repeat, in its own standard uncertainty."""
     drifts = [
-        (abs(one["value"]) / one["std_uncertainty"], one)
-        for one in analysis.estimates
-        if str(one["quantity"]).endswith("_drift") and one["std_uncertainty"]
+        (abs(entry["value"]) / entry["std_uncertainty"], entry)
+        for entry in analysis.estimates
+        if str(entry["quantity"]).endswith("_drift") and entry["std_uncertainty"]
     ]
     if not drifts:
         return Check("drift", None, None, limit, "no channel was visited again yet")
-    worst, one = max(drifts, key=lambda pair: pair[0])
-    return Check("drift", worst <= limit, worst, limit, f"{one['quantity']} is {one['value']:.3g} {one['unit']}")
+    worst, entry = max(drifts, key=lambda pair: pair[0])
+    return Check("drift", worst <= limit, worst, limit, f"{entry['quantity']} is {entry['value']:.3g} {entry['unit']}")
 
 
 def _neighbours(
@@ -105,20 +105,20 @@ def _neighbours(
     """Yield pairs of open records that follow each other without a gap, for every channel: a ramp's windows."""
     opened = [row for row in rows if row.window.conditions.get("route") == "open" and row.frames]
     pairs = [
-        (one, two)
-        for one, two in pairwise(opened)
-        if two.window.first_counter == one.window.first_counter + one.window.frames
+        (first, second)
+        for first, second in pairwise(opened)
+        if second.window.first_counter == first.window.first_counter + first.window.frames
     ]
     for channel in campaign.channels:
         yield channel.number, pairs
 
 
-def _change(one: RecordRow, two: RecordRow, number: int, campaign: Campaign) -> float:
+def _change(first: RecordRow, second: RecordRow, number: int, campaign: Campaign) -> float:
     """|difference of two mean currents| in its standard deviation."""
     channel = campaign.channel(number)
-    first_A, second_A = (_current_A(row, number, channel.k0_C) for row in (one, two))
-    lengths_s = [(row.window.t_end_ns - row.window.t_start_ns) / NS for row in (one, two)]
-    apart_h = abs(two.window.t_start_ns - one.window.t_start_ns) / NS / 3600.0
+    first_A, second_A = (_current_A(row, number, channel.k0_C) for row in (first, second))
+    lengths_s = [(row.window.t_end_ns - row.window.t_start_ns) / NS for row in (first, second)]
+    apart_h = abs(second.window.t_start_ns - first.window.t_start_ns) / NS / 3600.0
     variance = (
         channel.noise.walk_A_rth**2 * apart_h + ((channel.stability_limit_ppm or 0.0) * 1e-6 * first_A / 1.96) ** 2
     )

@@ -45,7 +45,7 @@ class Fitted:
     def slopes_ppm_degC(self, channel: int, temperature_degC: float) -> tuple[float, float]:
         """Return temperature coefficients (N, P) of a channel at a temperature; 0 where they are not known."""
         known = [self.polynomials.get((quantity, channel)) for quantity in QUANTITIES]
-        slopes = [one.slope(temperature_degC) if one else 0.0 for one in known]
+        slopes = [polynomial.slope(temperature_degC) if polynomial else 0.0 for polynomial in known]
         return slopes[0], slopes[1]
 
     def visits(self, channel: int) -> list[GroupFit]:
@@ -55,7 +55,7 @@ class Fitted:
 
 def first_visits(groups: Iterable[GroupFit], channel: int) -> list[GroupFit]:
     """Return groups of a channel without its repeats."""
-    return [one for one in groups if one.group.channel == channel and one.group.repeat == 0]
+    return [visit for visit in groups if visit.group.channel == channel and visit.group.repeat == 0]
 
 
 def fit_groups(groups: Iterable[Group], campaign: Campaign, standards: Standards, method: str) -> Fitted:
@@ -99,14 +99,14 @@ def _fit_one(group: Group, campaign: Campaign, standards: Standards, method: str
 
 
 def refit(
-    one: GroupFit, kept: NDArray[np.bool_], fitted: Fitted, campaign: Campaign, standards: Standards, method: str
+    visit: GroupFit, kept: NDArray[np.bool_], fitted: Fitted, campaign: Campaign, standards: Standards, method: str
 ) -> ScaleFactor | None:
     """Return the fit of a group by those of its closed rows alone, None if they do not determine it."""
-    at_degC = one.fit.unit_temperature_degC
-    referral = Referral(at_degC, fitted.slopes_ppm_degC(one.group.channel, at_degC))
-    converter = campaign.converter(one.group.channel)
+    at_degC = visit.fit.unit_temperature_degC
+    referral = Referral(at_degC, fitted.slopes_ppm_degC(visit.group.channel, at_degC))
+    converter = campaign.converter(visit.group.channel)
     try:
-        return fit_scale_factor(one.group.closed.take(kept), converter, standards.ranges, method, referral)
+        return fit_scale_factor(visit.group.closed.take(kept), converter, standards.ranges, method, referral)
     except FitError:
         return None
 
@@ -137,33 +137,33 @@ def reasons(group: Group) -> str:
 
 
 def _polynomials(fitted: list[GroupFit], campaign: Campaign) -> dict[tuple[str, int], TemperaturePolynomial]:
-    found: dict[tuple[str, int], TemperaturePolynomial] = {}
-    for channel in sorted({one.group.channel for one in fitted}):
+    polynomials: dict[tuple[str, int], TemperaturePolynomial] = {}
+    for channel in sorted({visit.group.channel for visit in fitted}):
         visits = first_visits(fitted, channel)
         for index, quantity in enumerate(QUANTITIES):
             polynomial = _scale_factor_polynomial(visits, index, campaign.reference_temperature_degC)
             if polynomial is not None:
-                found[quantity, channel] = polynomial
-        with_bias = [one for one in visits if one.bias is not None]
+                polynomials[quantity, channel] = polynomial
+        with_bias = [visit for visit in visits if visit.bias is not None]
         walk_A_rth = campaign.channel(channel).noise.walk_A_rth
         polynomial = _bias_polynomial(with_bias, walk_A_rth, campaign.reference_temperature_degC)
         if polynomial is not None:
-            found["bias", channel] = polynomial
-    return found
+            polynomials["bias", channel] = polynomial
+    return polynomials
 
 
 def _scale_factor_polynomial(visits: list[GroupFit], index: int, reference_degC: float) -> TemperaturePolynomial | None:
-    temperature_degC = np.array([one.fit.unit_temperature_degC for one in visits])
-    labels = sorted({label for one in visits for label in one.fit.shared_ppm})
+    temperature_degC = np.array([visit.fit.unit_temperature_degC for visit in visits])
+    labels = sorted({label for visit in visits for label in visit.fit.shared_ppm})
     nothing = np.zeros(2)
     shared = [
-        [one.fit.gain_ppm[index], *(one.fit.shared_ppm.get(label, nothing)[index] for label in labels)]
-        for one in visits
+        [visit.fit.gain_ppm[index], *(visit.fit.shared_ppm.get(label, nothing)[index] for label in labels)]
+        for visit in visits
     ]
     return fit_temperature(
         temperature_degC,
-        np.array([one.fit.dsf_ppm[index] for one in visits]),
-        np.diag([one.fit.noise_ppm2[index, index] for one in visits]),
+        np.array([visit.fit.dsf_ppm[index] for visit in visits]),
+        np.diag([visit.fit.noise_ppm2[index, index] for visit in visits]),
         np.array(shared),
         reference_degC,
     )
@@ -171,13 +171,13 @@ def _scale_factor_polynomial(visits: list[GroupFit], index: int, reference_degC:
 
 def _bias_polynomial(visits: list[GroupFit], walk_A_rth: float, reference_degC: float) -> TemperaturePolynomial | None:
     """Bias against temperature; the random walk between the visits is part of the covariance."""
-    biases = [one.bias for one in visits if one.bias is not None]
-    hours = np.array([one.group.opened.time_s[0] / 3600.0 for one in visits])
+    biases = [visit.bias for visit in visits if visit.bias is not None]
+    hours = np.array([visit.group.opened.time_s[0] / 3600.0 for visit in visits])
     walk = walk_A_rth**2 * np.minimum.outer(hours - hours.min(initial=0), hours - hours.min(initial=0))
     return fit_temperature(
-        np.array([one.unit_temperature_degC for one in biases]),
-        np.array([one.value_A for one in biases]),
-        np.diag([one.std_uncertainty_A**2 for one in biases]) + walk,
+        np.array([bias.unit_temperature_degC for bias in biases]),
+        np.array([bias.value_A for bias in biases]),
+        np.diag([bias.std_uncertainty_A**2 for bias in biases]) + walk,
         np.zeros((len(biases), 0)),
         reference_degC,
     )
@@ -199,9 +199,15 @@ def missing_groups(
     recorded = {channel for channel, _, _ in taken}
     places: dict[Place, None] = dict(taken)
     for temperature_degC in dict.fromkeys(at for _, at, _ in taken):
-        places |= {(one.number, temperature_degC, 0): None for one in campaign.channels if one.number in recorded}
-    found = [f"{place_name(place)}: {reason.get(place, 'no record')}" for place in sorted(places) if place not in done]
-    return found + [f"channel {one.number}: no record" for one in campaign.channels if one.number not in recorded]
+        places |= {
+            (channel.number, temperature_degC, 0): None for channel in campaign.channels if channel.number in recorded
+        }
+    missing = [
+        f"{place_name(place)}: {reason.get(place, 'no record')}" for place in sorted(places) if place not in done
+    ]
+    return missing + [
+        f"channel {channel.number}: no record" for channel in campaign.channels if channel.number not in recorded
+    ]
 
 
 def _left_out(group: Group) -> str:

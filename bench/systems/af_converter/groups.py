@@ -52,7 +52,7 @@ class Group:
 
     @property
     def unit_temperature_degC(self) -> float:
-        """Temperature of the unit, mean over all usable records of the group; NaN if there is none."""
+        """Return the temperature of the unit, mean over all usable records of the group; NaN if no record is usable."""
         measured = np.concatenate([self.closed.unit_temperature_degC, self.opened.unit_temperature_degC])
         return float(measured.mean()) if measured.size else float("nan")
 
@@ -71,7 +71,7 @@ def place_of(conditions: Mapping[str, Any]) -> Place:
 def campaign_rows(rows: Iterable[RecordRow]) -> list[RecordRow]:
     """Records that belong to the campaign, by number: what was taken for another purpose (wiring check) is left out.
 
-    Raises: FitError B-FIT-007 if there is none.
+    Raises: FitError B-FIT-007 if there is no such record.
     """
     chosen = sorted((row for row in rows if _belongs(row.window.conditions)), key=lambda row: row.window.number)
     if not chosen:
@@ -178,17 +178,17 @@ def unit_temperatures(rows: Iterable[RecordRow]) -> dict[int, UnitTemperature]:
     ``LONGEST_REACH_s`` away. The uncertainty is that of a rectangular distribution between the two (standard deviation
     of their difference over sqrt(12)) and of ``_WANDER_degC``, and common to all records of the gap.
     """
-    found: dict[int, UnitTemperature] = {}
+    temperatures: dict[int, UnitTemperature] = {}
     by_link: dict[str, list[RecordRow]] = {}
     for row in sorted(rows, key=lambda row: row.window.number):
         by_link.setdefault(row.window.link, []).append(row)
     for members in by_link.values():
         known = {index: value for index, row in enumerate(members) if (value := _measured(row)) is not None}
         for index, row in enumerate(members):
-            one = UnitTemperature(known[index]) if index in known else _between(members, known, index)
-            if one is not None:
-                found[row.window.number] = one
-    return found
+            temperature = UnitTemperature(known[index]) if index in known else _between(members, known, index)
+            if temperature is not None:
+                temperatures[row.window.number] = temperature
+    return temperatures
 
 
 def _measured(row: RecordRow) -> float | None:
@@ -201,7 +201,7 @@ def _between(members: list[RecordRow], known: Mapping[int, float], index: int) -
     after = min((other for other in known if other > index), default=None)
     if before is None or after is None:
         return None
-    nominal = [members[one].window.conditions.get("temperature_degC") for one in (before, index, after)]
+    nominal = [members[position].window.conditions.get("temperature_degC") for position in (before, index, after)]
     back_s, ahead_s = (
         _middle_s(members[index]) - _middle_s(members[before]),
         _middle_s(members[after]) - _middle_s(members[index]),

@@ -209,24 +209,24 @@ def _flip_of(rows: Sequence[SampledRow], resolution_g: float) -> _FlipBias | Non
 
     Raises: FitError B-FIT-092 for records of less than a minute.
     """
-    for one, two in combinations(rows, 2):
-        about = _about(one, two)
+    for first_row, second_row in combinations(rows, 2):
+        about = _about(first_row, second_row)
         if about is not None:
-            first, second = (_window_of(row, "accelerometer", resolution_g).means for row in (one, two))
-            found: dict[str, BiasMean] = {}
+            first, second = (_window_of(row, "accelerometer", resolution_g).means for row in (first_row, second_row))
+            by_axis: dict[str, BiasMean] = {}
             for k, axis in enumerate(AXES):
                 try:
-                    found[axis] = flip_bias(first[k], second[k], axis=axis, about=about)
+                    by_axis[axis] = flip_bias(first[k], second[k], axis=axis, about=about)
                 except FitError as error:
                     if error.code != "B-FIT-094":
                         raise
-            return _FlipBias(found, about)
+            return _FlipBias(by_axis, about)
     return None
 
 
-def _about(one: SampledRow, two: SampledRow) -> str | None:
+def _about(first: SampledRow, second: SampledRow) -> str | None:
     """Body axis that stays where it is in the table's frame while the two others turn over."""
-    cosines = np.sum(body_to_table(one.pose) * body_to_table(two.pose), axis=0)
+    cosines = np.sum(body_to_table(first.pose) * body_to_table(second.pose), axis=0)
     if np.sum(cosines < -_ALONG) != 2 or np.sum(cosines > _ALONG) != 1:
         return None
     return AXES[int(np.argmax(cosines))]

@@ -256,44 +256,44 @@ def _roll_estimates(
     uncertainty. That of the coefficients is not in it: the error that they leave is what is shown.
     """
     answers = _answers(material)
-    found = [
-        estimate("mag_roll", "deg", one.roll_deg, _STEP_deg, {"kind": "magnetometer", "answer": number}, n=1)
-        for number, one in enumerate(answers, 1)
+    entries = [
+        estimate("mag_roll", "deg", answer.roll_deg, _STEP_deg, {"kind": "magnetometer", "answer": number}, n=1)
+        for number, answer in enumerate(answers, 1)
     ]
-    placed = [one for one in answers if math.isfinite(one.table_deg)]
+    placed = [answer for answer in answers if math.isfinite(answer.table_deg)]
     if len(placed) < _LEAST:
-        return found
-    rolls = {RETURNED: np.array([one.roll_deg for one in placed])}
-    x, y = np.array([one.x for one in placed]), np.array([one.y for one in placed])
-    rolls |= {name: roll_deg(*one.corrected(x, y)) for name, one in methods.items()}
-    table = np.array([one.table_deg for one in placed])
-    step_deg = math.degrees(_STEP_gauss / float(np.mean([one.size for one in placed])))
+        return entries
+    rolls = {RETURNED: np.array([answer.roll_deg for answer in placed])}
+    x, y = np.array([answer.x for answer in placed]), np.array([answer.y for answer in placed])
+    rolls |= {name: roll_deg(*parameters.corrected(x, y)) for name, parameters in methods.items()}
+    table = np.array([answer.table_deg for answer in placed])
+    step_deg = math.degrees(_STEP_gauss / float(np.mean([answer.size for answer in placed])))
     std_deg = math.hypot(step_deg, noise_deg)
     for name, angles in rolls.items():
         apart = np.exp(1j * np.radians(angles - table))
         error = np.degrees(np.angle(apart / np.mean(apart)))
-        for one, value in zip(placed, error, strict=True):
-            place = {"kind": "magnetometer", "method": name, "roll_deg": one.table_deg}
+        for answer, value in zip(placed, error, strict=True):
+            place = {"kind": "magnetometer", "method": name, "roll_deg": answer.table_deg}
             limit = limit_deg if name == chosen and math.isfinite(limit_deg) else None
-            found.append(estimate("mag_roll_error", "deg", float(value), std_deg, place, n=1, limit=limit))
-    return found
+            entries.append(estimate("mag_roll_error", "deg", float(value), std_deg, place, n=1, limit=limit))
+    return entries
 
 
 def _answers(material: Material) -> list[_RollAnswer]:
     """Return the answers in their order, each with the correction that was in force."""
-    found, now = [], _NONE
-    for one in material.exchanges:
-        if one.status != 0 or one.name not in (ROLL, SET) or one.name not in material.layouts:
+    answers, now = [], _NONE
+    for exchange in material.exchanges:
+        if exchange.status != 0 or exchange.name not in (ROLL, SET) or exchange.name not in material.layouts:
             continue
-        layout = material.layouts[one.name]
+        layout = material.layouts[exchange.name]
         try:
-            if one.name == SET:
-                now = layout.request.decode(one.sent)
+            if exchange.name == SET:
+                now = layout.request.decode(exchange.sent)
             else:
-                found.append(_answer(one, layout.decode(one.received), now))
+                answers.append(_answer(exchange, layout.decode(exchange.received), now))
         except BenchError:
             continue  # an answer of another length says nothing about a roll angle
-    return found
+    return answers
 
 
 def _answer(exchange: Exchange, fields: Mapping[str, Any], now: Mapping[str, Any]) -> _RollAnswer:

@@ -90,7 +90,7 @@ def sampled_rows(material: Material, items: Sequence[str]) -> tuple[list[Sampled
 
     Raises: FitError B-GNC-003 if there is not one.
     """
-    found, empty = [], []
+    sampled, empty = [], []
     for row in material.rows:
         item = str(row.window.conditions.get("item", ""))
         if item not in items:
@@ -100,10 +100,10 @@ def sampled_rows(material: Material, items: Sequence[str]) -> tuple[list[Sampled
         elif CONTINUES in row.window.conditions:
             empty.append(f"record {row.window.number} ({item}): it does not follow the record that it continues")
         else:
-            found.append(_sampled(row, row.samples))
-    if not found:
+            sampled.append(_sampled(row, row.samples))
+    if not sampled:
         raise no_records(items)
-    return found, empty
+    return sampled, empty
 
 
 def no_records(items: Sequence[str]) -> FitError:
@@ -219,7 +219,7 @@ def _check(row: SampledRow, kinds: Sequence[str], limits: Mapping[str, float], d
 
 
 def _limits(kinds: Sequence[str], imu: Mapping[str, Any]) -> dict[str, float]:
-    """Return steps of the output at the end of each range; a sensor of which the sequence declares none has none."""
+    """Return steps of the output at the end of each range; a sensor without declared range and step is left out."""
     steps = {}
     for kind in kinds:
         reach, step = (imu.get(name) for name in _STEPS[kind])

@@ -93,10 +93,10 @@ class Segment(StrictModel):
 
     def campaign(self, label: str) -> dict[str, Any]:
         """As it stands in the manifest of an imported session."""
-        found: dict[str, Any] = {"label": label, "first": self.rows[0], "last": self.rows[1]}
+        entry: dict[str, Any] = {"label": label, "first": self.rows[0], "last": self.rows[1]}
         if self.up is not None:
-            return found | {"item": "position", "up": self.up}
-        return found | {"item": "rotation", "axis": self.axis, "turn_deg": self.turn}
+            return entry | {"item": "position", "up": self.up}
+        return entry | {"item": "rotation", "axis": self.axis, "turn_deg": self.turn}
 
 
 class LogSite(StrictModel):

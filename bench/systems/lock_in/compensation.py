@@ -52,7 +52,7 @@ class Shown:
 
 @dataclass
 class Compensated:
-    """What the stretches of a record gave.
+    """Increments and counts of all stretches of a record.
 
     ``increments``: by method and ``raw``, radians of Sagnac phase per dither period, NaN between stretches. A
     turnaround that a compensator could not estimate stays as it is.
@@ -145,7 +145,7 @@ def _all_jumps(turns: Turnarounds) -> tuple[dict[str, Jumps], GlobalConstants | 
 
 def _joined(parts: Sequence[_Part], clock_Hz: float) -> Compensated:
     first = parts[0]
-    found = Compensated(
+    joined = Compensated(
         interval_s=float(np.mean([part.increments[RAW].interval_s for part in parts])),
         omega_rad_s=float(np.mean([part.turns.omega_rad_s for part in parts])),
         increments={name: _with_holes(parts, name) for name in (RAW, *COMPENSATORS)},
@@ -155,28 +155,28 @@ def _joined(parts: Sequence[_Part], clock_Hz: float) -> Compensated:
         dither_scatter=_scatter(parts),
     )
     for part in parts:
-        found.turnarounds += int(part.turns.usable.size)
+        joined.turnarounds += int(part.turns.usable.size)
         for name, jumps in part.jumps.items():
-            found.used[name] = found.used.get(name, 0) + int(np.isfinite(jumps.dpsi_rad).sum())
-        found.constants += [part.constants] if part.constants is not None else []
-        found.refused.update(part.refused)
-        found.counts.update(part.turns.counts)
-        found.grazing += int(part.turns.grazing.sum())
-        found.edges += int(part.edges.tick.size)
-        found.repaired += part.edges.repaired
-        found.breaks += int(part.edges.breaks.size)
-        found.seconds += float(part.edges.tick[-1] - part.edges.tick[0]) / clock_Hz
-    return found
+            joined.used[name] = joined.used.get(name, 0) + int(np.isfinite(jumps.dpsi_rad).sum())
+        joined.constants += [part.constants] if part.constants is not None else []
+        joined.refused.update(part.refused)
+        joined.counts.update(part.turns.counts)
+        joined.grazing += int(part.turns.grazing.sum())
+        joined.edges += int(part.edges.tick.size)
+        joined.repaired += part.edges.repaired
+        joined.breaks += int(part.edges.breaks.size)
+        joined.seconds += float(part.edges.tick[-1] - part.edges.tick[0]) / clock_Hz
+    return joined
 
 
 def _scatter(parts: Sequence[_Part]) -> float | None:
     """Relative scatter of the dither's amplitude; that of the curvatures of the phase is the same."""
-    found = [part.jumps[GLOBAL].curvature_rad_s2 for part in parts if GLOBAL in part.jumps]
-    return float(np.nanstd(np.concatenate(found)) / np.nanmean(np.concatenate(found))) if found else None
+    curvatures = [part.jumps[GLOBAL].curvature_rad_s2 for part in parts if GLOBAL in part.jumps]
+    return float(np.nanstd(np.concatenate(curvatures)) / np.nanmean(np.concatenate(curvatures))) if curvatures else None
 
 
 def _with_holes(parts: Sequence[_Part], name: str) -> Floats:
-    """Increments of all stretches with one NaN between two; a method that refused a stretch has none there."""
+    """Return increments of all stretches with one NaN between two; of a stretch that a method refused, NaN alone."""
     pieces: list[Floats] = []
     for part in parts:
         increments = part.increments.get(name)

@@ -1,4 +1,4 @@
-"""What the engine is told of the lock-in of a dithered ring laser."""
+"""Declaration of the lock-in of a dithered ring laser."""
 
 from __future__ import annotations
 

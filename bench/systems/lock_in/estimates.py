@@ -54,13 +54,13 @@ def requirement_of(campaign: Mapping[str, Any]) -> Requirement:
 def record_estimates(laser: LaserResult, requirement: Requirement, judged: str) -> Estimates:
     """Of one record; the alignment time by the method ``judged`` carries the verdict, if the campaign limits it."""
     place = laser.record.place(laser.clock_Hz)
-    found = _constants(laser, place)
+    entries = _constants(laser, place)
     for method in (RAW, *COMPENSATORS):
         walk = laser.walks.get(method)
         if walk is not None:
             limit_s = requirement.time_s if method == judged else None
-            found += _of_method(laser, method, walk, requirement, limit_s)
-    return found
+            entries += _of_method(laser, method, walk, requirement, limit_s)
+    return entries
 
 
 def _of_method(
@@ -70,7 +70,7 @@ def _of_method(
     used = laser.found.turnarounds if method == RAW else laser.found.used[method]
     counted = {"n": used, "dropped": laser.found.turnarounds - used}
     time = alignment_s(walk, requirement)
-    found = [
+    entries = [
         estimate("angle_random_walk", ARW_UNIT, walk.n_deg_rth, walk_std_deg_rth(walk), place, **counted),
         estimate("quantisation_noise", "arcsec", ARCSEC * walk.q_deg, ARCSEC * walk.q_std_deg, place, **counted),
         estimate("alignment_time", "s", time.value, time.std, place, limit=limit_s, **counted),
@@ -78,9 +78,9 @@ def _of_method(
     ratio = None if method == RAW else laser.ratio(method)
     if ratio is not None:
         time_ratio = squared(ratio)
-        found.append(estimate("random_walk_ratio", "1", ratio.value, ratio.std, place, **counted))
-        found.append(estimate("alignment_time_ratio", "1", time_ratio.value, time_ratio.std, place, **counted))
-    return [entry for entry in found if math.isfinite(entry["value"]) and math.isfinite(entry["std_uncertainty"])]
+        entries.append(estimate("random_walk_ratio", "1", ratio.value, ratio.std, place, **counted))
+        entries.append(estimate("alignment_time_ratio", "1", time_ratio.value, time_ratio.std, place, **counted))
+    return [entry for entry in entries if math.isfinite(entry["value"]) and math.isfinite(entry["std_uncertainty"])]
 
 
 def alignment_s(walk: RandomWalk, requirement: Requirement) -> Measured:
@@ -91,22 +91,22 @@ def alignment_s(walk: RandomWalk, requirement: Requirement) -> Measured:
 
 
 def _constants(laser: LaserResult, place: dict[str, Any]) -> Estimates:
-    found = []
+    entries = []
     counted = {
         "n": laser.found.turnarounds,
         "dropped": laser.found.turnarounds - max(laser.found.used.values(), default=0),
     }
     rate, phase = laser.lock_in_deg_s, laser.backscatter_deg
     if rate is not None:
-        found.append(estimate("lock_in_rate", "deg/s", rate.value, rate.std, place, **counted))
+        entries.append(estimate("lock_in_rate", "deg/s", rate.value, rate.std, place, **counted))
     if phase is not None:
-        found.append(estimate("backscatter_phase", "deg", phase.value, phase.std, place, **counted))
-    return found
+        entries.append(estimate("backscatter_phase", "deg", phase.value, phase.std, place, **counted))
+    return entries
 
 
 def exponent_estimates(results: Sequence[LaserResult], judged: str) -> Estimates:
     """How the random walk goes with the path length, by clock, before compensation (theory: -2.5) and behind it."""
-    found = []
+    entries = []
     for clock_Hz in dict.fromkeys(laser.clock_Hz for laser in results):
         for method in (RAW, judged):
             seen = [laser for laser in results if laser.clock_Hz == clock_Hz and _is_seen(laser.walks.get(method))]
@@ -122,8 +122,8 @@ def exponent_estimates(results: Sequence[LaserResult], judged: str) -> Estimates
             except FitError:  # the walks of each path are there all the same
                 continue
             place = {"clock_Hz": clock_Hz, "method": method}
-            found.append(estimate("path_length_exponent", "1", exponent, std, place, n=len(seen)))
-    return found
+            entries.append(estimate("path_length_exponent", "1", exponent, std, place, n=len(seen)))
+    return entries
 
 
 def _is_seen(walk: RandomWalk | None) -> bool:

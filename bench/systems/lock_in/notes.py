@@ -1,4 +1,4 @@
-"""What a reader of a ring-laser campaign must know: where a compensator does harm, and what the numbers rest on."""
+"""Sentences a reader of a ring-laser campaign must know: where a compensator does harm, what the numbers rest on."""
 
 from __future__ import annotations
 
@@ -36,22 +36,22 @@ def notes(results: Sequence[LaserResult], requirement: Requirement, judged: str)
 
 
 def _harm(results: Sequence[LaserResult]) -> list[str]:
-    found = []
+    notes = []
     for method in COMPENSATORS:
         worse = [laser for laser in results if laser.is_worse(method)]
         if worse:
             ratios = [ratio.value for ratio in (laser.ratio(method) for laser in worse) if ratio is not None]
             span = f"{min(ratios):.2f} to {max(ratios):.2f}" if len(ratios) > 1 else f"{ratios[0]:.2f}"
-            found.append(
+            notes.append(
                 f"Compensation by {LABELS[method]} makes the gyroscope WORSE: random walk times {span} at "
                 f"{'; '.join(laser.name for laser in worse)}. Without it the output is better there."
             )
-    return found
+    return notes
 
 
 def _better(results: Sequence[LaserResult], judged: str) -> list[str]:
     """Another compensator that leaves less random walk than the one judged, beyond their uncertainties."""
-    found = []
+    notes = []
     for laser in results:
         mine = laser.ratio(judged)
         for method in COMPENSATORS:
@@ -59,11 +59,11 @@ def _better(results: Sequence[LaserResult], judged: str) -> list[str]:
             if mine is None or other is None:
                 continue
             if mine.value - other.value > coverage_factor() * float(np.hypot(mine.std, other.std)):
-                found.append(
+                notes.append(
                     f"{laser.name}: {LABELS[method]} leaves less random walk than {LABELS[judged]}: {other.value:.3f} "
                     f"against {mine.value:.3f} of that before."
                 )
-    return found
+    return notes
 
 
 def _condition(results: Sequence[LaserResult]) -> list[str]:
@@ -82,36 +82,36 @@ def _condition(results: Sequence[LaserResult]) -> list[str]:
 
 
 def _model(results: Sequence[LaserResult]) -> list[str]:
-    found = []
+    notes = []
     for laser in results:
         share = laser.systematic_share
         if share is not None and share > _MODEL_OFF:
-            found.append(
+            notes.append(
                 f"{laser.name}: {100 * share:.0f} % of the RMS jump is left behind the global fit as a function of the "
                 "phase: the lock-in is not of one constant size and phase (second harmonic, drift), and the fit takes "
                 "off less than its own uncertainty says."
             )
         moved = _moved(laser)
         if moved:
-            found.append(
+            notes.append(
                 f"{laser.name}: {moved} between blocks of the record by more than the uncertainties explain; each "
                 "block is compensated with its own constants."
             )
-    return found
+    return notes
 
 
 def _repeating(results: Sequence[LaserResult]) -> list[str]:
     """Dithers whose jumps follow one another too regularly for a random walk."""
-    found = []
+    notes = []
     for laser in results:
         scatter = laser.found.dither_scatter
         if scatter is not None and scatter < _LEAST_SCATTER:
-            found.append(
+            notes.append(
                 f"{laser.name}: the dither's amplitude scatters by {100 * scatter:.2f} %. Below "
                 f"{100 * _LEAST_SCATTER:g} % the errors of turnarounds follow one another (dynamic lock-in): what is "
                 "not compensated is no random walk, equation (6) does not hold, and part of the input rate may be lost."
             )
-    return found
+    return notes
 
 
 def _off(results: Sequence[LaserResult]) -> list[str]:
@@ -131,7 +131,7 @@ def _off(results: Sequence[LaserResult]) -> list[str]:
 
 def _moved(laser: LaserResult) -> str:
     """Return which constants differ from block to block, in words; "" if none does."""
-    found = []
+    moved = []
     for fit in laser.found.constants:
         blocks = (
             ("the lock-in rate moves", fit.block_kappa_rad_s, fit.block_kappa_std_rad_s),
@@ -140,8 +140,8 @@ def _moved(laser: LaserResult) -> str:
         for words, value, std in blocks:
             chi2 = float(np.sum(((value - np.average(value, weights=std**-2.0)) / std) ** 2))
             if value.size > 1 and special.chdtrc(value.size - 1, chi2) < _PROBABILITY:
-                found.append(words)
-    return " and ".join(dict.fromkeys(found))
+                moved.append(words)
+    return " and ".join(dict.fromkeys(moved))
 
 
 def _standing(requirement: Requirement) -> list[str]:
@@ -157,39 +157,39 @@ def _standing(requirement: Requirement) -> list[str]:
 
 
 def _losses(results: Sequence[LaserResult]) -> list[str]:
-    found = []
+    notes = []
     for laser in results:
         events, stretches = laser.events, laser.found.stretches
         if events.lost_blocks or events.lost_edges or events.torn:
-            found.append(
+            notes.append(
                 f"{laser.name}: {events.lost_blocks} blocks lost, {events.lost_edges} edges dropped by the tagger; the "
                 f"record was analysed in {'1 stretch' if stretches == 1 else f'{stretches} stretches'} of "
                 f"{laser.found.seconds:.2f} s in all, nothing was bridged."
             )
         if events.dark:
-            found.append(
+            notes.append(
                 f"{laser.name}: {events.dark} blocks of 10 ms without any edge: the laser was dark, or its beat did "
                 "not reach the tagger. What comes behind is a stretch of its own; a laser that was started anew is "
                 "cold."
             )
         used = max(laser.found.used.values(), default=0)
         if used < (1.0 - _MOST_UNUSED) * laser.found.turnarounds:
-            found.append(
+            notes.append(
                 f"{laser.name}: only {used} of {laser.found.turnarounds} turnarounds could be compensated; the others "
                 "stay as they are, so the ratios say little about the compensators."
             )
         sensed = laser.record.dither_deg_s
         if sensed is None:
-            found.append(
+            notes.append(
                 f"{laser.name}: no housekeeping with the dither amplitude: the levels counted cannot be held against "
                 "it."
             )
         elif abs(laser.counted_dither_deg_s / sensed - 1.0) > _SENSOR_OFF:
-            found.append(
+            notes.append(
                 f"{laser.name}: the sensor says {sensed:.2f} deg/s of dither, the counted levels "
                 f"{laser.counted_dither_deg_s:.2f}: the path length stated, or the sensor, is wrong."
             )
         refused = ", ".join(LABELS.get(name, name) for name in laser.missing if name != GLOBAL)
         if refused:
-            found.append(f"{laser.name}: no result by {refused}.")
-    return found
+            notes.append(f"{laser.name}: no result by {refused}.")
+    return notes

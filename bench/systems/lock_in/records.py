@@ -49,9 +49,9 @@ class LaserRecord:
         return self.row.window.number
 
     def sensed(self, name: str) -> float | None:
-        """Mean of the housekeeping over the record, None if there was none."""
-        found = self.row.context.get(name)
-        return None if found is None else float(found)
+        """Return the mean of the housekeeping over the record, None if the record has no housekeeping."""
+        value = self.row.context.get(name)
+        return None if value is None else float(value)
 
     @property
     def dither_deg_s(self) -> float | None:
@@ -60,16 +60,16 @@ class LaserRecord:
 
     def place(self, clock_Hz: float) -> dict[str, Any]:
         """Return conditions that tell its estimates from those of the others."""
-        found: dict[str, Any] = {PATH: self.path_length_m, CLOCK: clock_Hz}
+        conditions: dict[str, Any] = {PATH: self.path_length_m, CLOCK: clock_Hz}
         if self.phase_setting_deg is not None:
-            found[PHASE] = self.phase_setting_deg
-        return found | ({"record": self.number} if self.several else {})
+            conditions[PHASE] = self.phase_setting_deg
+        return conditions | ({"record": self.number} if self.several else {})
 
 
 def laser_records(material: Material) -> list[LaserRecord]:
     """Return the records with a path length, in their order; without those that were taken again.
 
-    Raises: FitError B-RLG-001 if there is not one; B-RLG-006 for a path length that is none.
+    Raises: FitError B-RLG-001 if there is no such record; B-RLG-006 for a path length that is not usable.
     """
     rows = [row for row in material.rows if PATH in row.window.conditions and not row.quality & Quality.RETAKEN]
     if not rows:
@@ -85,7 +85,7 @@ def laser_records(material: Material) -> list[LaserRecord]:
 def flagged(records: Sequence[LaserRecord]) -> dict[int, str]:
     """Records that must not be used, by number, with what they are flagged for; losses of the link are no reason."""
     flags = {record.number: Quality(record.row.quality) & ~_HARMLESS for record in records}
-    return {number: str(found.name).replace("|", ", ") for number, found in flags.items() if found}
+    return {number: str(flag.name).replace("|", ", ") for number, flag in flags.items() if flag}
 
 
 def not_recorded(records: Sequence[LaserRecord]) -> list[str]:
@@ -211,12 +211,12 @@ def _events(samples: Samples, clock_Hz: float, lost_blocks: int) -> Events:
     joint = (np.diff(samples.counter) == 1) & (np.diff(tick) > 0) & whole[1:] & whole[:-1]
     starts = np.flatnonzero(np.concatenate(([True], ~joint)))
     ends = np.concatenate((starts[1:], [tick.size]))
-    found = tuple(
+    stretches = tuple(
         _stretch(tick[a:b], edges[a:b], b"".join(blobs[a:b].tolist()))
         for a, b in zip(starts.tolist(), ends.tolist(), strict=True)
         if whole[a]
     )
-    return Events(clock_Hz, found, lost_blocks, int(more[more > 0].sum()), int(torn.sum()), int(dark.sum()))
+    return Events(clock_Hz, stretches, lost_blocks, int(more[more > 0].sum()), int(torn.sum()), int(dark.sum()))
 
 
 def _stretch(tick: Int64, edges: Int64, joined: bytes) -> Stretch:

@@ -57,7 +57,7 @@ def walk_std_deg_rth(walk: RandomWalk) -> float:
 
 @dataclass(frozen=True)
 class LaserResult:
-    """What one record says. ``walks``: by method and ``raw``; ``missing``: method to reason."""
+    """Result of one record. ``walks``: by method and ``raw``; ``missing``: method to reason."""
 
     record: LaserRecord
     clock_Hz: float
@@ -135,7 +135,7 @@ class LaserResult:
 
     @property
     def systematic_share(self) -> float | None:
-        """What the crossings still show behind the global fit as a function of the phase, per RMS jump.
+        """Return what the crossings still show behind the global fit as a function of the phase, per RMS jump.
 
         Means over 24 parts of a turn of the phase, less what noise alone would give; 0 if the model holds.
         """
@@ -158,19 +158,19 @@ def laser_result(record: LaserRecord) -> LaserResult:
     Raises: FitError B-RLG-001, -002, -003, -007.
     """
     events = record_events(record.row)
-    found = compensated(events, record.number)
+    compensation = compensated(events, record.number)
     walks: dict[str, RandomWalk] = {}
-    missing = dict(found.refused)
+    missing = dict(compensation.refused)
     for method in (RAW, *COMPENSATORS):
-        if method != RAW and not found.used.get(method):
+        if method != RAW and not compensation.used.get(method):
             missing.setdefault(method, "no turnaround could be compensated")
             continue
         try:
-            walks[method] = random_walk(found.increments[method], found.interval_s, record.path_length_m)
+            walks[method] = random_walk(compensation.increments[method], compensation.interval_s, record.path_length_m)
         except FitError as error:
             missing[method] = f"{error.message} ({error.code})"
     counts = replace(events, stretches=())  # the edges of a record take more room than everything that comes of them
-    return LaserResult(record, events.clock_Hz, counts, found, walks, missing)
+    return LaserResult(record, events.clock_Hz, counts, compensation, walks, missing)
 
 
 def _weighted(values: list[tuple[float, float]]) -> Measured | None:

@@ -147,10 +147,10 @@ def _walk_row(laser: LaserResult, method: str) -> list[str]:
 def _material(results: Sequence[LaserResult]) -> Table:
     rows = []
     for laser in results:
-        found, events = laser.found, laser.events
-        why = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in sorted(found.counts.items()) if count)
-        cells = [f"{found.seconds:.2f}", found.edges, found.turnarounds, found.grazing, why or "–"]
-        lost = [found.stretches, events.lost_blocks, events.lost_edges, found.breaks + found.repaired]
+        sums, events = laser.found, laser.events
+        why = ", ".join(f"{name.replace('_', ' ')} {count}" for name, count in sorted(sums.counts.items()) if count)
+        cells = [f"{sums.seconds:.2f}", sums.edges, sums.turnarounds, sums.grazing, why or "–"]
+        lost = [sums.stretches, events.lost_blocks, events.lost_edges, sums.breaks + sums.repaired]
         rows.append([[*cells, *lost]])
     caption = (
         "A lost block or a dropped edge ends a stretch: nothing is bridged. Grazing: the phase turned within 0.01 rad "

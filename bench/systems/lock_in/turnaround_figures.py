@@ -174,7 +174,7 @@ def _cycles(laser: LaserResult, method: str) -> tuple[Floats, Floats]:
 
 
 def _added(increment: Floats) -> Floats:
-    """Return sum up to each dither period; a period without a value adds nothing and has none."""
+    """Return the sum up to each dither period; a period without a value adds nothing and has no sum."""
     return np.where(np.isfinite(increment), np.nancumsum(increment), np.nan)
 
 

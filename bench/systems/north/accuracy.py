@@ -42,15 +42,15 @@ class Accuracy:
     time_s: float
 
 
-def accuracies(found: Solution, limit_deg: float) -> list[Accuracy]:
+def accuracies(solution: Solution, limit_deg: float) -> list[Accuracy]:
     """Return every method, in the order of METHODS."""
-    return [_accuracy(found, method, limit_deg) for method in METHODS]
+    return [_accuracy(solution, method, limit_deg) for method in METHODS]
 
 
-def _accuracy(found: Solution, method: str, limit_deg: float) -> Accuracy:
-    error_deg = found.error_deg(method)
+def _accuracy(solution: Solution, method: str, limit_deg: float) -> Accuracy:
+    error_deg = solution.error_deg(method)
     seen = np.isfinite(error_deg)
-    errors_deg, bound_deg = error_deg[seen], found.bound_deg[seen]
+    errors_deg, bound_deg = error_deg[seen], solution.bound_deg[seen]
     if not errors_deg.size:
         return Accuracy(method, 0, *(math.nan,) * 6, 0, math.nan)
     mean_deg = float(np.mean(errors_deg))
@@ -59,9 +59,9 @@ def _accuracy(found: Solution, method: str, limit_deg: float) -> Accuracy:
     known = bound_deg[np.isfinite(bound_deg)]
     ratio = scatter_deg / float(np.sqrt(np.mean(known**2))) if known.size else math.nan
     gross = int(np.sum(np.abs(errors_deg) > _HALF_TURN_deg))
-    time_s = math.inf if gross else _time_s(found, method, limit_deg)  # no time turns a wrong branch
-    rms_deg, calibrated = found.rms_deg(method), bool(found.calibrations) and method != LIKELIHOOD
-    shared_deg = found.by_method[method].common_deg if calibrated else found.site.azimuth_std_deg
+    time_s = math.inf if gross else _time_s(solution, method, limit_deg)  # no time turns a wrong branch
+    rms_deg, calibrated = solution.rms_deg(method), bool(solution.calibrations) and method != LIKELIHOOD
+    shared_deg = solution.by_method[method].common_deg if calibrated else solution.site.azimuth_std_deg
     return Accuracy(
         method, errors_deg.size, rms_deg, rms_std_deg(rms_deg, scatter_deg, shared_deg, errors_deg.size),
         float(np.max(np.abs(errors_deg))), mean_deg, scatter_deg, ratio, gross, time_s,
@@ -78,56 +78,61 @@ def rms_std_deg(rms_deg: float, scatter_deg: float, shared_deg: float, n: int) -
     return math.sqrt(variance) / (2.0 * rms_deg) if rms_deg > 0.0 else 0.0
 
 
-def _time_s(found: Solution, method: str, limit_deg: float) -> float:
-    one = found.by_method[method]
-    swing_deg = 0.0 if method == LIKELIHOOD else math.sqrt(2.0) * found.swing_deg
-    floor_deg = math.hypot(one.common_deg, swing_deg)
-    seconds = measured_s(found)
+def _time_s(solution: Solution, method: str, limit_deg: float) -> float:
+    azimuths = solution.by_method[method]
+    swing_deg = 0.0 if method == LIKELIHOOD else math.sqrt(2.0) * solution.swing_deg
+    floor_deg = math.hypot(azimuths.common_deg, swing_deg)
+    seconds = measured_s(solution)
     if not seconds > 0.0:
         return math.nan
-    return float(time_to_accuracy_s(one.noise_deg, seconds, limit_deg, factor=COVERAGE, floor_deg=floor_deg))
+    return float(time_to_accuracy_s(azimuths.noise_deg, seconds, limit_deg, factor=COVERAGE, floor_deg=floor_deg))
 
 
-def measured_s(found: Solution) -> float:
+def measured_s(solution: Solution) -> float:
     """Seconds of the records of one set, the median of all sets; NaN without records."""
     lengths = [
-        sum(1e-9 * (row.window.t_end_ns - row.window.t_start_ns) for row in one.rows.values()) for one in found.sets
+        sum(1e-9 * (row.window.t_end_ns - row.window.t_start_ns) for row in north_set.rows.values())
+        for north_set in solution.sets
     ]
     return float(np.median([each for each in lengths if each > 0.0] or [math.nan]))
 
 
-def bench_s(found: Solution) -> float:
+def bench_s(solution: Solution) -> float:
     """Seconds of the bench clock that one set takes, with the settling between its records; the median."""
-    return float(np.median([one.end_s - one.begin_s for one in found.sets]))
+    return float(np.median([north_set.end_s - north_set.begin_s for north_set in solution.sets]))
 
 
-def scatter_over_time(found: Solution) -> tuple[Floats, Floats]:
+def scatter_over_time(solution: Solution) -> tuple[Floats, Floats]:
     """RMS error of likelihood at the known azimuths against the length of the waveform: seconds (k,), degrees (k,).
 
     Pieces of single records, and whole sets: nothing is used twice for one length.
     """
-    sets = [(one, known) for one, known in zip(found.sets, found.known_deg, strict=True) if one.item == TEST]
-    tilts = [tilt for one, tilt in zip(found.sets, found.tilt_deg, strict=True) if one.item == TEST]
+    sets = [
+        (north_set, known)
+        for north_set, known in zip(solution.sets, solution.known_deg, strict=True)
+        if north_set.item == TEST
+    ]
+    tilts = [tilt for north_set, tilt in zip(solution.sets, solution.tilt_deg, strict=True) if north_set.item == TEST]
     by_length: dict[float, list[float]] = {}
-    for (one, known_deg), tilt_deg in zip(sets, tilts, strict=True):
-        waveform = waveform_of(one)
+    for (north_set, known_deg), tilt_deg in zip(sets, tilts, strict=True):
+        waveform = waveform_of(north_set)
         if waveform is None:
             continue
-        for seconds, phi_deg in _pieces(one, waveform):
+        for seconds, phi_deg in _pieces(north_set, waveform):
             error_deg = wrapped_deg(heading_deg(phi_deg, 1) + tilt_deg - known_deg)
             by_length.setdefault(round(seconds, 2), []).append(float(error_deg))
     lengths = sorted(length for length, errors in by_length.items() if len(errors) >= _LEAST)
     rms_deg = [float(np.sqrt(np.mean(np.square(by_length[length])))) for length in lengths]
-    whole = found.error_deg(LIKELIHOOD)
+    whole = solution.error_deg(LIKELIHOOD)
     if np.isfinite(whole).sum() >= _LEAST:
-        lengths, rms_deg = [*lengths, measured_s(found)], [*rms_deg, found.rms_deg(LIKELIHOOD)]
+        lengths, rms_deg = [*lengths, measured_s(solution)], [*rms_deg, solution.rms_deg(LIKELIHOOD)]
     return np.array(lengths), np.array(rms_deg)
 
 
-def _pieces(one: NorthSet, waveform: Waveform) -> list[tuple[float, float]]:
+def _pieces(north_set: NorthSet, waveform: Waveform) -> list[tuple[float, float]]:
     """Return length in seconds and phase in degrees of pieces of at least a turn, over all records of a set."""
-    found: list[tuple[float, float]] = []
-    for record in sorted(one.rows):
+    pieces: list[tuple[float, float]] = []
+    for record in sorted(north_set.rows):
         u_V, theta_deg, per_turn = waveform.turns(record)
         for parts in _PARTS:
             length = len(u_V) // parts
@@ -136,5 +141,5 @@ def _pieces(one: NorthSet, waveform: Waveform) -> list[tuple[float, float]]:
             shape = (parts, length)
             cut_V, cut_deg = u_V[: parts * length].reshape(shape), theta_deg[: parts * length].reshape(shape)
             fit = likelihood_north(cut_V, cut_deg)
-            found += [(length / waveform.rate_Hz, phi) for phi in np.atleast_1d(fit.phi_deg).tolist()]
-    return found
+            pieces += [(length / waveform.rate_Hz, phi) for phi in np.atleast_1d(fit.phi_deg).tolist()]
+    return pieces

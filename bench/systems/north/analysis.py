@@ -68,17 +68,17 @@ def azimuth_error_limit_deg(campaign: Mapping[str, Any]) -> float:
     return stated.get(AZIMUTH_ERROR, SPECIFIED_deg)
 
 
-def _estimates(found: Solution, method: str, accuracy: list[Accuracy], limit_deg: float) -> Estimates:
+def _estimates(solution: Solution, method: str, accuracy: list[Accuracy], limit_deg: float) -> Estimates:
     """Tests by ``method``, which is judged; searches by every method; what else was found."""
     estimates: Estimates = []
     for name in METHODS:
-        for mean in found.means(name):
+        for mean in solution.means(name):
             if name == method or mean.item != TEST:
                 estimates += _azimuth(mean, name, limit_deg)
-    estimates += [one for each in accuracy if each.used > 1 for one in _of_method(each)]
-    for sense, index in found.calibrations.items():
-        estimates += _calibration(index, sense, found.placed_deg)
-    return estimates + _waveform(found)
+    estimates += [entry for each in accuracy if each.used > 1 for entry in _of_method(each)]
+    for sense, index in solution.calibrations.items():
+        estimates += _calibration(index, sense, solution.placed_deg)
+    return estimates + _waveform(solution)
 
 
 def _azimuth(mean: Mean, method: str, limit_deg: float) -> Estimates:
@@ -86,20 +86,22 @@ def _azimuth(mean: Mean, method: str, limit_deg: float) -> Estimates:
     if mean.place:
         place["place"] = mean.place
     counted: dict[str, Any] = {"n": mean.n, "dropped": mean.dropped, "dof": mean.dof}
-    found = [estimate("azimuth", "deg", mean.azimuth_deg % 360.0, mean.std_deg, place, **counted)]
+    estimates = [estimate("azimuth", "deg", mean.azimuth_deg % 360.0, mean.std_deg, place, **counted)]
     if mean.item == TEST:
-        found.append(
+        estimates.append(
             estimate("azimuth_error", "deg", mean.error_deg, mean.error_std_deg, place, limit=limit_deg, **counted)
         )
-    return found
+    return estimates
 
 
-def _of_method(one: Accuracy) -> Estimates:
-    place, n = {"method": one.method}, one.used
-    found = [estimate("azimuth_rms_error", "deg", one.rms_deg, one.rms_std_deg, place, n=n)]
-    if math.isfinite(one.time_s):
-        found.append(estimate("time_to_accuracy", "s", one.time_s, one.time_s * math.sqrt(2.0 / n), place, n=n))
-    return found
+def _of_method(errors: Accuracy) -> Estimates:
+    place, n = {"method": errors.method}, errors.used
+    estimates = [estimate("azimuth_rms_error", "deg", errors.rms_deg, errors.rms_std_deg, place, n=n)]
+    if math.isfinite(errors.time_s):
+        estimates.append(
+            estimate("time_to_accuracy", "s", errors.time_s, errors.time_s * math.sqrt(2.0 / n), place, n=n)
+        )
+    return estimates
 
 
 def _calibration(index: IndexCalibration, sense: int, placed_deg: float) -> Estimates:
@@ -108,29 +110,31 @@ def _calibration(index: IndexCalibration, sense: int, placed_deg: float) -> Esti
     ``placed_deg``: what makes both placements uncertain beside the noise of the calibration.
     """
     std = np.sqrt(np.diag(index.covariance))
-    found: Estimates = []
+    estimates: Estimates = []
     for number, (role, letter, gain, at_deg) in enumerate(
         ((SINE, "b", index.f1, index.f2_deg), (COSINE, "a", index.f4, index.f5_deg))
     ):
         about: dict[str, Any] = {"index": letter, "rotation": SENSES[sense]}
         gain_std, deg_std = float(std[2 * number]), math.hypot(std[2 * number + 1], placed_deg)
-        found.append(estimate("index_placement", "deg", sense * at_deg, deg_std, about, n=index.sets, dof=index.dof))
+        estimates.append(
+            estimate("index_placement", "deg", sense * at_deg, deg_std, about, n=index.sets, dof=index.dof)
+        )
         about = {"source": role, "rotation": SENSES[sense]}
         both = math.sqrt(2.0) * gain, math.sqrt(2.0) * gain_std
-        found.append(estimate("scale", "V", *both, about, n=index.sets, dof=index.dof))
-    return found
+        estimates.append(estimate("scale", "V", *both, about, n=index.sets, dof=index.dof))
+    return estimates
 
 
-def _waveform(found: Solution) -> Estimates:
+def _waveform(solution: Solution) -> Estimates:
     """Amplitude, noise per sample and bound by the raw samples, over all sets."""
-    raw = [one for one in found.raw if one is not None]
+    raw = [waveform for waveform in solution.raw if waveform is not None]
     if not raw:
         return []
-    amplitude = np.array([float(one.amplitude) for one in raw])
-    noise = np.array([float(one.noise_V) for one in raw])
-    samples = int(sum(int(one.samples) for one in raw))
+    amplitude = np.array([float(waveform.amplitude) for waveform in raw])
+    noise = np.array([float(waveform.noise_V) for waveform in raw])
+    samples = int(sum(int(waveform.samples) for waveform in raw))
     bound_std = math.sqrt(0.5 + 2.0 * float(np.mean((noise / amplitude) ** 2))) / math.sqrt(samples)
-    bound_deg = float(np.sqrt(np.nanmean(found.bound_deg**2)))
+    bound_deg = float(np.sqrt(np.nanmean(solution.bound_deg**2)))
     noise_V, about = float(np.sqrt(np.mean(noise**2))), {"source": "waveform"}
     scale_std_V = noise_V * math.sqrt(2.0 / samples)
     if len(raw) > 1:  # an amplitude that changes from set to set is known no better than it scatters

@@ -70,7 +70,7 @@ class NorthSet:
 
     @property
     def group(self) -> tuple[str, str, float]:
-        """What repeats have in common."""
+        """Return item, place and heading, which repeats have in common."""
         return self.item, self.place, self.head_deg
 
 
@@ -80,46 +80,46 @@ def north_sets(material: Material) -> list[NorthSet]:
     Raises: FitError B-FOG-002 if no lock-in was read in a calibration, test or search.
     """
     rows = [row for row in material.rows if row.window.conditions.get("item") in ITEMS]
-    found: dict[tuple[Any, ...], NorthSet] = {}
+    sets: dict[tuple[Any, ...], NorthSet] = {}
     for row in rows:
-        _keep(found, row.window.conditions, row)
+        _keep(sets, row.window.conditions, row)
     samples: dict[tuple[int, int, str], Reading] = {}
-    for reading in sorted(material.readings, key=lambda one: one.t_s):
+    for reading in sorted(material.readings, key=lambda reading: reading.t_s):
         if reading.role not in (SINE, COSINE) or reading.name != MEASURE:
             continue
         conditions = _around(reading, rows)
         if conditions.get("item") in ITEMS:
-            one = _keep(found, conditions, None)
-            samples[id(one), int(conditions.get("index", 0)), reading.role] = reading
-            one.begin_s, one.end_s = min(one.begin_s, reading.t_s), max(one.end_s, reading.t_s)
+            north_set = _keep(sets, conditions, None)
+            samples[id(north_set), int(conditions.get("index", 0)), reading.role] = reading
+            north_set.begin_s, north_set.end_s = min(north_set.begin_s, reading.t_s), max(north_set.end_s, reading.t_s)
     if not samples:
         raise FitError(
             "B-FOG-002",
             "the session holds no reading of a lock-in beside a record of a calibration, test or search",
             next_step="records need the condition 'item', and 'lock_in_1.measure', 'lock_in_2.measure' behind each",
         )
-    for one in found.values():
-        _fill(one, {key[1:]: reading for key, reading in samples.items() if key[0] == id(one)})
-        one.tilt_mrad = _tilt(one, material.readings)
-        if math.isnan(one.rate_deg_s):
-            one.faults.append("no record says at which rate and in which sense the table turned")
-    return sorted(found.values(), key=lambda one: one.begin_s)
+    for north_set in sets.values():
+        _fill(north_set, {key[1:]: reading for key, reading in samples.items() if key[0] == id(north_set)})
+        north_set.tilt_mrad = _tilt(north_set, material.readings)
+        if math.isnan(north_set.rate_deg_s):
+            north_set.faults.append("no record says at which rate and in which sense the table turned")
+    return sorted(sets.values(), key=lambda north_set: north_set.begin_s)
 
 
-def _keep(found: dict[tuple[Any, ...], NorthSet], conditions: Mapping[str, Any], row: RecordRow | None) -> NorthSet:
+def _keep(sets: dict[tuple[Any, ...], NorthSet], conditions: Mapping[str, Any], row: RecordRow | None) -> NorthSet:
     """The set of these conditions, new if need be, with the record in it."""
     key = (
         str(conditions["item"]), str(conditions.get("place", "")), float(conditions.get("head_deg", 0.0)),
         int(conditions.get("repeat", 1)),
     )  # fmt: skip
-    one = found.setdefault(key, NorthSet(*key))
+    north_set = sets.setdefault(key, NorthSet(*key))
     if "rate_deg_s" in conditions:
-        one.rate_deg_s = float(conditions["rate_deg_s"])
+        north_set.rate_deg_s = float(conditions["rate_deg_s"])
     if row is not None:
-        one.rows[int(conditions.get("index", 0))] = row
-        one.begin_s = min(one.begin_s, 1e-9 * row.window.t_start_ns)
-        one.end_s = max(one.end_s, 1e-9 * row.window.t_end_ns)
-    return one
+        north_set.rows[int(conditions.get("index", 0))] = row
+        north_set.begin_s = min(north_set.begin_s, 1e-9 * row.window.t_start_ns)
+        north_set.end_s = max(north_set.end_s, 1e-9 * row.window.t_end_ns)
+    return north_set
 
 
 def _around(reading: Reading, rows: Iterable[RecordRow]) -> dict[str, Any]:
@@ -130,32 +130,34 @@ def _around(reading: Reading, rows: Iterable[RecordRow]) -> dict[str, Any]:
     return near[-1] | own if near else own
 
 
-def agree(one: Mapping[str, Any], other: Mapping[str, Any], keys: Sequence[str] = _PLACE) -> bool:
+def agree(first: Mapping[str, Any], second: Mapping[str, Any], keys: Sequence[str] = _PLACE) -> bool:
     """Return whether two sets of conditions say nothing different about where a sample belongs."""
-    return all(one[key] == other[key] for key in keys if key in one and key in other)
+    return all(first[key] == second[key] for key in keys if key in first and key in second)
 
 
-def _fill(one: NorthSet, samples: Mapping[tuple[int, str], Reading]) -> None:
+def _fill(north_set: NorthSet, samples: Mapping[tuple[int, str], Reading]) -> None:
     for k in range(1, POSITIONS + 1):
-        for role, into in ((SINE, one.u1_V), (COSINE, one.u2_V)):
+        for role, into in ((SINE, north_set.u1_V), (COSINE, north_set.u2_V)):
             value = samples[k, role].value if (k, role) in samples else None
             if not isinstance(value, Mapping):
-                one.faults.append(f"no reading of {role} at index position {k}")
+                north_set.faults.append(f"no reading of {role} at index position {k}")
                 continue
             into[k - 1] = float(value["x_V"])
-            one.faults += [f"{role} at index position {k}: {fault}" for fault in _wrong(value, one.rate_deg_s)]
-        row = one.rows.get(k)
+            north_set.faults += [
+                f"{role} at index position {k}: {fault}" for fault in _wrong(value, north_set.rate_deg_s)
+            ]
+        row = north_set.rows.get(k)
         if row is not None and (flags := flag_problem(row)):
             into_both = row.quality & _OF_THE_SIGNAL
-            for told in (one.faults, one.raw_faults) if into_both else (one.raw_faults,):
+            for told in (north_set.faults, north_set.raw_faults) if into_both else (north_set.raw_faults,):
                 told.append(f"record at index position {k} flagged {flags}")
         if row is None or row.samples is None or len(row.samples) < 2:
-            one.raw_faults.append(f"no samples at index position {k}")
+            north_set.raw_faults.append(f"no samples at index position {k}")
         elif row.lost:
-            one.raw_faults.append(f"{row.lost} samples lost at index position {k}")
+            north_set.raw_faults.append(f"{row.lost} samples lost at index position {k}")
             if (lost_s := _lost_s(row)) > MOST_LOST_s:
                 lost = f"{lost_s:.2f} s of samples lost at index position {k}"
-                one.faults.append(f"{lost} (the gyroscope may have been off)")
+                north_set.faults.append(f"{lost} (the gyroscope may have been off)")
 
 
 def _lost_s(row: RecordRow) -> float:
@@ -165,19 +167,19 @@ def _lost_s(row: RecordRow) -> float:
 
 
 def _wrong(value: Mapping[str, Any], rate_deg_s: float) -> list[str]:
-    found = [word for word in ("overload", "unlocked") if value.get(word)]
+    faults = [word for word in ("overload", "unlocked") if value.get(word)]
     if not math.isfinite(float(value["x_V"])):
-        found.append("no number")
+        faults.append("no number")
     frequency_Hz, due_Hz = float(value.get("frequency_Hz", math.nan)), abs(rate_deg_s) / 360.0
     if math.isfinite(frequency_Hz) and abs(frequency_Hz - due_Hz) > MOST_OFF * due_Hz:
-        found.append(f"reference at {frequency_Hz:.4f} Hz, the table turns at {due_Hz:.4f} Hz")
-    return found
+        faults.append(f"reference at {frequency_Hz:.4f} Hz, the table turns at {due_Hz:.4f} Hz")
+    return faults
 
 
-def _tilt(one: NorthSet, readings: Iterable[Reading]) -> tuple[float, float] | None:
+def _tilt(north_set: NorthSet, readings: Iterable[Reading]) -> tuple[float, float] | None:
     """Return the level reading of the same head next to the middle of the set."""
-    own = {"item": one.item, "place": one.place, "head_deg": one.head_deg, "repeat": one.repeat}
-    middle_s = (one.begin_s + one.end_s) / 2.0
+    own = {"item": north_set.item, "place": north_set.place, "head_deg": north_set.head_deg, "repeat": north_set.repeat}
+    middle_s = (north_set.begin_s + north_set.end_s) / 2.0
     near = [
         reading
         for reading in readings
@@ -233,16 +235,16 @@ class Waveform:
         return self.u_V[own], theta_deg, per_turn
 
 
-def waveform_of(one: NorthSet) -> Waveform | None:
+def waveform_of(north_set: NorthSet) -> Waveform | None:
     """Return the four records of a set in one; None if any of them is missing or has gaps."""
-    if one.raw_faults:
+    if north_set.raw_faults:
         return None
-    samples = [(index, row.samples) for index, row in sorted(one.rows.items()) if row.samples is not None]
+    samples = [(index, row.samples) for index, row in sorted(north_set.rows.items()) if row.samples is not None]
     return Waveform(
         u_V=np.concatenate([each.scaled("output") for _, each in samples]),
         theta_deg=np.concatenate([each.scaled("encoder") for _, each in samples]),
         record=np.concatenate([np.full(len(each), index, np.int64) for index, each in samples]),
-        rate_Hz=float(np.mean([_rate_Hz(each, one.rate_deg_s) for _, each in samples])),
+        rate_Hz=float(np.mean([_rate_Hz(each, north_set.rate_deg_s) for _, each in samples])),
     )
 
 

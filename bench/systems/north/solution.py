@@ -102,17 +102,17 @@ class Solution:
 
     def of(self, item: str) -> Flags:
         """(n,) sets of an item."""
-        return np.array([one.item == item for one in self.sets])
+        return np.array([north_set.item == item for north_set in self.sets])
 
     @property
     def sense(self) -> NDArray[np.int64]:
         """(n,) +1 counter-clockwise, -1 clockwise."""
-        return np.array([one.sense for one in self.sets])
+        return np.array([north_set.sense for north_set in self.sets])
 
     @property
     def bound_deg(self) -> Floats:
         """(n,) Cramer-Rao bound of each set by the samples of its records, degrees, NaN without them."""
-        return np.array([math.nan if one is None else float(one.bound_deg) for one in self.raw])
+        return np.array([math.nan if waveform is None else float(waveform.bound_deg) for waveform in self.raw])
 
     @property
     def placed_deg(self) -> float:
@@ -131,19 +131,19 @@ class Solution:
 
     def means(self, method: str) -> list[Mean]:
         """Tests and searches by this method, repeats of a heading together, in their order."""
-        groups = dict.fromkeys(one.group for one in self.sets if one.item in (TEST, SEARCH))
+        groups = dict.fromkeys(north_set.group for north_set in self.sets if north_set.item in (TEST, SEARCH))
         return [mean for group in groups if (mean := self._mean(method, *group)) is not None]
 
     def _mean(self, method: str, item: str, place: str, head_deg: float) -> Mean | None:
-        own = np.array([one.group == (item, place, head_deg) for one in self.sets])
-        found = self.by_method[method]
-        azimuth_deg = found.azimuth_deg[own & np.isfinite(found.azimuth_deg)]
+        own = np.array([north_set.group == (item, place, head_deg) for north_set in self.sets])
+        azimuths = self.by_method[method]
+        azimuth_deg = azimuths.azimuth_deg[own & np.isfinite(azimuths.azimuth_deg)]
         if not azimuth_deg.size:
             return None
         mean_deg = float(np.rad2deg(np.angle(np.mean(np.exp(1j * np.deg2rad(azimuth_deg))))))
         swing_deg = 0.0 if method == LIKELIHOOD else self.swing_deg * math.sqrt(2.0 if self.calibrations else 1.0)
         own_deg = math.hypot(
-            found.noise_deg / math.sqrt(azimuth_deg.size), found.common_deg, self.tilted_deg, swing_deg
+            azimuths.noise_deg / math.sqrt(azimuth_deg.size), azimuths.common_deg, self.tilted_deg, swing_deg
         )
         known_deg = float(self.known_deg[own][0])
         # what the mark calibrates carries its uncertainty; an error against the mark does so where it does not
@@ -159,7 +159,7 @@ class Solution:
             error_std_deg=math.hypot(own_deg, beside_mark),
             n=azimuth_deg.size,
             dropped=int(own.sum()) - azimuth_deg.size,
-            dof=found.dof_of_mean(azimuth_deg.size),
+            dof=azimuths.dof_of_mean(azimuth_deg.size),
         )
 
     def rms_deg(self, method: str) -> float:

@@ -39,23 +39,25 @@ def solve(sets: Sequence[NorthSet], site: Site) -> Solution:
 
     Raises: FitError B-FOG-004 if there is no set that can be used.
     """
-    turned = [oriented(one.u1_V, one.u2_V, one.sense) for one in sets]
+    turned = [oriented(north_set.u1_V, north_set.u2_V, north_set.sense) for north_set in sets]
     u1_V, u2_V = (np.stack([pair[number] for pair in turned]) for number in (0, 1))
-    good = np.array([not one.faults for one in sets])
+    good = np.array([not north_set.faults for north_set in sets])
     u1_V, u2_V = np.where(good[:, None], u1_V, math.nan), np.where(good[:, None], u2_V, math.nan)
-    known_deg = np.array([math.nan if one.item == SEARCH else site.azimuth_deg + one.head_deg for one in sets])
-    raw = [_raw(one) for one in sets]
-    found = Solution(sets, site, known_deg, np.zeros(len(sets)), good, u1_V, u2_V, raw, _swing_deg(sets))
-    if not good.any() and not any(found.raw):
+    known_deg = np.array(
+        [math.nan if north_set.item == SEARCH else site.azimuth_deg + north_set.head_deg for north_set in sets]
+    )
+    raw = [_raw(north_set) for north_set in sets]
+    solution = Solution(sets, site, known_deg, np.zeros(len(sets)), good, u1_V, u2_V, raw, _swing_deg(sets))
+    if not good.any() and not any(solution.raw):
         raise _nothing_usable(sets)
-    _tilts(found)
-    _calibrate(found)
-    apparent = _by_eight_samples(found) | {LIKELIHOOD: _by_waveform(found)}
-    found.by_method = {method: _azimuths(found, method, *apparent[method]) for method in METHODS}
+    _tilts(solution)
+    _calibrate(solution)
+    apparent = _by_eight_samples(solution) | {LIKELIHOOD: _by_waveform(solution)}
+    solution.by_method = {method: _azimuths(solution, method, *apparent[method]) for method in METHODS}
     for method in (QUADRANT, LITERAL):
-        found.by_method[method] = _widened(found, method)
-    found.missing = _missing(found)
-    return found
+        solution.by_method[method] = _widened(solution, method)
+    solution.missing = _missing(solution)
+    return solution
 
 
 def site_of(campaign: Mapping[str, Any]) -> Site:
@@ -79,7 +81,7 @@ def site_of(campaign: Mapping[str, Any]) -> Site:
 
 
 def _nothing_usable(sets: Sequence[NorthSet]) -> FitError:
-    why = "; ".join(dict.fromkeys(fault for one in sets for fault in one.faults[:1]))
+    why = "; ".join(dict.fromkeys(fault for north_set in sets for fault in north_set.faults[:1]))
     return FitError(
         "B-FOG-004",
         f"none of the {len(sets)} sets can be used: {why}",
@@ -87,123 +89,133 @@ def _nothing_usable(sets: Sequence[NorthSet]) -> FitError:
     )
 
 
-def _raw(one: NorthSet) -> LikelihoodNorth | None:
+def _raw(north_set: NorthSet) -> LikelihoodNorth | None:
     """Of its waveform; a waveform that does not determine north is a fault of the set, not of the campaign."""
-    waveform = waveform_of(one)
+    waveform = waveform_of(north_set)
     if waveform is None:
         return None
     try:
-        found = likelihood_north(waveform.u_V, waveform.theta_deg, harmonics=HARMONICS)
+        likelihood = likelihood_north(waveform.u_V, waveform.theta_deg, harmonics=HARMONICS)
     except FitError as error:
-        one.raw_faults.append(f"{error.message} ({error.code})")
+        north_set.raw_faults.append(f"{error.message} ({error.code})")
         return None
-    one.raw_faults += [f"the table stopped at index position {k}" for k in waveform.standing()]
-    return None if one.raw_faults else found
+    north_set.raw_faults += [f"the table stopped at index position {k}" for k in waveform.standing()]
+    return None if north_set.raw_faults else likelihood
 
 
 def _swing_deg(sets: Sequence[NorthSet]) -> float:
-    seen = [waveform.swing_deg for one in sets if (waveform := waveform_of(one)) is not None]
+    seen = [waveform.swing_deg for north_set in sets if (waveform := waveform_of(north_set)) is not None]
     return float(np.sqrt(np.mean(np.square(seen)))) if seen else 0.0
 
 
-def _tilts(found: Solution) -> None:
+def _tilts(solution: Solution) -> None:
     """Tilt is measured about the sensing axis: where its azimuth is not known, the apparent one is near enough."""
-    by_samples = eight_sample_north(found.u1_V, found.u2_V).phi_deg
-    by_encoder, _, _ = _by_waveform(found)
-    for k, one in enumerate(found.sets):
-        stated = (found.known_deg[k], float(by_encoder[k]), float(heading_deg(by_samples[k], one.sense)))
+    by_samples = eight_sample_north(solution.u1_V, solution.u2_V).phi_deg
+    by_encoder, _, _ = _by_waveform(solution)
+    for k, north_set in enumerate(solution.sets):
+        stated = (solution.known_deg[k], float(by_encoder[k]), float(heading_deg(by_samples[k], north_set.sense)))
         about_deg = next((each for each in stated if math.isfinite(each)), math.nan)
-        if one.tilt_mrad is not None and math.isfinite(about_deg):
-            x_mrad, y_mrad = one.tilt_mrad
-            found.tilt_deg[k] = float(tilt_correction_deg(x_mrad, y_mrad, about_deg, found.site.latitude_deg))
+        if north_set.tilt_mrad is not None and math.isfinite(about_deg):
+            x_mrad, y_mrad = north_set.tilt_mrad
+            solution.tilt_deg[k] = float(tilt_correction_deg(x_mrad, y_mrad, about_deg, solution.site.latitude_deg))
 
 
-def _calibrate(found: Solution) -> None:
+def _calibrate(solution: Solution) -> None:
     """Index placement, gains and offsets of each sense of rotation: a delay of the signal turns its sign with it."""
     calibrations: dict[int, IndexCalibration] = {}
     for sense in (1, -1):
-        use = found.good & found.of(CALIBRATION) & (found.sense == sense)
+        use = solution.good & solution.of(CALIBRATION) & (solution.sense == sense)
         if not use.any():
             continue
-        apparent_deg = found.known_deg[use] - found.tilt_deg[use]
+        apparent_deg = solution.known_deg[use] - solution.tilt_deg[use]
         try:
-            calibrations[sense] = calibrate_index(found.u1_V[use], found.u2_V[use], phase_deg(apparent_deg, sense))
+            calibrations[sense] = calibrate_index(
+                solution.u1_V[use], solution.u2_V[use], phase_deg(apparent_deg, sense)
+            )
         except FitError as error:
-            _refuse_samples(found, sense, f"calibration: {error.message} ({error.code})")
-    found.calibrations = calibrations
+            _refuse_samples(solution, sense, f"calibration: {error.message} ({error.code})")
+    solution.calibrations = calibrations
 
 
-def _refuse_samples(found: Solution, sense: int, why: str) -> None:
+def _refuse_samples(solution: Solution, sense: int, why: str) -> None:
     """No eight samples of this sense of rotation can be used; their waveforms need no calibration."""
-    for k in np.flatnonzero(found.good & (found.sense == sense)).tolist():
-        found.good[k], found.u1_V[k], found.u2_V[k] = False, math.nan, math.nan
-        if found.sets[k].item == CALIBRATION:
-            found.sets[k].faults.append(why)
+    for k in np.flatnonzero(solution.good & (solution.sense == sense)).tolist():
+        solution.good[k], solution.u1_V[k], solution.u2_V[k] = False, math.nan, math.nan
+        if solution.sets[k].item == CALIBRATION:
+            solution.sets[k].faults.append(why)
 
 
-def _by_waveform(found: Solution) -> Found:
+def _by_waveform(solution: Solution) -> Found:
     """By likelihood; the encoder angle carries the sense of rotation by itself."""
-    phi_deg = np.array([math.nan if one is None else float(one.phi_deg) for one in found.raw])
-    std_deg = np.array([math.nan if one is None else float(one.std_deg) for one in found.raw])
+    phi_deg = np.array([math.nan if waveform is None else float(waveform.phi_deg) for waveform in solution.raw])
+    std_deg = np.array([math.nan if waveform is None else float(waveform.std_deg) for waveform in solution.raw])
     return heading_deg(phi_deg, 1), std_deg, math.inf
 
 
-def _by_eight_samples(found: Solution) -> dict[str, Found]:
+def _by_eight_samples(solution: Solution) -> dict[str, Found]:
     """By the other methods, and what fails in the literal formulas."""
-    n = len(found.sets)
+    n = len(solution.sets)
     at_deg = {method: np.full(n, math.nan) for method in METHODS}
     std_deg = {method: np.full(n, math.nan) for method in METHODS}
     failures: dict[str, Floats] = {}
     dof = 1.0
     for sense in (1, -1):
-        use: Flags = found.sense == sense
+        use: Flags = solution.sense == sense
         if not use.any():
             continue
-        u1_V, u2_V, index = found.u1_V[use], found.u2_V[use], found.calibrations.get(sense)
+        u1_V, u2_V, index = solution.u1_V[use], solution.u2_V[use], solution.calibrations.get(sense)
         f2_deg, f5_deg, gains = (0.0, 0.0, None) if index is None else (index.f2_deg, index.f5_deg, index.gains)
         literal = literal_north(u1_V, u2_V, f5_deg=f5_deg)
         eight = eight_sample_north(u1_V, u2_V, gains=gains, f2_deg=f2_deg, f5_deg=f5_deg)
-        for method, one in (
+        for method, north in (
             (LEAST_SQUARES, eight),
             (QUADRANT, quadrant_north(u1_V, u2_V, f5_deg=f5_deg)),
             (LITERAL, literal.north),
         ):
-            with np.errstate(divide="ignore", invalid="ignore"):
-                share = np.where(one.noise > 0.0, eight.noise / one.noise, 1.0)  # theirs takes misplaced pulses for it
-            at_deg[method][use], std_deg[method][use] = heading_deg(one.phi_deg, sense), one.std_deg * share
-            dof = float(one.dof)
+            with np.errstate(divide="ignore", invalid="ignore"):  # theirs takes misplaced pulses for noise
+                share = np.where(north.noise > 0.0, eight.noise / north.noise, 1.0)
+            at_deg[method][use], std_deg[method][use] = heading_deg(north.phi_deg, sense), north.std_deg * share
+            dof = float(north.dof)
         for name, flags in asdict(literal.failures).items():
             failures.setdefault(name, np.zeros(n))[use] = flags
-    found.failures = failures
+    solution.failures = failures
     return {method: (at_deg[method], std_deg[method], dof) for method in METHODS}
 
 
-def _azimuths(found: Solution, method: str, at_deg: Floats, std_deg: Floats, dof: float) -> Azimuths:
+def _azimuths(solution: Solution, method: str, at_deg: Floats, std_deg: Floats, dof: float) -> Azimuths:
     """Noise is pooled over all sets: eight samples of one set have few degrees of freedom."""
-    azimuth_deg = wrapped_deg(at_deg + found.tilt_deg)
+    azimuth_deg = wrapped_deg(at_deg + solution.tilt_deg)
     seen = std_deg[np.isfinite(std_deg)]
     noise_deg = float(np.sqrt(np.mean(seen**2))) if seen.size else math.nan
-    common = [(one.std_deg(method), one.dof) for one in found.calibrations.values()] if method != LIKELIHOOD else []
+    common = (
+        [(calibration.std_deg(method), calibration.dof) for calibration in solution.calibrations.values()]
+        if method != LIKELIHOOD
+        else []
+    )
     return Azimuths(azimuth_deg, noise_deg, dof * max(1, seen.size), *max(common, default=(0.0, math.inf)))
 
 
-def _widened(found: Solution, method: str) -> Azimuths:
+def _widened(solution: Solution, method: str) -> Azimuths:
     """The paper's formulas are known to go wrong by more than noise: their own errors at the known azimuths count."""
-    one, error_deg = found.by_method[method], found.error_deg(method)
+    azimuths, error_deg = solution.by_method[method], solution.error_deg(method)
     count = int(np.isfinite(error_deg).sum())
-    rms_deg = found.rms_deg(method)
-    if count < _LEAST or not rms_deg > one.noise_deg:
-        return one
-    return replace(one, noise_deg=rms_deg, dof=float(count))
+    rms_deg = solution.rms_deg(method)
+    if count < _LEAST or not rms_deg > azimuths.noise_deg:
+        return azimuths
+    return replace(azimuths, noise_deg=rms_deg, dof=float(count))
 
 
-def _missing(found: Solution) -> list[str]:
+def _missing(solution: Solution) -> list[str]:
     """One sentence for each set that cannot be used and for each part of the campaign without any."""
-    missing = [f"{one.name}: {'; '.join(one.faults)}" for one in found.sets if one.faults]
-    missing += [f"{one.name}, raw waveform: {'; '.join(one.raw_faults)}" for one in found.sets if one.raw_faults]
-    counts = Counter(one.item for one, good in zip(found.sets, found.good, strict=True) if good)
-    if not counts[CALIBRATION] and found.good.any():
+    missing = [f"{north_set.name}: {'; '.join(north_set.faults)}" for north_set in solution.sets if north_set.faults]
+    missing += [
+        f"{north_set.name}, raw waveform: {'; '.join(north_set.raw_faults)}"
+        for north_set in solution.sets
+        if north_set.raw_faults
+    ]
+    counts = Counter(north_set.item for north_set, good in zip(solution.sets, solution.good, strict=True) if good)
+    if not counts[CALIBRATION] and solution.good.any():
         missing.append("calibration at a known azimuth: none; the index pulses are taken to stand where they should")
-    if not any(np.isfinite(found.error_deg(method)).any() for method in METHODS):
+    if not any(np.isfinite(solution.error_deg(method)).any() for method in METHODS):
         missing.append("test at known azimuths: none, so that no error can be judged")
     return missing

@@ -34,10 +34,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     ready = prepared(taken)
     clocks = clocks_of(taken, ready.middle_s, latency, material.line_s)
     spread = spread_of(material.campaign, ready.egi.position_std_m)
-    found = filtered(ready, clocks, densities, spread, first_pulse_s(taken.radar))
-    image, missing = _image(taken, found)
-    seen = observability(found.run.covariance, found.run.first_covariance)
-    result = SyncResult(taken.manoeuvre, ready, clocks, found, seen, image, demands, method)
+    filtering = filtered(ready, clocks, densities, spread, first_pulse_s(taken.radar))
+    image, missing = _image(taken, filtering)
+    seen = observability(filtering.run.covariance, filtering.run.first_covariance)
+    result = SyncResult(taken.manoeuvre, ready, clocks, filtering, seen, image, demands, method)
     return Analysis(
         campaign="time_sync",
         method=method,
@@ -50,10 +50,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     )
 
 
-def _image(taken: Recording, found: Filtered) -> tuple[Image | None, list[str]]:
+def _image(taken: Recording, filtering: Filtered) -> tuple[Image | None, list[str]]:
     if taken.radar is None:
         return None, []
     try:
-        return image_of(taken.radar, found), []
+        return image_of(taken.radar, filtering), []
     except FitError as error:
         return None, [f"radar image: {error.message} ({error.code})"]

@@ -92,46 +92,46 @@ def dof_of(offset: Offset) -> float:
 def _stamps(result: SyncResult) -> Estimates:
     clocks, n = result.clocks, result.clocks.egi_s.size
     difference, at = clocks.difference, {"at_s": _epoch_s(result.found.at_s)}
-    found = [
+    entries = [
         estimate(
             "time_offset_drift", "ppm", 1e6 * difference.drift, 1e6 * difference.drift_std, {"method": "stamps"}, n=n
         )
     ]
     if clocks.offset_s is None or result.difference_s is None:
-        return found
+        return entries
     apart_s, std_s = result.difference_s
-    found.append(estimate("time_offset_from_stamps", "s", clocks.offset_s, difference.std_s, at, n=n))
+    entries.append(estimate("time_offset_from_stamps", "s", clocks.offset_s, difference.std_s, at, n=n))
     limit_s = result.demands.difference_s if result.chosen.seen else None  # a prior says nothing to judge
-    found.append(estimate(DIFFERENCE, "s", apart_s, std_s, {"method": result.method}, n=n, limit=limit_s))
-    return found
+    entries.append(estimate(DIFFERENCE, "s", apart_s, std_s, {"method": result.method}, n=n, limit=limit_s))
+    return entries
 
 
 def _clocks(clocks: Clocks) -> Estimates:
-    found: Estimates = []
+    entries: Estimates = []
     for name, port in (("imu", clocks.imu), ("egi", clocks.egi)):
         about, n = {"link": name}, port.above_s.size
-        found.append(estimate("clock_rate", "ppm", -1e6 * port.rate, 1e6 * port.rate_std, about, n=n))
+        entries.append(estimate("clock_rate", "ppm", -1e6 * port.rate, 1e6 * port.rate_std, about, n=n))
         std_s = port.jitter_s / math.sqrt(n)
-        found.append(estimate("receive_jitter", "s", port.jitter_s, std_s, about, n=n))
-    return found
+        entries.append(estimate("receive_jitter", "s", port.jitter_s, std_s, about, n=n))
+    return entries
 
 
 def _consistency(result: SyncResult, name: str) -> Estimates:
     run, group = result.found.run, GROUPS.index(name)
-    found = []
+    entries = []
     for block, label in enumerate(NIS_BLOCKS):
         value = ratio_of(run, group, block)
         if math.isfinite(value):
             n = int(run.nis_count[:, group, block].sum())
-            found.append(estimate("nis", "1", value, 0.0, {"method": name, "of": label}, n=n))
-    return found
+            entries.append(estimate("nis", "1", value, 0.0, {"method": name, "of": label}, n=n))
+    return entries
 
 
 def _biases(result: SyncResult) -> Estimates:
     """Of the chosen filter at the end, in micro-g and degrees per hour."""
     run, group = result.found.run, GROUPS.index(result.method)
     micro_g, deg_h = 1e6 / STANDARD_GRAVITY_m_s2, math.degrees(3600.0)
-    found: Estimates = []
+    entries: Estimates = []
     for quantity, kind, unit, scale, values, first in (
         ("accel_bias", "accelerometer", "ug", micro_g, run.accel_bias, 9),
         ("gyro_bias", "gyro", "deg/h", deg_h, run.gyro_bias, 12),
@@ -140,8 +140,8 @@ def _biases(result: SyncResult) -> Estimates:
             std = float(run.sigma[-1, group, first + axis])
             value = float(values[-1, group, 0, axis])
             place = {"axis": letter, "kind": kind, "method": result.method}
-            found.append(estimate(quantity, unit, scale * value, scale * std, place, n=result.found.samples))
-    return found
+            entries.append(estimate(quantity, unit, scale * value, scale * std, place, n=result.found.samples))
+    return entries
 
 
 def _image(result: SyncResult) -> Estimates:
@@ -151,7 +151,7 @@ def _image(result: SyncResult) -> Estimates:
     shifts_m, n = image.shifts_m, len(image.plain)
     std_m = float(np.std(shifts_m, ddof=1)) / math.sqrt(n) if n > 1 else 0.0
     place: dict[str, Any] = {"of": f"{NONE} against {COMPENSATED}"}
-    found = [estimate("image_shift", "m", float(shifts_m.mean()), max(std_m, _LEAST_SHIFT_STD_m), place, n=n)]
+    entries = [estimate("image_shift", "m", float(shifts_m.mean()), max(std_m, _LEAST_SHIFT_STD_m), place, n=n)]
     for name, responses in ((COMPENSATED, image.compensated), (NONE, image.plain)):
         about = {"navigation": name}
         for quantity, unit, values in (
@@ -161,8 +161,8 @@ def _image(result: SyncResult) -> Estimates:
             ("image_peak", "1", _relative(responses, image.compensated)),
         ):
             spread = float(np.std(values, ddof=1)) / math.sqrt(n) if n > 1 else 0.0
-            found.append(estimate(quantity, unit, float(np.mean(values)), spread, about, n=n))
-    return found
+            entries.append(estimate(quantity, unit, float(np.mean(values)), spread, about, n=n))
+    return entries
 
 
 def _relative(responses: Sequence[Response], best: Sequence[Response]) -> list[float]:

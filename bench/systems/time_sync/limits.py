@@ -1,4 +1,4 @@
-"""What is required of a time offset, and what the sequence states of both units."""
+"""Limits of a time offset, and statements of the sequence on both units."""
 
 from __future__ import annotations
 

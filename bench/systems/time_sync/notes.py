@@ -41,31 +41,31 @@ def _against_stamps(result: SyncResult) -> list[str]:
 
 
 def _clocks(result: SyncResult) -> list[str]:
-    clocks, found = result.clocks, []
+    clocks, notes = result.clocks, []
     if clocks.coarse_s:
-        found.append(
+        notes.append(
             f"The clocks began {clocks.coarse_s:.2f} s apart: that was taken out of the tags beforehand, by the "
             "receive stamps, and is part of the offset. What is not compensated has it taken out, too."
         )
     if clocks.imu.grid_s > 0.0:
-        found.append(
+        notes.append(
             f"The bench reads its ports each {1e3 * clocks.imu.grid_s:g} ms: the place within such a step is told by "
             "the jitter of the frames, taken as exponential."
         )
     if result.chosen.drift_std_s > 0.5 * result.chosen.trial_std_s:
-        found.append(
+        notes.append(
             "Much of the interval is that of the drift between both clocks, which short recordings tell badly: record "
             "longer, or nearer to the manoeuvre."
         )
-    return found
+    return notes
 
 
 def _filter(result: SyncResult) -> list[str]:
-    found = []
+    notes = []
     ratio = ratio_of(result.found.run, GROUPS.index(result.method))
     if math.isfinite(ratio) and ratio > _MOST_RATIO:
-        found.append(
+        notes.append(
             f"Innovations are {math.sqrt(ratio):.1f} times as large as the filter believes: the interval is widened by "
             "that. Look at the data sheet of the inertial unit (uut: inertial), at vibration and at mounting."
         )
-    return found
+    return notes

@@ -127,26 +127,26 @@ def _rows(material: Material) -> Sequence[RecordRow]:
 
 
 def _stream(parts: Sequence[Samples | None], link: str, first_tick: int) -> Stream | None:
-    found = [part for part in parts if part is not None and len(part)]
-    if not found:
+    present = [part for part in parts if part is not None and len(part)]
+    if not present:
         return None
-    if unknown := [name for name in COLUMNS[link] if any(name not in part.columns for part in found)]:
+    if unknown := [name for name in COLUMNS[link] if any(name not in part.columns for part in present)]:
         raise FitError(
             "B-SYNC-002",
             f"the frames of the link {link!r} carry no {', '.join(unknown)}",
             next_step="use a frame with the fields of imu_200, egi_50 and sar_pulse; docs/time-sync.md names them",
         )
-    counter = np.concatenate([part.counter for part in found])
+    counter = np.concatenate([part.counter for part in present])
     before = np.maximum.accumulate(np.concatenate(([np.iinfo(np.int64).min], counter)))[:-1]
     new = counter > before  # a frame at a joint is in both records
-    tick = np.concatenate([part.columns["tick"] for part in found])[new].astype(np.uint64)
-    scale = found[0].scales["tick"][0]
+    tick = np.concatenate([part.columns["tick"] for part in present])[new].astype(np.uint64)
+    scale = present[0].scales["tick"][0]
     # the difference of two 64-bit counters, whatever they began with and whether or not they went through zero
     tick_s = (tick - np.uint64(first_tick)).view(np.int64).astype(np.float64) * scale
     columns = {
-        name: np.concatenate([part.scaled(name) for part in found])[new] for name in COLUMNS[link] if name != "tick"
+        name: np.concatenate([part.scaled(name) for part in present])[new] for name in COLUMNS[link] if name != "tick"
     }
-    return Stream(tick_s, counter[new], np.concatenate([part.t_ns for part in found])[new], columns)
+    return Stream(tick_s, counter[new], np.concatenate([part.t_ns for part in present])[new], columns)
 
 
 def _check_clock(name: str, stream: Stream) -> None:

@@ -53,7 +53,7 @@ class EgiSamples:
 
 @dataclass(frozen=True)
 class Prepared:
-    """What the filter takes in, and what was left out on the way.
+    """Samples that the filter takes in, and counts of those left out on the way.
 
     ``filled``: samples of the inertial unit made up.   ``lost_egi``, ``unsound_egi``: solutions that are missing or not
     used.   ``lost_imu``: samples that are missing.   ``notes``: sentences about it.

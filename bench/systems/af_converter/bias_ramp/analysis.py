@@ -101,14 +101,16 @@ def _fit_all(
     """Fits of the channels that are determined, and one sentence for every other one."""
     drive = drive_of(material.trace, records, method)
     readings = channel_readings(records, campaign)
-    missing = [f"channel {one.number}: no record" for one in campaign.channels if one.number not in readings]
+    missing = [
+        f"channel {channel.number}: no record" for channel in campaign.channels if channel.number not in readings
+    ]
     lost = [name for name in (RISING, FALLING) if name not in records.branch]
     missing += [f"branch {name}: no usable record{_NO_LOOP}" for name in lost]
     fits: list[ChannelFit] = []
     refused: list[FitError] = []
-    for number, one in readings.items():
+    for number, channel_windows in readings.items():
         try:
-            fits.append(fit_channel(one, records, material.trace, drive, campaign, method))
+            fits.append(fit_channel(channel_windows, records, material.trace, drive, campaign, method))
         except FitError as error:
             refused.append(error)
             missing.append(f"channel {number}: {error.message} ({error.code})")
@@ -129,9 +131,9 @@ def _fit_all(
 def _without_sensor(fits: list[ChannelFit]) -> list[str]:
     """Compensation goes by the unit's own sensor, so there is none without it."""
     by_problem: dict[str, list[str]] = {}
-    for one in fits:
-        if one.sensor_problem:
-            by_problem.setdefault(one.sensor_problem, []).append(str(one.readings.channel.number))
+    for channel in fits:
+        if channel.sensor_problem:
+            by_problem.setdefault(channel.sensor_problem, []).append(str(channel.readings.channel.number))
     return [
         f"compensation of the bias, channel {', '.join(numbers)}: the unit's own sensor {problem}; temperatures of the "
         "results are the lagged ones of the fit"
@@ -142,7 +144,7 @@ def _without_sensor(fits: list[ChannelFit]) -> list[str]:
 def _master_clock(
     material: Material, records: RampRecords, campaign: Campaign, fits: list[ChannelFit], missing: list[str]
 ) -> OscillatorFit | None:
-    if any(one.sensor_problem and np.isfinite(records.unit_degC).any() for one in fits):
+    if any(channel.sensor_problem and np.isfinite(records.unit_degC).any() for channel in fits):
         missing.append("master oscillator: the unit's own sensor, over which it is stated, does not follow the unit")
         return None
     try:
@@ -157,79 +159,83 @@ def _clock_figures(clock: OscillatorFit | None, records: RampRecords) -> list[Fi
 
 
 def _limits(campaign: Mapping[str, Any]) -> dict[int, float | None]:
-    return {int(one["number"]): one.get("bias_stability_limit_A") for one in campaign["channels"]}
+    return {int(channel["number"]): channel.get("bias_stability_limit_A") for channel in campaign["channels"]}
 
 
 def notes(fits: Sequence[ChannelFit], records: RampRecords, campaign: Campaign, method: str) -> list[str]:
     """Notes on windows left out, estimators, what was not determined, and what the uncertainties do not hold."""
     driver = "the chamber's air" if method == JOINT else "the unit's own sensor"
-    found = [f"{count} windows left out of the fits: {reason}." for reason, count in sorted(records.left_out.items())]
-    found.append(
+    notes = [f"{count} windows left out of the fits: {reason}." for reason, count in sorted(records.left_out.items())]
+    notes.append(
         f"Hysteresis, thermal lag and the polynomial were fitted together, the unit driven by {driver}. The bias is "
         "that in the middle of the loop, its random walk averaged over the campaign"
-        + ("." if any(one.sensor_problem for one in fits) else "; temperatures are those of the unit's own sensor.")
+        + (
+            "."
+            if any(channel.sensor_problem for channel in fits)
+            else "; temperatures are those of the unit's own sensor."
+        )
     )
-    found += _estimators(fits) + _naive(fits, campaign, method)
-    for one in fits:
-        found += _undetermined(one) + _chi_square(one)
-    found.append(
+    notes += _estimators(fits) + _naive(fits, campaign, method)
+    for channel in fits:
+        notes += _undetermined(channel) + _chi_square(channel)
+    notes.append(
         f"The scale factors are taken as nominal: {DSF_STD * 1e6:g} ppm of every bias and width is in its uncertainty."
     )
     if campaign.temperature_sensor_u95_degC is None:
-        found.append("The uncertainty of the unit's temperature sensor is not stated; it is not included.")
-    return found
+        notes.append("The uncertainty of the unit's temperature sensor is not stated; it is not included.")
+    return notes
 
 
 def _estimators(fits: Sequence[ChannelFit]) -> list[str]:
     by_use: dict[str, list[int]] = {}
-    for one in fits:
-        use = ", ".join(f"{name} {count}" for name, count in one.readings.estimators.items())
-        by_use.setdefault(use, []).append(one.readings.channel.number)
+    for channel in fits:
+        use = ", ".join(f"{name} {count}" for name, count in channel.readings.estimators.items())
+        by_use.setdefault(use, []).append(channel.readings.channel.number)
     return [f"Windows by estimator, channel {', '.join(map(str, numbers))}: {use}." for use, numbers in by_use.items()]
 
 
 def _naive(fits: Sequence[ChannelFit], campaign: Campaign, method: str) -> list[str]:
-    """What separate polynomials make of the lag, on the channel where it matters most, and how much they leave out."""
+    """Say what separate polynomials make of the lag, where it matters most, and how much they leave out."""
     at = np.array([campaign.reference_temperature_degC])
-    found = []
-    apart = [(one, float(one.naive(one.air_degC, at)[0])) for one in fits]
-    known = [(one, value) for one, value in apart if np.isfinite(value)]
+    notes = []
+    apart = [(channel, float(channel.naive(channel.air_degC, at)[0])) for channel in fits]
+    known = [(channel, value) for channel, value in apart if np.isfinite(value)]
     if known:
-        one, value = max(known, key=lambda pair: abs(pair[1] - pair[0].fit.value(WIDTH)))
-        lag = f": the unit lags the air by {one.fit.value(LAG) / 60:.0f} min" if method == JOINT else ""
-        found.append(
+        channel, value = max(known, key=lambda pair: abs(pair[1] - pair[0].fit.value(WIDTH)))
+        lag = f": the unit lags the air by {channel.fit.value(LAG) / 60:.0f} min" if method == JOINT else ""
+        notes.append(
             f"Separate polynomials of the branches against the chamber's temperature would give a hysteresis width of "
-            f"{value * 1e9:.1f} nA for channel {one.readings.channel.number} at {at[0]:g} degC instead of "
-            f"{one.fit.value(WIDTH) * 1e9:.1f} nA{lag}."
+            f"{value * 1e9:.1f} nA for channel {channel.readings.channel.number} at {at[0]:g} degC instead of "
+            f"{channel.fit.value(WIDTH) * 1e9:.1f} nA{lag}."
         )
-        masked = sorted({one.masked for one in fits})
+        masked = sorted({channel.masked for channel in fits})
         span = f"{masked[0]}" if len(masked) == 1 else f"{masked[0]} to {masked[-1]}"
-        found.append(f"{span} windows per channel, in which the play crosses after a reversal, are masked there.")
-    return found
+        notes.append(f"{span} windows per channel, in which the play crosses after a reversal, are masked there.")
+    return notes
 
 
-def _undetermined(one: ChannelFit) -> list[str]:
-    number, fit = one.readings.channel.number, one.fit
-    found = []
+def _undetermined(channel: ChannelFit) -> list[str]:
+    number, fit = channel.readings.channel.number, channel.fit
+    notes = []
     if not fit.half_width_determined:
-        found.append(
+        notes.append(
             f"Channel {number}: no play half-width. A hysteresis width of {fit.value(WIDTH) * 1e9:.2f} nA with a "
             f"standard uncertainty of {fit.std(WIDTH) * 1e9:.2f} nA does not tell it; width and bias are averages over "
             "all half-widths possible."
         )
     if not fit.lag_determined:
-        found.append(
+        notes.append(
             f"Channel {number}: no thermal lag. {fit.value(LAG) / 60:.1f} min with a standard uncertainty of "
             f"{fit.std(LAG) / 60:.1f} min is not apart from the limits of the search."
         )
-    return found
+    return notes
 
 
-def _chi_square(one: ChannelFit) -> list[str]:
-    fit = one.fit
+def _chi_square(channel: ChannelFit) -> list[str]:
+    fit = channel.fit
     if special.chdtrc(fit.dof, fit.chi2) >= _CHI2_PROBABILITY:
         return []
     return [
-        f"Channel {one.readings.channel.number}: reduced chi-square {fit.reduced_chi2:.2f}; the residuals exceed the "
-        "declared noise."
+        f"Channel {channel.readings.channel.number}: reduced chi-square {fit.reduced_chi2:.2f}; the residuals exceed "
+        "the declared noise."
     ]

@@ -27,36 +27,36 @@ _OPEN_degC = 1.0  # nearer to an end the loop closes by itself, whatever the cha
 _REACH_degC = 0.6  # how far beyond the ends of the loop a polynomial may be read
 
 
-def temperatures(one: ChannelFit) -> list[float]:
+def temperatures(channel: ChannelFit) -> list[float]:
     """Temperatures at which estimates are given: the reference and every 15 degC from it, as far as the ramp reached.
 
     A ramp that reaches none of them has one in its middle, to a whole degree.
     """
-    reference_degC = one.fit.reference_degC
-    low, high = (end + one.offset_degC for end in one.fit.loop_degC)
+    reference_degC = channel.fit.reference_degC
+    low, high = (end + channel.offset_degC for end in channel.fit.loop_degC)
     first = math.ceil((low - _REACH_degC - reference_degC) / STEP_degC)
     last = math.floor((high + _REACH_degC - reference_degC) / STEP_degC)
     return [reference_degC + STEP_degC * k for k in range(first, last + 1)] or [float(round((low + high) / 2.0))]
 
 
-def on_sensor(one: ChannelFit) -> tuple[Floats, Floats]:
+def on_sensor(channel: ChannelFit) -> tuple[Floats, Floats]:
     """Return coefficients (order + 1,) of the centre curve against the unit's sensor, and their covariance of the fit.
 
     The sensor reads ``offset_degC`` more than the temperature of the fit: b(T) = sum c_k (T - offset - T_ref)^k.
     """
-    order = one.fit.order
+    fit, order = channel.fit, channel.fit.order
     moved = np.array(
         [
-            [special.comb(k, j) * (-one.offset_degC) ** (k - j) if k >= j else 0.0 for k in range(order + 1)]
+            [special.comb(k, j) * (-channel.offset_degC) ** (k - j) if k >= j else 0.0 for k in range(order + 1)]
             for j in range(order + 1)
         ]
     )
-    return moved @ one.fit.parameters[: order + 1], moved @ one.fit.covariance[: order + 1, : order + 1] @ moved.T
+    return moved @ fit.parameters[: order + 1], moved @ fit.covariance[: order + 1, : order + 1] @ moved.T
 
 
-def bias_parts(one: ChannelFit, weights: Floats, campaign: Campaign) -> dict[str, float]:
+def bias_parts(channel: ChannelFit, weights: Floats, campaign: Campaign) -> dict[str, float]:
     """Independent parts of the standard uncertainty of ``weights @ coefficients`` of the centre curve, by name."""
-    coefficients, covariance = on_sensor(one)
+    coefficients, covariance = on_sensor(channel)
     moves = np.arange(1, weights.size) * coefficients[1:]  # d c_k for a sensor that is off by 1 degC
     return {
         "readings, random walk and fit": float(np.sqrt(weights @ covariance @ weights)),
@@ -65,89 +65,91 @@ def bias_parts(one: ChannelFit, weights: Floats, campaign: Campaign) -> dict[str
     }
 
 
-def channel_estimates(one: ChannelFit, campaign: Campaign, dropped: int, limit_A: float | None) -> list[dict[str, Any]]:
+def channel_estimates(
+    channel: ChannelFit, campaign: Campaign, dropped: int, limit_A: float | None
+) -> list[dict[str, Any]]:
     """Return all estimates of one channel; ``limit_A`` judges what the compensation leaves."""
-    channel = {"channel": one.readings.channel.number, "kind": one.readings.channel.kind}
-    n = one.readings.bias_A.size
-    counts = {"n": n, "dropped": dropped + int(np.count_nonzero(~one.readings.used))}
+    about = {"channel": channel.readings.channel.number, "kind": channel.readings.channel.kind}
+    n = channel.readings.bias_A.size
+    counts = {"n": n, "dropped": dropped + int(np.count_nonzero(~channel.readings.used))}
     return [
-        *_bias(one, campaign, channel, counts),
-        *_hysteresis(one, campaign, channel, counts),
-        _residual(one, campaign, channel, counts, limit_A),
+        *_bias(channel, campaign, about, counts),
+        *_hysteresis(channel, campaign, about, counts),
+        _residual(channel, campaign, about, counts, limit_A),
     ]
 
 
 def _bias(
-    one: ChannelFit, campaign: Campaign, channel: Mapping[str, Any], counts: Mapping[str, int]
+    channel: ChannelFit, campaign: Campaign, about: Mapping[str, Any], counts: Mapping[str, int]
 ) -> list[dict[str, Any]]:
-    coefficients, _ = on_sensor(one)
+    coefficients, _ = on_sensor(channel)
     reference_degC = campaign.reference_temperature_degC
-    found = []
-    for at in temperatures(one):
+    entries = []
+    for at in temperatures(channel):
         weights = (at - reference_degC) ** np.arange(coefficients.size, dtype=np.float64)
-        std = float(np.linalg.norm(list(bias_parts(one, weights, campaign).values())))
+        std = float(np.linalg.norm(list(bias_parts(channel, weights, campaign).values())))
         value = float(weights @ coefficients)
-        found.append(estimate("bias", "A", value, std, {**channel, "temperature_degC": at}, **counts))
-    conditions = {**channel, "reference_temperature_degC": reference_degC}
+        entries.append(estimate("bias", "A", value, std, {**about, "temperature_degC": at}, **counts))
+    conditions = {**about, "reference_temperature_degC": reference_degC}
     for order in range(1, coefficients.size):
         weights = np.eye(coefficients.size)[order]
-        std = float(np.linalg.norm(list(bias_parts(one, weights, campaign).values())))
+        std = float(np.linalg.norm(list(bias_parts(channel, weights, campaign).values())))
         unit = "A/degC" if order == 1 else f"A/degC{order}"
-        found.append(estimate(f"bias_tc{order}", unit, float(coefficients[order]), std, conditions, **counts))
-    return found
+        entries.append(estimate(f"bias_tc{order}", unit, float(coefficients[order]), std, conditions, **counts))
+    return entries
 
 
 def _hysteresis(
-    one: ChannelFit, campaign: Campaign, channel: Mapping[str, Any], counts: Mapping[str, int]
+    channel: ChannelFit, campaign: Campaign, about: Mapping[str, Any], counts: Mapping[str, int]
 ) -> list[dict[str, Any]]:
-    fit = one.fit
-    if not one.there_and_back:
+    fit = channel.fit
+    if not channel.there_and_back:
         return []
     places: list[tuple[dict[str, float], float, float]] = [
         ({"reference_temperature_degC": campaign.reference_temperature_degC}, fit.value(WIDTH), fit.std(WIDTH))
     ]
-    low, high = (end + one.offset_degC for end in fit.loop_degC)
-    inside = [at for at in temperatures(one) if low + _OPEN_degC < at < high - _OPEN_degC]
-    places += [({"temperature_degC": at}, *width_at(fit, at - one.offset_degC)) for at in inside]
-    found = [
-        estimate("hysteresis_width", "A", value, float(np.hypot(std, value * DSF_STD)), {**channel, **at}, **counts)
+    low, high = (end + channel.offset_degC for end in fit.loop_degC)
+    inside = [at for at in temperatures(channel) if low + _OPEN_degC < at < high - _OPEN_degC]
+    places += [({"temperature_degC": at}, *width_at(fit, at - channel.offset_degC)) for at in inside]
+    entries = [
+        estimate("hysteresis_width", "A", value, float(np.hypot(std, value * DSF_STD)), {**about, **at}, **counts)
         for at, value, std in places
     ]
     if fit.half_width_determined:
         half = fit.value(HALF_WIDTH), fit.std(HALF_WIDTH)
-        found.append(estimate("play_half_width", "degC", *half, channel, **counts))
+        entries.append(estimate("play_half_width", "degC", *half, about, **counts))
     if fit.lag_determined:
-        found.append(estimate("thermal_lag", "min", fit.value(LAG) / 60.0, fit.std(LAG) / 60.0, channel, **counts))
-    return found
+        entries.append(estimate("thermal_lag", "min", fit.value(LAG) / 60.0, fit.std(LAG) / 60.0, about, **counts))
+    return entries
 
 
-def compensated_A(one: ChannelFit, campaign: Campaign) -> Floats:
+def compensated_A(channel: ChannelFit, campaign: Campaign) -> Floats:
     """Reading minus the polynomial against the unit's sensor, (k,): what a navigation unit is left with, ampere."""
-    coefficients, _ = on_sensor(one)
-    known = np.isfinite(one.sensor_degC)
-    temperature = np.where(known, one.sensor_degC, one.fit.unit_degC + one.offset_degC)
+    coefficients, _ = on_sensor(channel)
+    known = np.isfinite(channel.sensor_degC)
+    temperature = np.where(known, channel.sensor_degC, channel.fit.unit_degC + channel.offset_degC)
     x = temperature - campaign.reference_temperature_degC
-    return np.asarray(one.readings.bias_A - np.polynomial.polynomial.polyval(x, coefficients))
+    return np.asarray(channel.readings.bias_A - np.polynomial.polynomial.polyval(x, coefficients))
 
 
 def _residual(
-    one: ChannelFit,
+    channel: ChannelFit,
     campaign: Campaign,
-    channel: Mapping[str, Any],
+    about: Mapping[str, Any],
     counts: Mapping[str, int],
     limit_A: float | None,
 ) -> dict[str, Any]:
     """Largest mean over an hour of what the polynomial leaves; hysteresis and random walk are in it, as in use."""
-    left = compensated_A(one, campaign)
-    middle_s, gate_s = one.readings.gates.middle_s, one.readings.gates.end_s - one.readings.gates.start_s
-    hour = ((middle_s - one.readings.gates.start_s[0]) // HOUR_s).astype(np.int64)
+    left = compensated_A(channel, campaign)
+    middle_s, gate_s = channel.readings.gates.middle_s, channel.readings.gates.end_s - channel.readings.gates.start_s
+    hour = ((middle_s - channel.readings.gates.start_s[0]) // HOUR_s).astype(np.int64)
     length_s = np.bincount(hour, gate_s)
     full = length_s >= 0.5 * length_s.max()
     means = np.bincount(hour, left * gate_s)[full] / length_s[full]
-    noise = np.sqrt(np.bincount(hour, (one.readings.white_A * gate_s) ** 2)[full]) / length_s[full]
+    noise = np.sqrt(np.bincount(hour, (channel.readings.white_A * gate_s) ** 2)[full]) / length_s[full]
     worst = int(np.argmax(np.abs(means)))
     std = float(np.hypot(noise[worst], means[worst] * DSF_STD))
-    conditions = {**channel, "averaging_h": HOUR_s / 3600.0, "compensation": "polynomial against the unit's sensor"}
+    conditions = {**about, "averaging_h": HOUR_s / 3600.0, "compensation": "polynomial against the unit's sensor"}
     return estimate("bias_residual", "A", float(means[worst]), std, conditions, **counts, limit=limit_A)
 
 
@@ -155,31 +157,31 @@ def master_clock_estimates(fit: OscillatorFit, at_degC: Sequence[float], dropped
     """master_clock_error at temperatures, and its coefficients _tc0 ... about the reference temperature."""
     counts = {"n": fit.n_used, "dropped": fit.n_dropped + dropped}
     name = "master_clock_error"
-    found = [
+    entries = [
         estimate(name, "ppm", fit.value_ppm(at), fit.std_ppm(at), {"temperature_degC": at}, **counts) for at in at_degC
     ]
     reference = {"reference_temperature_degC": fit.reference_degC}
     for order, value in enumerate(fit.coefficients_ppm):
         unit = "ppm" + ("", "/degC")[order] if order < 2 else f"ppm/degC{order}"
         std = fit.coefficient_std_ppm(order)
-        found.append(estimate(f"{name}_tc{order}", unit, float(value), std, reference, **counts))
-    return found
+        entries.append(estimate(f"{name}_tc{order}", unit, float(value), std, reference, **counts))
+    return entries
 
 
 def compensation(fits: Sequence[ChannelFit], clock: OscillatorFit | None) -> list[dict[str, Any]]:
     """Return the entries for coefficients.json: the biases against the unit's own sensor, and the master oscillator."""
-    found = [
+    entries = [
         compensation_entry(
             "bias",
-            (one.readings.channel.number, one.readings.channel.kind),
-            one.fit.reference_degC,
-            on_sensor(one)[0],
-            [end + one.offset_degC for end in one.fit.loop_degC],
+            (channel.readings.channel.number, channel.readings.channel.kind),
+            channel.fit.reference_degC,
+            on_sensor(channel)[0],
+            [end + channel.offset_degC for end in channel.fit.loop_degC],
         )
-        for one in fits
-        if not one.sensor_problem
+        for channel in fits
+        if not channel.sensor_problem
     ]
     if clock is not None:
         whole = (None, None), clock.reference_degC, clock.coefficients_ppm, list(clock.span_degC)
-        found.append(compensation_entry("master_clock", *whole))
-    return found
+        entries.append(compensation_entry("master_clock", *whole))
+    return entries

@@ -101,12 +101,12 @@ def channel_readings(records: RampRecords, campaign: Campaign) -> dict[int, Chan
     The estimator of each window is the one with the least stated uncertainty (estimators.record_rate).
     """
     columns = records.pulses.n.count.shape[1]
-    channels = {one.number: one for one in campaign.channels if one.number <= columns}
+    channels = {channel.number: channel for channel in campaign.channels if channel.number <= columns}
     charge, white = np.ones(columns), np.ones(columns)
-    for number, one in channels.items():
-        charge[number - 1], white[number - 1] = one.k0_C, one.noise.white_A_rtHz
+    for number, channel in channels.items():
+        charge[number - 1], white[number - 1] = channel.k0_C, channel.noise.white_A_rtHz
     rates = record_rates(records.pulses, PulseConverters(charge, charge, white, campaign.af_clock_Hz))
-    return {number: _readings(records, rates, one) for number, one in channels.items()}
+    return {number: _readings(records, rates, channel) for number, channel in channels.items()}
 
 
 def _readings(records: RampRecords, rates: RecordRates, channel: Channel) -> ChannelReadings:
@@ -126,5 +126,5 @@ def _readings(records: RampRecords, rates: RecordRates, channel: Channel) -> Cha
         (rates.joined[:, at] & beside)[used],
     )
     return ChannelReadings(
-        channel, used, -rates.current_A[used, at], gates, noise, std[used], Counter(str(one) for one in estimator)
+        channel, used, -rates.current_A[used, at], gates, noise, std[used], Counter(str(name) for name in estimator)
     )

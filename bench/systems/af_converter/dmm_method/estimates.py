@@ -37,49 +37,49 @@ class DmmFit:
     fit: DmmScaleFactor
 
 
-def scale_factor_estimates(one: DmmFit, campaign: Campaign) -> list[dict[str, Any]]:
+def scale_factor_estimates(fitted: DmmFit, campaign: Campaign) -> list[dict[str, Any]]:
     """dsf_n, dsf_p, dsf_asymmetry and dsf_mean; the last alone by the method as printed."""
-    conditions, fit = conditions_of(one.group, one.fit.unit_temperature_degC, campaign), one.fit
-    counted = {"n": fit.n, "dropped": one.group.dropped + fit.dropped}
+    conditions, fit = conditions_of(fitted.group, fitted.fit.unit_temperature_degC, campaign), fitted.fit
+    counted = {"n": fit.n, "dropped": fitted.group.dropped + fit.dropped}
     return [estimate(name, "ppm", fit.value_ppm[name], fit.std_ppm[name], conditions, **counted)
             for name in fit.value_ppm]  # fmt: skip
 
 
-def bias_estimates(one: DmmFit, campaign: Campaign) -> list[dict[str, Any]]:
+def bias_estimates(fitted: DmmFit, campaign: Campaign) -> list[dict[str, Any]]:
     """Bias of the open record, diagnostic only."""
-    if not one.group.opened.gate_s.size:
+    if not fitted.group.opened.gate_s.size:
         return []
-    bias = open_input_bias(one.group.opened, campaign.converter(one.group.channel))
-    rows = one.group.opened.gate_s.size
-    conditions = conditions_of(one.group, one.fit.unit_temperature_degC, campaign) | {
+    bias = open_input_bias(fitted.group.opened, campaign.converter(fitted.group.channel))
+    rows = fitted.group.opened.gate_s.size
+    conditions = conditions_of(fitted.group, fitted.fit.unit_temperature_degC, campaign) | {
         "unit_temperature_degC": bias.unit_temperature_degC
     }
-    dropped = one.group.open_planned - rows
+    dropped = fitted.group.open_planned - rows
     return [estimate("bias", "A", bias.value_A, bias.std_uncertainty_A, conditions, n=rows, dropped=dropped)]
 
 
-def leakage_estimates(one: DmmFit, campaign: Campaign) -> list[dict[str, Any]]:
+def leakage_estimates(fitted: DmmFit, campaign: Campaign) -> list[dict[str, Any]]:
     """switch_leakage of each polarity: what the unit counts at zero and neither the meter nor the open input explains.
 
     The open record was taken with the route open; what is left comes from the closed crosspoint.
     """
-    if not one.group.opened.gate_s.size:
+    if not fitted.group.opened.gate_s.size:
         return []
-    converter, rows = campaign.converter(one.group.channel), one.group.closed
-    opened_A, opened_A2 = counted_A(one.group.opened, converter)
+    converter, rows = campaign.converter(fitted.group.channel), fitted.group.closed
+    opened_A, opened_A2 = counted_A(fitted.group.opened, converter)
     zero_A, zero_A2 = counted_A(rows, converter)
-    found = []
-    for index in np.flatnonzero(np.isfinite(one.meter.current_A) & (rows.level_A == 0)):
-        hours = abs(float(rows.time_s[index] - one.group.opened.time_s[0])) / 3600.0
-        value_A = zero_A[index] - rows.polarity[index] * one.meter.current_A[index] - opened_A[0]
-        variance = zero_A2[index] + opened_A2[0] + one.meter.std_A[index] ** 2 + converter.walk_A_rth**2 * hours
-        if np.isfinite(one.meter.zero_std_A[index]):
-            variance += one.meter.zero_std_A[index] ** 2
-        conditions = conditions_of(one.group, one.fit.unit_temperature_degC, campaign) | {
+    entries = []
+    for index in np.flatnonzero(np.isfinite(fitted.meter.current_A) & (rows.level_A == 0)):
+        hours = abs(float(rows.time_s[index] - fitted.group.opened.time_s[0])) / 3600.0
+        value_A = zero_A[index] - rows.polarity[index] * fitted.meter.current_A[index] - opened_A[0]
+        variance = zero_A2[index] + opened_A2[0] + fitted.meter.std_A[index] ** 2 + converter.walk_A_rth**2 * hours
+        if np.isfinite(fitted.meter.zero_std_A[index]):
+            variance += fitted.meter.zero_std_A[index] ** 2
+        conditions = conditions_of(fitted.group, fitted.fit.unit_temperature_degC, campaign) | {
             "polarity": int(rows.polarity[index])
         }
-        found.append(estimate("switch_leakage", "A", float(value_A), float(variance) ** 0.5, conditions, n=1))
-    return found
+        entries.append(estimate("switch_leakage", "A", float(value_A), float(variance) ** 0.5, conditions, n=1))
+    return entries
 
 
 def counted_A(rows: Readings, converter: Converter) -> tuple[Any, Any]:
@@ -96,8 +96,8 @@ def shift_estimates(
 
     Negligible (assumption 2) is a shift below what the meter itself does not know of that current (95 %), its limit.
     """
-    found = []
-    first = {one.group.place[:2]: one for one in fits}
+    entries = []
+    first = {fitted.group.place[:2]: fitted for fitted in fits}
     for again in repeats:
         start = first.get(again.place[:2])
         if start is None:
@@ -110,8 +110,8 @@ def shift_estimates(
                 & np.isfinite(start.meter.current_A)
             )
             if same.size:
-                found.append(_shift(start, int(same[0]), again, meter, int(index), campaign, register))
-    return found
+                entries.append(_shift(start, int(same[0]), again, meter, int(index), campaign, register))
+    return entries
 
 
 def _shift(
@@ -141,11 +141,11 @@ def _shift(
 def budget(fits: Iterable[DmmFit], campaign: Campaign) -> list[dict[str, Any]]:
     """Budget per kind of channel: largest standard uncertainty over channels and temperatures."""
     largest: dict[tuple[str, str, str], float] = {}
-    for one in fits:
-        kind = campaign.channel(one.group.channel).kind
-        quantity = "dsf_n" if "dsf_n" in one.fit.value_ppm else "dsf_mean"
-        parts = {name: values[quantity] for name, values in one.fit.parts_ppm.items()}
-        for name, value in (parts | {"combined": one.fit.std_ppm[quantity]}).items():
+    for fitted in fits:
+        kind = campaign.channel(fitted.group.channel).kind
+        quantity = "dsf_n" if "dsf_n" in fitted.fit.value_ppm else "dsf_mean"
+        parts = {name: values[quantity] for name, values in fitted.fit.parts_ppm.items()}
+        for name, value in (parts | {"combined": fitted.fit.std_ppm[quantity]}).items():
             place = kind, "dsf_n, dsf_p" if quantity == "dsf_n" else quantity, name
             largest[place] = max(largest.get(place, 0.0), value)
     return [

@@ -50,16 +50,16 @@ class ReadingSet:
 
 def reading_sets(readings: Iterable[Reading]) -> list[ReadingSet]:
     """Sets in the order of time; a reading that was flagged (no value) is left out, an empty set too."""
-    found: list[ReadingSet] = []
-    for one in sorted(readings, key=lambda one: one.t_s):
-        if one.role != METER or not isinstance(one.value, (int, float)) or not math.isfinite(one.value):
+    sets: list[ReadingSet] = []
+    for reading in sorted(readings, key=lambda reading: reading.t_s):
+        if reading.role != METER or not isinstance(reading.value, (int, float)) or not math.isfinite(reading.value):
             continue
-        if one.name == CONFIGURE:
-            found.append(ReadingSet(float(one.value), dict(one.conditions), one.t_s, one.t_s))
-        elif one.name == MEASURE and found:
-            found[-1].values_A.append(float(one.value))
-            found[-1].end_s = one.t_s
-    return [one for one in found if one.values_A]
+        if reading.name == CONFIGURE:
+            sets.append(ReadingSet(float(reading.value), dict(reading.conditions), reading.t_s, reading.t_s))
+        elif reading.name == MEASURE and sets:
+            sets[-1].values_A.append(float(reading.value))
+            sets[-1].end_s = reading.t_s
+    return [reading_set for reading_set in sets if reading_set.values_A]
 
 
 class MeterLog:
@@ -70,13 +70,13 @@ class MeterLog:
 
     def __init__(self, rows: Sequence[RecordRow], readings: Iterable[Reading]) -> None:
         sets = reading_sets(readings)
-        self._zeros = [one for one in sets if ZERO in one.conditions]
-        points = [one for one in sets if not {ZERO, CHECK} & one.conditions.keys()]
+        self._zeros = [reading_set for reading_set in sets if ZERO in reading_set.conditions]
+        points = [reading_set for reading_set in sets if not {ZERO, CHECK} & reading_set.conditions.keys()]
         self._of: dict[int, ReadingSet] = {}
         before_s = -np.inf
         for row in sorted(rows, key=lambda row: row.window.t_start_ns):
             begin_s = 1e-9 * row.window.t_start_ns
-            own = [one for one in points if before_s <= one.begin_s and one.end_s <= begin_s]
+            own = [point for point in points if before_s <= point.begin_s and point.end_s <= begin_s]
             if own:
                 self._of[row.window.number] = own[-1]
             before_s = 1e-9 * row.window.t_end_ns
@@ -97,11 +97,11 @@ class MeterLog:
 
     def _zero(self, own: ReadingSet) -> ReadingSet | None:
         """Return the zero of a range last measured before a set, else the first after it."""
-        same = [one for one in self._zeros if abs(one.range_A - own.range_A) <= 1e-6 * own.range_A]
-        earlier = [one for one in same if one.end_s <= own.begin_s]
+        same = [zero for zero in self._zeros if abs(zero.range_A - own.range_A) <= 1e-6 * own.range_A]
+        earlier = [zero for zero in same if zero.end_s <= own.begin_s]
         return earlier[-1] if earlier else next(iter(same), None)
 
     @property
     def zeros_A(self) -> dict[float, tuple[float, float]]:
         """Last zero of each range with its standard uncertainty, ampere, for the report."""
-        return {one.range_A: (one.mean_A, one.std_A) for one in self._zeros}
+        return {zero.range_A: (zero.mean_A, zero.std_A) for zero in self._zeros}

@@ -135,7 +135,7 @@ def _profiled(t_s: Array, columns: Array, unit: tuple[float, float, float]) -> t
 
 def _restricted(t_s: Array, columns: Array, place: Array) -> float:
     """Minus the restricted log-likelihood, up to a constant."""
-    white, slow, time_s = (float(one) for one in np.exp(place))
+    white, slow, time_s = (float(value) for value in np.exp(place))
     log_volume, square = _volume_and_square(t_s, columns, (white, slow, time_s))
     return log_volume + square / 2.0
 
@@ -153,9 +153,9 @@ def _spread(cost: Callable[[Array], float], place: Array) -> Array:
     steps = np.eye(place.size) * _STEP
     curvature = np.empty((place.size, place.size))
     for i, j in combinations_with_replacement(range(place.size), 2):
-        one, other = steps[i], steps[j]
-        corners = cost(place + one + other) - cost(place + one - other)
-        corners -= cost(place - one + other) - cost(place - one - other)
+        step, other = steps[i], steps[j]
+        corners = cost(place + step + other) - cost(place + step - other)
+        corners -= cost(place - step + other) - cost(place - step - other)
         curvature[i, j] = curvature[j, i] = corners / (4.0 * _STEP**2)
     values, vectors = np.linalg.eigh(curvature)
     return np.asarray((vectors / np.maximum(values, 1.0)) @ vectors.T)

@@ -42,7 +42,7 @@ _CONTRASTS = {"dsf_n": (1.0, 0.0), "dsf_p": (0.0, 1.0), "dsf_asymmetry": (1.0, -
 
 @dataclass(frozen=True)
 class Meter:
-    """What the meter said beside each row, (m,) each; positive, whatever the switch does behind it."""
+    """Readings of the meter beside each row, (m,) each; positive, whatever the switch does behind it."""
 
     current_A: Array  # mean of the readings, minus the zero of the range where it was measured
     std_A: Array  # noise of that mean
@@ -287,8 +287,10 @@ def _result(problem: _Problem, solution: _Solution, usable: NDArray[np.bool_]) -
         parts.setdefault("gain of the meter's ranges", {})[name] = gain
         parts.setdefault("traceability of the meter", {})[name] = _PPM * abs(float(operator @ problem.traceability_A))
     return DmmScaleFactor(
-        value_ppm={name: _PPM * float(one @ problem.readings_A) for name, one in solution.operators.items()},
-        std_ppm={name: float(np.sqrt(sum(one[name] ** 2 for one in parts.values()))) for name in solution.operators},
+        value_ppm={name: _PPM * float(operator @ problem.readings_A) for name, operator in solution.operators.items()},
+        std_ppm={
+            name: float(np.sqrt(sum(part_ppm[name] ** 2 for part_ppm in parts.values()))) for name in solution.operators
+        },
         parts_ppm=parts,
         condition=solution.condition,
         refusal=solution.refusal,

@@ -91,9 +91,9 @@ def block_means(t_s: Array, count: int) -> Blocks:
     Source:  see the module.
     """
     length_s = (float(t_s[-1] - t_s[0]) or 1.0) * (1.0 + 1e-9) / count
-    found, member = np.unique(((t_s - t_s[0]) // length_s).astype(np.int64), return_inverse=True)
+    number, member = np.unique(((t_s - t_s[0]) // length_s).astype(np.int64), return_inverse=True)
     size = np.bincount(member).astype(np.float64)
-    start_s = t_s[0] + found * length_s
+    start_s = t_s[0] + number * length_s
     return Blocks(member, size, start_s, start_s + length_s, np.bincount(member, t_s) / size)
 
 
@@ -124,8 +124,8 @@ def fit_drift(
     basis, triangle = np.linalg.qr(design)
     fit = solve(triangle, basis.T @ readings, np.eye(triangle.shape[0]), _NAMES)
     residual = readings - design @ fit.parameters
-    found = fit_noise(blocks.middle_s, readings, design) if noise is None else noise
-    return DriftFit(_NAMES, fit.parameters, fit.operator @ basis.T, residual, found, blocks.middle_s)
+    noise_used = fit_noise(blocks.middle_s, readings, design) if noise is None else noise
+    return DriftFit(_NAMES, fit.parameters, fit.operator @ basis.T, residual, noise_used, blocks.middle_s)
 
 
 def branch_differences(
@@ -137,17 +137,17 @@ def branch_differences(
              the ramp up and of the ramp down.   at_degC: temperatures; one without blocks on both is left out.
     Source:  difference of the means within half a degree.
     """
-    found = []
+    differences = []
     for at in at_degC:
         near = [ramp[np.abs(temperature_degC[ramp] - at) <= 0.5] for ramp in ramps]
-        if not all(one.size for one in near):
+        if not all(blocks.size for blocks in near):
             continue
         weights = np.zeros_like(readings)
         weights[near[0]], weights[near[1]] = 1.0 / near[0].size, -1.0 / near[1].size
         variance, dof = drift.noise.variance_of(weights, drift.middle_s)
         n = int(near[0].size + near[1].size)
-        found.append(BranchDifference(at, float(np.sum(weights * readings)), float(np.sqrt(variance)), dof, n))
-    return found
+        differences.append(BranchDifference(at, float(np.sum(weights * readings)), float(np.sqrt(variance)), dof, n))
+    return differences
 
 
 @dataclass(frozen=True)

@@ -65,8 +65,8 @@ def series_covariance(
     """
     times = np.asarray(times_s, dtype=np.float64)
     gate, quantum, joined, parabolic = (
-        np.broadcast_to(one, times.shape)
-        for one in (
+        np.broadcast_to(column, times.shape)
+        for column in (
             np.asarray(gate_s, dtype=np.float64),
             np.asarray(q_C, dtype=np.float64),
             np.asarray(contiguous, dtype=np.bool_),

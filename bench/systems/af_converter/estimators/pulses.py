@@ -113,16 +113,18 @@ def stack_records(
         first_counter=first,
         frames=frames,
         lost=lost,
-        gate_s=np.array([int(one["master_count"]) for one in sums]) / master_Hz,
-        af_count=np.array([int(one["af_clock"]) for one in sums], dtype=np.float64),
-        timed=np.array([bool(one) for one in timing]) & (lost == 0),
+        gate_s=np.array([int(record["master_count"]) for record in sums]) / master_Hz,
+        af_count=np.array([int(record["af_clock"]) for record in sums], dtype=np.float64),
+        timed=np.array([bool(record) for record in timing]) & (lost == 0),
         n=_pulses("npp", sums, timing),
         p=_pulses("ppp", sums, timing),
     )
 
 
 def _pulses(name: str, sums: Sequence[Mapping[str, Any]], timing: Sequence[Mapping[str, Any]]) -> Pulses:
-    count = np.array([one[name] for one in sums], dtype=np.int64)
+    count = np.array([record[name] for record in sums], dtype=np.int64)
     empty = np.full(count.shape[1:], -1, dtype=np.int64)
-    columns = {key: np.array([one.get(f"{name}.{key}", empty) for one in timing], dtype=np.int64) for key in TIMING}
+    columns = {
+        key: np.array([record.get(f"{name}.{key}", empty) for record in timing], dtype=np.int64) for key in TIMING
+    }
     return Pulses(count, **columns)

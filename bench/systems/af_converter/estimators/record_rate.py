@@ -273,14 +273,14 @@ def record_rates(records: PulseRecords, converters: PulseConverters, only: str |
     Source:  AF-converter paper equation (1); variances as each estimator states them.
     """
     names = list(_ESTIMATORS) if only is None else [only]
-    found = [_ESTIMATORS[name](records, converters) for name in names]
-    std = np.stack([one.std_uncertainty_A for one in found])
+    estimates = [_ESTIMATORS[name](records, converters) for name in names]
+    std = np.stack([estimate.std_uncertainty_A for estimate in estimates])
     std = np.where(np.isfinite(std), std, np.inf)
     if only is None:  # the count alone is the last resort
         std[0] = np.where(np.isfinite(std[1:]).any(axis=0), np.inf, std[0])
     best = np.argmin(std, axis=0)
     fields = {
-        name: np.take_along_axis(np.stack([getattr(one, name) for one in found]), best[None], axis=0)[0]
+        name: np.take_along_axis(np.stack([getattr(estimate, name) for estimate in estimates]), best[None], axis=0)[0]
         for name in RateEstimate.__dataclass_fields__
     }
     estimator = np.array(names)[best]

@@ -120,13 +120,15 @@ def _reference(
     common_relative: tuple[float, ...],
 ) -> Array:
     """Current of the calibrator (trials, m): common gain, one offset per range, one linearity error per level."""
-    effects = [rows.level_A * np.array([specification(standard, float(one)).relative / 2.0 for one in rows.range_A])]
+    effects = [
+        rows.level_A * np.array([specification(standard, float(range_A)).relative / 2.0 for range_A in rows.range_A])
+    ]
     effects += [rows.level_A * std for std in common_relative]
     for full_A in np.unique(rows.range_A):
         sigma_A = specification(standard, float(full_A)).floor_A / 2.0
         inside = rows.range_A == full_A
         levels_A = np.unique(rows.level_A[inside & (rows.level_A > 0)])
-        effects += [sigma_A * inside, *(sigma_A * (inside & (rows.level_A == one)) for one in levels_A)]
+        effects += [sigma_A * inside, *(sigma_A * (inside & (rows.level_A == level_A)) for level_A in levels_A)]
     error_A = _times(generator.standard_normal((trials, len(effects))), np.array(effects).T)
     return np.asarray(reference_current_A(rows, standard) + rows.polarity * error_A)
 
@@ -144,15 +146,15 @@ def _refit(transform: Array, rows: Readings, n_A: Array, p_A: Array, readings_A:
     offsets = offsets[:, np.linalg.norm(offsets, axis=0) > 1e-9 * np.linalg.norm(transform)]  # subtracted zeros: none
     offsets /= np.linalg.norm(offsets, axis=0)
     counted = [_times(n_A, transform), _times(-p_A, transform)]
-    lengths = [float(np.linalg.norm(one[0])) for one in counted]
-    counted = [one / length for one, length in zip(counted, lengths, strict=True)]
+    lengths = [float(np.linalg.norm(column[0])) for column in counted]
+    counted = [column / length for column, length in zip(counted, lengths, strict=True)]
     readings = _times(readings_A, transform)
     normal = np.empty((n_A.shape[0], 2 + offsets.shape[1], 2 + offsets.shape[1]))
     right = np.empty(normal.shape[:2])
-    for row, one in enumerate(counted):
-        normal[:, row, :2] = np.column_stack([np.einsum("ti,ti->t", one, other) for other in counted])
-        normal[:, row, 2:] = normal[:, 2:, row] = _times(one, offsets.T)
-        right[:, row] = np.einsum("ti,ti->t", one, readings)
+    for row, column in enumerate(counted):
+        normal[:, row, :2] = np.column_stack([np.einsum("ti,ti->t", column, other) for other in counted])
+        normal[:, row, 2:] = normal[:, 2:, row] = _times(column, offsets.T)
+        right[:, row] = np.einsum("ti,ti->t", column, readings)
     normal[:, 2:, 2:] = offsets.T @ offsets
     right[:, 2:] = _times(readings, offsets.T)
     return np.asarray(np.linalg.solve(normal, right[..., None])[:, :2, 0] / np.array(lengths))

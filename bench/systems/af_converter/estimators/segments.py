@@ -68,9 +68,10 @@ def branches(t_s: Array, segments: list[Segment]) -> NDArray[np.int64]:
     Returns: (k,).
     Source:  see the module.
     """
-    ends = np.array([one.end_s for one in segments[:-1]])
+    ends = np.array([segment.end_s for segment in segments[:-1]])
     signs = {name: sign for sign, name in _NAMES.items()}
-    return np.array([signs[one.kind] for one in segments], dtype=np.int64)[np.searchsorted(ends, t_s, side="right")]
+    directions = np.array([signs[segment.kind] for segment in segments], dtype=np.int64)
+    return directions[np.searchsorted(ends, t_s, side="right")]
 
 
 def _bin_means(t_s: Array, values: Array, step_s: float) -> tuple[Array, Array]:
@@ -148,15 +149,15 @@ def _joined(inner: list[Segment], first_s: float, last_s: float) -> list[Segment
         meet = low + gap / slope if slope else low
         corners.append(float(np.clip(meet, low - (high - low) / 2, high + (high - low) / 2)))
     corners.append(last_s)
-    return [_carried(one, a, b) for one, a, b in zip(inner, corners[:-1], corners[1:], strict=True)]
+    return [_carried(segment, a, b) for segment, a, b in zip(inner, corners[:-1], corners[1:], strict=True)]
 
 
-def _carried(one: Segment, start_s: float, end_s: float) -> Segment:
-    slope = one.rate_degC_h / 3600.0
+def _carried(segment: Segment, start_s: float, end_s: float) -> Segment:
+    slope = segment.rate_degC_h / 3600.0
     return replace(
-        one,
+        segment,
         start_s=start_s,
         end_s=end_s,
-        start_degC=one.start_degC + slope * (start_s - one.start_s),
-        end_degC=one.end_degC + slope * (end_s - one.end_s),
+        start_degC=segment.start_degC + slope * (start_s - segment.start_s),
+        end_degC=segment.end_degC + slope * (end_s - segment.end_s),
     )

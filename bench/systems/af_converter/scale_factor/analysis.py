@@ -96,25 +96,25 @@ def residuals(groups: Iterable[GroupFit], campaign: Campaign) -> list[dict[str, 
 
     ``current_A`` is signed; ``residual_ppm`` and ``std_ppm`` are NaN for zero rows.
     """
-    found = []
-    for one in groups:
-        conditions = conditions_of(one.group, one.fit.unit_temperature_degC, campaign)
-        rows = one.group.closed
-        for index, number in enumerate(one.group.numbers):
+    entries = []
+    for visit in groups:
+        conditions = conditions_of(visit.group, visit.fit.unit_temperature_degC, campaign)
+        rows = visit.group.closed
+        for index, number in enumerate(visit.group.numbers):
             level_A = float(rows.level_A[index])
             to_ppm = 1e6 / level_A if level_A else float("nan")
-            found.append(
+            entries.append(
                 {
                     "number": number,
-                    "channel": one.group.channel,
+                    "channel": visit.group.channel,
                     "kind": conditions["kind"],
-                    "temperature_degC": one.group.temperature_degC,
-                    "repeat": one.group.repeat,
+                    "temperature_degC": visit.group.temperature_degC,
+                    "repeat": visit.group.repeat,
                     "current_A": float(rows.polarity[index]) * level_A,
                     "range_A": float(rows.range_A[index]),
-                    "residual_A": float(one.fit.residual_A[index]),
-                    "residual_ppm": float(one.fit.residual_A[index]) * to_ppm,
-                    "std_ppm": float(one.fit.std_A[index]) * to_ppm,
+                    "residual_A": float(visit.fit.residual_A[index]),
+                    "residual_ppm": float(visit.fit.residual_A[index]) * to_ppm,
+                    "std_ppm": float(visit.fit.std_A[index]) * to_ppm,
                 }
             )
-    return found
+    return entries

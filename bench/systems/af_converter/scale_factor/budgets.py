@@ -214,15 +214,15 @@ def _interval(low: float, high: float) -> str:
 def components(fitted: Fitted, campaign: Campaign, standards: Standards) -> list[dict[str, Any]]:
     """Budget of dsf_n and dsf_p per kind of channel: largest standard uncertainty over channels and temperatures."""
     largest: dict[tuple[str, str], float] = {}
-    for one in fitted.groups:
-        kind = campaign.channel(one.group.channel).kind
-        sensor_ppm = sensor_effect_ppm(one, fitted, campaign)
-        parts = {name: float(np.max(values)) for name, values in one.fit.parts_ppm.items()}
-        parts["calibrator gain, common to all rows"] = float(np.max(np.abs(one.fit.gain_ppm)))
+    for visit in fitted.groups:
+        kind = campaign.channel(visit.group.channel).kind
+        sensor_ppm = sensor_effect_ppm(visit, fitted, campaign)
+        parts = {name: float(np.max(values)) for name, values in visit.fit.parts_ppm.items()}
+        parts["calibrator gain, common to all rows"] = float(np.max(np.abs(visit.fit.gain_ppm)))
         parts["calibrator traceability"] = (standards.traceability or 0.0) * 1e6
         parts["calibrator drift over the campaign"] = (standards.drift or 0.0) * 1e6
         parts["temperature sensor of the unit"] = float(np.max(np.abs(sensor_ppm)))
-        variance = np.diag(one.fit.covariance_ppm2) + one.fit.gain_ppm**2 + standards.common_relative_ppm**2
+        variance = np.diag(visit.fit.covariance_ppm2) + visit.fit.gain_ppm**2 + standards.common_relative_ppm**2
         parts["combined"] = float(np.sqrt(np.max(variance + sensor_ppm**2)))
         for name, value in parts.items():
             largest[kind, name] = max(largest.get((kind, name), 0.0), value)

@@ -1,4 +1,4 @@
-"""What has changed during a campaign: first visits and repeats of a channel, and what the session itself says of the
+"""Changes during a campaign: first visits and repeats of a channel, and what the session itself says of the
 calibrator's drift by a meter before and after the campaign or by the closing repeat.
 
 Decision: docs/decisions/0007-dmm-method.md.
@@ -59,8 +59,8 @@ def calibrator_drift(
     """Drift of the calibrator by the meter, where it was read before and after, else by the closing repeat."""
     begin_s = 1e-9 * min(row.window.t_start_ns for row in rows)
     end_s = 1e-9 * max(row.window.t_end_ns for row in rows)
-    checks = [one for one in reading_sets(readings) if CHECK in one.conditions]
-    seen = [one for one in checks if abs(one.mean_A - _level(one)) <= _IN_THE_LOOP * _level(one)]
+    checks = [check for check in reading_sets(readings) if CHECK in check.conditions]
+    seen = [check for check in checks if abs(check.mean_A - _level(check)) <= _IN_THE_LOOP * _level(check)]
     by_meter = _by_meter(seen, begin_s, end_s)
     if len(seen) < len(checks):
         said = f"{len(checks) - len(seen)} of {len(checks)} checks by the meter left out: it did not see the current."
@@ -73,34 +73,34 @@ def calibrator_drift(
 
 
 def _by_meter(checks: Sequence[ReadingSet], begin_s: float, end_s: float) -> CalibratorDrift:
-    before = {_level(one): one for one in checks if one.end_s <= begin_s}
-    after = {_level(one): one for one in checks if one.begin_s >= end_s}
-    found = []
+    before = {_level(check): check for check in checks if check.end_s <= begin_s}
+    after = {_level(check): check for check in checks if check.begin_s >= end_s}
+    entries = []
     for level_A in sorted(before.keys() & after.keys()):
         first, last = before[level_A], after[level_A]
         value_ppm = _PPM * (last.mean_A - first.mean_A) / level_A
         std_ppm = _PPM * float(np.hypot(first.std_A, last.std_A)) / level_A
         conditions = {"check": METER_CHECK, "current_A": level_A, "hours": (last.end_s - first.begin_s) / _HOUR_S}
         counted = len(first.values_A) + len(last.values_A)
-        found.append(estimate("calibrator_drift", "ppm", value_ppm, std_ppm, conditions, n=counted))
-    if not found:
+        entries.append(estimate("calibrator_drift", "ppm", value_ppm, std_ppm, conditions, n=counted))
+    if not entries:
         said = "The calibrator was checked by the meter on one side of the campaign only; that tells no drift."
         return CalibratorDrift(notes=[said] if checks else [])
-    widest = max(found, key=_bound_ppm)
+    widest = max(entries, key=_bound_ppm)
     note = (
         f"Drift of the calibrator by the meter before and after, {widest['conditions']['hours']:.1f} h apart: at most "
         f"{widest['value']:+.2f} ppm with an expanded uncertainty of {widest['expanded_uncertainty']:.2f} ppm (at "
         f"{1e3 * widest['conditions']['current_A']:g} mA); the meter is taken to be steady meanwhile."
     )
-    return CalibratorDrift(_bound_ppm(widest), METER_CHECK, found, [note])
+    return CalibratorDrift(_bound_ppm(widest), METER_CHECK, entries, [note])
 
 
-def _level(one: ReadingSet) -> float:
-    return float(one.conditions[CHECK])
+def _level(check: ReadingSet) -> float:
+    return float(check.conditions[CHECK])
 
 
-def _bound_ppm(one: dict[str, Any]) -> float:
-    return float(abs(one["value"]) + one["expanded_uncertainty"])
+def _bound_ppm(entry: dict[str, Any]) -> float:
+    return float(abs(entry["value"]) + entry["expanded_uncertainty"])
 
 
 def _by_repeat(pairs: Sequence[Pair], fitted: Fitted, campaign_s: float) -> CalibratorDrift:
@@ -109,7 +109,7 @@ def _by_repeat(pairs: Sequence[Pair], fitted: Fitted, campaign_s: float) -> Cali
     A change that is seen is taken to have gone on steadily through the campaign; one that is not seen is bounded for
     the time between the visits alone, and the note says what could have passed unseen.
     """
-    found, bounds_ppm, notes = [], [], []
+    entries, bounds_ppm, notes = [], [], []
     for start, again in pairs:
         change, covariance = change_ppm(start, again, fitted)
         mean = np.array([-0.5, -0.5])
@@ -121,38 +121,38 @@ def _by_repeat(pairs: Sequence[Pair], fitted: Fitted, campaign_s: float) -> Cali
             "hours": between_s / _HOUR_S,
         }
         std_ppm = float(np.sqrt(mean @ covariance @ mean))
-        one = estimate("calibrator_drift", "ppm", float(mean @ change), std_ppm, conditions, n=again.fit.n)
-        found.append(one)
+        entry = estimate("calibrator_drift", "ppm", float(mean @ change), std_ppm, conditions, n=again.fit.n)
+        entries.append(entry)
         scale = max(1.0, campaign_s / between_s) if between_s > 0 else 1.0
-        seen = abs(one["value"]) > one["expanded_uncertainty"]
-        bounds_ppm.append(_bound_ppm(one) * (scale if seen else 1.0))
-        notes.append(_repeat_note(one, scale, campaign_s, seen))
-    return CalibratorDrift(max(bounds_ppm, default=None), CLOSING_REPEAT, found, notes)
+        seen = abs(entry["value"]) > entry["expanded_uncertainty"]
+        bounds_ppm.append(_bound_ppm(entry) * (scale if seen else 1.0))
+        notes.append(_repeat_note(entry, scale, campaign_s, seen))
+    return CalibratorDrift(max(bounds_ppm, default=None), CLOSING_REPEAT, entries, notes)
 
 
-def _repeat_note(one: dict[str, Any], scale: float, campaign_s: float, seen: bool) -> str:
-    where, value_ppm = one["conditions"], one["value"]
+def _repeat_note(entry: dict[str, Any], scale: float, campaign_s: float, seen: bool) -> str:
+    where, value_ppm = entry["conditions"], entry["value"]
     what = (
         f"Closing repeat of channel {where['channel']}: calibrator and unit changed by {value_ppm:+.2f} ppm in "
-        f"{where['hours']:.1f} h, expanded uncertainty {one['expanded_uncertainty']:.2f} ppm"
+        f"{where['hours']:.1f} h, expanded uncertainty {entry['expanded_uncertainty']:.2f} ppm"
     )
     hours = campaign_s / _HOUR_S
     if seen:
         return f"{what}; carried on to {hours:.1f} h, this is the drift of the calibrator in the budget."
-    unseen_ppm = scale * one["expanded_uncertainty"]
+    unseen_ppm = scale * entry["expanded_uncertainty"]
     return f"{what}; none is seen. A steady drift of less than {unseen_ppm:.1f} ppm in {hours:.1f} h would not be."
 
 
 def _compared(by_meter: CalibratorDrift, by_repeat: CalibratorDrift) -> list[str]:
     """Return whether the closing repeat shows more than the meter did: then it is the unit that changed."""
     hours = by_meter.estimates[0]["conditions"]["hours"]
-    mean_ppm = float(np.mean([one["value"] for one in by_meter.estimates]))
+    mean_ppm = float(np.mean([entry["value"] for entry in by_meter.estimates]))
     notes = []
-    for one in by_repeat.estimates:
-        rest_ppm = one["value"] - mean_ppm * one["conditions"]["hours"] / hours
-        if abs(rest_ppm) > one["expanded_uncertainty"]:
+    for entry in by_repeat.estimates:
+        rest_ppm = entry["value"] - mean_ppm * entry["conditions"]["hours"] / hours
+        if abs(rest_ppm) > entry["expanded_uncertainty"]:
             notes.append(
-                f"Closing repeat of channel {one['conditions']['channel']}: {rest_ppm:+.2f} ppm are not explained by "
+                f"Closing repeat of channel {entry['conditions']['channel']}: {rest_ppm:+.2f} ppm are not explained by "
                 "the calibrator as the meter saw it; the unit itself has changed."
             )
     return notes
@@ -163,28 +163,30 @@ def repeats(fitted: Fitted, campaign: Campaign, standards: Standards, method: st
 
     With other points in one of them, such as more zeros, the errors of the calibrator would not cancel.
     """
-    first = {(one.group.channel, one.group.temperature_degC): one for one in fitted.groups if one.group.repeat == 0}
-    found = []
-    for again in (one for one in fitted.groups if one.group.repeat):
+    first = {
+        (visit.group.channel, visit.group.temperature_degC): visit for visit in fitted.groups if visit.group.repeat == 0
+    }
+    pairs = []
+    for again in (visit for visit in fitted.groups if visit.group.repeat):
         start = first.get((again.group.channel, again.group.temperature_degC))
         if start is None:
             continue
         sides = ((start, again), (again, start))
-        both = [_common(one, other, fitted, campaign, standards, method) for one, other in sides]
-        found.append((both[0], both[1]))
-    return found
+        both = [_common(visit, other, fitted, campaign, standards, method) for visit, other in sides]
+        pairs.append((both[0], both[1]))
+    return pairs
 
 
 def _common(
-    one: GroupFit, other: GroupFit, fitted: Fitted, campaign: Campaign, standards: Standards, method: str
+    visit: GroupFit, other: GroupFit, fitted: Fitted, campaign: Campaign, standards: Standards, method: str
 ) -> GroupFit:
     """Return a group fitted by its points that the other group has too; as it was if that is all, or too few."""
     theirs = set(_points(other.group.closed))
-    kept = np.array([point in theirs for point in _points(one.group.closed)])
+    kept = np.array([point in theirs for point in _points(visit.group.closed)])
     if kept.all():
-        return one
-    fit = refit(one, kept, fitted, campaign, standards, method)
-    return one if fit is None else replace(one, fit=fit)
+        return visit
+    fit = refit(visit, kept, fitted, campaign, standards, method)
+    return visit if fit is None else replace(visit, fit=fit)
 
 
 def _points(rows: Readings) -> list[tuple[float, float, float]]:
@@ -209,7 +211,7 @@ def change_ppm(start: GroupFit, again: GroupFit, fitted: Fitted) -> tuple[Array,
 
 def drift_estimates(pairs: list[Pair], fitted: Fitted, campaign: Campaign) -> list[dict[str, Any]]:
     """Repeat minus first visit of a channel, at the temperature of the first; everything common cancels."""
-    found = []
+    entries = []
     for start, again in pairs:
         change, covariance = change_ppm(start, again, fitted)
         for index, quantity in enumerate(QUANTITIES):
@@ -217,5 +219,5 @@ def drift_estimates(pairs: list[Pair], fitted: Fitted, campaign: Campaign) -> li
                 "repeat": again.group.repeat
             }
             std_ppm = float(np.sqrt(covariance[index, index]))
-            found.append(estimate(f"{quantity}_drift", "ppm", change[index], std_ppm, conditions, n=again.fit.n))
-    return found
+            entries.append(estimate(f"{quantity}_drift", "ppm", change[index], std_ppm, conditions, n=again.fit.n))
+    return entries

@@ -25,52 +25,58 @@ if TYPE_CHECKING:
 _PPM = 1e6
 
 
-def sensor_effect_ppm(one: GroupFit, fitted: Fitted, campaign: Campaign) -> np.ndarray[Any, np.dtype[np.float64]]:
+def sensor_effect_ppm(visit: GroupFit, fitted: Fitted, campaign: Campaign) -> np.ndarray[Any, np.dtype[np.float64]]:
     """Signed effect (2,) on DSF_N, DSF_P of one standard deviation of the unit's temperature sensor, ppm.
 
     A result says at which unit temperature it holds; a wrong thermometer makes it the result of another temperature.
     Zero while the coefficients of the channel or the uncertainty of the sensor are not known; a note says so.
     """
-    slopes = fitted.slopes_ppm_degC(one.group.channel, one.fit.unit_temperature_degC)
+    slopes = fitted.slopes_ppm_degC(visit.group.channel, visit.fit.unit_temperature_degC)
     return np.array(slopes) * campaign.sensor_std_degC
 
 
-def scale_factor_std_ppm(one: GroupFit, standards: Standards, index: int) -> float:
+def scale_factor_std_ppm(visit: GroupFit, standards: Standards, index: int) -> float:
     """Standard uncertainty of DSF_N (index 0) or DSF_P (1) with the calibrator's gain, without the sensor's part."""
-    variance = one.fit.covariance_ppm2[index, index] + one.fit.gain_ppm[index] ** 2 + standards.common_relative_ppm**2
+    variance = (
+        visit.fit.covariance_ppm2[index, index] + visit.fit.gain_ppm[index] ** 2 + standards.common_relative_ppm**2
+    )
     return float(np.sqrt(variance))
 
 
 def scale_factor_estimates(
-    one: GroupFit, fitted: Fitted, campaign: Campaign, standards: Standards
+    visit: GroupFit, fitted: Fitted, campaign: Campaign, standards: Standards
 ) -> list[dict[str, Any]]:
     """dsf_n, dsf_p with the calibrator's common gain added, and dsf_asymmetry, where the gain cancels."""
-    conditions, fit = conditions_of(one.group, one.fit.unit_temperature_degC, campaign), one.fit
-    sensor_ppm = sensor_effect_ppm(one, fitted, campaign)
-    counted = {"n": fit.n, "dropped": one.group.dropped + fit.dropped}
-    found = []
+    conditions, fit = conditions_of(visit.group, visit.fit.unit_temperature_degC, campaign), visit.fit
+    sensor_ppm = sensor_effect_ppm(visit, fitted, campaign)
+    counted = {"n": fit.n, "dropped": visit.group.dropped + fit.dropped}
+    entries = []
     for index, quantity in enumerate(QUANTITIES):
-        std_ppm = float(np.hypot(scale_factor_std_ppm(one, standards, index), sensor_ppm[index]))
-        found.append(estimate(quantity, "ppm", fit.dsf_ppm[index], std_ppm, conditions, **counted))
+        std_ppm = float(np.hypot(scale_factor_std_ppm(visit, standards, index), sensor_ppm[index]))
+        entries.append(estimate(quantity, "ppm", fit.dsf_ppm[index], std_ppm, conditions, **counted))
     contrast = np.array([1.0, -1.0])
     variance = contrast @ fit.covariance_ppm2 @ contrast + (contrast @ fit.gain_ppm) ** 2 + (contrast @ sensor_ppm) ** 2
     value_ppm = float(contrast @ fit.dsf_ppm)
-    found.append(estimate("dsf_asymmetry", "ppm", value_ppm, float(np.sqrt(variance)), conditions, **counted))
-    return found
+    entries.append(estimate("dsf_asymmetry", "ppm", value_ppm, float(np.sqrt(variance)), conditions, **counted))
+    return entries
 
 
-def bias_estimates(one: GroupFit, fitted: Fitted, campaign: Campaign) -> list[dict[str, Any]]:
+def bias_estimates(visit: GroupFit, fitted: Fitted, campaign: Campaign) -> list[dict[str, Any]]:
     """Bias of the open row: diagnostic only, it never enters the compensation (paper, end of section 3.3)."""
-    if one.bias is None:
+    if visit.bias is None:
         return []
-    at_degC = one.bias.unit_temperature_degC
-    polynomial = fitted.polynomials.get(("bias", one.group.channel))
+    at_degC = visit.bias.unit_temperature_degC
+    polynomial = fitted.polynomials.get(("bias", visit.group.channel))
     slope_A_degC = polynomial.slope(at_degC) if polynomial else 0.0
-    thermal_degC = np.hypot(campaign.sensor_std_degC, np.max(one.group.opened.temperature_std_degC))
-    std_A = float(np.hypot(one.bias.std_uncertainty_A, slope_A_degC * thermal_degC))
-    conditions = conditions_of(one.group, one.fit.unit_temperature_degC, campaign) | {"unit_temperature_degC": at_degC}
-    rows = one.group.opened.gate_s.size
-    return [estimate("bias", "A", one.bias.value_A, std_A, conditions, n=rows, dropped=one.group.open_planned - rows)]
+    thermal_degC = np.hypot(campaign.sensor_std_degC, np.max(visit.group.opened.temperature_std_degC))
+    std_A = float(np.hypot(visit.bias.std_uncertainty_A, slope_A_degC * thermal_degC))
+    conditions = conditions_of(visit.group, visit.fit.unit_temperature_degC, campaign) | {
+        "unit_temperature_degC": at_degC
+    }
+    rows = visit.group.opened.gate_s.size
+    return [
+        estimate("bias", "A", visit.bias.value_A, std_A, conditions, n=rows, dropped=visit.group.open_planned - rows)
+    ]
 
 
 def residual_estimates(fitted: Fitted, campaign: Campaign, standards: Standards) -> list[dict[str, Any]]:
@@ -81,18 +87,20 @@ def residual_estimates(fitted: Fitted, campaign: Campaign, standards: Standards)
     temperature sensor does not, because the compensation reads the same sensor. There is no such estimate for a channel
     with as few temperatures as coefficients: the polynomial would pass through every point.
     """
-    found = []
+    entries = []
     for (quantity, channel), polynomial in fitted.polynomials.items():
         visits = fitted.visits(channel)
         if quantity not in QUANTITIES or len(visits) <= polynomial.coefficients.size:
             continue
         limit = campaign.channel(channel).stability_limit_ppm
-        for one, value_ppm in zip(visits, polynomial.residual, strict=True):
-            std_ppm = scale_factor_std_ppm(one, standards, QUANTITIES.index(quantity))
-            conditions, name = conditions_of(one.group, one.fit.unit_temperature_degC, campaign), f"{quantity}_residual"
-            counted = {"n": one.fit.n, "dropped": one.group.dropped + one.fit.dropped}
-            found.append(estimate(name, "ppm", float(value_ppm), std_ppm, conditions, limit=limit, **counted))
-    return found
+        for visit, value_ppm in zip(visits, polynomial.residual, strict=True):
+            std_ppm = scale_factor_std_ppm(visit, standards, QUANTITIES.index(quantity))
+            conditions = conditions_of(visit.group, visit.fit.unit_temperature_degC, campaign)
+            counted = {"n": visit.fit.n, "dropped": visit.group.dropped + visit.fit.dropped}
+            entries.append(
+                estimate(f"{quantity}_residual", "ppm", float(value_ppm), std_ppm, conditions, limit=limit, **counted)
+            )
+    return entries
 
 
 def change_estimates(estimates: Iterable[dict[str, Any]], campaign: Campaign) -> list[dict[str, Any]]:
@@ -100,8 +108,8 @@ def change_estimates(estimates: Iterable[dict[str, Any]], campaign: Campaign) ->
 
     Both uncertainties count in full: nothing says that the two calibrations shared a standard.
     """
-    earlier = {_place(one): one for one in campaign.previous if one.get("quantity") in QUANTITIES}
-    found = []
+    earlier = {_place(entry): entry for entry in campaign.previous if entry.get("quantity") in QUANTITIES}
+    entries = []
     for now in estimates:
         then = earlier.get(_place(now))
         if now["quantity"] not in QUANTITIES or then is None:
@@ -110,13 +118,13 @@ def change_estimates(estimates: Iterable[dict[str, Any]], campaign: Campaign) ->
         std_ppm = float(np.hypot(now["std_uncertainty"], then["std_uncertainty"]))
         change_ppm = now["value"] - then["value"]
         name = f"{now['quantity']}_change"
-        found.append(estimate(name, "ppm", change_ppm, std_ppm, now["conditions"], n=now["n"], limit=limit))
-    return found
+        entries.append(estimate(name, "ppm", change_ppm, std_ppm, now["conditions"], n=now["n"], limit=limit))
+    return entries
 
 
-def _place(one: Any) -> tuple[Any, ...]:
-    conditions = one.get("conditions", {})
-    return one.get("quantity"), conditions.get("channel"), conditions.get("temperature_degC")
+def _place(entry: Any) -> tuple[Any, ...]:
+    conditions = entry.get("conditions", {})
+    return entry.get("quantity"), conditions.get("channel"), conditions.get("temperature_degC")
 
 
 def clock_estimates(rows: Iterable[RecordRow], campaign: Campaign, standards: Standards) -> list[dict[str, Any]]:
@@ -159,10 +167,10 @@ def _clock(quantity: str, values: Any, noise: Any, common: float, conditions: di
 
 def coefficient_estimates(fitted: Fitted, campaign: Campaign, standards: Standards) -> list[dict[str, Any]]:
     """<quantity>_tc0, _tc1, _tc2: value and coefficients about the reference temperature of the campaign."""
-    found = []
+    entries = []
     for (quantity, channel), polynomial in fitted.polynomials.items():
         visits = fitted.visits(channel)
-        temperatures = [one.fit.unit_temperature_degC for one in visits]
+        temperatures = [visit.fit.unit_temperature_degC for visit in visits]
         conditions = {
             "channel": channel,
             "kind": campaign.channel(channel).kind,
@@ -173,8 +181,8 @@ def coefficient_estimates(fitted: Fitted, campaign: Campaign, standards: Standar
             if quantity in QUANTITIES:
                 std = float(np.hypot(std, _standard_ppm(order, temperatures, standards)))
             unit = UNITS[quantity] + ("", "/degC", "/degC2")[order]
-            found.append(estimate(f"{quantity}_tc{order}", unit, value, std, conditions, n=len(visits)))
-    return found
+            entries.append(estimate(f"{quantity}_tc{order}", unit, value, std, conditions, n=len(visits)))
+    return entries
 
 
 def _sensor_effect(polynomial: TemperaturePolynomial, order: int, campaign: Campaign) -> float:

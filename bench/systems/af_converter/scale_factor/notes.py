@@ -28,81 +28,83 @@ _CHI2_PROBABILITY = 1e-4  # of a false note per group; a campaign has about 50 g
 
 def notes(fitted: Fitted, campaign: Campaign, standards: Standards, rows: Sequence[RecordRow]) -> list[str]:
     """All notes but those on missing groups: chi-square, records left out, and what the uncertainties do not hold."""
-    found = list(standards.notes) + _chi_square(fitted) + _extrapolation(fitted, campaign)
-    found += _records(fitted, rows) + _temperature(fitted, campaign)
-    found.append("The bias is diagnostic: it comes from one open record and never enters the compensation.")
-    return found
+    notes = list(standards.notes) + _chi_square(fitted) + _extrapolation(fitted, campaign)
+    notes += _records(fitted, rows) + _temperature(fitted, campaign)
+    notes.append("The bias is diagnostic: it comes from one open record and never enters the compensation.")
+    return notes
 
 
 def _chi_square(fitted: Fitted) -> list[str]:
-    found = []
-    for one in fitted.groups:
-        fit = one.fit
+    notes = []
+    for visit in fitted.groups:
+        fit = visit.fit
         if np.isfinite(fit.chi2) and fit.dof and special.chdtrc(fit.dof, fit.chi2) < _CHI2_PROBABILITY:
-            name = place_name(one.group.place)
-            found.append(
+            name = place_name(visit.group.place)
+            notes.append(
                 f"{name[0].upper()}{name[1:]}: reduced chi-square {fit.reduced_chi2:.2f}; the residuals exceed the "
                 "declared uncertainties."
             )
-    return found
+    return notes
 
 
 def _extrapolation(fitted: Fitted, campaign: Campaign) -> list[str]:
-    found = []
-    for kind in dict.fromkeys(campaign.channel(one.group.channel).kind for one in fitted.groups):
-        members = [one.group for one in fitted.groups if campaign.channel(one.group.channel).kind == kind]
-        share = min(float(one.closed.level_A.max()) / campaign.channel(one.channel).full_scale_A for one in members)
+    notes = []
+    for kind in dict.fromkeys(campaign.channel(visit.group.channel).kind for visit in fitted.groups):
+        members = [visit.group for visit in fitted.groups if campaign.channel(visit.group.channel).kind == kind]
+        share = min(
+            float(group.closed.level_A.max()) / campaign.channel(group.channel).full_scale_A for group in members
+        )
         if share < 0.999:
-            found.append(f"{kind}: levels reach {100 * share:.0f} % of full scale; values beyond are extrapolated.")
-    return found
+            notes.append(f"{kind}: levels reach {100 * share:.0f} % of full scale; values beyond are extrapolated.")
+    return notes
 
 
 def _records(fitted: Fitted, rows: Sequence[RecordRow]) -> list[str]:
-    found = []
-    groups = [one.group for one in fitted.groups] + [group for group, _ in fitted.refused]
+    notes = []
+    groups = [visit.group for visit in fitted.groups] + [group for group, _ in fitted.refused]
     left_out: Counter[str] = Counter()
     for group in groups:
         left_out.update(group.left_out)
-    found += [f"{count} records left out of the fits: {reason}." for reason, count in sorted(left_out.items())]
+    notes += [f"{count} records left out of the fits: {reason}." for reason, count in sorted(left_out.items())]
     interpolated = sum(
         int(np.count_nonzero(readings.temperature_std_degC))
         for group in groups
         for readings in (group.closed, group.opened)
     )
     if interpolated:
-        found.append(
+        notes.append(
             f"{interpolated} records without housekeeping: their unit temperature is interpolated between records "
             f"within {LONGEST_REACH_s / 60:g} min on both sides, with an uncertainty of its own."
         )
     without_fg = sum(int(row.sums.get("fg_count", 0)) == 0 for row in rows)
     if without_fg:
-        found.append(f"{without_fg} records without function-generator pulses: no master clock error there.")
-    for one in fitted.groups:
-        if one.group.open_planned and one.bias is None:
-            found.append(f"No bias of {place_name(one.group.place)}: its open record is not usable.")
-    return found
+        notes.append(f"{without_fg} records without function-generator pulses: no master clock error there.")
+    for visit in fitted.groups:
+        if visit.group.open_planned and visit.bias is None:
+            notes.append(f"No bias of {place_name(visit.group.place)}: its open record is not usable.")
+    return notes
 
 
 def _temperature(fitted: Fitted, campaign: Campaign) -> list[str]:
-    found = []
+    notes = []
     known = [key for key in fitted.polynomials if key[0] in QUANTITIES]
     if campaign.temperature_sensor_u95_degC is None:
-        found.append("The uncertainty of the unit's temperature sensor is not stated; it is not included.")
+        notes.append("The uncertainty of the unit's temperature sensor is not stated; it is not included.")
     elif known:
-        found.append(
+        notes.append(
             "The temperature sensor of the unit is taken to be off by the same at all temperatures; an error of its "
             "gain, which would change tc1 by as many per cent, is not included."
         )
     if not known:
-        found.append(
+        notes.append(
             "One temperature only: no temperature coefficients, rows not referred to a common temperature, and the "
             "uncertainty of the unit's temperature not included."
         )
     elif any(len(fitted.visits(key[1])) <= fitted.polynomials[key].coefficients.size for key in known):
-        found.append(
+        notes.append(
             "No verdict where there are no more temperatures than coefficients: nothing is left over to judge."
         )
-    return found
+    return notes
 
 
 def zero_gain_table(fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> list[Table]:

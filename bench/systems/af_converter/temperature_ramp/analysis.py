@@ -53,12 +53,12 @@ def _estimates(fit: ReadingFit, columns: RampColumns, reference_degC: float) -> 
     unit, dropped = columns.unit, columns.dropped
     about = {"reading": fit.name, "reference_temperature_degC": reference_degC}
 
-    def entry(quantity: str, unit_of: str, found: tuple[float, float, float], conditions: dict[str, Any]) -> Any:
-        value, std, dof = found
+    def entry(quantity: str, unit_of: str, result: tuple[float, float, float], conditions: dict[str, Any]) -> Any:
+        value, std, dof = result
         return estimate(quantity, unit_of, value, std, conditions, n=columns.t_s.size, dropped=dropped, dof=dof)
 
     sensor = next(iter(fit.differences))
-    found = [
+    entries = [
         entry(
             "up_minus_down",
             unit,
@@ -68,13 +68,15 @@ def _estimates(fit: ReadingFit, columns: RampColumns, reference_degC: float) -> 
         for difference in fit.differences[sensor]
     ]
     after = {"reading": fit.name, "sensor": sensor}
-    found.append(entry("up_minus_down_after_drift", unit, fit.drift.estimate(BRANCH), after))
+    entries.append(entry("up_minus_down_after_drift", unit, fit.drift.estimate(BRANCH), after))
     for name, suffix in zip(DRIFT_NAMES, ("h", "h2"), strict=True):
-        found.append(entry(name.replace(" ", "_"), f"{unit}/{suffix}", fit.drift.estimate(name), {"reading": fit.name}))
+        entries.append(
+            entry(name.replace(" ", "_"), f"{unit}/{suffix}", fit.drift.estimate(name), {"reading": fit.name})
+        )
     for order, name in enumerate(TEMPERATURE_NAMES[1:], 1):
         per = "/degC" + (str(order) if order > 1 else "")
-        found.append(entry(f"{fit.name}_tc{order}", f"{unit}{per}", fit.drift.estimate(name), about))
-    return found + [entry(*difference, {"reading": fit.name}) for difference in _joint_estimates(fit, unit)]
+        entries.append(entry(f"{fit.name}_tc{order}", f"{unit}{per}", fit.drift.estimate(name), about))
+    return entries + [entry(*difference, {"reading": fit.name}) for difference in _joint_estimates(fit, unit)]
 
 
 def _joint_estimates(fit: ReadingFit, unit: str) -> Iterator[tuple[str, str, tuple[float, float, float]]]:

@@ -62,10 +62,10 @@ class RampColumns:
 
     def main_ramps(self) -> dict[str, Segment]:
         """Return the ramp up and the ramp down that cover the widest span."""
-        found: dict[str, Segment] = {}
-        for one in sorted(self.segments, key=lambda one: abs(one.end_degC - one.start_degC)):
-            found[one.kind] = one
-        return {kind: found[kind] for kind in ("up", "down") if kind in found}
+        widest: dict[str, Segment] = {}
+        for segment in sorted(self.segments, key=lambda segment: abs(segment.end_degC - segment.start_degC)):
+            widest[segment.kind] = segment
+        return {kind: widest[kind] for kind in ("up", "down") if kind in widest}
 
 
 def ramp_columns(material: Material) -> RampColumns:
@@ -86,7 +86,7 @@ def ramp_columns(material: Material) -> RampColumns:
     sensors = {MEAN: mean, **sensors} if len(sensors) > 1 else sensors
     programme = columns[roles["set_point"][0]] if roles["set_point"] else mean
     readings, unit = _readings(roles, columns, material)
-    found = RampColumns(
+    log_columns = RampColumns(
         t_s=t_s,
         programme_degC=programme,
         has_set_point=bool(roles["set_point"]),
@@ -96,14 +96,14 @@ def ramp_columns(material: Material) -> RampColumns:
         dropped=whole.size - rows,
         segments=find_segments(t_s, programme, _window_s(t_s)),
     )
-    if len(found.main_ramps()) < 2:
-        kinds = ", ".join(one.kind for one in found.segments)
+    if len(log_columns.main_ramps()) < 2:
+        kinds = ", ".join(segment.kind for segment in log_columns.segments)
         raise FitError(
             "B-FIT-061",
             f"the log has no ramp up and ramp down to compare (found: {kinds})",
             next_step="import the whole ramp, or map its set-point or a sensor that follows it",
         )
-    return found
+    return log_columns
 
 
 def _by_role(material: Material) -> dict[str, list[str]]:
@@ -130,14 +130,14 @@ def _readings(
 ) -> tuple[dict[str, Floats], str]:
     """Readings as the fits take them, and their unit."""
     if not roles["reference"]:
-        unit = next(str(one["unit"]) for one in material.campaign["columns"] if one["role"] == "reading")
+        unit = next(str(column["unit"]) for column in material.campaign["columns"] if column["role"] == "reading")
         return {name: columns[name] for name in roles["reading"]}, unit
     reference = np.mean([columns[name] for name in roles["reference"]], axis=0)
-    found = {}
+    ratios = {}
     for name in roles["reading"]:
         ratio = columns[name] / reference
-        found[name] = (ratio / np.median(ratio) - 1.0) * 1e6
-    return found, "ppm"
+        ratios[name] = (ratio / np.median(ratio) - 1.0) * 1e6
+    return ratios, "ppm"
 
 
 def _window_s(t_s: Floats) -> float:

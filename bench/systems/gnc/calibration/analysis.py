@@ -198,20 +198,20 @@ def _triad_estimates(fit: TriadFit, triad: _Triad, count: int) -> Estimates:
 
     Bias of gyros: w = K N - bias; of accelerometers: a = K N + bias. ``count``: samples that went into it.
     """
-    found: Estimates = []
+    entries: Estimates = []
     common: dict[str, Any] = {"n": count, "dof": fit.dof}
     for row, name in enumerate(AXES):
         for column, other in enumerate(AXES):
             place = {"kind": triad.kind, "row": name, "column": other}
             value, std = fit.matrix[row, column], fit.matrix_std[row, column]
-            found.append(estimate(f"{triad.prefix}_matrix", "1", value, std, place, **common))
+            entries.append(estimate(f"{triad.prefix}_matrix", "1", value, std, place, **common))
     for row, name in enumerate(AXES):
         place = {"kind": triad.kind, "axis": name}
         value, std = triad.bias_factor * fit.bias[row], triad.bias_factor * fit.bias_std[row]
-        found.append(estimate(f"{triad.prefix}_bias", triad.bias_unit, value, std, place, **common))
+        entries.append(estimate(f"{triad.prefix}_bias", triad.bias_unit, value, std, place, **common))
         value, std = fit.scale_error_ppm[row], fit.scale_error_std_ppm[row]
-        found.append(estimate(f"{triad.prefix}_scale_error", "ppm", value, std, place, **common))
-    return found + _coupling(fit, triad, f"{triad.prefix}_cross_coupling", None, common)
+        entries.append(estimate(f"{triad.prefix}_scale_error", "ppm", value, std, place, **common))
+    return entries + _coupling(fit, triad, f"{triad.prefix}_cross_coupling", None, common)
 
 
 def _checked_coupling(check: TriadFit, calibration: TriadFit, triad: _Triad, limit: float) -> Estimates:

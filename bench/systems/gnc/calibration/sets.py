@@ -42,22 +42,22 @@ class Sets:
 
 def sets_of(rows: Sequence[SampledRow]) -> Sets:
     """Sort the records of a session. Raises: FitError B-GNC-004 for one whose conditions do not say what it shows."""
-    found = Sets()
+    sets = Sets()
     for row in rows:
         if row.item == "position":
-            _put(found, row, _up(row), found.positions, found.check_positions)
+            _put(sets, row, _up(row), sets.positions, sets.check_positions)
         elif row.item == "rotation":
-            _put(found, row, _turn(row), found.rotations, found.check_rotations)
-    return found
+            _put(sets, row, _turn(row), sets.rotations, sets.check_rotations)
+    return sets
 
 
-def _put(found: Sets, row: SampledRow, key: Key, first: dict[Key, SampledRow], second: dict[Key, SampledRow]) -> None:
+def _put(sets: Sets, row: SampledRow, key: Key, first: dict[Key, SampledRow], second: dict[Key, SampledRow]) -> None:
     if key not in first:
         first[key] = row
     elif key not in second:
         second[key] = row
     else:
-        found.surplus += 1
+        sets.surplus += 1
 
 
 def _up(row: SampledRow) -> str:
@@ -124,7 +124,7 @@ def position_fit(
     """
     outputs = [row.values("accelerometer") for row in rows]
     if calibration is not None:
-        outputs = [calibration.apply(one, bias_sign=1) for one in outputs]
+        outputs = [calibration.apply(output, bias_sign=1) for output in outputs]
     means, covariance, dof = static_means(outputs, rows[0].rate_Hz, resolution=resolution_g)
     force = gravity * np.stack([up_in_body(row.pose) for row in rows])
     if not one_power_on:

@@ -127,7 +127,7 @@ def turn_scale(accel: Array, gyro: Array, rests: StaticIntervals, rate_Hz: float
     rest = rests.means(gyro)
     spans = list(pairwise(zip(rests.begin.tolist(), rests.end.tolist(), strict=True)))
     turned = [(gyro[spans[k][0][1] : spans[k][1][0]] - 0.5 * (rest[k] + rest[k + 1])) / rate_Hz for k in chosen]
-    lengths = np.array([np.linalg.norm(one, axis=1).sum() for one in turned])
+    lengths = np.array([np.linalg.norm(path, axis=1).sum() for path in turned])
     rough = float(np.median(tilted[chosen] / lengths))  # a path is never shorter than the tilt: true scale is larger
     increments = side_by_side(turned) * rough
 
@@ -135,12 +135,12 @@ def turn_scale(accel: Array, gyro: Array, rests: StaticIntervals, rate_Hz: float
         return np.asarray((carried(increments * scale, unit[chosen]) - unit[chosen + 1]).ravel())
 
     ladder = np.geomspace(*_SEARCH, 60)
-    best = float(ladder[np.argmin([misses(one) @ misses(one) for one in ladder])])
-    found = optimize.least_squares(lambda x: misses(float(x[0])), [best], x_scale=0.1)
-    slope, square = float(np.linalg.norm(found.jac)), float(found.fun @ found.fun)
+    best = float(ladder[np.argmin([misses(scale) @ misses(scale) for scale in ladder])])
+    solution = optimize.least_squares(lambda x: misses(float(x[0])), [best], x_scale=0.1)
+    slope, square = float(np.linalg.norm(solution.jac)), float(solution.fun @ solution.fun)
     dof = 2 * len(chosen) - 1  # a direction has two free components
     std = math.sqrt(square / dof) / slope
-    return TurnScale(rough * float(found.x[0]), rough * std, len(chosen))
+    return TurnScale(rough * float(solution.x[0]), rough * std, len(chosen))
 
 
 def _pairs(rests: StaticIntervals, breaks: NDArray[np.int64]) -> list[int]:
@@ -154,10 +154,10 @@ def _directions(accel: Array, rests: StaticIntervals) -> Array:
     return np.asarray(means / np.linalg.norm(means, axis=1)[:, None])
 
 
-def _angles_deg(one: Array, other: Array) -> Array:
+def _angles_deg(first: Array, second: Array) -> Array:
     """(k,) between vectors of any length."""
-    across = np.linalg.norm(np.cross(one, other), axis=1)
-    return np.asarray(np.degrees(np.arctan2(across, np.sum(one * other, axis=1))))
+    across = np.linalg.norm(np.cross(first, second), axis=1)
+    return np.asarray(np.degrees(np.arctan2(across, np.sum(first * second, axis=1))))
 
 
 @dataclass(frozen=True)
@@ -224,22 +224,24 @@ def _search(padded: Array, unit: Array) -> tuple[Array, Array, Array]:
     def residual(x: Array) -> Array:
         return np.asarray((carried(padded @ x.reshape(3, 3).T, unit[:-1]) - unit[1:]).ravel())
 
-    found = optimize.least_squares(residual, np.eye(3).ravel(), method="lm", xtol=1e-10, ftol=1e-10, max_nfev=_TRIALS)
-    rms_deg = float(np.degrees(np.sqrt(found.fun @ found.fun / len(padded))))
+    solution = optimize.least_squares(
+        residual, np.eye(3).ravel(), method="lm", xtol=1e-10, ftol=1e-10, max_nfev=_TRIALS
+    )
+    rms_deg = float(np.degrees(np.sqrt(solution.fun @ solution.fun / len(padded))))
     if not rms_deg < _LARGEST_DEG:
         raise FitError(
             "B-FIT-086",
             f"gravity carried on between the rests is off by {rms_deg:.3g} deg, limit {_LARGEST_DEG:g} deg",
             next_step="check the rough scale of the gyroscopes, their time stamps and the order of the axes",
         )
-    condition = float(np.linalg.cond(found.jac))
+    condition = float(np.linalg.cond(solution.jac))
     if not condition < _CONDITION_LIMIT:
         raise FitError(
             "B-FIT-085",
             f"{len(padded)} turns do not determine the matrix: condition {condition:.3g}, limit {_CONDITION_LIMIT:g}",
             next_step=_TURNS,
         )
-    return found.x.reshape(3, 3), found.fun.reshape(-1, 3), found.jac
+    return solution.x.reshape(3, 3), solution.fun.reshape(-1, 3), solution.jac
 
 
 _TURNS = "turn the unit between rests about each axis in both directions, by 90 degrees or so"
@@ -252,10 +254,10 @@ def side_by_side(increments: list[Array]) -> Array:
     Returns: (k, m, 3), zeros behind the end of each, m a power of two.
     Source:  none; a turn of zero turns nothing.
     """
-    longest = max(len(one) for one in increments)
+    longest = max(len(stretch) for stretch in increments)
     padded = np.zeros((len(increments), 1 << (longest - 1).bit_length(), 3))
-    for place, one in enumerate(increments):
-        padded[place, : len(one)] = one
+    for place, stretch in enumerate(increments):
+        padded[place, : len(stretch)] = stretch
     return padded
 
 

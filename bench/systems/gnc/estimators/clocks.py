@@ -174,10 +174,10 @@ def unit_clock(records: Sequence[tuple[Int64, Array]], interval_s: float) -> Uni
     Raises:  nothing.
     Source:  see the head of this file.
     """
-    found = [_slope([(unit_s, received_s) for _, unit_s, received_s in stretch], interval_s)
+    clocks = [_slope([(unit_s, received_s) for _, unit_s, received_s in stretch], interval_s)
              for stretch in _stretches(records)]  # fmt: skip
-    known = [one for one in found if one.std < UNKNOWN_STD and abs(one.error) < _APART]
-    return min(known, key=lambda one: one.std, default=UnitClock())
+    known = [clock for clock in clocks if clock.std < UNKNOWN_STD and abs(clock.error) < _APART]
+    return min(known, key=lambda clock: clock.std, default=UnitClock())
 
 
 def power_ons(records: Sequence[tuple[Int64, Array]]) -> list[list[int]]:
@@ -193,19 +193,19 @@ def power_ons(records: Sequence[tuple[Int64, Array]]) -> list[list[int]]:
 
 def _stretches(records: Sequence[tuple[Int64, Array]]) -> list[list[tuple[int, Array, Array]]]:
     """Place, stamps and receive times of records whose stamps follow on one another."""
-    found: list[list[tuple[int, Array, Array]]] = []
+    stretches: list[list[tuple[int, Array, Array]]] = []
     for place, (tick_us, received_s) in enumerate(records):
         unit_s = tick_seconds(tick_us) + float(tick_us[0]) * 1e-6
-        if found:
-            last_unit_s, last_s = float(found[-1][-1][1][-1]), float(found[-1][-1][2][-1])
+        if stretches:
+            last_unit_s, last_s = float(stretches[-1][-1][1][-1]), float(stretches[-1][-1][2][-1])
             between_s = float(received_s[0]) - last_s
             turns = round((last_unit_s + between_s - float(unit_s[0])) / _WRAP_S)
             unit_s = unit_s + turns * _WRAP_S
             if abs(float(unit_s[0]) - last_unit_s - between_s) < _SAME_s + _SAME * between_s:
-                found[-1].append((place, unit_s, received_s))
+                stretches[-1].append((place, unit_s, received_s))
                 continue
-        found.append([(place, unit_s, received_s)])
-    return found
+        stretches.append([(place, unit_s, received_s)])
+    return stretches
 
 
 def _slope(stretch: Sequence[tuple[Array, Array]], interval_s: float) -> UnitClock:
@@ -213,8 +213,8 @@ def _slope(stretch: Sequence[tuple[Array, Array]], interval_s: float) -> UnitClo
     span_s = float(at_s[-1] - at_s[0])
     if span_s <= 0.0:
         return UnitClock()
-    one, two = _line_below(at_s, delay_s)
-    slope, base_s = _slope_between(at_s, delay_s, one, two), float(at_s[two] - at_s[one])
+    first, last = _line_below(at_s, delay_s)
+    slope, base_s = _slope_between(at_s, delay_s, first, last), float(at_s[last] - at_s[first])
     above = delay_s - slope * at_s
     least_s = max(interval_s, float(np.median(above) - above.min()))
     return UnitClock(error=-slope, std=least_s / base_s / math.sqrt(6.0), span_s=span_s)
@@ -237,7 +237,7 @@ def _line_below(at_s: Array, delay_s: Array) -> tuple[int, int]:
     order = np.lexsort((delay_s, part))
     first = order[np.unique(part[order], return_index=True)[1]]
     hull: list[int] = []
-    for k in (int(one) for one in first[np.argsort(at_s[first])]):
+    for k in (int(index) for index in first[np.argsort(at_s[first])]):
         while len(hull) > 1 and _slope_between(at_s, delay_s, hull[-2], hull[-1]) >= _slope_between(
             at_s, delay_s, hull[-1], k
         ):
@@ -246,8 +246,8 @@ def _line_below(at_s: Array, delay_s: Array) -> tuple[int, int]:
     return max(pairwise(hull), key=lambda edge: float(at_s[edge[1]] - at_s[edge[0]]))
 
 
-def _slope_between(at_s: Array, delay_s: Array, one: int, two: int) -> float:
-    return float((delay_s[two] - delay_s[one]) / (at_s[two] - at_s[one]))
+def _slope_between(at_s: Array, delay_s: Array, first: int, last: int) -> float:
+    return float((delay_s[last] - delay_s[first]) / (at_s[last] - at_s[first]))
 
 
 @dataclass(frozen=True)

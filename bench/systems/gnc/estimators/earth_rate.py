@@ -71,10 +71,10 @@ def body_to_table(pose: Pose) -> Array:
 
 def turned_about(axis: int, angle_deg: float) -> Array:
     """Right-handed rotation matrix (3, 3) about axis 0, 1 or 2 by an angle in degrees."""
-    angle, one, two = math.radians(angle_deg), (axis + 1) % 3, (axis + 2) % 3
+    angle, second, third = math.radians(angle_deg), (axis + 1) % 3, (axis + 2) % 3
     matrix = np.eye(3)
-    matrix[one, one] = matrix[two, two] = math.cos(angle)
-    matrix[one, two], matrix[two, one] = -math.sin(angle), math.sin(angle)
+    matrix[second, second] = matrix[third, third] = math.cos(angle)
+    matrix[second, third], matrix[third, second] = -math.sin(angle), math.sin(angle)
     return matrix
 
 

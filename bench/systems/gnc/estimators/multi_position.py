@@ -84,10 +84,10 @@ def fit_multi_position(mean: Array, gravity: float) -> NormFit:
     zero, half = _start(mean)
     scaled = (mean - zero) / half  # lengths near one: the search sees numbers of one size
     begin = np.concatenate([np.eye(3)[_ROWS, _COLUMNS], np.zeros(3)])
-    found = optimize.least_squares(
+    solution = optimize.least_squares(
         _residual, begin, jac=_jacobian, args=(scaled,), method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14
     )
-    amplification, direction = _worst_direction(found.x, scaled)
+    amplification, direction = _worst_direction(solution.x, scaled)
     if not amplification < _AMPLIFICATION_LIMIT:
         raise FitError(
             "B-FIT-085",
@@ -95,14 +95,14 @@ def fit_multi_position(mean: Array, gravity: float) -> NormFit:
             f" uncertain by {amplification:.3g} times the scatter of one pose, limit {_AMPLIFICATION_LIMIT:g}",
             next_step=_POSES,
         )
-    rms = float(np.sqrt(np.mean(found.fun**2)))
+    rms = float(np.sqrt(np.mean(solution.fun**2)))
     if not rms < _LARGEST:
         raise FitError(
             "B-FIT-086",
             f"the lengths of {len(mean)} poses scatter by {100 * rms:.3g} %, limit {100 * _LARGEST:g} %",
             next_step="check that the unit was at rest in each pose and which columns are the accelerometers",
         )
-    return _in_units(found.x, scaled, zero, half, gravity, amplification)
+    return _in_units(solution.x, scaled, zero, half, gravity, amplification)
 
 
 _POSES = "hold the unit at rest in more poses, with each axis up, down and in between"

@@ -76,15 +76,15 @@ def record_about(records: Sequence[RotationRecord], axis: str, sign: float | Non
     Raises:  FitError B-FIT-081 if there is none or more than one.
     Source:  GNC module paper section 4.2 1): one record each.
     """
-    found = [r for r in records if r.axis == axis and (sign is None or r.turn_deg * sign > 0.0)]
-    if len(found) != 1:
+    chosen = [r for r in records if r.axis == axis and (sign is None or r.turn_deg * sign > 0.0)]
+    if len(chosen) != 1:
         direction = "" if sign is None else f" in the direction {'+' if sign > 0.0 else '-'}"
         raise FitError(
             "B-FIT-081",
-            f"{len(found)} records turn about {axis}{direction}, 1 is due",
+            f"{len(chosen)} records turn about {axis}{direction}, 1 is due",
             next_step="take each axis once forth and once back; leave repeated records out",
         )
-    return found[0]
+    return chosen[0]
 
 
 def tick_seconds(tick_us: NDArray[np.integer]) -> Array:

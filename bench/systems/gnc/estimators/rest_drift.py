@@ -91,7 +91,7 @@ def drift_at_rest(
     Source:  see the head of this file.
     """
     walk = random_walk(gyro_rad_s, rests, rate_Hz).value
-    found = []
+    drifts = []
     for horizon_s in horizons_s:
         count = round(horizon_s * rate_Hz)
         begins = [
@@ -100,15 +100,15 @@ def drift_at_rest(
             for pair in range((b - a) // (2 * count))
         ]
         if begins:
-            found.append(_drift(accel, gyro_rad_s, begins, count, rate_Hz, latitude_deg, walk))
-    if not found:
+            drifts.append(_drift(accel, gyro_rad_s, begins, count, rate_Hz, latitude_deg, walk))
+    if not drifts:
         longest = float((rests.end - rests.begin).max()) / rate_Hz
         raise FitError(
             "B-FIT-140",
             f"the longest rest is {longest:.3g} s long, {2.0 * min(horizons_s):g} s are needed for bias and drift",
             next_step="leave the unit at rest for two minutes: a drift over 60 s then has its bias from 60 s",
         )
-    return found
+    return drifts
 
 
 @dataclass(frozen=True)
@@ -184,7 +184,7 @@ def run_from_rest(
     down = normal_gravity(latitude_deg)
     mean = np.stack([accel[a:b].mean(axis=0) for a, b in calm])
     scale = down / np.linalg.norm(mean, axis=1)
-    start = np.stack([level(one) for one in mean])
+    start = np.stack([level(force) for force in mean])
     bias = np.stack([gyro_rad_s[a:b].mean(axis=0) for a, b in calm]) - np.swapaxes(start, 1, 2) @ earth_rate(
         latitude_deg
     )
@@ -251,7 +251,7 @@ CLASSES: tuple[SensorClass, ...] = (
     ),
     _CONSUMER,
 )  # best first
-NAMES: tuple[str, ...] = (*(one.name for one in CLASSES), BEYOND)
+NAMES: tuple[str, ...] = (*(sensor_class.name for sensor_class in CLASSES), BEYOND)
 
 
 def class_of(figure: str, value: float) -> str:
@@ -261,7 +261,9 @@ def class_of(figure: str, value: float) -> str:
     Returns: one of ``NAMES``.
     Source:  the table of this module.
     """
-    return next((one.name for one in CLASSES if value <= float(getattr(one, figure))), BEYOND)
+    return next(
+        (sensor_class.name for sensor_class in CLASSES if value <= float(getattr(sensor_class, figure))), BEYOND
+    )
 
 
 def worst_class(names: Sequence[str]) -> str:

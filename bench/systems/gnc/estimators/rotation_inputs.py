@@ -115,12 +115,12 @@ def _seen(record: RotationRecord, angle_deg: Array, step_s: Array) -> Array:
 
 def _integral_of_rotation(axis: int, angle_deg: Array, step_s: Array) -> Array:
     """Return sum of step times rotation matrix about axis 0 or 2."""
-    angle, one, two = np.radians(angle_deg), (axis + 1) % 3, (axis + 2) % 3
+    angle, second, third = np.radians(angle_deg), (axis + 1) % 3, (axis + 2) % 3
     matrix = np.zeros((3, 3))
     matrix[axis, axis] = np.sum(step_s)
-    matrix[one, one] = matrix[two, two] = step_s @ np.cos(angle)
-    matrix[two, one] = step_s @ np.sin(angle)
-    matrix[one, two] = -matrix[two, one]
+    matrix[second, second] = matrix[third, third] = step_s @ np.cos(angle)
+    matrix[third, second] = step_s @ np.sin(angle)
+    matrix[second, third] = -matrix[third, second]
     return matrix
 
 
@@ -184,8 +184,8 @@ class Inputs:
         turn, tilt = vector[3 * count : 4 * count], vector[4 * count : 4 * count + 9].reshape(3, 3)
         about = tilt[np.argmax(np.abs(self.known), axis=1)]
         known = self.known * (1.0 + turn[:, None])
-        one, two = known[:, [1, 2, 0]], known[:, [2, 0, 1]]  # numpy's cross takes longer than the fit
-        known = known + about[:, [1, 2, 0]] * two - about[:, [2, 0, 1]] * one
+        ahead, behind = known[:, [1, 2, 0]], known[:, [2, 0, 1]]  # numpy's cross takes longer than the fit
+        known = known + about[:, [1, 2, 0]] * behind - about[:, [2, 0, 1]] * ahead
         return replace(self, integral=vector[: 3 * count].reshape(count, 3), known=known, local=vector[-2:])
 
     def covariance(self, declared: Declared, site: Site | None, density: Array, common: Array) -> Array:

@@ -79,7 +79,7 @@ def fit_rotations(
     density, std, dof = _noise(ordered, trimmed)
     parts = [turn_and_rest(record, kept) for record, kept in zip(ordered, trimmed, strict=True)]
     inputs = Inputs.of(parts, site)
-    found, residual = paired(inputs)
+    parameters, residual = paired(inputs)
     quantisation = quantisation_variance(std, declared.resolution_deg_s)
     drift_deg_s = _drift(residual, inputs, density, quantisation)
     if drift_deg_s > declared.drift_deg_s:
@@ -88,7 +88,7 @@ def fit_rotations(
     common = np.diag(quantisation)
     covariance = inputs.covariance(declared, site, density, common)
     spread = propagate_inputs(lambda x: np.concatenate(_both(paired(inputs.at(x)))), inputs.vector, covariance)
-    triad = _triad(found, residual, spread, inputs, dof, declared.time_std)
+    triad = _triad(parameters, residual, spread, inputs, dof, declared.time_std)
     names = [record.name for record in ordered]
     return RotationFit(
         triad=triad,
@@ -136,24 +136,25 @@ def _drift(residual: Array, inputs: Inputs, density: Array, quantisation: Array)
     return math.sqrt(max(float(np.mean(np.sum(rate**2, axis=0) / 5.0 - noise.mean(axis=0))), 0.0))
 
 
-def _both(found: tuple[Array, Array]) -> tuple[Array, Array]:
-    return found[0], found[1].ravel()
+def _both(solution: tuple[Array, Array]) -> tuple[Array, Array]:
+    return solution[0], solution[1].ravel()
 
 
-def _triad(found: Array, residual: Array, spread: Array, inputs: Inputs, dof: float, time_std: float) -> TriadFit:
-    rank = residual.size - found.size
+def _triad(parameters: Array, residual: Array, spread: Array, inputs: Inputs, dof: float, time_std: float) -> TriadFit:
+    rank = residual.size - parameters.size
     values, vectors = np.linalg.eigh(spread[12:, 12:])
     values, vectors = values[values.size - rank :], vectors[:, values.size - rank :]
     known_spread = values[0] > _LEAST_SPREAD * values[-1]  # rounding errors of a sensor without noise are no spread
     chi2 = float(np.sum((vectors.T @ residual.ravel()) ** 2 / values)) if known_spread else 0.0
     inflated = improbable(chi2, rank)
-    matrix = found[:9].reshape(3, 3)
+    matrix = parameters[:9].reshape(3, 3)
     known = inputs.known + inputs.earth
     design = np.column_stack([known, inputs.duration_s])
-    time = time_std**2 * np.outer(found, found)  # S grows with the seconds that are counted, K and the bias shrink
+    # S grows with the seconds that are counted, K and the bias shrink
+    time = time_std**2 * np.outer(parameters, parameters)
     return TriadFit(
         matrix=matrix,
-        bias=found[9:],
+        bias=parameters[9:],
         covariance=spread[:12, :12] * (chi2 / rank if inflated else 1.0) + time,
         residual=(residual / inputs.duration_s[:, None]) @ matrix.T,
         chi2=chi2,
@@ -167,9 +168,9 @@ def _triad(found: Array, residual: Array, spread: Array, inputs: Inputs, dof: fl
 def _equal_lengths(samples: Sequence[Samples]) -> list[Samples]:
     """Cut the longer record of each pair at its end, where the table rests."""
     kept = []
-    for one, two in zip(samples[0::2], samples[1::2], strict=True):
-        shorter_s = min(one.duration_s, two.duration_s)
-        for each in (one, two):
+    for first, second in zip(samples[0::2], samples[1::2], strict=True):
+        shorter_s = min(first.duration_s, second.duration_s)
+        for each in (first, second):
             half_s = 0.5 * float(np.median(each.step_s))
             kept.append(each.first(int(np.searchsorted(np.cumsum(each.step_s), shorter_s + half_s))))
     return kept
@@ -181,8 +182,8 @@ def _noise(records: Sequence[RotationRecord], samples: Sequence[Samples]) -> tup
     variances = [
         np.var(kept.rate[resting(kept, record.axis)], axis=0) for record, kept in zip(records, samples, strict=True)
     ]
-    dof = math.fsum(found[1] for found in each)
-    return np.sum([found[0] * found[1] for found in each], axis=0) / dof, np.sqrt(np.mean(variances, axis=0)), dof
+    dof = math.fsum(noise[1] for noise in each)
+    return np.sum([noise[0] * noise[1] for noise in each], axis=0) / dof, np.sqrt(np.mean(variances, axis=0)), dof
 
 
 def fit_turns_from_rest(
@@ -211,10 +212,10 @@ def fit_turns_from_rest(
     covariance = np.zeros((vector.size,) * 2)
     covariance[:3, :3] = rest_covariance
     covariance[3:, 3:] = inputs.covariance(declared, None, density, np.zeros((3, 3)))
-    found = parameters(vector)
+    solution = parameters(vector)
     return TriadFit(
-        matrix=found[:9].reshape(3, 3),
-        bias=found[9:],
+        matrix=solution[:9].reshape(3, 3),
+        bias=solution[9:],
         covariance=propagate_inputs(parameters, vector, covariance),
         residual=np.zeros((3, 3)),
         chi2=0.0,

@@ -99,18 +99,18 @@ def check_samples(
         for name, values in columns.items()
         for part in range(values.shape[1] if values.ndim == 2 else 1)
     }
-    found = _gaps(counter)
-    missing, gaps = sum(one.count for one in found), int((np.diff(counter) > 1).sum())
+    findings = _gaps(counter)
+    missing, gaps = sum(finding.count for finding in findings), int((np.diff(counter) > 1).sum())
     for name, values in flat.items():
         limit = limits.get(name, limits.get(name.rpartition(" ")[0], math.inf))
-        found += _saturated(name, values, limit) or _piled_up(name, values)
-        found += _frozen(name, values)
-    found += _repeated(flat, counter)
+        findings += _saturated(name, values, limit) or _piled_up(name, values)
+        findings += _frozen(name, values)
+    findings += _repeated(flat, counter)
     ticks = None
     if tick_s is not None:
         ticks = check_ticks(tick_s, counter, interval_s, received_s)
-        found += [Finding(kind, "", count, first, text) for kind, count, first, text in ticks.faults]
-    return SampleChecks(counter.size, missing, gaps, tuple(found), ticks)
+        findings += [Finding(kind, "", count, first, text) for kind, count, first, text in ticks.faults]
+    return SampleChecks(counter.size, missing, gaps, tuple(findings), ticks)
 
 
 def longest_equal_run(likelihoods: Sequence[float], samples: int, false_alarm: float = FALSE_ALARM) -> int:
@@ -123,7 +123,7 @@ def longest_equal_run(likelihoods: Sequence[float], samples: int, false_alarm: f
              p^r / sqrt(r + 1) with p the largest of them, and no more than p^r in coarse ones.
     """
     likelihood = math.prod(likelihoods)
-    fine = sum(one < _FINE for one in likelihoods) / 2.0
+    fine = sum(largest < _FINE for largest in likelihoods) / 2.0
     if likelihood >= 1.0 or samples < 2:
         return samples
     if likelihood <= 0.0:
@@ -202,7 +202,7 @@ def _piled_up(name: str, values: Column) -> list[Finding]:
     """
     if value_likelihood(values) > _COARSE:
         return []
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for sign in (1, -1):
         turned = sign * values
         top = turned.max()
@@ -210,8 +210,8 @@ def _piled_up(name: str, values: Column) -> list[Finding]:
         if count >= _PILE and count > _TIMES_BEFORE * before:
             first = int(np.argmax(turned == top))
             text = f"{name}: {count} samples held at their extreme {sign * top:g}, first at {first}"
-            found.append(Finding(SATURATED, name, count, first, text))
-    return found
+            findings.append(Finding(SATURATED, name, count, first, text))
+    return findings
 
 
 def _frozen(name: str, values: Column) -> list[Finding]:

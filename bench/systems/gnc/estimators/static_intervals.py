@@ -139,9 +139,9 @@ def quiet_level(size: Array) -> float:
 def _size(samples: Array, half: int, what: str) -> Array:
     """Return length of the vector of variances, at least that of the resolution; infinite near the ends."""
     steps = [np.diff(np.unique(column)) for column in samples.T]
-    if not all(one.size for one in steps):
+    if not all(step.size for step in steps):
         raise _none(f"an output of the {what} does not change at all")
-    floor = float(np.linalg.norm([one.min() ** 2 / 12.0 for one in steps]))
+    floor = float(np.linalg.norm([step.min() ** 2 / 12.0 for step in steps]))
     return np.asarray(np.maximum(np.linalg.norm(moving_variance(samples, half), axis=1), floor))
 
 

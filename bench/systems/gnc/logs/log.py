@@ -65,11 +65,13 @@ def imu_log(material: Material) -> ImuLog:
 
 
 def _triad(material: Material, role: str) -> tuple[Floats | None, str]:
-    columns = {str(one.get("axis")): one for one in material.campaign.get("columns", ()) if one.get("role") == role}
+    columns = {
+        str(column.get("axis")): column for column in material.campaign.get("columns", ()) if column.get("role") == role
+    }
     if set(columns) != set(AXES):
         return None, ""
-    found = np.column_stack([material.series[str(columns[axis]["name"])] for axis in AXES])
-    return found, str(columns["x"]["unit"])
+    triad = np.column_stack([material.series[str(columns[axis]["name"])] for axis in AXES])
+    return triad, str(columns["x"]["unit"])
 
 
 def _unusable(why: str) -> FitError:

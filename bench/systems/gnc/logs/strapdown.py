@@ -44,16 +44,16 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             next_step="map three columns of the role gyro (docs/importing.md)",
         )
     latitude = (material.campaign.get("site") or {}).get("latitude_deg")
-    found = _found(log, log.gyro, method, LATITUDE_deg if latitude is None else float(latitude))
+    result = _found(log, log.gyro, method, LATITUDE_deg if latitude is None else float(latitude))
     return Analysis(
         campaign="imu_strapdown",
-        method=found.method,
+        method=result.method,
         uut=dict(material.campaign["uut"]),
-        estimates=estimates_of(found),
-        notes=notes_of(found),
-        missing=list(found.missing),
-        tables=tables_of(found),
-        figures=figures_of(found),
+        estimates=estimates_of(result),
+        notes=notes_of(result),
+        missing=list(result.missing),
+        tables=tables_of(result),
+        figures=figures_of(result),
     )
 
 

@@ -36,17 +36,17 @@ class Found:
     missing: tuple[str, ...]
 
 
-def estimates_of(found: Found) -> Estimates:
+def estimates_of(result: Found) -> Estimates:
     """Drift for each horizon, rates of drift with the class they fit, errors from rest to rest."""
-    entries = [entry for drift in found.drifts for entry in _at_rest(drift)]
-    entries += _rates(found)
-    if found.between is not None:
-        entries += _between(found.between)
-    if found.scale is not None and not found.counts:
+    entries = [entry for drift in result.drifts for entry in _at_rest(drift)]
+    entries += _rates(result)
+    if result.between is not None:
+        entries += _between(result.between)
+    if result.scale is not None and not result.counts:
         place = {"kind": "gyro"}
         entries.append(
-            estimate("turn_scale", "1", found.scale.scale, found.scale.std, place, n=found.scale.turns,
-                     dof=2 * found.scale.turns - 1)
+            estimate("turn_scale", "1", result.scale.scale, result.scale.std, place, n=result.scale.turns,
+                     dof=2 * result.scale.turns - 1)
         )  # fmt: skip
     return entries
 
@@ -64,17 +64,17 @@ def _at_rest(drift: RestDrift) -> Estimates:
     ]
 
 
-def _rates(found: Found) -> Estimates:
+def _rates(result: Found) -> Estimates:
     """Return what the longest horizon says per unit of time, and the angle random walk, each with its class."""
     rows: list[tuple[str, str, float, float, str, dict[str, Any], int]] = []
-    if found.drifts:
-        drift = found.drifts[-1]
+    if result.drifts:
+        drift = result.drifts[-1]
         place = {"horizon_s": round(drift.horizon_s, 3)}
         gyro = drift.attitude_rms_deg / drift.horizon_s * 3600.0
         accel = drift.velocity_rms_m_s / drift.horizon_s / STANDARD_GRAVITY_M_S2 * 1e3
         rows.append(("gyro_drift", "deg/h", gyro, drift.std(gyro), "gyro", place, drift.windows))
         rows.append(("accelerometer_drift", "mg", accel, drift.std(accel), "accelerometer", place, drift.windows))
-    walk = found.walk
+    walk = result.walk
     if walk.differences:
         rows.append(
             ("angle_random_walk", "deg/sqrt(h)", _WALK * walk.value, _WALK * walk.std, "gyro", {}, walk.differences)
@@ -100,35 +100,35 @@ def _between(between: BetweenRests) -> Estimates:
     ]
 
 
-def notes_of(found: Found) -> list[str]:
+def notes_of(result: Found) -> list[str]:
     """Return what a reader has to know about rests, time and method."""
-    lengths = (found.rests.end - found.rests.begin) / found.stamps.rate_Hz
+    lengths = (result.rests.end - result.rests.begin) / result.stamps.rate_Hz
     notes = [
         f"{len(lengths)} rests were found, {lengths.min():.3g} to {lengths.max():.3g} s long: stretches in which no "
         f"triad scatters with more than {MULTIPLE:g} times the variance of the quietest stretches of this log.",
         "Over rests: bias, level and size of gravity from one stretch, drift over the next one of the same length.",
-        _class_note(found),
+        _class_note(result),
     ]
-    if found.drifts and len(found.drifts) < len(HORIZONS_s):
-        longer = ", ".join(f"{horizon_s:g}" for horizon_s in HORIZONS_s[len(found.drifts) :])
+    if result.drifts and len(result.drifts) < len(HORIZONS_s):
+        longer = ", ".join(f"{horizon_s:g}" for horizon_s in HORIZONS_s[len(result.drifts) :])
         notes.append(f"No rest is twice as long as {longer} s: nothing is said of such horizons.")
-    if found.between is not None:
+    if result.between is not None:
         notes.append(
             "Between rests: the level is compared with that of the next rest, the velocity with zero; a turn about the "
             "vertical is not seen. The Earth's rate counts as bias: up to 15 deg/h once the unit is turned."
         )
-    if found.method == "calibrated":
+    if result.method == "calibrated":
         notes.append(
             "Accelerometers and gyroscopes were fitted to the rests of this log first, so errors between rests are "
             "those left after the fit; drift over rests hardly depends on it."
         )
-    elif found.between is not None:
+    elif result.between is not None:
         notes.append("Readings are taken as indicated: errors of scale and alignment are part of those between rests.")
-    return [*no_result(found.missing), *notes, *_stamp_notes(found.stamps)]
+    return [*no_result(result.missing), *notes, *_stamp_notes(result.stamps)]
 
 
-def _class_note(found: Found) -> str:
-    names = [str(rate["conditions"]["sensor_class"]) for rate in _rates(found)]
+def _class_note(result: Found) -> str:
+    names = [str(rate["conditions"]["sensor_class"]) for rate in _rates(result)]
     if not names:
         return "No class of sensors can be told."
     return (
@@ -156,13 +156,13 @@ def _stamp_notes(stamps: SampleStamps) -> list[str]:
     return notes
 
 
-def tables_of(found: Found) -> list[Table]:
+def tables_of(result: Found) -> list[Table]:
     """Drift over rests, class of the sensors, and errors from rest to rest."""
-    tables = [_rest_table(found.drifts)] if found.drifts else []
-    if rates := _rates(found):
+    tables = [_rest_table(result.drifts)] if result.drifts else []
+    if rates := _rates(result):
         tables.append(_class_table(rates))
-    if found.between is not None:
-        tables.append(_between_table(found.between))
+    if result.between is not None:
+        tables.append(_between_table(result.between))
     return tables
 
 
@@ -212,20 +212,20 @@ def _between_table(between: BetweenRests) -> Table:
     return Table("From rest to rest", caption, headers, rows)
 
 
-def figures_of(found: Found) -> list[Figure]:
+def figures_of(result: Found) -> list[Figure]:
     """Drift against its horizon, and the errors of every motion."""
     figures = []
-    if len(found.drifts) > 1:
-        horizon = np.array([drift.horizon_s for drift in found.drifts])
+    if len(result.drifts) > 1:
+        horizon = np.array([drift.horizon_s for drift in result.drifts])
         series = [
-            curve("measured", horizon, np.array([drift.attitude_rms_deg for drift in found.drifts]), "points"),
-            curve("angle random walk alone", horizon, np.array([drift.white_deg for drift in found.drifts]), "line"),
+            curve("measured", horizon, np.array([drift.attitude_rms_deg for drift in result.drifts]), "points"),
+            curve("angle random walk alone", horizon, np.array([drift.white_deg for drift in result.drifts]), "line"),
         ]
         figures.append(
             Figure("Attitude drift at rest", "", "horizon, s", "deg per axis", series, x_log=True, y_log=True)
         )
-    if found.between is not None and len(found.between.rest) > 1:
-        place = found.between.rest.astype(np.float64) + 1.0
-        series = [curve("level error", place, found.between.level_error_deg, "points")]
+    if result.between is not None and len(result.between.rest) > 1:
+        place = result.between.rest.astype(np.float64) + 1.0
+        series = [curve("level error", place, result.between.level_error_deg, "points")]
         figures.append(Figure("Level error from rest to rest", "", "rest before", "deg", series))
     return figures

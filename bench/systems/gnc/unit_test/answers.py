@@ -126,5 +126,5 @@ def _asked(exchange: Exchange) -> dict[str, Any]:
     head = names[:-1] if names[-1:] == ("pattern",) and exchange.name != "memory" else names
     if len(exchange.sent) < size or (head == names and len(exchange.sent) != size):
         return {}
-    found = dict(zip(head, struct.unpack(form, exchange.sent[:size]), strict=True))
-    return found if head == names else found | {"pattern": exchange.sent[size:].hex()}
+    fields = dict(zip(head, struct.unpack(form, exchange.sent[:size]), strict=True))
+    return fields if head == names else fields | {"pattern": exchange.sent[size:].hex()}

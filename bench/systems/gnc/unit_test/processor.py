@@ -28,64 +28,64 @@ _SERIAL_BYTES = 12
 
 def judge_cpu(answers: Sequence[Answer], limits: Limits) -> Findings:
     """All four operations must be done, none of them wrong, and no memory cell either."""
-    found = Findings()
-    for answer in whole(answers, found):
+    findings = Findings()
+    for answer in whole(answers, findings):
         fields = answer.fields
         for name, done, wrong in zip(OPERATIONS, fields["operations"], fields["wrong"], strict=True):
             first = f"{fields['first_expected']} was due, {fields['first_received']} came first"
-            found.expect(done > 0, answer, f"{name}: not done", "more than 0 operations", done)
-            found.expect(wrong == 0, answer, f"{name}: {wrong} of {done} results are wrong", 0, f"{wrong} ({first})")
-        found.expect(
+            findings.expect(done > 0, answer, f"{name}: not done", "more than 0 operations", done)
+            findings.expect(wrong == 0, answer, f"{name}: {wrong} of {done} results are wrong", 0, f"{wrong} ({first})")
+        findings.expect(
             fields["memory_wrong"] == 0, answer, "registers and memory: read back wrong", 0, fields["memory_wrong"]
         )
-    return found
+    return findings
 
 
 def judge_timer(answers: Sequence[Answer], limits: Limits) -> Findings:
     """At every setting as many interrupts as asked for, 20 at least, none of the intervals off by more than 1 %."""
-    found, most, least = Findings(), limits["timer_interval_error"], int(limits["timer_ticks"])
-    for answer in whole(answers, found):
+    findings, most, least = Findings(), limits["timer_interval_error"], int(limits["timer_ticks"])
+    for answer in whole(answers, findings):
         setting, ticks = answer.asked.get("setting_us", 0), answer.asked.get("ticks", 0)
         if not setting:
             continue
         intervals = answer.fields["intervals_us"][:ticks]
         due = max(ticks, least)
-        found.expect(len(intervals) >= due, answer, f"{setting} us: too few intervals", due, len(intervals))
+        findings.expect(len(intervals) >= due, answer, f"{setting} us: too few intervals", due, len(intervals))
         heard = answer.fields["interrupts"]
-        found.expect(heard == ticks and heard >= least, answer, f"{setting} us: interrupts", due, heard)
+        findings.expect(heard == ticks and heard >= least, answer, f"{setting} us: interrupts", due, heard)
         errors = [value / setting - 1.0 for value in intervals]
         outside = sum(abs(error) > most for error in errors)
         worst = max(errors, key=abs, default=0.0)
         what = f"{setting} us: {outside} of {len(errors)} intervals off by more than {100 * most:g} %"
-        found.expect(not outside, answer, what, setting, f"{setting * (1 + worst):.0f} at worst")
+        findings.expect(not outside, answer, what, setting, f"{setting * (1 + worst):.0f} at worst")
         if errors:
             place = {"setting_ms": setting / 1000.0}
             std = _TICK_STD_us / setting
-            found.measured.append(Measured("timer_interval_error", "1", worst, std, place, most, len(errors)))
+            findings.measured.append(Measured("timer_interval_error", "1", worst, std, place, most, len(errors)))
     asked = {answer.asked.get("setting_us") for answer in answers}
     for setting in SETTINGS_us:
         if setting not in asked:
-            found.missing(answers[-1].exchange.begin_s, f"setting {setting} us")
-    return found
+            findings.missing(answers[-1].exchange.begin_s, f"setting {setting} us")
+    return findings
 
 
 def judge_memory(answers: Sequence[Answer], limits: Limits) -> Findings:
     """RAM and SDRAM with every pattern; FLASH erased, blank, programmed, verified in this order, erased once each."""
-    found = Findings()
-    for answer in whole(answers, found):
+    findings = Findings()
+    for answer in whole(answers, findings):
         asked, fields = answer.asked, answer.fields
         if not asked:
             continue
         what = f"{_place(answer)}: {fields['wrong']} of {fields['checked']} words are wrong"
         first = f"at {fields['address']:#x} {fields['received']:#010x} in place of {fields['expected']:#010x}"
-        found.expect(fields["wrong"] == 0, answer, what, 0, f"{fields['wrong']} ({first})")
+        findings.expect(fields["wrong"] == 0, answer, what, 0, f"{fields['wrong']} ({first})")
         due = asked["length"] // _WORD
         text = f"{_place(answer)}: words that were checked"
-        found.expect(0 < due == fields["checked"], answer, text, max(due, 1), fields["checked"])
-    _complete_memory(answers, found)
+        findings.expect(0 < due == fields["checked"], answer, text, max(due, 1), fields["checked"])
+    _complete_memory(answers, findings)
     for region in _FLASH:
-        _erases([answer for answer in answers if answer.asked.get("region") == region and answer.fields], found)
-    return found
+        _erases([answer for answer in answers if answer.asked.get("region") == region and answer.fields], findings)
+    return findings
 
 
 def _place(answer: Answer) -> str:
@@ -96,19 +96,19 @@ def _place(answer: Answer) -> str:
     return f"{REGIONS[answer.asked['region']]} {step}{pattern}"
 
 
-def _complete_memory(answers: Sequence[Answer], found: Findings) -> None:
+def _complete_memory(answers: Sequence[Answer], findings: Findings) -> None:
     at_s = answers[-1].exchange.begin_s
     for region, name in enumerate(REGIONS):
         mine = [answer.asked for answer in answers if answer.asked.get("region") == region]
         if region in _FLASH:
             steps = [asked["operation"] for asked in mine]
             if not _in_order(steps):
-                found.missing(at_s, f"{name}: erase, blank check, program and verify in this order")
+                findings.missing(at_s, f"{name}: erase, blank check, program and verify in this order")
             continue
         patterns = {asked["pattern"] for asked in mine if asked["operation"] == _WRITE_READ}
         for number, pattern in enumerate(PATTERNS):
             if number not in patterns:
-                found.missing(at_s, f"{name} with pattern {pattern}")
+                findings.missing(at_s, f"{name} with pattern {pattern}")
 
 
 def _in_order(steps: Sequence[int]) -> bool:
@@ -117,73 +117,73 @@ def _in_order(steps: Sequence[int]) -> bool:
     return all(step in left for step in _FLASH_ORDER)
 
 
-def _erases(answers: Sequence[Answer], found: Findings) -> None:
+def _erases(answers: Sequence[Answer], findings: Findings) -> None:
     """Every erase that was asked for counts once, whatever had to be repeated on the link; nothing else erases."""
     for before, after in pairwise(answers):
         due = before.fields["erases"] + (after.asked["operation"] == _ERASE)
-        found.expect(
+        findings.expect(
             after.fields["erases"] == due, after, f"{_place(after)}: count of erases", due, after.fields["erases"]
         )
 
 
 def judge_io(answers: Sequence[Answer], limits: Limits) -> Findings:
     """Each of the 12 ordered pairs of lines at both levels: the input reads the level, no other line follows."""
-    found = Findings()
-    for answer in whole(answers, found):
+    findings = Findings()
+    for answer in whole(answers, findings):
         if answer.asked:
             line = f"IO {answer.asked['output']} to IO {answer.asked['input']}"
             level, read = answer.asked["level"], answer.fields["read"]
-            found.expect(read == level, answer, f"{line}: level", level, read)
-            found.expect(
+            findings.expect(read == level, answer, f"{line}: level", level, read)
+            findings.expect(
                 answer.fields["others"] == 0, answer, f"{line}: lines that must rest", 0, bin(answer.fields["others"])
             )
     asked = {(answer.asked.get("output"), answer.asked.get("input"), answer.asked.get("level")) for answer in answers}
     for output, source in permutations(LINES, 2):
         for level in (0, 1):
             if (output, source, level) not in asked:
-                found.missing(answers[-1].exchange.begin_s, f"IO {output} to IO {source} at level {level}")
-    return found
+                findings.missing(answers[-1].exchange.begin_s, f"IO {output} to IO {source} at level {level}")
+    return findings
 
 
 def judge_spi(answers: Sequence[Answer], limits: Limits) -> Findings:
     """The word comes back, and the IO lines beside the bus saw the same."""
-    found = Findings()
-    for answer in whole(answers, found):
+    findings = Findings()
+    for answer in whole(answers, findings):
         word = answer.asked.get("word")
         for name, what in (("received", "word that came back"), ("observed", "word on the IO lines")):
             value = answer.fields[name]
-            found.expect(value == word, answer, what, _word(word), _word(value))
-    return found
+            findings.expect(value == word, answer, what, _word(word), _word(value))
+    return findings
 
 
 def judge_sci(answers: Sequence[Answer], limits: Limits) -> Findings:
     """Return what was sent comes back unchanged, and it is not nothing."""
-    found = Findings()
-    for answer in whole(answers, found):
+    findings = Findings()
+    for answer in whole(answers, findings):
         sent, echo = str(answer.asked.get("pattern", "")), str(answer.fields["echo"])
-        found.expect(bool(sent), answer, "nothing was sent", "a pattern", "none")
-        found.expect(echo == sent, answer, "echo", sent, echo)
-    return found
+        findings.expect(bool(sent), answer, "nothing was sent", "a pattern", "none")
+        findings.expect(echo == sent, answer, "echo", sent, echo)
+    return findings
 
 
 def judge_can(answers: Sequence[Answer], limits: Limits) -> Findings:
     """As SCI, and under the identifier it was sent with."""
-    found = judge_sci(answers, limits)
+    findings = judge_sci(answers, limits)
     for answer in answers:
         if answer.fields:
             sent, received = answer.asked.get("identifier"), answer.fields["identifier"]
-            found.expect(received == sent, answer, "identifier", sent, received)
-    return found
+            findings.expect(received == sent, answer, "identifier", sent, received)
+    return findings
 
 
 def judge_identity(answers: Sequence[Answer], limits: Limits) -> Findings:
     """The serial number that the module gives is that of the unit that should be in the socket, its first 12 signs."""
-    found = Findings()
-    for answer in whole(answers, found):
+    findings = Findings()
+    for answer in whole(answers, findings):
         unit = str(answer.exchange.conditions.get("unit", ""))[:_SERIAL_BYTES]
         told = bytes.fromhex(answer.fields["unit_serial"]).decode("ascii", "replace").strip(" \0")
-        found.expect(not unit or told == unit, answer, "serial number", unit, told)
-    return found
+        findings.expect(not unit or told == unit, answer, "serial number", unit, told)
+    return findings
 
 
 def _word(value: int | None) -> str:

@@ -128,15 +128,15 @@ def _limit(value: float | None) -> Any:
 def folders_of(units: Sequence[UnitResult], material: Material) -> dict[str, str]:
     """Relative path to text: ``<unit>/<item>/result.json``, ``<unit>/<item>/log.txt``, ``<unit>/summary.json``."""
     offset_s = material.utc_offset_s
-    found = {}
+    texts = {}
     for unit in units:
         folder = folder_name(unit.unit)
         for item in unit.all:
             if item.runs:
-                found[f"{folder}/{item.item}/result.json"] = _json(_result(unit.unit, item, offset_s))
-                found[f"{folder}/{item.item}/log.txt"] = _log(unit.unit, item, offset_s)
-        found[f"{folder}/summary.json"] = _json(_summary(unit, offset_s))
-    return found
+                texts[f"{folder}/{item.item}/result.json"] = _json(_result(unit.unit, item, offset_s))
+                texts[f"{folder}/{item.item}/log.txt"] = _log(unit.unit, item, offset_s)
+        texts[f"{folder}/summary.json"] = _json(_summary(unit, offset_s))
+    return texts
 
 
 def folder_name(text: str) -> str:
@@ -153,13 +153,14 @@ def _result(unit: str, item: ItemResult, offset_s: float | None) -> dict[str, An
         "repeated": item.retries,
         **_times(item.begin_s, item.end_s, offset_s),
         "wrong": [
-            {"at_s": one.at_s, "what": one.what, "sent": one.sent, "expected": one.expected, "received": one.received}
-            for one in item.findings.wrong
+            {"at_s": wrong.at_s, "what": wrong.what, "sent": wrong.sent, "expected": wrong.expected,
+             "received": wrong.received}
+            for wrong in item.findings.wrong
         ],
         "measured": [
-            {"quantity": one.quantity, "unit": one.unit, "value": one.value, "conditions": dict(one.conditions),
-             "limit": one.limit}
-            for one in item.findings.measured
+            {"quantity": measured.quantity, "unit": measured.unit, "value": measured.value,
+             "conditions": dict(measured.conditions), "limit": measured.limit}
+            for measured in item.findings.measured
         ],
         "remarks": item.findings.remarks,
     }  # fmt: skip
@@ -167,7 +168,7 @@ def _result(unit: str, item: ItemResult, offset_s: float | None) -> dict[str, An
 
 def _summary(unit: UnitResult, offset_s: float | None) -> dict[str, Any]:
     begin_s, end_s = unit.span_s or (None, None)
-    items = {one.item: one.verdict for one in unit.all}
+    items = {item.item: item.verdict for item in unit.all}
     return {"unit": unit.unit, "verdict": unit.verdict, **_times(begin_s, end_s, offset_s), "items": items}
 
 
@@ -175,10 +176,10 @@ def _times(begin_s: float | None, end_s: float | None, offset_s: float | None) -
     """Return times of the bench clock; UTC labels beside them where the session says how the two belong together."""
     if begin_s is None or end_s is None:
         return {"begin_s": None, "elapsed_s": None, "end_s": None}
-    found: dict[str, Any] = {"begin_s": begin_s, "elapsed_s": end_s - begin_s, "end_s": end_s}
+    times: dict[str, Any] = {"begin_s": begin_s, "elapsed_s": end_s - begin_s, "end_s": end_s}
     if offset_s is not None:
-        found |= {"begin_utc": _utc(begin_s + offset_s), "end_utc": _utc(end_s + offset_s)}
-    return found
+        times |= {"begin_utc": _utc(begin_s + offset_s), "end_utc": _utc(end_s + offset_s)}
+    return times
 
 
 def _log(unit: str, item: ItemResult, offset_s: float | None) -> str:
@@ -192,10 +193,10 @@ def _log(unit: str, item: ItemResult, offset_s: float | None) -> str:
         f"verdict  {item.verdict.upper()}: {len(item.findings.wrong)} wrong in {item.runs} exchanges, "
         f"{item.retries} repeated",
     ]
-    for one in item.findings.wrong:
-        lines += ["", f"{one.at_s:.3f} s  {one.what}", f"  sent      {one.sent or 'nothing'}"]
-        lines += [f"  expected  {one.expected}", f"  received  {one.received}"]
-    return "\n".join([*lines, *(f"remark   {one}" for one in item.findings.remarks)]) + "\n"
+    for wrong in item.findings.wrong:
+        lines += ["", f"{wrong.at_s:.3f} s  {wrong.what}", f"  sent      {wrong.sent or 'nothing'}"]
+        lines += [f"  expected  {wrong.expected}", f"  received  {wrong.received}"]
+    return "\n".join([*lines, *(f"remark   {remark}" for remark in item.findings.remarks)]) + "\n"
 
 
 def _stamp(times: Mapping[str, Any], name: str) -> str:

@@ -31,25 +31,25 @@ _MEASURED = {"measure_voltage": ("supply_voltage", "V"), "measure_current": ("su
 
 def judge_imu(answers: Sequence[Answer], limits: Limits, imu: Mapping[str, Any]) -> Findings:
     """Ten values of a module at rest: rates small, 1 g in all, temperatures possible; nothing frozen or saturated."""
-    found = Findings()
+    findings = Findings()
     ranges = {"gyro": float(imu.get("gyro_range_deg_s", 400.0)), "accel": float(imu.get("accel_range_g", 50.0))}
-    for answer in whole(answers, found):
+    for answer in whole(answers, findings):
         fields = answer.fields
         noise = {kind: _noise(fields, kind) for kind in ranges}
         for k, (axis, rate) in enumerate(zip(AXES, fields["gyro"], strict=True)):
             most = limits["gyro_at_rest"]
-            found.expect(abs(rate) <= most, answer, f"rate {axis} at rest", f"within {most:g} deg/s", f"{rate:.4f}")
-            found.measured.append(Measured("imu_rate", "deg/s", rate, noise["gyro"][k], {"axis": axis}))
+            findings.expect(abs(rate) <= most, answer, f"rate {axis} at rest", f"within {most:g} deg/s", f"{rate:.4f}")
+            findings.measured.append(Measured("imu_rate", "deg/s", rate, noise["gyro"][k], {"axis": axis}))
         for k, (axis, force) in enumerate(zip(AXES, fields["accel"], strict=True)):
-            found.measured.append(Measured("imu_acceleration", "g", force, noise["accel"][k], {"axis": axis}))
+            findings.measured.append(Measured("imu_acceleration", "g", force, noise["accel"][k], {"axis": axis}))
         size, most = math.hypot(*fields["accel"]), limits["acceleration_error"]
-        found.expect(
+        findings.expect(
             abs(size - 1.0) <= most, answer, "specific force at rest", f"1 g within {most:g} g", f"{size:.4f} g"
         )
-        _temperatures(answer, limits, found)
+        _temperatures(answer, limits, findings)
         for kind, reach in ranges.items():
-            _alive(answer, kind, reach, found)
-    return found
+            _alive(answer, kind, reach, findings)
+    return findings
 
 
 def _noise(fields: Mapping[str, Any], kind: str) -> list[float]:
@@ -58,25 +58,25 @@ def _noise(fields: Mapping[str, Any], kind: str) -> list[float]:
     return [(high - low) / 4.0 / math.sqrt(max(fields["samples"], 1)) for low, high in spans]
 
 
-def _temperatures(answer: Answer, limits: Limits, found: Findings) -> None:
+def _temperatures(answer: Answer, limits: Limits, findings: Findings) -> None:
     low, high = limits["imu_temperature_low"], limits["imu_temperature_high"]
     for kind in ("gyro", "accel"):
         value = answer.fields[f"{kind}_temperature"]
         due = f"{low:g} to {high:g} degC"
-        found.expect(low <= value <= high, answer, f"{kind} temperature", due, f"{value:.2f} degC")
-        found.measured.append(Measured("imu_temperature", "degC", value, 0.0, {"kind": kind}))
+        findings.expect(low <= value <= high, answer, f"{kind} temperature", due, f"{value:.2f} degC")
+        findings.measured.append(Measured("imu_temperature", "degC", value, 0.0, {"kind": kind}))
 
 
-def _alive(answer: Answer, kind: str, reach: float, found: Findings) -> None:
+def _alive(answer: Answer, kind: str, reach: float, findings: Findings) -> None:
     taken, due = answer.fields["samples"], answer.asked.get("samples", 0)
     if kind == "gyro":
-        found.expect(taken == due, answer, "samples taken", due, taken)
+        findings.expect(taken == due, answer, "samples taken", due, taken)
     lows, highs = answer.fields[f"{kind}_low"], answer.fields[f"{kind}_high"]
     for axis, low, high in zip(AXES, lows, highs, strict=True):
         frozen = low == high and taken >= _ENOUGH[kind]
-        found.expect(not frozen, answer, f"{kind} {axis} is frozen", "values that differ", f"{taken} times {low:g}")
+        findings.expect(not frozen, answer, f"{kind} {axis} is frozen", "values that differ", f"{taken} times {low:g}")
         saturated = max(abs(low), abs(high)) >= reach
-        found.expect(
+        findings.expect(
             not saturated, answer, f"{kind} {axis} is at its limit", f"within {reach:g}", f"{low:g} to {high:g}"
         )
 
@@ -87,22 +87,22 @@ def judge_gps(answers: Sequence[Answer], limits: Limits, site: Mapping[str, Any]
     The position of one fix may be off by five times the 1-sigma figures of table 3: enough to tell a receiver that
     works from one that does not, and no test of its accuracy.
     """
-    found = Findings()
-    for answer in whole(answers, found):
+    findings = Findings()
+    for answer in whole(answers, findings):
         fields = answer.fields
-        found.expect(fields["fix"] == _FIX_3D, answer, "fix", "3 (three dimensions)", fields["fix"])
+        findings.expect(fields["fix"] == _FIX_3D, answer, "fix", "3 (three dimensions)", fields["fix"])
         least = int(limits["gps_satellites"])
-        found.expect(fields["satellites"] >= least, answer, "satellites", f"{least} or more", fields["satellites"])
-        _place(answer, limits, site, found)
-        found.measured.append(Measured("gps_satellites", "1", float(fields["satellites"])))
+        findings.expect(fields["satellites"] >= least, answer, "satellites", f"{least} or more", fields["satellites"])
+        _place(answer, limits, site, findings)
+        findings.measured.append(Measured("gps_satellites", "1", float(fields["satellites"])))
         for name in ("latitude", "longitude"):
-            found.measured.append(Measured(f"gps_{name}", "deg", fields[name]))
-        found.measured.append(Measured("gps_height", "m", fields["height"]))
-        found.measured.append(Measured("gps_time_to_fix", "s", fields["time_to_fix"] / 1000.0))
-    return found
+            findings.measured.append(Measured(f"gps_{name}", "deg", fields[name]))
+        findings.measured.append(Measured("gps_height", "m", fields["height"]))
+        findings.measured.append(Measured("gps_time_to_fix", "s", fields["time_to_fix"] / 1000.0))
+    return findings
 
 
-def _place(answer: Answer, limits: Limits, site: Mapping[str, Any], found: Findings) -> None:
+def _place(answer: Answer, limits: Limits, site: Mapping[str, Any], findings: Findings) -> None:
     """Against the site as far as the sequence states it; a coordinate it does not state must only be one on Earth."""
     reach_m = _SIGMAS * limits["horizontal_error"]
     latitude, longitude = answer.fields["latitude"], answer.fields["longitude"]
@@ -112,50 +112,50 @@ def _place(answer: Answer, limits: Limits, site: Mapping[str, Any], found: Findi
         away = 0.0 if due is None else (value - float(due) + 180.0) % 360.0 - 180.0  # 180 East is 180 West
         ok = abs(value) <= most if due is None else abs(away) * scale_m[name] <= reach_m
         text = f"-{most:g} to {most:g} deg" if due is None else f"{float(due):.5f} deg within {reach_m:g} m"
-        found.expect(ok, answer, name, text, f"{value:.6f} deg")
+        findings.expect(ok, answer, name, text, f"{value:.6f} deg")
     due, height, reach_m = site.get("height_m"), answer.fields["height"], _SIGMAS * limits["height_error"]
     ok = _HEIGHTS_m[0] <= height <= _HEIGHTS_m[1] if due is None else abs(height - float(due)) <= reach_m
     text = f"{_HEIGHTS_m[0]:g} to {_HEIGHTS_m[1]:g} m" if due is None else f"{float(due):g} m within {reach_m:g} m"
-    found.expect(ok, answer, "height", text, f"{height:.1f} m")
+    findings.expect(ok, answer, "height", text, f"{height:.1f} m")
 
 
 def judge_ad(answers: Sequence[Answer], limits: Limits) -> Findings:
     """Each source on its own DIP switch and on no other channel; the floating channel is reported and never judged."""
-    found = Findings()
-    for answer in whole(answers, found):
+    findings = Findings()
+    for answer in whole(answers, findings):
         volts, dip = answer.fields["volts"], answer.asked.get("dip", 0)
-        _field(answer, volts[:_MAGNETIC], limits, found)
+        _field(answer, volts[:_MAGNETIC], limits, findings)
         for switch, (name, source_V) in SOURCES_V.items():
             value = volts[_MAGNETIC + switch - 1]
             due = source_V if switch == dip else 0.0
             most = max(limits["ad_ground"], limits["ad_tolerance"] * due)
             state = "on" if switch == dip else "off"
             due_text = f"{due:g} V within {most:g} V"
-            found.expect(abs(value - due) <= most, answer, f"{name}, its switch {state}", due_text, f"{value:.3f} V")
+            findings.expect(abs(value - due) <= most, answer, f"{name}, its switch {state}", due_text, f"{value:.3f} V")
             if switch == dip:
-                found.measured.append(Measured("ad_volts", "V", value, 0.0, {"source": name}))
+                findings.measured.append(Measured("ad_volts", "V", value, 0.0, {"source": name}))
         if dip == _FLOATING_DIP:
             text = f"floating channel: {volts[_MAGNETIC + _FLOATING_DIP - 1]:.3f} V (reported, not judged)"
-            found.remarks.append(text)
+            findings.remarks.append(text)
     asked = {answer.asked.get("dip") for answer in answers}
     for switch, (name, _) in SOURCES_V.items():
         if switch not in asked:
-            found.missing(answers[-1].exchange.begin_s, f"DIP switch {switch} ({name})")
-    return found
+            findings.missing(answers[-1].exchange.begin_s, f"DIP switch {switch} ({name})")
+    return findings
 
 
-def _field(answer: Answer, volts: Sequence[float], limits: Limits, found: Findings) -> None:
+def _field(answer: Answer, volts: Sequence[float], limits: Limits, findings: Findings) -> None:
     """The magnetometer outputs must be those of a field that the Earth and the module around them can give."""
     gauss = [(value - _MIDDLE_V) / _V_gauss for value in volts]
     low, high = limits["ad_field_low"], limits["ad_field_high"]
     size = math.hypot(*gauss)
     received = f"{size:.3f} gauss ({', '.join(f'{value:.3f} V' for value in volts)})"
-    found.expect(low <= size <= high, answer, "field of the magnetometer", f"{low:g} to {high:g} gauss", received)
+    findings.expect(low <= size <= high, answer, "field of the magnetometer", f"{low:g} to {high:g} gauss", received)
 
 
 def judge_supply(readings: Sequence[Reading], limits: Limits) -> tuple[Findings, list[Reading]]:
     """Voltage 5 V and current 0.49 A, each within 5 % unless the sequence says otherwise; and the readings used."""
-    found, used = Findings(), []
+    findings, used = Findings(), []
     for reading in readings:
         if reading.name not in _MEASURED:
             continue
@@ -164,17 +164,17 @@ def judge_supply(readings: Sequence[Reading], limits: Limits) -> tuple[Findings,
         due, most = limits[quantity], limits[f"{quantity}_deviation"]
         sent, due_text = f"{reading.role} {reading.name}", f"{due:g} {unit} within {100 * most:g} %"
         if not isinstance(reading.value, int | float):
-            found.wrong.append(Wrong(reading.t_s, f"{quantity}: no reading", sent, due_text, "nothing"))
+            findings.wrong.append(Wrong(reading.t_s, f"{quantity}: no reading", sent, due_text, "nothing"))
             continue
         value, place = float(reading.value), {"role": reading.role}
         deviation = value / due - 1.0
-        found.measured.append(Measured(quantity, unit, value, 0.0, place))
-        found.measured.append(Measured(f"{quantity}_deviation", "1", deviation, 0.0, place, most))
+        findings.measured.append(Measured(quantity, unit, value, 0.0, place))
+        findings.measured.append(Measured(f"{quantity}_deviation", "1", deviation, 0.0, place, most))
         if not abs(deviation) <= most:
-            found.wrong.append(Wrong(reading.t_s, quantity.replace("_", " "), sent, due_text, f"{value:.4f} {unit}"))
+            findings.wrong.append(Wrong(reading.t_s, quantity.replace("_", " "), sent, due_text, f"{value:.4f} {unit}"))
     taken = {reading.name for reading in used}
     for name, (quantity, _) in _MEASURED.items():
         if used and name not in taken:
             text = f"{quantity.replace('_', ' ')} was not measured"
-            found.wrong.append(Wrong(used[-1].t_s, text, "nothing", "a reading of it", "nothing"))
-    return found, used
+            findings.wrong.append(Wrong(used[-1].t_s, text, "nothing", "a reading of it", "nothing"))
+    return findings, used

@@ -81,14 +81,14 @@ class UnitResult:
     @property
     def span_s(self) -> tuple[float, float] | None:
         """Begin of the first and end of the last test, bench clock; the static checks in front do not count."""
-        begins = [one.begin_s for one in self.items if one.begin_s is not None]
-        ends = [one.end_s for one in self.items if one.end_s is not None]
+        begins = [item.begin_s for item in self.items if item.begin_s is not None]
+        ends = [item.end_s for item in self.items if item.end_s is not None]
         return (min(begins), max(ends)) if begins and ends else None
 
     @property
     def verdict(self) -> str:
         """fail if anything fails; pass only if everything was tested and passes."""
-        verdicts = {one.verdict for one in self.all if one.judged}
+        verdicts = {item.verdict for item in self.all if item.judged}
         if FAIL in verdicts:
             return FAIL
         return PASS if verdicts == {PASS} else NOT_TESTED
@@ -96,7 +96,7 @@ class UnitResult:
     @property
     def wrong(self) -> list[Wrong]:
         """Return every wrong result."""
-        return [one for item in self.all for one in item.findings.wrong]
+        return [wrong for item in self.all for wrong in item.findings.wrong]
 
 
 def unit_results(material: Material) -> list[UnitResult]:
@@ -108,9 +108,9 @@ def unit_results(material: Material) -> list[UnitResult]:
     default = str(material.campaign["uut"]["serial"])
     exchanges: dict[str, list[Exchange]] = {}
     readings: dict[str, list[Reading]] = {}
-    for one in material.exchanges:
-        if one.item:
-            exchanges.setdefault(unit_of(one.conditions, default), []).append(one)
+    for exchange in material.exchanges:
+        if exchange.item:
+            exchanges.setdefault(unit_of(exchange.conditions, default), []).append(exchange)
     for reading in material.readings:
         readings.setdefault(unit_of(reading.conditions, default), []).append(reading)
     names = dict.fromkeys([*exchanges, *(name for name in readings if name in exchanges or len(exchanges) == 0)])
@@ -126,10 +126,10 @@ def _unit(
     name: str, exchanges: Sequence[Exchange], readings: Sequence[Reading], material: Material, limits: Limits
 ) -> UnitResult:
     by_item: dict[str, list[Exchange]] = {item: [] for item in ITEMS}
-    for one in exchanges:
-        by_item.setdefault(one.item, []).append(one)
+    for exchange in exchanges:
+        by_item.setdefault(exchange.item, []).append(exchange)
     judges = _judges(material)
-    items = [_item(item, found, judges.get(item), material, limits) for item, found in by_item.items()]
+    items = [_item(item, own, judges.get(item), material, limits) for item, own in by_item.items()]
     return UnitResult(name, judge_supply_item(readings, limits), tuple(items))
 
 
@@ -166,7 +166,7 @@ def _item(
         return ItemResult(item, Findings(), 0)
     answers = answers_of(exchanges, material.layouts)
     findings = Findings(remarks=["nobody judges this item"]) if judge is None else _judged(item, answers, judge, limits)
-    retries = sum(one.attempts - 1 for one in exchanges)
+    retries = sum(exchange.attempts - 1 for exchange in exchanges)
     times_s = exchanges[0].begin_s, exchanges[-1].end_s
     return ItemResult(item, findings, len(exchanges), *times_s, retries, judged=judge is not None)
 
@@ -175,9 +175,9 @@ def _judged(
     item: str, answers: Sequence[Answer], judge: Callable[[Sequence[Answer], Limits], Findings], limits: Limits
 ) -> Findings:
     """Return what the judge says of the commands of its item; another command under its name is a wrong result."""
-    own = [one for one in answers if one.exchange.name == item]
+    own = [answer for answer in answers if answer.exchange.name == item]
     findings = judge(own, limits) if own else Findings()
-    for one in answers:
-        name = one.exchange.name
-        findings.expect(name == item, one, f"command {name} is no test of this item", f"command {item}", name)
+    for answer in answers:
+        name = answer.exchange.name
+        findings.expect(name == item, answer, f"command {name} is no test of this item", f"command {item}", name)
     return findings

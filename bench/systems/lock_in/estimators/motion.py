@@ -28,8 +28,8 @@ def solve_rows(design: Array, values: Array, weight: Array | None = None) -> tup
     unit = scaled / length[:, None, :]
     across = unit.transpose(0, 2, 1)
     right = values if weight is None else values * weight
-    found = np.linalg.solve(across @ unit, across @ right[:, :, None])[:, :, 0] / length
-    return np.asarray(found), np.asarray(values - (design @ found[:, :, None])[:, :, 0])
+    solution = np.linalg.solve(across @ unit, across @ right[:, :, None])[:, :, 0] / length
+    return np.asarray(solution), np.asarray(values - (design @ solution[:, :, None])[:, :, 0])
 
 
 def rms(residual: Array) -> Array:

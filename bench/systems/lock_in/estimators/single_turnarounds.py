@@ -34,14 +34,14 @@ def parabolas(turns: Turnarounds, crossings: int = 4) -> Jumps:
     behind, right = _parabola(time_s[:, crossings:], phase[:, crossings:])
     zero = (_vertex(before) + _vertex(behind)) / 2.0
     at_before, at_behind = _value(before, zero), _value(behind, zero)
-    found = (
+    columns = (
         at_behind - at_before,
         (at_before + at_behind) / 2.0,
         np.abs(before[:, 2] + behind[:, 2]),
         zero,
         rms(np.column_stack((left, right))),
     )
-    return Jumps("parabolas", *(spread(turns.usable, column) for column in found))
+    return Jumps("parabolas", *(spread(turns.usable, column) for column in columns))
 
 
 def _parabola(time_s: Array, phase: Array) -> tuple[Array, Array]:
@@ -90,8 +90,8 @@ def jumps_of(method: str, usable: NDArray[np.bool_], step: Array, motion: Dither
 
     Source: none; bookkeeping.
     """
-    found = (step, motion.psi0_rad, motion.curvature_rad_s2, motion.zero_rate_s, rms(residual))
-    return Jumps(method, *(spread(usable, column) for column in found))
+    columns = (step, motion.psi0_rad, motion.curvature_rad_s2, motion.zero_rate_s, rms(residual))
+    return Jumps(method, *(spread(usable, column) for column in columns))
 
 
 def fresnel(turns: Turnarounds) -> Jumps:

@@ -63,7 +63,7 @@ class Turnarounds:
 
 @dataclass(frozen=True)
 class Jumps:
-    """What a compensator says of each turnaround, (n,); NaN where it is not usable.
+    """Jumps of the phase at each turnaround by one compensator, (n,); NaN where it is not usable.
 
     Attributes:
         method: its name.   dpsi_rad: phase behind less phase before, both carried on to the zero-rate instant.
@@ -84,9 +84,9 @@ def spread(usable: Bool, values: Array) -> Array:
 
     Source: none; bookkeeping.
     """
-    found = np.full(usable.size, np.nan)
-    found[usable] = values
-    return found
+    placed = np.full(usable.size, np.nan)
+    placed[usable] = values
+    return placed
 
 
 def turnarounds(

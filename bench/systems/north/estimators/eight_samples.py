@@ -154,14 +154,14 @@ def calibrate_index(u1: ArrayLike, u2: ArrayLike, phi_deg: ArrayLike, *, phi_std
     sets = len(first)
     back = np.exp(-1j * np.deg2rad(np.broadcast_to(np.asarray(phi_deg, np.float64), (sets,))))
     of_1, of_2 = lock_in_phasors(first, second)
-    mean_1, mean_2 = (complex((one * back).mean()) if sets else 0j for one in (of_1, of_2))
+    mean_1, mean_2 = (complex((phasors * back).mean()) if sets else 0j for phasors in (of_1, of_2))
     if not (abs(mean_1) > 0.0 and abs(mean_2) > 0.0):  # nothing, or NaN
         raise FitError(
             "B-FIT-113",
             f"{sets} sets of eight samples at a known azimuth hold no signal, or a value that is missing",
             next_step="take the calibration again; check that the table turned and the gyroscope was on",
         )
-    f2_deg, f5_deg = (float(np.rad2deg(np.angle(one))) for one in (mean_1, mean_2))
+    f2_deg, f5_deg = (float(np.rad2deg(np.angle(mean))) for mean in (mean_1, mean_2))
     check_placement(f2_deg, f5_deg)
     dof = 6.0 * sets - 4.0  # eight samples and two offsets a set, four common parameters
     variance = _left_over(first, second, mean_1 / back, mean_2 / back) / dof / (2.0 * sets)

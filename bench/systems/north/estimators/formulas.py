@@ -145,10 +145,10 @@ def literal_north(u1: ArrayLike, u2: ArrayLike, *, f5_deg: float = 0.0) -> Liter
         f4 = ((second[..., 0] - second[..., 2]) / np.cos(y) - (second[..., 1] - second[..., 3]) / np.sin(y)) / 4.0
         big_1 = (first[..., 0] - first.mean(-1)) * f4
         big_2 = (second[..., 0] - second.mean(-1)) * f1
-        found = np.arctan((big_1 / big_2 - np.sin(x - y)) / np.cos(x - y))
-    phi_deg = wrapped_deg(np.rad2deg(found) - f5_deg)
+        angle = np.arctan((big_1 / big_2 - np.sin(x - y)) / np.cos(x - y))
+    phi_deg = wrapped_deg(np.rad2deg(angle) - f5_deg)
     safe = quadrant_north(first, second, f5_deg=f5_deg)
-    of_1, of_2 = (np.abs(one) for one in lock_in_phasors(first, second))
+    of_1, of_2 = (np.abs(phasor) for phasor in lock_in_phasors(first, second))
     failures = LiteralFailures(
         half_turn=np.abs(wrapped_deg(phi_deg - safe.phi_deg)) > 90.0,
         flipped_17=_flipped(terms_17, angle_deg(lock_in_phasors(first, second)[0])),
@@ -177,6 +177,6 @@ def _flipped(terms: Array, angle_deg: Array) -> NDArray[np.int64]:
     return np.asarray((np.abs(np.rad2deg(terms) - branch_deg) > 90.0).sum(0))
 
 
-def _amplitude_failed(found: Array, right: Array, angle: Array) -> NDArray[np.bool_]:
+def _amplitude_failed(amplitude: Array, right: Array, angle: Array) -> NDArray[np.bool_]:
     nothing = np.minimum(np.abs(np.sin(angle)), np.abs(np.cos(angle))) <= _NOTHING
-    return np.asarray(nothing | ~(np.abs(np.abs(found) - right) <= _WRONG_AMPLITUDE * right))
+    return np.asarray(nothing | ~(np.abs(np.abs(amplitude) - right) <= _WRONG_AMPLITUDE * right))

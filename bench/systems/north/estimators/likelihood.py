@@ -146,10 +146,10 @@ def likelihood_north(u_V: ArrayLike, theta_deg: ArrayLike, *, harmonics: Sequenc
     angles = np.broadcast_to(theta, u.shape).reshape(flat.shape)
     orders = tuple(harmonics)
     shared = _turning(theta, orders) if theta.ndim == 1 and np.isfinite(theta).all() else None
-    found = [_fit(one, angle, shared, orders) for one, angle in zip(flat, angles, strict=True)]
+    fits = [_fit(samples, angle, shared, orders) for samples, angle in zip(flat, angles, strict=True)]
 
     def column(name: str) -> Array:
-        return np.array([getattr(one, name) for one in found]).reshape(shape)
+        return np.array([getattr(fit, name) for fit in fits]).reshape(shape)
 
     phasor, noise, samples = np.asarray(column("phasor"), np.complex128), column("noise"), column("samples")
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -162,7 +162,7 @@ def likelihood_north(u_V: ArrayLike, theta_deg: ArrayLike, *, harmonics: Sequenc
         phasor=phasor,
         noise_V=noise,
         offset_V=column("offset"),
-        harmonics=np.array([one.harmonics for one in found]).reshape(*shape, len(harmonics)),
+        harmonics=np.array([fit.harmonics for fit in fits]).reshape(*shape, len(harmonics)),
         bound_deg=bound_deg,
         whiteness=column("whiteness"),
         widened=column("widened").astype(bool),

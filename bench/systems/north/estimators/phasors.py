@@ -142,8 +142,8 @@ def left_over(u1: Array, u2: Array, of_1: Complex, of_2: Complex) -> Array:
 
 def angle_deg(phasor: Complex) -> Array:
     """Return angle of a phasor in -180 (excluded) to 180 degrees; NaN for one of no length, which points nowhere."""
-    found = wrapped_deg(np.rad2deg(np.angle(phasor)))
-    return np.asarray(np.where(np.abs(phasor) > 0.0, found, np.nan))
+    direction_deg = wrapped_deg(np.rad2deg(np.angle(phasor)))
+    return np.asarray(np.where(np.abs(phasor) > 0.0, direction_deg, np.nan))
 
 
 def half_width_deg(std_deg: ArrayLike, dof: ArrayLike, probability: float = 0.95) -> Array:
@@ -156,7 +156,7 @@ def half_width_deg(std_deg: ArrayLike, dof: ArrayLike, probability: float = 0.95
     """
     std, freedom = np.broadcast_arrays(np.asarray(std_deg, np.float64), np.asarray(dof, np.float64))
     each, which = np.unique(freedom, return_inverse=True)
-    factors = np.array([coverage_factor(float(one), probability) for one in each])
+    factors = np.array([coverage_factor(float(number), probability) for number in each])
     sine = np.deg2rad(std) * factors[which].reshape(std.shape)
     width = np.rad2deg(np.arcsin(np.minimum(sine, 1.0)))
     return np.asarray(np.where(sine >= 1.0, 180.0, width))

@@ -122,8 +122,8 @@ def line_below(place: Array, delay_s: Array) -> tuple[float, float]:
     return y0 - slope * x0, slope
 
 
-def _turns_up(one: tuple[float, float], two: tuple[float, float], new: tuple[float, float]) -> bool:
-    return (two[1] - one[1]) * (new[0] - one[0]) >= (new[1] - one[1]) * (two[0] - one[0])
+def _turns_up(first: tuple[float, float], second: tuple[float, float], new: tuple[float, float]) -> bool:
+    return (second[1] - first[1]) * (new[0] - first[0]) >= (new[1] - first[1]) * (second[0] - first[0])
 
 
 def _hull_covariance(place: Array, above_s: Array, noise_s: float) -> Array:

@@ -67,11 +67,11 @@ def grid_line(grid: Grid, level_s: float, slope_s: float) -> tuple[float, float,
         value, scores = _log_likelihood(delay, grid.place, noise, at)
         return -float(value.mean()), -scores.mean(axis=0)
 
-    found = [
+    solutions = [
         optimize.minimize(cost, np.array([-start, 0.0, excess]), jac=True, method="BFGS", options={"gtol": 1e-7})
         for start in _STARTS
     ]
-    best = min(found, key=lambda one: float(one.fun))
+    best = min(solutions, key=lambda solution: float(solution.fun))
     at = np.asarray(best.x, np.float64)
     covariance = _covariance(delay, grid.place, noise, at)
     bound = np.diag([1.0 / 12.0, 1.0 / 6.0])
@@ -123,4 +123,4 @@ def _covariance(delay: Array, place: Array, noise: float, at: Array) -> Array | 
     blocks = np.stack([np.bincount(part, scores[:, k], _BLOCKS) for k in range(3)], axis=1)
     robust = inverse @ (blocks.T @ blocks) @ inverse
     both = inverse[:2, :2], robust[:2, :2]
-    return np.asarray(max(both, key=lambda one: float(np.trace(one))))
+    return np.asarray(max(both, key=lambda covariance: float(np.trace(covariance))))

@@ -136,13 +136,13 @@ def results_of(options: StudyOptions, gave: Sequence[Any]) -> Results:
     return Results(tuple(zip(tasks_of(options), gave, strict=True)))
 
 
-def study_document(options: StudyOptions, found: Results, software: str) -> dict[str, Any]:
+def study_document(options: StudyOptions, results: Results, software: str) -> dict[str, Any]:
     """Return the document; where and by how many it was computed does not stand in it."""
     offsets_ms = options.offsets_ms
     estimates = [
-        *error_estimates(found, offsets_ms),
-        *recovery_estimates(found, offsets_ms),
-        *image_estimates(found, offsets_ms),
+        *error_estimates(results, offsets_ms),
+        *recovery_estimates(results, offsets_ms),
+        *image_estimates(results, offsets_ms),
     ]
     if not options.judged:
         estimates = [entry if entry["conditions"]["filter"] == ERRORLESS else unjudged(entry) for entry in estimates]
@@ -156,7 +156,7 @@ def study_document(options: StudyOptions, found: Results, software: str) -> dict
         "decision_rule": "simple",
         "noise": {name: dict(zip(("m", "m/s", "deg"), sigmas, strict=True)) for name, sigmas in SIGMA_R.items()},
         "estimates": estimates,
-        "cuts": [_cut(cut) for cut in _all_cuts(found)],
+        "cuts": [_cut(cut) for cut in _all_cuts(results)],
         "notes": [*([] if options.judged else [QUICK]), *NOTES],
         "provenance": {"simulated": True, "software": software},
     }
@@ -167,8 +167,8 @@ def study_json(document: Mapping[str, Any]) -> str:
     return json.dumps(document, sort_keys=True, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
 
 
-def _all_cuts(found: Results) -> list[Cut]:
-    return [*found.ideal().cuts, *(cut for one in found.images() for cut in one.cuts)]
+def _all_cuts(results: Results) -> list[Cut]:
+    return [*results.ideal().cuts, *(cut for image in results.images() for cut in image.cuts)]
 
 
 def _cut(cut: Cut) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""What an offset that nobody compensates does to navigation: Tables 5 to 7 of the paper, and the biases."""
+"""Effect on navigation of an offset that nobody compensates: Tables 5 to 7 of the paper, and the biases."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ _POSITION_0_m, _YAW_0_deg = (0.2, 0.45), (0.009, 0.020)
 _MEAN_m, _VELOCITY_WITHIN, _YAW_WITHIN, _SAME, _UNAFFECTED = 0.15, (0.75, 1.15), 0.10, 0.01, 0.02
 
 
-def error_estimates(found: Results, offsets_ms: Sequence[float]) -> Estimates:
+def error_estimates(results: Results, offsets_ms: Sequence[float]) -> Estimates:
     """All that the unaugmented filter leaves, judged where the paper or the equations say what is due."""
     makers: tuple[Callable[[Results, float], Estimates], ...] = (_position, _velocity, _yaw, _stationary, _biases)
-    return [entry for make in makers for offset_ms in offsets_ms for entry in make(found, offset_ms)]
+    return [entry for make in makers for offset_ms in offsets_ms for entry in make(results, offset_ms)]
 
 
 def unaugmented(offset_ms: float, noise: str = BASE) -> Group:
@@ -65,13 +65,13 @@ def case(manoeuvre: str, offset_ms: float, **more: Any) -> dict[str, Any]:
     return {"manoeuvre": manoeuvre, "offset_ms": offset_ms, "filter": UNAUGMENTED, **more}
 
 
-def _position(found: Results, offset_ms: float) -> Estimates:
+def _position(results: Results, offset_ms: float) -> Estimates:
     """Table 5: RMS over runs and time; the offset adds its square, and its mean shows the sign.
 
     The 50 runs alone have a mean of some 0.04 m, which an offset of 10 ms turns into 4 % of the RMS: the due value is
     that of the same runs, and the ratio to sqrt(RMS0^2 + (v T_d)^2) stands beside it.
     """
-    flight = found.flight("linear", augmented=False)
+    flight = results.flight("linear", augmented=False)
     between_s = after_s(flight)
     rms_m, rms_0_m = (over_time(flight, "position_m", unaugmented(offset), 0, between_s) for offset in (offset_ms, 0.0))
     conditions = case("linear", offset_ms, axis="north")
@@ -94,9 +94,9 @@ def _position(found: Results, offset_ms: float) -> Estimates:
     ]
 
 
-def _velocity(found: Results, offset_ms: float) -> Estimates:
+def _velocity(results: Results, offset_ms: float) -> Estimates:
     """Table 6: greatest RMS over runs, and the lag behind the acceleration."""
-    flight, group = found.flight("acceleration", augmented=False), unaugmented(offset_ms)
+    flight, group = results.flight("acceleration", augmented=False), unaugmented(offset_ms)
     rms_m_s = greatest(flight, "velocity_m_s", group, 0)
     conditions = case("acceleration", offset_ms, axis="north")
     std_m_s = rms_std(greatest(flight, "velocity_m_s", unaugmented(0.0), 0), flight.runs)
@@ -113,9 +113,9 @@ def _velocity(found: Results, offset_ms: float) -> Estimates:
     ]
 
 
-def _yaw(found: Results, offset_ms: float) -> Estimates:
+def _yaw(results: Results, offset_ms: float) -> Estimates:
     """Table 7: greatest RMS over runs."""
-    flight = found.flight("turn", augmented=False)
+    flight = results.flight("turn", augmented=False)
     rms_deg = greatest(flight, "attitude_deg", unaugmented(offset_ms), 2)
     std_deg = rms_std(greatest(flight, "attitude_deg", unaugmented(0.0), 2), flight.runs)
     paper_deg = YAW_deg.get(offset_ms)
@@ -135,11 +135,11 @@ def _ratio(
     return with_it / without
 
 
-def _stationary(found: Results, offset_ms: float) -> Estimates:
+def _stationary(results: Results, offset_ms: float) -> Estimates:
     """Figure 3: who does not move does not notice."""
     if offset_ms == 0.0:
         return []
-    flight = found.flight("stationary", augmented=False)
+    flight = results.flight("stationary", augmented=False)
     between_s, ends = after_s(flight), {"at_least": 1 - _SAME, "at_most": 1 + _SAME}
     return [
         measured(
@@ -150,11 +150,11 @@ def _stationary(found: Results, offset_ms: float) -> Estimates:
     ]  # fmt: skip
 
 
-def _biases(found: Results, offset_ms: float) -> Estimates:
+def _biases(results: Results, offset_ms: float) -> Estimates:
     """Figures 5 to 7: biases during the manoeuvre with tight noise, and those that the offset does not reach."""
     documents: Estimates = []
     for manoeuvre, untouched in UNTOUCHED.items():
-        flight, group = found.flight(manoeuvre, augmented=False), unaugmented(offset_ms, TIGHT)
+        flight, group = results.flight(manoeuvre, augmented=False), unaugmented(offset_ms, TIGHT)
         for name, unit in (("accel_bias_ug", "ug"), ("gyro_bias_deg_h", "deg/h")):
             for axis, place in enumerate(BODY):
                 rms = over_time(flight, name, group, axis, MANOEUVRE_s)

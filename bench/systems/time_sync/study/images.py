@@ -1,4 +1,4 @@
-"""What the offset does to the image, with and without its state in the filter: each run against itself at no offset."""
+"""Effect of the offset on the image, with and without its state in the filter: each run against itself at no offset."""
 
 from __future__ import annotations
 
@@ -27,27 +27,27 @@ def image_group(offset_ms: float, *, augmented: bool) -> Group:
     return Group(offset_ms * 1e-3, augmented, IMAGED)
 
 
-def figures_of(found: Results, name: str, offset_ms: float, *, augmented: bool) -> Floats:
+def figures_of(results: Results, name: str, offset_ms: float, *, augmented: bool) -> Floats:
     """One figure of the focused targets, (runs,)."""
-    result, at = found.image(image_group(offset_ms, augmented=augmented))
+    result, at = results.image(image_group(offset_ms, augmented=augmented))
     return np.asarray(getattr(result, name)[at])
 
 
-def image_estimates(found: Results, offsets_ms: tuple[float, ...]) -> Estimates:
+def image_estimates(results: Results, offsets_ms: tuple[float, ...]) -> Estimates:
     """Return the ideal response, then figures of every offset and filter, then those against no offset."""
-    documents = _ideal(found)
+    documents = _ideal(results)
     for augmented in (False, True):
         for offset_ms in offsets_ms:
-            documents += _figures(found, offset_ms, augmented)
-            documents += _identity(found, offset_ms, augmented)
+            documents += _figures(results, offset_ms, augmented)
+            documents += _identity(results, offset_ms, augmented)
             if offset_ms:
-                documents += _paired(found, offset_ms, augmented)
+                documents += _paired(results, offset_ms, augmented)
     return documents
 
 
-def _ideal(found: Results) -> Estimates:
+def _ideal(results: Results) -> Estimates:
     """Return nothing but the radar and the mechanisation."""
-    ideal, conditions = found.ideal(), {"filter": ERRORLESS}
+    ideal, conditions = results.ideal(), {"filter": ERRORLESS}
 
     def within(quantity: str, unit: str, value: float, due: float, by: float) -> dict[str, Any]:
         return measured(quantity, unit, value, 0.0, conditions, n=1, at_least=due - by, at_most=due + by)
@@ -72,38 +72,40 @@ def _mean_std(values: Floats) -> tuple[float, float]:
     return float(values.mean()), float(std)
 
 
-def _figures(found: Results, offset_ms: float, augmented: bool) -> Estimates:
+def _figures(results: Results, offset_ms: float, augmented: bool) -> Estimates:
     documents = []
     for name in FIGURES:
-        values = figures_of(found, name, offset_ms, augmented=augmented)
+        values = figures_of(results, name, offset_ms, augmented=augmented)
         mean, std = _mean_std(values)
         quantity = name.removesuffix("_m").removesuffix("_dB")
         documents.append(measured(quantity, _UNITS[name], mean, std, _conditions(offset_ms, augmented), n=len(values)))
-    result, at = found.image(image_group(offset_ms, augmented=augmented))
+    result, at = results.image(image_group(offset_ms, augmented=augmented))
     for number, shift_m in enumerate(result.several_m[at], 1):
         conditions = _conditions(offset_ms, augmented, target=number, run=1)
         documents.append(measured("target_shift", "m", float(shift_m), 0.0, conditions, n=1))
     return documents
 
 
-def _identity(found: Results, offset_ms: float, augmented: bool) -> Estimates:
+def _identity(results: Results, offset_ms: float, augmented: bool) -> Estimates:
     """The shift that is seen in the image is the one that the errors of navigation explain."""
     seen_m, said_m = (
-        figures_of(found, name, offset_ms, augmented=augmented) for name in ("azimuth_shift_m", "predicted_m")
+        figures_of(results, name, offset_ms, augmented=augmented) for name in ("azimuth_shift_m", "predicted_m")
     )
     rms_m = float(np.sqrt(np.mean((seen_m - said_m) ** 2)))
     conditions = _conditions(offset_ms, augmented)
     return [measured("shift_unexplained_rms", "m", rms_m, 0.0, conditions, n=len(seen_m), at_most=_IDENTITY_m)]
 
 
-def _paired(found: Results, offset_ms: float, augmented: bool) -> Estimates:
+def _paired(results: Results, offset_ms: float, augmented: bool) -> Estimates:
     """Return every run against the same run without an offset."""
-    moved_m = _difference(found, "azimuth_shift_m", offset_ms, augmented)
+    moved_m = _difference(results, "azimuth_shift_m", offset_ms, augmented)
     mean_m, std_m = _mean_std(moved_m)
     conditions, n = _conditions(offset_ms, augmented), len(moved_m)
-    resolution = [figures_of(found, "azimuth_resolution_m", offset, augmented=augmented) for offset in (offset_ms, 0.0)]
+    resolution = [
+        figures_of(results, "azimuth_resolution_m", offset, augmented=augmented) for offset in (offset_ms, 0.0)
+    ]
     ratio = float(resolution[0].mean() / resolution[1].mean())
-    islr_dB, islr_std_dB = _mean_std(_difference(found, "islr_dB", offset_ms, augmented))
+    islr_dB, islr_std_dB = _mean_std(_difference(results, "islr_dB", offset_ms, augmented))
     worst = offset_ms == _WORST_ms
     documents = []
     if augmented:
@@ -125,6 +127,6 @@ def _paired(found: Results, offset_ms: float, augmented: bool) -> Estimates:
     return documents
 
 
-def _difference(found: Results, name: str, offset_ms: float, augmented: bool) -> Floats:
-    with_it, without = (figures_of(found, name, offset, augmented=augmented) for offset in (offset_ms, 0.0))
+def _difference(results: Results, name: str, offset_ms: float, augmented: bool) -> Floats:
+    with_it, without = (figures_of(results, name, offset, augmented=augmented) for offset in (offset_ms, 0.0))
     return np.asarray(with_it - without)

@@ -1,4 +1,4 @@
-"""What the augmented filter finds of the offset, where it must not find anything, and what it believes of itself."""
+"""Offset as the augmented filter finds it, cases where it must not find any, and what it believes of itself."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ def augmented(offset_ms: float, noise: str = BASE) -> Group:
     return Group(offset_ms * 1e-3, augmented=True, noise=noise)
 
 
-def recovery_estimates(found: Results, offsets_ms: tuple[float, ...]) -> Estimates:
+def recovery_estimates(results: Results, offsets_ms: tuple[float, ...]) -> Estimates:
     """Recovered offsets by manoeuvre, consistency, observability."""
     return [
-        *_found_in(found, "turn", (_SOON_s, MANOEUVRE_s[1], SHORT_s), judged=True),
-        *_straight(found),
-        *_found_in(found, "acceleration", (_SOON_s, SHORT_s), judged=False),
-        *_long(found, offsets_ms),
-        *_observability(found),
+        *_found_in(results, "turn", (_SOON_s, MANOEUVRE_s[1], SHORT_s), judged=True),
+        *_straight(results),
+        *_found_in(results, "acceleration", (_SOON_s, SHORT_s), judged=False),
+        *_long(results, offsets_ms),
+        *_observability(results),
     ]
 
 
@@ -65,9 +65,9 @@ def _remaining(flight: FlightResult, group: Group, conditions: dict[str, Any], *
     ]
 
 
-def _found_in(found: Results, manoeuvre: str, times_s: Sequence[float], *, judged: bool) -> Estimates:
+def _found_in(results: Results, manoeuvre: str, times_s: Sequence[float], *, judged: bool) -> Estimates:
     """Errors that are left of every offset at some times; the turn finds it, whatever it is."""
-    flight = found.flight(manoeuvre, augmented=True)
+    flight = results.flight(manoeuvre, augmented=True)
     return [
         entry
         for offset_ms in RECOVERED_ms
@@ -76,9 +76,9 @@ def _found_in(found: Results, manoeuvre: str, times_s: Sequence[float], *, judge
     ]
 
 
-def _straight(found: Results) -> Estimates:
+def _straight(results: Results) -> Estimates:
     """Straight and level flight cannot tell an offset from a distance: a filter that converges has seen the truth."""
-    flight = found.flight("linear", augmented=True)
+    flight = results.flight("linear", augmented=True)
     documents: Estimates = []
     for offset_ms in RECOVERED_ms:
         column, conditions = flight.at(augmented(offset_ms)), _conditions("linear", offset_ms, SHORT_s)
@@ -102,14 +102,14 @@ def _straight_consistency(flight: FlightResult) -> dict[str, Any]:
     return measured("offset_nees_over_offsets", "1", nees, 0.0, conditions, n=n, at_least=low, at_most=high)
 
 
-def _long(found: Results, offsets_ms: tuple[float, ...]) -> Estimates:
+def _long(results: Results, offsets_ms: tuple[float, ...]) -> Estimates:
     """Return the flight with images: after its turn, and whether the filter knows how well it does."""
     documents: Estimates = []
     low, high = _NEES
     for offset_ms in offsets_ms:
         for noise in (LOOSE, TIGHT):
             group = augmented(offset_ms, noise)
-            flight, column = found.long_flight(group)
+            flight, column = results.long_flight(group)
             conditions = _conditions("sar", offset_ms, _NEES_AT_s, noise)
             documents += _remaining(flight, group, conditions, judged=noise == LOOSE)
             at = near(flight, _NEES_AT_s)
@@ -126,11 +126,11 @@ def _long(found: Results, offsets_ms: tuple[float, ...]) -> Estimates:
     return documents
 
 
-def _observability(found: Results) -> Estimates:
+def _observability(results: Results) -> Estimates:
     """Figure 16, at a time instead of over the whole flight."""
     documents: Estimates = []
     for manoeuvre in ("linear", "acceleration", "turn"):
-        flight = found.flight(manoeuvre, augmented=True)
+        flight = results.flight(manoeuvre, augmented=True)
         at, column = near(flight, SEEN_s), flight.at(augmented(SHOWN_ms))
         conditions = _conditions(manoeuvre, SHOWN_ms, SEEN_s)
         whole = float(np.sqrt(np.mean(flight.eigenvalue[:, column] ** 2)))

@@ -1,4 +1,4 @@
-"""What the tasks of the study hand back, and the form of an estimate that is made of it.
+"""Results that the tasks of the study hand back, and the form of an estimate that is made of it.
 
 Results are plain arrays, so that they travel between processes; all statistics over runs are made where the runs are.
 An estimate is held against a tolerance with one or two ends. One from 0.2 to 0.45 does not fit a limit on the size of a
@@ -126,12 +126,12 @@ class Results:
 
     def flight(self, manoeuvre: str, *, augmented: bool) -> FlightResult:
         """Return the 60-second flight of a manoeuvre."""
-        found: FlightResult = next(
+        flight: FlightResult = next(
             result
             for task, result in self.pairs
             if task.kind == "flight" and task.manoeuvre == manoeuvre and task.groups[0].augmented == augmented
         )
-        return found
+        return flight
 
     def images(self) -> Iterator[ImageResult]:
         """Return the blocks of the long flight."""
@@ -149,8 +149,8 @@ class Results:
 
     def ideal(self) -> IdealResult:
         """Return the case without errors."""
-        found: IdealResult = next(result for task, result in self.pairs if task.kind == "ideal")
-        return found
+        ideal: IdealResult = next(result for task, result in self.pairs if task.kind == "ideal")
+        return ideal
 
 
 def measured(

@@ -37,7 +37,7 @@ IMAGE_SPEED_m_s = 250.0  # 100 m/s and 10 s of 15 m/s2
 
 @dataclass(frozen=True)
 class StudyOptions:
-    """What is asked for. ``quick``: fewer runs and a shorter flight, for a look; what needs 50 runs is not judged."""
+    """Options of a study. ``quick``: fewer runs and a shorter flight, for a look; what needs 50 runs is not judged."""
 
     runs: int = RUNS
     seed: int = 1
@@ -91,7 +91,7 @@ class Task:
 
     @property
     def name(self) -> str:
-        """What a person reads while it runs."""
+        """Return the name that a person reads while the task runs."""
         if self.kind == "ideal":
             return "no errors: navigation and image"
         offsets = ", ".join(f"{offset:g}" for offset in dict.fromkeys(group.offset_ms for group in self.groups))
@@ -109,14 +109,14 @@ def checked_options(runs: int | None, seed: int, offsets: str, quick: bool) -> S
     if not FEWEST_RUNS <= count <= MOST_RUNS:
         raise _wrong("--runs", count, f"{FEWEST_RUNS} to {MOST_RUNS} are possible")
     try:
-        found = tuple(dict.fromkeys(float(part) for part in offsets.split(",")))
+        offsets_ms = tuple(dict.fromkeys(float(part) for part in offsets.split(",")))
     except ValueError:
         raise _wrong("--offsets", offsets, "milliseconds with commas between are due, such as 0,10,20,30") from None
-    if 0.0 not in found:
+    if 0.0 not in offsets_ms:
         raise _wrong("--offsets", offsets, "0 must be among them: every other offset is compared with it")
-    if not all(abs(offset) <= FARTHEST_ms for offset in found):
+    if not all(abs(offset) <= FARTHEST_ms for offset in offsets_ms):
         raise _wrong("--offsets", offsets, f"the limit is {FARTHEST_ms:g} ms either way")
-    return StudyOptions(count, seed, tuple(sorted(found)), quick)
+    return StudyOptions(count, seed, tuple(sorted(offsets_ms)), quick)
 
 
 def _wrong(where: str, value: object, limit: str) -> InputError:

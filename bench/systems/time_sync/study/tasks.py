@@ -37,7 +37,7 @@ LATITUDE_deg = 37.5
 
 @dataclass(frozen=True)
 class Scene:
-    """What the radar saw: pulses of one target and of several, and the surveyed places; ``true_m`` (n, 3)."""
+    """View of the radar: pulses of one target and of several, and the surveyed places; ``true_m`` (n, 3)."""
 
     pulse_s: Floats
     true_m: Floats
@@ -63,10 +63,10 @@ def scene_of(path: Any, opens_s: float) -> Scene:
     pulse_s = opens_s + np.arange(round(APERTURE_s * radar.prf_Hz)) / radar.prf_Hz
     true_m, first = path.state(pulse_s).p, path.state(np.array([opens_s]))
     targets_m = sar.scene(radar, first.p[0], first.v[0])
-    one, several = (
+    single, several = (
         _pulses(radar, sar.echoes(radar, true_m, some, np.ones(len(some)))) for some in (targets_m[:1], targets_m)
     )
-    return Scene(pulse_s, true_m, one, several, targets_m)
+    return Scene(pulse_s, true_m, single, several, targets_m)
 
 
 def _pulses(radar: Any, echoes: Any) -> Pulses:
@@ -79,12 +79,12 @@ def image_result(task: Task, flown: Flown) -> ImageResult:
     fine = flown.run.fine
     assert fine is not None
     groups = tuple(group for group in task.groups if group.noise == IMAGED)
-    found: list[list[tuple[Response, float]]] = []
+    responses: list[list[tuple[Response, float]]] = []
     several_m, chips = [], []
     for group in groups:
         at = task.groups.index(group)
         search_m = scene.search_m(group.offset_s)
-        found.append([_focused(scene, _track(scene, fine, at, run), search_m) for run in range(task.runs)])
+        responses.append([_focused(scene, _track(scene, fine, at, run), search_m) for run in range(task.runs)])
         track_m = _track(scene, fine, at, SHOWN_RUN)
         several = [impulse_response(scene.several, track_m, target_m, search_m) for target_m in scene.targets_m]
         several_m.append([response.azimuth_shift_m for response in several])
@@ -92,12 +92,14 @@ def image_result(task: Task, flown: Flown) -> ImageResult:
     return ImageResult(
         flight=flight_result(task, flown),
         groups=groups,
-        predicted_m=np.array([[predicted_m for _, predicted_m in row] for row in found]),
+        predicted_m=np.array([[predicted_m for _, predicted_m in row] for row in responses]),
         several_m=np.array(several_m),
-        cuts=tuple(cut for group, row in zip(groups, found, strict=True) for cut in _cuts(group, row[SHOWN_RUN][0])),
+        cuts=tuple(
+            cut for group, row in zip(groups, responses, strict=True) for cut in _cuts(group, row[SHOWN_RUN][0])
+        ),
         chips=tuple(chips),
         **{
-            name: np.array([[getattr(response, name) for response, _ in row] for row in found], np.float64)
+            name: np.array([[getattr(response, name) for response, _ in row] for row in responses], np.float64)
             for name in FIGURES
         },
     )
@@ -146,15 +148,15 @@ def ideal_result(task: Task) -> IdealResult:
     paths = simulated("flight.path").MANOEUVRES
     off = [_distances(paths[name], task.duration_s) for name in FLOWN]
     scene = scene_of(paths["sar"], LONG_s - APERTURE_s)
-    found = impulse_response(scene.one, scene.true_m, scene.target_m)
-    cuts = (("azimuth", found.azimuth_cut), ("range", found.range_cut))
+    response = impulse_response(scene.one, scene.true_m, scene.target_m)
+    cuts = (("azimuth", response.azimuth_cut), ("range", response.range_cut))
     return IdealResult(
         position_m=max(position_m for position_m, _ in off),
         velocity_m_s=max(velocity_m_s for _, velocity_m_s in off),
-        resolution_m=found.azimuth_resolution_m,
-        range_resolution_m=found.range_resolution_m,
-        pslr_dB=found.pslr_dB,
-        islr_dB=found.islr_dB,
+        resolution_m=response.azimuth_resolution_m,
+        range_resolution_m=response.range_resolution_m,
+        pslr_dB=response.pslr_dB,
+        islr_dB=response.islr_dB,
         cuts=tuple(Cut(name, 0.0, ERRORLESS, cut.offset_m, cut.value) for name, cut in cuts),
     )
 
@@ -165,8 +167,8 @@ def _distances(path: Any, duration_s: float) -> tuple[float, float]:
     true = path.state(t_s)
     dv, dtheta = simulated("flight.imu").exact_increments(path, t_s, LATITUDE_deg)
     north = np.eye(3)  # where all of them begin to head
-    found: Track = navigate(t_s[1:], dv, dtheta, true.p[0], true.v[0], north, LATITUDE_deg)
-    return _greatest(found.p - true.p[1:]), _greatest(found.v - true.v[1:])
+    track: Track = navigate(t_s[1:], dv, dtheta, true.p[0], true.v[0], north, LATITUDE_deg)
+    return _greatest(track.p - true.p[1:]), _greatest(track.v - true.v[1:])
 
 
 def _greatest(difference: Floats) -> float:

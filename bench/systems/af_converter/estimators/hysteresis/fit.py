@@ -122,7 +122,7 @@ def fit_hysteresis(
     at_bound = significant and known and not half_inside
     if not (half_inside and significant) and not at_bound:
         solution = averaged(problem, place, bounds, level)
-    lag_s, half_width_degC = (float(one) for one in solution.parameters[-2:])
+    lag_s, half_width_degC = (float(value) for value in solution.parameters[-2:])
     columns = problem.model.columns(lag_s, half_width_degC)
     return HysteresisFit(
         names=names,

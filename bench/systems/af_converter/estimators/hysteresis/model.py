@@ -1,4 +1,4 @@
-"""What a reading of a unit with thermal lag and hysteresis depends on, averaged over each gate.
+"""Readings of a unit with thermal lag and hysteresis as a function of their causes, averaged over each gate.
 
 Model: y = sum b_k x^k + W s + extra columns + noise, x = T - T_ref, T the lagged temperature, s = (P - T) / (2 r) the
 play in units of its full width: -1/2 on a rising branch, +1/2 on a falling one. So W = 2 h r is the hysteresis width,
@@ -74,7 +74,7 @@ class Gates:
 
 @dataclass(frozen=True)
 class ModelShape:
-    """What the fit is to contain.
+    """Terms that the fit is to contain.
 
     ``order``: degree of the polynomial.   ``extra_columns`` (m, q) with ``extra_names``: further linear terms, such
     as powers of time for a drift.   ``play_start``: (P - T) / r at the first time of the drive; 1: it came from above.

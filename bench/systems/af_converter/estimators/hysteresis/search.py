@@ -125,7 +125,7 @@ def best_lag(problem: Problem, half_width_degC: float, bounds: Bounds, start_s: 
 def _spaced(low: float, high: float, count: int) -> list[float]:
     """Starts inside a range, denser at its low end: even in the square root, not on the ends themselves."""
     places = (np.arange(count) + 0.5) / count
-    return [float(one) for one in (np.sqrt(low) + places * (np.sqrt(high) - np.sqrt(low))) ** 2]
+    return [float(value) for value in (np.sqrt(low) + places * (np.sqrt(high) - np.sqrt(low))) ** 2]
 
 
 def _local_minima(cost: Array) -> list[tuple[int, int]]:

@@ -144,7 +144,7 @@ def _derivative(quadric: Quadric) -> Array:
     """(5, 5) derivatives of the parameters with respect to those of the quadric, by central differences."""
     place = np.concatenate((quadric.centre, quadric.shape[np.triu_indices(2)]))
     steps = _STEP * np.concatenate((np.full(2, 1.0 / quadric.shape[0, 0]), np.full(3, quadric.shape[0, 0])))
-    columns = [(_values(place + one) - _values(place - one)) / (2.0 * one.sum()) for one in np.diag(steps)]
+    columns = [(_values(place + step) - _values(place - step)) / (2.0 * step.sum()) for step in np.diag(steps)]
     return np.column_stack(columns)
 
 

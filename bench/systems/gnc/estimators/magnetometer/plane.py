@@ -67,13 +67,13 @@ def compare_methods(x_out: Array, y_out: Array) -> PlaneComparison:
     ellipse = fit_ellipse(x_out, y_out)
     extremes = fit_extremes(x_out, y_out, ellipse)
     both = {EXTREMES: extremes.parameters, ELLIPSE: ellipse.parameters}
-    rolls = {name: roll_deg(*one.corrected(x_out, y_out)) for name, one in both.items()}
+    rolls = {name: roll_deg(*parameters.corrected(x_out, y_out)) for name, parameters in both.items()}
     difference = (rolls[EXTREMES] - rolls[ELLIPSE] + 180.0) % 360.0 - 180.0
     apart = extremes.parameters.values - ellipse.parameters.values
     return PlaneComparison(
         ellipse=ellipse,
         extremes=extremes,
-        roll={name: roll_uncertainty(one, ellipse.noise) for name, one in both.items()},
+        roll={name: roll_uncertainty(parameters, ellipse.noise) for name, parameters in both.items()},
         roll_difference_deg=(float(np.sqrt(np.mean(difference**2))), float(np.abs(difference).max())),
         score=apart / np.hypot(extremes.parameters.std, ellipse.parameters.std),
     )

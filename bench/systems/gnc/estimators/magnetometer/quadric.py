@@ -70,7 +70,7 @@ def fit_quadric(points: Array) -> Quadric:
         raise _no_quadric(f"all {count} points are the same")
     unit = (points - middle) / scale
     both = _Once(unit)
-    found = optimize.least_squares(
+    solution = optimize.least_squares(
         lambda place: both.at(place)[0],
         _round(unit),
         jac=lambda place: both.at(place)[1],
@@ -80,10 +80,10 @@ def fit_quadric(points: Array) -> Quadric:
         gtol=1e-13,
         max_nfev=_MOST_STEPS,
     )
-    if found.status <= 0:
+    if solution.status <= 0:
         raise _no_quadric(f"the {count} points lie on a line, a plane or an open curve")
-    centre, shape = _split(found.x, dimensions)
-    distance, jacobian = both.at(found.x)
+    centre, shape = _split(solution.x, dimensions)
+    distance, jacobian = both.at(solution.x)
     sign = np.sign(np.diag(shape))
     covariance, noise, wander = _uncertainty(jacobian, distance)
     factor = np.concatenate((np.full(dimensions, scale), sign[np.triu_indices(dimensions)[0]] / scale))

@@ -1,4 +1,4 @@
-"""What the filter of the time offset takes in and hands out.
+"""Inputs and outputs of the filter of the time offset.
 
 Conventions: navigation frame t = local tangent plane, north-east-down, fixed to the Earth; errors are estimate minus
 truth; T_d > 0 means that the EGI sample is old: a sample tagged t_k is the truth at t_k - T_d, in times of the IMU.

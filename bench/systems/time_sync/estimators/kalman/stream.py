@@ -20,7 +20,7 @@ _IMU_BLOCK = 400
 
 
 def first_sample(egi: EgiSource, from_s: float) -> int:
-    """Index of the first sample tagged ``from_s`` or later that all groups can use, -1 if there is none."""
+    """Return the index of the first sample tagged ``from_s`` or later that all groups can use, -1 without one."""
     for k0 in range(int(np.searchsorted(egi.t_s, from_s)), egi.t_s.size, _EGI_BLOCK):
         usable = _usable(*egi.block(k0, min(k0 + _EGI_BLOCK, egi.t_s.size))).all(axis=1)
         if usable.any():

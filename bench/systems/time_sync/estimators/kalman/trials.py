@@ -46,7 +46,7 @@ class EgiSpread:
 
 @dataclass(frozen=True)
 class Truth:
-    """What stands for the true path: increments (n, 3) and the solution they give, at the samples of the unit."""
+    """Stand-in for the true path: increments (n, 3) and the solution they give, at the samples of the unit."""
 
     dv: Array
     dtheta: Array
@@ -61,7 +61,8 @@ def stand_in(imu: ImuSamples, first: tuple[Array, Array, Array], latitude_deg: f
     Source:  see the head of this file.
     """
     dv, dtheta = (
-        ndimage.uniform_filter1d(one[:, 0], _SMOOTHED, axis=0, mode="nearest") for one in (imu.dv, imu.dtheta)
+        ndimage.uniform_filter1d(increments[:, 0], _SMOOTHED, axis=0, mode="nearest")
+        for increments in (imu.dv, imu.dtheta)
     )
     return Truth(dv, dtheta, navigate(imu.t_s, dv, dtheta, *first, latitude_deg, begin_s=float(imu.t_s[0])))
 
@@ -79,7 +80,7 @@ class EgiTrials:
     ) -> None:  # fmt: skip
         self.t_s, track, self._groups = t_s, truth.track, size[0]
         valid_s = t_s - offset_s
-        self._p, self._v, self._C = (_between(valid_s, track.t_s, one) for one in (track.p, track.v, track.C))
+        self._p, self._v, self._C = (_between(valid_s, track.t_s, values) for values in (track.p, track.v, track.C))
         steps_s = np.diff(t_s)
         self._dp = spread.position_m * _wander(steps_s, spread.wander_s, size[1], rng)
         self._dv = spread.velocity_m_s * _wander(steps_s, spread.wander_s, size[1], rng)
@@ -92,7 +93,7 @@ class EgiTrials:
         """Return samples k0 to k1 - 1: (k, G, R, 3) twice, (k, G, R, 3, 3)."""
         p, v = self._p[k0:k1, None] + self._dp[k0:k1], self._v[k0:k1, None] + self._dv[k0:k1]
         C = (np.eye(3) + skew(self._dphi[k0:k1])) @ self._C[k0:k1, None]
-        return tuple(np.repeat(one[:, None], self._groups, axis=1) for one in (p, v, C))  # type: ignore[return-value]
+        return tuple(np.repeat(values[:, None], self._groups, axis=1) for values in (p, v, C))  # type: ignore[return-value]
 
 
 def imu_trials(
@@ -111,25 +112,25 @@ def imu_trials(
     for column, walk, bias in (
         (truth.dv, densities.velocity_walk, bias_m_s2), (truth.dtheta, densities.angle_walk, bias_rad_s),
     ):  # fmt: skip
-        found = rng.standard_normal((len(column), lanes, 3))
-        found *= walk * math.sqrt(interval_s)
-        found += column[:, None] + bias * interval_s * rng.standard_normal((lanes, 3))
-        out.append(found)
+        increments = rng.standard_normal((len(column), lanes, 3))
+        increments *= walk * math.sqrt(interval_s)
+        increments += column[:, None] + bias * interval_s * rng.standard_normal((lanes, 3))
+        out.append(increments)
     return ImuSamples(imu.t_s, out[0], out[1], imu.filled)
 
 
 def _between(at_s: Array, t_s: Array, values: Array) -> Array:
     """Return values (n, ...) at other times by lines between them; NaN before the first and behind the last."""
     flat = values.reshape(len(values), -1)
-    found = np.stack([np.interp(at_s, t_s, column, np.nan, np.nan) for column in flat.T], axis=1)
-    return found.reshape(at_s.size, *values.shape[1:])
+    columns = np.stack([np.interp(at_s, t_s, column, np.nan, np.nan) for column in flat.T], axis=1)
+    return columns.reshape(at_s.size, *values.shape[1:])
 
 
 def _wander(steps_s: Array, time_s: float, lanes: int, rng: np.random.Generator) -> Array:
     """Gauss-Markov errors of unit variance, (m, lanes, 3)."""
     kept = np.exp(-np.maximum(steps_s, 0.0) / time_s)
     new = np.sqrt(1.0 - kept**2)
-    found = rng.standard_normal((steps_s.size + 1, lanes, 3))
+    errors = rng.standard_normal((steps_s.size + 1, lanes, 3))
     for k in range(steps_s.size):
-        found[k + 1] = kept[k] * found[k] + new[k] * found[k + 1]
-    return found
+        errors[k + 1] = kept[k] * errors[k] + new[k] * errors[k + 1]
+    return errors

@@ -53,9 +53,9 @@ def point_targets(pulses: Pulses, positions_m: Array, ground_down_m: float = 0.0
     def place(azimuth_m: float, out_m: float) -> Array:
         down_m = ground_down_m - middle[2]
         level_m = np.sqrt(max((range_m + out_m) ** 2 - down_m**2, 0.0))
-        found = middle + azimuth_m * ahead + level_m * right
-        found[2] = ground_down_m
-        return np.asarray(found)
+        point = middle + azimuth_m * ahead + level_m * right
+        point[2] = ground_down_m
+        return np.asarray(point)
 
     reference_m = np.linalg.norm(positions_m - place(0.0, 0.0), axis=1)
     at = (reference_m[:, None] + offsets_m - near_m[:, None]) / pulses.spacing_m
@@ -72,22 +72,22 @@ def point_targets(pulses: Pulses, positions_m: Array, ground_down_m: float = 0.0
             f"{highest / floor if floor else 0.0:.1f} times the median, {_NOISE_RATIO:g} times are due",
             next_step="see that the radar looked at the reflectors, and that it was on during straight flight",
         )
-    return np.array([place(*one) for one in _peaks(picture, azimuth_m, offsets_m, most)])
+    return np.array([place(*peak) for peak in _peaks(picture, azimuth_m, offsets_m, most)])
 
 
 def _peaks(picture: Array, azimuth_m: Array, out_m: Array, most: int) -> list[tuple[float, float]]:
     """Azimuth and range of the highest places, none of them beside a higher one."""
     left = picture.copy()
-    found: list[tuple[float, float]] = []
+    peaks: list[tuple[float, float]] = []
     highest = float(left.max())
-    while len(found) < most:
+    while len(peaks) < most:
         row, column = np.unravel_index(int(np.argmax(left)), left.shape)
         if left[row, column] < _LEAST_SHARE * highest:
             break
-        found.append((float(azimuth_m[row]), float(out_m[column])))
+        peaks.append((float(azimuth_m[row]), float(out_m[column])))
         beside = np.abs(azimuth_m - azimuth_m[row]) < _APART[0]
         left[np.outer(beside, np.abs(out_m - out_m[column]) < _APART[1])] = 0.0
-    return found
+    return peaks
 
 
 def focus_sums(sums: Sums, pixels_m: Array) -> Complex128:

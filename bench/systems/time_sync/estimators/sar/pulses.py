@@ -124,12 +124,12 @@ def at_places(fine: Complex, place: Array) -> Complex:
     flat = fine.reshape(-1)
     at = low + (np.arange(len(fine), dtype=np.int32) * fine.shape[1])[:, None]
     below, above, beyond = x + 1, x - 1, x - 2
-    found = flat[at - 1] * (x * above * beyond * (-1 / 6))
-    found += flat[at] * (below * above * beyond * (1 / 2))
-    found += flat[at + 1] * (below * x * beyond * (-1 / 2))
-    found += flat[at + 2] * (below * x * above * (1 / 6))
-    found[np.abs(x - 0.5) > 1.5] = 0
-    return np.asarray(found)
+    values = flat[at - 1] * (x * above * beyond * (-1 / 6))
+    values += flat[at] * (below * above * beyond * (1 / 2))
+    values += flat[at + 1] * (below * x * beyond * (-1 / 2))
+    values += flat[at + 2] * (below * x * above * (1 / 6))
+    values[np.abs(x - 0.5) > 1.5] = 0
+    return np.asarray(values)
 
 
 @lru_cache(maxsize=4)

@@ -166,22 +166,24 @@ def _peak(pulses: Pulses, positions_m: Array, axes: Axes, search_m: tuple[float,
     """Return offsets of the image's highest place: grids of smaller and smaller steps, then a paraboloid."""
     sums = sums_of(pulses, positions_m, axes.origin_m, axes.block_m(search_m[0], _COARSE_PHASE_rad), coarse=True)
     steps = _STEPS_CELLS[0] * np.array([axes.azimuth_cell_m, axes.range_cell_m])
-    found = _highest(chip_of(sums, axes, symmetric(search_m[0], steps[0]), symmetric(search_m[1], steps[1])))
-    if np.any(np.abs(found) > np.asarray(search_m) - 1.5 * steps):
+    offsets_m = _highest(chip_of(sums, axes, symmetric(search_m[0], steps[0]), symmetric(search_m[1], steps[1])))
+    if np.any(np.abs(offsets_m) > np.asarray(search_m) - 1.5 * steps):
         raise FitError(
             "B-FIT-121",
-            f"the highest place of the image is at the edge of the search: {found[0]:+.1f} m in azimuth, "
-            f"{found[1]:+.1f} m in range of {search_m[0]:.1f} m and {search_m[1]:.1f} m",
+            f"the highest place of the image is at the edge of the search: {offsets_m[0]:+.1f} m in azimuth, "
+            f"{offsets_m[1]:+.1f} m in range of {search_m[0]:.1f} m and {search_m[1]:.1f} m",
             next_step="look where the target and the navigation solution really are, or search farther",
         )
-    sums = sums_of(pulses, positions_m, axes.points(*found), axes.block_m(axes.azimuth_cell_m * 4))
+    sums = sums_of(pulses, positions_m, axes.points(*offsets_m), axes.block_m(axes.azimuth_cell_m * 4))
     for cells in _STEPS_CELLS[1:]:
         steps = cells * np.array([axes.azimuth_cell_m, axes.range_cell_m])
-        chip = chip_of(sums, axes, found[0] + np.arange(-4, 5) * steps[0], found[1] + np.arange(-4, 5) * steps[1])
-        found = _highest(chip)
+        chip = chip_of(
+            sums, axes, offsets_m[0] + np.arange(-4, 5) * steps[0], offsets_m[1] + np.arange(-4, 5) * steps[1]
+        )
+        offsets_m = _highest(chip)
     around = np.arange(-1, 2)
-    chip = chip_of(sums, axes, found[0] + around * steps[0], found[1] + around * steps[1])
-    vertex = found + _vertex(np.abs(chip.value) ** 2) * steps
+    chip = chip_of(sums, axes, offsets_m[0] + around * steps[0], offsets_m[1] + around * steps[1])
+    vertex = offsets_m + _vertex(np.abs(chip.value) ** 2) * steps
     return float(vertex[0]), float(vertex[1])
 
 
