@@ -71,11 +71,7 @@ def _on_results(model: ReportModel, words: Texts) -> Iterator[Section]:
     yield chapter("summary", summary_table(model, words))
     yield chapter("results", *analysis_tables([table for table in model.tables if table.lead]))
     yield chapter("verdicts", verdict_table(model, words))
-    pictures = (
-        plots.dsf_picture(model, words),
-        plots.asymmetry_picture(model, words),
-        plots.current_picture(model, words),
-    )
+    pictures = [draw(model, words) for draw in (plots.dsf_picture, plots.asymmetry_picture, plots.current_picture)]
     yield chapter("scale-factor", *pictures, *scale_factor_tables(model, words))
     yield chapter("coefficients", coefficient_table(model, words))
     yield chapter("residuals", plots.residual_picture(model, words))

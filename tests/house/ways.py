@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -21,8 +22,8 @@ from bench.session import finish
 ROOT = Path(__file__).resolve().parents[2]
 PRODUCT = f"{ROOT}/bench/"
 SEQUENCE = "scale_factor_wall"
-FRAME = [(LinkReader, "receive"), (LinkReader, "receive_parts"), (LinkReader, "record"),
-         (LinkReader, "decode"), (finish, "analyse_view"), (finish, "results_json"), (finish, "write_file")]  # fmt: skip
+FRAME = [(LinkReader, name) for name in ("receive", "receive_parts", "record", "decode")]
+FRAME += [(finish, name) for name in ("analyse_view", "results_json", "write_file")]
 STEP = [(command, "checked_plan"), (Sequencer, "_execute")]
 BESIDE = [(VirtualClock, "_run")]  # what watches and feeds while a step waits
 
@@ -61,10 +62,8 @@ def main() -> None:
     Way(BESIDE)
     with tempfile.TemporaryDirectory() as out:
         sys.argv = ["bench", "run", SEQUENCE, "--clock", "virtual", "--out", out]
-        try:
+        with suppress(SystemExit):
             bench()
-        except SystemExit:
-            pass
     for name, way in ways.items():
         sys.stdout.write(f"\n{name}: {len(way.files)} files\n")
         for file in sorted(way.files):

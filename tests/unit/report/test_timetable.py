@@ -10,8 +10,9 @@ from report_sample import SamplePlan, sample_steps
 
 from bench.model.shipped import find_shipped
 from bench.plan import Step, compile_sequence
-from bench.report import TemperatureTrace, plot_timetable
-from bench.report.plots.figures import thin, timetable_picture
+from bench.report import TemperatureTrace
+from bench.report.plots import plot_timetable, timetable_picture
+from bench.report.plots.figures import thin
 from bench.report.tables import words_of
 from bench.report.timetable import planned_temperature, timetable
 
