@@ -187,8 +187,8 @@ class Acutrol3000(BaseInstrument):
     def drain_errors(self) -> list[str]:
         """Get what the status byte tells, which that clears, and all queued errors, oldest first."""
         status = self.bus.query("*STB?", read_integer, self.timeout_s, repeatable=False)
-        found = ["interlock fault"] if status & _INTERLOCK_FAULT else []
-        return found + super().drain_errors() if status & _ERRORS_QUEUED else found
+        problems = ["interlock fault"] if status & _INTERLOCK_FAULT else []
+        return problems + super().drain_errors() if status & _ERRORS_QUEUED else problems
 
     def _next_error(self) -> str | None:
         return self.bus.query(":query:error? 1", read_scpi_error, self.timeout_s, repeatable=False)
@@ -205,17 +205,17 @@ class Acutrol3000(BaseInstrument):
         return limits
 
     def _must_be_closed(self, name: str, axis: int) -> None:
-        if (found := self._interlock(axis)) != CLOSED:
-            message = f"{name} refused: the interlock of axis {axis} is {found.lower()}; nothing was moved"
+        if (state := self._interlock(axis)) != CLOSED:
+            message = f"{name} refused: the interlock of axis {axis} is {state.lower()}; nothing was moved"
             raise self.error("B-INST-017", message, "close_interlock before it; after a fault look at the table first")
 
     def _here(self, name: str, axis: int) -> float:
-        """Where a motion begins, deg: the demand, or the reading of an axis at rest that has none."""
+        """Return where a motion begins, deg: the demand, or the reading of an axis at rest that has none."""
         self._must_be_closed(name, axis)
         if axis in self.wanted:
             return self.wanted[axis]
-        if abs(found := self.measure_rate(axis)) > _AT_REST_DEG_S:
-            message = f"{name} refused: axis {axis} turns at {found!r} deg/s without a position demand"
+        if abs(rate := self.measure_rate(axis)) > _AT_REST_DEG_S:
+            message = f"{name} refused: axis {axis} turns at {rate!r} deg/s without a position demand"
             raise self.error("B-INST-017", message, "stop the axis and settle before it")
         return self.measure_position(axis)
 
@@ -249,16 +249,16 @@ class Acutrol3000(BaseInstrument):
     def _mode(self, mode: str, word: str, axis: int) -> None:
         query = f":mode? {axis}"
         self.set(f":mode:{mode} {axis}", self.word(query, word))
-        if (found := self.ask(query, str.upper)) != word:
-            raise self.error("B-INST-011", f"{query!r} reads back {found!r}, but {word!r} was set")
+        if (answer := self.ask(query, str.upper)) != word:
+            raise self.error("B-INST-011", f"{query!r} reads back {answer!r}, but {word!r} was set")
         self.seen[query] = word
 
     def _interlock(self, axis: int) -> str:
         return self.ask(f":int? {axis}", _read_interlock)
 
     def _confirm_closed(self, axis: int) -> None:
-        if (found := self._interlock(axis)) != CLOSED:
-            message = f"the interlock of axis {axis} reads back {found.lower()}, but it was closed"
+        if (state := self._interlock(axis)) != CLOSED:
+            message = f"the interlock of axis {axis} reads back {state.lower()}, but it was closed"
             raise self.error("B-INST-011", message, "look at the table and its emergency stop")
 
     def _at_rest(self) -> bool:

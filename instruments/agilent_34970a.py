@@ -24,7 +24,7 @@ _FOUR_WIRE = tuple(100 * slot + channel for slot in (1, 2, 3) for channel in ran
 
 
 def read_scan_list(reply: str) -> str:
-    """The list of a ``ROUT:SCAN?`` reply, a block such as ``#210(@101,102)``. Raises: ValueError if there is none."""
+    """Return the list of a ``ROUT:SCAN?`` reply such as ``#210(@101,102)``. Raises: ValueError if there is none."""
     return reply[reply.index("(@") :].replace(" ", "")
 
 

@@ -1,4 +1,4 @@
-"""What all drivers share: identity before anything else, errors drained after each set, limits that reject.
+"""The base of all drivers: identity before anything else, errors drained after each set, limits that reject.
 
 A driver adds its commands as small methods, declared with ``@action``; its limits are written once, in the declaration.
 """
@@ -68,22 +68,22 @@ class BaseInstrument(Commands):
 
     def identify(self) -> Identity:
         """Get who is there, refuse another model, then prepare the session. Raises: InstrumentError B-INST-002."""
-        found = self._ask_identity()
-        if not self._is_right_model(found):  # it may be the reply to a question of a controller that is gone
+        identity = self._ask_identity()
+        if not self._is_right_model(identity):  # it may be the reply to a question of a controller that is gone
             self.bus.clear()
-            found = self._ask_identity()
-        if not self._is_right_model(found):
-            message = f"{found.manufacturer} {found.model} answers where {self.identity_pattern!r} is due"
+            identity = self._ask_identity()
+        if not self._is_right_model(identity):
+            message = f"{identity.manufacturer} {identity.model} answers where {self.identity_pattern!r} is due"
             raise self.error("B-INST-002", message, "correct the address in the station file; nothing was switched")
         self.bus.echo = (self.identity_question, self._said)
         self.drain_errors()
-        self.identity = found
+        self.identity = identity
         try:
             self._prepare()
         except InstrumentError:
             self.identity = None
             raise
-        return found
+        return identity
 
     def make_safe(self) -> None:
         """Set the declared safe state; idempotent. Raises: InstrumentError B-INST-009 if it cannot be confirmed.
@@ -111,13 +111,13 @@ class BaseInstrument(Commands):
 
     def drain_errors(self) -> list[str]:
         """Get all queued errors, oldest first. Raises: InstrumentError B-INST-006 if the queue does not end."""
-        found: list[str] = []
-        while len(found) <= self.longest_error_queue:
+        problems: list[str] = []
+        while len(problems) <= self.longest_error_queue:
             problem = self._next_error()
             if problem is None:
-                return found
-            found.append(problem)
-        message = f"the error queue does not end; {len(found)} read, last {found[-1]!r}"
+                return problems
+            problems.append(problem)
+        message = f"the error queue does not end; {len(problems)} read, last {problems[-1]!r}"
         raise self.error("B-INST-006", message, "switch the instrument off and on, then check its cable")
 
     def raw(self, command: str) -> str | None:
@@ -155,7 +155,7 @@ class BaseInstrument(Commands):
         self.kept = ()
 
     def _safe_command(self) -> str:
-        """The command towards the safe state, "" if there is none; sent unconfirmed to an instrument that is mute."""
+        """Return the command towards the safe state, "" without one; sent unconfirmed to an instrument that is mute."""
         return ""
 
     def _go_safe_somehow(self) -> None:
@@ -172,11 +172,13 @@ class BaseInstrument(Commands):
         known = self.identity
         if known is None:
             return
-        found = self._ask_identity()
-        if (found.manufacturer, found.model, found.serial) != (known.manufacturer, known.model, known.serial):
+        identity = self._ask_identity()
+        if (identity.manufacturer, identity.model, identity.serial) != (known.manufacturer, known.model, known.serial):
             self.identity = None
             self._forget()
-            message = f"{found.model} {found.serial!r} answers after reopening, it was {known.model} {known.serial!r}"
+            message = (
+                f"{identity.model} {identity.serial!r} answers after reopening, it was {known.model} {known.serial!r}"
+            )
             raise self.error("B-INST-016", message, "find out what was exchanged, then start again")
         self.drain_errors()
         self._prepare()
@@ -186,8 +188,8 @@ class BaseInstrument(Commands):
         if self.identity is not None:  # a stranger is asked nothing but who it is
             self.drain_errors()
 
-    def _is_right_model(self, found: Identity) -> bool:
-        return bool(re.fullmatch(self.identity_pattern, f"{found.manufacturer},{found.model}", re.IGNORECASE))
+    def _is_right_model(self, identity: Identity) -> bool:
+        return bool(re.fullmatch(self.identity_pattern, f"{identity.manufacturer},{identity.model}", re.IGNORECASE))
 
     def _ask_identity(self) -> Identity:
         self._said = self.bus.query(self.identity_question, read_text, self.timeout_s)

@@ -36,14 +36,14 @@ T = TypeVar("T")
 
 
 class Climb(Protocol):
-    """What is done about a question that failed before it is given up (instruments.ladder)."""
+    """The remedies for a question that failed, before it is given up (instruments.ladder)."""
 
     def __call__(self, error: InstrumentError, ask: Callable[[], T]) -> T:
-        """The answer after all. Raises: the last error."""
+        """Return the answer after all. Raises: the last error."""
 
 
 def bus_lock(resource_name: str) -> threading.RLock:
-    """The lock of the bus a resource is on: one per GPIB board, one per resource on anything else."""
+    """Return the lock of the bus a resource is on: one per GPIB board, one per resource on anything else."""
     bus = resource_name.split("::", maxsplit=1)[0] if resource_name.upper().startswith("GPIB") else resource_name
     with _registry_lock:
         return _locks.setdefault(bus.upper(), threading.RLock())
@@ -184,7 +184,7 @@ class BusSession(Wire):
             raise InstrumentError(TIMED_OUT, message, where=self.where, next_step=_LOOK_AT_DEVICE)
 
     def _await_reply(self, command: str, timeout_s: float, patience_s: float) -> str:
-        """The reply, once a serial poll says that it is there; without serial poll it is listened for, bit by bit."""
+        """Return the reply, once a serial poll says that it is there; without serial poll it is heard bit by bit."""
         end_ns = self._clock.now_ns() + to_ns(patience_s)
         while True:
             try:

@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class ReadBack:
-    """How it is found out whether a command that may not have arrived took effect.
+    """A readback that tells whether a command that may not have arrived took effect.
 
     ``see`` asks for the state; ``done`` and ``untouched`` judge it: as the command wants it, as it was before.
 
@@ -35,7 +35,7 @@ class ReadBack:
 
 def either(see: Callable[[], Any], wanted: object) -> ReadBack:
     """Return the read-back of a state that is as wanted or as before, there is no third: an output on or off."""
-    return ReadBack(see, lambda found: found == wanted, lambda found: found != wanted)
+    return ReadBack(see, lambda value: value == wanted, lambda value: value != wanted)
 
 
 class Setting(NamedTuple):
@@ -87,10 +87,10 @@ class Commands:
         except InstrumentError as doubt:
             if doubt.code not in DOUBTFUL:
                 raise
-        found = read_back.see()
-        if not read_back.done(found):
-            raise self._differs(command, found)
-        self.bus.note("rx", f"<{command} took effect: {found!r} reads back>")
+        value = read_back.see()
+        if not read_back.done(value):
+            raise self._differs(command, value)
+        self.bus.note("rx", f"<{command} took effect: {value!r} reads back>")
 
     def check_errors(self, command: str) -> None:
         """Raise InstrumentError B-INST-005 with every queued error."""
@@ -110,14 +110,14 @@ class Commands:
         before = self.seen.get(query)
         return ReadBack(
             lambda: self.ask(query, read_number),
-            lambda found: abs(found - wanted) <= tolerance,
-            lambda found: isinstance(before, float) and abs(found - before) <= tolerance,
+            lambda value: abs(value - wanted) <= tolerance,
+            lambda value: isinstance(before, float) and abs(value - before) <= tolerance,
         )
 
     def word(self, query: str, wanted: str) -> ReadBack:
         """Return the read-back of a word, of which there may be many."""
         before = self.seen.get(query)
-        return ReadBack(lambda: self.ask(query, read_text).upper(), wanted.__eq__, lambda found: found == before)
+        return ReadBack(lambda: self.ask(query, read_text).upper(), wanted.__eq__, lambda value: value == before)
 
     def switch(self, query: str, wanted: int) -> ReadBack:
         """Return the read-back of something that is on (1) or off (0)."""
@@ -144,11 +144,11 @@ class Commands:
         if not self.kept:
             raise self.error("B-INST-010", f"{action} refused: no {missing} set by this run", next_step)
 
-    def agree(self, query: str, found: float, wanted: float, tolerance: float, unit: str) -> None:
+    def agree(self, query: str, value: float, wanted: float, tolerance: float, unit: str) -> None:
         """Raise InstrumentError B-INST-011 unless ``found`` is ``wanted`` within ``tolerance``."""
-        self.seen[query] = found
-        if not abs(found - wanted) <= tolerance:
-            message = f"{query!r} reads back {found!r} {unit}, but {wanted!r} {unit} was set"
+        self.seen[query] = value
+        if not abs(value - wanted) <= tolerance:
+            message = f"{query!r} reads back {value!r} {unit}, but {wanted!r} {unit} was set"
             raise self.error("B-INST-011", message, "look for another controller or a front panel in use")
 
     def checked(self, action: str, **arguments: object) -> list[Any]:
@@ -204,20 +204,20 @@ class Commands:
 
     def _took_effect(self, command: str, read_back: ReadBack, doubt: InstrumentError) -> bool:
         try:
-            found = read_back.see()
+            value = read_back.see()
         except InstrumentError as failure:
             if failure.code in DOUBTFUL:
                 raise doubt from failure
             raise
-        if read_back.done(found):
-            self.bus.note("rx", f"<{command} took effect: {found!r} reads back>")
+        if read_back.done(value):
+            self.bus.note("rx", f"<{command} took effect: {value!r} reads back>")
             return True
-        if not read_back.untouched(found):
-            raise self._differs(command, found) from doubt
+        if not read_back.untouched(value):
+            raise self._differs(command, value) from doubt
         return False
 
-    def _differs(self, command: str, found: object) -> InstrumentError:
-        message = f"{command!r} was in doubt, and {found!r} reads back: not what was set, nor surely what was before"
+    def _differs(self, command: str, value: object) -> InstrumentError:
+        message = f"{command!r} was in doubt, and {value!r} reads back: not what was set, nor surely what was before"
         return self.error("B-INST-011", message, "look for another controller or a front panel in use")
 
     def _ready(self) -> None:

@@ -36,7 +36,7 @@ _RANGES_A = ((2.2e-4, 1e-10), (2.2e-3, 1e-9), (2.2e-2, 1e-8), (2.2e-1, 1e-7), (2
 
 
 def read_output(reply: str) -> float:
-    """The current of an ``OUT?`` reply ``value,A,frequency``, ampere. Raises: ValueError unless it is a dc current."""
+    """Return the current of an ``OUT?`` reply ``value,A,frequency``, ampere. Raises: ValueError unless it is dc."""
     value, unit, frequency = reply.split(",")
     if unit.strip().upper() != "A" or read_number(frequency) != 0:
         raise ValueError("the output is not a dc current")
@@ -44,7 +44,7 @@ def read_output(reply: str) -> float:
 
 
 def read_lock(reply: str) -> str:
-    """The word of a ``RANGELCK?`` reply. Raises: ValueError unless it is ON or OFF."""
+    """Return the word of a ``RANGELCK?`` reply. Raises: ValueError unless it is ON or OFF."""
     if reply.upper() not in ("ON", "OFF"):
         raise ValueError("ON or OFF is due")
     return reply.upper()
@@ -152,7 +152,7 @@ class Fluke5720A(BaseInstrument):
         return bool(self._untripped_status() & _OPERATING)
 
     def _untripped_status(self) -> int:
-        """Instrument status; standby with a fault is a trip. Raises: InstrumentError B-INST-013."""
+        """Return instrument status; standby with a fault is a trip. Raises: InstrumentError B-INST-013."""
         status = self._status()
         if not status & _OPERATING and (faults := self.drain_errors()):
             message = f"tripped to standby at {self.programmed_A!r} A: {'; '.join(faults)}"

@@ -30,7 +30,7 @@ _RANGES_A = (*_LOW_RANGES_A, (1e-3, 1.2e-3), (1e-2, 1.2e-2), (1e-1, 1.2e-1), (1.
 
 
 def read_constant(reply: str) -> float:
-    """The value in front of the description in a ``CAL?`` reply. Raises: ValueError."""
+    """Return the value in front of the description in a ``CAL?`` reply. Raises: ValueError."""
     return read_number(reply.split(",", maxsplit=1)[0].strip())
 
 

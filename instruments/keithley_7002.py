@@ -23,7 +23,7 @@ _DIRECT_ROW, _REVERSED_ROW = 1, 2
 
 
 def read_closed(reply: str) -> tuple[str, ...]:
-    """Closed crosspoints of a ``:CLOS:STAT?`` reply, ``"(@1!1!3)" -> ("1!1!3",)``. Raises: ValueError."""
+    """Return closed crosspoints of a ``:CLOS:STAT?`` reply, ``"(@1!1!3)" -> ("1!1!3",)``. Raises: ValueError."""
     compact = reply.replace(" ", "")
     if not (compact.startswith("(@") and compact.endswith(")")):
         raise ValueError("a channel list (@...) is due")
@@ -56,12 +56,12 @@ class Keithley7002(ScpiInstrument):
         self.routed = None
         self.set(f":CLOS (@{crosspoint})", ReadBack(self.closed, (crosspoint,).__eq__, ().__eq__))
         self.clock.sleep(_RELAYS_S)
-        if (found := self.closed()) != (crosspoint,):
+        if (closed := self.closed()) != (crosspoint,):
             with suppress(InstrumentError):
                 self.bus.write(":OPEN ALL", self.timeout_s)
-            message = f"closed are {', '.join(found) or 'none'} instead of {crosspoint} alone"
+            message = f"closed are {', '.join(closed) or 'none'} instead of {crosspoint} alone"
             raise self.error("B-INST-015", message, "check the card, its slot and its wiring")
-        self.routed = found
+        self.routed = closed
 
     @action(effect=Effect.ROUTES_OPEN, bus_s=0.5)
     def open_all(self) -> None:
@@ -69,10 +69,10 @@ class Keithley7002(ScpiInstrument):
         self.routed = None
         self.set(":OPEN ALL", ReadBack(self.closed, ().__eq__, lambda _: True))  # opening again only makes safer
         self.clock.sleep(_RELAYS_S)
-        if found := self.closed():
-            message = f"{', '.join(found)} still closed after :OPEN ALL; no route was closed"
+        if closed := self.closed():
+            message = f"{', '.join(closed)} still closed after :OPEN ALL; no route was closed"
             raise self.error("B-INST-015", message, "check the card and its slot")
-        self.routed = found
+        self.routed = closed
 
     @action()
     def closed(self) -> tuple[str, ...]:
@@ -84,8 +84,8 @@ class Keithley7002(ScpiInstrument):
             raise self.bad_option(f"slot {self.options['slot']!r} must be 1 to 10")
 
     def _recheck(self) -> None:
-        if self.routed is not None and (found := self.closed()) != self.routed:
-            message = f"closed are {', '.join(found) or 'none'}, but {', '.join(self.routed) or 'none'} was verified"
+        if self.routed is not None and (closed := self.closed()) != self.routed:
+            message = f"closed are {', '.join(closed) or 'none'}, but {', '.join(self.routed) or 'none'} was verified"
             raise self.error("B-INST-015", message, "look for another controller or a front panel in use")
 
     def _forget(self) -> None:

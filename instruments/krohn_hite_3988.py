@@ -29,7 +29,7 @@ _DIGITS, _STEP_HZ = 1e-3, 1e-4  # of the display: relative, and below 1 Hz
 
 @dataclass(frozen=True)
 class Display:
-    """What one channel is set to: gains in dB, ``cutoff_Hz`` None in by-pass."""
+    """Settings of one channel: gains in dB, ``cutoff_Hz`` None in by-pass."""
 
     channel: int
     cutoff_Hz: float | None
@@ -39,7 +39,7 @@ class Display:
 
 
 def read_display(reply: str) -> Display:
-    """The display as it is told, ``00 .5000E+0 01.1 00 DC``. Raises: ValueError."""
+    """Return the display as it is told, ``00 .5000E+0 01.1 00 DC``. Raises: ValueError."""
     match = _DISPLAY.fullmatch(reply)
     if match is None:
         raise ValueError("gain, cutoff, channel, gain and coupling are due")
@@ -86,8 +86,8 @@ class KrohnHite3988(BaseInstrument):
         self.wanted = (high_pass_Hz, low_pass_Hz)
 
     def _channel(self, channel: int, command: str, cutoff_Hz: float | None, *, gains_only: bool = False) -> None:
-        def done(found: Display) -> bool:
-            return _is_plain(found) and (gains_only or _is_at(found, cutoff_Hz))
+        def done(display: Display) -> bool:
+            return _is_plain(display) and (gains_only or _is_at(display, cutoff_Hz))
 
         self.set(command, ReadBack(lambda: self._display(channel), done, lambda _: True))
 
@@ -100,10 +100,10 @@ class KrohnHite3988(BaseInstrument):
 
     def _confirm(self, cutoffs_Hz: tuple[float | None, float | None]) -> None:
         for channel, cutoff_Hz in zip((_HIGH_PASS, _LOW_PASS), cutoffs_Hz, strict=True):
-            found = self._display(channel)
-            if found.channel != channel or not _is_plain(found) or not _is_at(found, cutoff_Hz):
+            display = self._display(channel)
+            if display.channel != channel or not _is_plain(display) or not _is_at(display, cutoff_Hz):
                 due = "by-pass" if cutoff_Hz is None else f"{cutoff_Hz:g} Hz"
-                message = f"channel {channel} reads back {found}, but {due} with gain 1, dc coupled, was set"
+                message = f"channel {channel} reads back {display}, but {due} with gain 1, dc coupled, was set"
                 raise self.error("B-INST-011", message, "look at its front panel")
 
     def _identity_of(self, reply: str) -> Identity:
@@ -119,14 +119,14 @@ class KrohnHite3988(BaseInstrument):
         self._ask_identity()  # there is nothing to switch: only whether it is there
 
 
-def _is_plain(found: Display) -> bool:
-    return (found.input_gain_dB, found.output_gain_dB, found.coupling) == (0, 0, "DC")
+def _is_plain(display: Display) -> bool:
+    return (display.input_gain_dB, display.output_gain_dB, display.coupling) == (0, 0, "DC")
 
 
-def _is_at(found: Display, cutoff_Hz: float | None) -> bool:
-    if cutoff_Hz is None or found.cutoff_Hz is None:
-        return found.cutoff_Hz is cutoff_Hz
-    return abs(found.cutoff_Hz - cutoff_Hz) <= max(_DIGITS * cutoff_Hz, _STEP_HZ)
+def _is_at(display: Display, cutoff_Hz: float | None) -> bool:
+    if cutoff_Hz is None or display.cutoff_Hz is None:
+        return display.cutoff_Hz is cutoff_Hz
+    return abs(display.cutoff_Hz - cutoff_Hz) <= max(_DIGITS * cutoff_Hz, _STEP_HZ)
 
 
 DRIVER = KrohnHite3988

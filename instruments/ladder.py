@@ -1,4 +1,4 @@
-"""What is done about a question that failed, rung by rung, before it is given up.
+"""A ladder of remedies for a question that failed, rung by rung, before it is given up.
 
     time-out -> serial poll and device clear (instruments.wire) -> drain errors and ask again, three tries in all
     -> close and reopen, twice, each after a pause -> clear the interface -> ask a last time
@@ -76,7 +76,7 @@ class Ladder:
         raise error
 
     def _drained(self, error: InstrumentError) -> bool:
-        """Whether it is worth asking over the session as it is; an instrument whose queue is dead is not asked."""
+        """Return whether the session as it is can be asked; an instrument whose queue is dead is not asked."""
         if self._given_up or error.code == BUS_FAILED or not self._bus.in_step or self._bus.alive is False:
             return False
         try:

@@ -22,12 +22,12 @@ _TELEGRAM = re.compile("\x16\x02(C1N1 [^\x03]*)\x03.*", re.DOTALL)
 
 
 def telegram(text: str) -> str:
-    """A question as it is sent, but for its line feed."""
+    """Return a question as it is sent, but for its line feed."""
     return f"\x16\x02N1C1 {text}\x03\r"
 
 
 def read_telegram(reply: str) -> str:
-    """The text of an answer. Raises: ValueError."""
+    """Return the text of an answer. Raises: ValueError."""
     match = _TELEGRAM.fullmatch(reply)
     if match is None:
         raise ValueError("SYN STX C1N1 ... ETX is due")
@@ -35,7 +35,7 @@ def read_telegram(reply: str) -> str:
 
 
 def read_tilt(reply: str) -> tuple[float, float, float]:
-    """X (mrad), Y (mrad) and temperature (degC) of an answer. Raises: ValueError."""
+    """Return X (mrad), Y (mrad) and temperature (degC) of an answer. Raises: ValueError."""
     match = _READING.fullmatch(read_telegram(reply))
     if match is None:
         raise ValueError("C1N1 X:... Y:... T:... is due")

@@ -69,7 +69,7 @@ class PendulumCnt91(ScpiInstrument):
         """
         clock, threshold = self.checked("configure", clock=clock, threshold=threshold)
         if clock not in CLOCKS_HZ:
-            known = ", ".join(f"{one / 1e6:g}" for one in CLOCKS_HZ)
+            known = ", ".join(f"{clock_Hz / 1e6:g}" for clock_Hz in CLOCKS_HZ)
             message = f"configure: clock {clock!r} Hz is none of {known} MHz; nothing was sent"
             raise self.error("B-INST-008", message, "correct the sequence")
         self.stop()
@@ -125,7 +125,7 @@ class PendulumCnt91(ScpiInstrument):
         instrument. A block that was cut off is handed on as far as it came. Returns after 1.5 s at the latest.
         Raises: InstrumentError B-INST-001, B-INST-003, B-INST-004, unless something was read before.
         """
-        found: list[bytes] = []
+        blocks: list[bytes] = []
         left, end_ns = most_bytes, self.clock.now_ns() + to_ns(_READ_LIMIT_S)
         while left >= LONGEST_BLOCK:
             started, streams, most = self._started, self._streams, min(left, _BATCH)
@@ -134,18 +134,18 @@ class PendulumCnt91(ScpiInstrument):
             try:
                 content = self.bus.fetch(f"STR:DATA? {most}", _FETCH_LIMIT_S)
             except InstrumentError:
-                if not found:
+                if not blocks:
                     raise
                 break  # what was read is handed on; the next call tells it if it lasts
             if content is None:
                 break
-            found.append(content)
+            blocks.append(content)
             left -= len(content)
             if not content and not streams:
                 self._drained = started
             if len(content) <= most - LONGEST_BLOCK or self.clock.now_ns() >= end_ns or not self.bus.in_step:
                 break
-        return b"".join(found)
+        return b"".join(blocks)
 
     def _check_options(self) -> None:
         error = self.options["clock_error_ppm"]
@@ -157,8 +157,8 @@ class PendulumCnt91(ScpiInstrument):
     def _confirm(self, clock_Hz: float, threshold_V: float) -> None:
         self.confirm("STR:CLOC?", clock_Hz, 0.0, "Hz")
         for name in _INPUTS:
-            if (found := self.ask(f"{name}:COUP?", read_text).upper()) != "DC":
-                raise self.error("B-INST-011", f"'{name}:COUP?' reads back {found!r}, but 'DC' was set")
+            if (coupling := self.ask(f"{name}:COUP?", read_text).upper()) != "DC":
+                raise self.error("B-INST-011", f"'{name}:COUP?' reads back {coupling!r}, but 'DC' was set")
             self.confirm(f"{name}:LEV?", threshold_V, _LEVEL_STEP_V, "V")
 
     def _confirm_streaming(self) -> None:

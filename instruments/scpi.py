@@ -37,9 +37,9 @@ class ScpiInstrument(BaseInstrument):
 
     def measured(self, parse: Callable[[str], T], patience_s: float) -> T:
         """Measure by ``READ?``, which may take ``patience_s`` (second), and read the error queue empty."""
-        found = self.ask("READ?", parse, patience_s=patience_s)
+        value = self.ask("READ?", parse, patience_s=patience_s)
         self.check_errors("READ?")
-        return found
+        return value
 
     def abort(self) -> None:
         """Set an end to what is measured (``ABOR``): the safe state of what drives nothing."""

@@ -48,7 +48,7 @@ _FIXED = (
 
 
 def read_snapshot(reply: str) -> tuple[float, float, float]:
-    """X (V), Y (V) and reference frequency (Hz) of a ``SNAP? 1,2,9`` reply. Raises: ValueError."""
+    """Return X (V), Y (V) and reference frequency (Hz) of a ``SNAP? 1,2,9`` reply. Raises: ValueError."""
     values = [read_number(field.strip()) for field in reply.split(",")]
     if len(values) != 3:
         raise ValueError("X, Y and a frequency are due")
@@ -56,7 +56,7 @@ def read_snapshot(reply: str) -> tuple[float, float, float]:
 
 
 def read_offset(reply: str) -> tuple[float, int]:
-    """Offset (% of the sensitivity) and expand of an ``OEXP?`` reply. Raises: ValueError."""
+    """Return offset (% of the sensitivity) and expand of an ``OEXP?`` reply. Raises: ValueError."""
     offset, _, expand = reply.partition(",")
     return read_number(offset.strip()), read_integer(expand.strip())
 
@@ -121,8 +121,8 @@ class SrsSr830(BaseInstrument):
         self.phase_deg = None
         back = ReadBack(
             lambda: self.ask("PHAS?", read_number),
-            lambda found: abs(_part_of_turn(found - phase)) <= _PHASE_STEP_DEG,
-            lambda found: found == before,
+            lambda value: abs(_part_of_turn(value - phase)) <= _PHASE_STEP_DEG,
+            lambda value: value == before,
         )
         self.set(f"PHAS {plain_form(phase)}", back)
         self._confirm_phase(phase)
@@ -162,11 +162,11 @@ class SrsSr830(BaseInstrument):
         """Get what the event and error registers tell, which that clears."""
         events = self.bus.query("*ESR?", read_integer, self.timeout_s, repeatable=False)
         failures = self.bus.query("ERRS?", read_integer, self.timeout_s, repeatable=False)
-        found = [text for bit, text in _EVENTS if events >> bit & 1]
-        return found + [f"{text} failure" for bit, text in _FAILURES if failures >> bit & 1]
+        problems = [text for bit, text in _EVENTS if events >> bit & 1]
+        return problems + [f"{text} failure" for bit, text in _FAILURES if failures >> bit & 1]
 
     def _status(self) -> int:
-        """The status, which that clears: a reply that is lost is lost, and counts as an overload."""
+        """Return the status, which that clears: a reply that is lost is lost, and counts as an overload."""
         try:
             return self.bus.query("LIAS?", read_integer, self.timeout_s, repeatable=False)
         except InstrumentError as doubt:
@@ -186,13 +186,13 @@ class SrsSr830(BaseInstrument):
         query = f"OEXP? {quantity}"
         back = ReadBack(lambda: self.ask(query, read_offset), (0.0, 0).__eq__, lambda _: True)
         self.set(f"OEXP {quantity},0,0", back)
-        if (found := self.ask(query, read_offset)) != (0.0, 0):
-            raise self.error("B-INST-011", f"{query!r} reads back {found!r}, but no offset and no expand was set")
+        if (offset := self.ask(query, read_offset)) != (0.0, 0):
+            raise self.error("B-INST-011", f"{query!r} reads back {offset!r}, but no offset and no expand was set")
 
     def _confirm_phase(self, phase_deg: float) -> None:
-        found = self.ask("PHAS?", read_number)
-        self.agree("PHAS?", phase_deg + _part_of_turn(found - phase_deg), phase_deg, _PHASE_STEP_DEG, "deg")
-        self.seen["PHAS?"] = found
+        value = self.ask("PHAS?", read_number)
+        self.agree("PHAS?", phase_deg + _part_of_turn(value - phase_deg), phase_deg, _PHASE_STEP_DEG, "deg")
+        self.seen["PHAS?"] = value
 
     def _ask_identity(self) -> Identity:
         serial_line = self.bus.where.upper().find("(ASRL") >= 0

@@ -65,7 +65,7 @@ def read_integer(reply: str) -> int:
 
 
 def read_text(reply: str) -> str:
-    """A reply as text. Raises: ValueError if it is empty."""
+    """Return a reply as text. Raises: ValueError if it is empty."""
     if not reply:
         raise ValueError("the reply is empty")
     return reply

@@ -97,7 +97,7 @@ class Wire:
             self._clock.sleep_until_ns(min(end_ns, now_ns + to_ns(_SLICE_S)))
 
     def poll_status(self) -> int:
-        """Status byte by serial poll."""
+        """Return status byte by serial poll."""
         status = int(self._resource.read_stb())
         self.note("rx", f"<status byte {status}>")
         return status
@@ -126,7 +126,7 @@ class Wire:
             self._owed_ns.append(self._clock.now_ns())
 
     def hear(self, limit_s: float) -> str | None:
-        """The next reply, whatever it answers; None if none comes within ``limit_s`` (second) or the bus fails."""
+        """Return the next reply, to whatever question; None if none comes in ``limit_s`` (second) or the bus fails."""
         self.limit(limit_s)
         try:
             return str(self._resource.read())
@@ -225,5 +225,5 @@ class Wire:
 
 
 def is_unsupported(error: Exception) -> bool:
-    """Whether this transport cannot do at all what was asked of it."""
+    """Return whether this transport cannot do at all what was asked of it."""
     return isinstance(error, NotImplementedError) or getattr(error, "error_code", None) in _UNSUPPORTED

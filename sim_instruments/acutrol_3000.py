@@ -84,7 +84,7 @@ class Acutrol3000(LiveDevice):
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         motion = getattr(self.world, "motion", None) or [AxisMotion() for _ in ABSOLUTE]
-        self.axes = [Axis(number, one) for number, one in enumerate(motion, 1)]
+        self.axes = [Axis(number, axis_motion) for number, axis_motion in enumerate(motion, 1)]
         for axis in self.axes:
             for mode in ("POSITION", "RATE"):
                 axis.limits["RATE", mode], axis.limits["ACCELERATION", mode] = axis.absolute[:2]
@@ -158,7 +158,7 @@ class Acutrol3000(LiveDevice):
             self.reply(";".join(replies))
 
     def _carry_out(self, unit: str, parents: str) -> tuple[str | None, str]:
-        """Reply of one command, and the words that a next one without a colon goes on from."""
+        """Return reply of one command, and the words that a next one without a colon goes on from."""
         if unit in ("*IDN?", "*STB?"):
             return (self._identity() if unit == "*IDN?" else self._status()), parents
         match = _UNIT.fullmatch(unit)
@@ -263,7 +263,7 @@ _COMMANDS: dict[tuple[str, bool], tuple[int, Callable[..., str | None]]] = {
     ("LIMIT:ACCELERATION", False): (3, lambda table, *given: table._limit("ACCELERATION", *given)),
     ("LIMIT:RATE", True): (2, lambda table, mode, number: table._limit_of("RATE", mode, number)),
     ("LIMIT:ACCELERATION", True): (2, lambda table, mode, number: table._limit_of("ACCELERATION", mode, number)),
-    ("LIMIT:ABSOLUTE", True): (1, lambda table, number: ",".join(f"{one:.4f}" for one in table._axis(number).absolute)),
+    ("LIMIT:ABSOLUTE", True): (1, lambda table, number: ",".join(f"{cap:.4f}" for cap in table._axis(number).absolute)),
     ("READ:POSITION", True): (1, Acutrol3000._read_position),
     ("READ:RATE", True): (1, Acutrol3000._read_rate),
     ("QUERY:ERROR", True): (1, Acutrol3000._next_error),
@@ -271,11 +271,11 @@ _COMMANDS: dict[tuple[str, bool], tuple[int, Callable[..., str | None]]] = {
 
 
 def _command(words: list[str], query: bool) -> tuple[int, Callable[..., str | None]]:
-    """Number of arguments and function of a header whose words are beginnings of those of a command."""
-    for (header, asks), found in _COMMANDS.items():
+    """Return number of arguments and function of a header whose words are beginnings of those of a command."""
+    for (header, asks), command in _COMMANDS.items():
         whole = header.split(":")
         if asks == query and len(whole) == len(words) and all(map(str.startswith, whole, words)):
-            return found
+            return command
     raise TableError(*NOT_RECOGNIZED)
 
 

@@ -45,7 +45,7 @@ class Agilent33250A(ScpiDevice):
 
     @property
     def true_frequency_Hz(self) -> float:
-        """What leaves the output terminal, hertz; 0 when it is off or not periodic."""
+        """Frequency at the output terminal, hertz; 0 when it is off or not periodic."""
         if not self.on or self.function in ("DC", "NOIS"):
             return 0.0
         return self.frequency_Hz * (1.0 + self.error_ppm * 1e-6)

@@ -58,7 +58,7 @@ class AgilentE3631A(ScpiDevice):
         return {"on": self.on, "voltages_V": [rail.voltage_V for rail in self.rails]}
 
     def output(self, index: int) -> tuple[float, float]:
-        """Voltage (V) and current (A) of rail ``index`` (0 to 2) at its terminals."""
+        """Return voltage (V) and current (A) of rail ``index`` (0 to 2) at its terminals."""
         if not self.on:
             return 0.0, 0.0
         rail = self.rails[index]

@@ -124,7 +124,7 @@ class Fluke5720A(LiveDevice):
     # --- physics -----------------------------------------------------------------------------------------------
 
     def true_current_A(self) -> float:
-        """What the terminals really carry at the present setting once settled, ampere (gain, offset, level error).
+        """Return the current that the terminals really carry once settled, ampere (gain, offset, level error).
 
         The world's option ``calibrator_drift_ppm`` makes the gain rise by that much a day, from the run's start.
         """
@@ -242,17 +242,17 @@ class Fluke5720A(LiveDevice):
         low, high = self.limits[unit]
         if not low <= value <= high:
             raise _Fault(705)
-        found = _lowest_range(value) if unit == "A" else self.range_index
-        if found is None:
+        index = _lowest_range(value) if unit == "A" else self.range_index
+        if index is None:
             raise _Fault(704)
         if unit == "A" and self.range_locked and self.unit == "A":
-            if found > self.range_index:
+            if index > self.range_index:
                 raise _Fault(706)
-            found = self.range_index
-        changed = found != self.range_index or unit != self.unit
+            index = self.range_index
+        changed = index != self.range_index or unit != self.unit
         if unit != self.unit and self.operating:
             self._standby()  # another function is another pair of terminals
-        self.value, self.unit, self.range_index = self._resolved(value, unit, found), unit, found
+        self.value, self.unit, self.range_index = self._resolved(value, unit, index), unit, index
         if self.operating:
             self._drive(changed)
 

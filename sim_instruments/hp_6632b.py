@@ -48,7 +48,7 @@ class Hp6632B(ScpiDevice):
         return {"on": self.on, "voltage_V": self.voltage_V, "tripped": self.tripped}
 
     def _load(self) -> tuple[float, float]:
-        """Voltage (V) and current (A) at the terminals."""
+        """Return voltage (V) and current (A) at the terminals."""
         if not self.on or self.tripped:
             return 0.0, 0.0
         start_V, load_A = self.world.load

@@ -48,12 +48,12 @@ class Keithley7002(ScpiDevice):
         self.busy(RELAY_S)
 
     def _points(self, text: str) -> set[Point]:
-        """Crosspoints of a channel list; a range runs over columns, then rows, inside one card."""
+        """Return crosspoints of a channel list; a range runs over columns, then rows, inside one card."""
         if not text:
             raise ScpiError(*MISSING_PARAMETER)
         if not (text.startswith("(@") and text.endswith(")")):
             raise ScpiError(-104, "Data type error")
-        found: set[Point] = set()
+        points: set[Point] = set()
         for item in text[2:-1].replace(" ", "").split(","):
             ends = [self._point(end) for end in item.split(":")]
             if len(ends) > 2 or ends[0][0] != ends[-1][0]:
@@ -61,8 +61,8 @@ class Keithley7002(ScpiDevice):
             first, last = ends[0], ends[-1]
             order = sorted([first[1:], last[1:]])
             cells = [(row, column) for row in range(1, ROWS + 1) for column in range(1, COLUMNS + 1)]
-            found |= {(first[0], *cell) for cell in cells if order[0] <= cell <= order[1]}
-        return found
+            points |= {(first[0], *cell) for cell in cells if order[0] <= cell <= order[1]}
+        return points
 
     def _point(self, text: str) -> Point:
         match = _POINT.fullmatch(text)

@@ -43,12 +43,12 @@ class Channel:
         return float(10.0 ** ((self.input_gain_dB + self.output_gain_dB) / 20.0))
 
     def sections(self) -> NDArray[np.float64] | None:
-        """Second-order sections at 1000 samples a second; None for a way straight through."""
+        """Return second-order sections at 1000 samples a second; None for a way straight through."""
         if self.kind == "BY" or not self.cutoff_Hz < SAMPLES_HZ / 2:
             return None
         kind = "highpass" if self.kind == "HP" else "lowpass"
-        found: NDArray[np.float64] = butter(POLES, self.cutoff_Hz, kind, fs=SAMPLES_HZ, output="sos")
-        return found
+        sections: NDArray[np.float64] = butter(POLES, self.cutoff_Hz, kind, fs=SAMPLES_HZ, output="sos")
+        return sections
 
 
 class BandPass:
@@ -64,25 +64,25 @@ class BandPass:
         self._gain = 1.0
 
     def filtered(self, first: int, volts: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The samples from ``first`` on behind the filter, volt (n,); to be called for one piece after the other."""
-        found = np.array(volts)
+        """Return the samples from ``first`` on behind the filter, volt (n,); to be called piece by piece."""
+        output = np.array(volts)
         done = 0
-        while done < len(found):
+        while done < len(output):
             while self._at + 1 < len(self._history) and self._history[self._at + 1][0] <= first + done:
                 self._at += 1
                 self._begin(self._history[self._at][1])
-            change = self._history[self._at + 1][0] - first if self._at + 1 < len(self._history) else len(found)
-            end = min(change, len(found))
-            found[done:end] *= self._gain
+            change = self._history[self._at + 1][0] - first if self._at + 1 < len(self._history) else len(output)
+            end = min(change, len(output))
+            output[done:end] *= self._gain
             for place, (sections, state) in enumerate(self._stages):
-                found[done:end], state = sosfilt(sections, found[done:end], zi=state)
+                output[done:end], state = sosfilt(sections, output[done:end], zi=state)
                 self._stages[place] = (sections, state)
             done = end
-        return found
+        return output
 
     def _begin(self, channels: tuple[Channel, Channel]) -> None:
         sections = [channel.sections() for channel in channels]
-        self._stages = [(one, np.zeros((len(one), 2))) for one in sections if one is not None]
+        self._stages = [(section, np.zeros((len(section), 2))) for section in sections if section is not None]
         self._gain = channels[0].gain * channels[1].gain
 
 
@@ -98,7 +98,7 @@ class KrohnHite3988(LiveDevice):
         self._shown = 1
 
     def outputs(self) -> dict[str, Any]:
-        return {"channels": [f"{one.kind} {one.cutoff_Hz:g} Hz" for one in self.channels]}
+        return {"channels": [f"{channel.kind} {channel.cutoff_Hz:g} Hz" for channel in self.channels]}
 
     def execute(self, message: str) -> None:
         if message.strip().upper() == "V":
@@ -128,13 +128,15 @@ class KrohnHite3988(LiveDevice):
         self.channels[self._shown - 1] = replace(self.channels[self._shown - 1], **change)
 
     def _display(self) -> str:
-        one = self.channels[self._shown - 1]
-        shown = "byP     " if one.kind == "BY" else _four_digits(one.cutoff_Hz)
-        return f"{one.input_gain_dB:02d} {shown} {self._shown:02d}.1 {one.output_gain_dB:02d} {one.coupling} "
+        channel = self.channels[self._shown - 1]
+        shown = "byP     " if channel.kind == "BY" else _four_digits(channel.cutoff_Hz)
+        return (
+            f"{channel.input_gain_dB:02d} {shown} {self._shown:02d}.1 {channel.output_gain_dB:02d} {channel.coupling} "
+        )
 
 
 def _four_digits(frequency_Hz: float) -> str:
-    """Four digits with a point and a power of a thousand."""
+    """Return four digits with a point and a power of a thousand."""
     unit, power = next((pair for pair in ((_MEGA, 6), (_KILO, 3)) if frequency_Hz >= pair[0]), (1.0, 0))
     digits = f"{frequency_Hz / unit:.4g}".removeprefix("0")
     return f"{digits if '.' in digits else digits + '.'}".ljust(5, "0")[:5] + f"E+{power}"

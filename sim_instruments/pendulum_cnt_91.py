@@ -36,7 +36,7 @@ class EdgeSource(Protocol):
         """Bench time at which the picoseconds are 0."""
 
     def edges_until(self, t_ns: int) -> Events:
-        """Events before ``t_ns`` not handed out yet, in order: picoseconds, channel, level, level of the cosine."""
+        """Return events before ``t_ns`` not handed out yet, in order: picoseconds, channel, level, cosine level."""
 
     def skip_edges(self, t_ns: int) -> None:
         """Nobody looked at the events before ``t_ns``."""
@@ -125,10 +125,10 @@ class PendulumCnt91(ScpiDevice):
     @command(":STReam:CLOCk")
     def _set_clock(self, text: str) -> None:
         self._only_at_rest()
-        found = self.number(text, CLOCKS_HZ[0], CLOCKS_HZ[-1])
-        if found not in CLOCKS_HZ:
+        clock_Hz = self.number(text, CLOCKS_HZ[0], CLOCKS_HZ[-1])
+        if clock_Hz not in CLOCKS_HZ:
             raise ScpiError(*OUT_OF_RANGE)
-        self.clock_Hz = int(found)
+        self.clock_Hz = int(clock_Hz)
 
     @command(":STReam:CLEar")
     def _clear_memory(self, _: str) -> None:

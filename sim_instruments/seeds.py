@@ -8,7 +8,7 @@ import numpy as np
 
 
 def generator(seed: int, purpose: str, *indexes: int) -> np.random.Generator:
-    """Generator of one purpose; the same (seed, purpose, indexes) gives the same draws in any order of use.
+    """Return generator of one purpose; the same (seed, purpose, indexes) gives the same draws in any order of use.
 
     Args:
         seed: seed of the run, 0 or positive.

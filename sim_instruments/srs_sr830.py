@@ -85,8 +85,8 @@ class SrsSr830(LiveDevice):
         return volts / self._divider
 
     def _wired_filter(self) -> KrohnHite3988:
-        found: KrohnHite3988 = self.world.instrument(KrohnHite3988)
-        return found
+        wired: KrohnHite3988 = self.world.instrument(KrohnHite3988)
+        return wired
 
     def _pulses(self, t0_ns: int, t1_ns: int) -> NDArray[np.int64]:
         pulses: Callable[[str, int, int], NDArray[np.int64]] | None = getattr(self.world, "pulses", None)
@@ -138,7 +138,7 @@ class SrsSr830(LiveDevice):
             "PHAS": lambda: f"{self._phase_deg:.2f}",
             "FREQ": lambda: f"{self.processor.frequency_Hz:.6g}",
             "OUTP": lambda: self._told(int(arguments[0])),
-            "SNAP": lambda: ",".join(self._told(int(one)) for one in arguments),
+            "SNAP": lambda: ",".join(self._told(int(argument)) for argument in arguments),
             "OEXP": lambda: "{:.2f},{}".format(*self._offsets[int(arguments[0])]),
         }
         return asked[head]() if head in asked else str(self._set[head])
@@ -153,12 +153,12 @@ class SrsSr830(LiveDevice):
         return self.reading(f"{value:.6g}")
 
     def _take_events(self) -> str:
-        found, self._events = self._events, 0
-        return str(found)
+        events, self._events = self._events, 0
+        return str(events)
 
     def _take_status(self) -> str:
-        found, self.processor.status = self.processor.status, 0
-        return str(found)
+        status, self.processor.status = self.processor.status, 0
+        return str(status)
 
 
 def _choice(arguments: list[str], most: int, least: int) -> int:

@@ -32,7 +32,7 @@ INPUT_OVERLOAD, OUTPUT_OVERLOAD, UNLOCKED = 1, 4, 8  # bit 1, the filters, is ne
 
 @dataclass(frozen=True)
 class Settings:
-    """What is set on the amplifier; volts are those at its own input."""
+    """Settings of the amplifier; volts are those at its own input."""
 
     time_constant_s: float = 0.1
     poles: int = 2
@@ -145,7 +145,7 @@ class LockIn:
         return smoothed
 
     def _mixed(self, volts: Samples, turns: Samples, step_turns: Samples) -> Samples:
-        """Products with the reference and with the one a quarter ahead, (2, n); zero as long as there is none."""
+        """Return products with the reference and with the one a quarter ahead, (2, n); zero while there is none."""
         phases = turns + self.settings.phase_deg / 360.0 + np.array([[0.0], [0.25]])
         if self.settings.square:
             reference = _mean_square_wave(phases, step_turns) * (np.pi / (2.0 * np.sqrt(2.0)))
@@ -155,7 +155,7 @@ class LockIn:
         return products
 
     def _averaged(self, products: Samples, period: Samples, locked: NDArray[np.bool_]) -> Samples:
-        """Mean over the period (in samples) that ends with each sample, where the synchronous filter is at work."""
+        """Return mean over the period (in samples) that ends with each sample, where the synchronous filter works."""
         held = self._integral.shape[1] - 1  # samples before the first of these
         integral = np.concatenate((self._integral, self._integral[:, -1:] + np.cumsum(products, axis=1)), axis=1)
         ends = np.arange(held + 1, integral.shape[1], dtype=np.float64)
@@ -171,7 +171,7 @@ class LockIn:
         return np.where(fits, means, products)
 
     def _filtered(self, values: Samples) -> Samples:
-        """Values behind the RC poles that are set, (2, n); poles that are not used follow the last one that is."""
+        """Return values behind the RC poles that are set, (2, n); unused poles follow the last one that is."""
         keep = np.exp(-SAMPLE_NS / 1e9 / self.settings.time_constant_s)
         for pole in range(self.settings.poles):
             state = keep * self._last[pole][:, np.newaxis]
@@ -182,7 +182,7 @@ class LockIn:
 
 
 def _mean_square_wave(turns: Samples, step_turns: Samples) -> Samples:
-    """Mean of the sign of a sine over a sample in whose middle its phase is ``turns``, turns and width in turns."""
+    """Return mean of the sign of a sine over a sample in whose middle its phase is ``turns``, all in turns."""
     triangle = 0.5 - np.abs((turns[..., np.newaxis] + np.array([-0.5, 0.5]) * step_turns[..., np.newaxis]) % 1.0 - 0.5)
     whole: Samples = (triangle[..., 1] - triangle[..., 0]) / step_turns
     return whole

@@ -1,4 +1,4 @@
-"""What every analysis shares: its material, what it gives back, and the form of results.json."""
+"""The shared parts of every analysis: its material, its results, and the form of results.json."""
 
 from bench.analysis.analysis import (
     Analysis,

@@ -58,12 +58,12 @@ def check_method(method: str, methods: Sequence[str]) -> None:
 
 
 class AnalysisModule(Protocol):
-    """What a module of a system offers to be an analysis."""
+    """A module of a system, as far as it is an analysis."""
 
     METHODS: tuple[str, ...]
 
     def analyse(self, material: Material, method: str = ...) -> Analysis:
-        """From records and the manifest's constants to estimates."""
+        """Return estimates from records and the manifest's constants."""
 
 
 def declared_analysis(name: str) -> AnalysisDeclaration:
@@ -106,11 +106,11 @@ class Task(Protocol):
 
     @property
     def name(self) -> str:
-        """What a person reads while it runs."""
+        """Name that a person reads while it runs."""
 
 
 class Study(Protocol):
-    """What a system offers to be a study; its options, its results and their form are its own."""
+    """A study of a system; its options, its results and their form are its own."""
 
     def checked_options(self, runs: int | None, seed: int, offsets: str, quick: bool) -> Any:
         """Return the options as a person gives them. Raises: InputError B-STUDY-002."""

@@ -80,7 +80,7 @@ class Exchange:
 
 @dataclass(frozen=True)
 class Material:
-    """What a session gives to an analysis.
+    """Everything that a session gives to an analysis.
 
     ``rows``: the measuring records, by number.   ``campaign``, ``standards``: sections of the manifest.
     ``exchanges``: commands to the unit and their answers.   ``layouts``: of the payloads, by name of the command.
@@ -116,13 +116,13 @@ def joined(rows: Sequence[RecordRow]) -> Sequence[RecordRow]:
     """
     if not any(CONTINUES in row.window.conditions for row in rows):
         return rows
-    found: list[RecordRow] = []
+    merged: list[RecordRow] = []
     for row in rows:
-        if found and _follows(found[-1], row):
-            found[-1] = _both(found[-1], row)
+        if merged and _follows(merged[-1], row):
+            merged[-1] = _both(merged[-1], row)
         else:
-            found.append(row)
-    return found
+            merged.append(row)
+    return merged
 
 
 def _follows(before: RecordRow, row: RecordRow) -> bool:

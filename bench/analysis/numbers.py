@@ -1,4 +1,4 @@
-"""How numbers are printed: as many digits as the uncertainty supports, units in the header, decimal point always."""
+"""Printed numbers: as many digits as the uncertainty supports, units in the header, decimal point always."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _UNIT_TEXT |= {"degC": "°C", "degC_min": "°C/min"}
 
 
 def decimals_for(uncertainty: float) -> int:
-    """Decimals that show an uncertainty with two significant digits; 0 at least, 9 at most."""
+    """Return decimals that show an uncertainty with two significant digits; 0 at least, 9 at most."""
     if not math.isfinite(uncertainty) or uncertainty <= 0:
         return 3
     exponent = int(f"{uncertainty:.{_SIGNIFICANT - 1}e}".partition("e")[2])  # after rounding: 0.996 is 1.0
@@ -61,7 +61,7 @@ def header(key: str) -> str:
 
 
 def cell(value: Any) -> str:
-    """Any plain value of a document as the text of a table cell."""
+    """Return any plain value of a document as the text of a table cell."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):

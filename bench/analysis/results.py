@@ -171,7 +171,7 @@ def check_form(form: type[BaseModel], document: object, code: str, where: str, n
 
 
 def results_json(document: Mapping[str, Any]) -> str:
-    """Canonical text of a document: sorted keys, shortest exact floats, one trailing newline."""
+    """Return canonical text of a document: sorted keys, shortest exact floats, one trailing newline."""
     return json.dumps(document, sort_keys=True, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
 
 

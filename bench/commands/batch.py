@@ -29,26 +29,26 @@ def batch(named: Sequence[Path], out: Path, as_json: bool) -> int:
     Raises:  InputError B-CLI-013 if a path holds no session, B-CLI-007 if a file cannot be written.
     """
     folders = list(dict.fromkeys(folder for path in named for folder in session_folders(path)))
-    found, status = Batch(), ExitStatus.PASS
+    batch, status = Batch(), ExitStatus.PASS
     for folder, name in zip(folders, _names(folders), strict=True):
-        status = max(status, _add(found, folder, name))
-    document = batch_json(found, SOFTWARE)
-    written = [(out / JSON_NAME, document), (out / PAGE_NAME, batch_html(found, SOFTWARE))]
+        status = max(status, _add(batch, folder, name))
+    document = batch_json(batch, SOFTWARE)
+    written = [(out / JSON_NAME, document), (out / PAGE_NAME, batch_html(batch, SOFTWARE))]
     for path, text in written:
         write_file(path, text)
     if as_json:
         sys.stdout.write(document)
     else:
-        _tell(found, [path for path, _ in written])
-    return max(status, ExitStatus.VERDICT_FAIL) if found.yield_of().failed else status
+        _tell(batch, [path for path, _ in written])
+    return max(status, ExitStatus.VERDICT_FAIL) if batch.yield_of().failed else status
 
 
 def session_folders(path: Path) -> list[Path]:
-    """The session a path names, or all in the folder it names, or all that match it. Raises: InputError B-CLI-013."""
+    """Return the session a path names, or all in its folder, or all that match it. Raises: InputError B-CLI-013."""
     if _is_session(path):
         return [path]
     matches: Iterable[Path] = path.iterdir() if path.is_dir() else _matches(path)
-    folders = sorted(one for one in matches if _is_session(one))
+    folders = sorted(path for path in matches if _is_session(path))
     if not folders:
         raise InputError(
             "B-CLI-013",
@@ -78,45 +78,45 @@ def _names(folders: Sequence[Path]) -> list[str]:
     return [str(Path(folder.resolve().parent.name, folder.resolve().name)) for folder in folders]
 
 
-def _add(found: Batch, folder: Path, name: str) -> ExitStatus:
+def _add(batch: Batch, folder: Path, name: str) -> ExitStatus:
     """Add one session, or say why it is left out."""
     try:
         view = read_view(folder)
     except BenchError as error:
-        found.left_out.append(LeftOut(name, error.code, error.message))
+        batch.left_out.append(LeftOut(name, error.code, error.message))
         return ExitStatus.SESSION_DAMAGED
     status = ExitStatus.PASS
     if view.damaged:
-        found.damaged.append(name)
-        found.left_out.append(LeftOut(name, "B-REC-011", "; ".join(view.remarks)))
+        batch.damaged.append(name)
+        batch.left_out.append(LeftOut(name, "B-REC-011", "; ".join(view.remarks)))
         status = ExitStatus.SESSION_DAMAGED
     if not view.has_analysis:
-        found.left_out.append(LeftOut(name, "B-CLI-008", "the sequence of this session asks for no analysis"))
+        batch.left_out.append(LeftOut(name, "B-CLI-008", "the sequence of this session asks for no analysis"))
         return status
     try:
         results, analysis = analyse_view(view)
     except BenchError as error:
-        found.left_out.append(LeftOut(name, error.code, error.message))
-        found.without_result(view.manifest, name)
+        batch.left_out.append(LeftOut(name, error.code, error.message))
+        batch.without_result(view.manifest, name)
         return max(status, ExitStatus.VERDICT_FAIL if isinstance(error, FitError) else ExitStatus.SESSION_DAMAGED)
-    found.add(results, name, analysis.missing)
+    batch.add(results, name, analysis.missing)
     return status
 
 
-def _tell(found: Batch, written: Sequence[Path]) -> None:
+def _tell(batch: Batch, written: Sequence[Path]) -> None:
     out = console()
-    total = found.yield_of()
+    total = batch.yield_of()
     low, high = total.interval
     share = "" if total.share is None else f"; yield {100 * total.share:.1f} % ({100 * low:.1f} to {100 * high:.1f} %)"
     counts = f"{total.passed} pass, {total.failed} fail, {total.without} without a verdict"
-    out.print(f"{len(found.outcomes)} units in {len({part.session for part in found.parts})} sessions: {counts}{share}")
-    bad = [part for part in found.parts if part.outcome in (Outcome.FAIL, Outcome.NO_RESULT)]
+    out.print(f"{len(batch.outcomes)} units in {len({part.session for part in batch.parts})} sessions: {counts}{share}")
+    bad = [part for part in batch.parts if part.outcome in (Outcome.FAIL, Outcome.NO_RESULT)]
     for part in bad[:_SHOWN]:
         said = part.outcome.replace("_", " ")
         out.print(f"{said:<10} {unit_name(part.unit)}  {part.session}: {part.failed} of {part.judged} judged failed")
     if len(bad) > _SHOWN:
         out.print(f"... and {len(bad) - _SHOWN} more in {JSON_NAME}")
-    for one in found.left_out:
-        out.print(f"left out   {one.session}: {one.code} {one.text}")
+    for left_out in batch.left_out:
+        out.print(f"left out   {left_out.session}: {left_out.code} {left_out.text}")
     for path in written:
         out.print(f"wrote      {path}")

@@ -61,19 +61,19 @@ def drill(station_name: str, out: Path, as_json: bool) -> int:
     path = find_shipped("stations", station_name)
     station = load_station(path)
     make_folder(out)
-    found = run_drill(station, path, out, WallClock())
+    document = run_drill(station, path, out, WallClock())
     if as_json:
-        print(json.dumps(found, indent=1))  # noqa: T201
+        print(json.dumps(document, indent=1))  # noqa: T201
     else:
-        _tell(found)
-    return ExitStatus.PASS if found["passed"] else ExitStatus.SAFE_AFTER_FAULT
+        _tell(document)
+    return ExitStatus.PASS if document["passed"] else ExitStatus.SAFE_AFTER_FAULT
 
 
-def _tell(found: Mapping[str, Any]) -> None:
+def _tell(document: Mapping[str, Any]) -> None:
     out = console()
-    for trial in found["trials"]:
+    for trial in document["trials"]:
         guard = "never" if trial["guard_s"] is None else f"after {trial['guard_s']:.2f} s"
         on = ", ".join(f"{role} {state}" for role, state in trial["still_on"].items()) or "everything off"
         verdict = "pass" if trial["passed"] else "FAIL"
         out.print(f"{trial['kill']:<8} guard done {guard}; read back at {trial['confirmed_s']:.2f} s: {on}: {verdict}")
-    out.print(f"limit {found['limit_s']:g} s; recorded in {found['folder']}")
+    out.print(f"limit {document['limit_s']:g} s; recorded in {document['folder']}")

@@ -40,7 +40,7 @@ REL_TOL = 1e-9  # in another environment floats agree to this, and no better
 
 @dataclass(frozen=True)
 class Request:
-    """What the command line asked for."""
+    """A certificate as the command line asked for it."""
 
     session: Path
     laboratory: Path | None
@@ -125,7 +125,7 @@ def _calibration(request: Request, laboratory: Laboratory) -> Calibration:
 
 
 def _stored(folder: Path) -> tuple[dict[str, Any], dict[str, str]]:
-    """results.json, and the SHA-256 of it and of the report that goes with it."""
+    """Return results.json, and the SHA-256 of it and of the report that goes with it."""
     path, report = folder / "results.json", folder / "report.html"
     try:
         raw = path.read_bytes()
@@ -162,15 +162,23 @@ def _refuse_other_numbers(folder: Path, stored: Mapping[str, Any], view: Session
     if stored["provenance"]["session_sha256"] != view.session_sha256:
         raise _other("results.json is of another recording", folder)
     now = json.loads(results_json(analyse_view(view)[0]))
-    found = [one for one in compare(stored, now) if one.path != SOFTWARE_PATH and not _agrees(one)]
-    if found:
-        raise _other(f"results.json differs in {len(found)} values from what it gives today: {found[0]}", folder)
+    differences = [
+        difference
+        for difference in compare(stored, now)
+        if difference.path != SOFTWARE_PATH and not _agrees(difference)
+    ]
+    if differences:
+        raise _other(
+            f"results.json differs in {len(differences)} values from what it gives today: {differences[0]}", folder
+        )
 
 
-def _agrees(one: Difference) -> bool:
-    """A value that only this software gives, or a number that another machine rounds otherwise."""
-    numbers = isinstance(one.first, float) and isinstance(one.second, float)
-    return one.first == ABSENT or (numbers and math.isclose(one.first, one.second, rel_tol=REL_TOL, abs_tol=0.0))
+def _agrees(difference: Difference) -> bool:
+    """Return whether only this software gives a value, or another machine rounds a number otherwise."""
+    numbers = isinstance(difference.first, float) and isinstance(difference.second, float)
+    return difference.first == ABSENT or (
+        numbers and math.isclose(difference.first, difference.second, rel_tol=REL_TOL, abs_tol=0.0)
+    )
 
 
 def _other(message: str, folder: Path) -> SessionDamaged:
@@ -193,7 +201,7 @@ def _days(folder: Path) -> tuple[date, date]:
 
 
 def _refuse_other_days(path: Path | None, laboratory: Laboratory, began: date, ended: date) -> None:
-    """What is calibrated was received before, and its certificate is issued after."""
+    """Refuse a unit received after the measurement began, and a certificate issued before it ended."""
     received, issued = laboratory.received, laboratory.issued
     wrong = []
     if received is not None and received > began:
@@ -212,7 +220,7 @@ def _day(utc_ns: int) -> date:
 def _span(view: SessionView, name: str) -> Span | None:
     """Return lowest and highest reading of a temperature in the session."""
     readings = (getattr(event, name) for _, event in view.events_of(Environment))
-    values = [float(one) for one in readings if one is not None]
+    values = [float(reading) for reading in readings if reading is not None]
     return Span(min(values), max(values)) if values else None
 
 

@@ -52,14 +52,14 @@ def check(request: Request) -> int:
 
         with writing(request.plot):
             plots.plot_timetable(plan, request.plot)
-    found = _examined(plan, request.out) if request.live else None
+    report = _examined(plan, request.out) if request.live else None
     if request.json:
         document = {"sequence": plan.name, "station": plan.station_name, "plan_sha256": plan.sha256, **asdict(summary)}
-        live = {} if found is None else {"preflight": found.event().document()}
+        live = {} if report is None else {"preflight": report.event().document()}
         sys.stdout.write(json.dumps({**document, **live}, indent=1) + "\n")
     else:
-        _print(console(), plan, summary, request.plot, found)
-    if found is not None and (refusal := found.refusal()) is not None:
+        _print(console(), plan, summary, request.plot, report)
+    if report is not None and (refusal := report.refusal()) is not None:
         raise refusal
     return ExitStatus.PASS
 
@@ -72,7 +72,7 @@ def _examined(plan: Plan, out: Path) -> Report:
     return examine(plan, WallClock(), out)
 
 
-def _print(out: Console, plan: Plan, summary: Summary, plot: Path | None, found: Report | None) -> None:
+def _print(out: Console, plan: Plan, summary: Summary, plot: Path | None, report: Report | None) -> None:
     finish = datetime.fromtimestamp(summary.finish_utc_ns / NS, UTC).strftime("%Y-%m-%d %H:%M:%SZ")
     out.print(f"{plan.name}: {plan.title}")
     out.print(f"  station      {plan.station_name}{' (simulated)' if plan.station.simulated else ''}")
@@ -87,14 +87,14 @@ def _print(out: Console, plan: Plan, summary: Summary, plot: Path | None, found:
     if plot is not None:
         out.print(f"  timetable    {plot}")
     out.print("no mistake found")
-    if found is not None:
+    if report is not None:
         from bench.commands.doctor import print_preflight
 
-        print_preflight(out, found)
+        print_preflight(out, report)
 
 
 def settings_of(pairs: Sequence[str]) -> dict[str, str]:
-    """``["key=value"]`` as a dictionary. Raises InputError B-CLI-001."""
+    """Return ``["key=value"]`` as a dictionary. Raises InputError B-CLI-001."""
     settings = {}
     for pair in pairs:
         key, equals, value = pair.partition("=")

@@ -31,7 +31,7 @@ _HELP = "use tcp://host:port of a scheduler that runs, or local:N for N processe
 
 
 class Listener(Protocol):
-    """Who is told what is done."""
+    """A listener that is told what is done."""
 
     def done(self, task: Task, result: Any) -> Any: ...
     def said(self, text: str) -> None: ...
@@ -115,7 +115,7 @@ def _client(distributed: Any, where: str, cluster: Any) -> Any:
 
 
 def software_here() -> dict[str, str]:
-    """Versions that the numbers may depend on, and the threads of the linear algebra; of the process that is asked."""
+    """Return versions numbers may depend on, and the threads of the linear algebra, of the process that is asked."""
     versions = {name: version(name) for name in COMPARED}
     threads = {name: os.environ.get(name, "not set") for name in THREADS}
     return {"inertial-bench": __version__, "python": platform.python_version(), **versions, **threads}
@@ -123,12 +123,12 @@ def software_here() -> dict[str, str]:
 
 def _check(where: str, client: Any) -> None:
     try:
-        found: Mapping[str, Mapping[str, str]] = client.run(software_here)
+        by_worker: Mapping[str, Mapping[str, str]] = client.run(software_here)
     except Exception as error:  # whatever it is that an unknown worker lacks
         text = f"the workers cannot run the bench: {type(error).__name__}: {' '.join(str(error).split())[:200]}"
         raise _other_software(where, text) from error
     here = {**software_here(), **dict.fromkeys(THREADS, "1")}
-    for worker, versions in found.items():
+    for worker, versions in by_worker.items():
         for name, due in here.items():
             if versions.get(name) != due:
                 text = f"worker {worker} has {name} {versions.get(name, 'not at all')}; {due} is due, as here"
@@ -141,7 +141,7 @@ def _other_software(where: str, text: str) -> InputError:
 
 
 def run_there(run_task: Callable[[Any], Any], task: Task) -> tuple[Any, str]:
-    """Result of a task, or what went wrong in words: an error of the bench need not travel as an object."""
+    """Return result of a task, or what went wrong in words: an error of the bench need not travel as an object."""
     try:
         return run_task(task), ""
     except BenchError as error:

@@ -1,4 +1,4 @@
-"""What ``bench run`` and ``bench resume`` share: the watchers beside a run, the pre-flight before it, and the terminal
+"""Parts common to ``bench run`` and ``bench resume``: watchers beside a run, the pre-flight before it, and the terminal
 where a person is asked; others may answer meanwhile.
 """
 
@@ -66,9 +66,12 @@ def conduct_watched(
 
 
 def watchers(plan: Plan, clock: Clock, asking: WaitingOperator | None = None) -> list[Beside]:
-    """Who watches over a run, the guard first: it is the last one to be let go."""
-    found: list[Beside] = [guard_beside(plan.station), *besides(plan, os.environ, virtual=clock.virtual, asking=asking)]
-    return found if clock.virtual else [*found, clock_watch, stay_awake]
+    """Return those who watch over a run, the guard first: it is the last one to be let go."""
+    watching: list[Beside] = [
+        guard_beside(plan.station),
+        *besides(plan, os.environ, virtual=clock.virtual, asking=asking),
+    ]
+    return watching if clock.virtual else [*watching, clock_watch, stay_awake]
 
 
 class Aside:
@@ -94,7 +97,7 @@ class StdinTerminal:
         self.tell(f"{question.text}\n{due} or stop:")
 
     def line(self, timeout_s: float) -> str | None:
-        """A line that was typed, None if none comes in time.
+        """Return a line that was typed, None if none comes in time.
 
         Raises: OperatorStop B-CLI-006 for "stop" and at the end of the input; OSError if the terminal is gone.
         """
@@ -114,7 +117,7 @@ class StdinTerminal:
 
 
 def terminal_here() -> StdinTerminal | None:
-    """The terminal this process was started from; None if nobody sits there."""
+    """Return the terminal this process was started from; None if nobody sits there."""
     return StdinTerminal() if sys.stdin is not None and sys.stdin.isatty() else None
 
 

@@ -36,9 +36,9 @@ def console(stderr: bool = False) -> Console:
 
     A terminal that is narrower than the tables breaks their lines; a table made to fit it would cut numbers off.
     """
-    found = _Console(stderr=stderr, highlight=False, soft_wrap=True, markup=False, emoji=False)
-    if not found.is_terminal:
-        found.width = PLAIN_COLUMNS
+    terminal = _Console(stderr=stderr, highlight=False, soft_wrap=True, markup=False, emoji=False)
+    if not terminal.is_terminal:
+        terminal.width = PLAIN_COLUMNS
     elif not stderr:
-        found.width = max(found.width, PLAIN_COLUMNS)
-    return found
+        terminal.width = max(terminal.width, PLAIN_COLUMNS)
+    return terminal

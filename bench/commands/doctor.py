@@ -37,14 +37,14 @@ def doctor(station: str | None, out: Path, bundle: Path | None, as_json: bool) -
     """
     path = None if station is None else find_shipped("stations", station)
     installed = _installed()
-    found = examine_machine(Surroundings(clock=WallClock(), out=out))
-    found = Report((*installed, *([] if path is None else _of_station(path)), *found.findings))
+    report = examine_machine(Surroundings(clock=WallClock(), out=out))
+    report = Report((*installed, *([] if path is None else _of_station(path)), *report.findings))
     system = {"system": platform.system(), "release": platform.release(), "machine": platform.machine()}
     document = {
         "machine": system,
         "software": software(),
         "installed": _offers(),
-        "findings": found.event().document(),
+        "findings": report.event().document(),
     }
     if bundle is not None:
         with writing(bundle), zipfile.ZipFile(bundle, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -54,10 +54,10 @@ def doctor(station: str | None, out: Path, bundle: Path | None, as_json: bool) -
     if as_json:
         sys.stdout.write(json.dumps(document, indent=1) + "\n")
     else:
-        print_preflight(console(), found, "Doctor")
+        print_preflight(console(), report, "Doctor")
         if bundle is not None:
             console().print(f"bundle: {bundle}")
-    if (refusal := found.refusal()) is not None:
+    if (refusal := report.refusal()) is not None:
         raise refusal
     return ExitStatus.PASS
 
@@ -85,21 +85,23 @@ def _of_station(path: Path) -> list[Finding]:
     if not mistakes:
         text = f"{len(loaded.instruments)} instruments, {len(loaded.links)} links"
         return [Finding("station file", Status.OK, text, "no mistake")]
-    return [Finding("station file", Status.FAIL, one.code, "no mistake", str(one)) for one in mistakes.sorted()]
+    return [
+        Finding("station file", Status.FAIL, mistake.code, "no mistake", str(mistake)) for mistake in mistakes.sorted()
+    ]
 
 
-def print_preflight(out: Console, found: Report, title: str = "Pre-flight") -> None:
+def print_preflight(out: Console, report: Report, title: str = "Pre-flight") -> None:
     """Print one line for each finding, and under the table a sentence for each that is not simply in order."""
     table = Table(title=title, box=box.SIMPLE, title_justify="left", collapse_padding=True, pad_edge=False)
     for name in _COLUMNS:
         table.add_column(name, no_wrap=name in _COLUMNS[:2], overflow="fold")
-    for finding in found.findings:
+    for finding in report.findings:
         table.add_row(_MARKS[finding.status], finding.name, finding.value, finding.limit)
     out.print(table)
     for status in (Status.FAIL, Status.WARN, Status.SKIPPED):
-        for finding in found.of(status):
+        for finding in report.of(status):
             out.print(_remark(finding))
-    counts = [f"{len(found.of(status))} {status}" for status in Status]
+    counts = [f"{len(report.of(status))} {status}" for status in Status]
     out.print(", ".join(counts))
 
 

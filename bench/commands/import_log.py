@@ -34,10 +34,10 @@ def import_log(mapping_file: Path, file: Path, out: Path) -> int:
     mapping = document.model
     if mapping.analysis != NO_ANALYSIS:
         _known_analysis(document)
-    found = survey(file, mapping)
-    _segments_inside(document, found)
-    folder = _write(document, file, found, out)
-    counts = found.counts
+    surveyed = survey(file, mapping)
+    _segments_inside(document, surveyed)
+    folder = _write(document, file, surveyed, out)
+    counts = surveyed.counts
     console().print(
         f"{file}: {counts.rows} rows, {counts.overload_rows} with an overload, {counts.bad_rows} cannot be read"
     )
@@ -66,8 +66,8 @@ def _known_analysis(document: Document[LogMapping]) -> None:
         ) from error
 
 
-def _segments_inside(document: Document[LogMapping], found: Survey) -> None:
-    outside = document.model.beyond(found.counts.rows)
+def _segments_inside(document: Document[LogMapping], surveyed: Survey) -> None:
+    outside = document.model.beyond(surveyed.counts.rows)
     if outside is not None:
         place, message, cure = outside
         raise InputError("B-IMP-008", message, where=document.where(place), next_step=cure)
@@ -80,39 +80,41 @@ def _results(folder: Path, out: Path) -> None:
     print_written(finished, console(), console(stderr=True))
 
 
-def _write(document: Document[LogMapping], file: Path, found: Survey, out: Path) -> Path:
+def _write(document: Document[LogMapping], file: Path, surveyed: Survey, out: Path) -> Path:
     """Return the session: every line of the file is a message, stamped with the time of its row."""
     mapping = document.model
-    name = session_name(mapping, found)
+    name = session_name(mapping, surveyed)
     folder = new_folder(out, name)
-    writer = SessionWriter.create(folder, _manifest(document, name, file, found), {MAPPING: document.text}, t_mono_ns=0)
-    writer.clock_pair(0, found.first_ns)
+    writer = SessionWriter.create(
+        folder, _manifest(document, name, file, surveyed), {MAPPING: document.text}, t_mono_ns=0
+    )
+    writer.clock_pair(0, surveyed.first_ns)
     parser, t_ns, since = LogParser(mapping, str(file)), 0, 0
-    for line in file_lines(file, found.size):
+    for line in file_lines(file, surveyed.size):
         row = parser.row(line)
-        t_ns = t_ns if row is None else row.t_ns - found.first_ns
+        t_ns = t_ns if row is None else row.t_ns - surveyed.first_ns
         writer.raw(LINK, "rx", t_ns, line)
         since += len(line)
         if since > ROTATE_BYTES:
             writer.tick(t_ns)
             since = 0
-    writer.clock_pair(t_ns, found.first_ns + t_ns)
+    writer.clock_pair(t_ns, surveyed.first_ns + t_ns)
     writer.close("imported")
     return folder
 
 
-def session_name(mapping: LogMapping, found: Survey) -> str:
-    """``<UTC of the first row>_<mapping>_<serial number>``."""
-    start = datetime.fromtimestamp(found.first_ns // NS, UTC).strftime("%Y%m%dT%H%M%SZ")
+def session_name(mapping: LogMapping, surveyed: Survey) -> str:
+    """Return ``<UTC of the first row>_<mapping>_<serial number>``."""
+    start = datetime.fromtimestamp(surveyed.first_ns // NS, UTC).strftime("%Y%m%dT%H%M%SZ")
     serial = re.sub(r"[^A-Za-z0-9.-]", "-", mapping.uut.serial)
     return f"{start}_{mapping.mapping}_{serial}"
 
 
-def _manifest(document: Document[LogMapping], name: str, file: Path, found: Survey) -> dict[str, Any]:
-    """Manifest of an imported session (docs/session-format.md); the mapping stands where a plan would."""
+def _manifest(document: Document[LogMapping], name: str, file: Path, surveyed: Survey) -> dict[str, Any]:
+    """Return manifest of an imported session (docs/session-format.md); the mapping stands where a plan would."""
     mapping = document.model
     sha256 = hashlib.sha256(document.text.encode()).hexdigest()
-    counts = found.counts
+    counts = surveyed.counts
     return {
         "schema": 1,
         "kind": IMPORT,
@@ -128,11 +130,16 @@ def _manifest(document: Document[LogMapping], name: str, file: Path, found: Surv
         "measurement_link": LINK,
         "plan_sha256": sha256,
         "frame_sha256": {LINK: sha256},
-        "planned": {"prepare_s": 0.0, "duration_s": (found.last_ns - found.first_ns) / NS, "records": 0, "steps": 0},
+        "planned": {
+            "prepare_s": 0.0,
+            "duration_s": (surveyed.last_ns - surveyed.first_ns) / NS,
+            "records": 0,
+            "steps": 0,
+        },
         "log": {
             "file": file.name,
-            "bytes": found.size,
-            "sha256": found.sha256,
+            "bytes": surveyed.size,
+            "sha256": surveyed.sha256,
             "rows": counts.rows,
             "overload_rows": counts.overload_rows,
             "bad_rows": counts.bad_rows,

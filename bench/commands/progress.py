@@ -1,4 +1,4 @@
-"""What a person sees while a run goes on: two lines on a terminal, plain lines with a sign of life elsewhere.
+"""The progress of a run for a person: two lines on a terminal, plain lines with a sign of life elsewhere.
 
 Where the run is comes from the state document of its feed, in a few words.
 """
@@ -106,7 +106,7 @@ class PlainLines:
 
 
 class _End(ProgressColumn):
-    """When the run will be over; of a rehearsal, which has no such time, how long it will still take."""
+    """The end of the run; of a rehearsal, which has no such time, how long it will still take."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -224,7 +224,7 @@ def watcher(plan: Plan, out: Console, *, asks: bool) -> PlainLines | ProgressBar
 
 
 class Follower:
-    """Asks the feed of a run for its state; an answer that does not come is none."""
+    """Asks the feed of a run for its state; an answer that does not come is no state."""
 
     def __init__(self, folder: Path) -> None:
         self._client = FeedClient(folder)
@@ -237,8 +237,8 @@ class Follower:
         except FeedGone:
             return None
         self._seq = header["seq"]  # no point is shown, so none is asked for twice
-        found: Document = header["state"]
-        return found if found.get("started_utc_s") is not None and found.get("step") else None
+        state: Document = header["state"]
+        return state if state.get("started_utc_s") is not None and state.get("step") else None
 
     def close(self) -> None:
         """Ask no more."""
@@ -246,7 +246,7 @@ class Follower:
 
 
 def doing(document: Document) -> str:
-    """What is going on: why the run stands still, else the step and, of a wait, its last reading and its time."""
+    """Return what goes on: why the run stands still, else the step and, in a wait, its last reading and its time."""
     step, wait, now = document["step"], document.get("wait"), document["t_utc_s"]
     if document.get("holds"):
         reasons = "; ".join(f"{reason} ({by})" for by, reason in document["holds"].items())

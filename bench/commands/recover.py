@@ -23,7 +23,7 @@ def recover(session: Path, make_up: Path | None, as_json: bool) -> int:
 
     Raises: InputError B-REC-010; with ``make_up`` what bench.session.makeup raises, B-RES-003, B-RES-004, B-RES-009.
     """
-    found = recover_session(session)
+    survey = recover_session(session)
     try:
         plan, states = _states(session)
     except BenchError as error:
@@ -33,8 +33,8 @@ def recover(session: Path, make_up: Path | None, as_json: bool) -> int:
     else:
         trouble = []
     written = [] if make_up is None or plan is None else [_written(plan, states, make_up)]
-    _tell(found, states, [*trouble, *written], as_json)
-    return ExitStatus.SESSION_DAMAGED if found.damaged else ExitStatus.PASS
+    _tell(survey, states, [*trouble, *written], as_json)
+    return ExitStatus.SESSION_DAMAGED if survey.damaged else ExitStatus.PASS
 
 
 def _states(session: Path) -> tuple[Plan, list[RecordState]]:
@@ -43,12 +43,12 @@ def _states(session: Path) -> tuple[Plan, list[RecordState]]:
     return plan, record_states(plan.steps, replay_rows(session))
 
 
-def _tell(found: Survey, states: list[RecordState], more: list[str], as_json: bool) -> None:
+def _tell(survey: Survey, states: list[RecordState], more: list[str], as_json: bool) -> None:
     if as_json:
-        document: dict[str, Any] = {**found.as_json(), "record_states": [one.as_json() for one in states]}
+        document: dict[str, Any] = {**survey.as_json(), "record_states": [state.as_json() for state in states]}
         print(json.dumps(document, indent=1))  # noqa: T201
         return
-    for line in [*found.lines(), *(summary_lines(states) if states else []), *more]:
+    for line in [*survey.lines(), *(summary_lines(states) if states else []), *more]:
         console().print(line)
 
 

@@ -54,7 +54,7 @@ def resume(folder: Path, sequence: str | None, history: str | None, as_json: boo
 
 
 def _given(stopped: Stopped, sequence: str) -> Plan:
-    """The frozen plan, if the sequence that was named is the same; its files are the ones to compare with."""
+    """Return the frozen plan, if the sequence that was named is the same; its files are the ones to compare with."""
     path = find_shipped("sequences", sequence)
     given = compile_sequence(path, stopped.plan.station, dict(stopped.manifest.get("settings", {})))
     same_plan(stopped.plan, given, str(path))

@@ -119,6 +119,6 @@ def view_of(plan: Plan, done: Conducted) -> SessionView:
 
 
 def verdict_status(results: Mapping[str, Any], missing: Sequence[str]) -> int:
-    """1 if a verdict is fail or conditional_fail or a result that the records promise is missing, else 0."""
-    failed = any(one["verdict"] in ("fail", "conditional_fail") for one in results["estimates"])
+    """Return 1 if a verdict is fail or conditional_fail or a result that the records promise is missing, else 0."""
+    failed = any(estimate["verdict"] in ("fail", "conditional_fail") for estimate in results["estimates"])
     return ExitStatus.VERDICT_FAIL if failed or missing else ExitStatus.PASS

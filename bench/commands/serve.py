@@ -25,7 +25,7 @@ LOOPBACK_NAMES = {"localhost", "127.0.0.1", "::1"}
 
 @dataclass(frozen=True)
 class Request:
-    """What the command line asks for."""
+    """The page server as the command line asks for it."""
 
     out: Path
     host: str = "127.0.0.1"
@@ -73,7 +73,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def _proxy(url: str | None) -> str | None:
-    """The host, and port if it is not 443, of the address people use."""
+    """Return the host, and port if it is not 443, of the address people use."""
     if url is None:
         return None
     try:

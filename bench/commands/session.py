@@ -34,8 +34,8 @@ def replay(folder: Path, as_json: bool) -> int:
         for note in view.remarks:
             console().print(note)
     if differences:
-        for one in differences[:SHOWN_DIFFERENCES]:
-            console(stderr=True).print(f"  {one}")
+        for difference in differences[:SHOWN_DIFFERENCES]:
+            console(stderr=True).print(f"  {difference}")
         raise SessionDamaged(
             "B-CLI-009",
             f"{len(differences)} values differ between results.json and the replay, the first are listed above",
@@ -50,14 +50,14 @@ def replay(folder: Path, as_json: bool) -> int:
 
 def _differences(stored: Any, now: Any) -> tuple[list[Difference], int]:
     """Return what the run wrote and is not the same now, and how many values only today's software gives."""
-    found = [one for one in compare(stored, now) if one.path != SOFTWARE_PATH]
-    added = sum(one.first == ABSENT for one in found)
-    return [one for one in found if one.first != ABSENT], added
+    differences = [difference for difference in compare(stored, now) if difference.path != SOFTWARE_PATH]
+    added = sum(difference.first == ABSENT for difference in differences)
+    return [difference for difference in differences if difference.first != ABSENT], added
 
 
 def _why(stored: Mapping[str, Any], results: Mapping[str, Any]) -> str:
     """Return what to look at first: the recording, the software, or else the file of results."""
-    recordings = [one.get("provenance", {}).get("session_sha256") for one in (stored, results)]
+    recordings = [document.get("provenance", {}).get("session_sha256") for document in (stored, results)]
     if recordings[0] != recordings[1]:
         return "results.json is of another recording, or this one is not whole: 'bench recover' says which"
     if software_of(stored) != software_of(results):
@@ -127,9 +127,9 @@ def _of_folder(folder: Path) -> Coefficients:
     view = read_view(folder, strict=True)
     if view.has_analysis:
         results, analysis = analyse_view(view)
-        found = coefficients_of_session(analysis, results, view.manifest["campaign"])
-        if found is not None:
-            return found
+        coefficients = coefficients_of_session(analysis, results, view.manifest["campaign"])
+        if coefficients is not None:
+            return coefficients
     raise InputError(
         "B-COEF-005",
         "the session gives no coefficients",

@@ -79,10 +79,10 @@ class Progress:
 
 
 def _written(request: Request, chosen: Study, options: Any, results: Sequence[Any]) -> int:
-    found = chosen.results_of(options, results)
-    document = chosen.study_document(options, found, SOFTWARE)
+    studied = chosen.results_of(options, results)
+    document = chosen.study_document(options, studied, SOFTWARE)
     text = chosen.study_json(document)
-    page = study_html(document, chosen.study_chapters(options, document, found), SOFTWARE)
+    page = study_html(document, chosen.study_chapters(options, document, studied), SOFTWARE)
     written = [(request.out / JSON_NAME, text), (request.out / PAGE_NAME, page)]
     for path, content in written:
         write_file(path, content)
@@ -90,17 +90,17 @@ def _written(request: Request, chosen: Study, options: Any, results: Sequence[An
         sys.stdout.write(text)
     else:
         _tell(document, [path for path, _ in written])
-    failed = any(one["verdict"] == "fail" for one in document["estimates"])
+    failed = any(estimate["verdict"] == "fail" for estimate in document["estimates"])
     return ExitStatus.VERDICT_FAIL if failed else ExitStatus.PASS
 
 
 def _tell(document: dict[str, Any], written: Sequence[Path]) -> None:
     out = console()
-    judged = [one for one in document["estimates"] if one["verdict"] != "none"]
-    failed = [one for one in judged if one["verdict"] == "fail"]
+    judged = [estimate for estimate in document["estimates"] if estimate["verdict"] != "none"]
+    failed = [estimate for estimate in judged if estimate["verdict"] == "fail"]
     out.print(f"{len(judged) - len(failed)} tolerances kept, {len(failed)} not, {document['runs']} runs of each case")
-    for one in failed:
-        where = ", ".join(f"{name} {value}" for name, value in one["conditions"].items())
-        out.print(f"fail       {one['quantity']} = {one['value']:.5g} {one['unit']}  ({where})")
+    for estimate in failed:
+        where = ", ".join(f"{name} {value}" for name, value in estimate["conditions"].items())
+        out.print(f"fail       {estimate['quantity']} = {estimate['value']:.5g} {estimate['unit']}  ({where})")
     for path in written:
         out.print(f"wrote      {path}")

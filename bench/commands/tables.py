@@ -90,9 +90,9 @@ def print_without_results(error: FitError, folder: Path, out: Console, errors: C
 
 
 def _print_verdicts(out: Console, estimates: Sequence[Estimate]) -> None:
-    counts = Counter(one["verdict"] for one in estimates if one["verdict"] != "none")
-    found = ", ".join(f"{counts[name]} {name.replace('_', ' ')}" for name in _SEVERITY if counts[name])
-    judged = f"verdicts: {found}; " if found else "nothing is judged; "
+    counts = Counter(estimate["verdict"] for estimate in estimates if estimate["verdict"] != "none")
+    shown = ", ".join(f"{counts[name]} {name.replace('_', ' ')}" for name in _SEVERITY if counts[name])
+    judged = f"verdicts: {shown}; " if shown else "nothing is judged; "
     out.print(f"{judged}{len(estimates)} values with their uncertainties in results.json", highlight=False)
 
 
@@ -106,52 +106,52 @@ def _print_scale_factors(out: Console, title: str, rows: Sequence[tuple[str, ...
 
 
 def _reference_degC(estimates: Sequence[Estimate]) -> float | None:
-    found = (one["conditions"].get("reference_temperature_degC") for one in estimates)
-    return next((value for value in found if value is not None), None)
+    temperatures = (estimate["conditions"].get("reference_temperature_degC") for estimate in estimates)
+    return next((value for value in temperatures if value is not None), None)
 
 
 def _print_missing(out: Console, missing: Sequence[str]) -> None:
     if missing:
         out.print(f"MISSING: {len(missing)} promised without a result", highlight=False)
-    for one in missing:
-        out.print(f"  {one}", markup=False, highlight=False, width=min(out.width, WIDTH))
+    for sentence in missing:
+        out.print(f"  {sentence}", markup=False, highlight=False, width=min(out.width, WIDTH))
 
 
 def _rows(estimates: Sequence[Estimate]) -> list[tuple[str, ...]]:
     groups: dict[tuple[int, float], dict[str, Estimate]] = {}
     verdicts: dict[tuple[int, float], set[str]] = {}
-    for one in estimates:
-        conditions = one["conditions"]
+    for estimate in estimates:
+        conditions = estimate["conditions"]
         if conditions.get("channel") is None or conditions.get("temperature_degC") is None:
             continue
         place = conditions["channel"], conditions["temperature_degC"]
-        verdicts.setdefault(place, set()).add(one["verdict"])
-        if one["quantity"] in _SCALE_FACTORS:
-            groups.setdefault(place, {})[one["quantity"]] = one
+        verdicts.setdefault(place, set()).add(estimate["verdict"])
+        if estimate["quantity"] in _SCALE_FACTORS:
+            groups.setdefault(place, {})[estimate["quantity"]] = estimate
     return [
-        (*_row(*place, found), _worst(verdicts[place]))
-        for place, found in groups.items()
-        if found.keys() >= set(_SCALE_FACTORS)
+        (*_row(*place, group), _worst(verdicts[place]))
+        for place, group in groups.items()
+        if group.keys() >= set(_SCALE_FACTORS)
     ]
 
 
-def _row(channel: int, temperature_degC: float, found: Mapping[str, Estimate]) -> tuple[str, ...]:
-    known = found["dsf_n"]
+def _row(channel: int, temperature_degC: float, group: Mapping[str, Estimate]) -> tuple[str, ...]:
+    known = group["dsf_n"]
     measured_degC = known["conditions"].get("unit_temperature_degC")
     return (
         str(channel),
         str(known["conditions"]["kind"]),
         f"{temperature_degC:g}",
         "-" if measured_degC is None else f"{measured_degC:.2f}",
-        f"{found['dsf_n']['value']:+.2f}",
-        f"{found['dsf_p']['value']:+.2f}",
-        f"{found['dsf_asymmetry']['value']:+.3f}",
-        f"{max(found[name]['expanded_uncertainty'] for name in ('dsf_n', 'dsf_p')):.1f}",
+        f"{group['dsf_n']['value']:+.2f}",
+        f"{group['dsf_p']['value']:+.2f}",
+        f"{group['dsf_asymmetry']['value']:+.3f}",
+        f"{max(group[name]['expanded_uncertainty'] for name in ('dsf_n', 'dsf_p')):.1f}",
     )
 
 
 def _worst(verdicts: set[str]) -> str:
-    return next((one for one in _SEVERITY if one in verdicts), "none").replace("_", " ")
+    return next((verdict for verdict in _SEVERITY if verdict in verdicts), "none").replace("_", " ")
 
 
 def _lead_tables(tables: Sequence[analysis.Table]) -> list[analysis.Table]:
@@ -187,8 +187,8 @@ def _print_table(out: Console, title: str, table: Table, rows: Sequence[tuple[st
 
 
 def _plain(text: str) -> str:
-    for one in _HOLD:
-        text = text.replace(one, " ")
+    for mark in _HOLD:
+        text = text.replace(mark, " ")
     return text
 
 
@@ -200,19 +200,19 @@ def print_summary(out: Console, title: str, estimates: Sequence[Estimate], refer
     out.print(title)
     by_quantity: dict[str, dict[Any, Estimate]] = {}
     whole: list[Estimate] = []
-    for one in estimates:
-        conditions = one["conditions"]
+    for estimate in estimates:
+        conditions = estimate["conditions"]
         elsewhere = conditions.get("temperature_degC", reference_degC) != reference_degC
-        if elsewhere or one["quantity"].endswith(_CURVATURES):
+        if elsewhere or estimate["quantity"].endswith(_CURVATURES):
             continue
         if "channel" not in conditions:
-            whole.append(one)
+            whole.append(estimate)
         elif "repeat" not in conditions:
-            by_quantity.setdefault(one["quantity"], {}).setdefault(conditions["channel"], one)
+            by_quantity.setdefault(estimate["quantity"], {}).setdefault(conditions["channel"], estimate)
     if by_quantity:
         out.print(_by_channel(by_quantity))
-    for one in whole[:_MOST_LINES]:
-        out.print(f"{one['quantity']:<28} {_value(one)} {_unit(one)}  {_where(one)}".rstrip())
+    for estimate in whole[:_MOST_LINES]:
+        out.print(f"{estimate['quantity']:<28} {_value(estimate)} {_unit(estimate)}  {_where(estimate)}".rstrip())
     if len(whole) > _MOST_LINES:
         out.print(f"... and {len(whole) - _MOST_LINES} more in results.json")
 
@@ -225,26 +225,26 @@ def _by_channel(by_quantity: Mapping[str, Mapping[Any, Estimate]]) -> TerminalTa
         unit = _unit(next(iter(by_quantity[quantity].values())))
         table.add_column(f"{quantity.replace('_', chr(10))}\n{unit}", justify="right", no_wrap=True)
     table.add_column("verdict")
-    for channel in sorted({channel for found in by_quantity.values() for channel in found}):
+    for channel in sorted({channel for by_channel in by_quantity.values() for channel in by_channel}):
         row = [_value(by_quantity[name][channel]) if channel in by_quantity[name] else "-" for name in shown]
-        verdicts = {found[channel]["verdict"] for found in by_quantity.values() if channel in found}
+        verdicts = {by_channel[channel]["verdict"] for by_channel in by_quantity.values() if channel in by_channel}
         table.add_row(str(channel), *row, _worst(verdicts))
     return table
 
 
-def _scale(one: Estimate) -> float:
+def _scale(estimate: Estimate) -> float:
     """Return currents of a converter read best in nanoampere; that of a supply does not."""
-    return 1e9 if _AMPERE.match(one["unit"]) and abs(one["value"]) < _SMALL_A else 1.0
+    return 1e9 if _AMPERE.match(estimate["unit"]) and abs(estimate["value"]) < _SMALL_A else 1.0
 
 
-def _value(one: Estimate) -> str:
-    scale = _scale(one)
-    return with_uncertainty(one["value"] * scale, one["expanded_uncertainty"] * scale)
+def _value(estimate: Estimate) -> str:
+    scale = _scale(estimate)
+    return with_uncertainty(estimate["value"] * scale, estimate["expanded_uncertainty"] * scale)
 
 
-def _unit(one: Estimate) -> str:
-    return ("n" if _scale(one) != 1.0 else "") + str(one["unit"])
+def _unit(estimate: Estimate) -> str:
+    return ("n" if _scale(estimate) != 1.0 else "") + str(estimate["unit"])
 
 
-def _where(one: Estimate) -> str:
-    return ", ".join(f"{name} {value}" for name, value in one["conditions"].items())
+def _where(estimate: Estimate) -> str:
+    return ", ".join(f"{name} {value}" for name, value in estimate["conditions"].items())

@@ -34,9 +34,9 @@ def top(session: Path | None, out: Path) -> int:
 
 
 def _candidates(out: Path) -> list[Path]:
-    """Folders in which a run may answer, the newest first."""
-    found = {path.parent for name in SOCKETS for path in out.glob(f"*/{name}")}
-    return sorted(found, key=lambda folder: (folder.stat().st_mtime_ns, folder.name), reverse=True)
+    """Return folders in which a run may answer, the newest first."""
+    folders = {path.parent for name in SOCKETS for path in out.glob(f"*/{name}")}
+    return sorted(folders, key=lambda folder: (folder.stat().st_mtime_ns, folder.name), reverse=True)
 
 
 def _watched(folders: list[Path], where: Path) -> Watch:

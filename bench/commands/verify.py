@@ -48,67 +48,67 @@ def verify(folder: Path, as_json: bool) -> int:
     Raises: SessionDamaged B-CLI-012 if a segment is damaged or a file is not what the session gives; InputError
     B-CLI-010 if there are no results to compare with, B-REC-010 if there is no session; BenchError of the analysis.
     """
-    found = Verification()
+    verification = Verification()
     view = read_view(folder)
-    _segments(found, folder, view)
+    _segments(verification, folder, view)
     try:
-        _computed(found, folder, view)
+        _computed(verification, folder, view)
     except BenchError as error:
-        if not found.changes:
+        if not verification.changes:
             raise
-        found.add(RESULTS, f"cannot be derived from what is left: {error}")
-    check_trend(found, folder)
-    _tell(found, folder, view, as_json)
-    if found.changes:
+        verification.add(RESULTS, f"cannot be derived from what is left: {error}")
+    check_trend(verification, folder)
+    _tell(verification, folder, view, as_json)
+    if verification.changes:
         raise SessionDamaged(
             "B-CLI-012",
-            f"{len(found.changes)} things are not what the raw bytes of the session give, they are listed above",
+            f"{len(verification.changes)} things are not what the raw bytes of the session give, they are listed above",
             where=str(folder),
             next_step="compare with a copy of the session; 'bench recover' lists what a damaged one still holds",
         )
     return ExitStatus.PASS
 
 
-def _segments(found: Verification, folder: Path, view: SessionView) -> None:
+def _segments(verification: Verification, folder: Path, view: SessionView) -> None:
     """Every segment is verified on the way: CRCs, running numbers, hash chain."""
-    found.compared += sorted(path.name for path in folder.glob("session.*.mcap"))
+    verification.compared += sorted(path.name for path in folder.glob("session.*.mcap"))
     for place in view.damage:
-        found.add(place.segment, place.inside)
-    found.notes += view.notes
+        verification.add(place.segment, place.inside)
+    verification.notes += view.notes
 
 
-def _computed(found: Verification, folder: Path, view: SessionView) -> None:
+def _computed(verification: Verification, folder: Path, view: SessionView) -> None:
     if not view.has_analysis:
-        found.notes.append("the sequence of this session asks for no analysis: there is nothing to derive")
+        verification.notes.append("the sequence of this session asks for no analysis: there is nothing to derive")
         return
     results, analysis = analyse_view(view)
-    stored = check_results(found, folder, results)
-    if stored is None and not found.changes:
+    stored = check_results(verification, folder, results)
+    if stored is None and not verification.changes:
         raise InputError(
             "B-CLI-010",
             "is not there, so there is nothing to compare with",
             where=str(folder / RESULTS),
             next_step="'bench fit' prints the results of the session",
         )
-    check_reports(found, folder, Pages(view, results, analysis, stored or {}))
-    check_coefficients(found, folder, view, results, analysis)
-    check_certificates(found, folder, view.manifest, results)
+    check_reports(verification, folder, Pages(view, results, analysis, stored or {}))
+    check_coefficients(verification, folder, view, results, analysis)
+    check_certificates(verification, folder, view.manifest, results)
 
 
-def _tell(found: Verification, folder: Path, view: SessionView, as_json: bool) -> None:
+def _tell(verification: Verification, folder: Path, view: SessionView, as_json: bool) -> None:
     if as_json:
-        sys.stdout.write(json.dumps(_document(found, folder, view), indent=1, ensure_ascii=False) + "\n")
+        sys.stdout.write(json.dumps(_document(verification, folder, view), indent=1, ensure_ascii=False) + "\n")
         return
     out = console()
-    for change in found.changes:
+    for change in verification.changes:
         out.print(str(change))
-    for note in found.notes:
+    for note in verification.notes:
         out.print(f"note: {note}")
-    if found.absent:
-        out.print(f"not there: {', '.join(found.absent)}")
-    if not found.changes:
+    if verification.absent:
+        out.print(f"not there: {', '.join(verification.absent)}")
+    if not verification.changes:
         out.print(
-            f"identical: {folder}: {', '.join(_shortened(found.compared))}; {len(view.rows)} records, "
+            f"identical: {folder}: {', '.join(_shortened(verification.compared))}; {len(view.rows)} records, "
             f"{view.counts['frames']} frames, session sha256 {view.session_sha256}"
         )
 
@@ -119,33 +119,33 @@ def _shortened(names: list[str]) -> list[str]:
     return [f"{len(segments)} segments" if len(segments) != 1 else segments[0], *names[len(segments) :]]
 
 
-def _document(found: Verification, folder: Path, view: SessionView) -> dict[str, Any]:
+def _document(verification: Verification, folder: Path, view: SessionView) -> dict[str, Any]:
     return {
         "session": str(folder),
-        "identical": not found.changes,
+        "identical": not verification.changes,
         "session_sha256": view.session_sha256,
         "records": len(view.rows),
         **view.counts,
-        "compared": found.compared,
-        "absent": found.absent,
-        "changes": [{"file": change.file, "what": change.what} for change in found.changes],
-        "notes": found.notes,
+        "compared": verification.compared,
+        "absent": verification.absent,
+        "changes": [{"file": change.file, "what": change.what} for change in verification.changes],
+        "notes": verification.notes,
     }
 
 
 def check_certificates(
-    found: Verification, folder: Path, manifest: Mapping[str, Any], results: Mapping[str, Any]
+    verification: Verification, folder: Path, manifest: Mapping[str, Any], results: Mapping[str, Any]
 ) -> None:
     """Compare the certificates that are in the session's folder; what a laboratory says of itself is not compared."""
     results = json.loads(results_json(results))  # as a certificate reads them: conditions in the order of the file
     for name in NAMES:
-        content = found.content(folder / name) if (folder / name).exists() else None
+        content = verification.content(folder / name) if (folder / name).exists() else None
         if content is None:
             continue
         try:
-            found.add(name, *_hashes(content, folder, results), *_numbers(content, manifest, results))
+            verification.add(name, *_hashes(content, folder, results), *_numbers(content, manifest, results))
         except InputError as error:
-            found.add(name, error.message)
+            verification.add(name, error.message)
 
 
 def _hashes(content: bytes, folder: Path, results: Mapping[str, Any]) -> list[str]:
@@ -171,30 +171,30 @@ def _numbers(content: bytes, manifest: Mapping[str, Any], results: Mapping[str, 
         return []
     if len(said) != len(due):
         return [f"its results have {len(said)} entries, the session gives {len(due)}"]
-    return [f"results: {one} -> {other}" for one, other in zip(said, due, strict=True) if one != other][:5]
+    return [f"results: {value} -> {other}" for value, other in zip(said, due, strict=True) if value != other][:5]
 
 
 def _leaves(content: str | bytes) -> list[str]:
     """Return every text and name below the results, in order; references to other parts are the laboratory's."""
-    found = []
+    texts = []
     for results in ET.fromstring(content).findall(_RESULTS):
         for element in results.iter():
             marks = sorted(f"{key}={value}" for key, value in element.attrib.items() if not key.endswith("refId"))
-            found.append(" ".join([element.tag.rpartition("}")[2], *marks, (element.text or "").strip()]).strip())
-    return found
+            texts.append(" ".join([element.tag.rpartition("}")[2], *marks, (element.text or "").strip()]).strip())
+    return texts
 
 
-def check_trend(found: Verification, folder: Path) -> None:
+def check_trend(verification: Verification, folder: Path) -> None:
     """Make the trend again and compare its files byte by byte; what differs is noted, with what to do.
 
     Of the bench's own temperatures nothing is compared: a trend that is made again knows the times of set-points by the
     plan alone (docs/session-format.md). A session that is damaged or not closed is not looked at.
     """
-    if found.changes or (folder / OPEN_MARKER).exists() or not (folder / FOLDER).is_dir():
+    if verification.changes or (folder / OPEN_MARKER).exists() or not (folder / FOLDER).is_dir():
         return
     head = read_head(folder / FOLDER)
     if head is None:
-        found.notes.append(f"{FOLDER}/{HEAD} cannot be read; {ADVICE}")
+        verification.notes.append(f"{FOLDER}/{HEAD} cannot be read; {ADVICE}")
         return
     with TemporaryDirectory() as place:
         build_trend(folder, Path(place))
@@ -203,7 +203,7 @@ def check_trend(found: Verification, folder: Path) -> None:
         differing = [] if head.sources == made.sources else [HEAD]
         for source in made.sources if not differing else ():
             for level_s in LEVELS_S if source.name != BENCH else ():
-                stored, due = (source.path(one / FOLDER, level_s) for one in (folder, Path(place)))
+                stored, due = (source.path(root / FOLDER, level_s) for root in (folder, Path(place)))
                 if not stored.is_file() or stored.read_bytes() != due.read_bytes():
                     differing.append(stored.name)
-    found.notes += [f"{FOLDER}/{name} is not what the session gives; {ADVICE}" for name in differing]
+    verification.notes += [f"{FOLDER}/{name} is not what the session gives; {ADVICE}" for name in differing]

@@ -63,7 +63,7 @@ def allan_deviation(
     factors: Sequence[int] | None = None,
     probability: float = 0.95,
 ) -> AllanDeviation:
-    """Overlapping (or modified) Allan deviation with chi-squared confidence limits.
+    """Return overlapping (or modified) Allan deviation with chi-squared confidence limits.
 
     Args:    rate: mean rates over successive intervals, (n,), any unit; NaN marks a gap.   interval_s: of one sample.
              modified: the modified deviation, which tells white from flicker noise of the angle.
@@ -74,14 +74,14 @@ def allan_deviation(
     Source:  NIST SP 1065 equations (10), (14) and (45); Greenhall and Riley (2003) for the degrees of freedom.
     """
     rate = np.asarray(rate, np.float64)
-    found = _variances(rate, factors, modified)
-    if not found:
+    points = _variances(rate, factors, modified)
+    if not points:
         raise FitError(
             "B-FIT-031",
             f"{int(np.isfinite(rate).sum())} good samples of {rate.size} leave no averaging time of an Allan deviation",
             next_step="take at least three samples without a gap between them, or shorter averaging times",
         )
-    used, variance, differences = (np.array(column) for column in zip(*found, strict=True))
+    used, variance, differences = (np.array(column) for column in zip(*points, strict=True))
     exponents = noise_exponents(rate, used)
     dof = np.array([
         degrees_of_freedom(int(m), int(count), int(alpha), modified=modified)
@@ -105,7 +105,7 @@ def allan_deviation(
 
 
 def confidence_limits(deviation: Array, dof: Array, probability: float) -> tuple[Array, Array]:
-    """Two-sided limits of a deviation whose square has a chi-squared distribution.
+    """Return two-sided limits of a deviation whose square has a chi-squared distribution.
 
     Args:    deviation: (k,).   dof: equivalent degrees of freedom, (k,).   probability: of the interval.
     Returns: lower and upper limits, (k,) each.
@@ -118,15 +118,15 @@ def confidence_limits(deviation: Array, dof: Array, probability: float) -> tuple
 
 
 def _variances(rate: Array, factors: Sequence[int] | None, modified: bool) -> list[tuple[int, float, int]]:
-    """Factor, variance and differences of every factor that leaves a difference."""
+    """Return factor, variance and differences of every factor that leaves a difference."""
     wanted = [2**k for k in range(rate.size.bit_length())] if factors is None else sorted(set(factors))
     fitting = [factor for factor in wanted if factor >= 1 and (3 if modified else 2) * factor <= rate.size]
-    found = [(factor, *_variance(rate, factor, modified)) for factor in fitting]
-    return [one for one in found if one[2] > 0]
+    points = [(factor, *_variance(rate, factor, modified)) for factor in fitting]
+    return [point for point in points if point[2] > 0]
 
 
 def _variance(rate: Array, factor: int, modified: bool) -> tuple[float, int]:
-    """Allan variance and the number of differences in it; intervals cancel, so they are counted as one."""
+    """Return Allan variance and the number of differences in it; intervals cancel, so they are counted as one."""
     good = np.isfinite(rate)
     mean = rate[good].mean() if good.any() else 0.0
     angle = np.concatenate(([0.0], np.cumsum(np.where(good, rate - mean, 0.0))))
@@ -149,17 +149,17 @@ def noise_exponents(rate: Array, factors: Int64) -> Int64:
              white noise of the rate if there is none.
     Source:  Riley and Greenhall (2004); NIST SP 1065 section 5.5.6.
     """
-    found, last = [], WHITE_RATE
+    exponents, last = [], WHITE_RATE
     for factor in factors.tolist():
         if rate.size // factor >= _FEWEST_AVERAGES:
             blocks = rate[: rate.size // factor * factor].reshape(-1, factor)
             last = _exponent(blocks.mean(axis=1), last)
-        found.append(last)
-    return np.array(found, np.int64)
+        exponents.append(last)
+    return np.array(exponents, np.int64)
 
 
 def _exponent(averages: Array, otherwise: int) -> int:
-    """Difference until the lag-1 autocorrelation is that of a stationary fractional process; pairs without a gap."""
+    """Return differences until the lag-1 autocorrelation is that of a stationary fractional process; no gaps."""
     series = averages
     for differenced in (0, 1, 2):
         if np.isfinite(series[1:] * series[:-1]).sum() < _FEWEST_AVERAGES // 2:
@@ -177,7 +177,7 @@ def _exponent(averages: Array, otherwise: int) -> int:
 
 
 def degrees_of_freedom(factor: int, differences: int, exponent: int, *, modified: bool = False) -> float:
-    """Equivalent chi-squared degrees of freedom of an overlapping (or modified) Allan variance.
+    """Return equivalent chi-squared degrees of freedom of an overlapping (or modified) Allan variance.
 
     The angle is known at the ends of the samples and the rates are its true means, so noise of the rate has the
     covariances of the continuous angle from the first factor on; noise of the angle is that of its samples.
@@ -209,7 +209,7 @@ def _difference_covariance(lags: Int64, factor: int, exponent: int) -> Array:
 
 
 def _angle_covariance(lags: Int64, exponent: int) -> Array:
-    """Generalised covariance of the angle at lags in samples, up to its size."""
+    """Return generalised covariance of the angle at lags in samples, up to its size."""
     t = np.abs(lags).astype(np.float64)
     if exponent == WHITE_ANGLE:
         return np.asarray((t == 0.0).astype(np.float64))

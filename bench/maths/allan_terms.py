@@ -72,7 +72,7 @@ class NoiseTerms:
 
 
 def allan_variance_of(name: str, tau_s: Array) -> Array:
-    """Allan variance that the unit coefficient of a term gives.
+    """Return Allan variance that the unit coefficient of a term gives.
 
     quantisation Q: 3 Q^2 / tau^2; white noise N (angle random walk, two-sided density): N^2 / tau; bias instability B:
     (2 ln 2 / pi) B^2; random walk K: K^2 tau / 3; rate ramp R: R^2 tau^2 / 2.
@@ -113,7 +113,7 @@ class _Problem:
         return self.scatter.matrix(dict(zip(self.terms, squares.tolist(), strict=True)))
 
     def nonnegative(self, covariance: Array, without: int | None = None) -> tuple[Array, float]:
-        """Squared coefficients and chi squared, of all terms or of all but one."""
+        """Return squared coefficients and chi squared, of all terms or of all but one."""
         factor = np.linalg.cholesky(covariance)
         white = np.linalg.solve(factor, self.design)
         kept = [k for k in range(len(self.terms)) if k != without]
@@ -122,8 +122,8 @@ class _Problem:
         squares = np.zeros(len(self.terms))
         if not kept:
             return squares, float(readings @ readings)
-        found, distance = optimize.nnls(white[:, kept] / scale, readings)
-        squares[kept] = found / scale
+        solution, distance = optimize.nnls(white[:, kept] / scale, readings)
+        squares[kept] = solution / scale
         return squares, float(distance**2)
 
 
@@ -151,9 +151,9 @@ def fit_noise_terms(curve: AllanDeviation, terms: Sequence[str] = TERMS) -> Nois
         if not again.any():  # these weights leave no term at all: the terms do not describe the record, chi2 says so
             break
         covariance, squares, chi2 = settled, again, distance
-    found = [_term(problem, k, squares, covariance, chi2) for k in range(len(terms))]
+    fitted = [_term(problem, k, squares, covariance, chi2) for k in range(len(terms))]
     return NoiseTerms(
-        terms=tuple(found),
+        terms=tuple(fitted),
         fitted=np.sqrt(np.column_stack([allan_variance_of(name, curve.tau_s) for name in terms]) @ squares),
         chi2=chi2,
         dof=used.size - int(np.count_nonzero(squares)),
@@ -196,7 +196,7 @@ def _term(problem: _Problem, place: int, squares: Array, covariance: Array, chi2
 
 
 def _highest(problem: _Problem, place: int, squares: Array) -> float:
-    """Upper limit of a squared coefficient with all other terms free; the more there is of it, the more it scatters."""
+    """Return upper limit of a squared coefficient with all other terms free; it scatters more the more there is."""
     supposed = squares.copy()
     for _ in range(_LIMIT_STEPS):
         fit = solve(problem.design, problem.variance, problem.covariance(supposed), problem.terms)
@@ -244,22 +244,22 @@ def variance_covariance(factors: Int64, differences: Int64, interval_s: float) -
 
 
 def _angle_covariance(interval_s: float, length: int) -> Array:
-    """Generalised covariances of the angle at lags 0 ... length samples for coefficients of one, (4, length + 1)."""
+    """Return generalised angle covariances at lags 0 ... length samples for unit coefficients, (4, length + 1)."""
     t_s = interval_s * np.arange(length + 1)
-    found = np.zeros((len(SCATTERING), length + 1))
-    found[0, 0] = 1.0
-    found[1] = -t_s / 2.0
-    found[2, 1:] = np.square(t_s[1:]) * np.log(t_s[1:]) / (2.0 * np.pi)
-    found[3] = t_s**3 / 12.0
-    return found
+    covariance = np.zeros((len(SCATTERING), length + 1))
+    covariance[0, 0] = 1.0
+    covariance[1] = -t_s / 2.0
+    covariance[2, 1:] = np.square(t_s[1:]) * np.log(t_s[1:]) / (2.0 * np.pi)
+    covariance[3] = t_s**3 / 12.0
+    return covariance
 
 
 def _difference_covariance(angle: Array, pair: Int64, interval_s: float) -> tuple[Int64, Array]:
-    """Lags in samples, and the covariances (4, lags) of the differences of averages over ``pair`` samples."""
+    """Return lags in samples, and the covariances (4, lags) of the differences of averages over ``pair`` samples."""
     reach = _REACH * int(pair.sum())
     lags = np.arange(-reach, reach + 1)
     total = np.zeros((len(angle), lags.size))
-    for first, one in _SECOND_DIFFERENCE:
+    for first, weight in _SECOND_DIFFERENCE:
         for second, other in _SECOND_DIFFERENCE:
-            total += one * other * angle[:, np.abs(lags + first * pair[0] - second * pair[1])]
+            total += weight * other * angle[:, np.abs(lags + first * pair[0] - second * pair[1])]
     return lags, total / float(np.prod(pair * interval_s))

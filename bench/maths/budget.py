@@ -67,7 +67,7 @@ class Budget:
         return self.coverage_factor * self.std_uncertainty
 
     def share(self, component: Component) -> float:
-        """Part of the variance that a component brings, 0 to 1; 0 in a budget without any uncertainty."""
+        """Return part of the variance that a component brings, 0 to 1; 0 in a budget without any uncertainty."""
         return (component.contribution / self.std_uncertainty) ** 2 if self.std_uncertainty else 0.0
 
 
@@ -80,7 +80,7 @@ class Budgets:
 
 
 def combine_all(results: Mapping[str, Sequence[Component]]) -> Budgets:
-    """Budgets of several results, with the correlation that their common components cause.
+    """Return budgets of several results, with the correlation that their common components cause.
 
     Args:    results: components by name of the result; see ``Component.common``.
     Returns: Budgets; the correlation is 0 where a result has no uncertainty, its diagonal is 1.
@@ -100,7 +100,7 @@ def combine_all(results: Mapping[str, Sequence[Component]]) -> Budgets:
 def _total(
     result: str, components: Sequence[Component], errors: dict[str, GTC.lib.UncertainReal]
 ) -> GTC.lib.UncertainReal:
-    """Sum of the contributions; every error has unit variance, so one error may weigh differently in each result."""
+    """Return sum of the contributions; every error has unit variance, so an error may weigh differently in each."""
     total = GTC.constant(0.0)
     seen: set[str] = set()
     for component in components:

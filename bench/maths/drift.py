@@ -1,4 +1,4 @@
-"""What the calibrations of one unit say together: drift line, agreement, control limits, time left to a limit."""
+"""Statistics of the calibrations of one unit: drift line, agreement, control limits, time left to a limit."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class DriftLine:
 
     @property
     def birge_ratio(self) -> float:
-        """How much more the calibrations scatter than they state; 1 if the stated uncertainties are true."""
+        """Scatter of the calibrations over what they state; 1 if the stated uncertainties are true."""
         return float(np.sqrt(self.chi2 / self.dof)) if self.dof else float("nan")
 
     @property
@@ -99,7 +99,7 @@ def fit_drift_line(t: Array, value: Array, std: Array, shared: Array, standard: 
 
 
 def _whitened(rows: Array, shared: Array, standard: Labels) -> Array:
-    """Rows (m, k) that are white but for what the members of a certificate share, made white.
+    """Return rows (m, k) that are white but for what the members of a certificate share, made white.
 
     The covariance of a certificate is ``1 + a a'``; its inverse square root is ``1 - c a a'`` with
     ``c = (1 - 1 / sqrt(1 + a'a)) / a'a``, so nothing of size (m, m) is ever made.
@@ -116,7 +116,7 @@ def _whitened(rows: Array, shared: Array, standard: Labels) -> Array:
 
 
 def en_scores(change: Array, expanded: tuple[Array, Array], shared_expanded: tuple[Array, Array]) -> Array:
-    """E_n of two calibrations, what both took from the same standard being left out.
+    """Return E_n of two calibrations, what both took from the same standard being left out.
 
     ``E_n = change / sqrt(U1^2 + U2^2 - 2 S1 S2)``; |E_n| <= 1 means that they agree within their uncertainties.
 
@@ -156,7 +156,7 @@ class IndividualsChart:
 
 
 def individuals_chart(readings: Array) -> IndividualsChart:
-    """Shewhart chart of individual readings with moving ranges of two (I-MR).
+    """Return Shewhart chart of individual readings with moving ranges of two (I-MR).
 
     Args:    readings: (m,), m >= 2, in order of time; of a drifting parameter: its residuals about the drift line.
     Returns: IndividualsChart in the unit of the readings.
@@ -176,7 +176,7 @@ def individuals_chart(readings: Array) -> IndividualsChart:
 def days_to_limit(
     value: Array, std: Array, rate: Array, rate_std: Array, limit: Array, *, most_days: int
 ) -> NDArray[np.int64]:
-    """Whole days until ``|value + rate t| + k u(t)`` reaches the limit, ``u(t)^2 = std^2 + (rate_std t)^2``.
+    """Return whole days until ``|value + rate t| + k u(t)`` reaches the limit, ``u(t)^2 = std^2 + (rate_std t)^2``.
 
     Args:    value, std: (p,) what is known at t = 0.   rate, rate_std: (p,) per day; NaN means that no drift is known.
              limit: (p,), > 0; NaN where there is none.   most_days: no more is promised than this.

@@ -30,7 +30,7 @@ class Extended:
 
     @classmethod
     def of(cls, values: ArrayLike) -> Extended:
-        """Doubles as they are."""
+        """Return doubles as they are."""
         high = np.asarray(values, np.float64)
         return cls(high, np.zeros_like(high))
 
@@ -71,7 +71,7 @@ class Extended:
         return first + second + Extended.of(rest.high / other.high)
 
     def sqrt(self) -> Extended:
-        """Square roots of positive numbers: one Newton step from the double root."""
+        """Return square roots of positive numbers: one Newton step from the double root."""
         root = Extended.of(np.sqrt(self.high))
         rest = self - root * root
         return root + Extended.of(rest.high / (2.0 * root.high))
@@ -116,7 +116,7 @@ def _two_product(a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def _split(a: Array) -> tuple[Array, Array]:
-    """Halves of 26 bits, whose products are exact; for sizes below 1e300."""
+    """Return halves of 26 bits, whose products are exact; for sizes below 1e300."""
     scaled = _SPLIT * a
     high = scaled - (scaled - a)
     return high, a - high
@@ -182,7 +182,7 @@ def _squared(column: Extended) -> Extended:
 
 
 def _back_substitute(upper: Extended, sides: Extended) -> Extended:
-    """Solution of upper @ x = sides for sides (p, s)."""
+    """Return solution of upper @ x = sides for sides (p, s)."""
     rest = Extended(sides.high.copy(), sides.low.copy())
     for k in range(len(sides.high) - 1, -1, -1):
         row = rest[k] / upper[k, k]

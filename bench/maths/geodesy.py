@@ -22,7 +22,7 @@ _ECCENTRICITY2 = FLATTENING * (2.0 - FLATTENING)
 
 
 def geocentric_m(latitude_deg: Array, longitude_deg: Array, height_m: Array) -> Array:
-    """Earth-fixed Cartesian coordinates.
+    """Return Earth-fixed Cartesian coordinates.
 
     Args:    latitude_deg, longitude_deg: geodetic, (n,).   height_m: above the ellipsoid, (n,).
     Returns: (n, 3), metre; x to longitude zero on the equator, z north along the Earth's axis.
@@ -37,7 +37,7 @@ def geocentric_m(latitude_deg: Array, longitude_deg: Array, height_m: Array) -> 
 
 
 def level_axes(latitude_deg: Array, longitude_deg: Array) -> Array:
-    """North, east and down where the ellipsoid has this latitude and longitude.
+    """Return north, east and down where the ellipsoid has this latitude and longitude.
 
     Args:    latitude_deg, longitude_deg: geodetic, (n,).
     Returns: (n, 3, 3): its rows are the three unit vectors in Earth-fixed axes.
@@ -54,7 +54,7 @@ def level_axes(latitude_deg: Array, longitude_deg: Array) -> Array:
 
 
 def body_to_level(roll_deg: Array, pitch_deg: Array, heading_deg: Array) -> Array:
-    """Direction cosines of a vehicle (forward, right, down) in its level frame (north, east, down).
+    """Return direction cosines of a vehicle (forward, right, down) in its level frame (north, east, down).
 
     Args:    roll_deg, pitch_deg, heading_deg: (n,); turned in the order heading, pitch, roll.
     Returns: (n, 3, 3) that takes a vector from the body to the level frame.
@@ -86,7 +86,9 @@ class TangentFrame:
         Raises:  nothing.
         Source:  EPSG Guidance Note 7-2 section 4.1.3, axes in the order north, east, down.
         """
-        origin_m = geocentric_m(*(np.array([one]) for one in (self.latitude_deg, self.longitude_deg, 0.0)))
+        origin_m = geocentric_m(
+            *(np.array([coordinate]) for coordinate in (self.latitude_deg, self.longitude_deg, 0.0))
+        )
         return np.asarray((geocentric_m(latitude_deg, longitude_deg, height_m) - origin_m) @ self._axes.T)
 
     def from_level(self, latitude_deg: Array, longitude_deg: Array) -> Array:

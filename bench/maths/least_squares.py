@@ -67,18 +67,18 @@ def solve(design: Array | Extended, readings: Array, covariance: Array, names: S
     if null.any() and not isinstance(design, Extended):
         raise _undetermined(rows, names, Undetermined(columns - int(null.sum()), np.abs(right[null]).max(axis=0)))
     if sizes[0] > _CONDITION_LIMIT * sizes[-1]:
-        found = _in_extended(exact, readings, factor, scale, names)
+        fit = _in_extended(exact, readings, factor, scale, names)
     else:
         root = (right.T / singular) / scale[:, None]
         white_readings = _whitened(factor, readings)
         parameters = root @ (left.T @ white_readings)
-        found = ExtendedFit(parameters, root @ left.T, root, white_readings - white @ parameters)
+        fit = ExtendedFit(parameters, root @ left.T, root, white_readings - white @ parameters)
     return LinearFit(
-        parameters=found.parameters,
-        covariance=found.root @ found.root.T,
-        operator=_unwhitened_operator(factor, found.pseudo_inverse),
-        residual=_coloured(factor, found.residual),
-        chi2=float(found.residual @ found.residual),
+        parameters=fit.parameters,
+        covariance=fit.root @ fit.root.T,
+        operator=_unwhitened_operator(factor, fit.pseudo_inverse),
+        residual=_coloured(factor, fit.residual),
+        chi2=float(fit.residual @ fit.residual),
         dof=rows - columns,
     )
 
@@ -99,11 +99,11 @@ def _in_extended(design: Extended, readings: Array, factor: Array, scale: Array,
     )
 
 
-def _undetermined(rows: int, names: Sequence[str], found: Undetermined) -> FitError:
-    loose = [name for name, part in zip(names, found.weight, strict=True) if part > 1e-6]
+def _undetermined(rows: int, names: Sequence[str], undetermined: Undetermined) -> FitError:
+    loose = [name for name, part in zip(names, undetermined.weight, strict=True) if part > 1e-6]
     return FitError(
         "B-FIT-001",
-        f"{rows} rows do not determine {', '.join(loose)}: rank {found.rank} of {len(names)}",
+        f"{rows} rows do not determine {', '.join(loose)}: rank {undetermined.rank} of {len(names)}",
         next_step="add rows that separate these parameters, or ask for fewer parameters",
     )
 
@@ -112,7 +112,7 @@ def _undetermined(rows: int, names: Sequence[str], found: Undetermined) -> FitEr
 
 
 def _factor(covariance: Array) -> Array:
-    """Standard deviations (m,) where the readings are independent, else the lower Cholesky factor (m, m)."""
+    """Return standard deviations (m,) where the readings are independent, else the lower Cholesky factor (m, m)."""
     variance = covariance.diagonal()
     factor = np.full(covariance.shape, np.nan)
     if np.count_nonzero(covariance) == np.count_nonzero(variance):
@@ -130,7 +130,7 @@ def _factor(covariance: Array) -> Array:
 
 
 def _whitened(factor: Array, rows: Array) -> Array:
-    """factor^-1 @ rows by numpy's own solver, because scipy's triangular one wakes every core for 14 rows."""
+    """Return factor^-1 @ rows by numpy's own solver, because scipy's triangular one wakes every core for 14 rows."""
     if factor.ndim == 1:
         return np.asarray((rows.T / factor).T)
     return np.asarray(np.linalg.solve(factor, rows), dtype=np.float64)

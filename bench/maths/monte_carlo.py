@@ -51,7 +51,7 @@ class Check:
 
 
 def shortest_interval(values: Array, probability: float = 0.95) -> tuple[float, float]:
-    """Shortest interval that holds a share of the trials.
+    """Return shortest interval that holds a share of the trials.
 
     The smallest of all lengths settles only with the cube root of the number of trials, because near it they hardly
     differ. So a parabola through all lengths that are at most 5 % longer says where the shortest one begins; its ends
@@ -84,7 +84,7 @@ def _lowest(lengths: Array) -> int:
 
 
 def numerical_tolerance(std: float, digits: int = 2) -> float:
-    """Half a unit in the last of the significant digits of a standard uncertainty.
+    """Return half a unit in the last of the significant digits of a standard uncertainty.
 
     Args:    std: standard uncertainty, > 0.   digits: significant digits that count.
     Returns: tolerance in the unit of ``std``.
@@ -111,7 +111,7 @@ def propagate(draw: Draw, seed: int, trials: int) -> Distribution:
     return _summary(blocks)
 
 
-def check_interval(value: float, std: float, expanded: float, found: Distribution, digits: int = 2) -> Check:
+def check_interval(value: float, std: float, expanded: float, distribution: Distribution, digits: int = 2) -> Check:
     """Compare value +- U of a budget with the shortest interval of the trials.
 
     Args:    value, std, expanded: result, standard and expanded uncertainty of the budget.   found: the trials.
@@ -120,9 +120,9 @@ def check_interval(value: float, std: float, expanded: float, found: Distributio
     Raises:  ValueError for a standard uncertainty that is not positive.
     Source:  JCGM 101:2008 section 8.1.
     """
-    low, high = abs(value - expanded - found.low), abs(value + expanded - found.high)
+    low, high = abs(value - expanded - distribution.low), abs(value + expanded - distribution.high)
     tolerance = numerical_tolerance(std, digits)
-    ends = ((low, found.low_numerical_std), (high, found.high_numerical_std))
+    ends = ((low, distribution.low_numerical_std), (high, distribution.high_numerical_std))
     statement: Statement = "not resolved"
     if low <= tolerance and high <= tolerance:
         statement = "agrees"

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 def vectors(lanes: tuple[int, ...]) -> Array:
-    """Room for vectors as ``cross`` wants them: (5, *lanes), rows 3 and 4 repeat rows 0 and 1."""
+    """Return room for vectors as ``cross`` wants them: (5, *lanes), rows 3 and 4 repeat rows 0 and 1."""
     return np.zeros((5, *lanes))
 
 
@@ -35,14 +35,14 @@ def repeat_rows(vector: Array) -> Array:
 
 
 def cross(a: Array, b: Array, out: Array, spare: Array) -> Array:
-    """a x b of (5, ...) vectors into ``out`` (3, ...)."""
+    """Return a x b of (5, ...) vectors into ``out`` (3, ...)."""
     np.multiply(a[1:4], b[2:5], out)
     np.multiply(a[2:5], b[1:4], spare)
     return np.subtract(out, spare, out)
 
 
 def small_rotation(vector: Array) -> Array:
-    """exp([vector x]) for angles below 0.1 rad, by its series.
+    """Return exp([vector x]) for angles below 0.1 rad, by its series.
 
     Args:    vector: (3, ...) rad.
     Returns: (3, 3, ...).
@@ -59,7 +59,7 @@ def small_rotation(vector: Array) -> Array:
 
 
 def _series(square: Array) -> tuple[Array, Array]:
-    """sin(x)/x and (1 - cos(x))/x^2 from x^2."""
+    """Return sin(x)/x and (1 - cos(x))/x^2 from x^2."""
     sine = 1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0 - square / 5040.0))
     versine = 0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0 - square / 40320.0))
     return sine, versine
@@ -118,7 +118,7 @@ class Strapdown:
         repeat_rows(self._phi)
 
     def _velocity_increment(self) -> Array:
-        """Sculling and rotation: the increment of velocity in the body as it was at the begin of the interval."""
+        """Return sculling and rotation: velocity increment in the body as it was at the begin of the interval."""
         cross(self._theta_before, self._dv, self._a, self._spare)
         cross(self._dv_before, self._theta, self._b, self._spare)
         self._a += self._b

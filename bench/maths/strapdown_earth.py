@@ -19,7 +19,7 @@ _ECCENTRICITY_SQUARED = 6.69437999014e-3
 
 
 def normal_gravity(latitude_deg: float) -> float:
-    """Normal gravity at height 0, m/s^2, positive down.
+    """Return normal gravity at height 0, m/s^2, positive down.
 
     Source: Somigliana's formula with the constants of WGS-84.
     """
@@ -28,7 +28,7 @@ def normal_gravity(latitude_deg: float) -> float:
 
 
 def gradient(latitude_deg: float) -> Array:
-    """Diagonal of the gravity gradient (north, east, down), 1/s^2: change of gravity per metre of position."""
+    """Return diagonal of the gravity gradient (north, east, down), 1/s^2: change of gravity per metre of position."""
     return normal_gravity(latitude_deg) / EARTH_RADIUS_m * np.array([-1.0, -1.0, 2.0])
 
 

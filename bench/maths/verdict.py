@@ -98,7 +98,7 @@ def decide(
 
 
 def checked_rule(rule: object) -> str:
-    """The rule itself, if it is one.
+    """Return the rule itself, if it is one.
 
     Args:    rule: what a campaign names.
     Returns: the rule.
@@ -113,7 +113,7 @@ def checked_rule(rule: object) -> str:
 def conformance_probability(
     value: float, std_uncertainty: float, lower: float, upper: float, dof: float = math.inf
 ) -> float:
-    """Probability that the true value lies between two limits, either of which may be infinite.
+    """Return probability that the true value lies between two limits, either of which may be infinite.
 
     Args:    value, std_uncertainty, lower, upper: one unit.   dof: infinite: normal, else Student's t.
     Returns: probability; 0 or 1 where there is no uncertainty, 0 for a value that is not finite or an uncertainty that
@@ -132,14 +132,14 @@ def conformance_probability(
 
 
 def _tail(distance: float, dof: float) -> float:
-    """Probability beyond ``distance`` standard uncertainties; computed in the tail, where 1 - p would lose digits."""
+    """Return probability beyond ``distance`` standard uncertainties, from the tail, where 1 - p would lose digits."""
     from scipy import special
 
     return float(special.ndtr(-distance) if math.isinf(dof) else special.stdtr(dof, -distance))
 
 
 def clopper_pearson(successes: int, trials: int, probability: float = 0.95) -> tuple[float, float]:
-    """Exact two-sided interval of a proportion of which ``successes`` of ``trials`` were counted.
+    """Return exact two-sided interval of a proportion of which ``successes`` of ``trials`` were counted.
 
     Args:    successes, trials: counts.   probability: of the interval, at least; it covers more for few trials.
     Returns: low, high, each 0 to 1; (0, 1) without trials.

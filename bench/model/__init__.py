@@ -1,1 +1,1 @@
-"""Floor 0: clock, ports, units, errors, quality flags and the strict YAML loader."""
+"""The foundation of all packages: clock, ports, units, errors, quality flags and the strict YAML loader."""

@@ -30,12 +30,12 @@ class Periodic(Protocol):
 
 
 class Clock(Protocol):
-    """What the bench may ask of time."""
+    """A clock of the bench, wall or virtual."""
 
     virtual: bool
 
     def now_ns(self) -> int:
-        """Monotonic time, nanoseconds from an arbitrary origin (0 at the start of a virtual run)."""
+        """Return monotonic time, nanoseconds from an arbitrary origin (0 at the start of a virtual run)."""
 
     def utc_ns(self) -> int:
         """Return UTC, nanoseconds since 1970-01-01."""
@@ -111,7 +111,7 @@ class VirtualClock:
         return task
 
     def quiet_until_ns(self) -> int:
-        """Time until which nothing but observers runs: nobody can change the simulated bench before it."""
+        """Return time until which nothing but observers runs: nobody can change the simulated bench before it."""
         horizon = min(self._sleepers, default=self._now_ns)
         for task in self._tasks:
             if task.active and not task.observer:
@@ -119,7 +119,7 @@ class VirtualClock:
         return max(horizon, self._now_ns)
 
     def turns_ahead_ns(self) -> range:
-        """Coming turns of the callback that asks, up to and without the time when anybody else does anything.
+        """Return coming turns of the callback that asks, up to and without the time when anybody else does anything.
 
         Until then the callback is alone: it may sleep through these turns and do at once what they would have done.
         """

@@ -1,4 +1,4 @@
-"""What a system declares of itself, so that the engine need not name it: plain values, nothing of its analyses loaded.
+"""The declaration of a system, so that the engine need not name it: plain values, nothing of its analyses loaded.
 
 Each system has a module ``declaration`` with a ``DECLARATION``. What is named there as text, ``package.module`` or
 ``package.module:function``, is imported when it is asked for.
@@ -26,7 +26,7 @@ class Limit:
 
 @dataclass(frozen=True)
 class Rule:
-    """What the conditions of each record must be: ``fixed`` values, ``absent`` names; ``asks`` says it in words."""
+    """A rule for the conditions of each record: ``fixed`` values, ``absent`` names; ``asks`` says it in words."""
 
     fixed: Mapping[str, str]
     absent: tuple[str, ...]
@@ -100,7 +100,7 @@ class LogColumn(StrictModel):
 
         @property
         def role(self) -> str:
-            """What the column is."""
+            """The part that the column plays."""
 
         @property
         def quantity(self) -> str:
@@ -112,7 +112,7 @@ class LogColumn(StrictModel):
 
     @property
     def factor(self) -> float:
-        """What a number of the file is multiplied by."""
+        """Number that a number of the file is multiplied by."""
         return unit_of(self.unit)[0]
 
     @property

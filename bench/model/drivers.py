@@ -14,7 +14,7 @@ _PLAIN = re.compile(r"[a-z0-9_]{1,40}")
 
 @lru_cache(maxsize=64)
 def driver_class(name: str) -> type:
-    """The driver class of a module ``<name>`` in one of the packages of drivers that are installed.
+    """Return the driver class of a module ``<name>`` in one of the packages of drivers that are installed.
 
     Raises: InputError B-PLAN-010 if the name is not plain, B-PLAN-011 if there is no such driver; InstallationError.
     """
@@ -24,7 +24,7 @@ def driver_class(name: str) -> type:
     if package is None:
         raise InputError("B-PLAN-011", f"there is no driver {name!r} in instruments/", where=name)
     module = importlib.import_module(f"{package.offer.package}.{name}")
-    found = getattr(module, "DRIVER", None)
-    if not isinstance(found, type):
+    driver = getattr(module, "DRIVER", None)
+    if not isinstance(driver, type):
         raise InputError("B-PLAN-011", f"instruments/{name}.py holds no driver", where=name)
-    return found
+    return driver

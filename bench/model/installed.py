@@ -1,4 +1,4 @@
-"""What is installed for the bench: systems, worlds and packages of drivers, each offered by an entry point.
+"""The installed parts of the bench: systems, worlds and packages of drivers, each offered by an entry point.
 
 A name is offered by one distribution only. A package that holds drivers says in its ``__init__`` whose it is
 (``__bench__``): the names ``instruments`` and ``bench`` are import names of other distributions too, and whichever is
@@ -48,20 +48,20 @@ def offers(kind: Kind) -> Mapping[str, Offer]:
 
     Raises: InstallationError B-PKG-001 if two distributions offer one name, B-PKG-002 if the bench itself offers none.
     """
-    found: dict[str, Offer] = {}
+    by_name: dict[str, Offer] = {}
     for point in sorted(entry_points(group=f"inertial_bench.{kind}"), key=lambda point: point.name):
         assert point.dist is not None
         offer = Offer(kind, point.name, point.value, point.dist.name, point.dist.version)
-        other = found.setdefault(point.name, offer)
+        other = by_name.setdefault(point.name, offer)
         if other != offer:
             raise twice(f"the {_NAMED[kind]} {offer.name!r}", other, offer)
-    if OWN not in {offer.distribution for offer in found.values()}:
+    if OWN not in {offer.distribution for offer in by_name.values()}:
         raise InstallationError(
             "B-PKG-002",
             f"the installed {OWN} offers no {kind}: its metadata are older than this source, or it is not installed",
             next_step="'make demo' installs it, and so does 'pip install -e .' in the folder of the source",
         )
-    return found
+    return by_name
 
 
 def twice(what: str, first: Offer, second: Offer) -> InstallationError:
@@ -103,7 +103,7 @@ class DriverPackage:
 
 @cache
 def driver_packages() -> tuple[DriverPackage, ...]:
-    """All packages of drivers, each recognised by its mark. Raises: InstallationError B-PKG-001 to B-PKG-003."""
+    """Return all packages of drivers, each recognised by its mark. Raises: InstallationError B-PKG-001 to B-PKG-003."""
     return tuple(_driver_package(offer) for offer in offers("instruments").values())
 
 

@@ -1,4 +1,4 @@
-"""What the rooms of the bench ask of each other (Protocols) and the declarations a driver makes about itself.
+"""Protocols by which the rooms of the bench know each other, and the declarations a driver makes about itself.
 
 A driver declares its actions with ``@action``; the static check and the sequencer read the declarations, so neither
 needs to know a model of instrument.
@@ -13,7 +13,7 @@ from typing import Any, Protocol, TypeVar
 
 
 class Effect(Enum):
-    """What an action does to the bench, as far as safety and order are concerned."""
+    """Effects of an action on the bench, as far as safety and order are concerned."""
 
     NONE = "none"  # reads, or sets something without consequence for safety
     STIMULUS_SET = "stimulus_set"  # programs a level; does not switch the output
@@ -73,17 +73,17 @@ def action(
 
 def actions_of(driver: type) -> dict[str, Action]:
     """Return all actions a driver class declares, by name."""
-    found: dict[str, Action] = {}
+    actions: dict[str, Action] = {}
     for name in dir(driver):
         declaration = getattr(getattr(driver, name, None), _DECLARATION, None)
         if isinstance(declaration, Action):
-            found[name] = declaration
-    return found
+            actions[name] = declaration
+    return actions
 
 
 @dataclass(frozen=True)
 class Identity:
-    """Who an instrument says it is."""
+    """The identity that an instrument states."""
 
     manufacturer: str
     model: str
@@ -92,14 +92,14 @@ class Identity:
 
 
 class Transcript(Protocol):
-    """Where every command and reply of an instrument goes."""
+    """The transcript that every command and reply of an instrument goes to."""
 
     def __call__(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
         """``direction`` is "tx" or "rx"."""
 
 
 class Instrument(Protocol):
-    """What the sequencer needs of a driver, beside its declared actions."""
+    """A driver as the sequencer needs it, beside its declared actions."""
 
     role: str
 
@@ -120,7 +120,7 @@ class ByteLink(Protocol):
     """A serial link to the unit under test (pySerial's interface, as far as the bench uses it)."""
 
     def read(self, size: int = 1) -> bytes:
-        """Up to ``size`` bytes that are there; never waits."""
+        """Return up to ``size`` bytes that are there; never waits."""
 
     def write(self, data: bytes) -> int | None:
         """Send bytes."""
@@ -134,7 +134,7 @@ class ByteLink(Protocol):
 
 
 class SessionSink(Protocol):
-    """What the run writes into a session (bench.record.SessionWriter)."""
+    """A session as the run writes into it (bench.record.SessionWriter)."""
 
     def raw(self, link: str, direction: str, t_mono_ns: int, chunk: bytes) -> None:
         """Raw bytes of a link; direction "rx" or "tx"."""

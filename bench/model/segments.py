@@ -1,4 +1,4 @@
-"""Which files of a folder are segments of a session; a command asks it before it loads what reads them."""
+"""The files of a folder that are segments of a session; a command asks it before it loads what reads them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the sequences, frames and stations that come with the bench are found: by path first, then by name."""
+"""The sequences, frames and stations that come with the bench: looked for by path first, then by name."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def find_shipped(kind: Kind, name_or_path: str | Path) -> Path:
 
 
 def _is_file(path: Path) -> bool:
-    """False also for what no file system can hold: a name that is too long, or with a zero byte."""
+    """Return False also for what no file system can hold: a name that is too long, or with a zero byte."""
     try:
         return path.is_file()
     except (OSError, ValueError):

@@ -43,13 +43,13 @@ def _unusable(offer: Offer, why: str) -> InstallationError:
 @cache
 def analyses() -> Mapping[str, tuple[AnalysisDeclaration, System, Offer]]:
     """Return all analyses by name, each with its system. Raises: InstallationError B-PKG-001 if two have one name."""
-    found: dict[str, tuple[AnalysisDeclaration, System, Offer]] = {}
+    by_name: dict[str, tuple[AnalysisDeclaration, System, Offer]] = {}
     for system, offer in _offered():
         for analysis in system.analyses:
-            if analysis.name in found:
-                raise twice(f"the analysis {analysis.name!r}", found[analysis.name][2], offer)
-            found[analysis.name] = analysis, system, offer
-    return found
+            if analysis.name in by_name:
+                raise twice(f"the analysis {analysis.name!r}", by_name[analysis.name][2], offer)
+            by_name[analysis.name] = analysis, system, offer
+    return by_name
 
 
 def analysis_declaration(name: str) -> AnalysisDeclaration | None:

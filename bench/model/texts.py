@@ -31,12 +31,12 @@ class Texts:
 
 
 def languages(folder: Path) -> list[str]:
-    """Languages a package has a catalogue for, English first."""
-    found = sorted(path.stem for path in (folder / "texts").glob("*.json"))
-    return sorted(found, key=lambda language: language != ENGLISH)
+    """Return languages a package has a catalogue for, English first."""
+    names = sorted(path.stem for path in (folder / "texts").glob("*.json"))
+    return sorted(names, key=lambda language: language != ENGLISH)
 
 
 @cache
 def _catalogue(path: Path) -> dict[str, str]:
-    found: dict[str, str] = json.loads(path.read_text(encoding="utf-8"))
-    return found
+    catalogue: dict[str, str] = json.loads(path.read_text(encoding="utf-8"))
+    return catalogue

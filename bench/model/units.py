@@ -73,9 +73,9 @@ def parse_quantity(text: object, dimension: str) -> float:
         known = ", ".join(sorted(u for u, (d, _) in _UNITS.items() if d == dimension and u.isascii()))
         what = f"has the unknown unit {unit!r}" if unit else "has no unit"
         raise ValueError(f"{text!r} {what}; use one of: {known}")
-    found, factor = _UNITS[unit]
-    if found != dimension:
-        raise ValueError(f"{text!r} is {'a ratio' if found == '1' else f'in {found}'}; {_due(dimension)} is due")
+    stated, factor = _UNITS[unit]
+    if stated != dimension:
+        raise ValueError(f"{text!r} is {'a ratio' if stated == '1' else f'in {stated}'}; {_due(dimension)} is due")
     try:
         value = float(Decimal(number) * factor)
     except (InvalidOperation, OverflowError) as error:
@@ -137,7 +137,7 @@ _DISPLAY_PREFIX = (("G", 9), ("M", 6), ("k", 3), ("", 0), ("m", -3), ("u", -6), 
 
 
 def plain_quantity(value: float, unit: str) -> str:
-    """As a person would write it: ``0.5 ohm``, ``1 Mohm``, ``2 h``; a prefix only for the very large and very small."""
+    """Return it as a person writes it: ``0.5 ohm``, ``1 Mohm``, ``2 h``; a prefix only for very large or small."""
     if unit == "s" and abs(value) >= 60:
         return f"{value / 3600:g} h" if abs(value) >= 3600 else f"{value / 60:g} min"
     return f"{value:g} {unit}" if 1e-3 <= abs(value) < 1e3 else format_quantity(value, unit)

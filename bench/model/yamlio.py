@@ -65,7 +65,7 @@ class Document(Generic[ModelT]):
     _places: dict[Path_, str] = field(default_factory=dict, repr=False, compare=False)
 
     def where(self, path: Path_ = ()) -> str:
-        """``file:line:column`` of the value at ``path``, or of its nearest parent that stands in the file."""
+        """Return ``file:line:column`` of the value at ``path``, or of its nearest parent that stands in the file."""
         if path not in self._places:  # a loop asks for the same place at every turn
             self._places[path] = _where(self.name, self.marks, path)
         return self._places[path]
@@ -115,12 +115,12 @@ def _text(raw: bytes, name: str) -> str:
 
 
 def _mark_at(marks: dict[Path_, Mark], path: Path_) -> Mark:
-    """Position of ``path``; parts that do not stand in the file (names of alternatives, missing keys) are skipped."""
-    found: Path_ = ()
+    """Return position of ``path``; parts that are not in the file (names of alternatives, missing keys) are skipped."""
+    place: Path_ = ()
     for part in path:
-        step = next((k for k in ((*found, part), (*found, str(part))) if k in marks), None)
-        found = found if step is None else step
-    return marks.get(found, Mark(1, 1))
+        step = next((k for k in ((*place, part), (*place, str(part))) if k in marks), None)
+        place = place if step is None else step
+    return marks.get(place, Mark(1, 1))
 
 
 def _where(name: str, marks: dict[Path_, Mark], path: Path_) -> str:
@@ -152,13 +152,13 @@ def _all(problems: list[_Problem]) -> InputErrors:
 
 
 def _schema_problems(error: ValidationError, name: str, marks: dict[Path_, Mark]) -> list[_Problem]:
-    found = []
+    problems = []
     for item in error.errors(include_url=False):
         mark = _mark_at(marks, tuple(item["loc"]))
         named = (part for part in reversed(item["loc"]) if isinstance(part, str) and not part.startswith("<"))
         code, message = _explain(item, next(named, ""))
-        found.append(_Problem(mark.line, mark.column, code, message, f"{name}:{mark.line}:{mark.column}"))
-    return found
+        problems.append(_Problem(mark.line, mark.column, code, message, f"{name}:{mark.line}:{mark.column}"))
+    return problems
 
 
 def _explain(item: Any, key: str) -> tuple[str, str]:
@@ -303,7 +303,7 @@ def _mark_of(event: Any) -> Mark:
 
 
 def _position(error: yaml.YAMLError, text: str) -> tuple[int, int]:
-    """Where the parser stopped; a file that ends too early is wrong at its last character, not on the line after."""
+    """Return where the parser stopped; a file that ends too early is wrong at its last character, not a line later."""
     mark: Any = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
     if mark is None:
         return 1, 1

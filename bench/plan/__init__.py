@@ -1,4 +1,4 @@
-"""Floor 2: sequence and station files, the compiled plan, and its static check."""
+"""Sequence and station files, the compiled plan, and its static check."""
 
 from bench.plan.check.analysis import names_made_of_logs
 from bench.plan.check.everything import check_plan

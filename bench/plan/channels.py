@@ -73,7 +73,7 @@ def _levels(document: Document[Sequence], index: int, findings: Findings) -> tup
 def campaign_channels(
     document: Document[Sequence], channels: dict[int, Channel], findings: Findings
 ) -> list[dict[str, Any]]:
-    """Constants of each channel for the analysis, in SI base units; [] if the sequence does not describe the unit.
+    """Return channel constants for the analysis, in SI base units; [] if the sequence does not describe the unit.
 
     A kind that the unit lacks (B-PLAN-023) and a level over full scale (B-PLAN-024) go to ``findings``.
     """
@@ -106,8 +106,8 @@ def _check_levels(document: Document[Sequence], index: int, full_scale_A: float,
     if name is None:
         return
     for position, raw in enumerate(document.model.tables.get(name, [])):
-        found = read_quantity(raw) if isinstance(raw, str) else None
-        if found is not None and found[0] > full_scale_A:
+        level = read_quantity(raw) if isinstance(raw, str) else None
+        if level is not None and level[0] > full_scale_A:
             where = document.where(("tables", name, position))
             findings.add(
                 "B-PLAN-024", where, f"level {raw} is above the full scale {format_quantity(full_scale_A, 'A')}"
@@ -148,17 +148,17 @@ def _constants(channel: Channel, kind: ChannelKind) -> dict[str, Any]:
 
 def unit_constants(model: Sequence, serial: str) -> dict[str, Any]:
     """Return entries of the manifest's section "campaign", in base units; what is not stated is left out."""
-    found: dict[str, Any] = {}
+    constants: dict[str, Any] = {}
     if model.uut is not None:
-        found["uut"] = {"model": model.uut.model, "serial": serial}
+        constants["uut"] = {"model": model.uut.model, "serial": serial}
         for system in systems():
             if system.unit is not None and isinstance(model.uut, system.unit):
-                found |= system.unit.constants(model.uut)
+                constants |= system.unit.constants(model.uut)
         if model.uut.limits:
-            found["limits"] = {name: _limit(text) for name, text in model.uut.limits.items()}
+            constants["limits"] = {name: _limit(text) for name, text in model.uut.limits.items()}
     if model.site is not None:
-        found["site"] = _site(model.site)
-    return found
+        constants["site"] = _site(model.site)
+    return constants
 
 
 def _limit(text: str) -> dict[str, Any]:

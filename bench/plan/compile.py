@@ -124,7 +124,7 @@ class _Compiler:
         )
 
     def _frames(self) -> dict[str, FrameDefinition]:
-        """Frame definitions by link, without those that cannot be used."""
+        """Return frame definitions by link, without those that cannot be used."""
         frames = {}
         for link, name in self.document.model.frame.items():
             where = self.document.where(("frame", link))
@@ -145,7 +145,7 @@ class _Compiler:
         return frames
 
     def _serial(self, expander: Expander, scope: Scope) -> str:
-        """Serial number of the unit under test; it becomes part of the session's folder name."""
+        """Return serial number of the unit under test; it becomes part of the session's folder name."""
         uut = self.document.model.uut
         serial = "" if uut is None else str(plain(expander.resolve(uut.serial, scope, ("uut", "serial"))))
         if uut is not None and not SERIAL.fullmatch(serial):
@@ -190,7 +190,7 @@ class _Compiler:
         return f"--set {shown}" if path[1] in self.given else f"parameter {shown}, {expander.line(path)}"
 
     def _promised(self, duration_s: float, records: int) -> tuple[InputError, ...]:
-        """What the file says of its own length must be true; with parameters changed by hand it is not asked."""
+        """Check the length that the file states for itself; with parameters changed by hand it is not asked."""
         model = self.document.model
         findings = Findings()
         if model.duration not in (None, duration_s):

@@ -18,12 +18,12 @@ DEFAULT_BUS_S = 0.1
 
 @lru_cache(maxsize=64)
 def driver_actions(name: str) -> Mapping[str, Action]:
-    """Declared actions of a driver, by name."""
+    """Return declared actions of a driver, by name."""
     return actions_of(driver_class(name))
 
 
 def driver_ladder_A(name: str) -> tuple[float, ...]:
-    """Current ranges of a source as its driver declares them (``ranges_A``), ampere, lowest first; () if it has none.
+    """Return current ranges of a source as its driver declares them (``ranges_A``), ampere, lowest first; else ().
 
     Raises: InputError B-PLAN-010, B-PLAN-011.
     """
@@ -31,7 +31,7 @@ def driver_ladder_A(name: str) -> tuple[float, ...]:
 
 
 def range_after(ladder_A: Sequence[float], level_A: float, locked: bool, before_A: float | None) -> float | None:
-    """Range of a source after a level was set: the lowest that holds it, or the range before if that is locked.
+    """Return range of a source after a level was set: the lowest that holds it, or the range before if that is locked.
 
     None if no range holds the level, or if the locked range is not known.
     """
@@ -41,7 +41,7 @@ def range_after(ladder_A: Sequence[float], level_A: float, locked: bool, before_
 
 
 def declared_action(station: Station, role: str, name: str) -> Action | None:
-    """Declaration of ``role.name``, or None if the station or the driver has no such thing."""
+    """Return declaration of ``role.name``, or None if the station or the driver has no such thing."""
     entry = station.instruments.get(role)
     try:
         return None if entry is None else _declared(entry.driver, name)
@@ -55,7 +55,7 @@ def _declared(driver: str, name: str) -> Action | None:
 
 
 def bus_s(step: Step, station: Station) -> float:
-    """Longest time that one call normally takes on the bus, second; the station may say that its bus is faster."""
+    """Return longest time that a call normally takes on the bus, second; the station may say its bus is faster."""
     if isinstance(step, PlannedCommand) and step.takes_s is not None:
         return step.takes_s
     action = declared_action(station, step.role, step.name)

@@ -111,11 +111,11 @@ class Expander:
         self.findings.add(code, self.document.where(path), message, next_step, origin)
 
     def line(self, path: Path) -> str:
-        """``line N`` of a place of the sequence file."""
+        """Return ``line N`` of a place of the sequence file."""
         return "line " + self.document.where(path).split(":")[-2]
 
     def resolve(self, raw: Any, scope: Scope, path: Path) -> Any:
-        """Resolved value, or None after noting the mistake (B-PLAN-030, -031)."""
+        """Return resolved value, or None after noting the mistake (B-PLAN-030, -031)."""
         try:
             return scope.resolve(raw)
         except UnknownVariable as error:
@@ -125,7 +125,7 @@ class Expander:
         return None
 
     def quantity(self, raw: Any, dimension: str, scope: Scope, path: Path) -> Quantity | None:
-        """A field that is already a number in the base unit, or still a reference; None after noting a mistake."""
+        """Return a field that is already a number in the base unit, or still a reference; None after a mistake."""
         value = Quantity(raw, dimension) if isinstance(raw, float) else self.resolve(raw, scope, path)
         if isinstance(value, Quantity) and value.dimension == dimension:
             return value
@@ -136,7 +136,7 @@ class Expander:
         return None
 
     def role_attribute(self, role: str, attribute: str) -> Any:
-        """``{role.range}``: the lowest range of its standard that holds the level last programmed, ampere."""
+        """Return ``{role.range}``: the lowest range of its standard that holds the level last programmed, ampere."""
         if role not in self.station.instruments or attribute != "range":
             raise UnknownVariable(f"{{{role}.{attribute}}} is unknown{suggestion(role, self.station.instruments)}")
         if role not in self.levels_A:

@@ -11,7 +11,7 @@ MAX_LISTED = 100
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
-    """``; did you mean 'x'?``, or else the words that are known."""
+    """Return ``; did you mean 'x'?``, or else the words that are known."""
     words = sorted(known)
     close = get_close_matches(word, words, n=1)
     return f"; did you mean {close[0]!r}?" if close else f"; known: {', '.join(words) or 'none'}"
@@ -43,11 +43,11 @@ class Findings:
         return sorted(unique.values(), key=lambda error: _position(error.where))
 
     def sorted(self) -> list[InputError]:
-        """The first MAX_LISTED mistakes by file and position, and how many more there are (B-YAML-017)."""
-        found = self.all()
-        more = found[MAX_LISTED:]
+        """Return the first MAX_LISTED mistakes by file and position, and how many more there are (B-YAML-017)."""
+        mistakes = self.all()
+        more = mistakes[MAX_LISTED:]
         note = f"{len(more)} more mistakes are not listed"
-        return found[:MAX_LISTED] + ([InputError("B-YAML-017", note, where=more[0].where)] if more else [])
+        return mistakes[:MAX_LISTED] + ([InputError("B-YAML-017", note, where=more[0].where)] if more else [])
 
 
 def _position(where: str) -> tuple[str, int, int]:

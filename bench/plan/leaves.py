@@ -248,8 +248,12 @@ def _filled(plan: Expander, text: str, scope: Scope, path: Path) -> str:
         plan.fail("B-PLAN-030", path, f"{left[0]!r} in the text is no variable", "write {name}, in lower case")
 
     def value(match: re.Match[str]) -> str:
-        found = plan.resolve(match[0], scope, path)
-        return plain_quantity(found.value, found.dimension) if isinstance(found, Quantity) else str(plain(found))
+        resolved = plan.resolve(match[0], scope, path)
+        return (
+            plain_quantity(resolved.value, resolved.dimension)
+            if isinstance(resolved, Quantity)
+            else str(plain(resolved))
+        )
 
     return REFERENCE.sub(value, text)
 

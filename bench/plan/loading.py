@@ -37,7 +37,7 @@ _NAMING = ("call", "verify")  # keys whose value may be an action
 def split_overrides(
     document: Document[Sequence], overrides: Mapping[str, str], findings: Findings
 ) -> tuple[dict[str, str], dict[str, str]]:
-    """Parameters of the sequence, and options of the simulated world.
+    """Return parameters of the sequence, and options of the simulated world.
 
     A key that the sequence has no parameter for is left out and noted (B-PLAN-003), naming the known ones.
     """
@@ -52,7 +52,7 @@ def split_overrides(
 
 
 def apply_parameters(document: Document[Sequence], given: Mapping[str, str], findings: Findings) -> dict[str, Any]:
-    """Parameters of the sequence with the given ones in place; each must be of the same sort as the one it replaces.
+    """Return parameters of the sequence with the given ones in place; each must be of the sort of the one it replaces.
 
     A list is given with commas. One of another sort is noted (B-PLAN-005) and the shipped value stays.
     """
@@ -126,7 +126,7 @@ def _read(load: Callable[[], _T], findings: Findings) -> _T | None:
 
 
 def _station_file(source: Path, document: Document[Sequence] | None, findings: Findings) -> Path | None:
-    """File of the station that a sequence names, even if the rest of the sequence cannot be read."""
+    """Return file of the station that a sequence names, even if the rest of the sequence cannot be read."""
     place = document if document is not None else plain_tree(source)
     if document is not None:
         name: object = document.model.station
@@ -151,16 +151,16 @@ def plain_tree(path: Path) -> Document[RootModel[Any]] | None:
 
 
 def driver_names(tree: Document[RootModel[Any]], findings: Findings) -> dict[str, str]:
-    """Drivers of a station file by role; those that do not exist are noted (B-PLAN-011)."""
+    """Return drivers of a station file by role; those that do not exist are noted (B-PLAN-011)."""
     root = tree.model.root
     instruments = root.get("instruments") if isinstance(root, dict) else None
-    found: dict[str, str] = {}
+    drivers: dict[str, str] = {}
     for role, entry in instruments.items() if isinstance(instruments, dict) else ():
         driver = entry.get("driver") if isinstance(entry, dict) else None
         if isinstance(driver, str):
-            found[role] = driver
+            drivers[role] = driver
             _known_driver(driver, tree.where(("instruments", role, "driver")), findings)
-    return found
+    return drivers
 
 
 def _known_driver(driver: str, where: str, findings: Findings) -> None:

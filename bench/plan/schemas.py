@@ -16,7 +16,7 @@ FOLDERS = {"sequence": "sequences", "frame": "frames", "station": "stations"}
 
 
 def json_schemas() -> dict[str, dict[str, Any]]:
-    """Schemas of the three kinds of file, by kind: "sequence", "frame", "station"."""
+    """Return schemas of the three kinds of file, by kind: "sequence", "frame", "station"."""
     models: dict[str, type[BaseModel]] = {"sequence": sequence_model(), "frame": FrameSpec, "station": StationFile}
     return {kind: _schema(kind, model) for kind, model in models.items()}
 
@@ -27,7 +27,7 @@ def mapping_schema() -> dict[str, Any]:
 
 
 def vscode_settings(folder: str = "schemas") -> dict[str, Any]:
-    """Settings that tell the YAML extension of the editor which schema belongs to which files."""
+    """Return settings that tell the YAML extension of the editor which schema belongs to which files."""
     return {"yaml.schemas": {f"{folder}/{kind}.schema.json": f"{FOLDERS[kind]}/*.yaml" for kind in FOLDERS}}
 
 

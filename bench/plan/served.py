@@ -24,7 +24,7 @@ _UNITS = {"range": "A", "floor": "A", "offset": "A", "relative": "1", "gain": "1
 def served_station(
     station: Station, resources: Mapping[str, str], urls: Mapping[str, str], control: Path, today: date
 ) -> str:
-    """YAML text of a station with the same roles, standards, limits and options, without a world.
+    """Return YAML text of a station with the same roles, standards, limits and options, without a world.
 
     Sections that have nothing to do with where things are (interlocks, guard, notifications) are taken over as text.
 
@@ -56,19 +56,19 @@ def served_station(
 
 
 def _others(text: str) -> list[str]:
-    """Lines of the top-level sections that are not written anew."""
-    found: list[str] = []
+    """Return lines of the top-level sections that are not written anew."""
+    lines: list[str] = []
     section = ""
     for line in text.splitlines():
         if match := _SECTION.match(line):
             section = match[1]
         if section and section not in _ANEW:
-            found.append(line)
-    return found
+            lines.append(line)
+    return lines
 
 
 def _instrument(entry: InstrumentEntry, resource: str, today: date) -> dict[str, Any]:
-    found: dict[str, Any] = {
+    document: dict[str, Any] = {
         "driver": entry.driver,
         "resource": resource,
         "safe_order": entry.safe_order,
@@ -76,12 +76,12 @@ def _instrument(entry: InstrumentEntry, resource: str, today: date) -> dict[str,
         "limits": entry.limits,
     }
     if entry.standard is not None:
-        found["standard"] = _standard(entry.standard, today)
-    return found
+        document["standard"] = _standard(entry.standard, today)
+    return document
 
 
 def _standard(standard: Standard, today: date) -> dict[str, Any]:
-    found: dict[str, Any] = {
+    document: dict[str, Any] = {
         "model": standard.model,
         "serial": standard.serial,
         "certificate": standard.certificate,
@@ -93,10 +93,10 @@ def _standard(standard: Standard, today: date) -> dict[str, Any]:
     for name in ("traceability", "drift"):
         value = getattr(standard, name)
         if value is not None:
-            found[name] = f"{value!r} 1"
+            document[name] = f"{value!r} 1"
     if standard.stated:
-        found["stated"] = {name: f"{value!r} {unit}" for name, (value, unit) in standard.stated.items()}
-    return found
+        document["stated"] = {name: f"{value!r} {unit}" for name, (value, unit) in standard.stated.items()}
+    return document
 
 
 def _with_units(line: Mapping[str, float]) -> dict[str, str]:

@@ -45,10 +45,10 @@ Date = Annotated[date, BeforeValidator(_date), WithJsonSchema({"type": "string",
 
 
 def _stated(text: object) -> tuple[float, str]:
-    found = read_quantity(text) if isinstance(text, str) else None
-    if found is None:
+    quantity = read_quantity(text) if isinstance(text, str) else None
+    if quantity is None:
         raise ValueError(f"{text!r} is not a quantity with its unit, for example '100.02 ohm'")
-    return found
+    return quantity
 
 
 Stated = Annotated[tuple[float, str], BeforeValidator(_stated), WithJsonSchema({"type": "string"})]
@@ -238,7 +238,7 @@ class Station:
 
     @property
     def file(self) -> StationFile:
-        """What the file says."""
+        """The station file as a model."""
         return self.document.model
 
     @property
@@ -285,7 +285,7 @@ class Station:
         return tuple(sorted(self.instruments, key=lambda role: (self.instruments[role].safe_order, role)))
 
     def wiring(self) -> dict[str, Any]:
-        """Instruments and links as plain values, for whoever opens the bench or its simulation."""
+        """Return instruments and links as plain values, for whoever opens the bench or its simulation."""
         return {
             "instruments": {
                 role: {
@@ -309,7 +309,7 @@ class Station:
         return of_instruments | {name: _standard("", standard) for name, standard in self.file.standards.items()}
 
     def ranges_A(self, role: str) -> tuple[float, ...]:
-        """Ranges a role's standard has an uncertainty for, ampere, lowest first."""
+        """Return ranges a role's standard has an uncertainty for, ampere, lowest first."""
         entry = self.instruments.get(role)
         standard = None if entry is None else entry.standard
         return () if standard is None else tuple(sorted(line.range for line in standard.uncertainty))
@@ -333,7 +333,7 @@ class Station:
 
 
 def _highest_degC(instruments: Mapping[str, InstrumentEntry]) -> float | None:
-    """Highest set-point any instrument of the station may be given, degC; None if none is declared."""
+    """Return highest set-point any instrument of the station may be given, degC; None if none is declared."""
     highest = [
         read_quantity(entry.limits["temperature"][1]) for entry in instruments.values() if "temperature" in entry.limits
     ]
@@ -365,7 +365,7 @@ def wrong_option(name: str, text: str) -> str:
 
 
 def option_text(value: Scalar) -> str:
-    """An option of a world as the text the world is given."""
+    """Return an option of a world as the text the world is given."""
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 

@@ -44,7 +44,7 @@ class Summary:
 
 
 def summarise(plan: Plan, start_utc_ns: int = VIRTUAL_START_UTC_NS) -> Summary:
-    """Key figures of a plan that starts at ``start_utc_ns``."""
+    """Return key figures of a plan that starts at ``start_utc_ns``."""
     total_s = plan.prepare_s + plan.duration_s + plan.finally_s
     records = [step for step in plan.steps if isinstance(step, PlannedRecord) and step.readings]
     readings = sum(len(record.readings) * round_count(record) for record in records)

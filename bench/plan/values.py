@@ -36,7 +36,7 @@ class Reference:
 
 
 def as_reference(value: object) -> Reference | None:
-    """The reference a value is, or None if it is written out."""
+    """Return the reference a value is, or None if it is written out."""
     match = REFERENCE.fullmatch(value) if isinstance(value, str) else None
     return None if match is None else Reference(match[1], match[2] or "")
 
@@ -104,8 +104,8 @@ def read_text(text: str) -> Any:
     reference = as_reference(text)
     if reference is not None:
         return reference
-    found = read_quantity(text)
-    return Quantity(*found) if found is not None else _SIGNS.get(text, text)
+    parts = read_quantity(text)
+    return Quantity(*parts) if parts is not None else _SIGNS.get(text, text)
 
 
 class Scope:
@@ -124,7 +124,7 @@ class Scope:
         return Scope({**self.variables, **more}, self._role_attribute, merged)
 
     def resolve(self, raw: Any) -> Any:
-        """Value of what stands in the file. Raises UnknownVariable or ValueError."""
+        """Return value of what stands in the file. Raises UnknownVariable or ValueError."""
         if isinstance(raw, str):
             raw = read_text(raw)
         if isinstance(raw, (list, tuple)):

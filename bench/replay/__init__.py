@@ -1,4 +1,4 @@
-"""Floor 3: a recorded session decoded again and compared."""
+"""A recorded session decoded again and compared."""
 
 from bench.replay.build_trend import build_trend
 from bench.replay.compare import ABSENT, Difference, compare

@@ -43,7 +43,7 @@ class SetPoint:
 
 
 def recorded_setpoints(steps: Sequence[Step], events: Iterable[Event]) -> Iterator[SetPoint]:
-    """Set-points in order of time. ``steps``: the compiled plan as it is in the session."""
+    """Yield set-points in order of time. ``steps``: the compiled plan as it is in the session."""
     asked = {index: step.set_point.temperature_degC for index, step in enumerate(steps) if step.set_point is not None}
     done, known_ns, known_s = 0, 0, 0.0  # steps before ``done`` are over; a time, and what the plan says of it
     started = 0
@@ -75,7 +75,7 @@ def recorded_setpoints(steps: Sequence[Step], events: Iterable[Event]) -> Iterat
 
 @dataclass
 class _Begin:
-    """Where a part begins by both clocks; UTC 0 where the session does not say it."""
+    """The beginning of a part by both clocks; UTC 0 where the session does not say it."""
 
     t_mono_ns: int = 0
     t_utc_ns: int = 0
@@ -126,8 +126,8 @@ class _Building:
                 if kind == RESUME and last_ns:
                     break
                 while setpoints and setpoints[0].t_ns <= message.t_ns:
-                    one = setpoints.pop(0)
-                    writer.add(BENCH, bench.setpoint(one.t_ns + writer.offset_ns, one.value_degC))
+                    setpoint = setpoints.pop(0)
+                    writer.add(BENCH, bench.setpoint(setpoint.t_ns + writer.offset_ns, setpoint.value_degC))
                 writer.add(BENCH, bench.event(event_of(kind, fields), message.t_ns + writer.offset_ns))
             else:
                 decoders[self._topics[message.topic]].push(message.t_ns, message.payload)

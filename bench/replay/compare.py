@@ -27,18 +27,18 @@ def compare(first: Any, second: Any, path: str = "") -> list[Difference]:
     Numbers are equal only if every bit is: 1 and 1.0 differ, 0.0 and -0.0 differ, NaN equals NaN.
     """
     if isinstance(first, Mapping) and isinstance(second, Mapping):
-        found = []
+        differences = []
         for key in sorted({*first, *second}):
             name = f"{path}.{key}" if path else str(key)
-            found += compare(first.get(key, ABSENT), second.get(key, ABSENT), name)
-        return found
+            differences += compare(first.get(key, ABSENT), second.get(key, ABSENT), name)
+        return differences
     if _is_list(first) and _is_list(second):
-        found = []
+        differences = []
         for index in range(max(len(first), len(second))):
-            one = first[index] if index < len(first) else ABSENT
+            element = first[index] if index < len(first) else ABSENT
             other = second[index] if index < len(second) else ABSENT
-            found += compare(one, other, f"{path}[{index}]")
-        return found
+            differences += compare(element, other, f"{path}[{index}]")
+        return differences
     same = type(first) is type(second) and repr(first) == repr(second)
     return [] if same else [Difference(path, first, second)]
 

@@ -38,17 +38,17 @@ class TimeReader:
             self._unit_ns = NS / Decimal(str(column.rate))
 
     def utc_ns(self, text: str) -> int:
-        """UTC in ns since 1970, to be asked once for each row. Raises ValueError if the text is no such time."""
+        """Return UTC in ns since 1970, to be asked once for each row. Raises ValueError if the text is no such time."""
         if self._format == ROWS:
             self._row += 1
             return self._start_ns + math.floor(self._row * self._unit_ns)
         if self._numeric:
             return self._start_ns + self._number_ns(text)
         try:
-            found = datetime.fromisoformat(text) if self._format == ISO else datetime.strptime(text, self._format)
+            moment = datetime.fromisoformat(text) if self._format == ISO else datetime.strptime(text, self._format)
         except ValueError:
             raise ValueError(f"{text!r} is no time of the format {self._format!r}") from None
-        return _utc_ns(found if found.tzinfo is not None else found.replace(tzinfo=self._zone))
+        return _utc_ns(moment if moment.tzinfo is not None else moment.replace(tzinfo=self._zone))
 
     def _number_ns(self, text: str) -> int:
         try:
@@ -88,13 +88,13 @@ class LogCounts:
 
     def sentences(self) -> list[str]:
         """Return what a reader of the results must know about rows that do not count."""
-        found = []
+        texts = []
         if self.overload_rows:
             where = ", ".join(f"{name} {count}" for name, count in self.overloads.items())
-            found.append(f"{self.overload_rows} of {self.rows} rows of the log hold overload sentinels ({where}).")
+            texts.append(f"{self.overload_rows} of {self.rows} rows of the log hold overload sentinels ({where}).")
         if self.bad_rows:
-            found.append(f"{self.bad_rows} rows of the log cannot be read: {listed(self.bad)}.")
-        return found
+            texts.append(f"{self.bad_rows} rows of the log cannot be read: {listed(self.bad)}.")
+        return texts
 
 
 def listed(bad: Sequence[tuple[int, str]]) -> str:
@@ -258,7 +258,7 @@ class _Sentinels:
         self._comma = form.decimal == ","
 
     def number(self, text: str) -> float | None:
-        """The number that a text is, or None for a sentinel. Raises ValueError if it is neither."""
+        """Return the number that a text is, or None for a sentinel. Raises ValueError if it is neither."""
         if self._texts and text.casefold() in self._texts:
             return None
         if self._comma:
@@ -276,7 +276,7 @@ class _Sentinels:
 
 
 def lines_of(chunks: Iterable[bytes]) -> Iterator[bytes]:
-    """Lines, with their ends, of bytes that are cut anywhere; no more than a line over the limit is held."""
+    """Yield lines, with their ends, of bytes that are cut anywhere; no more than a line over the limit is held."""
     rest = b""
     for chunk in chunks:
         *whole, rest = (rest + chunk).split(b"\n")

@@ -17,18 +17,18 @@ KEPT = 16
 
 
 def frames_of(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str, FrameDefinition]:
-    """Frame definitions by link; a link whose text is not in the session, or cannot be read today, is left out."""
-    found = {}
+    """Return frame definitions by link; a link whose text is not in the session, or cannot be read, is left out."""
+    frames = {}
     for link, name in sorted(manifest.get("links", {}).items()):
         try:
-            found[link] = parse_frame(texts[name], name)
+            frames[link] = parse_frame(texts[name], name)
         except (KeyError, InputError):
             continue
-    return found
+    return frames
 
 
 def entries_of(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> Sequence[GraphEntry]:
-    """The section ``graphs`` of the session's station; none if its text is not there or cannot be read today."""
+    """Return the section ``graphs`` of the session's station; none if its text is not there or cannot be read today."""
     name = f"stations/{manifest.get('station')}.yaml"
     try:
         return parse_yaml(texts[name], name, StationFile).model.graphs
@@ -37,20 +37,20 @@ def entries_of(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> Sequenc
 
 
 def session_signals(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> tuple[Signal, ...]:
-    """Every signal of a session: those of its frames, the differences its graphs ask for, and those of the bench."""
+    """Return every signal of a session: those of its frames, differences its graphs ask for, and those of the bench."""
     frames = frames_of(manifest, texts)
     wanted = [name for graph in session_graphs(manifest, texts) for name in graph.signals]
     return all_signals(frames, [*names_in(entries_of(manifest, texts), frames), *wanted])
 
 
 def session_graphs(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> list[Graph]:
-    """Graph windows of a session; where its station names none, some that suit its frames."""
+    """Return graph windows of a session; where its station names none, some that suit its frames."""
     frames = frames_of(manifest, texts)
     return graphs_of(entries_of(manifest, texts), frames, str(manifest.get("measurement_link", "")))
 
 
 def session_frames(folder: Path) -> Mapping[str, FrameDefinition]:
-    """Frame definitions by link, as ``frames_of`` gives them; a session's texts never change.
+    """Return frame definitions by link, as ``frames_of`` gives them; a session's texts never change.
 
     Raises: InputError B-REC-010 (no session); SessionDamaged B-REC-012, B-REC-014.
     """

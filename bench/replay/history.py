@@ -66,7 +66,7 @@ def history(
 
 
 def trend_place(folder: Path, cache: Path | None = None) -> Path | None:
-    """The session itself if it has its trend, else its folder in the cache."""
+    """Return the session itself if it has its trend, else its folder in the cache."""
     if read_head(folder / FOLDER) is not None:
         return folder
     return None if cache is None else cache / folder.name
@@ -94,7 +94,7 @@ class Stretch:
 
 
 def stretches(folder: Path, trend: Path, t0_utc_s: float, t1_utc_s: float, margin_s: float) -> Iterator[Stretch]:
-    """Chunks with messages in a window, ``margin_s`` more on both sides, segment by segment.
+    """Yield chunks with messages in a window, ``margin_s`` more on both sides, segment by segment.
 
     ``trend``: where the trend of the session lies; it knows best what UTC each part of the session is.
     Other software may resume inside a segment; the bench begins a new one, and that is what is looked for here.
@@ -123,7 +123,7 @@ def stretches(folder: Path, trend: Path, t0_utc_s: float, t1_utc_s: float, margi
 
 
 def _first_chunk(path: Path) -> tuple[int, bool] | None:
-    """Monotonic time of a segment's first message, and whether a part of the session begins with it."""
+    """Return monotonic time of a segment's first message, and whether a part of the session begins with it."""
     try:
         return _begin_of(path, path.stat().st_ino)
     except LookupError:
@@ -173,8 +173,8 @@ def raw_window(
         _decode(stretch, {link: frames[link] for link in links}, signals, pieces)
     span_ns = round(t0_utc_s * NS), round(t1_utc_s * NS)
     parts = []
-    for (link, message), found in pieces.items():
-        rows = concatenated(found)
+    for (link, message), batches in pieces.items():
+        rows = concatenated(batches)
         inside = slice(*np.searchsorted(rows.start_s, (span_ns[0], span_ns[1] + 1)))
         rows = TrendRows(rows.start_s[inside], rows.low[inside], rows.high[inside]).merged(1)
         chosen = of_message(signals, link, message)
@@ -210,7 +210,7 @@ def _with_gaps(batch: MessageBatch, t_ns: NDArray[np.int64], values: NDArray[np.
 
 
 def _of_bench(trend: Path, signals: Sequence[Signal], t0_utc_s: float, t1_utc_s: float) -> list[Part]:
-    """Temperatures of the bench as the trend has them."""
+    """Return temperatures of the bench as the trend has them."""
     places = [place for place, signal in enumerate(signals) if signal.link == BENCH]
     if not places or read_head(trend / FOLDER) is None:
         return []

@@ -42,26 +42,26 @@ class RecordedWindow:
 
 
 def recorded_windows(events: Iterable[Message]) -> list[RecordedWindow]:
-    """Windows of all records that count, in the order they were taken.
+    """Return windows of all records that count, in the order they were taken.
 
     A "retake" event takes back the record of its number taken before it; of two with one number the later counts.
     Raises: SessionDamaged B-RPL-003 if a record event lacks a field.
     """
-    found: dict[int, RecordedWindow] = {}
+    windows: dict[int, RecordedWindow] = {}
     part = 0
     for message in events:
         kind, fields = message.event()
         if kind == RESUME:
             part += 1
         elif kind == "retake":
-            found.pop(fields.get("record", -1), None)
+            windows.pop(fields.get("record", -1), None)
         elif kind == "record":
             window = _window(fields, message)
-            found.pop(window.number, None)
+            windows.pop(window.number, None)
             timed, sampled = fields.get("pulse_timing") is True, fields.get("samples") is True
-            chained = _follows(window, part, found.get(window.number - 1))
-            found[window.number] = RecordedWindow(window, message.t_ns, part, timed, sampled, chained)
-    return list(found.values())
+            chained = _follows(window, part, windows.get(window.number - 1))
+            windows[window.number] = RecordedWindow(window, message.t_ns, part, timed, sampled, chained)
+    return list(windows.values())
 
 
 def _follows(window: RecordWindow, part: int, before: RecordedWindow | None) -> bool:
@@ -102,7 +102,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Splice:
-    """Where a run was gone on with. UTC in ns, None if unknown; temperatures of the unit before and after, degC.
+    """A place where a run was gone on with. UTC in ns, None if unknown; unit temperatures before and after, degC.
 
     ``at_ns``: monotonic time on the session's axis; ``away_s``: how long nothing was recorded, None if unknown.
     ``soaked``: the unit was brought to its temperature again.
@@ -140,21 +140,21 @@ def time_shifts_ns(parts: Sequence[Part]) -> list[int]:
 
 
 def moved_rows(rows: Iterable[tuple[int, RecordRow]], shifts_ns: Sequence[int]) -> list[RecordRow]:
-    """Rows, each with the part it was taken in, on one axis of times and counters, by number."""
+    """Return rows, each with the part it was taken in, on one axis of times and counters, by number."""
     ordered = sorted(rows, key=lambda pair: pair[1].window.number)
-    found: list[RecordRow] = []
+    moved: list[RecordRow] = []
     counters = {0: 0}
     for part, row in ordered:
         window = row.window
         shift_ns = shifts_ns[part]
         if part not in counters:
-            counters[part] = _first_counter(found, window.t_start_ns + shift_ns) - window.first_counter
-        found.append(_moved(row, shift_ns, counters[part]) if part else row)
-    return found
+            counters[part] = _first_counter(moved, window.t_start_ns + shift_ns) - window.first_counter
+        moved.append(_moved(row, shift_ns, counters[part]) if part else row)
+    return moved
 
 
 def _first_counter(before: Sequence[RecordRow], t_ns: int) -> int:
-    """Counter of a frame at a time, by the record before; never the one right behind it."""
+    """Return counter of a frame at a time, by the record before; never the one right behind it."""
     if not before:
         return 1
     last = before[-1].window
@@ -177,14 +177,16 @@ def _moved(row: RecordRow, shift_ns: int, counters: int) -> RecordRow:
 
 
 def splices_of(events: Iterable[Event]) -> tuple[Splice, ...]:
-    """Splices of a session, from its events on one time axis."""
-    found: list[Splice] = []
+    """Return splices of a session, from its events on one time axis."""
+    splices: list[Splice] = []
     for kind, t_ns, fields in events:
         if kind == "resume":
-            found.append(_begun(t_ns, fields))
-        elif kind == REENTRY and found and found[-1].step == fields.get("step"):
-            found[-1] = replace(found[-1], unit_after_degC=fields.get("unit_degC"), soaked=bool(fields.get("soaked")))
-    return tuple(found)
+            splices.append(_begun(t_ns, fields))
+        elif kind == REENTRY and splices and splices[-1].step == fields.get("step"):
+            splices[-1] = replace(
+                splices[-1], unit_after_degC=fields.get("unit_degC"), soaked=bool(fields.get("soaked"))
+            )
+    return tuple(splices)
 
 
 def _begun(t_ns: int, fields: Mapping[str, Any]) -> Splice:

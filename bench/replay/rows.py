@@ -101,7 +101,7 @@ def replay_rows(folder: Path, *, strict: bool = False) -> Replayed:
 
 
 def _definitions(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str, FrameDefinition]:
-    found = {}
+    definitions = {}
     for link, name in sorted(manifest.get("links", {}).items()):
         if name not in texts:
             raise SessionDamaged(
@@ -110,8 +110,8 @@ def _definitions(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, 
                 where=str(folder),
                 next_step="'bench recover' lists what the session still holds",
             )
-        found[link] = parse_frame(texts[name], name)
-    return found
+        definitions[link] = parse_frame(texts[name], name)
+    return definitions
 
 
 def _notes(manifest: Mapping[str, Any], definitions: Mapping[str, FrameDefinition]) -> list[str]:
@@ -207,7 +207,7 @@ class _Replay:
     def keep_readings(self) -> None:
         """Keep the records that are made of readings; every event is known by now."""
         for part in {item.part for item in self.windows if not item.window.link}:
-            recorded = RecordedReadings(event for found, event in self.events if found == part)
+            recorded = RecordedReadings(event for of_part, event in self.events if of_part == part)
             self.rows |= {
                 item.window.number: (part, recorded.row(item.window))
                 for item in self.windows

@@ -62,7 +62,7 @@ def report_model(
         identities=manifest.get("identities", {}),
         timetable=timetable(plan_steps, ready_s),
         trace=trace or TemperatureTrace(),
-        residuals=tuple(one for item in residuals if (one := _residual(item)) is not None),
+        residuals=tuple(residual for item in residuals if (residual := _residual(item)) is not None),
         components=tuple(components),
         counts=record_counts(rows),
         prompts=tuple(prompts),
@@ -91,20 +91,20 @@ def record_counts(rows: Sequence[Record]) -> RecordCounts:
 
 
 def _by_channel(rows: Sequence[Record]) -> dict[int, tuple[int, int, int, int, int]]:
-    found: dict[int, tuple[int, int, int, int, int]] = {}
+    counts: dict[int, tuple[int, int, int, int, int]] = {}
     for row in rows:
         channel = row.window.conditions.get("channel")
         if isinstance(channel, int):
-            so_far = found.get(channel, (0, 0, 0, 0, 0))
+            so_far = counts.get(channel, (0, 0, 0, 0, 0))
             more = (1, int(bool(row.quality)), row.frames, row.bad, row.lost)
-            found[channel] = tuple(map(sum, zip(so_far, more, strict=True)))  # type: ignore[assignment]
-    return dict(sorted(found.items()))
+            counts[channel] = tuple(map(sum, zip(so_far, more, strict=True)))  # type: ignore[assignment]
+    return dict(sorted(counts.items()))
 
 
 def started_utc(session: str) -> str:
-    """When a session was started, from its name, to the second, ISO 8601; empty if the name does not say."""
-    found = _STARTED.match(session)
-    return "{}-{}-{}T{}:{}:{}Z".format(*found.groups()) if found else ""
+    """Return the start of a session by its name, to the second, ISO 8601; empty if the name does not say."""
+    match = _STARTED.match(session)
+    return "{}-{}-{}T{}:{}:{}Z".format(*match.groups()) if match else ""
 
 
 def _prepare_s(steps: Sequence[Step]) -> float:

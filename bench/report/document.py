@@ -42,7 +42,7 @@ class Report:
         return html_page(self._model, self.sections, self._words)
 
     def pdf(self) -> bytes:
-        """A4 pages; the same model gives the same bytes. Raises: InputError B-REP-001 without the extra 'pdf'."""
+        """Return A4 pages; one model gives the same bytes. Raises: InputError B-REP-001 without the extra 'pdf'."""
         return pdf_pages(self._model, self.sections, self._words)
 
     def pages(self, dots_per_inch: float = 100.0) -> list[bytes]:
@@ -51,7 +51,7 @@ class Report:
 
 
 def html_page(model: ReportModel, sections: list[Section], words: Texts) -> str:
-    """The report as one HTML document that needs no other file, no network and no script.
+    """Return the report as one HTML document that needs no other file, no network and no script.
 
     The same model gives the same bytes in the same environment; no date and no random id enters.
     """
@@ -62,7 +62,7 @@ def html_page(model: ReportModel, sections: list[Section], words: Texts) -> str:
 def page(
     title: str, subtitle: str, sections: list[Section], words: Texts, *, verdict: tuple[str, str], simulated: bool
 ) -> str:
-    """Sections as one HTML document; ``verdict``: class (none, pass, fail) and words."""
+    """Return sections as one HTML document; ``verdict``: class (none, pass, fail) and words."""
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES),
         autoescape=True,
@@ -97,7 +97,7 @@ def study_html(document: Mapping[str, Any], chapters: Sequence[Chapter], softwar
 
 
 def _verdict(document: Mapping[str, Any], words: Texts) -> tuple[str, str]:
-    verdicts = [one["verdict"] for one in document["estimates"] if one["verdict"] != "none"]
+    verdicts = [estimate["verdict"] for estimate in document["estimates"] if estimate["verdict"] != "none"]
     failed = verdicts.count("fail")
     kind = "fail" if failed else "pass" if verdicts else "none"
     return kind, words("study.verdict", kept=len(verdicts) - failed, failed=failed)
@@ -132,8 +132,8 @@ def pdf_pages(model: ReportModel, sections: list[Section], words: Texts) -> byte
 
 def png_pages(model: ReportModel, sections: list[Section], words: Texts, dots_per_inch: float) -> list[bytes]:
     """Return the same pages as pictures, for eyes and tests. Raises: InputError B-REP-001."""
-    found = _typeset(document_files(model, sections, words), "png", dots_per_inch)
-    return found if isinstance(found, list) else [found]
+    pages = _typeset(document_files(model, sections, words), "png", dots_per_inch)
+    return pages if isinstance(pages, list) else [pages]
 
 
 def _typeset(files: dict[str, bytes], form: str, dots_per_inch: float | None) -> Any:
@@ -160,7 +160,7 @@ def document_files(model: ReportModel, sections: list[Section], words: Texts) ->
     files = {"main": (TEMPLATES / "report.typ").read_bytes()}
     chapters = [_chapter(section) for section in sections]
     for section in sections:
-        files |= {_file(one): _figure(one) for one in section.pictures}
+        files |= {_file(picture): _figure(picture) for picture in section.pictures}
     text = json.dumps({**_frame(model, words), "chapters": chapters}, ensure_ascii=False)
     files["report.json"] = legible(text).encode()
     return files
@@ -188,12 +188,13 @@ def _chapter(section: Section) -> dict[str, Any]:
         "title": section.title,
         "paragraphs": section.paragraphs,
         "pictures": [
-            {"file": _file(one), "caption": one.caption, "description": one.description} for one in section.pictures
+            {"file": _file(picture), "caption": picture.caption, "description": picture.description}
+            for picture in section.pictures
         ],
         "tables": [
-            _table(one, table, continued=index > 0)
+            _table(sheet, table, continued=index > 0)
             for table in section.tables
-            for index, one in enumerate(sheets(table, ROOM_pt))
+            for index, sheet in enumerate(sheets(table, ROOM_pt))
         ],
     }
 

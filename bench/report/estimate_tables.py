@@ -31,15 +31,15 @@ def scale_factor_tables(model: ReportModel, words: Texts) -> list[Table]:
 
 
 def _scale_factor_table(model: ReportModel, words: Texts, kind: str, by_number: Mapping[int, Row]) -> Table:
-    found: dict[tuple[Any, Any], dict[str, Row]] = {}
+    entries: dict[tuple[Any, Any], dict[str, Row]] = {}
     for quantity in _SCALE_FACTOR:
         for row in model.estimates(quantity):
             conditions = row["conditions"]
             if conditions.get("kind", "") == kind:
                 key = (conditions["channel"], conditions.get("temperature_degC"))
-                found.setdefault(key, {})[quantity] = row
+                entries.setdefault(key, {})[quantity] = row
     sensor_unit = next((c["sensor_unit"] for c in by_number.values() if c.get("kind") == kind), "")
-    rows = tuple(_scale_factor_row(key, entry, by_number.get(key[0], {})) for key, entry in sorted(found.items()))
+    rows = tuple(_scale_factor_row(key, entry, by_number.get(key[0], {})) for key, entry in sorted(entries.items()))
     headers = (
         *(words("column.channel"), words("scale_factor.set"), words("scale_factor.unit")),
         *("N / ppm", "P / ppm", "N − P / ppm", "N / nA", "P / nA"),
@@ -75,21 +75,21 @@ def _at_full_scale(row: Row | None, full_scale: float | None, factor: float) -> 
 
 def coefficient_table(model: ReportModel, words: Texts) -> Table | None:
     """Return temperature coefficients, one row per channel and quantity, about the reference temperature."""
-    found: dict[tuple[str, str], dict[str, Row]] = {}
+    entries: dict[tuple[str, str], dict[str, Row]] = {}
     for row in model.results.get("estimates", ()):
         quantity, _, order = row["quantity"].rpartition("_")
         if order in _COEFFICIENTS:
-            found.setdefault((str(row["conditions"].get("channel", "–")), quantity), {})[order] = row
-    _add_reference_values(model, found)
-    if not found:
+            entries.setdefault((str(row["conditions"].get("channel", "–")), quantity), {})[order] = row
+    _add_reference_values(model, entries)
+    if not entries:
         return None
-    orders = [order for order in _COEFFICIENTS if any(order in entry for entry in found.values())]
+    orders = [order for order in _COEFFICIENTS if any(order in entry for entry in entries.values())]
     lines = []
-    for (channel, quantity), entry in found.items():
+    for (channel, quantity), entry in entries.items():
         scale, unit = readable(list(entry.values()))
         values = (value_text(entry.get(order), scale) for order in orders)
         lines.append((channel, f"{quantity} / {unit.partition('/')[0]}", *values))
-    conditions = next(iter(next(iter(found.values())).values()))["conditions"]
+    conditions = next(iter(next(iter(entries.values())).values()))["conditions"]
     reference = conditions.get("reference_temperature_degC", model.campaign.get("reference_temperature_degC"))
     at = words("coefficients.at", degC=cell(reference))
     heads = dict(zip(_COEFFICIENTS, (at, "per °C", "per °C²", "per °C³"), strict=True))
@@ -97,11 +97,11 @@ def coefficient_table(model: ReportModel, words: Texts) -> Table | None:
     return Table(words("coefficients.table", degC=cell(reference)), headers, tuple(lines), stub=2)
 
 
-def _add_reference_values(model: ReportModel, found: dict[tuple[str, str], dict[str, Row]]) -> None:
-    """Where a fit gives no constant, the value of the quantity at its reference temperature stands for it."""
+def _add_reference_values(model: ReportModel, entries: dict[tuple[str, str], dict[str, Row]]) -> None:
+    """Add the value of a quantity at its reference temperature where the fit gives no constant."""
     for row in model.results.get("estimates", ()):
         conditions = row["conditions"]
-        entry = found.get((str(conditions.get("channel", "–")), row["quantity"]))
+        entry = entries.get((str(conditions.get("channel", "–")), row["quantity"]))
         if entry and "tc0" not in entry:
             reference = next(iter(entry.values()))["conditions"].get("reference_temperature_degC")
             if reference is not None and conditions.get("temperature_degC") == reference:
@@ -117,7 +117,7 @@ def value_text(row: Row | None, scale: float = 1.0) -> str:
 
 
 def pivot_tables(model: ReportModel, words: Texts) -> list[Table]:
-    """One table per further quantity known by channel and temperature: channels down, set temperatures across."""
+    """Return one table per further quantity by channel and temperature: channels down, set temperatures across."""
     tables = []
     by_quantity: dict[str, list[Row]] = {}
     for row in _further(model):
@@ -150,7 +150,7 @@ def _pivots(row: Row) -> bool:
 
 
 def readable(rows: Sequence[Row]) -> tuple[float, str]:
-    """Factor and unit for printing: currents of the unit under test read best in nanoampere."""
+    """Return factor and unit for printing: currents of the unit under test read best in nanoampere."""
     unit = str(rows[0]["unit"])
     small = _AMPERE.match(unit) and max(abs(row["value"]) for row in rows) < 1e-3
     return (1e9, f"n{unit}") if small else (1.0, unit)
@@ -158,19 +158,19 @@ def readable(rows: Sequence[Row]) -> tuple[float, str]:
 
 def channel_table(model: ReportModel, words: Texts) -> Table | None:
     """Return quantities known once per channel: channels down, quantities across."""
-    found: dict[str, dict[Any, Row]] = {}
+    by_quantity: dict[str, dict[Any, Row]] = {}
     for row in _further(model):
         if _once_per_channel(row):
-            found.setdefault(row["quantity"], {})[row["conditions"]["channel"]] = row
-    if not found:
+            by_quantity.setdefault(row["quantity"], {})[row["conditions"]["channel"]] = row
+    if not by_quantity:
         return None
-    scales = {quantity: readable(list(rows.values())) for quantity, rows in found.items()}
-    channels = sorted({channel for rows in found.values() for channel in rows})
+    scales = {quantity: readable(list(rows.values())) for quantity, rows in by_quantity.items()}
+    channels = sorted({channel for rows in by_quantity.values() for channel in rows})
     body = tuple(
-        (str(channel), *(value_text(rows.get(channel), scales[quantity][0]) for quantity, rows in found.items()))
+        (str(channel), *(value_text(rows.get(channel), scales[quantity][0]) for quantity, rows in by_quantity.items()))
         for channel in channels
     )
-    headers = (f"{quantity} / {unit_text(scales[quantity][1])}" for quantity in found)
+    headers = (f"{quantity} / {unit_text(scales[quantity][1])}" for quantity in by_quantity)
     return Table(words("others.by_channel"), (words("column.channel"), *headers), body)
 
 
@@ -180,7 +180,7 @@ def _once_per_channel(row: Row) -> bool:
 
 
 def other_table(model: ReportModel, words: Texts) -> Table | None:
-    """Every estimate that has no table of its own, with its conditions."""
+    """Return every estimate that has no table of its own, with its conditions."""
     rows = []
     for row in without_channel(model):
         if pivot_of(row) is None:
@@ -195,12 +195,12 @@ def other_table(model: ReportModel, words: Texts) -> Table | None:
 
 
 def without_channel(model: ReportModel) -> list[Row]:
-    """Estimates that no table of channels shows."""
+    """Return estimates that no table of channels shows."""
     return [row for row in _further(model) if not _pivots(row) and not _once_per_channel(row)]
 
 
 def pivot_of(row: Row) -> str | None:
-    """The condition that is set across: the unit, the column of a matrix, an axis; None if there is none."""
+    """Return the condition that is set across: the unit, the column of a matrix, an axis; None if there is none."""
     return next((name for name in PIVOTS if name in row["conditions"]), None)
 
 
@@ -216,42 +216,42 @@ def coverage_table(model: ReportModel, words: Texts) -> Table | None:
     for row in model.results.get("estimates", ()):
         by_quantity.setdefault(row["quantity"], []).append(row)
     rows = []
-    for quantity, found in by_quantity.items():
-        if not any(row.get("expanded_uncertainty") for row in found):
+    for quantity, group in by_quantity.items():
+        if not any(row.get("expanded_uncertainty") for row in group):
             continue  # a count, or what nobody stated an uncertainty of
-        scale, unit = readable(found)
+        scale, unit = readable(group)
         parts = (("std_uncertainty", scale), ("coverage_factor", 1.0), ("expanded_uncertainty", scale))
-        spans = (_span(words, [row.get(name) for row in found], factor) for name, factor in parts)
-        rows.append((quantity, unit_text(unit), str(len(found)), *spans))
+        spans = (_span(words, [row.get(name) for row in group], factor) for name, factor in parts)
+        rows.append((quantity, unit_text(unit), str(len(group)), *spans))
     headers = ("column.quantity", "column.unit", "coverage.count", "coverage.u", "coverage.k", "coverage.U")
     return Table(words("coverage.table"), tuple(map(words, headers)), tuple(rows), stub=2) if rows else None
 
 
 def _span(words: Texts, values: Sequence[float | None], factor: float) -> str:
-    """Least to greatest, three significant digits; once if they are the same."""
-    known = [factor * one for one in values if one is not None]
+    """Return least to greatest, three significant digits; once if they are the same."""
+    known = [factor * value for value in values if value is not None]
     if not known:
         return "–"
-    low, high = (number(float(f"{one:.3g}")) for one in (min(known), max(known)))
+    low, high = (number(float(f"{value:.3g}")) for value in (min(known), max(known)))
     return low if low == high else words("coverage.span", low=low, high=high)
 
 
 def components_table(model: ReportModel, words: Texts) -> Table | None:
     """Return components with three significant digits: more of an uncertainty says nothing."""
     rounded = [
-        {name: float(f"{value:.3g}") if isinstance(value, float) else value for name, value in one.items()}
-        for one in model.components
+        {name: float(f"{value:.3g}") if isinstance(value, float) else value for name, value in component.items()}
+        for component in model.components
     ]
     return documents_table(words, words("components.table"), rounded)
 
 
 def across_tables(model: ReportModel, words: Texts) -> list[Table]:
-    """Units or axes across, one table for each three of them; () if no estimate has such a condition."""
-    found: dict[str, list[Row]] = {}
+    """Return units or axes across, one table for each three of them; () if no estimate has such a condition."""
+    by_caption: dict[str, list[Row]] = {}
     for row in without_channel(model):
         if (name := pivot_of(row)) is not None:
-            found.setdefault(_CAPTIONS[name], []).append(row)
-    return [table for caption, rows in found.items() for table in _tables(words, caption, rows)]
+            by_caption.setdefault(_CAPTIONS[name], []).append(row)
+    return [table for caption, rows in by_caption.items() for table in _tables(words, caption, rows)]
 
 
 def _tables(words: Texts, caption: str, rows: Sequence[Row]) -> list[Table]:
@@ -266,9 +266,9 @@ def _table(words: Texts, caption: str, rows: Sequence[Row], names: Sequence[str]
         rest = {name: value for name, value in row["conditions"].items() if name != pivot_of(row)}
         lines.setdefault((row["quantity"], conditions_text(words, rest)), []).append(row)
     body = []
-    for (quantity, where), found in lines.items():
-        scale, unit = readable(found)
-        by_name = {_across(row): value_text(row, scale) for row in found}
+    for (quantity, where), group in lines.items():
+        scale, unit = readable(group)
+        by_name = {_across(row): value_text(row, scale) for row in group}
         body.append((quantity, where or "–", unit_text(unit), *(by_name.get(name, "–") for name in names)))
     headers = (words("column.quantity"), words("column.conditions"), words("column.unit"), *names)
     return Table(caption, headers, tuple(body), stub=3)

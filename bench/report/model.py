@@ -1,4 +1,4 @@
-"""What a report is made of, before any drawing: plain values with units, nothing to compute twice."""
+"""The contents of a report, before any drawing: plain values with units, nothing to compute twice."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ class RecordCounts:
 
 @dataclass(frozen=True)
 class RunStory:
-    """What happened during a run. ``commands``, ``alarms``: a document for each, ``time`` since the run began.
+    """The happenings of a run. ``commands``, ``alarms``: a document for each, ``time`` since the run began.
 
     ``length_s``: from start to end, NaN if unknown.   ``hashes``:
     SHA-256 of the texts the run was made from, by name.

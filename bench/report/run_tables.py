@@ -45,7 +45,7 @@ def summary_table(model: ReportModel, words: Texts) -> Table | None:
 
 
 def duration(seconds: float) -> str:
-    """Hours, minutes and seconds; empty if unknown."""
+    """Return hours, minutes and seconds; empty if unknown."""
     if not math.isfinite(seconds):
         return ""
     whole = round(seconds)
@@ -53,9 +53,12 @@ def duration(seconds: float) -> str:
 
 
 def environment_table(model: ReportModel, words: Texts) -> Table | None:
-    """Least, mean and greatest temperature of the chamber's air, the unit and its surroundings over the run."""
+    """Return least, mean and greatest temperature of the chamber's air, the unit and its surroundings over the run."""
     places = {words("environment.air"): model.trace.air_degC, words("environment.unit"): model.trace.unit_degC}
-    places |= {_place(one.name, one.laboratory, words): one.degC for one in model.run.surroundings}
+    places |= {
+        _place(surrounding.name, surrounding.laboratory, words): surrounding.degC
+        for surrounding in model.run.surroundings
+    }
     rows = tuple((name, *_span(values)) for name, values in places.items() if np.isfinite(values).any())
     headers = ("environment.place", "environment.least", "environment.mean", "environment.greatest", "environment.n")
     return Table(words("environment.table"), tuple(map(words, headers)), rows) if rows else None
@@ -67,7 +70,7 @@ def _place(name: str, laboratory: bool, words: Texts) -> str:
 
 def _span(values: Floats) -> tuple[str, ...]:
     known = values[np.isfinite(values)]
-    return (*(number(float(one), 2) for one in (known.min(), known.mean(), known.max())), number(known.size))
+    return (*(number(float(value), 2) for value in (known.min(), known.mean(), known.max())), number(known.size))
 
 
 def quality_table(model: ReportModel, words: Texts) -> Table | None:
@@ -82,7 +85,7 @@ def quality_table(model: ReportModel, words: Texts) -> Table | None:
 
 def channel_quality_table(model: ReportModel, words: Texts) -> Table | None:
     """Return records and frames of each channel, where records belong to one."""
-    rows = tuple((str(channel), *map(number, found)) for channel, found in model.counts.by_channel.items())
+    rows = tuple((str(channel), *map(number, counts)) for channel, counts in model.counts.by_channel.items())
     headers = (words("column.channel"), *(words(f"quality.by_channel.{name}") for name in _COUNTS))
     return Table(words("quality.by_channel"), headers, rows) if rows else None
 
@@ -91,13 +94,13 @@ def prompt_table(model: ReportModel, words: Texts) -> Table | None:
     """Return what the operator was asked, what was allowed, the answer and who gave it."""
     rows = tuple(
         (
-            cell(one.get("step")),
-            cell(one.get("text")),
-            _allowed(one),
-            f"{_whole(one.get('value'))} {one.get('unit') or ''}".strip(),
-            cell(one.get("by")),
+            cell(prompt.get("step")),
+            cell(prompt.get("text")),
+            _allowed(prompt),
+            f"{_whole(prompt.get('value'))} {prompt.get('unit') or ''}".strip(),
+            cell(prompt.get("by")),
         )
-        for one in model.prompts
+        for prompt in model.prompts
     )
     headers = ("column.step", "prompts.text", "prompts.allowed", "prompts.answer", "prompts.by")
     return Table(words("prompts.table"), tuple(map(words, headers)), rows, prose=True) if rows else None
@@ -116,7 +119,7 @@ def _whole(value: Any) -> str:
 
 
 def command_parts(model: ReportModel, words: Texts) -> tuple[tuple[str, ...], tuple[Table, ...]]:
-    """Tables of commands and alarms, and a sentence for each of which there is none; nothing for a foreign log."""
+    """Return tables of commands and alarms, and a sentence for each that is empty; nothing for a foreign log."""
     if not math.isfinite(model.run.length_s):
         return (), ()
     said, tables = [], []
@@ -130,14 +133,14 @@ def command_parts(model: ReportModel, words: Texts) -> tuple[tuple[str, ...], tu
 
 
 def hash_table(model: ReportModel, words: Texts) -> Table | None:
-    """SHA-256 of every text the run was made from."""
+    """Return SHA-256 of every text the run was made from."""
     heads = (words("provenance.file"), "SHA-256")
     rows = tuple(sorted(model.run.hashes.items()))
     return Table(words("provenance.hashes"), heads, rows, prose=True) if rows else None
 
 
 def standards_table(model: ReportModel, words: Texts) -> Table | None:
-    """The standards register: which instrument, which certificate, until when, which corrections were applied."""
+    """Return the standards register: which instrument, which certificate, until when, applied corrections."""
     rows = tuple(
         (
             role,
@@ -156,7 +159,7 @@ def standards_table(model: ReportModel, words: Texts) -> Table | None:
 
 
 def _days_left(words: Texts, model: ReportModel, entry: Mapping[str, Any]) -> str:
-    """Days from the start of the run to the due date, in words if there are none; a dash if either is unknown."""
+    """Return days from the start of the run to the due date, in words if there are none; a dash if one is unknown."""
     try:
         days = (date.fromisoformat(str(entry.get("due"))) - date.fromisoformat(model.started_utc[:10])).days
     except ValueError:
@@ -165,13 +168,17 @@ def _days_left(words: Texts, model: ReportModel, entry: Mapping[str, Any]) -> st
 
 
 def _corrections(words: Texts, corrections: Iterable[Mapping[str, Any]]) -> str:
-    """Corrections that change a number; a register full of zeros reads "none"."""
-    applied = [one for one in corrections if any(value for name, value in one.items() if not name.startswith("range"))]
-    texts = (cell(dict(sorted(one.items(), key=lambda item: rank(item[0])))) for one in applied)
+    """Return corrections that change a number; a register full of zeros reads "none"."""
+    applied = [
+        correction
+        for correction in corrections
+        if any(value for name, value in correction.items() if not name.startswith("range"))
+    ]
+    texts = (cell(dict(sorted(correction.items(), key=lambda item: rank(item[0])))) for correction in applied)
     return "; ".join(texts) or words("none")
 
 
 def identities_table(model: ReportModel, words: Texts) -> Table | None:
     """Return what the instruments answered to the question who they are."""
-    found = [{"role": role, **identity} for role, identity in sorted(model.identities.items())]
-    return documents_table(words, words("identities.table"), found)
+    documents = [{"role": role, **identity} for role, identity in sorted(model.identities.items())]
+    return documents_table(words, words("identities.table"), documents)

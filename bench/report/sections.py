@@ -51,7 +51,7 @@ class Section:
 
 
 def sections_of(model: ReportModel, words: Texts) -> list[Section]:
-    """All chapters that have content; every figure is drawn here, once for all that is written."""
+    """Return all chapters that have content; every figure is drawn here, once for all that is written."""
     return [section for section in (*_on_results(model, words), *_on_the_run(model, words)) if section]
 
 

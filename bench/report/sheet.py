@@ -93,9 +93,9 @@ def _broken(table: Table) -> Table:
 
 
 def _cell(text: str) -> str:
-    if len(text) <= _SHORT or not any(one.isalpha() for one in text):
+    if len(text) <= _SHORT or not any(letter.isalpha() for letter in text):
         return text.replace(" ", _HOLD)
-    return _WORD.sub(lambda found: _pieces(found[0]), text)
+    return _WORD.sub(lambda match: _pieces(match[0]), text)
 
 
 def _pieces(word: str) -> str:
@@ -105,7 +105,7 @@ def _pieces(word: str) -> str:
 
 
 def _needs(table: Table, size_pt: float) -> tuple[list[float], list[float]]:
-    """The least width of each column (its longest word) and its natural one (its longest cell), gap included."""
+    """Return the least width of each column (its longest word) and its natural one (its longest cell), gap included."""
     least = [_word_pt(text, size_pt, bold=True) for text in table.headers]
     natural = [width_pt(text, size_pt, bold=True) for text in table.headers]
     for row in table.rows:
@@ -114,7 +114,7 @@ def _needs(table: Table, size_pt: float) -> tuple[list[float], list[float]]:
             least[index] = max(least[index], _word_pt(text, size_pt, bold))
             lines = text.replace(_BREAK, "").split("\n")
             natural[index] = max(natural[index], *(width_pt(line, size_pt, bold) for line in lines))
-    return [_SLACK * one + GAP_pt for one in least], [_SLACK * one + GAP_pt for one in natural]
+    return [_SLACK * width + GAP_pt for width in least], [_SLACK * width + GAP_pt for width in natural]
 
 
 def _word_pt(text: str, size_pt: float, bold: bool) -> float:
@@ -137,19 +137,23 @@ def folder() -> Path:
 
 
 def width_pt(text: str, size_pt: float, bold: bool = False) -> float:
-    """Width of a text on one line without kerning, point; a character that the font lacks is as wide as its M."""
-    return size_pt * sum(_advance(one, bold) for one in text)
+    """Return width of a text on one line without kerning, point; a character the font lacks is as wide as its M."""
+    return size_pt * sum(_advance(letter, bold) for letter in text)
 
 
 def missing(text: str) -> set[str]:
-    """The characters of a text that the font has no glyph for; line ends are none."""
-    return {one for one in set(text) if one != "\n" and not all(ord(one) in _characters(bold) for bold in _FILES)}
+    """Return the characters of a text that the font has no glyph for; line ends are none."""
+    return {
+        letter
+        for letter in set(text)
+        if letter != "\n" and not all(ord(letter) in _characters(bold) for bold in _FILES)
+    }
 
 
 def legible(text: str) -> str:
-    """The text with every character that the font lacks written as its code point, so that nothing is lost in print."""
+    """Return the text with every character that the font lacks written as its code point: nothing is lost in print."""
     lacking = missing(text)
-    return "".join(f"[U+{ord(one):04X}]" if one in lacking else one for one in text) if lacking else text
+    return "".join(f"[U+{ord(letter):04X}]" if letter in lacking else letter for letter in text) if lacking else text
 
 
 @cache

@@ -88,7 +88,7 @@ def sentence(text: str) -> str:
 
 
 def _plain(value: Any) -> str:
-    """A cell: four significant digits; a number that comes as text gets its minus sign, and nothing is minus zero."""
+    """Return a cell: four significant digits; a number as text gets its minus sign, and nothing is minus zero."""
     if isinstance(value, str):
         value = _NUMERAL.sub("−", _NO_SIZE.sub(r"\1", value)) if value[:1] == "-" else value
         return unit_text(_PER_CENT.sub("\u00a0%", value))
@@ -98,11 +98,11 @@ def _plain(value: Any) -> str:
 
 
 def documents_table(words: Texts, caption: str, documents: Sequence[Mapping[str, Any]]) -> Table | None:
-    """A table of like documents: their keys are the columns, in an order that does not depend on who wrote them."""
+    """Return a table of like documents: their keys are the columns, in an order of their own, whoever wrote them."""
     if not documents:
         return None
-    keys = sorted({key for one in documents for key in one}, key=rank)
-    rows = tuple(tuple(cell(one.get(key)) for key in keys) for one in documents)
+    keys = sorted({key for document in documents for key in document}, key=rank)
+    rows = tuple(tuple(cell(document.get(key)) for key in keys) for document in documents)
     return Table(caption, tuple(column(words, key) for key in keys), rows, prose=True)
 
 
@@ -141,5 +141,5 @@ def kind_of(words: Texts, kind: object) -> str:
 
 
 def channel_title(words: Texts, number: object, kind: object) -> str:
-    """``channel 1, gyro``: the title of a panel."""
+    """Return ``channel 1, gyro``: the title of a panel."""
     return words("channel.title", number=number, kind=kind_of(words, kind)) if kind else words("channel", number=number)

@@ -43,15 +43,15 @@ def timetable(steps: Sequence[Step], prepare_s: float) -> Timetable:
 
 def _conditions_served(steps: Sequence[Step]) -> list[Mapping[str, Any]]:
     """Return the conditions that each step serves: to settle is a part of the record that comes after it."""
-    found: list[Mapping[str, Any]] = []
+    served: list[Mapping[str, Any]] = []
     ahead: Mapping[str, Any] | None = None
     for step in reversed(steps):
         if isinstance(step, PlannedRecord):
             ahead = step.conditions
         elif not isinstance(step, PlannedSettle) and step.duration_s > 0:
             ahead = None
-        found.append(ahead if isinstance(step, PlannedSettle) and ahead is not None else step.conditions)
-    return found[::-1]
+        served.append(ahead if isinstance(step, PlannedSettle) and ahead is not None else step.conditions)
+    return served[::-1]
 
 
 def _lane(step: Step, conditions: Mapping[str, Any]) -> str:
@@ -81,7 +81,7 @@ class _Move:
     there_s: float
 
     def at(self, t_s: float) -> float:
-        """Set-point at a time, degC."""
+        """Return set-point at a time, degC."""
         if t_s >= self.there_s:
             return self.to_degC
         return self.from_degC + (self.to_degC - self.from_degC) * (t_s - self.t_s) / (self.there_s - self.t_s)
@@ -147,7 +147,7 @@ class _Chamber:
 def planned_temperature(
     steps: Sequence[Step], prepare_s: float = 0.0, start_degC: float = LAB_AIR_degC
 ) -> tuple[Floats, Floats]:
-    """Corners of the planned air temperature through all phases: it ramps from where it is, then holds.
+    """Return corners of the planned air temperature through all phases: it ramps from where it is, then holds.
 
     Args:    steps, prepare_s: as for ``timetable``.   start_degC: temperature before the chamber is first used.
     Returns: (t_s, degC), each (k,), seconds from the start of the campaign, NaN where the chamber is stopped; empty
@@ -177,7 +177,7 @@ def _command(chamber: _Chamber, call: PlannedCall, t_s: float) -> None:
 
 
 def timed_steps(steps: Sequence[Step], prepare_s: float) -> Iterator[tuple[Step, float]]:
-    """Each step with its start in seconds from the start of the campaign: preparation before 0, the rest behind."""
+    """Yield each step with its start in seconds from the campaign's start: preparation before 0, the rest behind."""
     end_s = max((step.at_s + step.duration_s for step in steps if step.phase == "campaign"), default=0.0)
     origin_s = {"prepare": -prepare_s, "finally": end_s}
     for step in steps:

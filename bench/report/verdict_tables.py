@@ -1,4 +1,4 @@
-"""What is judged by a limit, and how it came out."""
+"""Tables of the verdicts: each judged value with its limit."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ def verdict_counts(model: ReportModel) -> Counter[str]:
 
 
 def overall_verdict(model: ReportModel, words: Texts) -> tuple[str, str]:
-    """Class (none, pass, fail) and words of the overall verdict."""
+    """Return class (none, pass, fail) and words of the overall verdict."""
     counts = verdict_counts(model)
     if not counts:
         return "none", words("verdicts.none")
-    found = ", ".join(f"{number(counts[name])} {words(f'verdict.{name}')}" for name in sorted(counts))
+    listed = ", ".join(f"{number(counts[name])} {words(f'verdict.{name}')}" for name in sorted(counts))
     failed = counts["fail"] or counts["conditional_fail"]
-    return ("fail" if failed else "pass"), words("verdicts.overall", counts=found)
+    return ("fail" if failed else "pass"), words("verdicts.overall", counts=listed)
 
 
 def verdict_table(model: ReportModel, words: Texts) -> Table | None:
-    """What is judged, one row per quantity and channel: the estimate nearest to its limit; None without verdicts."""
+    """Return verdicts, one row per quantity and channel: the estimate nearest to its limit; None without verdicts."""
     judged: dict[tuple[str, Any], list[Mapping[str, Any]]] = {}
     for row in model.results.get("estimates", ()):
         if row.get("verdict", "none") != "none":

@@ -1,1 +1,1 @@
-"""Floor 3: the timer-driven sequencer, serial acquisition, and the opened bench."""
+"""The timer-driven sequencer, serial acquisition, and the opened bench."""

@@ -22,7 +22,7 @@ from bench.run.watch.trend import trend_recorder
 def besides(
     plan: Plan, environment: Mapping[str, str], *, virtual: bool, asking: WaitingOperator | None = None
 ) -> list[Beside]:
-    """Interlocks, trend, feed; on the wall clock also control socket, early verdicts, notifications, service manager.
+    """Return interlocks, trend, feed, on the wall clock also socket, early verdicts, notifications, service manager.
 
     Args:   virtual: a rehearsal, in which nobody is told anything and nobody interferes, so that the same seed gives
             the same bytes.   asking: who waits for answers to prompts; None if nobody is asked.

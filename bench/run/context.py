@@ -25,7 +25,7 @@ from bench.run.stop import StopSwitch
 
 
 class InUse:
-    """Which instruments the steps are talking to right now, so that nobody cuts into a sequence of commands.
+    """Instruments the steps are talking to right now, so that nobody cuts into a sequence of commands.
 
     Thread-safe: a step and somebody who waits for an instrument to come back may use the same one.
     ``newest`` is the role that was taken last: of a step that uses several, the one that failed.

@@ -1,4 +1,4 @@
-"""Who hears what happens in a run, in a stated order: the recorder first, so that nobody acts on what is not written.
+"""Observers of a run, in a stated order: the recorder first, so that nobody acts on what is not written.
 
 There is one list. Nobody stands between the run and somebody else, and nobody is replaced. A disk that refuses for a
 while ends nothing.
@@ -25,7 +25,7 @@ DISK_REFUSES = ("B-REC-001", "B-REC-005")
 
 
 class Order(IntEnum):
-    """Who hears first; of the same place, who came first."""
+    """Places in the order of observers; at the same place, who came first hears first."""
 
     RECORDER = 0
     PLACE = 1  # where the run is, for those behind
@@ -232,7 +232,7 @@ class Following(Observer):
 
 
 def patient(write: Callable[..., None], tell: Callable[[Disk], None]) -> Callable[..., None]:
-    """The same call of the recorder, which goes on while the disk refuses.
+    """Return the same call of the recorder, which goes on while the disk refuses.
 
     What a session was given is held until the disk takes it (B-REC-001), a line of the step journal is left out
     (B-REC-005). ``tell`` is called once per trouble. When too much is held the recorder raises B-REC-003, and that

@@ -1,4 +1,4 @@
-"""What a session says about the software that made it."""
+"""The software that made a session, as the session names it."""
 
 from __future__ import annotations
 
@@ -40,8 +40,8 @@ def software(analysis: str = "", drivers: Iterable[str] = ()) -> dict[str, Any]:
             versions[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
             versions[package] = "not installed as a package"
-    found = {"packages": versions, "python": platform.python_version(), "git": _revision()}
-    return {**found, "distributions": _distributions(analysis, drivers)}
+    document = {"packages": versions, "python": platform.python_version(), "git": _revision()}
+    return {**document, "distributions": _distributions(analysis, drivers)}
 
 
 def _distributions(analysis: str, drivers: Iterable[str]) -> dict[str, str]:

@@ -48,7 +48,7 @@ def frozen_plan(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, s
 
 
 def _files(plan: Plan, texts: Mapping[str, str]) -> dict[str, str]:
-    """Shipped files of the names of the texts; where a station of its own was read from is not known any more."""
+    """Return shipped files of the names of the texts; where a station of its own was read from is unknown."""
     kinds = [kind for kind in _KINDS if kind != "stations" or plan.station.in_process]
     named = {name: shipped_folder(kind) / Path(name).name for kind in kinds for name in texts if name.startswith(kind)}
     return {name: str(path) for name, path in named.items() if path.is_file()}
@@ -76,17 +76,17 @@ def _not_whole(folder: Path, why: str) -> SessionDamaged:
 
 
 def changed_files(files: Mapping[str, str], texts: Mapping[str, str]) -> dict[str, str]:
-    """Files that are not what the run was made of any more, by name: "changed" or "gone"."""
-    found = {}
+    """Return files that are not what the run was made of any more, by name: "changed" or "gone"."""
+    changes = {}
     for name, path in sorted(files.items()):
         try:
             now = Path(path).read_text(encoding="utf-8")
         except (OSError, ValueError):
-            found[name] = "gone"
+            changes[name] = "gone"
         else:
             if now != texts.get(name):
-                found[name] = "changed"
-    return found
+                changes[name] = "changed"
+    return changes
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Stopped:
 
     @property
     def reason(self) -> str:
-        """How the last part ended: an error code, or a crash."""
+        """End of the last part: an error code, or a crash."""
         last = next((event for event in reversed(self.events) if event[0] in ("end", "resume")), None)
         return str(last[2]["error"]) if last is not None and last[0] == "end" else CRASH
 
@@ -184,13 +184,13 @@ def resumption(stopped: Stopped, utc_ns: int) -> Resumption:
 
 
 def _unit_answer(events: list[Event]) -> bytes | None:
-    """The first answer of the unit that says who it is; None if it was never asked."""
+    """Return the first answer of the unit that says who it is; None if it was never asked."""
     answers = (fields for kind, _, fields in events if kind == "answer" and fields.get("name") == IDENTIFY)
     return next((bytes.fromhex(str(answer["payload"])) for answer in answers if answer.get("status") == DONE), None)
 
 
 def _was_settled(stopped: Stopped, start: int) -> bool:
-    """False if the soak before a step was left unstable; then records behind it say so until it is done again."""
+    """Return False if the soak before a step was left unstable; then records behind it say so until it is redone."""
     soak = next((step.number for step in reversed(stopped.plan.steps[:start]) if isinstance(step, PlannedSoak)), None)
     late = (fields for kind, _, fields in stopped.events if kind == "late")
     return not any(fields.get("step") == soak and fields.get("policy") == "skip" for fields in late)
@@ -210,12 +210,12 @@ def same_plan(plan: Plan, given: Plan, where: str) -> None:
 def same_instruments(manifest: Mapping[str, Any], identities: Mapping[str, Mapping[str, str]]) -> None:
     """Raise InstrumentError B-RES-006 if an instrument is not the one the session began with."""
     before = manifest.get("identities", {})
-    for role, found in identities.items():
+    for role, identity in identities.items():
         known = before.get(role)
-        if known is not None and (known["model"], known["serial"]) != (found["model"], found["serial"]):
+        if known is not None and (known["model"], known["serial"]) != (identity["model"], identity["serial"]):
             raise InstrumentError(
                 "B-RES-006",
-                f"{found['model']} {found['serial']!r} answers, the session began with {known['model']} "
+                f"{identity['model']} {identity['serial']!r} answers, the session began with {known['model']} "
                 f"{known['serial']!r}: records of two standards do not belong in one session",
                 where=role,
                 next_step="connect the instrument it began with, or 'bench recover --make-up' and a session of its own",

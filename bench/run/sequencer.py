@@ -31,7 +31,7 @@ PHASES: tuple[PhaseName, ...] = ("prepare", "campaign", "finally")
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run ended: its valid records, slip and lateness; ``error`` is None when every step was done.
+    """The end of a run: its valid records, slip and lateness; ``error`` is None when every step was done.
 
     ``unsafe`` has one error for each instrument that could not be confirmed safe (empty: the bench is safe).
     """
@@ -161,7 +161,7 @@ class Sequencer:
         return wish
 
     def _interrupted(self, wish: Wish, steps: Sequence[Step], position: int, holds: dict[int, int]) -> int:
-        """Where to go on after a wish: hold and retake go back to the beginning of the point, skip behind its end."""
+        """Return where to go on after a wish: hold and retake go back to the beginning of the point, skip behind it."""
         context = self._context
         first = point_start(steps, position, self._readings)
         if wish.kind == "hold":

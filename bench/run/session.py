@@ -64,7 +64,7 @@ class Conducted:
 
 
 def session_name(plan: Plan, clock: Clock) -> str:
-    """``<UTC start>_<sequence>_<serial number of the unit>``."""
+    """Return ``<UTC start>_<sequence>_<serial number of the unit>``."""
     start = datetime.fromtimestamp(clock.utc_ns() // NS, UTC).strftime("%Y%m%dT%H%M%SZ")
     serial = re.sub(r"[^A-Za-z0-9.-]", "-", str(plan.campaign.get("uut", {}).get("serial", "none")))
     return f"{start}_{plan.name}_{serial}"
@@ -158,13 +158,13 @@ def _frames(plan: Plan) -> dict[str, FrameDefinition]:
 def _identified(
     bench: OpenBench, clock: Clock, resumed: Resumption | None
 ) -> tuple[Resumption | None, dict[str, dict[str, str]]]:
-    """Who answers, the bench safe; a resumption learns what is set otherwise than the session left it."""
-    found = {} if resumed is None else read_back(bench.instruments, clock)
+    """Return the identities, the bench safe; a resumption learns what is set otherwise than the session left it."""
+    readings = {} if resumed is None else read_back(bench.instruments, clock)
     identities = identities_of(begin_safely(bench, clock))
     if resumed is None:
         return None, identities
     same_instruments(resumed.manifest, identities)
-    return resumed.found(identities, differences(resumed.expected, found)), identities
+    return resumed.found(identities, differences(resumed.expected, readings)), identities
 
 
 def _begin(
@@ -175,7 +175,7 @@ def _begin(
     identities: Mapping[str, Any],
     resumed: Resumption | None,
 ) -> tuple[SessionWriter, Mapping[str, Any]]:
-    """A new session, or one that is gone on with; and its manifest."""
+    """Return a new session, or one that is gone on with; and its manifest."""
     if resumed is not None:
         return resume_session(resumed.folder, resumed.event, t_mono_ns=clock.now_ns()), resumed.manifest
     name = session_name(plan, clock)

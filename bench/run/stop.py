@@ -1,4 +1,4 @@
-"""What somebody beside the sequencer wants of it: that it stops, stands still, takes the point again or skips it.
+"""Wishes from beside the sequencer: that it stops, stands still, takes the point again or skips it.
 
 The operator stops it (first Ctrl-C or SIGTERM: at the next check, the second: at once), or a fault does. The sequencer
 checks between steps and while it waits; each check is its sign of life. A hang-up of the terminal (SIGHUP) stops
@@ -80,7 +80,7 @@ class Holds:
             return dict(self._reasons)
 
     def overdue(self, held_s: float) -> tuple[str, str, float] | None:
-        """The first reason whose limit is over after standing still for ``held_s``: (by, reason, limit in second).
+        """Return the first reason with its limit over after a stand of ``held_s``: (by, reason, limit in second).
 
         A reason that comes while the run stands still for another one has its whole limit from then on.
         """
@@ -203,7 +203,7 @@ class StopSwitch:
 
 
 def unforeseen(error: Exception) -> BenchError:
-    """The error itself if it is one the bench raises on purpose, else B-INT-001 that names the place in the source."""
+    """Return the error itself if it is one the bench raises on purpose, else B-INT-001 with the place in the source."""
     if isinstance(error, BenchError):
         return error
     trace = error.__traceback__
@@ -218,7 +218,7 @@ def unforeseen(error: Exception) -> BenchError:
 
 
 def guarded(callback: Callable[[], None], stop: StopSwitch) -> Callable[[], None]:
-    """The same callback for ``Clock.every``: its error ends the run safely instead of killing a thread unseen."""
+    """Return a callback for ``Clock.every``: its error ends the run safely instead of killing its thread unseen."""
 
     def call() -> None:
         try:

@@ -15,7 +15,7 @@ from bench.session.output import write_file
 
 
 class CoefficientsModule(Protocol):
-    """What a system offers to make coefficients; ``NAME`` is that of the files and of the schema."""
+    """A module of a system that makes coefficients; ``NAME`` is that of the files and of the schema."""
 
     NAME: str
 
@@ -83,8 +83,8 @@ def write_coefficients(
 
     Raises: InputError B-COEF-004, B-COEF-006, B-CLI-007.
     """
-    found = coefficients_of_session(analysis, results, campaign)
-    return [] if found is None else merged_coefficients([found]).write(folder)
+    coefficients = coefficients_of_session(analysis, results, campaign)
+    return [] if coefficients is None else merged_coefficients([coefficients]).write(folder)
 
 
 def merged_coefficients(parts: Sequence[Coefficients]) -> Coefficients:

@@ -24,7 +24,7 @@ NICE = 19
 
 
 def verdict(folder: Path, limits: Mapping[str, float]) -> dict[str, Any]:
-    """All checks of what the session holds so far. ``ok`` is False if one fails; None if nothing can be judged yet."""
+    """Return all checks of what the session holds so far. ``ok`` is False if one fails; None if nothing is judged."""
     view = read_view(folder)
     checks = link_checks(view.counts, limits["max_lost"], limits["max_bad"])
     campaign = view.manifest.get("campaign", {})

@@ -21,7 +21,7 @@ from bench.store import StoreError, record_calibration
 
 @dataclass
 class Finished:
-    """What was written; ``trouble`` are sentences about what could not be, none of which cost a number."""
+    """The written files; ``trouble`` are sentences about those that could not be, none of which cost a number."""
 
     results: Mapping[str, Any]
     analysis: Analysis

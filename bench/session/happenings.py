@@ -88,7 +88,7 @@ def punctuality(view: Events) -> Iterator[str]:
 
 
 def _start_ns(view: Events) -> int:
-    """When the run began, as the lines of its progress count; the bench clock itself may begin with the machine."""
+    """Return when the run began, as the lines of its progress count; the bench clock may begin with the machine."""
     return min((t_ns for t_ns, _ in view.events_of(Phase)), default=0)
 
 
@@ -106,13 +106,13 @@ def _troubles(view: Events) -> Iterator[tuple[int, Event]]:
 def commands_given(view: Events) -> list[dict[str, Any]]:
     """Return every command a person gave: when since the run began, what, who, why, and what else was said with it."""
     start_ns = _start_ns(view)
-    found = []
+    commands = []
     for t_ns, command in view.events_of(Control):
         fields = command.document()
         more = {name: value for name, value in fields.items() if name not in _OF_COMMAND and value not in (None, "")}
         known = {name: fields.get(name) or "–" for name in _OF_COMMAND}
-        found.append({"time": hours((t_ns - start_ns) / NS), **known, **more})
-    return found
+        commands.append({"time": hours((t_ns - start_ns) / NS), **known, **more})
+    return commands
 
 
 def alarms_raised(view: Events) -> list[dict[str, Any]]:
@@ -134,32 +134,32 @@ def surroundings(view: Events, texts: Mapping[str, str], campaign_ns: int) -> li
         for channel, degC in scan.degC.items():
             scans.setdefault((scan.role, str(channel)), []).append(((t_ns - campaign_ns) / NS, float(degC)))
     rooms = _laboratory(texts)
-    found = []
+    places = []
     for place, readings in sorted(scans.items()):
         t_s, degC = np.array(readings).T
-        found.append(Surrounding(" ".join(place), t_s, degC, laboratory=place in rooms))
-    return found
+        places.append(Surrounding(" ".join(place), t_s, degC, laboratory=place in rooms))
+    return places
 
 
 def _laboratory(texts: Mapping[str, str]) -> set[tuple[str, str]]:
-    """Role and channel of what measures the air of the room, by the interlocks of the station."""
-    found: set[tuple[str, str]] = set()
+    """Return role and channel of what measures the air of the room, by the interlocks of the station."""
+    rooms: set[tuple[str, str]] = set()
     for name, text in texts.items():
         if name.startswith("stations/"):
             try:
                 interlocks = parse_yaml(text, name, StationFile).model.interlocks.values()
             except InputError:  # a station of another version: its channels keep their numbers
                 continue
-            found |= {
+            rooms |= {
                 (str(interlock.of), str(interlock.channel))
                 for interlock in interlocks
                 if interlock.signal == _LABORATORY
             }
-    return found
+    return rooms
 
 
 def hashes_of(texts: Mapping[str, str]) -> dict[str, str]:
-    """SHA-256 of the YAML texts of a session by name; the compiled plan has its own hash in results.json."""
+    """Return SHA-256 of the YAML texts of a session by name; the compiled plan has its own hash in results.json."""
     return {name: hashlib.sha256(text.encode()).hexdigest() for name, text in sorted(texts.items()) if name != _PLAN}
 
 

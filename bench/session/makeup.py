@@ -40,7 +40,7 @@ _AUTOMATIC = ("purpose", "label", "settle_band_degC")
 
 
 def make_up_sequence(plan: Plan, states: Sequence[RecordState]) -> tuple[str, int, int]:
-    """YAML text of the make-up sequence, the number of points it makes up, and of those that overlap.
+    """Return YAML text of the make-up sequence, the number of points it makes up, and of those that overlap.
 
     Raises: InputError B-RES-007 if nothing is missing, B-RES-008 for records that follow each other without a gap.
     """
@@ -86,7 +86,7 @@ def _section(name: str, plan: Plan, steps: Sequence[Step]) -> list[str]:
 
 
 def _overlap(plan: Plan, states: Sequence[RecordState], again: Sequence[RecordState]) -> list[RecordState]:
-    """The good point with the largest current of each channel and temperature that is visited again."""
+    """Return the good point with the largest current of each channel and temperature that is visited again."""
     visited = {_visit(plan, state.step) for state in again}
     best: dict[Any, RecordState] = {}
     for state in states:
@@ -145,7 +145,7 @@ def _procedures(plan: Plan, chosen: Sequence[RecordState]) -> Iterator[str]:
 
 
 def _point(plan: Plan, record: PlannedRecord) -> Sequence[Step]:
-    """Steps of a point, from where it would be taken again to its last verification.
+    """Return steps of a point, from where it would be taken again to its last verification.
 
     In the flat form a record stands alone: everything since the record before it belongs to the point.
     """
@@ -162,7 +162,7 @@ def _point(plan: Plan, record: PlannedRecord) -> Sequence[Step]:
 
 
 def _head(plan: Plan) -> list[str]:
-    """The sections of the session's sequence that say what the unit, the bench and the analysis are."""
+    """Return the sections of the session's sequence that say what the unit, the bench and the analysis are."""
     text = plan.texts[f"sequences/{plan.name}.yaml"]
     starts = [*_SECTION.finditer(text)]
     stops = [match.start() for match in starts[1:]] + [len(text)]
@@ -183,7 +183,7 @@ def _without_tail(section: str) -> str:
 
 
 def _with_settings(section: str, settings: Mapping[str, str]) -> str:
-    """The parameters with the values the run was given with ``--set``."""
+    """Return the parameters with the values the run was given with ``--set``."""
     lines = section.splitlines()
     for at, line in enumerate(lines):
         key = line.strip().partition(":")[0]
@@ -195,7 +195,7 @@ def _with_settings(section: str, settings: Mapping[str, str]) -> str:
 
 
 def _scalar(text: str) -> str:
-    """A value as it was given: a number or word of YAML stays one, anything else is a text."""
+    """Return a value as it was given: a number or word of YAML stays one, anything else is a text."""
     return text if re.fullmatch(r"-?\d+(\.\d+)?|true|false", text) else json.dumps(text)
 
 
@@ -264,12 +264,14 @@ def _record(plan: Plan, step: PlannedRecord) -> dict[str, Any]:
         record["purpose"] = step.purpose
     if "label" in step.conditions:
         record["label"] = step.conditions["label"]
-    record["conditions"] = dict(_condition(*one) for one in step.conditions.items() if one[0] not in _AUTOMATIC)
+    record["conditions"] = dict(
+        _condition(*condition) for condition in step.conditions.items() if condition[0] not in _AUTOMATIC
+    )
     return record
 
 
 def _condition(name: str, value: Any) -> tuple[str, Any]:
-    """A condition as it was written: ``("current_A", 0.01)`` was ``current: 0.01 A``."""
+    """Return a condition as it was written: ``("current_A", 0.01)`` was ``current: 0.01 A``."""
     for suffix in sorted(_SUFFIXES, key=len, reverse=True):
         if name.endswith(suffix) and isinstance(value, float):
             return name.removesuffix(suffix), _quantity(value, _SUFFIXES[suffix])

@@ -25,23 +25,23 @@ KEYS = ("quantity", "unit", "conditions", "value", "std_uncertainty")
 
 
 def partial(folder: Path) -> dict[str, Any]:
-    """Estimates that are determined so far, the main ones of the analysis; others where there is none of these.
+    """Return estimates that are determined so far, the main ones of the analysis; others where there is none of these.
 
     Raises: InputError B-REC-010 (no session); SessionDamaged B-REC-012 (no manifest).
     """
     view = read_view(folder)
-    found: dict[str, Any] = {"records": len(view.rows), "rows": []}
+    document: dict[str, Any] = {"records": len(view.rows), "rows": []}
     if not view.has_analysis:
-        return {**found, "why": "this sequence asks for no analysis"}
+        return {**document, "why": "this sequence asks for no analysis"}
     try:
         estimates = analyse(material_of(view)).estimates
     except BenchError as error:  # most often: too few records yet
-        return {**found, "why": error.message}
+        return {**document, "why": error.message}
     determined = [_row(estimate) for estimate in estimates if _is_number(estimate.get("value"))]
     declared = analysis_declaration(str(view.manifest["campaign"]["analysis"]))
     main = () if declared is None else declared.main
     rows = [row for row in determined if row["quantity"] in main] or determined
-    return {**found, "rows": rows} if rows else {**found, "why": "no estimate is determined yet"}
+    return {**document, "rows": rows} if rows else {**document, "why": "no estimate is determined yet"}
 
 
 def _row(estimate: Mapping[str, Any]) -> dict[str, Any]:
@@ -59,11 +59,11 @@ def main(words: list[str]) -> int:
     """Entry point of the process: 0 for every session that can be read."""
     os.nice(NICE)
     try:
-        found = partial(Path(words[0]))
+        document = partial(Path(words[0]))
     except BenchError as error:
         sys.stderr.write(f"{error}\n")
         return int(error.exit_status)
-    sys.stdout.write(results_json(found))
+    sys.stdout.write(results_json(document))
     return 0
 
 

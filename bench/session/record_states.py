@@ -1,4 +1,4 @@
-"""Which records of a campaign are valid, missing or invalid, and why: what a make-up session has to take again."""
+"""The valid, missing and invalid records of a campaign, and why: those a make-up session has to take again."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ class RecordState:
 
     def as_json(self) -> dict[str, Any]:
         """Return the state as JSON values."""
-        found = {"step": self.step.number, "number": self.number, "state": self.state, "why": self.why}
-        return {**found, "conditions": dict(self.step.conditions)}
+        document = {"step": self.step.number, "number": self.number, "state": self.state, "why": self.why}
+        return {**document, "conditions": dict(self.step.conditions)}
 
 
 def record_states(steps: Sequence[Step], replayed: Replayed) -> list[RecordState]:

@@ -42,7 +42,7 @@ def analysed(
 
 
 def read_view(folder: Path, strict: bool = False) -> SessionView:
-    """A session as its folder holds it; damage is listed, unless ``strict`` (then SessionDamaged)."""
+    """Return a session as its folder holds it; damage is listed, unless ``strict`` (then SessionDamaged)."""
     replayed = replay_rows(folder, strict=strict)
     notes = [*replayed.notes]
     notes += [f"{name} has no end: the run stopped there, or goes on" for name in replayed.unfinished]
@@ -117,7 +117,7 @@ def _compatible(view: SessionView, other: SessionView) -> None:
 def _standards(view: SessionView) -> dict[str, dict[str, Any]]:
     """Return what the values and uncertainties of the standards rest on, by role."""
     register = view.manifest.get("standards", {})
-    return {role: {name: one.get(name) for name in _OF_STANDARD} for role, one in register.items()}
+    return {role: {name: standard.get(name) for name in _OF_STANDARD} for role, standard in register.items()}
 
 
 def _joined(view: SessionView, other: SessionView) -> SessionView:
@@ -158,7 +158,7 @@ def _overlap_notes(rows: Iterable[RecordRow], again: Iterable[RecordRow]) -> lis
 
 
 def _change_ppm(before: RecordRow, after: RecordRow) -> float | None:
-    """Relative change of the net pulse rate of a point, ppm; None without a current."""
+    """Return relative change of the net pulse rate of a point, ppm; None without a current."""
     channel = before.window.conditions.get("channel")
     if channel is None or not before.window.link or not before.window.conditions.get("current_A"):
         return None

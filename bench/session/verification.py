@@ -1,4 +1,4 @@
-"""Whether the files computed from a session are what its raw bytes give today: one comparison for each of them."""
+"""Verification of the files computed from a session against its raw bytes: one comparison for each of them."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ class Verification:
         self.changes += [Change(file, text) for text in what]
 
     def content(self, path: Path) -> bytes | None:
-        """Bytes of a file, which counts as compared then; None if it is not there or cannot be read, which is noted."""
+        """Return bytes of a file, which counts as compared then; None if it cannot be read, which is noted."""
         try:
-            found = path.read_bytes()
+            content = path.read_bytes()
         except FileNotFoundError:
             self.absent.append(path.name)
             return None
@@ -58,38 +58,38 @@ class Verification:
             self.add(path.name, f"cannot be read: {error.strerror}")
             return None
         self.compared.append(path.name)
-        return found
+        return content
 
 
-def check_results(found: Verification, folder: Path, results: Mapping[str, Any]) -> Mapping[str, Any] | None:
+def check_results(verification: Verification, folder: Path, results: Mapping[str, Any]) -> Mapping[str, Any] | None:
     """Compare results.json value by value, then byte by byte; returns what is stored, None if there is nothing."""
-    content = found.content(folder / RESULTS)
+    content = verification.content(folder / RESULTS)
     if content is None:
         return None
     now = results_json(results)
     try:
         stored = json.loads(content)
     except ValueError as error:
-        found.add(RESULTS, f"cannot be read as JSON: {error}")
+        verification.add(RESULTS, f"cannot be read as JSON: {error}")
         return None
     if not isinstance(stored, dict):
-        found.add(RESULTS, "is not a document of results")
+        verification.add(RESULTS, "is not a document of results")
         return None
     differences = compare(stored, json.loads(now))
     other_software = [difference for difference in differences if difference.path == SOFTWARE_PATH]
-    found.notes += [
+    verification.notes += [
         f"{RESULTS} was written by {difference.first}, this is {difference.second}" for difference in other_software
     ]
     values = [difference for difference in differences if difference.path != SOFTWARE_PATH]
     values.sort(
         key=lambda difference: not difference.path.startswith(PROVENANCE)
     )  # another recording explains all that follows
-    found.add(RESULTS, *(_said(difference) for difference in values[:NAMED]))
+    verification.add(RESULTS, *(_said(difference) for difference in values[:NAMED]))
     if len(values) > NAMED:
-        found.add(RESULTS, f"{len(values) - NAMED} more values differ")
+        verification.add(RESULTS, f"{len(values) - NAMED} more values differ")
     if not differences and content != now.encode():
-        found.add(RESULTS, "has the same values, but is not the text that the bench writes")
-    found.notes += _rounding(values)
+        verification.add(RESULTS, "has the same values, but is not the text that the bench writes")
+    verification.notes += _rounding(values)
     return stored
 
 
@@ -102,7 +102,7 @@ def _value(value: Any) -> str:
 
 
 def _rounding(differences: Sequence[Difference]) -> list[str]:
-    """A sentence if nothing but the last digits of numbers differ, as they may on another machine."""
+    """Return a sentence if nothing but the last digits of numbers differ, as they may on another machine."""
     pairs = [(difference.first, difference.second) for difference in differences]
     if not pairs or not all(isinstance(value, float) for pair in pairs for value in pair):
         return []
@@ -130,36 +130,38 @@ class Pages:
         provenance = {**self._results[PROVENANCE], "software": self.written}
         return report_of(self._view, {**self._results, PROVENANCE: provenance}, self._analysis)
 
-    def check(self, found: Verification, path: Path, form: Callable[[Report], bytes]) -> None:
+    def check(self, verification: Verification, path: Path, form: Callable[[Report], bytes]) -> None:
         """Compare a report with the one drawn now, byte by byte."""
-        content = found.content(path)
+        content = verification.content(path)
         if content is None or content == form(self._today):
             return
         if self.written == self.now:
-            found.add(path.name, "is not what the session gives")
+            verification.add(path.name, "is not what the session gives")
         elif content == form(self._then):
-            found.notes.append(f"{path.name} differs in the software it names only: {self.written}, now {self.now}")
+            verification.notes.append(
+                f"{path.name} differs in the software it names only: {self.written}, now {self.now}"
+            )
         else:
             text = (
                 f"is not what the session gives with {self.now}; it was written by {self.written}: verify it with that"
             )
-            found.add(path.name, text)
+            verification.add(path.name, text)
 
 
-def check_reports(found: Verification, folder: Path, pages: Pages) -> None:
+def check_reports(verification: Verification, folder: Path, pages: Pages) -> None:
     """Compare report.html, and report.pdf if there is one."""
-    pages.check(found, folder / REPORT, lambda report: report.html().encode())
+    pages.check(verification, folder / REPORT, lambda report: report.html().encode())
     if not (folder / PAPER).exists():
         return
     try:
-        pages.check(found, folder / PAPER, lambda report: report.pdf())
+        pages.check(verification, folder / PAPER, lambda report: report.pdf())
     except InputError as error:
-        found.compared.remove(PAPER)
-        found.notes.append(f"{PAPER} is not compared: {error}")
+        verification.compared.remove(PAPER)
+        verification.notes.append(f"{PAPER} is not compared: {error}")
 
 
 def check_coefficients(
-    found: Verification, folder: Path, view: SessionView, results: Mapping[str, Any], analysis: Analysis
+    verification: Verification, folder: Path, view: SessionView, results: Mapping[str, Any], analysis: Analysis
 ) -> None:
     """Compare the coefficients, JSON and header, byte by byte; an analysis may give none."""
     texts: dict[str, str | None] = dict.fromkeys(all_files())
@@ -169,13 +171,13 @@ def check_coefficients(
     for name, text in texts.items():
         if text is None and not (folder / name).exists():
             continue
-        content = found.content(folder / name)
+        content = verification.content(folder / name)
         if content is None:
             continue
         if text is None:
-            found.add(name, "this session gives no coefficients")
+            verification.add(name, "this session gives no coefficients")
         elif content != text.encode():
-            found.add(name, "is not what the session gives")
+            verification.add(name, "is not what the session gives")
 
 
 def software_of(results: Mapping[str, Any]) -> str:

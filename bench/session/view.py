@@ -1,4 +1,4 @@
-"""What a finished session holds, in the form that analysis and report need; from a run or from the folder alone."""
+"""A finished session, in the form that analysis and report need; from a run or from the folder alone."""
 
 from __future__ import annotations
 
@@ -151,8 +151,8 @@ def material_of(view: SessionView) -> Material:
 
 def _last_of_each(exchanges: Sequence[Exchange]) -> list[Exchange]:
     """A test that was done again, because the run was stopped within its item, counts as it was done last."""
-    last = {one.step: number for number, one in enumerate(exchanges)}
-    return [one for number, one in enumerate(exchanges) if not one.item or last[one.step] == number]
+    last = {exchange.step: number for number, exchange in enumerate(exchanges)}
+    return [exchange for number, exchange in enumerate(exchanges) if not exchange.item or last[exchange.step] == number]
 
 
 def _exchange(event: events.Exchange) -> Exchange:
@@ -173,7 +173,7 @@ def _exchange(event: events.Exchange) -> Exchange:
 
 
 def _layouts(view: SessionView) -> Mapping[str, CommandLayout]:
-    """Payloads of the measurement link's commands, from the frame definition the session holds."""
+    """Return payloads of the measurement link's commands, from the frame definition the session holds."""
     name = view.manifest.get("links", {}).get(view.manifest.get("measurement_link"))
     return parse_frame(view.texts[name], name).commands if name in view.texts else {}
 
@@ -270,7 +270,7 @@ def line_times_s(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> dict[
         ports = parse_yaml(texts[station], station, StationFile).model.links
     except InputError:  # a station of another version
         return {}
-    found = {}
+    times_s = {}
     for link, frame in manifest.get("links", {}).items():
         baud = ports[link].baud if link in ports else None
         if baud is None or frame not in texts:
@@ -278,5 +278,5 @@ def line_times_s(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> dict[
         layout = parse_frame(texts[frame], frame).layout
         lengths = {message.length for message in layout.messages}
         if len(lengths) == 1 and 0 not in lengths:
-            found[link] = BITS_PER_BYTE * lengths.pop() / baud
-    return found
+            times_s[link] = BITS_PER_BYTE * lengths.pop() / baud
+    return times_s

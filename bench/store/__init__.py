@@ -1,4 +1,4 @@
-"""Floor 4: the calibration history, an SQL database of results, reports and approvals."""
+"""The calibration history, an SQL database of results, reports and approvals."""
 
 from bench.store.comparison import LEAST_FOR_CONTROL, Comparison, ParameterHistory, compare_pair, compare_unit
 from bench.store.contents import digest_of_file, started_utc_ns

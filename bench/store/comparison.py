@@ -109,15 +109,15 @@ def _history(series: Series, column: int) -> ParameterHistory:
 
 
 def _en_of_each(value: Array, expanded: Array, shared: Array, standard: NDArray[np.int64]) -> Array:
-    """E_n of each calibration against the one before, (m,), NaN for the first."""
+    """Return E_n of each calibration against the one before, (m,), NaN for the first."""
     same = (standard[1:] == standard[:-1]) & (standard[1:] != NO_STANDARD)
     parts = np.where(same, shared[:-1], 0.0), np.where(same, shared[1:], 0.0)
-    found = en_scores(np.diff(value), (expanded[:-1], expanded[1:]), parts)
-    return np.concatenate([[np.nan], found])
+    scores = en_scores(np.diff(value), (expanded[:-1], expanded[1:]), parts)
+    return np.concatenate([[np.nan], scores])
 
 
 def compare_pair(url: str, first: str, second: str) -> dict[str, Any]:
-    """Change of every parameter, its expanded uncertainty and E_n, the standard common to both being left out.
+    """Return change of every parameter, its expanded uncertainty and E_n, the standard common to both being left out.
 
     Args:   url: of the history.   first, second: sessions or the beginnings of their SHA-256.
     Raises: StoreError B-STORE-011 if they have nothing in common, B-STORE-001 to B-STORE-005, B-STORE-007, B-STORE-009.

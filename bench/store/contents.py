@@ -1,4 +1,4 @@
-"""What results.json and the manifest of a session give to the tables of the history: pure, no database.
+"""Rows for the tables of the history, of results.json and the manifest of a session: pure, no database.
 
 That includes what a standard adds to every calibration made with the same certificate of it.
 """
@@ -56,17 +56,17 @@ def canonical(document: Any) -> str:
 
 
 def digest(text: str) -> str:
-    """SHA-256 of a text, hexadecimal."""
+    """Return SHA-256 of a text, hexadecimal."""
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def digest_of_file(path: Path) -> str:
-    """SHA-256 of a file, hexadecimal. Raises: OSError."""
+    """Return SHA-256 of a file, hexadecimal. Raises: OSError."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def started_utc_ns(session: str) -> int | None:
-    """When a session began, as its name says (``20260401T080000Z_...``); None if it does not, or not before 2262."""
+    """Return when a session began, by its name (``20260401T080000Z_...``); None without one, or not before 2262."""
     try:
         moment = datetime.strptime(session[:16], "%Y%m%dT%H%M%SZ").replace(tzinfo=UTC)
     except ValueError:
@@ -76,9 +76,9 @@ def started_utc_ns(session: str) -> int | None:
 
 
 def contents_of(document: Mapping[str, Any], manifest: Mapping[str, Any], started_ns: int | None) -> list[Contents]:
-    """Rows of a session, for each unit it was about. Raises: StoreError B-STORE-008: what the documents do not say."""
+    """Return rows of a session for each of its units. Raises: StoreError B-STORE-008: what they do not say."""
     try:
-        return [_contents(one, manifest, started_ns) for one in documents_of_units(document)]
+        return [_contents(of_unit, manifest, started_ns) for of_unit in documents_of_units(document)]
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise StoreError(
             "B-STORE-008",
@@ -122,8 +122,8 @@ def _contents(document: Mapping[str, Any], manifest: Mapping[str, Any], started_
         shared=shared_components(manifest.get("standards", {}), str(document["campaign"])),
         result_set=result_set,
         quality=[{"name": name, "count": int(count)} for name, count in sorted(document["quality"].items())],
-        parameters=[_parameter(one) for one in document["estimates"]],
-        estimates=[_estimate(number, one, limits) for number, one in enumerate(document["estimates"])],
+        parameters=[_parameter(estimate) for estimate in document["estimates"]],
+        estimates=[_estimate(number, estimate, limits) for number, estimate in enumerate(document["estimates"])],
     )
 
 
@@ -137,31 +137,34 @@ def _standard(role: str, entry: Mapping[str, Any]) -> Row:
     return {"role": role, **texts, "traceability_relative": None if traceability is None else float(traceability)}
 
 
-def _parameter(one: Mapping[str, Any]) -> Row:
-    conditions = {name: value for name, value in one["conditions"].items() if name not in MEASURED}
-    row = {"quantity": str(one["quantity"]), "unit": str(one["unit"]), "conditions": canonical(conditions)}
+def _parameter(estimate: Mapping[str, Any]) -> Row:
+    conditions = {name: value for name, value in estimate["conditions"].items() if name not in MEASURED}
+    row = {"quantity": str(estimate["quantity"]), "unit": str(estimate["unit"]), "conditions": canonical(conditions)}
     return {**row, "sha256": digest(canonical(row))}
 
 
-def _estimate(position: int, one: Mapping[str, Any], limits: Mapping[tuple[str, Any], float]) -> Row:
-    measured = {name: one["conditions"][name] for name in MEASURED if name in one["conditions"]}
-    further = {name: value for name, value in one.items() if name not in _STORED}
-    limit = one["limit"]
+def _estimate(position: int, estimate: Mapping[str, Any], limits: Mapping[tuple[str, Any], float]) -> Row:
+    measured = {name: estimate["conditions"][name] for name in MEASURED if name in estimate["conditions"]}
+    further = {name: value for name, value in estimate.items() if name not in _STORED}
+    limit = estimate["limit"]
     return {
         "position": position,
-        **{name: float(one[name]) for name in ("value", "std_uncertainty", "coverage_factor", "expanded_uncertainty")},
-        "n": int(one["n"]),
-        "dropped": int(one["dropped"]),
+        **{
+            name: float(estimate[name])
+            for name in ("value", "std_uncertainty", "coverage_factor", "expanded_uncertainty")
+        },
+        "n": int(estimate["n"]),
+        "dropped": int(estimate["dropped"]),
         "limit_value": None if limit is None else float(limit),
-        "verdict": str(one["verdict"]),
-        "change_limit": limits.get((one["quantity"], one["conditions"].get("channel"))),
+        "verdict": str(estimate["verdict"]),
+        "change_limit": limits.get((estimate["quantity"], estimate["conditions"].get("channel"))),
         "measured": canonical(measured) if measured else None,
         "further": canonical(further) if further else None,
     }
 
 
 def _change_limits(manifest: Mapping[str, Any]) -> dict[tuple[str, Any], float]:
-    """Stability limits by quantity and channel, as the campaign declares them."""
+    """Return stability limits by quantity and channel, as the campaign declares them."""
     return {
         (quantity, channel["number"]): float(channel[key])
         for quantity, key in _CHANGES.items()
@@ -171,12 +174,12 @@ def _change_limits(manifest: Mapping[str, Any]) -> dict[tuple[str, Any], float]:
 
 
 def documents_of_units(document: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """One document per unit if every estimate names the unit it is of (condition ``unit``), else the document itself.
+    """Return one document per unit if every estimate names its unit (condition ``unit``), else the document itself.
 
     The serial number is the unit's, the condition is gone: the same unit in another session has the same parameters.
     """
     estimates = document["estimates"]
-    serials = dict.fromkeys(one["conditions"].get("unit") for one in estimates)
+    serials = dict.fromkeys(estimate["conditions"].get("unit") for estimate in estimates)
     if not serials or not all(isinstance(serial, str) for serial in serials):
         return [document]
     return [_of(document, str(serial)) for serial in serials]
@@ -184,9 +187,9 @@ def documents_of_units(document: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 
 def _of(document: Mapping[str, Any], serial: str) -> Mapping[str, Any]:
     estimates = [
-        {**one, "conditions": {name: value for name, value in one["conditions"].items() if name != "unit"}}
-        for one in document["estimates"]
-        if one["conditions"]["unit"] == serial
+        {**estimate, "conditions": {name: value for name, value in estimate["conditions"].items() if name != "unit"}}
+        for estimate in document["estimates"]
+        if estimate["conditions"]["unit"] == serial
     ]
     provenance = document["provenance"]
     return {
@@ -199,13 +202,13 @@ def _of(document: Mapping[str, Any], serial: str) -> Mapping[str, Any]:
 
 
 def shared_components(standards: Mapping[str, Mapping[str, Any]], campaign: str) -> list[dict[str, Any]]:
-    """One row per quantity that takes over the relative error of a standard.
+    """Return one row per quantity that takes over the relative error of a standard.
 
     Of the ranges of a standard the smallest relative uncertainty is taken: no range shares less than that, and what
     is not known to be shared stays an uncertainty of the single calibration. A standard without serial number or
     certificate is shared with nobody.
     """
-    found = []
+    components = []
     declared = analysis_declaration(campaign)
     for quantity, role in {**({} if declared is None else declared.standards), **_ROLES}.items():
         entry = standards.get(role)
@@ -213,7 +216,7 @@ def shared_components(standards: Mapping[str, Mapping[str, Any]], campaign: str)
             continue
         relative = _relative_std(entry, role)
         if relative:
-            found.append(
+            components.append(
                 {
                     "quantity": quantity,
                     "unit": "ppm",
@@ -222,12 +225,16 @@ def shared_components(standards: Mapping[str, Mapping[str, Any]], campaign: str)
                     "std_uncertainty": relative * _PPM,
                 }
             )
-    return found
+    return components
 
 
 def _relative_std(entry: Mapping[str, Any], role: str) -> float:
-    """Relative standard uncertainty of the standard with that of its own certificate; the register states 95 %."""
-    stated = [float(one["relative"]) / 2.0 for one in entry.get("uncertainty") or () if one.get("relative") is not None]
+    """Return relative standard uncertainty of the standard with its certificate's; the register states 95 %."""
+    stated = [
+        float(statement["relative"]) / 2.0
+        for statement in entry.get("uncertainty") or ()
+        if statement.get("relative") is not None
+    ]
     if not stated and role == "function_generator":
         stated = [_GENERATOR_LIMIT / math.sqrt(3.0)]
     traceability = float(entry.get("traceability_relative") or 0.0) / 2.0

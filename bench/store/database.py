@@ -87,7 +87,7 @@ def _transaction(address: Address, *, write: bool) -> Iterator[Connection]:
 
 
 def _sqlite(address: Address, write: bool) -> Engine:
-    """The library's own habit of committing before some statements is switched off: a transaction is one."""
+    """Return the library's own habit of committing before some statements is switched off: a transaction is one."""
     engine = create_engine(address.url, poolclass=NullPool, connect_args={"timeout": WAIT_S, "isolation_level": None})
 
     @event.listens_for(engine, "begin")
@@ -123,15 +123,15 @@ def _create(connection: Connection, address: Address, software: str) -> None:
 
 
 def _version(connection: Connection, address: Address) -> int:
-    found = connection.execute(select(history.c.version)).scalars().all()
-    if len(found) != 1:
+    versions = connection.execute(select(history.c.version)).scalars().all()
+    if len(versions) != 1:
         raise _no_history(address)
-    return int(found[0])
+    return int(versions[0])
 
 
 def _require_version(connection: Connection, address: Address) -> None:
     """Bring older tables up to date. Raises StoreError B-STORE-005 for tables of a later or unknown version."""
-    found = version = _version(connection, address)
+    before = version = _version(connection, address)
     while version < VERSION and version in UPGRADES:
         UPGRADES[version](connection)
         version += 1
@@ -142,7 +142,7 @@ def _require_version(connection: Connection, address: Address) -> None:
             where=address.where,
             next_step="use the release that wrote it, or import the sessions into a new history",
         )
-    if found != version:
+    if before != version:
         connection.execute(history.update(), {"version": version})
 
 
@@ -193,12 +193,12 @@ class Address:
 
 
 def chosen_url(asked: str | None, out: Path, environment: Mapping[str, str]) -> str:
-    """The history asked for, else the one of BENCH_HISTORY, else history.sqlite in the folder of the sessions."""
+    """Return history asked for, else the one of BENCH_HISTORY, else history.sqlite in the folder of the sessions."""
     return asked or environment.get(VARIABLE) or f"sqlite:///{out / 'history.sqlite'}"
 
 
 def history_address(url: str) -> Address:
-    """Read the URL of a history. Raises: StoreError B-STORE-001 if it is none, or its driver is not installed."""
+    """Read the URL of a history. Raises: StoreError B-STORE-001 if it is no URL, or its driver is not installed."""
     try:
         parsed = make_url(url)
     except ArgumentError as error:

@@ -1,4 +1,4 @@
-"""When the next calibration of a unit is due: drift against the limits, and a longest interval."""
+"""The next calibration of a unit: drift against the limits, and a longest interval."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _DAYS_PER_YEAR = YEAR_S / DAY_S
 
 @dataclass(frozen=True)
 class Due:
-    """When a campaign of a unit is due again, and because of which parameter ("" = the longest interval allowed)."""
+    """Next due date of a campaign of a unit, and the parameter that sets it ("" = the longest interval allowed)."""
 
     uut: tuple[str, str]
     campaign: str
@@ -55,14 +55,16 @@ def dues_of(comparison: Comparison, most_days: int) -> list[Due]:
     campaign is due at once, because nothing is known of the unit since.
     """
     series, histories = comparison.series, comparison.parameters
-    found = []
-    for campaign in sorted({one.parameter.campaign for one in histories}):
+    dues = []
+    for campaign in sorted({history.parameter.campaign for history in histories}):
         rows = [number for number, row in enumerate(series.calibrations) if row["campaign"] == campaign]
-        members = [one for one in histories if one.parameter.campaign == campaign and one.rows[-1] == rows[-1]]
+        members = [
+            history for history in histories if history.parameter.campaign == campaign and history.rows[-1] == rows[-1]
+        ]
         days = _days_left(members, most_days)
         first = int(days.argmin()) if members else -1
         left, last = int(days[first]) if members else 0, series.calibrations[rows[-1]]
-        found.append(
+        dues.append(
             Due(
                 series.uut,
                 campaign,
@@ -73,29 +75,31 @@ def dues_of(comparison: Comparison, most_days: int) -> list[Due]:
                 _NO_RESULT if not members else members[first].parameter.label if left < most_days else "",
             )
         )
-    return found
+    return dues
 
 
 def _days_left(members: list[ParameterHistory], most_days: int) -> NDArray[np.int64]:
-    """Days until the last value plus drift, or the drift alone, reaches its limit."""
-    value, std = (np.array([getattr(one, name)[-1] for one in members]) for name in ("value", "std"))
-    lines = [one.line if _tells_drift(one, most_days) else None for one in members]
+    """Return days until the last value plus drift, or the drift alone, reaches its limit."""
+    value, std = (np.array([getattr(history, name)[-1] for history in members]) for name in ("value", "std"))
+    lines = [history.line if _tells_drift(history, most_days) else None for history in members]
     rate = np.array([line.rate if line else np.nan for line in lines]) / _DAYS_PER_YEAR
     rate_std = np.array([line.rate_std if line else np.nan for line in lines]) / _DAYS_PER_YEAR
-    limit, change_limit = (np.array([getattr(one, name) for one in members]) for name in ("limit", "change_limit"))
+    limit, change_limit = (
+        np.array([getattr(history, name) for history in members]) for name in ("limit", "change_limit")
+    )
     limit = np.where((limit == 0.0) & (value == 0.0), np.nan, limit)  # nothing was wrong: a count does not drift
     by_value = days_to_limit(value, std, rate, rate_std, limit, most_days=most_days)
     by_change = days_to_limit(np.zeros_like(value), std, rate, rate_std, change_limit, most_days=most_days)
     return np.minimum(by_value, by_change)
 
 
-def _tells_drift(one: ParameterHistory, most_days: int) -> bool:
+def _tells_drift(history: ParameterHistory, most_days: int) -> bool:
     """Return whether a drift line may be carried on: calibrations far enough apart, or a drift that is plain to see.
 
     Two calibrations of one week that agree say nothing about a year; the uncertainty of their rate, carried on, would
     make a unit due the sooner the more often it is checked.
     """
-    if one.line is None:
+    if history.line is None:
         return False
-    spread_days = float(one.t_year[-1] - one.t_year[0]) * _DAYS_PER_YEAR
-    return spread_days >= _LEAST_SHARE * most_days or abs(one.line.rate) > _PLAIN * one.line.rate_std
+    spread_days = float(history.t_year[-1] - history.t_year[0]) * _DAYS_PER_YEAR
+    return spread_days >= _LEAST_SHARE * most_days or abs(history.line.rate) > _PLAIN * history.line.rate_std

@@ -1,4 +1,4 @@
-"""What can go wrong with the history, as one sentence and the next step; a run prints it as a warning and goes on."""
+"""Errors of the history, as one sentence and the next step; a run prints them as a warning and goes on."""
 
 from __future__ import annotations
 

@@ -76,15 +76,15 @@ def _rows(connection: Connection, filters: Filters) -> Iterator[dict[str, Any]]:
                 "method": revision["method"],
                 "software": revision["software"],
             }
-            for one in stored_estimates(connection, revision["result_set_id"]):
-                if filters.quantity in (None, one["quantity"]):
-                    yield {**head, **_estimate(one)}
+            for estimate in stored_estimates(connection, revision["result_set_id"]):
+                if filters.quantity in (None, estimate["quantity"]):
+                    yield {**head, **_estimate(estimate)}
 
 
-def _estimate(one: dict[str, Any]) -> dict[str, Any]:
-    conditions = one["conditions"]
+def _estimate(estimate: dict[str, Any]) -> dict[str, Any]:
+    conditions = estimate["conditions"]
     text = json.dumps(conditions, sort_keys=True, ensure_ascii=False)
-    return {**one, **{name: conditions.get(name) for name in _CONDITIONS}, "conditions": text}
+    return {**estimate, **{name: conditions.get(name) for name in _CONDITIONS}, "conditions": text}
 
 
 def _write_csv(rows: Iterator[dict[str, Any]], path: Path) -> int:

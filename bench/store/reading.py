@@ -34,7 +34,7 @@ def utc_text(utc_ns: int) -> str:
 
 
 def list_calibrations(url: str, filters: Filters) -> list[Row]:
-    """Calibrations in order of time, each with its newest revision, worst verdict and who approved that revision.
+    """Return calibrations by time, each with its newest revision, worst verdict and who approved that revision.
 
     Raises: StoreError B-STORE-001 to B-STORE-005, B-STORE-007, B-STORE-009.
     """
@@ -48,8 +48,10 @@ def list_calibrations(url: str, filters: Filters) -> list[Row]:
             "started_utc": utc_text(row["started_utc_ns"]),
             **{name: row[name] for name in ("session", "session_sha256", "campaign", "uut_model", "uut_serial")},
             **{name: row[name] for name in ("simulated", "method", "software", "estimates", "revision")},
-            "verdict": next((one for one in _WORST if one in verdicts.get(row["result_set_id"], ())), "none"),
-            "approved_by": [one["approved_by"] for one in approved.get(row["revision_id"], [])],
+            "verdict": next(
+                (verdict for verdict in _WORST if verdict in verdicts.get(row["result_set_id"], ())), "none"
+            ),
+            "approved_by": [approval["approved_by"] for approval in approved.get(row["revision_id"], [])],
         }
         for row in rows
     ]
@@ -58,24 +60,24 @@ def list_calibrations(url: str, filters: Filters) -> list[Row]:
 def _verdicts(connection: Connection, result_set_ids: Iterable[int]) -> dict[int, set[str]]:
     wanted = set(result_set_ids)
     query = select(estimates.c.result_set_id, estimates.c.verdict).where(estimates.c.verdict != "none").distinct()
-    found: dict[int, set[str]] = {}
+    verdicts: dict[int, set[str]] = {}
     for number, verdict in connection.execute(query):
         if number in wanted:
-            found.setdefault(number, set()).add(verdict)
-    return found
+            verdicts.setdefault(number, set()).add(verdict)
+    return verdicts
 
 
 def _approvals(connection: Connection, revision_ids: Iterable[int]) -> dict[int, list[Row]]:
     wanted = set(revision_ids)
-    found: dict[int, list[Row]] = {}
+    by_revision: dict[int, list[Row]] = {}
     for row in connection.execute(select(approvals).order_by(approvals.c.id)).mappings():
         if row["revision_id"] in wanted:
-            found.setdefault(row["revision_id"], []).append(dict(row))
-    return found
+            by_revision.setdefault(row["revision_id"], []).append(dict(row))
+    return by_revision
 
 
 def units_of(url: str) -> list[tuple[str, str]]:
-    """Model and serial number of every unit. Raises: StoreError B-STORE-001 to B-STORE-005, B-STORE-007."""
+    """Return model and serial number of every unit. Raises: StoreError B-STORE-001 to B-STORE-005, B-STORE-007."""
     with reading(url) as connection:
         return units(connection)
 
@@ -103,12 +105,12 @@ def show_calibration(url: str, name: str) -> Shown:
     Raises: StoreError B-STORE-001 to B-STORE-005, B-STORE-007, B-STORE-009.
     """
     with reading(url) as connection:
-        found = find_calibration(connection, name)
-        number, result_set = found["id"], found["result_set_id"]
+        calibration = find_calibration(connection, name)
+        number, result_set = calibration["id"], calibration["result_set_id"]
         counts = connection.execute(select(quality_counts).where(quality_counts.c.result_set_id == result_set))
         stated = select(result_sets.c.notes).where(result_sets.c.id == result_set)
         return Shown(
-            calibration=_calibration(found),
+            calibration=_calibration(calibration),
             revisions=_revisions(connection, number),
             standards=_rows(connection, standards, number),
             shared=_rows(connection, shared_components, number),
@@ -119,7 +121,7 @@ def show_calibration(url: str, name: str) -> Shown:
 
 
 def stored_estimates(connection: Connection, result_set: int) -> list[Row]:
-    """Estimates in the form and order of results.json, every number as it was."""
+    """Return estimates in the form and order of results.json, every number as it was."""
     query = (
         select(estimates, parameters.c.quantity, parameters.c.unit, parameters.c.conditions)
         .join(parameters, parameters.c.id == estimates.c.parameter_id)
@@ -141,11 +143,14 @@ def _estimate(row: Row) -> Row:
     }
 
 
-def _calibration(found: Row) -> Row:
+def _calibration(calibration: Row) -> Row:
     """Return what a person asks of a calibration, with times as text."""
     left_out = ("id", "started_utc_ns", "imported_utc_ns", "estimates", "revision_id", "result_set_id")
-    times = {"started_utc": utc_text(found["started_utc_ns"]), "imported_utc": utc_text(found["imported_utc_ns"])}
-    return {**times, **{name: value for name, value in found.items() if name not in left_out}}
+    times = {
+        "started_utc": utc_text(calibration["started_utc_ns"]),
+        "imported_utc": utc_text(calibration["imported_utc_ns"]),
+    }
+    return {**times, **{name: value for name, value in calibration.items() if name not in left_out}}
 
 
 def _revisions(connection: Connection, calibration: int) -> list[Row]:
@@ -164,11 +169,11 @@ def _revisions(connection: Connection, calibration: int) -> list[Row]:
             "created_utc": utc_text(row["created_utc_ns"]),
             "approvals": [
                 {
-                    "by": one["approved_by"],
-                    "statement": one["statement"],
-                    "approved_utc": utc_text(one["approved_utc_ns"]),
+                    "by": approval["approved_by"],
+                    "statement": approval["statement"],
+                    "approved_utc": utc_text(approval["approved_utc_ns"]),
                 }
-                for one in approved.get(row["id"], [])
+                for approval in approved.get(row["id"], [])
             ],
         }
         for row in rows

@@ -23,7 +23,7 @@ OUTCOMES: tuple[Literal["new", "revised", "unchanged"], ...] = ("new", "revised"
 
 @dataclass(frozen=True)
 class Recorded:
-    """What became of a session: ``new`` calibration, ``revised`` (a further revision) or ``unchanged``."""
+    """A recorded session: ``new`` calibration, ``revised`` (a further revision) or ``unchanged``."""
 
     outcome: Literal["new", "revised", "unchanged"]
     session: str
@@ -55,9 +55,9 @@ def record_calibration(
         contents = contents_of(document, manifest, started_utc_ns)
         now_ns = (clock or WallClock()).utc_ns()
         with writing(url, str(document["provenance"]["software"])) as connection:
-            done = [_record(connection, one, report_sha256, reason, now_ns) for one in contents]
-        outcome = next(one for one in OUTCOMES if any(each.outcome == one for each in done))
-        return Recorded(outcome, str(document["session"]), max(one.revision for one in done))
+            done = [_record(connection, content, report_sha256, reason, now_ns) for content in contents]
+        outcome = next(outcome for outcome in OUTCOMES if any(each.outcome == outcome for each in done))
+        return Recorded(outcome, str(document["session"]), max(entry.revision for entry in done))
     except StoreError:
         raise
     except Exception as error:
@@ -145,8 +145,8 @@ def _parameters(connection: Connection, wanted: Sequence[Row]) -> dict[str, int]
 def _last_revision(connection: Connection, calibration: int) -> Row | None:
     revisions = tables.report_revisions
     query = select(revisions).where(revisions.c.calibration_id == calibration).order_by(revisions.c.number.desc())
-    found = connection.execute(query.limit(1)).mappings().first()
-    return None if found is None else dict(found)
+    row = connection.execute(query.limit(1)).mappings().first()
+    return None if row is None else dict(row)
 
 
 def _change(last: Row | None, result_set: int, row: Row) -> str:
@@ -185,19 +185,19 @@ def approve(
     with reading(url):  # an approval begins no history
         pass
     with writing(url, "") as connection:
-        found = find_calibration(connection, name)
-        if report_sha256 is not None and report_sha256 != found["report_sha256"]:
+        calibration = find_calibration(connection, name)
+        if report_sha256 is not None and report_sha256 != calibration["report_sha256"]:
             raise StoreError(
                 "B-STORE-010",
-                f"the report in the folder is not the one of revision {found['revision']}",
+                f"the report in the folder is not the one of revision {calibration['revision']}",
                 where=name,
                 next_step="'bench history import SESSION' makes it a revision, then approve that",
             )
         row = {
-            "revision_id": found["revision_id"],
+            "revision_id": calibration["revision_id"],
             "approved_by": by.strip(),
             "statement": statement.strip(),
             "approved_utc_ns": (clock or WallClock()).utc_ns(),
         }
         connection.execute(approvals.insert(), row)
-    return Approved(found["session"], found["revision"], found["report_sha256"])
+    return Approved(calibration["session"], calibration["revision"], calibration["report_sha256"])

@@ -19,7 +19,7 @@ _SHOWN = 5
 
 @dataclass(frozen=True)
 class Filters:
-    """What a person wants to see; None means all."""
+    """The selection that a person wants to see; None means all."""
 
     uut: str | None = None  # serial number, or "model serial"
     campaign: str | None = None
@@ -54,7 +54,7 @@ def latest_revisions() -> Select[Any]:
 
 
 def selected(connection: Connection, filters: Filters) -> Select[Any]:
-    """Newest revisions of the calibrations that a filter leaves. Raises StoreError B-STORE-009 for an unknown word."""
+    """Return newest revisions of the calibrations left by a filter. Raises StoreError B-STORE-009 : unknown word."""
     query = latest_revisions()
     if filters.uut is not None:
         model, serial = find_unit(connection, filters.uut)
@@ -74,27 +74,27 @@ def selected(connection: Connection, filters: Filters) -> Select[Any]:
 
 
 def units(connection: Connection) -> list[tuple[str, str]]:
-    """Model and serial number of every unit in the history."""
+    """Return model and serial number of every unit in the history."""
     columns = (calibrations.c.uut_model, calibrations.c.uut_serial)
     return [(row[0], row[1]) for row in connection.execute(select(*columns).distinct().order_by(*columns))]
 
 
 def find_unit(connection: Connection, name: str | None) -> tuple[str, str]:
-    """Model and serial number of a unit named by its serial number or both; None is the only one there is.
+    """Return model and serial number of a unit named by its serial number or both; None is the only one there is.
 
     Raises: StoreError B-STORE-009 if it is not known, or not the only one of that name.
     """
     known = units(connection)
     texts = {f"{model} {serial}": (model, serial) for model, serial in known}
     if name is None:
-        found = known
+        matches = known
     else:
         wanted = name.replace("/", " ")
-        found = [texts[wanted]] if wanted in texts else [one for one in known if one[1] == name]
-    if len(found) == 1:
-        return found[0]
-    choices = texts if len(found) != 0 or name is None else [serial for _, serial in known]
-    raise unknown("unit", name, choices, several=len(found) > 1)
+        matches = [texts[wanted]] if wanted in texts else [unit for unit in known if unit[1] == name]
+    if len(matches) == 1:
+        return matches[0]
+    choices = texts if len(matches) != 0 or name is None else [serial for _, serial in known]
+    raise unknown("unit", name, choices, several=len(matches) > 1)
 
 
 def find_calibration(connection: Connection, name: str) -> dict[str, Any]:
@@ -107,22 +107,22 @@ def find_calibration(connection: Connection, name: str) -> dict[str, Any]:
     rule: ColumnElement[bool] = or_(by_name, calibrations.c.session.startswith(f"{wanted}{OF_UNIT}", autoescape=True))
     if len(wanted) >= _LEAST_HASH:
         rule = or_(rule, calibrations.c.session_sha256.startswith(wanted.lower(), autoescape=True))
-    found = [dict(row) for row in connection.execute(latest_revisions().where(rule)).mappings()]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        raise unknown("session", name, [_told_apart(row) for row in found], several=True)
+    rows = [dict(row) for row in connection.execute(latest_revisions().where(rule)).mappings()]
+    if len(rows) == 1:
+        return rows[0]
+    if rows:
+        raise unknown("session", name, [_told_apart(row) for row in rows], several=True)
     sessions = connection.execute(select(calibrations.c.session).distinct()).scalars().all()
     raise unknown("session", name, sessions)
 
 
 def _told_apart(row: Mapping[str, Any]) -> str:
-    """Units of one session by its name and their serial numbers; sessions of one name by their SHA-256."""
+    """Return units of one session by its name and their serial numbers; sessions of one name by their SHA-256."""
     return str(row["session"]) if OF_UNIT in row["session"] else str(row["session_sha256"])[:12]
 
 
 def unknown(kind: str, name: str | None, choices: Sequence[str] | dict[str, Any], several: bool = False) -> StoreError:
-    """The error for a word that names nothing, or more than one, with what may have been meant."""
+    """Return the error for a word that names nothing, or more than one, with what may have been meant."""
     names = list(choices)
     near = difflib.get_close_matches(name or "", names, n=_SHOWN, cutoff=0.5) or names[:_SHOWN]
     more = ", ..." if len(names) > len(near) else ""

@@ -29,7 +29,7 @@ _NUMBERS = ("value", "std_uncertainty", "coverage_factor")
 
 @dataclass(frozen=True)
 class Parameter:
-    """What a column holds."""
+    """The parameter of a column."""
 
     campaign: str
     quantity: str
@@ -44,7 +44,7 @@ class Parameter:
 
 
 def conditions_text(conditions: Mapping[str, Any]) -> str:
-    """Conditions as a person says them; the kind of a channel is left out, "about": where coefficients refer to."""
+    """Return conditions as a person says them, without the kind of a channel; "about": where coefficients refer to."""
     said = []
     for name, value in conditions.items():
         shown = f"{value:.6g}" if isinstance(value, float) else str(value)
@@ -95,7 +95,7 @@ def read_series(url: str, filters: Filters) -> Series:
 
 
 def read_pair(url: str, first: str, second: str) -> Series:
-    """Two calibrations in the order given. Raises as ``read_series``, and B-STORE-011 if they are of two units."""
+    """Return two calibrations in given order. Raises as ``read_series``, and B-STORE-011 if they are of two units."""
     with reading(url) as connection:
         rows = [find_calibration(connection, name) for name in (first, second)]
         if rows[0]["id"] == rows[1]["id"]:
@@ -129,12 +129,12 @@ def _series(
     column_of = {(names[code // many], code % many): number for number, code in enumerate(codes.tolist())}
     grids = np.full((len(_NUMBERS), len(rows), len(column_of)), np.nan)
     grids[:, places, columns] = table[:, 2:].T
-    found = [Parameter(name, *described[number]) for name, number in column_of]
-    shared, standard = _shared(connection, rows, found)
+    parameters = [Parameter(name, *described[number]) for name, number in column_of]
+    shared, standard = _shared(connection, rows, parameters)
     t_year = np.array([row["started_utc_ns"] / NS / YEAR_S for row in rows])
     limit, change_limit = _limits(connection, rows, column_of)
     value, std, factor = grids
-    return Series(uut, rows, found, t_year, value, std, factor, shared, standard, limit, change_limit, notes)
+    return Series(uut, rows, parameters, t_year, value, std, factor, shared, standard, limit, change_limit, notes)
 
 
 def _places(known: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -146,22 +146,22 @@ def _places(known: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.i
 def _numbers(
     connection: Connection, result_sets: Sequence[int], quantity: str | None
 ) -> tuple[Array, dict[int, tuple[str, str, dict[str, Any]]]]:
-    """Rows (result set, parameter, numbers ...) of the estimates wanted, and what the parameters are."""
+    """Return rows (result set, parameter, numbers ...) of the estimates wanted, and what the parameters are."""
     query = select(parameters.c.id, parameters.c.quantity, parameters.c.unit, parameters.c.conditions)
     if quantity is not None:
         query = query.where(parameters.c.quantity == quantity)
     described = {row.id: (row.quantity, row.unit, json.loads(row.conditions)) for row in connection.execute(query)}
     columns = (estimates.c.result_set_id, estimates.c.parameter_id, *(estimates.c[name] for name in _NUMBERS))
-    found = []
+    parts = []
     for start in range(0, len(result_sets), _AT_ONCE):
         some = select(*columns).where(estimates.c.result_set_id.in_(result_sets[start : start + _AT_ONCE]))
-        found.append(np.array(_plain_rows(connection, some), dtype=np.float64).reshape(-1, len(columns)))
-    table = np.vstack(found) if found else np.empty((0, len(columns)))
+        parts.append(np.array(_plain_rows(connection, some), dtype=np.float64).reshape(-1, len(columns)))
+    table = np.vstack(parts) if parts else np.empty((0, len(columns)))
     return table[np.isin(table[:, 1], list(described))], described
 
 
 def _plain_rows(connection: Connection, query: Select[Any]) -> list[tuple[Any, ...]]:
-    """Rows as the driver gives them: of 200,000 rows the library's own row objects would take most of the time."""
+    """Return rows as the driver gives them: of 200,000 rows the library's own row objects would take too long."""
     result = connection.execute(query)
     assert result.cursor is not None
     rows = result.cursor.fetchall()
@@ -177,23 +177,23 @@ def _limits(
     limits = np.full((2, len(column_of)), np.nan)
     for campaign, result_set in newest.items():
         query = select(estimates.c.parameter_id, estimates.c.limit_value, estimates.c.change_limit)
-        for number, *found in connection.execute(query.where(estimates.c.result_set_id == result_set)):
+        for number, *pair in connection.execute(query.where(estimates.c.result_set_id == result_set)):
             column = column_of.get((campaign, number))
             if column is not None:
-                limits[:, column] = [np.nan if limit is None else limit for limit in found]
+                limits[:, column] = [np.nan if limit is None else limit for limit in pair]
     return limits[0], limits[1]
 
 
 def _shared(
-    connection: Connection, rows: list[dict[str, Any]], found: list[Parameter]
+    connection: Connection, rows: list[dict[str, Any]], parameters: list[Parameter]
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Shared standard uncertainty and the label of its standard, (c, p) each."""
+    """Return shared standard uncertainty and the label of its standard, (c, p) each."""
     ids = {row["id"]: number for number, row in enumerate(rows)}
-    shared = np.zeros((len(rows), len(found)))
+    shared = np.zeros((len(rows), len(parameters)))
     standard = np.full(shared.shape, NO_STANDARD)
     labels: dict[str, int] = {}
     columns: dict[tuple[str, str], list[int]] = {}
-    for number, parameter in enumerate(found):
+    for number, parameter in enumerate(parameters):
         columns.setdefault((parameter.quantity, parameter.unit), []).append(number)
     for row in connection.execute(select(shared_components)).mappings():
         place = ids.get(row["calibration_id"])

@@ -9,7 +9,7 @@ INDENT = "  "
 
 
 def folded(text: str, width: int, style: str = "", first: str = "", rest: str = INDENT) -> list[Text]:
-    """A text as lines of at most ``width`` columns; ``first`` and ``rest`` stand before the first and other lines."""
+    """Return a text as lines of at most ``width`` columns; ``first`` and ``rest`` stand before the lines."""
     lines: list[str] = []
     line, empty = first, True
     for word in text.split():
@@ -20,7 +20,7 @@ def folded(text: str, width: int, style: str = "", first: str = "", rest: str = 
                 line, gap = rest, ""
             line += gap + piece
             empty = False
-    return [Text(one, style=style) for one in (*lines, line) if one.strip()]
+    return [Text(part, style=style) for part in (*lines, line) if part.strip()]
 
 
 def cut(text: str, width: int) -> str:
@@ -31,13 +31,13 @@ def cut(text: str, width: int) -> str:
 
 
 def spread(left: Text, right: Text, width: int) -> list[Text]:
-    """Two texts at both edges of one line, or below each other if they do not fit."""
+    """Return two texts at both edges of one line, or below each other if they do not fit."""
     free = width - left.cell_len - right.cell_len
     return [left, right] if free < 1 else [Text.assemble(left, " " * free, right)]
 
 
 def joined(parts: list[str], width: int, style: str = "", rest: str = INDENT) -> list[Text]:
-    """Short texts behind each other, two blanks apart, as many on a line as fit; none is broken if it fits a line."""
+    """Return short texts behind each other, two blanks apart, as many on a line as fit; none is broken that fits."""
     lines: list[str] = []
     line = ""
     for part in (part for part in parts if part):
@@ -46,7 +46,7 @@ def joined(parts: list[str], width: int, style: str = "", rest: str = INDENT) ->
             line = rest + part
         else:
             line = f"{line}  {part}" if line else part
-    return [one for text in (*lines, line) if text for one in _indented(text, width, style)]
+    return [part for text in (*lines, line) if text for part in _indented(text, width, style)]
 
 
 def _indented(text: str, width: int, style: str) -> list[Text]:

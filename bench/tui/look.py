@@ -1,4 +1,4 @@
-"""How a page is drawn: language, shapes, width, and which time zone; times and durations in words.
+"""The look of a page: language, shapes, width, and time zone; times and durations in words.
 
 Characters of ambiguous width (Unicode Standard Annex #11, class A: box drawing, blocks, the degree sign, the long dash)
 take one column or two, as the terminal likes, and shift everything behind them; none is ever drawn.
@@ -37,11 +37,11 @@ class Glyphs:
     braille: bool
 
     def state(self, name: str) -> str:
-        """Shape of a state; a question mark for one that is not known."""
+        """Return shape of a state; a question mark for one that is not known."""
         return self.states.get(name, "?")
 
     def clean(self, text: object) -> str:
-        """Text from a run as it may be drawn: no control character, nothing of ambiguous width, one line."""
+        """Return text from a run as it may be drawn: no control character, nothing of ambiguous width, one line."""
         return "".join(_drawn(character, self.braille) for character in str(text))
 
 
@@ -62,7 +62,7 @@ ASCII = Glyphs(
 
 
 def glyphs_for(environment: Mapping[str, str], encoding: str) -> Glyphs:
-    """Shapes for the terminal of a process: ``encoding`` of its output, LC_ALL, LC_CTYPE, LANG and TERM.
+    """Return shapes for the terminal of a process: ``encoding`` of its output, LC_ALL, LC_CTYPE, LANG and TERM.
 
     Python itself calls the encoding UTF-8 in the locale "C" too (PEP 538, PEP 540), and sets LC_CTYPE then: only a
     locale that says UTF-8 and is not that one is believed.
@@ -90,7 +90,7 @@ def _drawn(character: str, unicode: bool) -> str:
 
 
 def catalogue(language: str = "en") -> Texts:
-    """Texts of the terminal view."""
+    """Return texts of the terminal view."""
     return Texts(_FOLDER, language)
 
 
@@ -108,7 +108,7 @@ class Look:
         return replace(self, width=self.width if width is None else width, local=self.local if local is None else local)
 
     def time(self, t_utc_s: float | None, now_utc_s: float | None = None) -> str:
-        """``2026-11-20 18:45:50Z`` or with the zone's offset; without the date when it is that of ``now_utc_s``."""
+        """Return ``2026-11-20 18:45:50Z`` or with the zone's offset; without the date if that of ``now_utc_s``."""
         if t_utc_s is None:
             return self.texts("none")
         moment = self._moment(t_utc_s)
@@ -123,7 +123,7 @@ class Look:
         return moment.isoformat()[-6:] if self.local else "Z"
 
     def clean(self, text: object) -> str:
-        """Text of a run as it may be drawn."""
+        """Return text of a run as it may be drawn."""
         return self.glyphs.clean(text)
 
     def degC(self, value: float | None) -> str:
@@ -132,7 +132,7 @@ class Look:
 
 
 def duration(seconds: float | None) -> str:
-    """``0.4 s``, ``12:40`` (minutes) or ``3:12:40``; a dash for none; never negative."""
+    """Return ``0.4 s``, ``12:40`` (minutes) or ``3:12:40``; a dash for none; never negative."""
     if seconds is None:
         return "-"
     whole = max(0.0, seconds)

@@ -45,7 +45,7 @@ def state_of(seen: Seen) -> str:
 
 
 def page_of(seen: Seen, look: Look) -> Page:
-    """The page of what was last heard of a run."""
+    """Return the page of what was last heard of a run."""
     sections = (doing, outcome, prompt, holds, alarms, temperature, links, records, instruments, log)
     body = [line for section in sections for line in section(seen, look)]
     return Page(_head(seen, look), body)
@@ -103,7 +103,7 @@ def _fresh(seen: Seen, look: Look) -> Text:
 
 
 def doing(seen: Seen, look: Look) -> list[Text]:
-    """Progress and the end as a range, the step, the wait."""
+    """Return progress and the end as a range, the step, the wait."""
     document = seen.document
     now = document.get("t_utc_s")
     return [*_progress(document, look), *_eta(document, look), *_step(document, look), *_wait(document, look, now)]
@@ -160,18 +160,18 @@ def _wait(document: Mapping[str, Any], look: Look, now: float | None) -> list[Te
 
 def outcome(seen: Seen, look: Look) -> list[Text]:
     """Return how the run ended, and where its session is."""
-    found = seen.document.get("outcome")
+    outcome = seen.document.get("outcome")
     if seen.document.get("state") != "ended":
         return []
-    code, text = (found or {}).get("error"), look.clean((found or {}).get("text") or "")
+    code, text = (outcome or {}).get("error"), look.clean((outcome or {}).get("text") or "")
     if code:
         said = text if text.startswith("error ") else look.texts("outcome.bad", code=code, text=text)
-    elif found is None:
+    elif outcome is None:
         said = look.texts("outcome.unknown")
     else:
         said = look.texts("outcome.good")
     where = look.texts("outcome.where", folder=look.clean(seen.folder))
-    style = FAULT if code else QUIET if found is None else GOOD
+    style = FAULT if code else QUIET if outcome is None else GOOD
     return [Text(""), *folded(said, look.width, style), *folded(where, look.width)]
 
 
@@ -195,9 +195,9 @@ def _limits(asked: Mapping[str, Any], look: Look) -> str:
 
 def holds(seen: Seen, look: Look) -> list[Text]:
     """Return why the run stands still."""
-    found: Mapping[str, Any] = seen.document.get("holds") or {}
-    if not found:
+    reasons: Mapping[str, Any] = seen.document.get("holds") or {}
+    if not reasons:
         return []
     title = Text(look.texts("section.holds"), style="bold yellow")
-    lines = [f"{look.clean(by)}: {look.clean(reason)}" for by, reason in found.items()]
-    return [Text(""), title, *(one for line in lines for one in folded(line, look.width, QUIET, "  ", "    "))]
+    lines = [f"{look.clean(by)}: {look.clean(reason)}" for by, reason in reasons.items()]
+    return [Text(""), title, *(part for line in lines for part in folded(line, look.width, QUIET, "  ", "    "))]

@@ -30,34 +30,34 @@ def titled(look: Look, key: str, lines: list[Text], style: str = TITLE) -> list[
 
 
 def alarms(seen: Seen, look: Look) -> list[Text]:
-    """Every alarm that is active or that nobody has seen yet."""
+    """Return every alarm that is active or that nobody has seen yet."""
     lines: list[Text] = []
     now = seen.document.get("t_utc_s")
-    for one in seen.document.get("alarms") or ():
-        acknowledged = one.get("acknowledged")
-        if acknowledged and not one.get("active"):
+    for alarm in seen.document.get("alarms") or ():
+        acknowledged = alarm.get("acknowledged")
+        if acknowledged and not alarm.get("active"):
             continue
-        mark, style = SEVERITIES.get(str(one.get("severity")), ("! ", "yellow"))
-        words = [look.time(one.get("t_utc_s"), now), str(one.get("severity", "")), str(one.get("code") or "")]
-        words.append(look.texts("alarm.active" if one.get("active") else "alarm.over"))
+        mark, style = SEVERITIES.get(str(alarm.get("severity")), ("! ", "yellow"))
+        words = [look.time(alarm.get("t_utc_s"), now), str(alarm.get("severity", "")), str(alarm.get("code") or "")]
+        words.append(look.texts("alarm.active" if alarm.get("active") else "alarm.over"))
         if acknowledged:
             words.append(look.texts("alarm.acknowledged", by=acknowledged.get("by", "")))
-        text = look.clean(f"{' '.join(word for word in words if word)}: {one.get('text', '')}")
+        text = look.clean(f"{' '.join(word for word in words if word)}: {alarm.get('text', '')}")
         lines += folded(text, look.width, style, f"{mark} ", "   ")
     return titled(look, "section.alarms", lines, "bold red")
 
 
 def links(seen: Seen, look: Look) -> list[Text]:
-    """Counters of every link to the unit."""
+    """Return counters of every link to the unit."""
     lines: list[Text] = []
-    for name, one in (seen.document.get("links") or {}).items():
-        state, age, rate = str(one.get("state") or ""), one.get("age_s"), one.get("rate_Hz")
-        good = state in LINK_GOOD and not one.get("bad") and not one.get("lost")
+    for name, link in (seen.document.get("links") or {}).items():
+        state, age, rate = str(link.get("state") or ""), link.get("age_s"), link.get("rate_Hz")
+        good = state in LINK_GOOD and not link.get("bad") and not link.get("lost")
         parts = [f"  {look.clean(name)} {look.clean(state)}"]
-        parts += [look.texts(f"link.{what}", count=one.get(what) or 0) for what in ("frames", "bad", "lost")]
+        parts += [look.texts(f"link.{what}", count=link.get(what) or 0) for what in ("frames", "bad", "lost")]
         parts.append("" if rate is None else f"{rate:.1f} Hz")
         parts.append(look.texts("link.silent") if age is None else look.texts("link.age", age=duration(age)))
-        parts.append("" if state in LINK_GOOD else look.clean(one.get("reason") or ""))
+        parts.append("" if state in LINK_GOOD else look.clean(link.get("reason") or ""))
         lines += joined(parts, look.width, "" if good else "yellow", rest="    ")
     return titled(look, "section.links", lines)
 
@@ -66,10 +66,12 @@ def records(seen: Seen, look: Look) -> list[Text]:
     """Return the last records, newest first."""
     lines: list[Text] = []
     now = seen.document.get("t_utc_s")
-    for one in (seen.document.get("records") or {}).get("last") or ():
-        lost, bad, flags = one.get("lost") or 0, one.get("bad") or 0, one.get("flags")
-        parts = [f"  {one.get('number')}", look.time(one.get("t_utc_s"), now), _conditions(one, look)]
-        parts.append(look.texts("record.readings", count=one["readings"]) if one.get("readings") is not None else "")
+    for record in (seen.document.get("records") or {}).get("last") or ():
+        lost, bad, flags = record.get("lost") or 0, record.get("bad") or 0, record.get("flags")
+        parts = [f"  {record.get('number')}", look.time(record.get("t_utc_s"), now), _conditions(record, look)]
+        parts.append(
+            look.texts("record.readings", count=record["readings"]) if record.get("readings") is not None else ""
+        )
         parts.append(look.texts("record.lost", lost=lost, bad=bad) if lost or bad else "")
         parts.append(look.texts("record.flags", flags=_flags(flags, look)) if flags else "")
         lines += joined(parts, look.width, "yellow" if lost or bad or flags else "", rest="    ")
@@ -91,17 +93,20 @@ def instruments(seen: Seen, look: Look) -> list[Text]:
     """Return the last word with each instrument, one line each; what is wrong below it."""
     lines: list[Text] = []
     now = seen.document.get("t_utc_s")
-    for role, one in (seen.document.get("instruments") or {}).items():
-        state = str(one.get("state") or "ok")
+    for role, instrument in (seen.document.get("instruments") or {}).items():
+        state = str(instrument.get("state") or "ok")
         word = look.texts(f"instrument.state.{state}") if state in ("ok", "away", "error") else look.clean(state)
-        when, answer = one.get("t_utc_s"), one.get("answer_ms")
+        when, answer = instrument.get("t_utc_s"), instrument.get("answer_ms")
         ago = "" if when is None or now is None else look.texts("instrument.ago", age=duration(now - when))
-        talk = " ".join(f"{mark} {one[what]}" for mark, what in ((">", "command"), ("<", "reply")) if one.get(what))
+        talk = " ".join(
+            f"{mark} {instrument[what]}" for mark, what in ((">", "command"), ("<", "reply")) if instrument.get(what)
+        )
         parts = [f"{look.clean(role)} {word}", ago, "" if answer is None else f"{answer:.0f} ms", look.clean(talk)]
         text = "  ".join(part for part in parts if part)
         lines.append(Text(cut(f"  {text}", look.width), style="" if state == "ok" else "bold red"))
-        if one.get("errors"):
-            said = look.texts("instrument.errors", count=one["errors"], error=look.clean(one.get("error") or ""))
+        if instrument.get("errors"):
+            error = look.clean(instrument.get("error") or "")
+            said = look.texts("instrument.errors", count=instrument["errors"], error=error)
             lines += folded(said, look.width, "yellow", "    ", "    ")
     return titled(look, "section.instruments", lines)
 
@@ -110,8 +115,8 @@ def log(seen: Seen, look: Look) -> list[Text]:
     """Return what happened, newest first."""
     lines: list[Text] = []
     now = seen.document.get("t_utc_s")
-    for one in seen.document.get("log") or ():
-        text = look.clean(f"{look.time(one.get('t_utc_s'), now)} {one.get('kind', '')}: {one.get('text', '')}")
+    for entry in seen.document.get("log") or ():
+        text = look.clean(f"{look.time(entry.get('t_utc_s'), now)} {entry.get('kind', '')}: {entry.get('text', '')}")
         lines += folded(text, look.width, first="  ", rest="    ")
     return titled(look, "section.log", lines)
 
@@ -130,7 +135,7 @@ def _plot(seen: Seen, look: Look) -> list[Text]:
     braille = look.glyphs.braille
     columns = min(PLOT_COLUMNS, look.width - 2)
     ranges = seen.trend.ranges(dots_across(columns, braille))
-    known: list[Range] = [one for one in ranges if one is not None]
+    known: list[Range] = [extent for extent in ranges if extent is not None]
     if not known:
         return [Text(f"  {look.texts('plot.empty')}")]
     low, high = axis(ranges)
@@ -141,7 +146,7 @@ def _plot(seen: Seen, look: Look) -> list[Text]:
 
 
 def planned_degC(timetable: Mapping[str, Any], t_utc_s: float | None) -> float | None:
-    """Planned temperature at a moment, degC, between the corners of the polyline; None outside of it."""
+    """Return planned temperature at a moment, degC, between the corners of the polyline; None outside of it."""
     times, values = timetable.get("t_utc_s") or [], timetable.get("temperature_degC") or []
     if t_utc_s is None or len(times) != len(values) or not times or not times[0] <= t_utc_s <= times[-1]:
         return None
@@ -166,9 +171,9 @@ def plot(ranges: Sequence[Range | None], rows: int, braille: bool) -> list[str]:
     low, high = axis(ranges)
     across = len(ranges) + (len(ranges) % 2 if braille else 0)
     grid = [[False] * across for _ in range(height)]
-    for column, found in enumerate(ranges):
-        if found is not None:
-            top, bottom = (_row(value, low, high, height) for value in (found[1], found[0]))
+    for column, extent in enumerate(ranges):
+        if extent is not None:
+            top, bottom = (_row(value, low, high, height) for value in (extent[1], extent[0]))
             for row in range(top, bottom + 1):
                 grid[row][column] = True
     if not braille:
@@ -177,17 +182,17 @@ def plot(ranges: Sequence[Range | None], rows: int, braille: bool) -> list[str]:
 
 
 def axis(ranges: Sequence[Range | None]) -> Range:
-    """Least and greatest value of the axis; (0, 1) without a value."""
-    known = [found for found in ranges if found is not None and all(math.isfinite(value) for value in found)]
+    """Return least and greatest value of the axis; (0, 1) without a value."""
+    known = [extent for extent in ranges if extent is not None and all(math.isfinite(value) for value in extent)]
     if not known:
         return 0.0, 1.0
-    low, high = min(one for one, _ in known), max(other for _, other in known)
+    low, high = min(least for least, _ in known), max(other for _, other in known)
     missing = max(0.0, LEAST_SPAN - (high - low)) / 2
     return low - missing, high + missing
 
 
 def _row(value: float, low: float, high: float, height: int) -> int:
-    """Row of a value, 0 at the top."""
+    """Return row of a value, 0 at the top."""
     return round((high - value) / (high - low) * (height - 1))
 
 

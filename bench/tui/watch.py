@@ -1,4 +1,4 @@
-"""What is known of a run that is watched: its last word, how old that is, its temperatures of the last hour.
+"""A run that is watched, as far as it is known: its last word, how old that is, its temperatures of the last hour.
 
 A session for which nobody answers any more says from its folder how it ended, and what its guard did.
 """
@@ -47,7 +47,7 @@ class Points(Protocol):
 
 
 class Feed(Protocol):
-    """Who answers for a run."""
+    """A source that answers for a run."""
 
     def poll(self, since: int, state: bool = True) -> Points:
         """Return state and points from number ``since`` on. Raises: BenchError if nobody answers."""
@@ -68,7 +68,7 @@ class Trend:
         self.buckets[number] = (min(known[0], low), max(known[1], high))
         oldest = self.newest - int(HOUR_S / BUCKET_S)
         if min(self.buckets) <= oldest:
-            self.buckets = {at: found for at, found in self.buckets.items() if at > oldest}
+            self.buckets = {at: bucket for at, bucket in self.buckets.items() if at > oldest}
 
     @property
     def span_s(self) -> float:
@@ -79,18 +79,18 @@ class Trend:
         """Return the known span in ``count`` parts of equal length, None for a part without a reading."""
         first = min(self.buckets, default=0)
         size = self.newest + 1 - first
-        found: list[Range | None] = [None] * count
+        spans: list[Range | None] = [None] * count
         for number, (low, high) in self.buckets.items():
             begin = (number - first) * count // size
             for at in range(begin, max(begin + 1, (number + 1 - first) * count // size)):
-                known = found[at]
-                found[at] = (low, high) if known is None else (min(known[0], low), max(known[1], high))
-        return found
+                known = spans[at]
+                spans[at] = (low, high) if known is None else (min(known[0], low), max(known[1], high))
+        return spans
 
 
 @dataclass
 class Seen:
-    """What a page is drawn from. ``age_s``: since the run answered last. ``last``: newest value of a signal.
+    """The contents of a page. ``age_s``: since the run answered last. ``last``: newest value of a signal.
 
     ``guard``: what the guard of a run that is lost did.
     """
@@ -104,7 +104,7 @@ class Seen:
     guard: Mapping[str, Any] | None = None
 
     def keep_trend(self, t_utc_s: NDArray[np.float64], low: NDArray[np.float32], high: NDArray[np.float32]) -> None:
-        """Add readings of the unit, degC; a NaN is none."""
+        """Add readings of the unit, degC; a NaN is no reading."""
         for row in np.flatnonzero(np.isfinite(low) & np.isfinite(high)):
             self.trend.add(float(t_utc_s[row]), float(low[row]), float(high[row]))
 
@@ -144,7 +144,7 @@ class Watch:
         return self._copy()
 
     def _copy(self) -> Seen:
-        """Return what is drawn does not change while it is drawn, on another thread."""
+        """Return a copy, so that what is drawn does not change meanwhile on another thread."""
         trend = Trend(dict(self.seen.trend.buckets), self.seen.trend.newest)
         return replace(self.seen, last=dict(self.seen.last), trend=trend)
 
@@ -173,7 +173,7 @@ class Watch:
             self._boot, self._since = header["boot_id"], 0
         if header.get("state"):
             seen.document = header["state"]
-        names = [str(one["name"]) for one in seen.document.get("signals") or ()]
+        names = [str(signal["name"]) for signal in seen.document.get("signals") or ()]
         for name in (AIR, UNIT):
             if name in names:
                 self._keep(name, reply, names.index(name))
@@ -195,14 +195,14 @@ def remember_earlier(seen: Seen, folder: Path) -> None:
     if now is None:
         return
     try:
-        found = TrendReader(folder).window([UNIT], now - HOUR_S, now, POINTS)
+        trend = TrendReader(folder).window([UNIT], now - HOUR_S, now, POINTS)
     except (BenchError, OSError, ValueError):
         return
-    seen.keep_trend(found.t_utc_s, found.low[:, 0], found.high[:, 0])
+    seen.keep_trend(trend.t_utc_s, trend.low[:, 0], trend.high[:, 0])
 
 
 def ending(folder: Path) -> Mapping[str, Any] | None:
-    """``{"outcome": ...}`` of the state document; None while the recorder has the session open, or died with it.
+    """Return ``{"outcome": ...}`` of the state document; None while the recorder has the session open, or died with it.
 
     The outcome is null if the session does not say how it ended.
     """
@@ -229,14 +229,14 @@ def _outcome(folder: Path) -> Mapping[str, Any] | None:
 
 
 def guard_word(folder: Path) -> Mapping[str, Any] | None:
-    """``{"reason", "safe": True, False or None (at it), "unsafe": roles}``; None if the guard did not act."""
-    found: dict[str, Any] | None = None
+    """Return ``{"reason", "safe": True, False or None (at it), "unsafe": roles}``; None if the guard did not act."""
+    word: dict[str, Any] | None = None
     for entry in read_diary(folder / DIARY):
         what = entry.get("what")
         if what in ("ready", "dismissed"):
-            found = None
+            word = None
         elif what == "act":
-            found = {"reason": str(entry.get("text", "")), "safe": None, "unsafe": []}
-        elif what in ("safe", "unsafe") and found is not None:
-            found |= {"safe": what == "safe", "unsafe": [str(role) for role in entry.get("instruments") or ()]}
-    return found
+            word = {"reason": str(entry.get("text", "")), "safe": None, "unsafe": []}
+        elif what in ("safe", "unsafe") and word is not None:
+            word |= {"safe": what == "safe", "unsafe": [str(role) for role in entry.get("instruments") or ()]}
+    return word

@@ -1,4 +1,4 @@
-"""What a page may ask a run to do: the fields of a command, checked; and what was sent already, so that nothing is done
+"""Requests of a page to a run: the fields of a command, checked; and the requests sent already, so that nothing is done
 twice.
 """
 
@@ -38,12 +38,12 @@ class Command:
 
 
 async def json_object(request: Request) -> dict[str, Any]:
-    """Return the body as a JSON object; empty if it is none, which no command is."""
+    """Return the body as a JSON object; empty if it is no object, which no command is."""
     try:
-        found = json.loads(await request.body())
+        document = json.loads(await request.body())
     except (ValueError, RecursionError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return document if isinstance(document, dict) else {}
 
 
 def command_of(document: dict[str, Any]) -> Command:
@@ -71,8 +71,8 @@ def taken(document: dict[str, Any]) -> bool:
 
 
 def _text(document: dict[str, Any], key: str, longest: int, *, empty: bool = False) -> str:
-    found = document.get(key, "")
-    text = _BLANKS.sub(" ", found).strip() if isinstance(found, str) else None
+    value = document.get(key, "")
+    text = _BLANKS.sub(" ", value).strip() if isinstance(value, str) else None
     if text is None or len(text) > longest or not (text or empty) or not _is_one_line(text):
         need = "a line" if empty else "a line that is not empty,"
         raise _wrong(f"{key}: {need} of at most {longest} characters is due")
@@ -80,13 +80,13 @@ def _text(document: dict[str, Any], key: str, longest: int, *, empty: bool = Fal
 
 
 def _value(document: dict[str, Any]) -> float | str | bool | None:
-    found = document.get("value")
-    if found is None or isinstance(found, bool):
-        return found
-    if isinstance(found, int | float):
-        if not abs(found) <= LARGEST_VALUE:  # NaN, and whole numbers that no float holds, too
+    value = document.get("value")
+    if value is None or isinstance(value, bool):
+        return value
+    if isinstance(value, int | float):
+        if not abs(value) <= LARGEST_VALUE:  # NaN, and whole numbers that no float holds, too
             raise _wrong("value: a finite number is due")
-        return found
+        return value
     return _text(document, "value", LONGEST_REASON, empty=True)
 
 

@@ -66,13 +66,13 @@ PALETTES = {
 
 
 def looks() -> list[dict[str, Any]]:
-    """Hue and dash of each curve: five hues drawn through, the same five dashed."""
+    """Return hue and dash of each curve: five hues drawn through, the same five dashed."""
     hues = len(PALETTES["dark"].hues)
     return [{"hue": index % hues, "dash": list(DASHES[index // hues])} for index in range(CURVES)]
 
 
 def line_plot(name: str, unit: str, curves: int, *, zoom: bool = False) -> Plot:
-    """An empty figure with as many curves as asked for, each with a source ``curve-<index>`` of columns t and y.
+    """Return an empty figure with as many curves as asked for, each with a source ``curve-<index>`` of columns t and y.
 
     A curve runs through the least and the greatest value of each bucket of time; NaN parts it.
 
@@ -122,7 +122,7 @@ def _add_zoom(plot: Plot) -> None:
 
 
 def run_figures(state: dict[str, Any]) -> dict[str, Any]:
-    """Figures of one run from its state document: graphs, temperature, history, and how they look in both themes."""
+    """Return figures of a run from its state document: graphs, temperature, history, and their look in both themes."""
     graphs = state.get("graphs") or []
     return _figures(tuple((str(graph["unit"]), min(CURVES, len(graph["signals"]))) for graph in graphs))
 

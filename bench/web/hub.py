@@ -34,7 +34,7 @@ Watched = LiveRun | ReplayRun
 
 
 class Serving(Protocol):
-    """What the hub needs to know of the server it belongs to."""
+    """A server, as far as its hub needs to know it."""
 
     @property
     def out(self) -> Path:
@@ -87,7 +87,7 @@ class Hub:
         return await asyncio.get_running_loop().run_in_executor(self._work, partial(task, *arguments))
 
     def folder(self, run: str) -> Path:
-        """Folder of a run. Raises: Refusal B-WEB-013, status 404."""
+        """Return folder of a run. Raises: Refusal B-WEB-013, status 404."""
         folder = run_folder(self.serving.out, run)
         if folder is None:
             raise Refusal(404, "B-WEB-013", "there is no run of that name", next_step="the first page lists them")
@@ -95,7 +95,7 @@ class Hub:
 
     @asynccontextmanager
     async def watching(self, run: str, viewer: Viewer) -> AsyncIterator[Watched]:
-        """What a viewer looks at: the living run, shared by all, or a replay of its own. Raises: Refusal B-WEB-013."""
+        """Open what a viewer looks at: the shared living run, or a replay of its own. Raises: Refusal B-WEB-013."""
         folder = self.folder(run)
         if run in self._live or await self._feed(listens, folder):
             async with self._in_room(run, viewer) as live:
@@ -121,7 +121,7 @@ class Hub:
         )
 
     async def listed(self) -> tuple[list[Row], int]:
-        """Rows of all runs, newest first, living ones as they are now; and how many could not be read yet."""
+        """Return rows of all runs, newest first, living ones as they are now; and how many could not be read yet."""
         rows, unread = await self.work(self.runs.rows)
         return list(await asyncio.gather(*(self._row_now(row) for row in rows))), unread
 
@@ -176,7 +176,7 @@ class Hub:
         live = LiveRun(folder, ask, self.serving.clock, partial(self._extra, run), final)
         self._live[run] = live
         coroutines = (follow(), live.beat(), self._fits.keep(folder))
-        self._tasks[run] = [asyncio.create_task(one) for one in coroutines]
+        self._tasks[run] = [asyncio.create_task(coroutine) for coroutine in coroutines]
         return live
 
     @asynccontextmanager

@@ -156,7 +156,7 @@ def listens(folder: Path) -> bool:
 
 
 def state_of(folder: Path) -> dict[str, Any] | None:
-    """The state document as the run itself gives it; None if nobody answers within the time of a feed."""
+    """Return the state document as the run itself gives it; None if nobody answers within the time of a feed."""
     client = FeedClient(folder)
     try:
         state: dict[str, Any] = client.poll(0).header["state"]

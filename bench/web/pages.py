@@ -36,7 +36,7 @@ def _templates() -> Environment:
 
 
 def language_of(request: Request) -> str:
-    """Language of the page: chosen on it, else the first of the browser's that has a catalogue, else English."""
+    """Return language of the page: chosen on it, else the first of the browser's that has a catalogue, else English."""
     wishes = [request.cookies.get(_COOKIE, "")]
     wishes += [wish.split(";")[0].strip() for wish in request.headers.get("accept-language", "").split(",")]
     known = languages(_HERE)
@@ -46,13 +46,13 @@ def language_of(request: Request) -> str:
 @cache
 def _modules(first: str) -> tuple[str, ...]:
     """Return a script and every script it imports, so that the browser fetches all of them at once."""
-    found, waiting = [first], [first]
+    names, waiting = [first], [first]
     while waiting:
         for name in _IMPORT.findall((_HERE / "static" / waiting.pop()).read_text(encoding="utf-8")):
-            if name not in found:
-                found.append(name)
+            if name not in names:
+                names.append(name)
                 waiting.append(name)
-    return tuple(found)
+    return tuple(names)
 
 
 def _page(request: Request, template: str, script: str, **values: object) -> Response:

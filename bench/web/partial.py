@@ -100,16 +100,16 @@ def finished_estimates(results: dict[str, Any], t_utc_s: float) -> Estimates | N
     """Return estimates of a finished session from its results.json; None if it has none."""
     records = int((results.get("quality") or {}).get("records") or 0)
     rows = [
-        {**{key: one.get(key) for key in ("quantity", "unit", "value", "std_uncertainty")},
-         "conditions": {key: value for key, value in (one.get("conditions") or {}).items() if key != MEASURED},
-         "history": [[records, one.get("value"), one.get("std_uncertainty")]]}
-        for one in results.get("estimates") or ()
+        {**{key: estimate.get(key) for key in ("quantity", "unit", "value", "std_uncertainty")},
+         "conditions": {key: value for key, value in (estimate.get("conditions") or {}).items() if key != MEASURED},
+         "history": [[records, estimate.get("value"), estimate.get("std_uncertainty")]]}
+        for estimate in results.get("estimates") or ()
     ]  # fmt: skip
     return {"t_utc_s": t_utc_s, "records": records, "rows": rows, "final": True} if rows else None
 
 
 def _spent_s() -> float:
-    """Processor time of the processes that have ended, s; a fit takes longer on a busy machine, and costs the same."""
+    """Return processor time of the processes that have ended, s; a fit on a busy machine costs the same."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 

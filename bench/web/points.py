@@ -40,12 +40,12 @@ class Points:
         return head + self.t_utc_s.astype("<f8").tobytes() + self.pairs.astype("<f4").tobytes()
 
     def between(self, after_utc_s: float, until_utc_s: float) -> Points:
-        """Those after one time and not after another, which may be none."""
+        """Return those after one time and not after another, which may be none."""
         start, stop = np.searchsorted(self.t_utc_s, (after_utc_s, until_utc_s), side="right")
         return Points(self.first + int(start), self.t_utc_s[start:stop], self.pairs[start:stop])
 
     def last(self, count: int) -> Points:
-        """At most ``count`` of them, the newest."""
+        """Return at most ``count`` of them, the newest."""
         skipped = max(0, len(self) - count)
         return Points(self.first + skipped, self.t_utc_s[skipped:], self.pairs[skipped:])
 
@@ -56,7 +56,7 @@ def no_points(signals: int, first: int = 0) -> Points:
 
 
 def binned(t_utc_s: NDArray[np.float64], low: NDArray[np.float32], high: NDArray[np.float32], width_s: float) -> Points:
-    """Least and greatest value of each signal in steps of ``width_s``, numbered from 0; NaN where nothing came.
+    """Return least and greatest value of each signal in steps of ``width_s``, numbered from 0; NaN where nothing came.
 
     Args: t_utc_s: (n,), ascending. low, high: (n, signals); rows of NaN are gaps. A point's time: the end of its step.
     """
@@ -87,7 +87,7 @@ class LastPoints:
             self._count -= len(self._blocks.popleft())
 
     def all(self) -> Points:
-        """At most ``KEPT`` points in a row."""
+        """Return at most ``KEPT`` points in a row."""
         if not self._blocks:
             return no_points(self.signals)
         times = np.concatenate([block.t_utc_s for block in self._blocks])

@@ -57,7 +57,7 @@ class Viewer:
         await self._filled.wait()
 
     def take(self) -> Outgoing | None:
-        """The next message, None if there is none."""
+        """Return the next message, None if there is none."""
         if self._queue:
             return self._queue.popleft()
         if not self.stale:
@@ -66,7 +66,7 @@ class Viewer:
 
 
 class Room:
-    """What a run shows now. ``state``: the state document of docs/live-protocol.md without the role of who looks."""
+    """A run as its viewers see it. ``state``: the state document of docs/live-protocol.md without a viewer's role."""
 
     def __init__(self, state: Mapping[str, Any]) -> None:
         self.viewers: set[Viewer] = set()

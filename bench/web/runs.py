@@ -1,4 +1,4 @@
-"""What a page asks for by HTTP: runs, the state of one, history, report, calibrations."""
+"""Answers to a page over HTTP: runs, the state of one, history, report, calibrations."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _figures(state: dict[str, Any]) -> dict[str, Any]:
 
 
 def calibration_rows(history: str | None, out: Path) -> list[dict[str, Any]]:
-    """Calibrations, newest first; empty if there is no history.
+    """Return calibrations, newest first; empty if there is no history.
 
     Args: history: its URL; None: BENCH_HISTORY or history.sqlite in ``out``.
     Raises: StoreError B-STORE-001 to B-STORE-005.

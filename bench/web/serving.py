@@ -1,4 +1,4 @@
-"""What one page server serves and to whom, the server itself (uvicorn), and connections that do not wait for ever.
+"""One page server: its runs and its viewers, the server itself (uvicorn), and connections that do not wait for ever.
 
 What somebody can hold open is bounded before it is known who it is. uvicorn ends a connection that is silent after an
 answer, but waits without end for the first request, for one that comes byte by byte, and for somebody who does not
@@ -79,12 +79,12 @@ class Serving:
 
     @property
     def scheme(self) -> str:
-        """How people reach it."""
+        """Scheme of the URL that people reach it by."""
         return "https" if self.secure else "http"
 
 
 def written(place: tuple[str, int] | None, secure: bool) -> frozenset[str]:
-    """An address and a port as a browser writes them into Host, which leaves the usual port out."""
+    """Return an address and a port as a browser writes them into Host, which leaves the usual port out."""
     if place is None:
         return frozenset()
     name, port = place[0].lower().removeprefix("::ffff:"), place[1]  # an IPv4 address on an IPv6 socket

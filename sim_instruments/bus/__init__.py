@@ -1,1 +1,1 @@
-"""How simulated instruments are reached: VISA, serial ports, messages."""
+"""Ways to simulated instruments: VISA, serial ports, messages."""

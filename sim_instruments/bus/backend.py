@@ -34,7 +34,7 @@ class _Holders:
 
 
 class _ResourceLocks:
-    """Who holds which instrument, by the handle of a VISA session: exclusive locks nest, shared ones go by key."""
+    """Locks of the instruments, by the handle of a VISA session: exclusive locks nest, shared ones go by key."""
 
     def __init__(self) -> None:
         self._holders: dict[int, _Holders] = {}

@@ -90,7 +90,7 @@ class LiveDevice(Device):
     # --- used by subclasses ------------------------------------------------------------------------------------
 
     def rng(self, purpose: str, *indexes: int) -> np.random.Generator:
-        """Generator of one purpose; a second instrument of the same model draws for itself."""
+        """Return generator of one purpose; a second instrument of the same model draws for itself."""
         return self.world.rng(purpose if self.is_first else f"{purpose} of {self.role}", *indexes)
 
     @property
@@ -99,7 +99,7 @@ class LiveDevice(Device):
         return self.world.instrument(type(self)) in (None, self)
 
     def partner(self, kind: type) -> Any:
-        """The instrument of another model that this one is wired to: the first to the first, the second to the second.
+        """Return the instrument of another model wired to this one: the first to the first, the second to the second.
 
         None if there is no such instrument; if there are fewer, the last of them.
         """
@@ -107,7 +107,7 @@ class LiveDevice(Device):
         return others[min(own.index(self), len(others) - 1)] if others else None
 
     def reading(self, text: str) -> str:
-        """A reading as it is told: the text, or what the instrument says instead while a fault is on."""
+        """Return a reading as it is told: the text, or what the instrument says instead while a fault is on."""
         return self.faults.take_reading(text, self.not_a_number, self.overload)
 
     @property

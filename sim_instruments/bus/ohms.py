@@ -28,7 +28,7 @@ AUTOMATIC = ("", "DEF", "AUTO")
 
 @dataclass
 class OhmsSetting:
-    """How one input measures: two or four wires, the range in ohm (None: automatic), power-line cycles."""
+    """Setting of one input: two or four wires, the range in ohm (None: automatic), power-line cycles."""
 
     wires: int
     range_ohm: float | None
@@ -61,7 +61,9 @@ class Ohmmeter:
             return OhmsSetting(wires, range_ohm, cycles)
         asked_ohm = self._device.number(second, 3e-5, 1e4)
         reached = [
-            found for found, part in RESOLUTION.items() if part * (range_ohm or RANGES_OHM[0]) <= asked_ohm * (1 + 1e-9)
+            digits
+            for digits, part in RESOLUTION.items()
+            if part * (range_ohm or RANGES_OHM[0]) <= asked_ohm * (1 + 1e-9)
         ]
         if not reached:
             raise ScpiError(*UNREACHED)

@@ -69,7 +69,7 @@ class Serial(SerialBase):
         return int(self._unit.waiting(self._name))
 
     def arrivals(self, turns_ns: Sequence[int]) -> Sequence[int]:
-        """Bytes that can be read at each of the coming times if nobody reads or does anything else before.
+        """Return bytes that can be read at each of the coming times if nobody reads or does anything else before.
 
         Only as far as the unit knows them now: the answer may be shorter.
         """
@@ -78,7 +78,7 @@ class Serial(SerialBase):
         return coming
 
     def read(self, size: int = 1) -> bytes:
-        """Up to ``size`` bytes; waits for them as long as ``timeout`` says (None: until all are there)."""
+        """Return up to ``size`` bytes; waits for them as long as ``timeout`` says (None: until all are there)."""
         self._require_open()
         received = self._unit.read(self._name, size)
         if len(received) == size or self._timeout == 0:

@@ -186,9 +186,9 @@ class ScpiDevice(LiveDevice):
         try:
             return self._known[name]
         except KeyError:
-            found = next((method for expression, method in self._handlers if expression.fullmatch(name)), None)
-            self._known[name] = found
-            return found
+            handler = next((method for expression, method in self._handlers if expression.fullmatch(name)), None)
+            self._known[name] = handler
+            return handler
 
     def _declared(self) -> list[tuple[re.Pattern[str], Callable[[str], str | None]]]:
         handlers = {

@@ -68,11 +68,11 @@ class TagBlocks:
 
     def take(self, most_bytes: int) -> bytes:
         """Return the oldest whole blocks, at most so many bytes; they leave the memory."""
-        found: list[bytes] = []
+        blocks: list[bytes] = []
         while self._memory and len(self._memory[0]) <= most_bytes:
-            found.append(self._memory.popleft())
-            most_bytes -= len(found[-1])
-        return b"".join(found)
+            blocks.append(self._memory.popleft())
+            most_bytes -= len(blocks[-1])
+        return b"".join(blocks)
 
     def _close(self, words: Words) -> None:
         full = len(self._memory) >= MEMORY_BLOCKS

@@ -1,1 +1,1 @@
-"""What can go wrong on a simulated bench."""
+"""Faults of a simulated bench."""

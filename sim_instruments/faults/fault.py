@@ -1,4 +1,4 @@
-"""What a fault of the simulated bench is: what it needs, what it does, how it is switched on and off.
+"""The form of a fault of the simulated bench: what it needs, what it does, how it is switched on and off.
 
 A link, the interface of an instrument and each simulated model declare their own as ``named_faults``.
 """
@@ -42,12 +42,12 @@ class Fault:
 
     @property
     def target(self) -> str:
-        """What has to be named: "link", "role" or "" (the bench knows which instrument it is)."""
+        """Sort of target that has to be named: "link", "role" or "" (the bench knows which instrument it is)."""
         return self.of if self.of in (LINK, ROLE) else ""
 
     @property
     def usage(self) -> str:
-        """What has to be written behind the name."""
+        """Words that have to be written behind the name."""
         words = [self.target.upper()] if self.target else []
         for place, (name, _, _) in enumerate(self.values):
             words.append(f"[{name}]" if place >= len(self.values) - len(self.default) else name)

@@ -45,7 +45,7 @@ class FaultSwitches:
         return every_fault(self._bench.instruments.values())
 
     def targets(self, kind: str) -> tuple[str, ...]:
-        """Names that may stand behind a fault of this kind of target."""
+        """Return names that may stand behind a fault of this kind of target."""
         return {LINK: self._bench.ports, ROLE: tuple(self._bench.instruments)}.get(kind, ())
 
     def switch(self, name: str, target: str = "", *values: Value) -> None:

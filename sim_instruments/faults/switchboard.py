@@ -169,14 +169,14 @@ class InstrumentFaults:
     }  # fmt: skip
 
     def take_delay_s(self) -> float:
-        """Extra delay of the reply being made, seconds; counts it."""
+        """Return extra delay of the reply being made, seconds; counts it."""
         if self.late_replies <= 0:
             return 0.0
         self.late_replies -= 1
         return self.late_s
 
     def take_reading(self, text: str, not_a_number: str, overload: str) -> str:
-        """The reading as it is told; counts those that are no number."""
+        """Return the reading as it is told; counts those that are no number."""
         if self.nan_readings > 0:
             self.nan_readings -= 1
             return not_a_number
@@ -207,9 +207,9 @@ class Faults:
     _instruments: dict[str, InstrumentFaults] = field(default_factory=dict, repr=False)
 
     def link(self, name: str) -> LinkFaults:
-        """Switches of one serial link (port_a, port_b)."""
+        """Return switches of one serial link (port_a, port_b)."""
         return self._links.setdefault(name, LinkFaults(self.seed, name))
 
     def instrument(self, role: str) -> InstrumentFaults:
-        """Switches of one instrument, by its role in the station."""
+        """Return switches of one instrument, by its role in the station."""
         return self._instruments.setdefault(role, InstrumentFaults(self.seed, role))

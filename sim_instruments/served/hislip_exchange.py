@@ -1,4 +1,4 @@
-"""What one client says to one instrument and what it gets back: input, output and status, apart from other clients'.
+"""The exchange of one client with one instrument: input, output and status, apart from other clients'.
 
 Several clients reach one simulated instrument at once (a controller and its guard). Its settings, errors and outputs
 are common; unread replies are not: each client's wait here, are put into the instrument for the time of each of its
@@ -30,7 +30,7 @@ class LockAnswer(IntEnum):
 
 
 class HislipLocks:
-    """Who holds one instrument: one client exclusively, or several who share a key. Safe to use from all threads.
+    """Locks of one instrument: one client holds it, or several who share a key. Safe to use from all threads.
 
     Clients are named by any hashable object; their locks end with their session. The traffic of a client without the
     lock waits, it is not refused.

@@ -103,12 +103,12 @@ class Inbox:
         self._skip = 0
 
     def feed(self, chunk: bytes) -> list[Message]:
-        """Messages that are complete now. Raises: FatalProtocolError if a header does not begin with "HS"."""
+        """Return messages that are complete now. Raises: FatalProtocolError if a header does not begin with "HS"."""
         self._buffer += chunk
-        found = []
+        messages = []
         while (message := self._next()) is not None:
-            found.append(message)
-        return found
+            messages.append(message)
+        return messages
 
     def _next(self) -> Message | None:
         dropped = min(self._skip, len(self._buffer))

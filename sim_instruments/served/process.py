@@ -74,7 +74,7 @@ class InstrumentServers:
 
 
 class OutputWatch:
-    """What a bench really does, and since when; ``look`` is called each ``WATCH_S`` of the bench."""
+    """The true output of a bench, and since when; ``look`` is called each ``WATCH_S`` of the bench."""
 
     def __init__(self, world: World) -> None:
         self._world = world

@@ -1,4 +1,4 @@
-"""How a run opens a simulated bench: ``open_world`` builds the world a simulated station describes."""
+"""The opening of a simulated bench for a run: ``open_world`` builds the world a simulated station describes."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def _connect(world: World, role: str, entry: Mapping[str, Any]) -> None:
 
 
 def _with_serial(identity: str, serial: str) -> str:
-    """An identity of four fields with the serial number of the register; models that tell none stay as they are."""
+    """Return an identity of four fields with the serial number of the register; models without one stay as they are."""
     fields = identity.split(",")
     if len(fields) != IDENTITY_FIELDS or fields[2] == "0" or not serial:
         return identity

@@ -40,15 +40,15 @@ def import_sessions(place: Place, folders: list[Path], reason: str, as_json: boo
             console(stderr=True).print(str(error))
             status = error.exit_status
     if as_json:
-        sys.stdout.write(json.dumps({"sessions": [vars(one) for one in done]}, indent=1) + "\n")
+        sys.stdout.write(json.dumps({"sessions": [vars(recorded) for recorded in done]}, indent=1) + "\n")
     else:
-        for one in done:
-            console().print(f"{one.outcome:<10} {one.session}, revision {one.revision}")
+        for recorded in done:
+            console().print(f"{recorded.outcome:<10} {recorded.session}, revision {recorded.revision}")
     return status
 
 
 def _no_calibration(folder: Path) -> str:
-    """Return why something beside the sessions is none of a calibration, else ""."""
+    """Return why something beside the sessions is no session of a calibration, else ""."""
     if folder.is_file():
         return "a file, no session"
     analysis = SessionReader(folder).manifest["campaign"].get("analysis", NO_ANALYSIS)
@@ -94,12 +94,12 @@ def _stored(path: Path) -> Mapping[str, Any]:
             next_step="remove it to have the results computed again",
         ) from error
     validate_results(document, str(path))
-    found: Mapping[str, Any] = document
-    return found
+    results: Mapping[str, Any] = document
+    return results
 
 
 def _computed(reader: SessionReader) -> Mapping[str, Any]:
-    """Results of a whole session that has none."""
+    """Return results of a whole session that has none."""
     if reader.unfinished:
         raise StoreError(
             "B-STORE-013",
@@ -114,6 +114,6 @@ def _computed(reader: SessionReader) -> Mapping[str, Any]:
 
 
 def _first_label(reader: SessionReader) -> int | None:
-    """UTC of the first clock pair of a session whose name does not say when it began."""
+    """Return UTC of the first clock pair of a session whose name does not say when it began."""
     message = next(reader.select(_CLOCK), None)
     return None if message is None else int(message.document()["t_utc_ns"])

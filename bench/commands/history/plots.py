@@ -27,30 +27,32 @@ def draw(comparison: Comparison, path: Path) -> None:
     title = f"{' '.join(series.uut)}: {len(series.calibrations)} calibrations, clearest drift first{more}"
     with writing(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        plots.plot_history([_panel(one) for one in histories], title, bool(series.calibrations[-1]["simulated"]), path)
+        plots.plot_history(
+            [_panel(history) for history in histories], title, bool(series.calibrations[-1]["simulated"]), path
+        )
 
 
-def _clearest(one: ParameterHistory) -> float:
-    """Drift over its standard uncertainty, the largest first; what has no line comes last."""
-    return 0.0 if one.line is None else -abs(one.line.rate) / one.line.rate_std
+def _clearest(history: ParameterHistory) -> float:
+    """Return drift over its standard uncertainty, the largest first; what has no line comes last."""
+    return 0.0 if history.line is None else -abs(history.line.rate) / history.line.rate_std
 
 
-def _panel(one: ParameterHistory) -> plots.Panel:
+def _panel(history: ParameterHistory) -> plots.Panel:
     empty = np.empty(0)
-    at = plots.line_years(one.t_year[0], one.t_year[-1]) if one.line else empty
-    unit = one.parameter.unit
+    at = plots.line_years(history.t_year[0], history.t_year[-1]) if history.line else empty
+    unit = history.parameter.unit
     nano = unit == "A" or unit.startswith("A/")
     scale = 1e9 if nano else 1.0
     return plots.Panel(
-        title=one.parameter.label,
+        title=history.parameter.label,
         unit=f"n{unit}" if nano else unit,
-        year=one.t_year + _EPOCH_YEAR,
-        value=scale * one.value,
-        expanded=scale * one.factor * one.std,
+        year=history.t_year + _EPOCH_YEAR,
+        value=scale * history.value,
+        expanded=scale * history.factor * history.std,
         line_year=at + _EPOCH_YEAR,
-        line=scale * one.line.at(at) if one.line else empty,
-        line_expanded=scale * coverage_factor() * one.line.std_at(at) if one.line else empty,
-        action_sigma=3.0 * scale * one.chart.sigma if one.chart else math.nan,
-        limit=scale * one.limit,
-        outside=np.isin(one.rows, one.outside),
+        line=scale * history.line.at(at) if history.line else empty,
+        line_expanded=scale * coverage_factor() * history.line.std_at(at) if history.line else empty,
+        action_sigma=3.0 * scale * history.chart.sigma if history.chart else math.nan,
+        limit=scale * history.limit,
+        outside=np.isin(history.rows, history.outside),
     )

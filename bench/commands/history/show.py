@@ -33,13 +33,13 @@ from bench.store import (
 
 @dataclass(frozen=True)
 class Place:
-    """Where the history is: a URL, or history.sqlite in the folder of the sessions."""
+    """The place of the history: a URL, or history.sqlite in the folder of the sessions."""
 
     url: str | None
     out: Path | None
 
     def of(self, sessions: Sequence[str] = ()) -> str:
-        """The history asked for, else the one beside the first session that is named by its folder."""
+        """Return the history asked for, else the one beside the first session that is named by its folder."""
         beside = next((Path(name).resolve().parent for name in sessions if Path(name).is_dir()), Path("sessions"))
         return chosen_url(self.url, beside if self.out is None else self.out, os.environ)
 
@@ -95,16 +95,16 @@ def compare(
 
 
 def due(place: Place, filters: Filters, most_days: int, as_json: bool) -> int:
-    """When every unit is due again; exit status 1 if a real one is overdue."""
+    """Print when every unit is due again; exit status 1 if a real one is overdue."""
     url = place.of()
     wanted = [filters.uut] if filters.uut is not None else [f"{model} {serial}" for model, serial in units_of(url)]
-    found = [
-        one
+    dues = [
+        due
         for unit in wanted
-        for one in dues_of(compare_unit(url, Filters(unit, filters.campaign, filters.quantity)), most_days)
+        for due in dues_of(compare_unit(url, Filters(unit, filters.campaign, filters.quantity)), most_days)
     ]
     now_ns = WallClock().utc_ns()
-    rows = [one.as_json(now_ns) for one in found]
+    rows = [due.as_json(now_ns) for due in dues]
     if as_json:
         _json({"due": rows})
     else:
@@ -134,7 +134,7 @@ def approve_session(place: Place, session: str, by: str, statement: str, as_json
 
 
 def named(session: str) -> str:
-    """What the history calls a session: a folder stands for the recording that its results were computed from."""
+    """Return the name of a session in the history; a folder stands for the recording its results were computed from."""
     results = Path(session) / "results.json"
     with suppress(OSError, ValueError, KeyError, TypeError):
         return str(json.loads(results.read_text(encoding="utf-8"))["provenance"]["session_sha256"])

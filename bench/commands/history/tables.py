@@ -54,20 +54,26 @@ def print_shown(out: Console, shown: Shown) -> None:
         out.print(f"  {name.replace('_', ' '):<16} {head[name]}")
     out.print(f"  {'unit under test':<16} {head['uut_model']} {head['uut_serial']}")
     out.print("  " + ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in shown.quality.items()))
-    for one in shown.standards:
-        out.print(f"  standard {one['role']}: {one['model']} {one['serial']}, {one['certificate']}, due {one['due']}")
-    for one in shown.revisions:
-        report = (one["report_sha256"] or "no report")[:12]
-        out.print(f"  revision {one['number']}: {one['created_utc']}, {one['reason']}, {one['software']}, {report}")
-        for approval in one["approvals"]:
+    for standard in shown.standards:
+        out.print(
+            f"  standard {standard['role']}: {standard['model']} {standard['serial']}, "
+            f"{standard['certificate']}, due {standard['due']}"
+        )
+    for revision in shown.revisions:
+        report = (revision["report_sha256"] or "no report")[:12]
+        out.print(
+            f"  revision {revision['number']}: {revision['created_utc']}, {revision['reason']}, "
+            f"{revision['software']}, {report}"
+        )
+        for approval in revision["approvals"]:
             out.print(f"    approved by {approval['by']}, {approval['approved_utc']}: {approval['statement']}")
     table = _table("Estimates", ("quantity", "conditions", "value", "U 95 %", "unit", "n", "limit", "verdict"))
-    for one in shown.estimates:
-        limit = "-" if one["limit"] is None else f"{one['limit']:g}"
+    for estimate in shown.estimates:
+        limit = "-" if estimate["limit"] is None else f"{estimate['limit']:g}"
         table.add_row(
-            one["quantity"], conditions_text(one["conditions"]), f"{one['value']:.6g}",
-            f"{one['expanded_uncertainty']:.3g}", one["unit"],
-            str(one["n"]), limit, one["verdict"].replace("_", " "),
+            estimate["quantity"], conditions_text(estimate["conditions"]), f"{estimate['value']:.6g}",
+            f"{estimate['expanded_uncertainty']:.3g}", estimate["unit"],
+            str(estimate["n"]), limit, estimate["verdict"].replace("_", " "),
         )  # fmt: skip
     out.print(table)
 
@@ -78,14 +84,14 @@ def print_pair(out: Console, pair: Row) -> None:
     out.print(f"{pair['uut_model']} {pair['uut_serial']}: {first} (method {pair['methods'][0]})")
     out.print(f"  against {second} (method {pair['methods'][1]})")
     table = _table("", ("quantity", "conditions", "first", "second", "change", "U 95 %", "unit", "E_n"))
-    for one in pair["parameters"]:
+    for parameter in pair["parameters"]:
         table.add_row(
-            one["quantity"], conditions_text(one["conditions"]), *(f"{value:.6g}" for value in one["values"]),
-            f"{one['change']:+.3g}",
-            f"{one['change_expanded_uncertainty']:.3g}", one["unit"], _number(one["en"], "+.2f"),
+            parameter["quantity"], conditions_text(parameter["conditions"]),
+            *(f"{value:.6g}" for value in parameter["values"]), f"{parameter['change']:+.3g}",
+            f"{parameter['change_expanded_uncertainty']:.3g}", parameter["unit"], _number(parameter["en"], "+.2f"),
         )  # fmt: skip
     out.print(table)
-    scores = [one["en"] for one in pair["parameters"] if one["en"] is not None]
+    scores = [parameter["en"] for parameter in pair["parameters"] if parameter["en"] is not None]
     above = sum(abs(score) > 1.0 for score in scores)
     out.print(f"{above} of {len(scores)} parameters changed by more than their uncertainty (|E_n| > 1)")
 
@@ -97,8 +103,8 @@ def comparison_document(comparison: Comparison, due: Sequence[Due], now_utc_ns: 
         "uut_model": series.uut[0],
         "uut_serial": series.uut[1],
         "sessions": [row["session"] for row in series.calibrations],
-        "parameters": [one.as_json(series) for one in comparison.parameters],
-        "due": [one.as_json(now_utc_ns) for one in due],
+        "parameters": [history.as_json(series) for history in comparison.parameters],
+        "due": [entry.as_json(now_utc_ns) for entry in due],
         "notes": list(series.notes),
     }
 
@@ -109,12 +115,12 @@ def print_comparison(out: Console, comparison: Comparison, due: Sequence[Due]) -
     heads = ("parameter", "calibr.", "last", "U 95 %", "unit", "drift/year", "U 95 %", "E_n last", "|E_n|>1", "out")
     table = _table(f"{' '.join(series.uut)}: {len(series.calibrations)} calibrations", heads)
     for history in comparison.parameters:
-        one = history.as_json(series)
+        document = history.as_json(series)
         table.add_row(
-            history.parameter.label, str(one["calibrations"]), f"{one['value']:.6g}",
-            f"{one['expanded_uncertainty']:.3g}", one["unit"], _number(one["rate_per_year"], "+.3g"),
-            _number(one["rate_expanded_uncertainty"], ".2g"), _number(one["en"], "+.2f"), str(one["en_above_1"]),
-            "-" if history.chart is None else str(len(one["out_of_control"])),
+            history.parameter.label, str(document["calibrations"]), f"{document['value']:.6g}",
+            f"{document['expanded_uncertainty']:.3g}", document["unit"], _number(document["rate_per_year"], "+.3g"),
+            _number(document["rate_expanded_uncertainty"], ".2g"), _number(document["en"], "+.2f"),
+            str(document["en_above_1"]), "-" if history.chart is None else str(len(document["out_of_control"])),
         )  # fmt: skip
     out.print(table)
     for note in series.notes:
@@ -131,7 +137,7 @@ def print_comparison(out: Console, comparison: Comparison, due: Sequence[Due]) -
 def print_due(out: Console, rows: Sequence[Row]) -> None:
     """One line per unit and campaign."""
     table = _table("", ("unit under test", "campaign", "last", "due", "governed by", "state"))
-    for row in sorted(rows, key=lambda one: str(one["due_utc"])):
+    for row in sorted(rows, key=lambda row: str(row["due_utc"])):
         unit = f"{row['uut_model']} {row['uut_serial']}{_mark(row['simulated'])}"
         state = "-" if row["simulated"] else "OVERDUE" if row["overdue"] else "valid"
         table.add_row(

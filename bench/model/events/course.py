@@ -1,4 +1,4 @@
-"""What a run does: how it goes through its plan, where it stands still, and how it ends."""
+"""Events of the course of a run: how it goes through its plan, where it stands still, and how it ends."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class Skip(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class Slip(Event):
-    """What follows a step is later than planned."""
+    """The steps after this one are later than planned."""
 
     kind: ClassVar[str] = "slip"
     step: int
@@ -136,7 +136,7 @@ class Late(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class Overrun(Event):
-    """What was before a step took longer than the plan leaves for it."""
+    """The steps before this one took longer than the plan leaves for them."""
 
     kind: ClassVar[str] = "overrun"
     step: int

@@ -1,4 +1,4 @@
-"""What every event of a session has: a kind, typed fields, a sentence for a person, and how bad it is.
+"""The base of every event of a session: a kind, typed fields, a sentence for a person, and how bad it is.
 
 In a session an event is JSON: its kind and its fields (docs/session-format.md). A class may gain fields; it never loses
 one, because older sessions are read for ever. A field that an event does not have is left out where its declaration
@@ -56,7 +56,7 @@ class Event:
 
     @property
     def topic(self) -> str:
-        """What is the same for the same trouble at another time."""
+        """Text that is the same for the same trouble at another time."""
         return self.kind
 
     @property

@@ -1,4 +1,4 @@
-"""What a run takes: records, readings, answers and temperatures."""
+"""Events of what a run takes: records, readings, answers and temperatures."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ class Prompt(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class Environment(Event):
-    """What the chamber's air and the unit really did, once a minute."""
+    """True temperatures of the chamber's air and of the unit, once a minute."""
 
     kind: ClassVar[str] = "environment"
     air_degC: float | None
@@ -122,7 +122,7 @@ class Surroundings(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class Preflight(Event):
-    """What was looked at before the run began; each finding has name, status, value, limit and text."""
+    """Findings of the pre-flight before a run; each has name, status, value, limit and text."""
 
     kind: ClassVar[str] = "preflight"
     ok: int

@@ -1,4 +1,4 @@
-"""What watches a run, and people, have to say: alarms, limits, links, the guard, commands."""
+"""Events of those who watch a run, and of people: alarms, limits, links, the guard, commands."""
 
 from __future__ import annotations
 
@@ -229,7 +229,7 @@ class Verdict(Event):
 
     @property
     def failed(self) -> str:
-        """What is wrong, "" if nothing is."""
+        """The checks that failed, as a text; "" if none did."""
         return "; ".join(_check(check) for check in self.checks or () if check.get("ok") is False)
 
     def _words(self) -> str:
@@ -311,7 +311,7 @@ class Control(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class Inhibit(Event):
-    """Whether the machine is kept awake."""
+    """The machine is kept awake, or is not any more."""
 
     kind: ClassVar[str] = "inhibit"
     held: bool

@@ -40,7 +40,7 @@ class ActionCheck:
         self._seen: dict[Any, Judged] = {}
 
     def check_reading(self, record: Step, index: int, call: PlannedCall) -> Judged:
-        """Declared action of one of a record's readings; one that is no reading is noted (B-PLAN-096)."""
+        """Return declared action of one of a record's readings; one that is no reading is noted (B-PLAN-096)."""
         dimensions = argument_dimensions(self._plan.dimensions[record.number], index)
         judged = Judged(*self._fresh(call, dimensions))
         if judged.action is not None and not is_reading(judged.action):
@@ -49,7 +49,7 @@ class ActionCheck:
         return judged
 
     def check(self, step: Step) -> Judged:
-        """Declared action of a call or verify step; if it names none a mistake was noted."""
+        """Return declared action of a call or verify step; if it names none a mistake was noted."""
         if not isinstance(step, PlannedCall | PlannedVerify | PlannedSend | PlannedSoak):
             return Judged(None, {})
         key = (step.where, step.role, step.name, tuple((n, _hashable(v)) for n, v in step.told().items()))

@@ -84,7 +84,7 @@ def check_steps(
 def _check_readings(
     record: PlannedRecord, actions: ActionCheck, state: BenchState, station: Station, findings: Findings
 ) -> None:
-    """What a record reads must be readings, and one round of them over before the next one is due (B-PLAN-060)."""
+    """Check that a record's calls are readings, and that one round is over before the next is due (B-PLAN-060)."""
     for index, call in enumerate(record.calls):
         state.take(call, actions.check_reading(record, index, call))
     takes_s = sum(bus_s(call, station) for call in record.calls)
@@ -156,6 +156,6 @@ def _possible(world: str, name: str, value: Any, where: str, findings: Findings)
 
 
 def short(value: Any) -> str:
-    """A value in quotes, cut where it is too long to be read."""
+    """Return a value in quotes, cut where it is too long to be read."""
     text = repr(str(value))
     return text if len(text) <= 60 else f"{text[:56]}...'"

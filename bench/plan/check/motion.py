@@ -101,7 +101,7 @@ def tables_of(actions: Mapping[str, Mapping[str, Action]]) -> dict[str, Mapping[
 
 
 def _axes_of(actions: Mapping[str, Action]) -> tuple[Any, ...]:
-    """The axes that have limits to be set."""
+    """Return the axes that have limits to be set."""
     parameters = actions[_SET_LIMITS].parameters if _SET_LIMITS in actions else ()
     return next((parameter.choices for parameter in parameters if parameter.name == "axis"), ())
 

@@ -34,7 +34,7 @@ def check_record(plan: Plan, step: Step, state: BenchState, findings: Findings) 
 
 
 def _is_closed(plan: Plan, declared: Mapping[str, Any], state: BenchState) -> bool:
-    """Whether a record is one with a closed route. Left out, ``route`` means closed, as it does to the analysis."""
+    """Return whether a record has a closed route. Left out, ``route`` means closed, as it does to the analysis."""
     if "route" in declared:
         return bool(declared["route"] != "open")
     analysed = plan.campaign.get("analysis") != "none" and "channel" in declared
@@ -90,8 +90,8 @@ def _differs(name: str, declared: Any, actual: Any, unit: str, verb: str) -> Ite
     numbers = all(isinstance(value, (int, float)) for value in (declared, actual))
     if math.isclose(declared, actual, rel_tol=1e-9) if numbers else declared == actual:
         return
-    said, found = (f"{value:g} {unit}".strip() if isinstance(value, float) else value for value in (declared, actual))
-    yield f"{name} {said}, but {verb} {'an unknown one' if actual is None else found}"
+    said, shown = (f"{value:g} {unit}".strip() if isinstance(value, float) else value for value in (declared, actual))
+    yield f"{name} {said}, but {verb} {'an unknown one' if actual is None else shown}"
 
 
 def check_windows(plan: Plan, station: Station, findings: Findings, doubtful: Collection[int]) -> None:
@@ -118,7 +118,7 @@ def check_windows(plan: Plan, station: Station, findings: Findings, doubtful: Co
 
 
 def _act(step: Step) -> bool:
-    """A prompt whose act is part of what is measured: the records go on while the person does it."""
+    """Return whether the act of a prompt is part of what is measured: the records go on while the person does it."""
     return isinstance(step, PlannedPrompt) and bool(step.sets)
 
 

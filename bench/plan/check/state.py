@@ -211,7 +211,7 @@ class BenchState:
 
 
 def _only_asks(text: str) -> bool:
-    """Every command of the text is a question; what follows the mark is its argument."""
+    """Return whether every command of the text is a question; what follows the mark is its argument."""
     return all(re.match(r"[^\s?]+\?", part.strip()) for part in text.split(";"))
 
 

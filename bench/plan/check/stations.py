@@ -44,7 +44,7 @@ def check_station(station: Station, findings: Findings) -> None:
 
 
 def canonical_address(resource: str) -> str | None:
-    """A VISA address in its full form, so that two ways to write it are equal; None if it is none.
+    """Return a VISA address in its full form, so that two ways to write it are equal; None if it is no such address.
 
     ``GPIB::4`` and ``gpib0::4::INSTR`` are both ``GPIB0::4::INSTR``. Source: VPP-4.3, address strings, defaults.
     """
@@ -131,12 +131,12 @@ def _limits(station: Station, role: str, entry: InstrumentEntry, findings: Findi
     actions = driver_actions(entry.driver).values()
     taken = {parameter.name: parameter for action in actions for parameter in action.parameters}
     for name, (lowest, _) in entry.limits.items():
-        where, found = station.document.where(("instruments", role, "limits", name)), read_quantity(lowest)
+        where, limit = station.document.where(("instruments", role, "limits", name)), read_quantity(lowest)
         if name not in taken:
             message = f"no action of {role} ({entry.driver}) takes {name!r}{suggestion(name, taken)}"
             findings.add("B-PLAN-095", where, message, "correct the name, or the limit holds for nothing")
-        elif found is not None and found[1] != taken[name].dimension:
-            message = f"{name} of {role} ({entry.driver}) is no quantity in {found[1]}"
+        elif limit is not None and limit[1] != taken[name].dimension:
+            message = f"{name} of {role} ({entry.driver}) is no quantity in {limit[1]}"
             findings.add("B-PLAN-095", where, message, f"write it in {taken[name].dimension or 'no unit at all'}")
 
 
@@ -226,14 +226,14 @@ def _listed(ranges_A: Collection[float]) -> str:
 
 
 def station_rules(station: Station, findings: Findings) -> dict[str, InterlockRule]:
-    """Rules of a station by name; mistakes are noted."""
+    """Return rules of a station by name; mistakes are noted."""
     return _rules(station.file.interlocks, station.document, station, findings)
 
 
 def plan_rules(
     entries: Mapping[str, Interlock], document: Document[Any], station: Station, findings: Findings
 ) -> tuple[InterlockRule, ...]:
-    """Rules of a sequence on its station, in order of their names. Mistakes of the station are noted by its own check.
+    """Return rules of a sequence on its station, in order of names. Mistakes of the station are noted by its own check.
 
     A rule of the station for what the sequence's links do not tell is left out; one of the sequence is a mistake.
     Args:      entries: the section ``interlocks`` of the sequence.   document: where it was read from.

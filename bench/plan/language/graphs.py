@@ -39,22 +39,22 @@ class Graph:
 
 
 def names_in(entries: Iterable[GraphEntry], frames: Mapping[str, FrameDefinition]) -> tuple[str, ...]:
-    """Signals that graphs ask for, as far as these frames have them."""
+    """Return signals that graphs ask for, as far as these frames have them."""
     return tuple(signal.name for entry in entries for signal in _known(entry, frames))
 
 
 def graphs_of(entries: Sequence[GraphEntry], frames: Mapping[str, FrameDefinition], measured: str = "") -> list[Graph]:
-    """Graph windows of a station; without any, some that suit the frames.
+    """Return graph windows of a station; without any, some that suit the frames.
 
     Args:   entries: the section ``graphs``.   frames: by link.   measured: the measurement link, which comes first.
     A signal that these frames do not have is left out: another sequence may choose another frame of a link.
     """
-    found = []
+    graphs = []
     for entry in entries:
         signals = _known(entry, frames)
         if signals:
-            found.append(Graph(entry.title, signals[0].unit, tuple(signal.name for signal in signals), entry.window))
-    return found or _default(frames, measured)
+            graphs.append(Graph(entry.title, signals[0].unit, tuple(signal.name for signal in signals), entry.window))
+    return graphs or _default(frames, measured)
 
 
 def check_graphs(
@@ -96,14 +96,14 @@ def _patterns(frames: Mapping[str, FrameDefinition]) -> list[str]:
 
 
 def _known(entry: GraphEntry, frames: Mapping[str, FrameDefinition]) -> list[Signal]:
-    found: list[Signal] = []
+    signals: list[Signal] = []
     for text in entry.signals:
         for name in _names(text):
             try:
-                found.append(signal_of(name, frames))
+                signals.append(signal_of(name, frames))
             except InputError:
                 continue
-    return list(dict.fromkeys(found))[:MOST_CURVES]
+    return list(dict.fromkeys(signals))[:MOST_CURVES]
 
 
 def _names(text: str) -> tuple[str, ...]:
@@ -114,7 +114,7 @@ def _names(text: str) -> tuple[str, ...]:
 
 
 def _default(frames: Mapping[str, FrameDefinition], measured: str) -> list[Graph]:
-    """What the unit sends, in groups of one unit, the measurement link first; and the temperatures of the bench."""
+    """Return signals of the unit, in groups of one unit, the measurement link first; and temperatures of the bench."""
     links = sorted(frames, key=lambda link: (link != measured, link))
     groups: dict[tuple[str, str, bool], list[Signal]] = {}
     for link in links:

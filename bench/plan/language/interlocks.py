@@ -99,7 +99,7 @@ class InterlockRule:
 def rule_of(
     name: str, entry: Interlock, place: Any, links: Mapping[str, Any], roles: Mapping[str, Any], findings: Findings
 ) -> InterlockRule | None:
-    """The rule of one entry, None if it cannot be used.
+    """Return the rule of one entry, None if it cannot be used.
 
     Args:   place: gives file:line:column of a key of the entry.   links, roles: what the station has.
     Findings: B-PLAN-080 (signal or what it is of), B-PLAN-081 (levels), B-PLAN-082 (a level that is no quantity of

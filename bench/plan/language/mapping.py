@@ -33,8 +33,8 @@ def _unit(text: str) -> str:
 
 
 def _second(text: str) -> str:
-    found = read_quantity(f"1 {text}")
-    if found is None or found[1] != "s":
+    duration = read_quantity(f"1 {text}")
+    if duration is None or duration[1] != "s":
         raise ValueError(f"{text!r} is no unit of time; write s, ms, min or h")
     return text
 
@@ -238,7 +238,7 @@ class LogMapping(StrictModel):
 
     def campaign(self) -> dict[str, Any]:
         """Return the section ``campaign`` of the manifest of an imported session."""
-        found = {
+        document = {
             "analysis": self.analysis,
             "reference_temperature_degC": self.reference_temperature,
             "uut": {"model": self.uut.model, "serial": self.uut.serial},
@@ -246,8 +246,8 @@ class LogMapping(StrictModel):
         }
         for sections in _sections():
             if isinstance(self, sections):
-                found |= sections.log_constants(self, self)
-        return found
+                document |= sections.log_constants(self, self)
+        return document
 
     def beyond(self, rows: int) -> tuple[tuple[str, ...], str, str] | None:
         """Return what lies outside of a log of so many rows: its place, what is wrong, what to do; else None."""

@@ -26,7 +26,7 @@ def batch_json(batch: Batch, software: str) -> str:
 
 
 def batch_document(batch: Batch, software: str) -> dict[str, Any]:
-    """Units, sessions, yield and quantities as plain values; every value in the unit that stands beside it."""
+    """Return units, sessions, yield and quantities as plain values; every value in the unit that stands beside it."""
     return {
         "schema": 1,
         "software": software,
@@ -50,11 +50,13 @@ def batch_document(batch: Batch, software: str) -> dict[str, Any]:
             }
             for name, sha256 in batch.hashes.items()
         ],
-        "left_out": [{"session": one.session, "code": one.code, "text": one.text} for one in batch.left_out],
-        "quantities": [_spread(one) for one in batch.spreads],
+        "left_out": [
+            {"session": left_out.session, "code": left_out.code, "text": left_out.text} for left_out in batch.left_out
+        ],
+        "quantities": [_spread(spread) for spread in batch.spreads],
         "worst": [
-            {"quantity": quantity.name, "unit": quantity.unit, "conditions": quantity.where, **_member(one)}
-            for quantity, one in batch.worst
+            {"quantity": quantity.name, "unit": quantity.unit, "conditions": quantity.where, **_member(member)}
+            for quantity, member in batch.worst
         ],
     }  # fmt: skip
 
@@ -63,31 +65,31 @@ def _unit(unit: Unit) -> dict[str, str]:
     return {"model": unit.model, "serial": unit.serial}
 
 
-def _yield(found: Yield) -> dict[str, Any]:
+def _yield(total: Yield) -> dict[str, Any]:
     return {
-        "pass": found.passed, "fail": found.failed, "without_verdict": found.without, "yield": found.share,
-        "interval_95": list(found.interval),
+        "pass": total.passed, "fail": total.failed, "without_verdict": total.without, "yield": total.share,
+        "interval_95": list(total.interval),
     }  # fmt: skip
 
 
-def _member(one: Member) -> Mapping[str, Any]:
+def _member(member: Member) -> Mapping[str, Any]:
     return {
-        **_unit(one.unit), "session": one.session, "value": one.value, "expanded_uncertainty": one.expanded,
-        "limit": one.limit, "verdict": one.verdict, "conformance_probability": one.probability,
+        **_unit(member.unit), "session": member.session, "value": member.value, "expanded_uncertainty": member.expanded,
+        "limit": member.limit, "verdict": member.verdict, "conformance_probability": member.probability,
     }  # fmt: skip
 
 
-def _spread(one: Spread) -> dict[str, Any]:
+def _spread(spread: Spread) -> dict[str, Any]:
     return {
-        "campaign": one.quantity.campaign, "quantity": one.quantity.name, "unit": one.quantity.unit,
-        "conditions": one.quantity.where, "n": len(one.members), "mean": one.mean, "std": one.std, "limit": one.limit,
-        "failed": one.failed, "min": _member(one.least), "max": _member(one.greatest),
-        "worst": None if one.worst is None else _member(one.worst),
+        "campaign": spread.quantity.campaign, "quantity": spread.quantity.name, "unit": spread.quantity.unit,
+        "conditions": spread.quantity.where, "n": len(spread.members), "mean": spread.mean, "std": spread.std,
+        "limit": spread.limit, "failed": spread.failed, "min": _member(spread.least), "max": _member(spread.greatest),
+        "worst": None if spread.worst is None else _member(spread.worst),
     }  # fmt: skip
 
 
 def batch_html(batch: Batch, software: str, language: str = ENGLISH) -> str:
-    """The page; the same sessions give the same bytes in the same environment, no date and no random id enters."""
+    """Return the page; the same sessions give the same bytes in the same environment, no date or random id enters."""
     words = words_of(language)
     title = words("batch.title", units=len(batch.outcomes))
     subtitle = words("batch.subtitle", sessions=len({part.session for part in batch.parts}), software=software)
@@ -96,9 +98,9 @@ def batch_html(batch: Batch, software: str, language: str = ENGLISH) -> str:
 
 
 def _verdict(batch: Batch, words: Texts) -> tuple[str, str]:
-    found = batch.yield_of()
-    text = words("batch.summary", passed=found.passed, failed=found.failed, without=found.without)
-    return (Outcome.FAIL if found.failed else Outcome.PASS if found.passed else "none"), text
+    total = batch.yield_of()
+    text = words("batch.summary", passed=total.passed, failed=total.failed, without=total.without)
+    return (Outcome.FAIL if total.failed else Outcome.PASS if total.passed else "none"), text
 
 
 def _sections(batch: Batch, words: Texts) -> list[Section]:

@@ -22,7 +22,7 @@ FAILED = ("fail", "conditional_fail")
 
 
 class Outcome(StrEnum):
-    """What is said of a unit; of several statements about one unit the first of these counts."""
+    """Outcomes for a unit; of several outcomes of one unit the first of these counts."""
 
     FAIL = "fail"
     NO_RESULT = "no_result"
@@ -32,7 +32,7 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True)
 class Part:
-    """What one session says of one unit: how many of its estimates are judged, and how many of them failed."""
+    """The outcome of one session for one unit: how many of its estimates are judged, and how many of them failed."""
 
     unit: Unit
     session: str
@@ -53,7 +53,7 @@ class LeftOut:
 
 @dataclass(frozen=True)
 class Yield:
-    """How many units passed, failed, gave no verdict; the share of those judged that passed, 95 % interval."""
+    """Counts of units that passed, failed, gave no verdict; the share of those judged that passed, 95 % interval."""
 
     passed: int
     failed: int
@@ -90,26 +90,28 @@ class Batch:
         """
         whole = Unit(str(results["uut"]["model"]), str(results["uut"]["serial"]))
         counts: dict[Unit, Counter[str]] = {}
-        for one in results["estimates"]:
-            unit = Unit(whole.model, str(one["conditions"].get("unit", whole.serial)))
-            counts.setdefault(unit, Counter())[one["verdict"]] += 1
-            self._keep(results["campaign"], unit, session, one)
+        for estimate in results["estimates"]:
+            unit = Unit(whole.model, str(estimate["conditions"].get("unit", whole.serial)))
+            counts.setdefault(unit, Counter())[estimate["verdict"]] += 1
+            self._keep(results["campaign"], unit, session, estimate)
         incomplete = bool(results.get("incomplete"))
         for unit, verdicts in (counts or {whole: Counter()}).items():
             judged = sum(verdicts.values()) - verdicts["none"]
             failed = sum(verdicts[name] for name in FAILED)
-            lacking = incomplete or not counts or (not failed and any(_concerns(one, unit) for one in missing))
+            lacking = (
+                incomplete or not counts or (not failed and any(_concerns(sentence, unit) for sentence in missing))
+            )
             outcome = Outcome.NO_RESULT if lacking else _outcome(judged, failed)
             self.parts.append(Part(unit, session, results["campaign"], judged, failed, outcome))
         self.hashes[session] = str(results["provenance"]["session_sha256"])
         if results["provenance"]["simulated"]:
             self.simulated.append(session)
 
-    def _keep(self, campaign: str, unit: Unit, session: str, one: Mapping[str, Any]) -> None:
-        where = {name: value for name, value in one["conditions"].items() if name not in _OF_ONE_UNIT}
-        quantity = Quantity(campaign, one["quantity"], one["unit"], json.dumps(where, sort_keys=True))
-        chance, expanded = one.get("conformance_probability"), one["expanded_uncertainty"]
-        member = Member(unit, session, one["value"], expanded, one["limit"], one["verdict"], chance)
+    def _keep(self, campaign: str, unit: Unit, session: str, estimate: Mapping[str, Any]) -> None:
+        where = {name: value for name, value in estimate["conditions"].items() if name not in _OF_ONE_UNIT}
+        quantity = Quantity(campaign, estimate["quantity"], estimate["unit"], json.dumps(where, sort_keys=True))
+        chance, expanded = estimate.get("conformance_probability"), estimate["expanded_uncertainty"]
+        member = Member(unit, session, estimate["value"], expanded, estimate["limit"], estimate["verdict"], chance)
         self.values.setdefault(quantity, []).append(member)
 
     def without_result(self, manifest: Mapping[str, Any], session: str) -> None:
@@ -135,25 +137,29 @@ class Batch:
 
     def yield_of(self, campaign: str | None = None) -> Yield:
         """Of all units, or of those of one campaign by its sessions alone."""
-        found = Counter(_outcomes(one for one in self.parts if campaign in (None, one.campaign)).values())
-        without = found[Outcome.NO_RESULT] + found[Outcome.NOT_JUDGED]
-        return Yield(found[Outcome.PASS], found[Outcome.FAIL], without)
+        counts = Counter(_outcomes(part for part in self.parts if campaign in (None, part.campaign)).values())
+        without = counts[Outcome.NO_RESULT] + counts[Outcome.NOT_JUDGED]
+        return Yield(counts[Outcome.PASS], counts[Outcome.FAIL], without)
 
     @property
     def spreads(self) -> list[Spread]:
         """Every quantity, by campaign; those of one name together, in the order in which they came."""
-        came = {name: place for place, name in enumerate(dict.fromkeys(one.name for one in self.values))}
+        came = {name: place for place, name in enumerate(dict.fromkeys(quantity.name for quantity in self.values))}
         return [
-            Spread(*one) for one in sorted(self.values.items(), key=lambda one: (one[0].campaign, came[one[0].name]))
+            Spread(*entry)
+            for entry in sorted(self.values.items(), key=lambda entry: (entry[0].campaign, came[entry[0].name]))
         ]
 
     @property
     def worst(self) -> list[tuple[Quantity, Member]]:
         """The values that most likely are outside their limits, the worst first."""
         judged = [
-            (quantity, one) for quantity, members in self.values.items() for one in members if one.limit is not None
+            (quantity, member)
+            for quantity, members in self.values.items()
+            for member in members
+            if member.limit is not None
         ]
-        return sorted(judged, key=lambda one: one[1].nearness)[:WORST]
+        return sorted(judged, key=lambda pair: pair[1].nearness)[:WORST]
 
 
 def _concerns(missing: str, unit: Unit) -> bool:
@@ -167,10 +173,10 @@ def _outcome(judged: int, failed: int) -> Outcome:
 
 
 def _outcomes(parts: Iterable[Part]) -> dict[Unit, Outcome]:
-    found: dict[Unit, set[Outcome]] = {}
+    outcomes: dict[Unit, set[Outcome]] = {}
     for part in parts:
-        found.setdefault(part.unit, set()).add(part.outcome)
-    return {unit: next(one for one in Outcome if one in said) for unit, said in sorted(found.items())}
+        outcomes.setdefault(part.unit, set()).add(part.outcome)
+    return {unit: next(outcome for outcome in Outcome if outcome in said) for unit, said in sorted(outcomes.items())}
 
 
 class Unit(NamedTuple):
@@ -207,7 +213,7 @@ class Member(NamedTuple):
 
 
 class Quantity(NamedTuple):
-    """What is compared from unit to unit: a quantity of a campaign under its conditions (canonical JSON)."""
+    """A quantity that units are compared by: of a campaign, under its conditions (canonical JSON)."""
 
     campaign: str
     name: str
@@ -217,13 +223,13 @@ class Quantity(NamedTuple):
     @property
     def where(self) -> dict[str, Any]:
         """The conditions."""
-        found: dict[str, Any] = json.loads(self.conditions)
-        return found
+        conditions: dict[str, Any] = json.loads(self.conditions)
+        return conditions
 
 
 @dataclass(frozen=True)
 class Spread:
-    """How a quantity is distributed over its members; ``std`` is None for one of them, ``limit`` if they differ."""
+    """The spread of a quantity over its members; ``std`` is None for one of them, ``limit`` if they differ."""
 
     quantity: Quantity
     members: Sequence[Member]
@@ -231,36 +237,36 @@ class Spread:
     @property
     def mean(self) -> float:
         """Mean value."""
-        return statistics.fmean(one.value for one in self.members)
+        return statistics.fmean(member.value for member in self.members)
 
     @property
     def std(self) -> float | None:
         """Standard deviation (n - 1)."""
-        return statistics.stdev(one.value for one in self.members) if len(self.members) > 1 else None
+        return statistics.stdev(member.value for member in self.members) if len(self.members) > 1 else None
 
     @property
     def least(self) -> Member:
         """The smallest value."""
-        return min(self.members, key=lambda one: one.value)
+        return min(self.members, key=lambda member: member.value)
 
     @property
     def greatest(self) -> Member:
         """The greatest value."""
-        return max(self.members, key=lambda one: one.value)
+        return max(self.members, key=lambda member: member.value)
 
     @property
     def worst(self) -> Member | None:
         """The value that most likely is outside its limit; None if nothing is judged."""
-        judged = [one for one in self.members if one.limit is not None]
-        return min(judged, key=lambda one: one.nearness) if judged else None
+        judged = [member for member in self.members if member.limit is not None]
+        return min(judged, key=lambda member: member.nearness) if judged else None
 
     @property
     def limit(self) -> float | None:
         """The limit, if all have the same."""
-        found = {one.limit for one in self.members}
-        return found.pop() if len(found) == 1 else None
+        limits = {member.limit for member in self.members}
+        return limits.pop() if len(limits) == 1 else None
 
     @property
     def failed(self) -> int:
-        """How many failed."""
-        return sum(one.failed for one in self.members)
+        """Number of members that failed."""
+        return sum(member.failed for member in self.members)

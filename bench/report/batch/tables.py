@@ -16,7 +16,7 @@ _MOST_ROWS = 400
 
 
 def yield_table(batch: Batch, words: Texts) -> Table:
-    """Units that passed, failed and gave no verdict, of all campaigns and of each."""
+    """Return units that passed, failed and gave no verdict, of all campaigns and of each."""
     rows = [(words("batch.all"), *_yield_cells(batch.yield_of()))]
     if len(batch.campaigns) > 1:
         rows += [(name.replace("_", " "), *_yield_cells(batch.yield_of(name))) for name in batch.campaigns]
@@ -32,12 +32,12 @@ def yield_table(batch: Batch, words: Texts) -> Table:
     return Table(words("batch.yield_table"), tuple(words(key) for key in heads), tuple(rows))
 
 
-def _yield_cells(found: Yield) -> tuple[str, ...]:
-    counts = (found.passed + found.failed + found.without, found.passed, found.failed, found.without)
-    if found.share is None:
+def _yield_cells(total: Yield) -> tuple[str, ...]:
+    counts = (total.passed + total.failed + total.without, total.passed, total.failed, total.without)
+    if total.share is None:
         return (*map(number, counts), "–", "–")
-    low, high = (f"{100 * one:.1f}" for one in found.interval)
-    return (*map(number, counts), f"{100 * found.share:.1f} %", f"{low} – {high} %")
+    low, high = (f"{100 * share:.1f}" for share in total.interval)
+    return (*map(number, counts), f"{100 * total.share:.1f} %", f"{low} – {high} %")
 
 
 def unit_table(batch: Batch, words: Texts) -> Table:
@@ -57,7 +57,7 @@ def unit_table(batch: Batch, words: Texts) -> Table:
 
 
 def unit_name(unit: Unit) -> str:
-    """Model and serial number."""
+    """Return model and serial number."""
     return f"{unit.model} {unit.serial}".strip()
 
 
@@ -69,39 +69,43 @@ def spread_tables(batch: Batch, words: Texts) -> list[Table]:
     )  # fmt: skip
     tables = []
     for campaign in batch.campaigns:
-        spreads = [one for one in batch.spreads if one.quantity.campaign == campaign]
-        rows = tuple(_spread_row(one, words) for one in spreads[:_MOST_ROWS])
+        spreads = [spread for spread in batch.spreads if spread.quantity.campaign == campaign]
+        rows = tuple(_spread_row(spread, words) for spread in spreads[:_MOST_ROWS])
         key = "batch.spread_table" if len(spreads) <= _MOST_ROWS else "batch.spread_table_cut"
         shown = {"campaign": campaign.replace("_", " "), "shown": number(len(rows)), "all": number(len(spreads))}
         if rows:
-            tables.append(Table(words(key, **shown), tuple(words(one) for one in heads), rows, stub=2))
+            tables.append(Table(words(key, **shown), tuple(words(head) for head in heads), rows, stub=2))
     return tables
 
 
-def _spread_row(one: Spread, words: Texts) -> tuple[str, ...]:
-    scale, unit = readable([{"unit": one.quantity.unit, "value": member.value} for member in one.members])
-    places = decimals_for(scale * (one.std or one.least.expanded))
-    worst = one.worst
+def _spread_row(spread: Spread, words: Texts) -> tuple[str, ...]:
+    scale, unit = readable([{"unit": spread.quantity.unit, "value": member.value} for member in spread.members])
+    places = decimals_for(scale * (spread.std or spread.least.expanded))
+    worst = spread.worst
     return (
-        one.quantity.name,
-        conditions_text(words, one.quantity.where),
+        spread.quantity.name,
+        conditions_text(words, spread.quantity.where),
         unit_text(unit),
-        number(len(one.members)),
-        number(scale * one.mean, places),
-        "–" if one.std is None else number(scale * one.std, places),
-        number(scale * one.least.value, places),
-        unit_name(one.least.unit),
-        number(scale * one.greatest.value, places),
-        unit_name(one.greatest.unit),
-        _limit(one.limit, scale),
-        number(one.failed) if worst is not None else "–",
+        number(len(spread.members)),
+        number(scale * spread.mean, places),
+        "–" if spread.std is None else number(scale * spread.std, places),
+        number(scale * spread.least.value, places),
+        unit_name(spread.least.unit),
+        number(scale * spread.greatest.value, places),
+        unit_name(spread.greatest.unit),
+        _limit(spread.limit, scale),
+        number(spread.failed) if worst is not None else "–",
         "–" if worst is None else f"{_value(worst, scale)}, {unit_name(worst.unit)}",
     )
 
 
-def _value(one: Member, scale: float) -> str:
+def _value(member: Member, scale: float) -> str:
     """With its uncertainty; a count has none."""
-    return with_uncertainty(scale * one.value, scale * one.expanded) if one.expanded else number(scale * one.value)
+    return (
+        with_uncertainty(scale * member.value, scale * member.expanded)
+        if member.expanded
+        else number(scale * member.value)
+    )
 
 
 def _limit(limit: float | None, scale: float) -> str:
@@ -111,8 +115,8 @@ def _limit(limit: float | None, scale: float) -> str:
 
 
 def worst_table(batch: Batch, words: Texts) -> Table | None:
-    """The values that most likely are outside their limits; None if nothing is judged."""
-    rows = tuple(_worst_row(quantity, one, words) for quantity, one in batch.worst)
+    """Return the values that most likely are outside their limits; None if nothing is judged."""
+    rows = tuple(_worst_row(quantity, member, words) for quantity, member in batch.worst)
     heads = (
         "batch.unit", "batch.quantity", "batch.conditions", "batch.value", "batch.limit", "batch.measure",
         "batch.conformance", "batch.verdict", "batch.session",
@@ -120,24 +124,24 @@ def worst_table(batch: Batch, words: Texts) -> Table | None:
     return Table(words("batch.worst_table"), tuple(words(key) for key in heads), rows, stub=3) if rows else None
 
 
-def _worst_row(quantity: Quantity, one: Member, words: Texts) -> tuple[str, ...]:
-    scale, unit = readable([{"unit": quantity.unit, "value": one.value}])
+def _worst_row(quantity: Quantity, member: Member, words: Texts) -> tuple[str, ...]:
+    scale, unit = readable([{"unit": quantity.unit, "value": member.value}])
     return (
-        unit_name(one.unit),
+        unit_name(member.unit),
         quantity.name,
         conditions_text(words, quantity.where),
-        _value(one, scale),
-        _limit(one.limit, scale),
+        _value(member, scale),
+        _limit(member.limit, scale),
         unit_text(unit),
-        "–" if one.probability is None else percent(one.probability),
-        words(f"verdict.{one.verdict}"),
-        one.session,
+        "–" if member.probability is None else percent(member.probability),
+        words(f"verdict.{member.verdict}"),
+        member.session,
     )
 
 
 def left_out_table(batch: Batch, words: Texts) -> Table | None:
-    """Sessions that are not, or not wholly, in the batch."""
-    rows = tuple((one.session, one.code, one.text) for one in batch.left_out)
+    """Return sessions that are not, or not wholly, in the batch."""
+    rows = tuple((left_out.session, left_out.code, left_out.text) for left_out in batch.left_out)
     heads = ("batch.session", "batch.code", "batch.why")
     return Table(words("batch.left_out_table"), tuple(words(key) for key in heads), rows, prose=True) if rows else None
 

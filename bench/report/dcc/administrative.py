@@ -26,7 +26,7 @@ def administrative(calibration: Calibration) -> Element:
         _core(calibration),
         dcc("items", _item(calibration)),
         _laboratory(calibration),
-        dcc("respPersons", *(_person(one) for one in calibration.laboratory.responsible)),
+        dcc("respPersons", *(_person(person) for person in calibration.laboratory.responsible)),
         _contact("customer", calibration.laboratory.customer),
         statements(calibration),
     )
@@ -69,11 +69,15 @@ def _core(calibration: Calibration) -> Element:
 
 def _identifications(calibration: Calibration) -> list[Element]:
     """Order number, session and the hashes by which a certificate belongs to its session."""
-    found = []
+    identifications = []
     if calibration.laboratory.order is not None:
-        found.append(_identification("basic_orderNo", calibration.laboratory.order, "identification.order", "customer"))
-    found.append(_identification("bench_session", str(calibration.results["session"]), "identification.session"))
-    return found + [
+        identifications.append(
+            _identification("basic_orderNo", calibration.laboratory.order, "identification.order", "customer")
+        )
+    identifications.append(
+        _identification("bench_session", str(calibration.results["session"]), "identification.session")
+    )
+    return identifications + [
         _identification(HASH_REF.format(name), digest, f"identification.{name}_sha256")
         for name, digest in calibration.hashes.items()
     ]
@@ -169,7 +173,9 @@ def _overdue(calibration: Calibration) -> list[Element]:
 
 
 def _conformity(calibration: Calibration) -> list[Element]:
-    counted = Counter(one["verdict"] for one in calibration.results["estimates"] if one["verdict"] in STATUS)
+    counted = Counter(
+        estimate["verdict"] for estimate in calibration.results["estimates"] if estimate["verdict"] in STATUS
+    )
     if not counted:
         return [_statement(TEXTS("statement.not_judged"), "bench_decisionRule")]
     rule = str(calibration.results.get("decision_rule") or "non_binary")
@@ -183,7 +189,7 @@ def _conformity(calibration: Calibration) -> list[Element]:
 
 
 def _not_reported(calibration: Calibration) -> list[Element]:
-    names = Counter(one["quantity"] for one in calibration.results["estimates"] if left_out(one))
+    names = Counter(estimate["quantity"] for estimate in calibration.results["estimates"] if left_out(estimate))
     listed = ", ".join(f"{count} {name}" for name, count in sorted(names.items()))
     return [_statement(TEXTS("statement.left_out", listed=listed), "bench_leftOut")] if names else []
 

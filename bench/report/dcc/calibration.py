@@ -65,7 +65,7 @@ class Calibration:
         return f"{SPECIMEN}-{name}" if self.specimen else name
 
     def marked(self, title: str) -> str:
-        """A title as it is printed: that of a specimen says in words that it is none."""
+        """Return a title as it is printed: that of a specimen says in words that it is no certificate."""
         if not self.specimen:
             return title
         mark = TEXTS("mark.simulated" if self.simulated else "mark.specimen")
@@ -73,7 +73,7 @@ class Calibration:
 
 
 def nobody() -> Laboratory:
-    """The laboratory of a specimen for which none is named."""
+    """Return the laboratory of a specimen for which none is named."""
     contact = {"name": TEXTS("nobody.laboratory"), "country": "ZZ", "city": TEXTS("nobody.city")}
     return Laboratory.model_validate(
         {

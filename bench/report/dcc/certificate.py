@@ -20,7 +20,7 @@ _HASHES = ("session", "results", "report")
 
 @dataclass(frozen=True)
 class CertifiedSession:
-    """Which session a certificate is of: its name and the SHA-256 of recording, results.json and report.html.
+    """The session a certificate is of: its name and the SHA-256 of recording, results.json and report.html.
 
     ``hashes`` has "session", "results" and, if there was one, "report".
     """
@@ -43,12 +43,15 @@ def certificate_text(calibration: Calibration) -> str:
 
 
 def session_of(certificate: bytes) -> CertifiedSession:
-    """The session a certificate of this bench belongs to. Raises: InputError B-DCC-011 for any other document."""
+    """Return the session a certificate of this bench belongs to. Raises: InputError B-DCC-011 for any other."""
     try:
         root = ET.fromstring(certificate)
     except ET.ParseError as error:
         raise _not_ours(f"is not XML: {error}") from error
-    values = {one.get("refType", ""): one.findtext(f"{{{DCC}}}value", "") for one in root.findall(_IDENTIFICATION)}
+    values = {
+        identification.get("refType", ""): identification.findtext(f"{{{DCC}}}value", "")
+        for identification in root.findall(_IDENTIFICATION)
+    }
     hashes = {name: values[ref] for name in _HASHES if (ref := HASH_REF.format(name)) in values}
     if "bench_session" not in values or not {"session", "results"} <= hashes.keys():
         raise _not_ours("is not a certificate that this software wrote")

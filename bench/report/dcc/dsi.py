@@ -36,7 +36,7 @@ class SiUnit:
 
 
 def si_unit(text: str) -> SiUnit:
-    """D-SI form of a unit of results.json, such as ``A/degC2`` or ``A*s^0.5``; degC is a difference here.
+    """Return D-SI form of a unit of results.json, such as ``A/degC2`` or ``A*s^0.5``; degC is a difference here.
 
     Raises: InputError B-DCC-007 for a unit without one.
     """
@@ -57,12 +57,12 @@ def si_unit(text: str) -> SiUnit:
 
 
 def estimate_unit(quantity: str, unit: str) -> SiUnit:
-    """D-SI form of the unit of an estimate; a quantity that is named a temperature is one. Raises: B-DCC-007."""
+    """Return D-SI form of the unit of an estimate; a quantity that is named a temperature is one. Raises: B-DCC-007."""
     return SiUnit(CELSIUS) if unit == "degC" and quantity.endswith("temperature") else si_unit(unit)
 
 
 def condition_unit(name: str) -> SiUnit | None:
-    """Unit that the name of a condition carries (``temperature_degC``); None if it carries none."""
+    """Return unit that the name of a condition carries (``temperature_degC``); None if it carries none."""
     unit = _CONDITIONS.get(name, name.rpartition("_")[2] if "_" in name else "")
     if unit == "degC" and "temperature" in name:
         return SiUnit(CELSIUS)

@@ -27,7 +27,7 @@ def si(tag: str, *children: Element | None, text: str | None = None) -> Element:
 
 
 def words(tag: str, text: str, **attributes: str | None) -> Element:
-    """An element whose content is a text in the language of the certificate."""
+    """Return an element whose content is a text in the language of the certificate."""
     return dcc(tag, dcc("content", text=text, lang=LANGUAGE), **attributes)
 
 
@@ -37,13 +37,13 @@ def number_list(values: Iterable[str], unit: str) -> Element:
 
 
 def leaf(tag: str, text: object | None) -> Element | None:
-    """An element that holds one plain text; none for None or an empty text."""
+    """Return an element that holds one plain text; none for None or an empty text."""
     plain = "" if text is None else plain_text(str(text))
     return dcc(tag, text=plain) if plain else None
 
 
 def plain_text(text: str) -> str:
-    """Text in one line, without what XML cannot hold; the schema wants no space at its ends."""
+    """Return text in one line, without what XML cannot hold; the schema wants no space at its ends."""
     return " ".join(_NOT_XML.sub(" ", text).split())
 
 
@@ -66,10 +66,10 @@ def document_text(root: Element) -> str:
 
 
 def lines_of(text: str) -> list[int]:
-    """Line of each element of a text, in document order, counted from 1."""
-    found, line, at = [], 1, 0
+    """Return line of each element of a text, in document order, counted from 1."""
+    lines, line, at = [], 1, 0
     for match in _START_TAG.finditer(text):
         line += text.count("\n", at, match.start())
         at = match.start()
-        found.append(line)
-    return found
+        lines.append(line)
+    return lines

@@ -64,7 +64,7 @@ def _methods(document: Mapping[str, Any]) -> list[Element]:
 
 
 def _software(calibration: Calibration) -> list[Element]:
-    """The program that gave the numbers, then the packages it was run with."""
+    """Return the program that gave the numbers, then the packages it was run with."""
     name, _, release = str(calibration.results["provenance"]["software"]).rpartition(" ")
     recorded = calibration.manifest.get("software", {})
     about = TEXTS("software.recorded", git=recorded.get("git") or "-", python=recorded.get("python") or "-")
@@ -94,15 +94,15 @@ def _surroundings(calibration: Calibration) -> list[Element]:
         if span is not None:
             made.append(_temperature(name, span, f"bench_{name}Temperature"))
     if set_points := _set_points(calibration.results):
-        quantity = dcc("quantity", number_list([si_number(one) for one in set_points], CELSIUS))
+        quantity = dcc("quantity", number_list([si_number(set_point) for set_point in set_points], CELSIUS))
         made.append(_condition("set_points", "bench_setPoints", quantity))
     return made
 
 
 def _set_points(document: Mapping[str, Any]) -> list[float]:
-    """The temperatures that estimates are given for, degC, ascending."""
-    found = {one["conditions"].get("temperature_degC") for one in document["estimates"]}
-    return sorted(float(one) for one in found if isinstance(one, (int, float)))
+    """Return the temperatures that estimates are given for, degC, ascending."""
+    temperatures = {estimate["conditions"].get("temperature_degC") for estimate in document["estimates"]}
+    return sorted(float(temperature) for temperature in temperatures if isinstance(temperature, (int, float)))
 
 
 def _temperature(name: str, span: Span, ref_type: str) -> Element:
@@ -133,7 +133,7 @@ def _condition(name: str, ref_type: str, *quantities: Element) -> Element:
 
 
 def overdue(standards: Mapping[str, Mapping[str, Any]], began: date, ended: date) -> list[str]:
-    """Standards whose calibration does not cover the days of the measurement, each with its dates."""
+    """Return standards whose calibration does not cover the days of the measurement, each with its dates."""
     return [
         f"{role} ({_said(entry, 'model')}, {_said(entry, 'serial')}): {_dates(entry)}"
         for role, entry in sorted(standards.items())
@@ -149,12 +149,12 @@ def equipment(calibration: Calibration) -> Element | None:
 
 
 def equipment_id(role: str) -> str:
-    """ID of a standard in the certificate."""
+    """Return ID of a standard in the certificate."""
     return f"equipment_{role}"
 
 
 def _is_valid(entry: Mapping[str, Any], began: date, ended: date) -> bool:
-    """False too for a register of other software that does not say when."""
+    """Return False too for a register of other software that does not say when."""
     try:
         calibrated, due = (date.fromisoformat(_said(entry, name)) for name in ("calibrated", "due"))
     except ValueError:

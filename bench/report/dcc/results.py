@@ -39,25 +39,25 @@ class Table:
 
 
 def left_out(estimate: Estimate) -> bool:
-    """True for an estimate without value or uncertainty, or with a coverage factor that D-SI cannot hold."""
+    """Return True for an estimate without value or uncertainty, or with a coverage factor that D-SI cannot hold."""
     needed = [estimate.get(name) for name in ("value", "expanded_uncertainty", "coverage_factor")]
     return None in needed or float(needed[2] or 0.0) < _LEAST_K
 
 
 def tables_of(estimates: Sequence[Estimate]) -> list[Table]:
     """Return tables in the order of results.json; every estimate that can be given is in one of them."""
-    found: dict[tuple[Any, ...], list[Estimate]] = {}
-    for one in estimates:
-        if not left_out(one):
-            found.setdefault(_key(one), []).append(one)
+    groups: dict[tuple[Any, ...], list[Estimate]] = {}
+    for estimate in estimates:
+        if not left_out(estimate):
+            groups.setdefault(_key(estimate), []).append(estimate)
     return [
         Table(quantity, unit, numeric, texts, common, tuple(rows))
-        for (quantity, unit, numeric, texts, common, *_), rows in found.items()
+        for (quantity, unit, numeric, texts, common, *_), rows in groups.items()
     ]
 
 
 def _key(estimate: Estimate) -> tuple[Any, ...]:
-    """What estimates of one table share: quantity, unit, conditions by sort, whether judged, whether dof are finite."""
+    """Return the key of a table: quantity, unit, conditions by sort, whether judged, whether dof are finite."""
     conditions = estimate["conditions"]
     numeric = tuple(name for name, value in conditions.items() if _is_number(name, value))
     others = {name: _text(value) for name, value in conditions.items() if name not in numeric}
@@ -105,20 +105,20 @@ def _description(table: Table, unit: SiUnit) -> str:
 
 def _columns(table: Table, unit: SiUnit) -> list[Element]:
     rows = table.estimates
-    found = [_condition(table, name) for name in table.numeric]
-    found += [_words(name, [_text(one["conditions"][name]) for one in rows]) for name in table.texts]
-    found += [dcc("quantity", words("name", name), words("noQuantity", text)) for name, text in table.common]
-    found.append(_values(table, unit))
-    found += [_counts(name, [one[name] for one in rows]) for name in ("n", "dropped")]
+    columns = [_condition(table, name) for name in table.numeric]
+    columns += [_words(name, [_text(estimate["conditions"][name]) for estimate in rows]) for name in table.texts]
+    columns += [dcc("quantity", words("name", name), words("noQuantity", text)) for name, text in table.common]
+    columns.append(_values(table, unit))
+    columns += [_counts(name, [estimate[name] for estimate in rows]) for name in ("n", "dropped")]
     if rows[0].get("dof") is not None:
-        found.append(_counts("dof", [one["dof"] for one in rows]))
-    return found
+        columns.append(_counts("dof", [estimate["dof"] for estimate in rows]))
+    return columns
 
 
 def _condition(table: Table, name: str) -> Element:
     unit = condition_unit(name)
     assert unit is not None
-    values = [si_number(one["conditions"][name], unit.power) for one in table.estimates]
+    values = [si_number(estimate["conditions"][name], unit.power) for estimate in table.estimates]
     return dcc(
         "quantity", words("name", name), number_list(values, unit.token), refType=f"bench_{camel('condition_' + name)}"
     )
@@ -149,7 +149,7 @@ def _values(table: Table, unit: SiUnit) -> Element:
 
 
 def _numbers(rows: Sequence[Estimate], name: str, power: int = 0) -> str:
-    return " ".join(si_number(one[name], power) for one in rows)
+    return " ".join(si_number(estimate[name], power) for estimate in rows)
 
 
 def _counts(name: str, values: Sequence[float]) -> Element:
@@ -158,7 +158,7 @@ def _counts(name: str, values: Sequence[float]) -> Element:
 
 
 def quantity_name(quantity: str) -> str:
-    """Name of a quantity in words, by the catalogue where it has one."""
+    """Return name of a quantity in words, by the catalogue where it has one."""
     known = TEXTS.all
     if f"quantity.{quantity}" in known:
         return known[f"quantity.{quantity}"]
@@ -169,7 +169,7 @@ def quantity_name(quantity: str) -> str:
 
 
 def camel(name: str) -> str:
-    """A name as the good practice writes the second part of a refType: conditionTemperatureDegC."""
+    """Return a name as the good practice writes the second part of a refType: conditionTemperatureDegC."""
     first, *rest = name.split("_")
     return first + "".join(part[:1].upper() + part[1:] for part in rest)
 
@@ -180,21 +180,21 @@ def is_judged(estimate: Mapping[str, Any]) -> bool:
 
 
 def conformity(rows: Sequence[Mapping[str, Any]], unit: SiUnit) -> Element | None:
-    """The element measurementMetaData of judged values, all judged or none; None if they have no limit or verdict."""
-    if not all(is_judged(one) for one in rows):
+    """Return the element measurementMetaData of judged values, all judged or none; None without limit or verdict."""
+    if not all(is_judged(estimate) for estimate in rows):
         return None
-    limits = [float(one["limit"]) for one in rows]
+    limits = [float(estimate["limit"]) for estimate in rows]
     quantities = [
         _quantity("toleranceLimitLower", [si_number(-limit, unit.power) for limit in limits], unit.token),
         _quantity("toleranceLimitUpper", [si_number(limit, unit.power) for limit in limits], unit.token),
     ]
-    inside = [one.get("conformance_probability") for one in rows]
+    inside = [estimate.get("conformance_probability") for estimate in rows]
     if None not in inside:
         quantities.append(_probability([float(value or 0.0) for value in inside]))
     judged = dcc(
         "metaData",
         words("declaration", TEXTS("conformity.declaration")),
-        leaf("conformityXMLList", " ".join(STATUS[one["verdict"]] for one in rows)),
+        leaf("conformityXMLList", " ".join(STATUS[estimate["verdict"]] for estimate in rows)),
         dcc("data", *quantities),
         refType="basic_conformity",
     )

@@ -20,7 +20,7 @@ _MAX_LISTED = 20
 
 @dataclass(frozen=True)
 class Violation:
-    """Where a certificate does not hold a schema: line of the file, path of the element, what is wrong."""
+    """A place where a certificate does not hold a schema: line of the file, path of the element, what is wrong."""
 
     line: int
     path: str
@@ -40,8 +40,8 @@ class CertificateSchema:
     def __init__(self, path: Path) -> None:
         self.path = path
         package = _xmlschema()
-        found = _schemas(path, package)
-        version = ET.fromstring(found[path.name].read_bytes()).get("version")
+        files = _schemas(path, package)
+        version = ET.fromstring(files[path.name].read_bytes()).get("version")
         if version != VERSION:
             raise _unusable(path, f"is of version {version}", f"name the dcc.xsd of version {VERSION}")
         self._package = package
@@ -49,7 +49,7 @@ class CertificateSchema:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")
                 self._schema: Any = package.XMLSchema(
-                    str(path), allow="local", uri_mapper=lambda uri: _local(str(uri), found)
+                    str(path), allow="local", uri_mapper=lambda uri: _local(str(uri), files)
                 )
         except (package.XMLSchemaException, Warning, OSError, ValueError) as error:
             first = (str(error).splitlines() or ["?"])[0]
@@ -67,8 +67,8 @@ class CertificateSchema:
 
 
 def not_valid(violations: list[Violation], where: Path, schema: Path) -> InputError:
-    """The error B-DCC-009 for a certificate that does not hold its schema; ``where`` it was written to be looked at."""
-    listed = "".join(f"\n  {one}" for one in violations[:_MAX_LISTED])
+    """Return the error B-DCC-009 for a certificate that does not hold its schema; ``where`` it was written."""
+    listed = "".join(f"\n  {violation}" for violation in violations[:_MAX_LISTED])
     more = len(violations) - _MAX_LISTED
     listed += f"\n  and {more} more" if more > 0 else ""
     return InputError(
@@ -87,32 +87,32 @@ def _short(text: str) -> str:
 
 
 def _schemas(path: Path, package: Any) -> dict[str, Path]:
-    """File name -> file of the schema and all that it imports, directly or not."""
-    found: dict[str, Path] = {}
+    """Return file name -> file of the schema and all that it imports, directly or not."""
+    files: dict[str, Path] = {}
     missing: list[str] = []
     waiting = [path]
     while waiting:
         current = waiting.pop()
-        found[current.name] = current
+        files[current.name] = current
         for namespace, name in _imports(current):
             beside = path.parent / name
             shipped = Path(package.__file__).parent / "schemas" / "DSIG" / name
-            if name in found or name in missing:
+            if name in files or name in missing:
                 continue
             if beside.is_file():
                 waiting.append(beside)
             elif namespace == _SIGNATURES and shipped.is_file():
-                found[name] = shipped
+                files[name] = shipped
             else:
                 missing.append(name)
     if missing:
         names = ", ".join(sorted(missing))
         raise _unusable(path, f"imports what is not in its folder: {names}", f"put {names} beside it")
-    return found
+    return files
 
 
 def _imports(path: Path) -> Iterator[tuple[str, str]]:
-    """Namespace and file name of what a schema imports or includes."""
+    """Yield namespace and file name of what a schema imports or includes."""
     try:
         root = ET.fromstring(path.read_bytes())
     except (OSError, ET.ParseError) as error:
@@ -121,14 +121,14 @@ def _imports(path: Path) -> Iterator[tuple[str, str]]:
     if root.tag != f"{_XS}schema":
         raise _unusable(path, "is not an XML schema", "name the file dcc.xsd")
     for tag in ("import", "include"):
-        for one in root.findall(f"{_XS}{tag}"):
-            if location := one.get("schemaLocation"):
-                yield one.get("namespace", ""), location.rsplit("/", 1)[-1]
+        for element in root.findall(f"{_XS}{tag}"):
+            if location := element.get("schemaLocation"):
+                yield element.get("namespace", ""), location.rsplit("/", 1)[-1]
 
 
-def _local(uri: str, found: dict[str, Path]) -> str:
-    """Address of a schema -> the file that stands for it."""
-    file = found.get(uri.rsplit("/", 1)[-1])
+def _local(uri: str, files: dict[str, Path]) -> str:
+    """Return address of a schema -> the file that stands for it."""
+    file = files.get(uri.rsplit("/", 1)[-1])
     return uri if file is None else file.resolve().as_uri()
 
 

@@ -19,7 +19,7 @@ _BELOW_in = 0.62  # numbers that stand steeply
 
 
 def current_picture(model: ReportModel, words: Texts) -> Picture | None:
-    """Scale-factor error of every single level against its current."""
+    """Return scale-factor error of every single level against its current."""
     errors = level_errors(model)
     if not errors:
         return None
@@ -29,7 +29,7 @@ def current_picture(model: ReportModel, words: Texts) -> Picture | None:
 
 
 def level_errors(model: ReportModel) -> list[tuple[Residual, float]]:
-    """Scale-factor error of every level in ppm: that of the fit and what the level alone says beyond it.
+    """Return scale-factor error of every level in ppm: that of the fit and what the level alone says beyond it.
 
     A level with N (positive current) says ``dsf_n + residual``, one with P ``dsf_p - residual``: in the model of
     the scale-factor fit the residual of a negative current counts the other way.
@@ -41,26 +41,27 @@ def level_errors(model: ReportModel) -> list[tuple[Residual, float]]:
         if "repeat" not in row["conditions"] and "channel" in row["conditions"]
     }
     errors = []
-    for one in _residuals(model):
-        sign = 1.0 if one.current_A > 0 else -1.0
-        dsf_ppm = fitted.get(("dsf_n" if sign > 0 else "dsf_p", one.channel, one.temperature_degC))
+    for residual in _residuals(model):
+        sign = 1.0 if residual.current_A > 0 else -1.0
+        dsf_ppm = fitted.get(("dsf_n" if sign > 0 else "dsf_p", residual.channel, residual.temperature_degC))
         if dsf_ppm is not None:
-            errors.append((one, dsf_ppm + sign * one.residual_ppm))
+            errors.append((residual, dsf_ppm + sign * residual.residual_ppm))
     return errors
 
 
 def _current_svg(errors: Sequence[tuple[Residual, float]], words: Texts) -> str:
-    channels = sorted({(one.channel, one.kind) for one, _ in errors})
-    temperatures = sorted({one.temperature_degC for one, _ in errors})
+    channels = sorted({(residual.channel, residual.kind) for residual, _ in errors})
+    temperatures = sorted({residual.temperature_degC for residual, _ in errors})
     figure, panels = panels_of([channel_title(words, *channel) for channel in channels])
     for (number, _), axes in zip(channels, panels, strict=True):
         for index, temperature in enumerate(temperatures):
             drawn = {1.0: look(index), -1.0: look(index) | {"markerfacecolor": "white", "linestyle": (0, (3, 2))}}
             for sign, how in drawn.items():
                 chosen = sorted(
-                    (abs(one.current_A) * _mA, error)
-                    for one, error in errors
-                    if (one.channel, one.temperature_degC) == (number, temperature) and one.current_A * sign > 0
+                    (abs(residual.current_A) * _mA, error)
+                    for residual, error in errors
+                    if (residual.channel, residual.temperature_degC) == (number, temperature)
+                    and residual.current_A * sign > 0
                 )
                 if chosen:
                     name = words("series.temperature", degC=_degC(temperature)) if sign > 0 else "_"
@@ -76,15 +77,17 @@ def _current_svg(errors: Sequence[tuple[Residual, float]], words: Texts) -> str:
 def residual_picture(model: ReportModel, words: Texts) -> Picture | None:
     """Return residuals in ppm of the level for every channel, level and temperature."""
     residuals = _residuals(model)
-    channels = sorted({(one.channel, one.kind) for one in residuals})
+    channels = sorted({(residual.channel, residual.kind) for residual in residuals})
     if not channels:
         return None
-    temperatures = sorted({one.temperature_degC for one in residuals})
+    temperatures = sorted({residual.temperature_degC for residual in residuals})
     with drawing():
         titles = [channel_title(words, *channel) for channel in channels]
         figure, panels = panels_of(titles, below_in=_BELOW_in)
         for (number, _), axes in zip(channels, panels, strict=True):
-            _residual_panel(axes, [one for one in residuals if one.channel == number], temperatures, words)
+            _residual_panel(
+                axes, [residual for residual in residuals if residual.channel == number], temperatures, words
+            )
         legend_of(figure, panels)
         svg = inline_svg(figure, "residuals")
     caption = words("residuals.caption", linear=f"{_LINEAR_ppm:g}")
@@ -92,25 +95,25 @@ def residual_picture(model: ReportModel, words: Texts) -> Picture | None:
 
 
 def _residuals(model: ReportModel) -> list[Residual]:
-    return [one for one in model.residuals if one.current_A and math.isfinite(one.residual_ppm)]
+    return [residual for residual in model.residuals if residual.current_A and math.isfinite(residual.residual_ppm)]
 
 
 def _residual_panel(axes: Axes, residuals: Sequence[Residual], temperatures: Sequence[float], words: Texts) -> None:
-    levels = sorted({one.current_A for one in residuals})
+    levels = sorted({residual.current_A for residual in residuals})
     place = {level: index for index, level in enumerate(levels)}
     width = 0.6 / max(1, len(temperatures))
     for index, temperature in enumerate(temperatures):
-        chosen = [one for one in residuals if one.temperature_degC == temperature]
+        chosen = [residual for residual in residuals if residual.temperature_degC == temperature]
         shift = (index - (len(temperatures) - 1) / 2) * width
         axes.plot(
-            [place[one.current_A] + shift for one in chosen],
-            [one.residual_ppm for one in chosen],
+            [place[residual.current_A] + shift for residual in chosen],
+            [residual.residual_ppm for residual in chosen],
             linestyle="none",
             label=words("series.temperature", degC=_degC(temperature)),
             **look(index),
         )
     axes.axhline(0.0, color=GREY, linewidth=0.6)
-    _symmetric_log(axes, 3.0 * max(_LINEAR_ppm, *(abs(one.residual_ppm) for one in residuals)))
+    _symmetric_log(axes, 3.0 * max(_LINEAR_ppm, *(abs(residual.residual_ppm) for residual in residuals)))
     axes.set_xticks(range(len(levels)), [_signed_mA(level) for level in levels], rotation=60)
     axes.set_ylabel(words("residuals.axis"))
     axes.set_xlabel(words("axis.current"))

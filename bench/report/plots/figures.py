@@ -22,7 +22,7 @@ _MOST_POINTS = 1500
 
 
 def timetable_picture(table: Timetable, trace: TemperatureTrace, words: Texts) -> Picture | None:
-    """Temperature over time, planned and actual, with the lanes of the plan; None if there is nothing to show."""
+    """Return temperature over time, planned and actual, with the lanes of the plan; None if nothing is to show."""
     if not table.bars and not _has_readings(trace):
         return None
     with drawing():
@@ -34,7 +34,7 @@ def timetable_picture(table: Timetable, trace: TemperatureTrace, words: Texts) -
 
 def _has_readings(trace: TemperatureTrace) -> bool:
     """Return whether anybody read a temperature; a bench without a chamber notes its environment without one."""
-    return any(np.isfinite(one).any() for one in (trace.air_degC, trace.unit_degC, trace.planned_degC))
+    return any(np.isfinite(curve).any() for curve in (trace.air_degC, trace.unit_degC, trace.planned_degC))
 
 
 def plot_timetable(plan: TimedPlan, path_svg: Path) -> None:

@@ -1,4 +1,4 @@
-"""How the values of a batch are distributed: for each quantity a strip of bars per condition, and the limits."""
+"""Pictures of the spread of a batch: for each quantity a strip of bars per condition, and the limits."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ Strips = Sequence[tuple[str, NDArray[np.float64], NDArray[np.bool_]]]
 
 
 def strip_pictures(batch: Batch, words: Texts) -> list[Picture]:
-    """Pictures of at most ``_PER_PICTURE`` quantities; of a quantity of one value nothing is drawn."""
+    """Return pictures of at most ``_PER_PICTURE`` quantities; of a quantity of one value nothing is drawn."""
     pictures: list[Picture] = []
     for campaign in batch.campaigns:
-        groups = [one for one in _by_name(batch, campaign) if sum(len(spread.members) for spread in one) > 1]
-        groups = sorted(groups, key=lambda one: one[0].worst is None)[:MOST_PANELS]
+        groups = [group for group in _by_name(batch, campaign) if sum(len(spread.members) for spread in group) > 1]
+        groups = sorted(groups, key=lambda group: group[0].worst is None)[:MOST_PANELS]
         for at in range(0, len(groups), _PER_PICTURE):
             shown, name = groups[at : at + _PER_PICTURE], f"strips{len(pictures) + 1}"
             titles = ", ".join(group[0].quantity.name.replace("_", " ") for group in shown)
@@ -44,22 +44,24 @@ def strip_pictures(batch: Batch, words: Texts) -> list[Picture]:
 
 
 def _by_name(batch: Batch, campaign: str) -> list[list[Spread]]:
-    spreads = [one for one in batch.spreads if one.quantity.campaign == campaign]
-    ordered = sorted(spreads, key=lambda one: (one.quantity.name, one.quantity.unit))
-    return [list(group) for _, group in groupby(ordered, key=lambda one: (one.quantity.name, one.quantity.unit))]
+    spreads = [spread for spread in batch.spreads if spread.quantity.campaign == campaign]
+    ordered = sorted(spreads, key=lambda spread: (spread.quantity.name, spread.quantity.unit))
+    return [
+        list(group) for _, group in groupby(ordered, key=lambda spread: (spread.quantity.name, spread.quantity.unit))
+    ]
 
 
 def _drawn(groups: Sequence[Sequence[Spread]], name: str, words: Texts) -> str:
     with drawing():
-        figure, panels = panels_of([one[0].quantity.name.replace("_", " ") for one in groups], legend_rows=0)
+        figure, panels = panels_of([group[0].quantity.name.replace("_", " ") for group in groups], legend_rows=0)
         for axes, group in zip(panels, groups, strict=True):
             _draw(axes, group, words)
         return inline_svg(figure, name)
 
 
 def _draw(axes: Axes, group: Sequence[Spread], words: Texts) -> None:
-    members = [one for spread in group for one in spread.members]
-    scale, unit = readable([{"unit": group[0].quantity.unit, "value": one.value} for one in members])
+    members = [member for spread in group for member in spread.members]
+    scale, unit = readable([{"unit": group[0].quantity.unit, "value": member.value} for member in members])
     strips = _strips(group, scale, words)
     limits = {spread.limit for spread in group}
     limit = next(iter(limits)) if len(limits) == 1 else None
@@ -79,17 +81,17 @@ def _draw(axes: Axes, group: Sequence[Spread], words: Texts) -> None:
 
 
 def _strips(group: Sequence[Spread], scale: float, words: Texts) -> Strips:
-    """Label, values and which of them failed, for each condition; all in one strip where there are too many."""
-    found = []
-    shared = {name for name in group[0].quantity.where if len({_text(one, name) for one in group}) == 1}
+    """Return label, values and which of them failed, for each condition; all in one strip where there are too many."""
+    strips = []
+    shared = {name for name in group[0].quantity.where if len({_text(spread, name) for spread in group}) == 1}
     for spread in group:
         label_text = " ".join(_text(spread, name) for name in spread.quantity.where if name not in shared)
-        values = np.array([scale * one.value for one in spread.members])
-        found.append((label_text, values, np.array([one.failed for one in spread.members])))
-    if len(found) <= _MOST_STRIPS and all(len(text) <= _LONGEST for text, _, _ in found):
-        return found
-    everything = (np.concatenate([one[1] for one in found]), np.concatenate([one[2] for one in found]))
-    return [(words("batch.together", count=len(found)), *everything)]
+        values = np.array([scale * member.value for member in spread.members])
+        strips.append((label_text, values, np.array([member.failed for member in spread.members])))
+    if len(strips) <= _MOST_STRIPS and all(len(text) <= _LONGEST for text, _, _ in strips):
+        return strips
+    everything = (np.concatenate([strip[1] for strip in strips]), np.concatenate([strip[2] for strip in strips]))
+    return [(words("batch.together", count=len(strips)), *everything)]
 
 
 def _text(spread: Spread, name: str) -> str:
@@ -104,7 +106,7 @@ def _far_apart(strips: Strips) -> bool:
 
 
 def _edges(values: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    low, high = min(one.min() for one in values), max(one.max() for one in values)
+    low, high = min(strip.min() for strip in values), max(strip.max() for strip in values)
     room = 0.02 * (high - low) or max(abs(high) * 1e-3, 1e-12)
     return np.linspace(low - room, high + room, _BINS + 1)
 

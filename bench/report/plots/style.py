@@ -1,4 +1,4 @@
-"""How figures look: colours safe on white, small multiples, and SVG that is the same bytes for the same numbers."""
+"""The style of figures: colours safe on white, small multiples, and SVG that is the same bytes for the same numbers."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def drawing() -> Iterator[None]:
 
 
 def look(index: int) -> dict[str, Any]:
-    """Colour and marker of the ``index``-th member of a series."""
+    """Return colour and marker of the ``index``-th member of a series."""
     cycle = index // len(PALETTE)
     return {
         "color": PALETTE[index % len(PALETTE)],
@@ -84,8 +84,8 @@ def svg_text(figure: Figure, name: str) -> str:
         sheet = io.StringIO()
         figure.savefig(sheet, format="svg", metadata={"Date": None, "Creator": None})
     text = sheet.getvalue()
-    text = _ID.sub(lambda found: f'id="{name}-{found[1]}"', text)
-    return _REFERENCE.sub(lambda found: f"{found[1]}{name}-{found[2]}", text)
+    text = _ID.sub(lambda match: f'id="{name}-{match[1]}"', text)
+    return _REFERENCE.sub(lambda match: f"{match[1]}{name}-{match[2]}", text)
 
 
 def inline_svg(figure: Figure, name: str) -> str:
@@ -96,7 +96,7 @@ def inline_svg(figure: Figure, name: str) -> str:
 
 
 def panels_of(titles: Sequence[str], below_in: float = _BELOW_in, legend_rows: int = 1) -> tuple[Figure, list[Axes]]:
-    """A figure with a titled panel for each title, all of one size, and room for the rows of a legend above them.
+    """Return a figure with a titled panel for each title, all of one size, and room for rows of a legend above them.
 
     ``below_in``: room for numbers and label below a panel, inch.
 
@@ -122,18 +122,18 @@ def panels_of(titles: Sequence[str], below_in: float = _BELOW_in, legend_rows: i
 
 def legend_of(figure: Figure, panels: Iterable[Axes], columns: int = 5, least: int = 1) -> None:
     """One legend for all panels: an entry per label, as the first panel that has it draws it; none below ``least``."""
-    found: dict[str, Any] = {}
+    handles: dict[str, Any] = {}
     for axes in panels:
         for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
-            found.setdefault(name, handle)
-    if len(found) >= least:
-        names = list(found)
+            handles.setdefault(name, handle)
+    if len(handles) >= least:
+        names = list(handles)
         laid_out = figure.get_layout_engine() is not None  # then it makes room; else the room is there
         place: Literal["outside upper center", "upper center"] = "outside upper center" if laid_out else "upper center"
-        figure.legend(list(found.values()), names, loc=place, ncols=min(columns, len(names)))
+        figure.legend(list(handles.values()), names, loc=place, ncols=min(columns, len(names)))
 
 
 def channels_of(rows: Iterable[Mapping[str, Any]]) -> list[tuple[Any, str]]:
     """Return number and kind of every channel in some estimates, by number."""
-    found = {row["conditions"]["channel"]: row["conditions"].get("kind", "") for row in rows}
-    return sorted(found.items())
+    kinds = {row["conditions"]["channel"]: row["conditions"].get("kind", "") for row in rows}
+    return sorted(kinds.items())

@@ -41,30 +41,30 @@ class _Series:
 
 
 def dsf_picture(model: ReportModel, words: Texts) -> Picture | None:
-    """Scale-factor error N and P of every channel against temperature, with expanded-uncertainty bars."""
+    """Return scale-factor error N and P of every channel against temperature, with expanded-uncertainty bars."""
     series = (_Series("dsf_n", BLUE, "o-", -1.0), _Series("dsf_p", VERMILION, "s--", 1.0))
     return _picture(model, words, "dsf", series)
 
 
 def asymmetry_picture(model: ReportModel, words: Texts) -> Picture | None:
-    """Scale-factor asymmetry N minus P of every channel against temperature."""
+    """Return scale-factor asymmetry N minus P of every channel against temperature."""
     return _picture(model, words, "asymmetry", (_Series("dsf_asymmetry", BLUE, "o-", 0.0),))
 
 
 def bias_picture(model: ReportModel, words: Texts) -> Picture | None:
-    """Bias of every channel against temperature."""
+    """Return bias of every channel against temperature."""
     return _picture(model, words, "bias", (_Series("bias", BLUE, "o-", 0.0),))
 
 
 def unit_temperature_degC(conditions: Mapping[str, Any]) -> float:
-    """The measured temperature of the unit where there is one, else the set-point, degC."""
+    """Return the measured temperature of the unit where there is one, else the set-point, degC."""
     measured = conditions.get("unit_temperature_degC")
     return float(conditions.get("temperature_degC", math.nan) if measured is None else measured)
 
 
 def _picture(model: ReportModel, words: Texts, name: str, series: Sequence[_Series]) -> Picture | None:
-    rows = {one.quantity: _at_temperatures(model.estimates(one.quantity)) for one in series}
-    everything = [row for found in rows.values() for row in found]
+    rows = {curve.quantity: _at_temperatures(model.estimates(curve.quantity)) for curve in series}
+    everything = [row for group in rows.values() for row in group]
     channels = channels_of(everything)
     if not channels:
         return None
@@ -76,9 +76,9 @@ def _picture(model: ReportModel, words: Texts, name: str, series: Sequence[_Seri
         titles = [channel_title(words, *channel) for channel in channels]
         figure, panels = panels_of(titles, legend_rows=int(len(series) > 1))
         for (number, _), axes in zip(channels, panels, strict=True):
-            for one in series:
-                chosen = [row for row in rows[one.quantity] if row["conditions"]["channel"] == number]
-                _error_bars(axes, chosen, one, words, one.side * _APART * span_degC, scale)
+            for curve in series:
+                chosen = [row for row in rows[curve.quantity] if row["conditions"]["channel"] == number]
+                _error_bars(axes, chosen, curve, words, curve.side * _APART * span_degC, scale)
             axes.set_xlim(middle_degC - 0.55 * span_degC, middle_degC + 0.55 * span_degC)
             axes.set_ylabel(words(f"{name}.axis", unit=unit))
             axes.set_xlabel(words("axis.unit_temperature"))
@@ -93,27 +93,29 @@ def _at_temperatures(rows: Sequence[Row]) -> list[Row]:
     return [row for row in rows if {"channel", "temperature_degC"} <= row["conditions"].keys()]
 
 
-def _error_bars(axes: Axes, rows: Sequence[Row], one: _Series, words: Texts, shift_degC: float, scale: float) -> None:
+def _error_bars(axes: Axes, rows: Sequence[Row], curve: _Series, words: Texts, shift_degC: float, scale: float) -> None:
     temperature = [unit_temperature_degC(row["conditions"]) + shift_degC for row in rows]
     value = [scale * row["value"] for row in rows]
     expanded = [scale * (row["expanded_uncertainty"] or 0.0) for row in rows]
     axes.errorbar(
-        temperature, value, expanded, fmt=one.drawn, label=words(f"series.{one.quantity}"), color=one.colour,
+        temperature, value, expanded, fmt=curve.drawn, label=words(f"series.{curve.quantity}"), color=curve.colour,
         linewidth=0.7, capsize=2.0,
     )  # fmt: skip
 
 
 def surroundings_picture(model: ReportModel, words: Texts) -> Picture | None:
     """Return temperature of the laboratory against time from hour 0; None if it was not logged."""
-    shown = [one for one in model.run.surroundings if one.laboratory and one.t_s.size]
+    shown = [surrounding for surrounding in model.run.surroundings if surrounding.laboratory and surrounding.t_s.size]
     if not shown:
         return None
     with drawing():
         figure = Figure(figsize=(7.2, 1.9), layout="constrained")
         axes = figure.subplots()
-        for index, one in enumerate(shown):
-            t_s, degC = thin(one.t_s, one.degC)
-            axes.plot(t_s / 3600.0, degC, label=words("environment.laboratory", channel=one.name), **look(index))
+        for index, surrounding in enumerate(shown):
+            t_s, degC = thin(surrounding.t_s, surrounding.degC)
+            axes.plot(
+                t_s / 3600.0, degC, label=words("environment.laboratory", channel=surrounding.name), **look(index)
+            )
         low, high = axes.get_ylim()
         short = max(0.0, _LEAST_AIR_SPAN_degC - (high - low)) / 2.0
         axes.set_ylim(low - short, high + short)

@@ -1,1 +1,1 @@
-"""What opens the bench, makes it safe and drills that."""
+"""Opening of the bench, its safe state, and the drill of that."""

@@ -1,4 +1,4 @@
-"""What must be true before a session exists: known instruments, a bench in its safe state, room on the disk."""
+"""Conditions before a session exists: known instruments, a bench in its safe state, room on the disk."""
 
 from __future__ import annotations
 
@@ -43,13 +43,13 @@ def begin_safely(bench: OpenBench, clock: Clock) -> dict[str, Identity]:
     return identities
 
 
-def _check_serial(station: Station, role: str, found: Identity) -> None:
+def _check_serial(station: Station, role: str, identity: Identity) -> None:
     standard = station.instruments[role].standard
-    if standard is None or found.serial in ("", "0") or found.serial == standard.serial:
+    if standard is None or identity.serial in ("", "0") or identity.serial == standard.serial:
         return
     raise InstrumentError(
         "B-RUN-006",
-        f"serial number {found.serial!r} answers, the register holds the certificate of {standard.serial!r}",
+        f"serial number {identity.serial!r} answers, the register holds the certificate of {standard.serial!r}",
         where=role,
         next_step="correct the register in the station file, or connect the instrument it names",
     )
@@ -69,6 +69,6 @@ def check_space(plan: Plan, out: Path) -> None:
         )
 
 
-def identities_of(found: Mapping[str, Identity]) -> dict[str, dict[str, str]]:
-    """Identities as the manifest holds them."""
-    return {role: dict(vars(identity)) for role, identity in found.items()}
+def identities_of(identities: Mapping[str, Identity]) -> dict[str, dict[str, str]]:
+    """Return identities as the manifest holds them."""
+    return {role: dict(vars(identity)) for role, identity in identities.items()}

@@ -80,7 +80,7 @@ def drill(station: Station, station_path: Path, out: Path, clock: Clock) -> dict
         for number in SIGNALS:
             identities, trial = _trial(station, station_path, folder, number, clock)
             trials.append(trial)
-    found = {
+    document = {
         "schema": 1,
         "station": station.name,
         "simulated": station.simulated,
@@ -91,8 +91,8 @@ def drill(station: Station, station_path: Path, out: Path, clock: Clock) -> dict
         "identities": identities,
         "software": software(),
     }
-    (folder / RESULT).write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
-    return {**found, "folder": str(folder)}
+    (folder / RESULT).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
+    return {**document, "folder": str(folder)}
 
 
 def latest_drill(out: Path, station: Station) -> dict[str, Any] | None:
@@ -100,18 +100,18 @@ def latest_drill(out: Path, station: Station) -> dict[str, Any] | None:
 
     ``utc`` is when it began, in ISO form.
     """
-    found = []
+    documents = []
     for path in out.glob(f"*_drill_{station.name}*/{RESULT}"):
         with suppress(OSError, ValueError):
             document = json.loads(path.read_text(encoding="utf-8"))
             if document["station"] == station.name:
-                found.append(document)
-    return max(found, key=lambda document: str(document["utc"]), default=None)
+                documents.append(document)
+    return max(documents, key=lambda document: str(document["utc"]), default=None)
 
 
-def drill_age(found: Mapping[str, Any], clock: Clock) -> timedelta:
+def drill_age(document: Mapping[str, Any], clock: Clock) -> timedelta:
     """Return how long ago a drill was."""
-    return datetime.fromtimestamp(clock.utc_ns() // NS, UTC) - datetime.fromisoformat(str(found["utc"]))
+    return datetime.fromtimestamp(clock.utc_ns() // NS, UTC) - datetime.fromisoformat(str(document["utc"]))
 
 
 def _trial(
@@ -168,7 +168,7 @@ def _wait_for(done: Callable[[], bool], clock: Clock, until_ns: int) -> None:
 
 
 def _guard_s(folder: Path, killed_utc_ns: int) -> tuple[float | None, bool]:
-    """When the guard had confirmed every instrument, seconds after the kill, and whether it is done."""
+    """Return when the guard had confirmed every instrument, seconds after the kill, and whether it is done."""
     for entry in read_diary(folder / DIARY):
         if entry["what"] in ("safe", "unsafe"):
             after_s = datetime.fromisoformat(entry["utc"]).timestamp() - killed_utc_ns / NS

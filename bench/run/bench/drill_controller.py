@@ -61,14 +61,14 @@ def stimulate(instruments: dict[str, Instrument], source: str) -> None:
 
 def stimulated(instruments: dict[str, Instrument]) -> dict[str, object]:
     """Return what is on by read-back: roles in operate, closed routes; empty when nothing is."""
-    found: dict[str, object] = {}
+    states: dict[str, object] = {}
     for role, instrument in instruments.items():
         effects = {action.effect for action in actions_of(type(instrument)).values()}
         if Effect.STIMULUS_ON in effects and instrument.operating():  # type: ignore[attr-defined]
-            found[role] = "operating"
+            states[role] = "operating"
         if Effect.ROUTE in effects and (closed := instrument.closed()):  # type: ignore[attr-defined]
-            found[role] = f"closed: {', '.join(closed)}"
-    return found
+            states[role] = f"closed: {', '.join(closed)}"
+    return states
 
 
 def main(station_file: str, folder: str) -> int:

@@ -48,13 +48,13 @@ class World(Protocol):
     visa_library: str
 
     def link_url(self, name: str) -> str:
-        """pySerial URL of a link."""
+        """Return pySerial URL of a link."""
 
     def truth(self, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
         """Return what an analysis of these records should have found."""
 
     def operate(self, name: str, value: Any) -> None:
-        """What a person does at the bench: put a unit on it, set a switch. Raises: InputError for an unknown name."""
+        """Do what a person does at the bench: put a unit on it, set a switch. Raises: InputError: an unknown name."""
 
     def close(self) -> None:
         """Forget the world."""
@@ -150,7 +150,7 @@ def _open_world(station: Station, clock: Clock, seed: int) -> World:
 
 
 class InstrumentAddress(Protocol):
-    """What a station says about one instrument, as far as opening it needs it."""
+    """An instrument of a station, as far as opening it needs it."""
 
     @property
     def driver(self) -> str:
@@ -182,7 +182,7 @@ def open_instrument(
 
 
 def _interface_clear(visa: pyvisa.ResourceManager, resource: str) -> Callable[[], None] | None:
-    """How the interface of a GPIB board is cleared: whoever talks or listens starts anew. None on other buses."""
+    """Return a function that clears the interface of a GPIB board: whoever talks or listens starts anew; else None."""
     board = resource.split("::", maxsplit=1)[0].upper()
     if not board.startswith("GPIB"):
         return None
@@ -251,7 +251,7 @@ def open_port(name: str, url: str, baud: int, *, exclusive: bool) -> ByteLink:
 
 
 def _located(url: str) -> str:
-    """The device of a URL that names an adapter by its serial number; any other URL as it is. Raises: ValueError."""
+    """Return the device of a URL with an adapter's serial number; any other URL as it is. Raises: ValueError."""
     wanted = url.removeprefix(BY_SERIAL_NUMBER)
     if wanted == url:
         return url
@@ -264,7 +264,7 @@ def _located(url: str) -> str:
 
 
 def port_of(resource: str) -> tuple[str, int] | None:
-    """Host and TCP port of a VISA address; None for one that is not on the network.
+    """Return host and TCP port of a VISA address; None for one that is not on the network.
 
     Source: VPP-4.3 (address strings), IVI-6.1 (HiSLIP port 4880), VXI-11 (port mapper).
     """
@@ -283,6 +283,6 @@ def check_answers(resource: str) -> None:
 
     Raises: OSError if nobody does.
     """
-    found = port_of(resource)
-    if found is not None:
-        socket.create_connection(found, CONNECT_S).close()
+    address = port_of(resource)
+    if address is not None:
+        socket.create_connection(address, CONNECT_S).close()

@@ -37,7 +37,7 @@ class HeldTranscript:
 
 
 def new_folder(out: Path, name: str) -> Path:
-    """A folder that does not exist yet; a taken name gets the suffix -2, -3 ..., which appears in no file."""
+    """Return a folder that does not exist yet; a taken name gets the suffix -2, -3 ..., which appears in no file."""
     folder = out / name
     suffix = 2
     while folder.exists():

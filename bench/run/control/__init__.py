@@ -1,1 +1,1 @@
-"""How people reach a run: commands, questions, notices."""
+"""Ways of people to a run: commands, questions, notices."""

@@ -30,7 +30,7 @@ class Terminal(Protocol):
         """Show a question and how to answer it."""
 
     def line(self, timeout_s: float) -> str | None:
-        """A line that was typed, None if none comes in time. Raises: OperatorStop for "stop"; OSError if it is gone."""
+        """Return a typed line, None if none comes in time. Raises: OperatorStop for "stop"; OSError if it is gone."""
 
     def tell(self, text: str) -> None:
         """Say something about the question."""
@@ -137,7 +137,7 @@ class WaitingOperator:
 
     @contextmanager
     def _terminal_may_go(self) -> Iterator[None]:
-        """When it has hung up, the question is left to the others. Raises: RunError B-CLI-005 if there are none."""
+        """Leave the question to the others if the terminal hangs up. Raises: RunError B-CLI-005 if there are none."""
         try:
             yield
         except OSError:
@@ -164,7 +164,7 @@ def _fields(asked: _Open) -> dict[str, Any]:
 
 
 def _judged(question: Question, value: object, by: str) -> Answer:
-    """The answer if it counts. A number is in the unit of the question, a text a number with its unit."""
+    """Return the answer if it counts. A number is in the unit of the question, a text a number with its unit."""
     if not question.unit:
         if value is None or value is True or str(value).strip().lower() in YES:
             return Answer(by)

@@ -150,7 +150,7 @@ class Control:
         }
 
     def _planned_end(self) -> str | None:
-        """When the last step ends by plan and by the slip so far; a hold shifts it further."""
+        """Return when the last step ends by plan and by the slip so far; a hold shifts it further."""
         context, step = self._context, self._following.step_under_way
         if step is None:
             return None
@@ -163,12 +163,12 @@ class Control:
         return f"{end:%Y-%m-%dT%H:%M:%SZ}"
 
     def _links(self) -> dict[str, dict[str, Any]]:
-        found = {}
+        links = {}
         for name, link in self._context.acquisition.status().items():
             age_s = None if math.isnan(link.age_s) else round(link.age_s, 3)
             counts = {"frames": link.frames, "lost": link.lost, "bad": link.bad}
-            found[name] = {"state": link.state, **counts, "age_s": age_s}
-        return found
+            links[name] = {"state": link.state, **counts, "age_s": age_s}
+        return links
 
 
 @contextmanager
@@ -198,7 +198,7 @@ def control(
 
 
 def _written(value: Any) -> Any:
-    """A text as it can be journaled: half a character, of a terminal in another encoding, keeps no abort back."""
+    """Return a text as it can be journaled: half a character, of another encoding, keeps no abort back."""
     return value.encode(errors="replace").decode() if isinstance(value, str) else value
 
 

@@ -88,10 +88,10 @@ class EarlyVerdicts:
         text = self._output.read(MOST_OUTPUT)
         self._forget()
         try:
-            found = json.loads(text) if status == 0 else None
+            document = json.loads(text) if status == 0 else None
         except ValueError:
-            found = None
-        verdict = Verdict.read(found) if isinstance(found, dict) else None
+            document = None
+        verdict = Verdict.read(document) if isinstance(document, dict) else None
         return Verdict(ok=None, error=f"exit status {status}") if verdict is None or verdict.raw else verdict
 
     def _forget(self) -> None:

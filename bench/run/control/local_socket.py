@@ -36,7 +36,7 @@ Answer = Callable[[dict[str, Any], str], dict[str, Any]]
 
 
 def socket_path(folder: Path, what: str = CONTROL) -> Path:
-    """Path for a socket of a session, made short where it must be; writes ``control.path`` (``live.path``) then."""
+    """Return path for a socket of a session, short where it must be; writes ``control.path`` (``live.path``) then."""
     path = (folder / f"{what}.sock").resolve()
     if len(os.fsencode(path)) <= LONGEST_PATH:
         return path
@@ -50,7 +50,7 @@ def socket_path(folder: Path, what: str = CONTROL) -> Path:
 
 
 def find_socket(folder: Path, what: str = CONTROL) -> Path:
-    """Path of a socket of a session that may be running."""
+    """Return path of a socket of a session that may be running."""
     pointer = folder / f"{what}.path"
     return Path(pointer.read_text(encoding="utf-8")) if pointer.is_file() else folder.resolve() / f"{what}.sock"
 
@@ -97,7 +97,7 @@ def peer_of(connection: socket.socket) -> str | None:
 
 @dataclass(eq=False)
 class Client:
-    """Who is connected: ``by`` whom, until when it may be silent, what came of it, what the selector looks for."""
+    """A connected client: ``by`` whom, until when it may be silent, what came of it, what the selector looks for."""
 
     socket: socket.socket
     by: str

@@ -137,7 +137,7 @@ def notifications(context: RunContext, notify: NotifySection) -> Iterator[Notifi
 
 
 def user_notify(environment: Mapping[str, str]) -> NotifySection | None:
-    """What ``inertial-bench/notify.yaml`` in the user's configuration folder says; None if there is no such file.
+    """Return what ``inertial-bench/notify.yaml`` in the user's configuration folder says; None without such a file.
 
     Raises: InputErrors with every mistake and its position.
     Source: XDG Base Directory Specification: XDG_CONFIG_HOME, else ~/.config.

@@ -26,7 +26,7 @@ class Question:
 
 @dataclass(frozen=True)
 class Answer:
-    """What was answered and by whom ("simulation" when nobody was asked)."""
+    """An answer, and by whom it was given ("simulation" when nobody was asked)."""
 
     by: str
     value: float | None = None

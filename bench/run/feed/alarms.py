@@ -31,7 +31,7 @@ class Alarm:
     acknowledged: dict[str, Any] | None = None
 
     def document(self) -> dict[str, Any]:
-        """As part of the state document."""
+        """Return the entry of the state document."""
         return {name: value for name, value in vars(self).items() if name not in ("key", "of")}
 
 

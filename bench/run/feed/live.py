@@ -31,7 +31,7 @@ from bench.run.links.reader import LinkReader
 from bench.run.links.status import silence_s
 from bench.run.observers import Observer
 
-FRESH_S = 10.0  # a temperature of the unit that was noted longer ago is none
+FRESH_S = 10.0  # a temperature of the unit that was noted longer ago does not count
 DECODED_S = 62.0  # a rehearsal decodes that seldom: what it received since then may be frames
 
 
@@ -66,7 +66,7 @@ class LiveFeed(Observer):
 
     @property
     def head(self) -> dict[str, Any]:
-        """What every reply of the feed says."""
+        """Entries of every reply of the feed."""
         document = self.state.head
         return {"proto": PROTO, "boot_id": document["boot_id"], "signals": len(self.points.signals)}
 

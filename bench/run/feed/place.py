@@ -36,7 +36,7 @@ _KEPT = 400
 
 
 class Place:
-    """Where a run is.
+    """The place of a run in its plan.
 
     ``since_utc_s``: when the step under way began. ``first_degC``: of the chamber before the plan changes it. Second 0
     of the phase under way is at ``_origin`` (UTC second), slip included.
@@ -86,7 +86,7 @@ class Place:
             self._leave(step, (self._origin or 0.0) + step.at_s)
 
     def on_event(self, event: Event, t: float) -> None:
-        """What the events of a session say about its place."""
+        """Take what an event of a session says about its place."""
         match event:
             case Phase():
                 self._on_phase(event, t)
@@ -182,13 +182,13 @@ class Place:
             self._origin += seconds
 
     def time_of(self, step: Step, seconds: float) -> float | None:
-        """When a planned moment of the phase of a step is, or was."""
+        """Return when a planned moment of the phase of a step is, or was."""
         if self._origin is None or self.step is None or step.phase != self.step.phase:
             return None
         return self._origin + seconds
 
     def start_of(self, step: Step) -> float:
-        """When a step began, or will by plan and slip."""
+        """Return when a step began, or will begin by plan and slip."""
         if step.number in self._starts:
             return self._starts[step.number]
         assert self.step is not None
@@ -201,13 +201,13 @@ class Place:
         return tuple(self._shares.values())
 
     def position_s(self, t: float) -> float | None:
-        """Planned seconds since the start of the run, inside the step under way; None before the first."""
+        """Return planned seconds since the start of the run, inside the step under way; None before the first."""
         if self.step is None:
             return None
         return self._plan.position_s(self.step, t - (self._origin if self._origin is not None else t))
 
     def late_until(self, step: Step) -> float | None:
-        """When the patience with a soak that is late ends; None if it is not late."""
+        """Return when the patience with a soak that is late ends; None if it is not late."""
         late = self._late
         if late is None or late is not step:
             return None

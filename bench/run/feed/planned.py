@@ -65,7 +65,7 @@ class PlannedRun:
         return self.steps[self._first[phase]] if self._starts.get(phase) else None
 
     def before_s(self, phase: str) -> float:
-        """Planned length of the phases before one, second."""
+        """Return planned length of the phases before one, second."""
         return sum(self.length_s[earlier] for earlier in ORDER[: ORDER.index(phase)])
 
     def step_at(self, phase: str, seconds: float) -> Step | None:
@@ -76,18 +76,18 @@ class PlannedRun:
         return self.steps[self._first[phase] + max(0, bisect_right(starts, seconds) - 1)]
 
     def next_telling(self, number: int) -> Step | None:
-        """The first step behind ``number`` that leaves an event when it is done; None if there is none in its phase."""
+        """Return the first step behind ``number`` that leaves an event when done; None if its phase has none."""
         for step in self.steps[number + 1 :]:
             if step.kind in TELLING:
                 return step
         return None
 
     def measured_before(self, number: int) -> int:
-        """Records of the campaign that are planned before a step."""
+        """Return records of the campaign that are planned before a step."""
         return sum(isinstance(step, PlannedRecord) and is_measurement(step.conditions) for step in self.steps[:number])
 
     def position_s(self, step: Step, seconds: float) -> float:
-        """Planned seconds since the start of the run, inside the step under way."""
+        """Return planned seconds since the start of the run, inside the step under way."""
         inside = min(max(seconds, step.at_s), self._until_s[step.number])
         return self.before_s(step.phase) + inside
 
@@ -121,7 +121,7 @@ def in_words(step: Step) -> str:
 def corners(
     thermal: Sequence[Step], start_of: Callable[[Step], float], end_utc_s: float, first_degC: float | None
 ) -> dict[str, list[float]]:
-    """Corners of the set-point over time.
+    """Return corners of the set-point over time.
 
     Args: thermal: soaks and set-points of the chamber in order.   start_of: when a step began or will, UTC second.
           end_utc_s: end of the run.   first_degC: of the chamber before the first one; None: its own target.
@@ -158,7 +158,7 @@ def _ramp(start: float, stop: float, before_degC: float, asked: SetPoint) -> tup
 
 @dataclass(frozen=True)
 class Remaining:
-    """What is still to come: ``likely_s`` seconds, of which ``soak_s`` in soaks; ``grace_s``: a late soak may last."""
+    """Time that is left: ``likely_s`` seconds, of which ``soak_s`` in soaks; ``grace_s``: a late soak may last."""
 
     likely_s: float
     soak_s: float
@@ -166,7 +166,7 @@ class Remaining:
 
 
 def end_of_run(t_utc_s: float, left: Remaining, late_shares: Sequence[float]) -> dict[str, float]:
-    """Range of the end, seconds since 1970 UTC. ``late_shares``: lateness over planned length of each soak done."""
+    """Return range of the end, seconds since 1970 UTC. ``late_shares``: lateness over planned length of soaks done."""
     share = max([SHARE / (1 + len(late_shares)), *late_shares])
     likely = t_utc_s + left.likely_s
     spread_s = left.soak_s * share + left.grace_s + LOOSE * left.likely_s + MARGIN_S
@@ -174,6 +174,6 @@ def end_of_run(t_utc_s: float, left: Remaining, late_shares: Sequence[float]) ->
 
 
 def soak_to_come_s(soaks: Sequence[Step], step: Step, inside_s: float) -> float:
-    """Planned soak time behind a moment of the plan, second; a soak under way counts from there on."""
+    """Return planned soak time behind a moment of the plan, second; a soak under way counts from there on."""
     whole = sum(soak.duration_s for soak in soaks if soak.number > step.number)
     return whole + (max(0.0, step.at_s + step.duration_s - inside_s) if isinstance(step, PlannedSoak) else 0.0)

@@ -58,10 +58,10 @@ class Points:
         self._waiting: deque[tuple[str, int, MessageBatch]] = deque()
         self._newest_ns: dict[str, int] = {}
         places: dict[tuple[str, str], list[int]] = {}
-        for place, one in enumerate(self.signals):
-            places.setdefault((one.link, one.message), []).append(place)
-        self._places = {source: np.array(found) for source, found in places.items()}
-        self._bench = {one.field: place for place, one in enumerate(self.signals) if one.link == BENCH}
+        for place, signal in enumerate(self.signals):
+            places.setdefault((signal.link, signal.message), []).append(place)
+        self._places = {source: np.array(columns) for source, columns in places.items()}
+        self._bench = {signal.field: place for place, signal in enumerate(self.signals) if signal.link == BENCH}
         self._changes: dict[str, deque[tuple[int, float]]] = {field: deque(maxlen=_CHANGES) for field in self._bench}
         self._size = KEPT + patience_ns // POINT_NS + SPARE
         self._low = np.full((self._size, len(self.signals)), np.nan, np.float32)
@@ -93,7 +93,7 @@ class Points:
     # --- on the thread of whoever asks -------------------------------------------------------------------------
 
     def since(self, since: int, now_ns: int) -> PointBatch:
-        """Complete points from number ``since`` on, as far as they are kept; from 0 if there are not that many."""
+        """Return complete points from number ``since`` on, as far as they are kept; from 0 if they are fewer."""
         with self._ring_lock:
             self._fold(now_ns)
             first = max(since if 0 <= since <= self._seq else 0, self._seq - KEPT)
@@ -166,7 +166,7 @@ class Points:
 
 
 def moments_ns(stamps_ns: NDArray[np.int64], period_ns: int) -> NDArray[np.int64]:
-    """When frames came that were received together, under one stamp: a period after each other, the last at the stamp.
+    """Return times of frames received together, under one stamp: a period after each other, the last at the stamp.
 
     Never before the stamp of the frames in front of them; without a period they share the time since then.
     """

@@ -1,4 +1,4 @@
-"""How many records there are, and the last ones."""
+"""The number of records, and the last ones."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ class Records:
             self._withdraw(event.record)
 
     def on_record(self, number: int, t_utc_s: float, conditions: Mapping[str, Any], counts: Mapping[str, Any]) -> None:
-        """What became of a record; its event came before."""
+        """Note what became of a record; its event came before."""
         if is_measurement(conditions):
             self._take(number, t_utc_s, conditions, counts)
 
     def document(self) -> dict[str, Any]:
-        """As part of the state document."""
+        """Return the entry of the state document."""
         return {
             "done": self._done, "planned": self._planned, "retaken": self._retaken, "flagged": self._flagged,
             "last": list(self._last)[:LAST],

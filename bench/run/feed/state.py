@@ -1,4 +1,4 @@
-"""What a run is doing, as the state document of docs/live-protocol.md; from events, so that a recording gives it too.
+"""The state document of a run (docs/live-protocol.md), made of events, so that a recording gives it too.
 
 A living run says more than its events do: which step is under way (``on_step``), where its timeline is
 (``on_timeline``), how its links are. For a recording the step under way is found by planned time: from the start of its
@@ -104,7 +104,7 @@ class RunState:
             self._records.at_step(number)
 
     def on_timeline(self, origin_utc_s: float) -> None:
-        """When second 0 of the phase under way was, or would have been, slip included; only a living run knows."""
+        """Take when second 0 of the phase under way was, or would have been, with slip; only a living run knows."""
         with self._lock:
             self._place.on_timeline(origin_utc_s)
 
@@ -124,7 +124,7 @@ class RunState:
             self._panel.on_traffic(role, direction, text, t_utc_s)
 
     def on_links(self, links: Mapping[str, Mapping[str, Any]]) -> None:
-        """How the links are now, by name, as in the document."""
+        """Take the states of the links, by name, as in the document."""
         with self._lock:
             self._links = {name: dict(link) for name, link in links.items()}
 

@@ -92,18 +92,18 @@ def _document(line: _Line) -> dict[str, Any]:
 
 
 def _judge(line: _Line) -> None:
-    found = _NUMBER.match(line.reply or "")
-    if found is None:
+    match = _NUMBER.match(line.reply or "")
+    if match is None:
         return
-    if int(found[1]) == 0:
+    if int(match[1]) == 0:
         line.state = "ok" if line.state == "error" else line.state
     else:
         line.errors += 1
         line.error, line.state = line.reply, "error"
 
 
-def _identity(found: Any) -> str | None:
-    if not isinstance(found, Mapping):
-        return None if found is None else str(found)
-    words = (found.get("manufacturer"), found.get("model"), found.get("serial"), found.get("firmware"))
+def _identity(identity: Any) -> str | None:
+    if not isinstance(identity, Mapping):
+        return None if identity is None else str(identity)
+    words = (identity.get("manufacturer"), identity.get("model"), identity.get("serial"), identity.get("firmware"))
     return " ".join(str(word) for word in words if word) or None

@@ -1,4 +1,4 @@
-"""What the guard does when it acts: end the controller, take the bench, make it safe, tell it."""
+"""The act of the guard: end the controller, take the bench, make it safe, tell it."""
 
 from __future__ import annotations
 

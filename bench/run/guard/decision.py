@@ -1,4 +1,4 @@
-"""What the guard is told at its start, so that it asks nobody later, and when it acts.
+"""The decision of the guard: what it is told at its start, so that it asks nobody later, and when it acts.
 
 The decision is a pure function of what it was told since, and of the time.
 """
@@ -53,7 +53,7 @@ class Brief:
 
     @classmethod
     def of_line(cls, line: bytes) -> Brief:
-        """The brief a line holds."""
+        """Return the brief a line holds."""
         document = json.loads(line)
         instruments = tuple(Address(**entry) for entry in document.pop("instruments"))
         return cls(instruments=instruments, notify=tuple(document.pop("notify")), **document)
@@ -61,7 +61,7 @@ class Brief:
 
 @dataclass
 class Watched:
-    """What the guard knows of the controller.
+    """State of the controller, as far as the guard knows it.
 
     ``limits`` and ``values`` are by name of the quantity with its unit (``chamber_air_degC``); ``heard_ns`` is when
     the controller was last heard of; ``silence_s`` how long it may be silent, infinite where silence says nothing.
@@ -77,7 +77,7 @@ class Watched:
 
 @dataclass(frozen=True)
 class Action:
-    """What is to be done: the bench is made safe, with ``heat_off`` the heat sources go off first."""
+    """An act that is due: the bench is made safe, with ``heat_off`` the heat sources go off first."""
 
     reason: Reason
     text: str

@@ -1,4 +1,4 @@
-"""What the guard did, one JSON line each, brought to the disk by a thread: a slow disk must not delay a safe state."""
+"""The guard's diary, one JSON line each, brought to the disk by a thread: a slow disk must not delay a safe state."""
 
 from __future__ import annotations
 
@@ -58,8 +58,8 @@ def read_diary(path: Path) -> list[dict[str, Any]]:
         lines = path.read_bytes().split(b"\n")[:-1]
     except OSError:
         return []
-    found = []
+    entries = []
     for line in lines:
         with suppress(ValueError):
-            found.append(json.loads(line))
-    return found
+            entries.append(json.loads(line))
+    return entries

@@ -1,4 +1,4 @@
-"""How a run is guarded: a process where others can reach the bench, a task where they cannot; and the bench lock.
+"""The guarding of a run: a process where others can reach the bench, a task where they cannot; and the bench lock.
 
 No other process can reach a bench that is simulated in this one, and nothing of it outlives the controller: what is
 left to guard are its hard limits.

@@ -46,7 +46,7 @@ class Health:
         self._over = True
 
     def silence_s(self) -> Mapping[str, float]:
-        """Seconds since the last sign of life, by part; a part that never gave one is not listed, none at the end."""
+        """Return seconds since the last sign of life, by part; a part that gave none is left out, at the end all."""
         if self._over:
             return {}
         now_ns = self._clock.now_ns()
@@ -62,6 +62,6 @@ class Health:
         return {name: value for name, (value, _) in list(self._values.items())}
 
     def age_s(self, name: str) -> float | None:
-        """Seconds since a value was noted; None if it never was."""
+        """Return seconds since a value was noted; None if it never was."""
         known = self._values.get(name)
         return None if known is None else (self._clock.now_ns() - known[1]) / NS

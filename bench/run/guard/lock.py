@@ -32,7 +32,7 @@ _NAME_BYTES = 4096
 
 
 def bus_keys(resources: Iterable[str]) -> tuple[str, ...]:
-    """What must be locked to use these VISA addresses: a GPIB board as a whole, anything else by its address."""
+    """Return what must be locked to use these VISA addresses: a GPIB board as a whole, anything else by its address."""
     keys = set()
     for resource in resources:
         name = resource.upper()
@@ -46,7 +46,7 @@ def bench_lock(resources: Iterable[str], what: str, clock: Clock) -> BenchLock:
 
 
 def lock_folder() -> Path:
-    """Where the lock files of this machine are: the same folder for every user, whatever one of them may write to."""
+    """Return the folder of lock files of this machine: one for every user, whatever one of them may write to."""
     try:
         return _SHARED if _SHARED.stat().st_mode & stat.S_IWOTH else _COMMON
     except OSError:
@@ -161,13 +161,13 @@ class BenchLock:
             os.pwrite(descriptor, text, 0)
 
     def _read_holder(self, descriptor: int) -> Mapping[str, Any]:
-        """Who holds the lock; waits a moment for one that has just taken it."""
+        """Return who holds the lock; waits a moment for one that has just taken it."""
         end_ns = self._clock.now_ns() + to_ns(_SETTLE_S)
         while True:
             with suppress(ValueError, OSError):
-                found: dict[str, Any] = json.loads(os.pread(descriptor, _NAME_BYTES, 0))
-                if found.get("host") != self._holder["host"] or _lives(int(found["pid"])):
-                    return found
+                holder: dict[str, Any] = json.loads(os.pread(descriptor, _NAME_BYTES, 0))
+                if holder.get("host") != self._holder["host"] or _lives(int(holder["pid"])):
+                    return holder
             if self._clock.now_ns() >= end_ns:
                 return {}
             self._clock.sleep(_POLL_S)

@@ -127,14 +127,14 @@ class _Lines:
         self.ended = False
 
     def first(self) -> bytes:
-        """The first line, however long it takes. Raises: EOFError."""
+        """Return the first line, however long it takes. Raises: EOFError."""
         while not self.ended:
             for line in self.next(None):
                 return line
         raise EOFError("the controller ended before it gave a brief")
 
     def next(self, limit_s: float | None) -> Iterator[bytes]:
-        """Whole lines that are there after ``limit_s`` at the latest."""
+        """Yield whole lines that are there after ``limit_s`` at the latest."""
         readable, _, _ = select.select([self._descriptor], [], [], limit_s)
         if readable:
             chunk = os.read(self._descriptor, _READ_BYTES)
@@ -161,7 +161,7 @@ class OwnReading:
         self.newest: float | None = None
 
     def look(self, age_s: float | None) -> float | None:
-        """The newest reading of its own, degC, while the controller's is older than ``STALE_S``; else None."""
+        """Return the newest reading of its own, degC, while the controller's is older than ``STALE_S``; else None."""
         if age_s is None or age_s < STALE_S or self._address is None:
             self.newest = None
             return None

@@ -92,7 +92,7 @@ class GuardProcess:
                 self._hear()
 
     def _air_age_s(self) -> float:
-        """How old the newest reading of the chamber's air is; without any, how long there could have been one."""
+        """Return the age of the newest reading of the chamber's air; without any, for how long it could have come."""
         age_s = self._health.age_s(CHAMBER_AIR)
         return (self._clock.now_ns() - self._begun_ns) / NS if age_s is None else age_s
 

@@ -1,1 +1,1 @@
-"""What lets a run stand still and go on."""
+"""Holds: a run stands still and goes on."""

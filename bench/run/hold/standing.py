@@ -123,5 +123,5 @@ def _goes_off(driver: type) -> bool:
 
 
 def drives(driver: type) -> bool:
-    """True for an instrument that drives a stimulus or leads it to the unit."""
+    """Return True for an instrument that drives a stimulus or leads it to the unit."""
     return any(action.effect in _STIMULUS for action in actions_of(driver).values())

@@ -1,4 +1,4 @@
-"""What is looked at before a run begins: the bench, its links, its papers and the machine."""
+"""The pre-flight of a run: the bench, its links, its papers and the machine."""
 
 from bench.run.preflight.context import Finding, Report, Status, Surroundings
 from bench.run.preflight.of_machine import stay_awake

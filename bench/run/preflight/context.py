@@ -1,4 +1,4 @@
-"""What a check before the run may look at, the machine and the bench that is about to run; and what it has found.
+"""The context of the pre-flight checks, the machine and the bench that is about to run; and the findings.
 
 Nothing of the machine raises and nothing waits longer than its limit: a machine without systemd, a container, another
 kernel answer "unknown" (None). All findings together are a table, an event, or the refusal to start.
@@ -45,7 +45,7 @@ class Host:
     """The machine as it is; tests put another one in its place."""
 
     def text(self, path: str) -> str | None:
-        """A small file of /proc or /sys, None if it cannot be read."""
+        """Return a small file of /proc or /sys, None if it cannot be read."""
         try:
             return Path(path).read_text(encoding="utf-8", errors="replace").strip()
         except OSError:
@@ -63,7 +63,7 @@ class Host:
         return Path(path).exists()
 
     def terminal(self, descriptor: int | None) -> str:
-        """Device of an open terminal, "" if it is none."""
+        """Return device of an open terminal, "" if it is no terminal."""
         try:
             return "" if descriptor is None else os.ttyname(descriptor)
         except OSError:
@@ -92,22 +92,22 @@ class Host:
         return KernelClock(not status & _UNSYNCHRONISED, largest_us * 1e-6)
 
     def most_open_files(self) -> int | None:
-        """Descriptors the process may have open; None: no limit."""
+        """Return descriptors the process may have open; None: no limit."""
         return _soft(resource.RLIMIT_NOFILE)
 
     def largest_file_bytes(self) -> int | None:
-        """Size a file may have; None: no limit."""
+        """Return size a file may have; None: no limit."""
         return _soft(resource.RLIMIT_FSIZE)
 
     def version(self, package: str) -> str | None:
-        """Version of an installed package."""
+        """Return version of an installed package."""
         try:
             return metadata.version(package)
         except metadata.PackageNotFoundError:
             return None
 
     def newest_change_utc_ns(self, folder: Path) -> int | None:
-        """When the newest entry of a folder was changed, nanoseconds since 1970; None if it holds nothing."""
+        """Return when the newest entry of a folder was changed, nanoseconds since 1970; None if it holds nothing."""
         try:
             return max((entry.stat(follow_symlinks=False).st_mtime_ns for entry in os.scandir(folder)), default=None)
         except OSError:
@@ -162,7 +162,7 @@ class PreflightContext(Surroundings):
 
     @property
     def start_utc(self) -> datetime:
-        """When the run starts if it starts now; the start of virtual time on a bench simulated in this process."""
+        """Start of the run if it starts now; that of virtual time on a bench simulated in this process."""
         utc_ns = VIRTUAL_START_UTC_NS if self.in_process else self.clock.utc_ns()
         return datetime.fromtimestamp(utc_ns / NS, UTC)
 
@@ -202,7 +202,7 @@ class Report:
         return [finding for finding in self.findings if finding.status is status]
 
     def refusal(self) -> BenchError | None:
-        """One error that lists everything that keeps the run from starting; None if nothing does.
+        """Return one error that lists everything that keeps the run from starting; None if nothing does.
 
         B-RUN-081 if anything of it is a fault of the bench, else B-RUN-080.
         """

@@ -39,15 +39,15 @@ def drill(context: PreflightContext) -> Finding:
     name, limit, again = "kill drill", f"passed in the last {DRILL_DAYS} days", "run 'bench drill' on this station"
     if context.in_process:
         return Finding(name, Status.SKIPPED, "", limit, "a bench inside this process ends with it")
-    found = latest_drill(context.out, context.station)
-    if found is None and not has_source(context.station):
+    latest = latest_drill(context.out, context.station)
+    if latest is None and not has_source(context.station):
         return Finding(name, Status.SKIPPED, "", limit, "the station has no instrument a drill could switch on")
-    if found is None:
+    if latest is None:
         unproved = "" if context.station.simulated else "nothing proves that this bench becomes safe by itself; "
         return Finding(name, Status.WARN, "none", limit, f"{unproved}{again}")
-    days = drill_age(found, context.clock).total_seconds() / 86_400
+    days = drill_age(latest, context.clock).total_seconds() / 86_400
     value = f"{days:.1f} days ago"
-    if not found["passed"]:
+    if not latest["passed"]:
         text = "the last drill failed: the guard does not make this bench safe in time"
         return Finding(name, Status.FAIL, value, limit, text, of_bench=True)
     return Finding(

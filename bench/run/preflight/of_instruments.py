@@ -1,4 +1,4 @@
-"""Who answers, is it warm, has it adjusted itself, are its certificates valid, is the reference there."""
+"""Checks of the instruments: identity, warm-up, self-calibration, valid certificates, the reference."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ def _identity(context: PreflightContext, role: str) -> Finding:
             raise context.absent[role]
         instrument = context.instruments[role]
         with hurried(instrument, ANSWER_S):  # no second try: whoever reads this is at the bench and sees what is off
-            found = getattr(instrument, "identity", None) or instrument.identify()
+            identity = getattr(instrument, "identity", None) or instrument.identify()
     except BenchError as error:
         return Finding(name, Status.FAIL, error.code, due, error.message, of_bench=True)
-    known = found.serial not in ("", "0")
-    if known and standard is not None and found.serial != standard.serial:
+    known = identity.serial not in ("", "0")
+    if known and standard is not None and identity.serial != standard.serial:
         text = "the register holds the certificate of another one"
-        return Finding(name, Status.FAIL, f"{found.model} {found.serial}", due, text, of_bench=True)
-    value = f"{found.model} {found.serial if known else '(tells no number)'}"
+        return Finding(name, Status.FAIL, f"{identity.model} {identity.serial}", due, text, of_bench=True)
+    value = f"{identity.model} {identity.serial if known else '(tells no number)'}"
     remark = "" if known or not due else "it does not tell its serial number: compare its label"
     return Finding(name, Status.OK, value, due, remark)
 
@@ -96,7 +96,7 @@ def _warm_up(context: PreflightContext, role: str, instrument: Any) -> Finding:
 
 
 def _asked_s(context: PreflightContext, role: str) -> float | None:
-    """The shortest time on that a prompt of the sequence accepts for an instrument, second; None without a prompt."""
+    """Return the shortest time on that a prompt of the sequence accepts for an instrument, s; else None."""
     words = role.replace("_", " ")
     for step in context.plan.steps:
         if isinstance(step, PlannedPrompt) and step.unit == "s" and words in step.text:
@@ -113,14 +113,14 @@ def self_calibration(context: PreflightContext) -> list[Finding]:
             continue
         name = f"self-calibration of {role}"
         try:
-            found, limit, unit, what = ask()
+            measured, limit, unit, what = ask()
         except InstrumentError as error:
             text = f"it did not answer ({error.code}); confirm it at its front panel"
             findings.append(Finding(name, Status.WARN, "unknown", "", text))
             continue
-        value, due = f"{found:.3g} {unit}", f"at most {limit:g} {unit}"
-        status = Status.OK if found <= limit else Status.FAIL
-        text = what if found <= limit else f"{what}; let it calibrate itself"
+        value, due = f"{measured:.3g} {unit}", f"at most {limit:g} {unit}"
+        status = Status.OK if measured <= limit else Status.FAIL
+        text = what if measured <= limit else f"{what}; let it calibrate itself"
         findings.append(Finding(name, status, value, due, text, of_bench=True))
     return findings
 

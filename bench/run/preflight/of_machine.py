@@ -106,9 +106,9 @@ def room_to_run(around: Surroundings) -> Finding:
 
 
 def _free_memory_MB(around: Surroundings) -> float | None:
-    """What the kernel can give without swapping, and what the process's control group leaves of it, megabyte."""
-    found = re.search(r"^MemAvailable:\s+(\d+) kB", around.host.text("/proc/meminfo") or "", re.MULTILINE)
-    free = [int(found[1]) / 1e3] if found else []
+    """Return megabytes that the kernel can give without swapping and the process's control group leaves of them."""
+    match = re.search(r"^MemAvailable:\s+(\d+) kB", around.host.text("/proc/meminfo") or "", re.MULTILINE)
+    free = [int(match[1]) / 1e3] if match else []
     most, used = (around.host.text(f"/sys/fs/cgroup/memory.{name}") or "" for name in ("max", "current"))
     if most.isdecimal() and used.isdecimal():
         free.append((int(most) - int(used)) / 1e6)
@@ -122,15 +122,15 @@ def software(around: Surroundings) -> Finding:
     if lock is None:
         return Finding(name, Status.SKIPPED, "", "", "an installed package carries no lock")
     due = {_plain(package): version for package, version in re.findall(r"^([\w.-]+)==([\w.]+)", lock, re.MULTILINE)}
-    found = {package: around.host.version(package) for package in PACKAGES if _plain(package) in due}
-    other = [f"{package} {version}" for package, version in found.items() if version != due[_plain(package)]]
+    versions = {package: around.host.version(package) for package in PACKAGES if _plain(package) in due}
+    other = [f"{package} {version}" for package, version in versions.items() if version != due[_plain(package)]]
     wanted = re.search(r"with Python (\d+\.\d+)", lock)
     if wanted and not platform.python_version().startswith(f"{wanted[1]}."):
         other.insert(0, f"Python {platform.python_version()}")
     if other:
         text = "numbers may differ in their last digits from those of the lock"
         return Finding(name, Status.WARN, ", ".join(other), "as locked", text)
-    return Finding(name, Status.OK, f"{len(found)} packages as locked", "as locked")
+    return Finding(name, Status.OK, f"{len(versions)} packages as locked", "as locked")
 
 
 def _plain(package: str) -> str:
@@ -160,7 +160,7 @@ def stay_awake(context: RunContext, words: tuple[str, ...] = _WORDS) -> Iterator
 
 
 def _start(words: tuple[str, ...]) -> subprocess.Popen[bytes] | None:
-    """The holder, alive; None if it is missing or refused. Its input is a pipe: it ends when this process does."""
+    """Return the holder, alive; None if missing or refused. Its input is a pipe, and it ends with this process."""
     quiet = subprocess.DEVNULL
     try:
         holder = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=quiet, stderr=quiet, start_new_session=True)
@@ -202,7 +202,7 @@ def space(context: PreflightContext) -> Finding:
 
 @dataclass(frozen=True)
 class DiskTrial:
-    """What a short trial of the disk gave: fsynced bytes per second, 99th percentile of one fsync in second."""
+    """Result of a short trial of the disk: fsynced bytes per second, 99th percentile of one fsync in second."""
 
     bytes_s: float
     fsync_p99_s: float

@@ -1,1 +1,1 @@
-"""How each kind of step is carried out, and where the run stands."""
+"""The kinds of steps as they are carried out, and the place of the run."""

@@ -1,4 +1,4 @@
-"""What each kind of step does: one function per kind, and the dispatch at the end."""
+"""Kinds of steps: one function per kind, and the dispatch at the end."""
 
 from __future__ import annotations
 
@@ -80,22 +80,22 @@ def _command(context: RunContext, step: PlannedCommand) -> None:
     """
     reader = context.acquisition.readers[step.role]
     if reader.numbered:
-        found = exchange(context, step).answer
+        answer = exchange(context, step).answer
         waited = f"{ATTEMPTS} times {timeout_of(step):g} s"
     else:
-        found, waited = _answer_of(context, step, reader), f"{ANSWER_S:g} s"
+        answer, waited = _answer_of(context, step, reader), f"{ANSWER_S:g} s"
     if step.item:
         return
-    if found is None:
+    if answer is None:
         raise LinkError(
             "B-RUN-022",
             f"the unit did not answer '{step.name}' within {waited}",
             where=step.role,
             next_step="check supply and cable of the unit, then start again",
         )
-    status, payload = found.status, found.payload.hex()
+    status, payload = answer.status, answer.payload.hex()
     context.event(Answer(step=step.number, role=step.role, name=step.name, status=status, payload=payload))
-    if status != DONE or found.refused:
+    if status != DONE or answer.refused:
         raise LinkError(
             "B-RUN-023",
             f"the unit refused '{step.name}' with status {status}",
@@ -111,8 +111,8 @@ def _answer_of(context: RunContext, step: PlannedCommand, reader: LinkReader) ->
         reader.answers.clear()
         reader.write(reader.command(step.code, step.payload))
     deadline = context.clock.now_ns() + to_ns(ANSWER_S)
-    context.acquisition.wait_until(lambda: any(found.command == step.code for found in reader.answers), deadline)
-    return next((found for found in reader.answers if found.command == step.code), None)
+    context.acquisition.wait_until(lambda: any(answer.command == step.code for answer in reader.answers), deadline)
+    return next((answer for answer in reader.answers if answer.command == step.code), None)
 
 
 def execute(context: RunContext, step: Step) -> None:

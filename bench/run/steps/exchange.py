@@ -147,6 +147,6 @@ def _event_of(step: PlannedCommand, done: Exchanged) -> Exchange:
 
 
 def code_of(definition: FrameDefinition, name: str) -> int | None:
-    """Code of a command of a frame definition; None if it has no such command."""
+    """Return code of a command of a frame definition; None if it has no such command."""
     layout = definition.commands.get(name)
     return None if layout is None else layout.code

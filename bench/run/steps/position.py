@@ -1,4 +1,4 @@
-"""Where a run goes on after it was interrupted: a position is a number in the plan's list of steps."""
+"""The position where a run goes on after it was interrupted: a number in the plan's list of steps."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Resumption:
 
 @dataclass(frozen=True)
 class Position:
-    """Where a stopped run goes on: its next step, the records that stay (the highest number) and those taken again."""
+    """The place a stopped run goes on from: its next step, the records that stay (the highest), those taken again."""
 
     start: int
     records: int
@@ -88,7 +88,7 @@ def stopped_at(plan: Plan, entries: Sequence[JournalEntry], events: Sequence[Eve
 
 
 def _taken(events: Sequence[Event]) -> tuple[dict[int, int], list[range]]:
-    """Steps of the records that count, by number, and the ranges of steps that were skipped."""
+    """Return steps of the records that count, by number, and the ranges of steps that were skipped."""
     taken: dict[int, int] = {}
     skipped = []
     for kind, _, fields in events:
@@ -104,7 +104,7 @@ def _taken(events: Sequence[Event]) -> tuple[dict[int, int], list[range]]:
 def _next_step(
     plan: Plan, entries: Sequence[JournalEntry], taken: Mapping[int, int], skipped: Sequence[range], *, told: bool
 ) -> int:
-    """Number of the step behind the last one that is proved to be done, ``len(plan.steps)`` if all are."""
+    """Return number of the step behind the last one that is proved to be done, ``len(plan.steps)`` if all are."""
     number = entries[-1].number + 1 if entries else 0
     for stretch in skipped:
         number = stretch.stop if number in stretch else number
@@ -112,26 +112,26 @@ def _next_step(
     if last >= number:
         return number if told and entries else last + 1
     records = (step.number for step in plan.steps[last + 1 : number] if isinstance(step, PlannedRecord))
-    lost = (one for one in records if not any(one in stretch for stretch in skipped))
+    lost = (record for record in records if not any(record in stretch for stretch in skipped))
     return next(lost, number)
 
 
 def _noted(events: Sequence[Event]) -> set[tuple[str, int]]:
-    """Kind and step of what steps have noted in the session."""
+    """Return kind and step of what steps have noted in the session."""
     return {(kind, int(fields.get("step", -1))) for kind, _, fields in events if kind in NOTED}
 
 
 def _first_lost(
     plan: Plan, number: int, taken: Mapping[int, int], skipped: Sequence[range], noted: set[tuple[str, int]]
 ) -> int:
-    """The first step before ``number`` whose note is not in the session any more, behind the last that is; or it."""
+    """Return the first step before ``number`` whose note the session lacks, behind the last that is; or it."""
     last = max((step for step in (*taken.values(), *(step for _, step in noted)) if step < number), default=-1)
     between = [step for step in plan.steps[last + 1 : number] if not any(step.number in stretch for stretch in skipped)]
     return next((step.number for step in between if _notes(plan, step)), number)
 
 
 def _notes(plan: Plan, step: Step) -> bool:
-    """Whether a step leaves something in the session that results are made of; records are looked for by number."""
+    """Return whether a step leaves something in the session for the results; records are looked for by number."""
     if isinstance(step, PlannedCall):
         return _reads(step, _drivers(plan, [step]))
     return isinstance(step, PlannedPrompt) or (isinstance(step, PlannedCommand) and bool(step.item))
@@ -148,7 +148,7 @@ def _drivers(plan: Plan, steps: Sequence[Step]) -> dict[str, Mapping[str, Action
 
 
 def _item_start(steps: Sequence[Step], index: int) -> int:
-    """Index of the first of the tests of one item, right behind each other, that go on with ``steps[index]``."""
+    """Return index of the first of the tests of one item, right behind each other, that go on with ``steps[index]``."""
     while index > 0 and _item(steps[index]) is not None and _item(steps[index]) == _item(steps[index - 1]):
         index -= 1
     return index
@@ -166,7 +166,7 @@ def readings_of(steps: Sequence[Step], drivers: Mapping[str, Mapping[str, Action
 
 
 def point_start(steps: Sequence[Step], index: int, readings: Container[int] = ()) -> int:
-    """Index of the first step of the point that holds ``steps[index]``: where its relays and level are set.
+    """Return index of the first step of the point that holds ``steps[index]``: where its relays and level are set.
 
     The step itself if it belongs to no point, or to records that follow each other without a gap; but records with a
     motion or an act of a person between them are one recording of it, which begins with the first of them. Readings of
@@ -191,7 +191,7 @@ def _follows(step: Step) -> bool:
 
 
 def _recording_start(steps: Sequence[Step], record: int) -> int:
-    """Index of the first of the records that follow each other without a gap up to this one."""
+    """Return index of the first of the records that follow each other without a gap up to this one."""
     while record > 0 and (not isinstance(steps[record], PlannedRecord) or _follows(steps[record])):
         record -= 1
     return record
@@ -204,7 +204,7 @@ def in_point(steps: Sequence[Step], index: int, readings: Container[int] = ()) -
 
 
 def point_stop(steps: Sequence[Step], index: int, readings: Container[int] = ()) -> int:
-    """Index behind the last step of the point that holds ``steps[index]``: its record, what verifies it, readings."""
+    """Return index behind the last step of the point that holds ``steps[index]``: record, verification, readings."""
     record = _record_of(steps, index, readings)
     stop = index if record is None else max(record, index)
     while stop + 1 < len(steps) and _closes(steps, stop + 1, record, readings):
@@ -219,7 +219,7 @@ def _closes(steps: Sequence[Step], index: int, record: int | None, readings: Con
 
 
 def _record_of(steps: Sequence[Step], index: int, readings: Container[int]) -> int | None:
-    """Index of the record of a point: the one that a verify step or a reading follows, else the next one."""
+    """Return index of the record of a point: the one that a verify step or a reading follows, else the next one."""
     ahead = _next_record(steps, index)
     if steps[index].number in readings and ahead is not None and _start_of(steps, ahead) <= index:
         return ahead  # a reading on the way to it
@@ -231,7 +231,7 @@ def _record_of(steps: Sequence[Step], index: int, readings: Container[int]) -> i
 
 
 def _next_record(steps: Sequence[Step], index: int) -> int | None:
-    """Index of the next record before any soak, and before any prompt that does not stand inside a recording."""
+    """Return index of the next record before any soak, and before any prompt that does not stand inside a recording."""
     for later in range(index, len(steps)):
         if isinstance(steps[later], PlannedRecord):
             asked = any(isinstance(step, PlannedPrompt) for step in steps[index:later])
@@ -242,7 +242,7 @@ def _next_record(steps: Sequence[Step], index: int) -> int | None:
 
 
 def _start_of(steps: Sequence[Step], record: int) -> int:
-    """Index of the step from which the point of a record is taken again."""
+    """Return index of the step from which the point of a record is taken again."""
     step = steps[record]
     first = step.retry_step if isinstance(step, PlannedRecord) else step.number
     return max(0, first - steps[0].number)

@@ -1,4 +1,4 @@
-"""What is measured: a record of frames cut by the unwrapped counter, or of readings; one reading of a call step.
+"""Measuring steps: a record of frames cut by the unwrapped counter, or of readings; one reading of a call step.
 
 A record of which too much was lost is taken again; one of the wiring check must have moved the right counter of the
 right channel the right way.
@@ -206,5 +206,5 @@ def _check_others(row: RecordRow, campaign: Mapping[str, Any], where: str) -> No
 
 
 def _charges_C(campaign: Mapping[str, Any]) -> dict[int, float]:
-    """Charge per pulse by channel, coulomb."""
+    """Return charge per pulse by channel, coulomb."""
     return {int(entry["number"]): float(entry["k0_C"]) for entry in campaign["channels"]}

@@ -93,7 +93,7 @@ def _do_again(context: RunContext, steps: Sequence[Step]) -> None:
 
 
 def _warm_up(context: RunContext, start: int, began_ns: int) -> None:
-    """What is on since ``began_ns`` has been off: it gets the longest settle time of the preparation once more."""
+    """Wait once more for the longest settle time of the preparation: whatever is on since ``began_ns`` had been off."""
     steps = context.plan.steps
     rest_ns = began_ns + to_ns(warm_up_s(context.plan, start)) - context.clock.now_ns()
     if rest_ns > 0 and steps[start].phase != "finally":
@@ -103,8 +103,8 @@ def _warm_up(context: RunContext, start: int, began_ns: int) -> None:
 
 def thermal_steps(steps: Sequence[Step], number: int) -> list[tuple[Step, SetPoint]]:
     """Return soaks and set-points of the chamber before a step, oldest first; none inside ``finally``."""
-    found = [(step, step.set_point) for step in steps[:number] if step.set_point is not None]
-    return found if number < len(steps) and steps[number].phase != "finally" else []
+    set_points = [(step, step.set_point) for step in steps[:number] if step.set_point is not None]
+    return set_points if number < len(steps) and steps[number].phase != "finally" else []
 
 
 def _to_temperature(context: RunContext, number: int, *, stopped: bool) -> None:
@@ -171,7 +171,7 @@ def _soak_again(context: RunContext, step: PlannedSoak) -> None:
 
 
 def _unit_degC(context: RunContext, step: Step) -> float:
-    """The temperature a soak is judged by, degC; NaN if the unit says nothing for ``UNIT_SPEAKS_S``."""
+    """Return the temperature a soak is judged by, degC; NaN if the unit says nothing for ``UNIT_SPEAKS_S``."""
     if isinstance(step, PlannedSoak) and step.sensor == "air":
         with context.in_use.take(step.role):
             return float(context.instruments[step.role].measure_air())  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""What the bench was set to, what it is found at, and which steps bring it back: supplies, generator, unit, tables.
+"""The set-points of the bench, their readback, and the steps that bring them back: supplies, generator, unit, tables.
 
 A driver reads back what it sets before it returns, so a finished step is a verified set-point. After a table was made
 safe its interlock is closed again if it was closed; each axis goes by an absolute move to where its moves and turns had
@@ -49,23 +49,23 @@ def setpoint_of(step: Step, instruments: Mapping[str, Instrument]) -> dict[str, 
 
 
 def _sets(action: Action) -> bool:
-    """An action that changes its instrument, as far as its declaration can tell."""
+    """Return whether an action changes its instrument, as far as its declaration can tell."""
     plain = not action.returns and (bool(action.parameters) or action.name in _SWITCHES)
     return action.effect is not Effect.NONE or plain
 
 
 def expected_of(entries: Iterable[JournalEntry]) -> Readings:
-    """Newest arguments of every action by role, oldest first; of what switches on or off only the last one is there."""
-    found: Readings = {}
+    """Return newest arguments of every action by role, oldest first; of switching on and off only the last."""
+    expected: Readings = {}
     for entry in entries:
         for name, arguments in entry.setpoint.items():
             role, action = name.split(".", 1)
-            state = found.setdefault(role, {})
+            state = expected.setdefault(role, {})
             for other in _SWITCHES if action in _SWITCHES else ():
                 state.pop(other, None)
             state.pop(action, None)
             state[action] = arguments
-    return found
+    return expected
 
 
 def read_back(instruments: Mapping[str, Instrument], clock: Clock) -> Readings:
@@ -73,7 +73,7 @@ def read_back(instruments: Mapping[str, Instrument], clock: Clock) -> Readings:
 
     Takes ``READ_BACK_S`` and one question more at most.
     """
-    found: Readings = {}
+    readings: Readings = {}
     limit_ns = clock.now_ns() + round(READ_BACK_S * NS)
     for role, instrument in instruments.items():
         declared = actions_of(type(instrument))
@@ -82,16 +82,16 @@ def read_back(instruments: Mapping[str, Instrument], clock: Clock) -> Readings:
         for name in _ASKED:
             if name in declared and not declared[name].parameters and clock.now_ns() < limit_ns:
                 try:
-                    found.setdefault(role, {})[name] = getattr(instrument, name)()
+                    readings.setdefault(role, {})[name] = getattr(instrument, name)()
                 except InstrumentError:
                     break
-    return found
+    return readings
 
 
-def differences(expected: Mapping[str, Mapping[str, Any]], found: Readings) -> list[str]:
-    """Sentences about what is not as the last finished step had left it."""
+def differences(expected: Mapping[str, Mapping[str, Any]], actual: Readings) -> list[str]:
+    """Return sentences about what is not as the last finished step had left it."""
     said = []
-    for role, readings in found.items():
+    for role, readings in actual.items():
         state = expected.get(role, {})
         for name, value in readings.items():
             if state and (text := _difference(name, value, state)):
@@ -122,7 +122,7 @@ def _word(on: bool) -> str:
 
 
 def steps_again(plan: Plan, first: int, drivers: Mapping[str, Mapping[str, Action]]) -> list[Step]:
-    """Steps before ``first`` that bring supplies, generator and unit back after everything was made safe.
+    """Return steps before ``first`` that bring supplies, generator and unit back after everything was made safe.
 
     The last call of each action (of each rail; on and off are one), settings before switches, then the last raw text
     of each command word to instruments that drive no stimulus and move nothing, then the last of each unit command;
@@ -146,7 +146,7 @@ def steps_again(plan: Plan, first: int, drivers: Mapping[str, Mapping[str, Actio
 
 
 def _key(step: Step, drivers: Mapping[str, Mapping[str, Action]]) -> tuple[Any, ...] | None:
-    """Sort and identity of a step that is done again; None for any other."""
+    """Return sort and identity of a step that is done again; None for any other."""
     if isinstance(step, PlannedCommand):
         return None if step.item else (3, step.role, step.name)  # a test is not done twice
     declared = drivers.get(step.role, {})
@@ -161,14 +161,14 @@ def _key(step: Step, drivers: Mapping[str, Mapping[str, Action]]) -> tuple[Any, 
 
 
 def warm_up_s(plan: Plan, first: int) -> float:
-    """The longest settle time of the preparation behind what switched something on, before step ``first``, seconds."""
+    """Return longest settle time in preparation behind what switched something on, before step ``first``, seconds."""
     before = [step for step in plan.steps[:first] if step.phase == "prepare"]
     on = next((at for at, step in enumerate(before) if isinstance(step, PlannedCall) and step.name in _ON), len(before))
     return max((step.duration_s for step in before[on:] if isinstance(step, PlannedSettle)), default=0.0)
 
 
 def _settles(steps: Sequence[Step], at: int) -> list[Step]:
-    """The settle step right behind a step, if there is one."""
+    """Return the settle step right behind a step, if there is one."""
     return [steps[at]] if at < len(steps) and isinstance(steps[at], PlannedSettle) else []
 
 
@@ -183,7 +183,7 @@ def is_motion(step: Step) -> bool:
 
 
 def motion_again(steps: Sequence[Step], number: int, drivers: Drivers) -> list[Step]:
-    """Calls and settle times that bring all tables to where they were before step ``number``, in order.
+    """Return calls and settle times that bring all tables to where they were before step ``number``, in order.
 
     None inside ``finally``, where nothing has to move any more. An axis that was only turned, never moved, has no known
     angle to come back to; it stays where it is.
@@ -211,7 +211,7 @@ def _effect(step: Step, actions: Mapping[str, Action]) -> Effect:
 
 
 def _closed(calls: Sequence[PlannedCall], actions: Mapping[str, Action]) -> PlannedCall | None:
-    """The call that closed the interlock, if it is closed."""
+    """Return the call that closed the interlock, if it is closed."""
     closed = None
     for step in calls:
         effect = _effect(step, actions)
@@ -225,11 +225,11 @@ def _closed(calls: Sequence[PlannedCall], actions: Mapping[str, Action]) -> Plan
 def _axes(
     steps: Sequence[Step], calls: Sequence[PlannedCall], number: int, actions: Mapping[str, Action]
 ) -> list[Step]:
-    """The last motion of each axis as a move or a spin, and the longest settle time that follows one of them."""
+    """Return the last motion of each axis as a move or a spin, and the longest settle time that follows one of them."""
     last: dict[int | None, PlannedCall] = {}
     for step in calls:
         if _effect(step, actions) is Effect.MOTION_OFF:  # what was turning came to rest, and stayed so
-            last = {axis: one for axis, one in last.items() if one.name == _MOVE}
+            last = {axis: call for axis, call in last.items() if call.name == _MOVE}
             continue
         axis, before = step.axis, last.get(step.axis)
         if step.name in (_MOVE, _SPIN):

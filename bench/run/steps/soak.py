@@ -33,7 +33,7 @@ class Stability:
 
     @property
     def poll_s(self) -> float:
-        """How often the temperature is read, second."""
+        """Time between two readings of the temperature, second."""
         return min(POLL_S, max(LEAST_POLL_S, self.for_s / READINGS))
 
     @property

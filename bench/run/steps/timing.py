@@ -29,7 +29,7 @@ class Timeline:
     lateness_ns: list[int] = field(default_factory=list)
 
     def target_ns(self, at_s: float) -> int:
-        """Bench-clock time of a planned moment, slip included."""
+        """Return bench-clock time of a planned moment, slip included."""
         return self.origin_ns + to_ns(at_s) + self.slip_ns
 
     def wait_until(self, at_s: float) -> None:

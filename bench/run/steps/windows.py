@@ -1,4 +1,4 @@
-"""Where a record begins: with the first whole gate from now on, or with the frame right behind the record before it.
+"""The beginning of a record: with the first whole gate from now on, or the frame right behind the record before it.
 
 Records that follow each other are opened ahead: the frames of the next one arrive while the last ones of this one are
 still being decoded, and while calls between the two keep the bus busy. No frame is in two of them, none in between.
@@ -103,7 +103,7 @@ def _open_followers(context: RunContext, step: PlannedRecord, window: RecordWind
 
 
 def _followers(steps: Sequence[Step], step: PlannedRecord) -> Iterator[PlannedRecord]:
-    """Record steps that follow ``step`` without a gap, in order."""
+    """Yield record steps that follow ``step`` without a gap, in order."""
     for number in range(step.number + 1, len(steps)):
         later = steps[number]
         if isinstance(later, PlannedRecord) and later.follows and later.phase == step.phase:
@@ -121,7 +121,7 @@ def _frames(context: RunContext, step: PlannedRecord) -> int:
 
 
 def _due_ns(context: RunContext, stop: int) -> int:
-    """When the frame before counter ``stop`` is due, by the newest frame: the unit's clock is not the bench's."""
+    """Return when the frame before counter ``stop`` is due, by the newest frame: the unit's clock is not ours."""
     reader = context.acquisition.readers[context.measurement_link]
     rate = float(context.plan.campaign["rate_Hz"])
     return reader.last_frame_ns + round((stop - 1 - reader.last_counter) / rate * NS)

@@ -1,1 +1,1 @@
-"""What is looked at while steps run: interlocks, temperatures, clocks, trend."""
+"""Watches while steps run: interlocks, temperatures, clocks, trend."""

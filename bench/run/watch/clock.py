@@ -38,7 +38,7 @@ class ClockWatch:
 
 
 def _offset_ns(clock: Clock) -> int:
-    """UTC minus monotonic time; a thread that was not given the processor between the two readings reads again."""
+    """Return UTC minus monotonic time; a thread that had no processor between the two readings reads again."""
     for _ in range(_TRIES):
         before_ns = clock.now_ns()
         utc_ns = clock.utc_ns()

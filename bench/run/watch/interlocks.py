@@ -107,7 +107,7 @@ class InterlockWatch:
 
     @property
     def tripped(self) -> dict[str, str]:
-        """What is beyond its limit now, by name of the interlock."""
+        """Sentences on all that is beyond its limit now, by name of the interlock."""
         return {state.rule.name: _sentence(state) for state in self._states if state.tripped}
 
     def take(self) -> None:
@@ -130,7 +130,7 @@ class InterlockWatch:
             self.signals.ask()
 
     def _quiet(self, now_ns: int) -> bool:
-        """True while the step under way waits for long enough yet: a scan keeps the bus for seconds."""
+        """Return True while the step under way waits for long enough yet: a scan keeps the bus for seconds."""
         step = self._following.step_under_way
         if step is None or self._context.stop.holds.reasons:
             return True

@@ -142,7 +142,7 @@ class WatchedSignals:
         self._asked = 0
 
     def value(self, rule: InterlockRule) -> float | None:
-        """The newest reading for a rule, None if there is none that it was not given yet."""
+        """Return the newest reading for a rule, None if there is none that it was not given yet."""
         number, value = self._values.get((rule.signal, rule.of, rule.channel), (0, math.nan))
         if number == self._fetched.get(rule.name, 0):
             return None
@@ -184,11 +184,13 @@ class WatchedSignals:
 
     def _scan(self, role: str, logger: Instrument) -> None:
         def scan() -> None:
-            found = dict(zip(logger.options["channels"], logger.scan(), strict=True))  # type: ignore[attr-defined]
+            temperatures = dict(zip(logger.options["channels"], logger.scan(), strict=True))  # type: ignore[attr-defined]
             for of, channel in self._channels:
-                if of == role and channel in found:
-                    self.put("lab_air", float(found[channel]), role, channel)
-            self._context.event(Surroundings(role=role, degC={str(channel): found[channel] for channel in found}))
+                if of == role and channel in temperatures:
+                    self.put("lab_air", float(temperatures[channel]), role, channel)
+            self._context.event(
+                Surroundings(role=role, degC={str(channel): temperatures[channel] for channel in temperatures})
+            )
 
         self._idle(role, scan)
 
@@ -211,7 +213,7 @@ class WatchedSignals:
         self.put(slope, self._slopes[slope].per_min())
 
     def _housekeeping(self) -> None:
-        """What the unit says of itself, as far as it is decoded: decoding it for this would cost most of all."""
+        """Take what the unit says of itself, as far as it is decoded: decoding it for this would cost most of all."""
         for name, signals in HOUSEKEEPING.items():
             if self._wanted.intersection(signals) and not math.isnan(value := self._newest(name)):
                 if name == TEMPERATURE:
@@ -220,7 +222,7 @@ class WatchedSignals:
                     self.put(name, value)
 
     def _newest(self, name: str) -> float:
-        """Newest value of a housekeeping field, the mean of an array; NaN if it is old or nobody sends it."""
+        """Return newest value of a housekeeping field, the mean of an array; NaN if it is old or nobody sends it."""
         acquisition, now_ns = self._context.acquisition, self._context.clock.now_ns()
         fresh_ns = round((FRESH_VIRTUAL_S if self._context.clock.virtual else STALE_S) * NS)
         with acquisition.lock:
@@ -252,6 +254,6 @@ class WatchedSignals:
 
 
 def _bus_of(instrument: Instrument) -> AbstractContextManager[object]:
-    """The lock of the bus an instrument is on, so that one reading of several commands is not cut into."""
+    """Return the lock of the bus an instrument is on, so that one reading of several commands is not cut into."""
     lock: AbstractContextManager[object] | None = getattr(getattr(instrument, "bus", None), "lock", None)
     return nullcontext() if lock is None else lock

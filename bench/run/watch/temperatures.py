@@ -102,6 +102,6 @@ class TemperatureWatch:
 
 
 def patience_s(values: Mapping[str, float], limits: Mapping[str, float]) -> float:
-    """Seconds in which nothing can reach its limit, between 1 s and ``LONGEST_S``."""
+    """Return seconds in which nothing can reach its limit, between 1 s and ``LONGEST_S``."""
     room_degC = min((limits[name] - value for name, value in values.items() if name in limits), default=0.0)
     return min(LONGEST_S, max(WALL_S, room_degC / FASTEST_DEGC_MIN * 60.0))

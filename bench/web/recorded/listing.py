@@ -47,16 +47,16 @@ class RunList:
         self._lock = Lock()
 
     def rows(self, most: int = READ_AT_ONCE) -> tuple[list[Row], int]:
-        """A row for each session, and how many of them could not be read yet (their title is null).
+        """Return a row for each session, and how many of them could not be read yet (their title is null).
 
         Args: most: sessions that may be read in this call.
         """
         with self._lock:
-            found = sorted(self._folders(), key=lambda one: one[0], reverse=True)
-            self._forget({name for name, _ in found})
+            folders = sorted(self._folders(), key=lambda folder: folder[0], reverse=True)
+            self._forget({name for name, _ in folders})
             unread = 0
             rows = []
-            for name, changed in found:
+            for name, changed in folders:
                 entry = self._entries.get(name)
                 if entry is None or entry.changed != changed:
                     if most > 0:
@@ -69,13 +69,13 @@ class RunList:
             return rows, unread
 
     def _folders(self) -> list[tuple[str, tuple[int, int]]]:
-        found = []
+        folders = []
         for path in self.out.iterdir() if self.out.is_dir() else ():
             if run_folder(self.out, path.name) is not None:
                 results = path / "results.json"
                 changed = results.stat().st_mtime_ns if results.is_file() else 0
-                found.append((path.name, (path.stat().st_mtime_ns, changed)))
-        return found
+                folders.append((path.name, (path.stat().st_mtime_ns, changed)))
+        return folders
 
     def _forget(self, there: set[str]) -> None:
         for name in set(self._entries) - there:
@@ -102,8 +102,8 @@ def session_row(folder: Path) -> Row:
 
 def verdict_of(results: Row) -> str:
     """Return the worst verdict of all estimates; ``none`` if no estimate has one."""
-    said = Counter(one.get("verdict") for one in results.get("estimates") or ())
-    return next((one for one in _WORST if said[one]), "none")
+    said = Counter(estimate.get("verdict") for estimate in results.get("estimates") or ())
+    return next((verdict for verdict in _WORST if said[verdict]), "none")
 
 
 def _unread(name: str) -> Row:
@@ -122,24 +122,24 @@ def _manifest(segment: Path) -> Row:
                 head = stream.read(size)
             for message in Walk(None).segment(segment.name, head):
                 if message.topic == layout.MANIFEST:
-                    found = message.document()
-                    return found if isinstance(found, dict) else {}
+                    document = message.document()
+                    return document if isinstance(document, dict) else {}
         except (BenchError, OSError, ValueError):
             return {}
     return {}
 
 
 def results_of(folder: Path) -> Row:
-    """results.json of a session; empty if there is none that can be read."""
+    """Return results.json of a session; empty if there is none that can be read."""
     try:
-        found = json.loads(content_of(folder / "results.json") or b"")
+        document = json.loads(content_of(folder / "results.json") or b"")
     except (ValueError, RecursionError):
         return {}
-    return found if isinstance(found, dict) else {}
+    return document if isinstance(document, dict) else {}
 
 
 def run_folder(out: Path, name: str) -> Path | None:
-    """Folder of a session in ``out``; None if the name is none, is no session or leads elsewhere."""
+    """Return the folder of a session in ``out``; None if it has no such name, is no session or leads elsewhere."""
     if RUN_NAME.fullmatch(name) is None:
         return None
     folder = out / name
@@ -147,7 +147,7 @@ def run_folder(out: Path, name: str) -> Path | None:
         if folder.is_symlink() or not folder.is_dir():
             return None
         with os.scandir(folder) as entries:
-            plain = [one.is_file(follow_symlinks=False) for one in entries if SEGMENT_NAME.fullmatch(one.name)]
+            plain = [entry.is_file(follow_symlinks=False) for entry in entries if SEGMENT_NAME.fullmatch(entry.name)]
     except OSError:
         return None
     return folder if plain and all(plain) else None

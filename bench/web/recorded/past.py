@@ -51,12 +51,12 @@ class Past:
         self._kept: OrderedDict[Path, _Kept] = OrderedDict()
 
     def state(self, folder: Path) -> RecordedState:
-        """State of a session, to be moved about. Raises: InputError B-REC-010, SessionDamaged B-REC-012, B-REC-014."""
+        """Return state of a session, to move about. Raises: InputError B-REC-010, SessionDamaged B-REC-012, -014."""
         kept = self._read(folder)
         return RecordedState(kept.recording, kept.scenery)
 
     def final(self, folder: Path) -> dict[str, Any]:
-        """State document of a session as its recording ends; little more than its name if it cannot be read."""
+        """Return state document of a session as its recording ends; little more than its name if it cannot be read."""
         try:
             return self._read(folder).final
         except BenchError as error:
@@ -67,7 +67,7 @@ class Past:
 
         Raises: BenchError if the session cannot be read or decoded.
         """
-        names = [str(one["name"]) for one in self._read(folder).scenery.signals]
+        names = [str(signal["name"]) for signal in self._read(folder).scenery.signals]
         if width_s < 1.0:
             trend = trend_place(folder, self._trends.place(folder))
             window = raw_window(folder, names, t0_utc_s, t1_utc_s, trend)
@@ -111,7 +111,7 @@ def _kept(folder: Path, stamp: _Stamp) -> _Kept:
 
 
 def unreadable(folder: Path, error: BenchError) -> dict[str, Any]:
-    """State document of a session that cannot be read, as far as there is one."""
+    """Return state document of a session that cannot be read, as far as there is one."""
     empty: dict[str, Any] = dict.fromkeys(
         ("wait", "step", "eta", "prompt", "estimates", "uut", "title", "started_utc_s")
     )
@@ -133,13 +133,13 @@ class Trends:
         self._stopped = False
 
     def place(self, folder: Path) -> Path | None:
-        """The cache of a session as bench.replay.history wants it, not made yet; None if the session has its own."""
+        """Return the cache of a session as bench.replay.history wants it, not made yet; None if it has its own."""
         if trend_place(folder) is not None:
             return None
         return self._cache / hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:16]
 
     def made(self, folder: Path) -> Path | None:
-        """As ``place``, the trend being there now. Raises: InputError B-WEB-022 if it cannot be made."""
+        """Return ``place``, the trend being there now. Raises: InputError B-WEB-022 if it cannot be made."""
         cache = self.place(folder)
         if cache is None:
             return None
@@ -187,7 +187,7 @@ class Trends:
 
 @dataclass(frozen=True)
 class HistoryQuery:
-    """What a page asks for; times in seconds since 1970 (UTC)."""
+    """A page's question for history; times in seconds since 1970 (UTC)."""
 
     signals: tuple[str, ...]
     t0_utc_s: float

@@ -23,7 +23,7 @@ _PLAN, _STATIONS = "plan.json", "stations/"
 
 @dataclass(frozen=True)
 class Recording:
-    """What a session says besides the bytes of its links.
+    """A session as it is shown again, without the bytes of its links.
 
     ``t_utc_s``: time of each message, never going backwards; UTC of the start of its part plus bench time elapsed.
     ``last_utc_s``: of the last message.
@@ -84,7 +84,7 @@ def _place(part: list[Message], offset_ns: int | None, times: list[float], messa
 
 @dataclass(frozen=True)
 class Scenery:
-    """What of a session's plan and YAML files the state document shows; empty where a file is not there."""
+    """The parts of a session's plan and YAML files in the state document; empty where a file is not there."""
 
     steps: tuple[Step, ...]
     places: dict[str, tuple[str, str]]
@@ -99,13 +99,13 @@ def scenery_of(recording: Recording) -> Scenery:
     frames = _frames(recording)
     entries = [] if station is None else station.graphs
     graphs = graphs_of(entries, frames, str(manifest.get("measurement_link", "")))
-    signals = all_signals(frames, [*names_in(entries, frames), *(name for one in graphs for name in one.signals)])
+    signals = all_signals(frames, [*names_in(entries, frames), *(name for graph in graphs for name in graph.signals)])
     instruments = {} if station is None else station.instruments
     return Scenery(
         steps=_steps(recording),
         places={role: (entry.driver, entry.resource) for role, entry in instruments.items()},
-        signals=[{"name": one.name, "unit": one.unit, "decimals": one.decimals} for one in signals],
-        graphs=[asdict(one) for one in graphs],
+        signals=[{"name": signal.name, "unit": signal.unit, "decimals": signal.decimals} for signal in signals],
+        graphs=[asdict(graph) for graph in graphs],
         boot_id=hashlib.sha256(recording.folder.name.encode()).hexdigest()[:16],
     )
 

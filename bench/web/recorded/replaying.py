@@ -51,7 +51,7 @@ class ReplayRun:
         self._next = 0
 
     async def move(self, said: Mapping[str, Any]) -> None:
-        """What the viewer wants: ``playing``, ``speed``, ``at_utc_s``; what makes no sense is not done."""
+        """Do what the viewer wants: ``playing``, ``speed``, ``at_utc_s``; what makes no sense is not done."""
         at, speed, playing = said.get("at_utc_s"), said.get("speed"), said.get("playing")
         if isinstance(at, int | float) and not isinstance(at, bool) and -math.inf < at < math.inf:
             self._jump(float(min(max(at, self._first_s), self._last_s)))
@@ -108,10 +108,10 @@ class ReplayRun:
 
     async def _points(self, t0_utc_s: float, t1_utc_s: float) -> Points:
         try:
-            found: Points = await self._work(self._fetch, t0_utc_s, t1_utc_s, POINT_S[self._speed])
+            points: Points = await self._work(self._fetch, t0_utc_s, t1_utc_s, POINT_S[self._speed])
         except BenchError:  # bytes that cannot be decoded: events and instruments can still be looked at
             return no_points(len(self.room.state.get("signals") or ()))
-        return found
+        return points
 
     def _numbered(self, points: Points) -> Points:
         numbered = Points(self._next, points.t_utc_s, points.pairs)

@@ -1,1 +1,1 @@
-"""Who may look and who may command: gate, login, tokens, audit."""
+"""Rights to look and to command: gate, login, tokens, audit."""

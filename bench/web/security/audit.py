@@ -1,4 +1,4 @@
-"""Who wanted what from the page, refused or not: lines of JSON beside the tokens."""
+"""The audit of wishes from the page, refused or not: lines of JSON beside the tokens."""
 
 from __future__ import annotations
 

@@ -151,7 +151,7 @@ class Gate:
             raise Refusal(429, "B-WEB-023", "too many pages are open", next_step="close some; the page tries again")
 
     def _address(self, headers: Headers, scope: Scope) -> str:
-        """Address of the person's machine; the last entry is the one our proxy has written."""
+        """Return address of the person's machine; the last entry is the one our proxy has written."""
         if self._serving.behind_proxy and (entries := headers.getlist("x-forwarded-for")):
             return entries[-1].rsplit(",", 1)[-1].strip()[:45]
         client = scope.get("client")
@@ -216,7 +216,7 @@ def _replay(body: bytes) -> Receive:
 
 
 def rules_for(path: str, start: Message) -> list[tuple[bytes, bytes]]:
-    """Headers of the ``http.response.start`` message of an answer to ``path``, with the rules put in."""
+    """Return headers of the ``http.response.start`` message of an answer to ``path``, with the rules put in."""
     headers = MutableHeaders(raw=list(start["headers"]))
     for name, value in _ALWAYS.items():
         headers[name] = value

@@ -66,7 +66,7 @@ async def logout(request: Request) -> Response:
 
 
 async def session(request: Request) -> Response:
-    """Who is logged in and who has the command."""
+    """Answer who is logged in and who has the command."""
     serving: Serving = request.app.state.serving
     who: Login = request.user
     return JSONResponse(
@@ -84,10 +84,10 @@ async def session(request: Request) -> Response:
 async def _form(request: Request) -> dict[str, str]:
     """Return fields of the form, the first of each name; nothing for what is none."""
     try:
-        found = parse_qs((await request.body()).decode(), keep_blank_values=True, max_num_fields=_FIELDS)
+        fields = parse_qs((await request.body()).decode(), keep_blank_values=True, max_num_fields=_FIELDS)
     except ValueError:
         return {}
-    return {name: values[0] for name, values in found.items()}
+    return {name: values[0] for name, values in fields.items()}
 
 
 def login_page(
@@ -103,7 +103,7 @@ def login_page(
 
 
 def safe_way_back(path: str) -> str:
-    """``path`` if it is a page of this server, else its first page: a login leads nowhere else."""
+    """Return ``path`` if it is a page of this server, else its first page: a login leads nowhere else."""
     return path if _BACK.fullmatch(path) else "/"
 
 

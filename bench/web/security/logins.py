@@ -1,4 +1,4 @@
-"""Who is logged in, as a signed cookie of which the server keeps nothing, and which login commands: one at a time."""
+"""Logins, as signed cookies of which the server keeps nothing, and the login that commands: one at a time."""
 
 from __future__ import annotations
 
@@ -84,14 +84,14 @@ class Cookies:
 
 
 def clean_name(text: str) -> str | None:
-    """A person's name as it is shown and recorded: one to 40 letters, digits, blanks and . ' @ -; else None."""
+    """Return a person's name as it is shown and recorded: one to 40 letters, digits, blanks and . ' @ -; else None."""
     name = " ".join(unicodedata.normalize("NFC", text).split())
     return name if NAME.fullmatch(name) else None
 
 
 @dataclass(frozen=True)
 class Holder:
-    """Who has the command, since when (UTC, seconds since 1970)."""
+    """The holder of the command, since when (UTC, seconds since 1970)."""
 
     login: Login
     since_utc_s: float
@@ -141,7 +141,7 @@ class Lease:
         return holder is not None and holder.login.id == login.id
 
     def holder(self) -> Holder | None:
-        """Who has the command now."""
+        """Return who has the command now."""
         if self._holder is not None and not self._open[self._holder.login.id]:
             away_ns = self._clock.now_ns() - self._last_seen_ns
             if away_ns > AWAY_S * NS:

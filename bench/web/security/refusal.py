@@ -1,4 +1,4 @@
-"""What the page server says no with: a status, a code and a text as JSON, like every error of the bench."""
+"""Refusals of the page server: a status, a code and a text as JSON, like every error of the bench."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Refusal(InputError):
 
 
 def answer(error: BenchError, status: int, wait_s: int = 0) -> Response:
-    """``{"error": code, "text": what is wrong and what to do}``."""
+    """Return ``{"error": code, "text": what is wrong and what to do}``."""
     advice = f" Next: {error.next_step}" if error.next_step else ""
     headers = {"Retry-After": str(wait_s)} if wait_s else {}
     return JSONResponse({"error": error.code, "text": f"{error.message}.{advice}"}, status, headers)

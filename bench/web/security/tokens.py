@@ -32,7 +32,7 @@ MOST_IN_ALL = 30
 
 @dataclass(frozen=True)
 class Tokens:
-    """What is kept of the tokens; hexadecimal."""
+    """The tokens as they are kept; hexadecimal."""
 
     salt: str
     viewer: str
@@ -40,7 +40,7 @@ class Tokens:
     cookie_key: str
 
     def role_of(self, token: str) -> str | None:
-        """Role that a token opens, None for a wrong one; takes as long whatever the token is."""
+        """Return role that a token opens, None for a wrong one; takes as long whatever the token is."""
         given = _hash(self.salt, token)
         is_viewer, is_operator = (hmac.compare_digest(given, kept) for kept in (self.viewer, self.operator))
         return OPERATOR if is_operator else VIEWER if is_viewer else None
@@ -53,20 +53,20 @@ def private_folder() -> Path:
 
 
 def draw_id() -> str:
-    """16 hexadecimal digits that nobody guesses: the name of one login."""
+    """Return 16 hexadecimal digits that nobody guesses: the name of one login."""
     return secrets.token_hex(8)
 
 
 def obtain_tokens(folder: Path, rotate: bool = False) -> tuple[Tokens, dict[str, str]]:
-    """The tokens in ``folder``, made if there are none or ``rotate``; and the new ones in clear by role, else {}.
+    """Return tokens in ``folder``, made if there are none or ``rotate``; and the new ones in clear by role, else {}.
 
     Raises: InputError B-WEB-006 if others may read the file or change the folder, B-WEB-007 if the file cannot be
     read, written or understood.
     """
     path = folder / FILE
     try:
-        for one in (folder.parent, folder):  # made for everybody, ~/.config would let others change what is in it
-            one.mkdir(mode=0o700, parents=True, exist_ok=True)
+        for place in (folder.parent, folder):  # made for everybody, ~/.config would let others change what is in it
+            place.mkdir(mode=0o700, parents=True, exist_ok=True)
         _refuse_open_folder(folder)
         if not rotate and os.path.lexists(path):
             return _read(path), {}
@@ -106,9 +106,11 @@ def _write(path: Path, tokens: Tokens, replace: bool) -> bool:
 
 def _read(path: Path) -> Tokens:
     with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW), encoding="utf-8") as file:
-        found = os.fstat(file.fileno())
-        if found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) & 0o077:
-            message = f"the file of the tokens has mode {stat.S_IMODE(found.st_mode):04o}, others may use it; due: 0600"
+        status = os.fstat(file.fileno())
+        if status.st_uid != os.getuid() or stat.S_IMODE(status.st_mode) & 0o077:
+            message = (
+                f"the file of the tokens has mode {stat.S_IMODE(status.st_mode):04o}, others may use it; due: 0600"
+            )
             advice = "'chmod 600' it if nobody has read it, else 'bench serve --rotate' makes new tokens"
             raise InputError("B-WEB-006", message, where=str(path), next_step=advice)
         try:
@@ -125,8 +127,8 @@ def _hexadecimal(text: str) -> str:
 
 
 def _refuse_open_folder(folder: Path) -> None:
-    found = folder.stat()
-    if found.st_uid != os.getuid() or found.st_mode & _OTHERS_WRITE:
+    status = folder.stat()
+    if status.st_uid != os.getuid() or status.st_mode & _OTHERS_WRITE:
         message = "others may change what is in this folder, which keeps the tokens of the page"
         raise InputError("B-WEB-006", message, where=str(folder), next_step="'chmod 700' it, as its owner")
 
@@ -146,13 +148,17 @@ class LoginLimit:
         self._failures: deque[tuple[int, str]] = deque(maxlen=MOST_IN_ALL)
 
     def wait_s(self, address: str) -> int:
-        """Seconds until this address may try again, 0 for now."""
+        """Return seconds until this address may try again, 0 for now."""
         now_ns = self._clock.now_ns()
         while self._failures and now_ns - self._failures[0][0] > WINDOW_S * NS:
             self._failures.popleft()
         own = [t_ns for t_ns, who in self._failures if who == address]
         times = [t_ns for t_ns, _ in self._failures]
-        until = [found[-most] for found, most in ((own, MOST_OF_ADDRESS), (times, MOST_IN_ALL)) if len(found) >= most]
+        until = [
+            failures[-most]
+            for failures, most in ((own, MOST_OF_ADDRESS), (times, MOST_IN_ALL))
+            if len(failures) >= most
+        ]
         return max((1 + int(WINDOW_S - (now_ns - t_ns) / NS) for t_ns in until), default=0)
 
     def failed(self, address: str) -> None:

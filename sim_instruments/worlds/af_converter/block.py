@@ -39,17 +39,17 @@ class Quanta:
     units_A: NDArray[np.float64]
 
     def charge(self, current_A: NDArray[np.float64], margin: Int64 | int = 0) -> Int64:
-        """Charge of one clock period, units; an input beyond the reset current is all the converter can follow."""
+        """Return charge of one clock period, units; an input beyond the reset current is all it can follow."""
         limit = np.minimum(self.q_n, self.q_p) - margin
         wanted = np.rint(current_A * self.units_A)
         return np.minimum(np.maximum(wanted, -limit), limit).astype(np.int64)
 
 
 def quanta(truth: NguTruth, unit_degC: float, bits: int = CHARGE_BITS) -> Quanta:
-    """Pulse charges at one temperature; the AF clock sets the length of a reset, so its error is in them."""
+    """Return pulse charges at one temperature; the AF clock sets the length of a reset, so its error is in them."""
     clock = 1.0 + truth.af_clock_error_ppm * 1e-6
-    one = float(1 << bits) / clock
-    q_n, q_p = np.rint(one * (1.0 + 1e-6 * truth.all_dsf_ppm(unit_degC))).astype(np.int64)
+    nominal = float(1 << bits) / clock
+    q_n, q_p = np.rint(nominal * (1.0 + 1e-6 * truth.all_dsf_ppm(unit_degC))).astype(np.int64)
     return Quanta(q_n, q_p, float(1 << bits) / (_K0_C * AF_CLOCK_HZ * clock))
 
 
@@ -116,7 +116,7 @@ class BlockFactory:
         )
 
     def _noise(self, number: int, units_A: NDArray[np.float64]) -> tuple[NDArray[np.int32], Int64]:
-        """Noise charges and a bound of their size; each is the sum of four uniform numbers, so it has one."""
+        """Return noise charges and a bound of their size; each is the sum of four uniform numbers, so it has one."""
         if not self._truth.noise:
             return np.zeros((CHANNELS, BLOCK_GATES), np.int32), np.zeros(CHANNELS, np.int64)
         raw = generator(self._truth.seed, "ngu white noise", self._period, number).bit_generator.random_raw(

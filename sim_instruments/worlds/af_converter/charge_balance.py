@@ -121,7 +121,7 @@ class ChargeBalance:
 
 
 def _phases(phi: Int64, q_n: int, q_p: int, threshold: int) -> tuple[Int64, Int64]:
-    """Cumulative N and P pulses at each sample of the integrated charge ``phi``, phase by phase of one polarity."""
+    """Return cumulative N and P pulses at each sample of the integrated charge ``phi``, by phases of one polarity."""
     n_total = np.zeros_like(phi)
     p_total = np.zeros_like(phi)
     at, n_done, p_done = 0, 0, 0
@@ -140,7 +140,7 @@ def _phases(phi: Int64, q_n: int, q_p: int, threshold: int) -> tuple[Int64, Int6
 
 
 def _one_phase(phi: Int64, quantum: int, threshold: int) -> tuple[Int64, int]:
-    """Pulses of one polarity, and the samples until the other polarity is due."""
+    """Return pulses of one polarity, and the samples until the other polarity is due."""
     highest = np.maximum.accumulate(phi)
     pulses = np.maximum((highest - threshold + quantum - 1) // quantum, 0)
     other = np.flatnonzero(phi - quantum * pulses < -threshold)

@@ -36,7 +36,7 @@ class _Change:
 
 @dataclass(frozen=True)
 class _Situation:
-    """Where everything stood at ``t_ns``."""
+    """The state of everything at ``t_ns``."""
 
     t_ns: int
     applied: int
@@ -250,8 +250,8 @@ class CommandReader:
 
     def feed(self, sent: bytes) -> list[Request]:
         """Return commands completed by these bytes, in order."""
-        found = self._decoder.feed(sent).messages.get("command")
-        if found is None:
+        commands = self._decoder.feed(sent).messages.get("command")
+        if commands is None:
             return []
-        numbers, payloads = found.raw("command"), found.raw("payload")
+        numbers, payloads = commands.raw("command"), commands.raw("payload")
         return [Request(int(number), bytes(payload)) for number, payload in zip(numbers, payloads, strict=True)]

@@ -24,7 +24,7 @@ def _none() -> Int64:
 
 @dataclass(frozen=True)
 class Drive:
-    """What comes in from outside: currents (10,), ampere, and the reference pulses of the function generator."""
+    """Inputs from outside: currents (10,), ampere, and the reference pulses of the function generator."""
 
     input_A: NDArray[np.float64] = field(default_factory=lambda: np.zeros(CHANNELS))
     fg_Hz: float = 0.0
@@ -37,7 +37,7 @@ class Drive:
         return int(_BITS[np.abs(self.input_A) > _FULL_SCALE_A].sum())
 
     def fg_pulses(self, epoch_ns: int, t_s: NDArray[np.float64]) -> Int64:
-        """Whole pulses of the function generator up to ``t_s`` seconds after the epoch."""
+        """Return whole pulses of the function generator up to ``t_s`` seconds after the epoch."""
         elapsed_s = t_s + (epoch_ns - self.fg_since_ns) / NS
         return np.floor(self.fg_phase + self.fg_Hz * elapsed_s).astype(np.int64)
 
@@ -49,7 +49,7 @@ class Drive:
 
 @dataclass
 class GateState:
-    """Where the unit stands: ``gate`` gates are done, ``edge`` AF clocks and ``fraction`` of the next are integrated.
+    """The state of the unit: ``gate`` gates are done, ``edge`` AF clocks and ``fraction`` of the next are integrated.
 
     ``partial`` is the charge of that fraction; ``n_pulses``, ``p_pulses`` are the counts of the gate in progress.
     Arrays are replaced, never written to, so a shallow copy keeps the state.
@@ -128,7 +128,7 @@ class GateMachine:
         return block
 
     def _charge(self, block: GateBlock) -> Int64:
-        """Charge per clock without noise, (C,)."""
+        """Return charge per clock without noise, (C,)."""
         return block.quanta.charge(self.state.drive.input_A - block.bias_A, margin=block.noise_peak)
 
     def _load(self, block: GateBlock) -> ChargeBalance:

@@ -82,17 +82,17 @@ class Ngu:
             self._ports[name].disconnect()
 
     def waiting(self, name: str) -> int:
-        """Bytes that have arrived at a port by now and are not read."""
+        """Return bytes that have arrived at a port by now and are not read."""
         with self._lock:
             return self._ports[name].waiting(self._upto_now())
 
     def read(self, name: str, size: int) -> bytes:
-        """Up to ``size`` bytes of those that have arrived by now."""
+        """Return up to ``size`` bytes of those that have arrived by now."""
         with self._lock:
             return self._ports[name].read(size, self._upto_now())
 
     def arrivals(self, name: str, t_ns: Int64) -> Int64:
-        """Bytes that can be read at each of the coming times, as far as the unit has worked ahead."""
+        """Return bytes that can be read at each of the coming times, as far as the unit has worked ahead."""
         with self._lock:
             self._upto_now()
             return self._ports[name].arrivals(t_ns[t_ns <= self._core.generated_ns])

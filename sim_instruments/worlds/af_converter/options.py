@@ -1,4 +1,4 @@
-"""What can be chosen at the simulated bench of AF converters: the world's own options, and those of its unit."""
+"""Options of the simulated bench of AF converters: the world's own, and those of its unit."""
 
 from __future__ import annotations
 

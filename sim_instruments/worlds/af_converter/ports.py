@@ -36,7 +36,7 @@ _READINGS = _SENSORS + 2 + len(_RAILS_MV)
 
 
 class Mode(IntEnum):
-    """What port A sends; also the ``mode`` bits of the status word."""
+    """Modes of port A by what it sends; also the ``mode`` bits of the status word."""
 
     GATES = 0  # one frame per gate, 100 Hz
     INTEGRATED = 1  # one frame per 10,000 gates, 0.01 Hz

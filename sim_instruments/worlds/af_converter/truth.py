@@ -29,39 +29,39 @@ class UnitTruth(Protocol):
     hysteresis_A: NDArray[np.float64]  # falling minus rising branch of each channel's bias
 
     def dsf_n_ppm(self, channel: Any, unit_degC: Any) -> Any:
-        """Scale-factor error of the N pulses (positive currents), ppm."""
+        """Return scale-factor error of the N pulses (positive currents), ppm."""
 
     def dsf_p_ppm(self, channel: Any, unit_degC: Any) -> Any:
-        """Scale-factor error of the P pulses, ppm."""
+        """Return scale-factor error of the P pulses, ppm."""
 
     def tc_ppm(self, channel: int, polarity: str, about_degC: float) -> tuple[float, float]:
         """Return coefficients of side "n" or "p" about a temperature: ppm/degC and ppm/degC²."""
 
     def bias_A(self, channel: Any, unit_degC: Any, t_s: Any, play_offset_degC: Any = 0.0) -> Any:
-        """i_AFbias, ampere: the correction added to the reading, negative of the open-input reading."""
+        """Return i_AFbias, ampere: the correction added to the reading, negative of the open-input reading."""
 
     def bias_tc_A(self, channel: int, order: int) -> float:
-        """Coefficient of (T - 20 degC)^order of the bias between the branches, A/degC^order."""
+        """Return coefficient of (T - 20 degC)^order of the bias between the branches, A/degC^order."""
 
     def master_error_ppm(self, unit_degC: Any) -> Any:
-        """Relative error of the master oscillator, ppm."""
+        """Return relative error of the master oscillator, ppm."""
 
     def master_tc_ppm(self, order: int) -> float:
-        """Coefficient of (T - 20 degC)^order of that error, ppm/degC^order."""
+        """Return coefficient of (T - 20 degC)^order of that error, ppm/degC^order."""
 
 
 def per_degC(unit: str, order: int) -> str:
-    """Unit of the coefficient of (T - T_ref)^order."""
+    """Return unit of the coefficient of (T - T_ref)^order."""
     return unit if order == 0 else f"{unit}/degC{order if order > 1 else ''}"
 
 
 def times_ns(windows: Sequence[RecordWindow]) -> NDArray[np.int64]:
-    """Bench times spread evenly over the windows."""
+    """Return bench times spread evenly over the windows."""
     return np.concatenate([np.linspace(w.t_start_ns, w.t_end_ns, _POINTS_PER_WINDOW).astype(np.int64) for w in windows])
 
 
 def estimates(truth: UnitTruth, thermal: Thermal, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
-    """Return True values in the contract's form, one block per channel and temperature of the measuring windows.
+    """Return true values in the contract's form, one block per channel and temperature of the measuring windows.
 
     Scale factors are those at the unit's true temperature averaged over the windows of that channel and temperature
     (wiring checks and closing repeats left out); the bias is averaged over the open-input windows among them, with
@@ -69,17 +69,17 @@ def estimates(truth: UnitTruth, thermal: Thermal, windows: Sequence[RecordWindow
     """
     if ramp := bias_windows(windows):
         return bias_estimates(truth, ramp, thermal.unit_lag_s)
-    found: list[dict[str, Any]] = []
+    entries: list[dict[str, Any]] = []
     groups = _groups(windows)
     for (channel, kind, nominal_degC), group in groups.items():
         conditions = {"channel": channel, "kind": kind, "temperature_degC": nominal_degC}
-        found += _at_temperature(truth, thermal, group, conditions)
+        entries += _at_temperature(truth, thermal, group, conditions)
     for channel, kind in dict.fromkeys((channel, kind) for channel, kind, _ in groups):
-        found += _coefficients(truth, channel, kind)
+        entries += _coefficients(truth, channel, kind)
     for nominal_degC in sorted({nominal_degC for _, _, nominal_degC in groups}):
         spans = [w for (_, _, degC), group in groups.items() if degC == nominal_degC for w in group]
-        found += _clocks(truth, thermal.unit_degC(times_ns(spans)), {"temperature_degC": nominal_degC})
-    return found
+        entries += _clocks(truth, thermal.unit_degC(times_ns(spans)), {"temperature_degC": nominal_degC})
+    return entries
 
 
 def _groups(windows: Sequence[RecordWindow]) -> dict[tuple[int, str, float], list[RecordWindow]]:
@@ -123,12 +123,12 @@ def _clocks(truth: UnitTruth, unit_degC: np.ndarray, conditions: dict[str, Any])
 
 def _coefficients(truth: UnitTruth, channel: int, kind: str) -> list[dict[str, Any]]:
     conditions = {"channel": channel, "kind": kind, "reference_temperature_degC": REFERENCE_TEMPERATURE_DEGC}
-    found = []
+    entries = []
     for side in ("n", "p"):
         tc1, tc2 = truth.tc_ppm(channel, side, REFERENCE_TEMPERATURE_DEGC)
-        found.append(entry(f"dsf_{side}_tc1", "ppm/degC", tc1, conditions))
-        found.append(entry(f"dsf_{side}_tc2", "ppm/degC2", tc2, conditions))
-    return found
+        entries.append(entry(f"dsf_{side}_tc1", "ppm/degC", tc1, conditions))
+        entries.append(entry(f"dsf_{side}_tc2", "ppm/degC2", tc2, conditions))
+    return entries
 
 
 def bias_windows(windows: Sequence[RecordWindow]) -> list[RecordWindow]:
@@ -137,39 +137,39 @@ def bias_windows(windows: Sequence[RecordWindow]) -> list[RecordWindow]:
 
 
 def bias_estimates(truth: UnitTruth, windows: Sequence[RecordWindow], unit_lag_s: float) -> list[dict[str, Any]]:
-    """True values in the contract's form, by channel and for the master oscillator; ``unit_lag_s`` behind the air.
+    """Return true values as in the contract, by channel and for the oscillator; ``unit_lag_s`` behind the air.
 
     ``bias`` is the curve between the branches with the mean of the random walk over the windows; a unit without
     hysteresis has the width 0 and no half-width.
     """
-    found = []
+    entries = []
     for number in range(1, len(truth.kinds) + 1):
         lag = entry("thermal_lag", "min", unit_lag_s / 60.0, {"channel": number, "kind": truth.kinds[number - 1]})
-        found += [*_of_channel(truth, number, windows), lag]
-    found += [
+        entries += [*_of_channel(truth, number, windows), lag]
+    entries += [
         entry("master_clock_error", "ppm", truth.master_error_ppm(degC), {"temperature_degC": degC})
         for degC in TEMPERATURES_DEGC
     ]
-    found += [
+    entries += [
         entry(f"master_clock_error_tc{order}", per_degC("ppm", order), truth.master_tc_ppm(order), _REFERENCE)
         for order in range(_ORDERS)
     ]
-    return found
+    return entries
 
 
 def _of_channel(truth: UnitTruth, number: int, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
     channel = {"channel": number, "kind": truth.kinds[number - 1]}
     t_s = times_ns(windows) / NS
-    found = [
+    entries = [
         entry("bias", "A", truth.bias_A(number, degC, t_s).mean(), {**channel, "temperature_degC": degC})
         for degC in TEMPERATURES_DEGC
     ]
-    found += [
+    entries += [
         entry(f"bias_tc{order}", per_degC("A", order), truth.bias_tc_A(number, order), {**channel, **_REFERENCE})
         for order in range(1, _ORDERS)
     ]
     width_A = truth.hysteresis_A[number - 1]
-    found.append(entry("hysteresis_width", "A", width_A, {**channel, **_REFERENCE}))
+    entries.append(entry("hysteresis_width", "A", width_A, {**channel, **_REFERENCE}))
     if width_A:
-        found.append(entry("play_half_width", "degC", truth.half_width_degC[number - 1], channel))
-    return found
+        entries.append(entry("play_half_width", "degC", truth.half_width_degC[number - 1], channel))
+    return entries

@@ -1,4 +1,4 @@
-"""What is true of one simulated unit: drawn once from the seed, known to the simulator and to its truth list only.
+"""True constants of one simulated unit: drawn once from the seed, known to the simulator and to its truth list only.
 
 The random walk of the biases may be asked for any time of a campaign; only the stretch asked last is kept.
 """
@@ -38,7 +38,7 @@ class BiasWalk:
         self._newest: tuple[int, Float] = (-1, np.empty(0))
 
     def at(self, index: Int64, t_s: Float | float) -> Float:
-        """Walk of the channels ``index`` (from 0) at bench time ``t_s``, ampere; the arguments broadcast."""
+        """Return walk of the channels ``index`` (from 0) at bench time ``t_s``, ampere; the arguments broadcast."""
         place = np.maximum(t_s, 0.0) / _STEP_S
         cell = np.asarray(place).astype(np.int64)
         first, last = int(cell.min()) // _BLOCK, int(cell.max()) // _BLOCK
@@ -112,15 +112,15 @@ class NguTruth:
         self._play: tuple[Sequence[float], Float] = ((), np.empty(0))
 
     def dsf_n_ppm(self, channel: ArrayLike, unit_degC: ArrayLike) -> Float:
-        """Scale-factor error of the N pulses, ppm; ``channel`` and ``unit_degC`` broadcast."""
+        """Return scale-factor error of the N pulses, ppm; ``channel`` and ``unit_degC`` broadcast."""
         return self._dsf(0, channel, unit_degC)
 
     def dsf_p_ppm(self, channel: ArrayLike, unit_degC: ArrayLike) -> Float:
-        """Scale-factor error of the P pulses, ppm; ``channel`` and ``unit_degC`` broadcast."""
+        """Return scale-factor error of the P pulses, ppm; ``channel`` and ``unit_degC`` broadcast."""
         return self._dsf(1, channel, unit_degC)
 
     def tc_ppm(self, channel: int, polarity: str, about_degC: float = REFERENCE_DEGC) -> tuple[float, float]:
-        """Linear (ppm/degC) and quadratic (ppm/degC^2) coefficient of ``dsf_n`` ("n") or ``dsf_p`` ("p").
+        """Return linear (ppm/degC) and quadratic (ppm/degC^2) coefficient of ``dsf_n`` ("n") or ``dsf_p`` ("p").
 
         The linear one is the slope at ``about_degC``, so that dsf(T) = dsf(about) + tc1 dT + tc2 dT^2.
         """
@@ -131,7 +131,7 @@ class NguTruth:
     def bias_A(
         self, channel: ArrayLike, unit_degC: ArrayLike, t_s: ArrayLike, play_offset_degC: ArrayLike = 0.0
     ) -> Float:
-        """i_AFbias, ampere, with the random walk at bench time ``t_s`` (seconds); the arguments broadcast.
+        """Return i_AFbias, ampere, with the random walk at bench time ``t_s`` (seconds); the arguments broadcast.
 
         ``play_offset_degC`` is P - T (``play_offset_degC`` gives it); 0 is the centre of the loop.
         """
@@ -140,11 +140,11 @@ class NguTruth:
         return self._curve_A(index, unit_degC) + offset_A + self._walk_A(index, np.asarray(t_s, float))
 
     def bias_tc_A(self, channel: int, order: int) -> float:
-        """Coefficient of (T - 20 degC)^order of the centre curve of i_AFbias, ampere per degC^order."""
+        """Return coefficient of (T - 20 degC)^order of the centre curve of i_AFbias, ampere per degC^order."""
         return float(self._bias_A[order, channel - 1])
 
     def play_offset_degC(self, turns_degC: Sequence[float], unit_degC: float) -> Float:
-        """P - T of all channels, (10,), for a unit that turned at these temperatures and is at ``unit_degC`` now.
+        """Return P - T of channels, (10,), for a unit that turned at these temperatures and is at ``unit_degC`` now.
 
         Nothing is known of the past without turns: then it is 0, the centre of the loop.
         """
@@ -155,22 +155,22 @@ class NguTruth:
         return follow(self._play[1], unit_degC, self.half_width_degC) - unit_degC
 
     def all_dsf_ppm(self, unit_degC: float) -> Float:
-        """Scale-factor errors of the N and the P pulses of all channels at one temperature, (2, 10), ppm."""
+        """Return scale-factor errors of the N and the P pulses of all channels at one temperature, (2, 10), ppm."""
         rise = unit_degC - REFERENCE_DEGC
         return np.asarray(self._dsf_ppm + rise * (self._dsf_tc1 + rise * self._dsf_tc2))
 
     def all_bias_A(self, unit_degC: float, t_s: float, play_offset_degC: ArrayLike = 0.0) -> Float:
-        """i_AFbias of all channels at one temperature, bench time and play offset (10,), ampere."""
+        """Return i_AFbias of all channels at one temperature, bench time and play offset (10,), ampere."""
         curve_A = _polynomial(self._bias_A, np.asarray(unit_degC - REFERENCE_DEGC))
         return curve_A + self._stiffness_A_degC * play_offset_degC + self._walk_A(_ALL, t_s)
 
     def master_error_ppm(self, unit_degC: ArrayLike) -> Float:
-        """Frequency error of the unit's master oscillator, ppm; it sets the gate: t_gate = 10 ms / (1 + error)."""
+        """Return frequency error of the master oscillator, ppm; it sets the gate: t_gate = 10 ms / (1 + error)."""
         rise = np.asarray(unit_degC, float) - REFERENCE_DEGC
         return np.asarray(_polynomial(self._master, rise))
 
     def master_tc_ppm(self, order: int) -> float:
-        """Coefficient of (T - 20 degC)^order of the master oscillator's error, ppm per degC^order."""
+        """Return coefficient of (T - 20 degC)^order of the master oscillator's error, ppm per degC^order."""
         return float(self._master[order])
 
     def _draw_bias(self, rng: np.random.Generator) -> Float:
@@ -184,7 +184,7 @@ class NguTruth:
         return np.array([offset, slope, square, cube])
 
     def _draw_hysteresis(self) -> tuple[Float, Float]:
-        """Half-widths of the plays, (10,), degC, and widths of the loops (falling minus rising), (10,), ampere."""
+        """Return half-widths of the plays, (10,), degC, and widths of the loops (falling - rising), (10,), ampere."""
         rng = generator(self.seed, "ngu hysteresis")
         half_width = rng.uniform(0.8, 1.2, CHANNELS) * [k.half_width_degC for k in KINDS]
         width = _signed(rng, (CHANNELS,), 1.0, 0.2) * [k.hysteresis_A for k in KINDS]
@@ -200,12 +200,12 @@ class NguTruth:
         return np.asarray(self._dsf_ppm[row, index] + slope * rise)
 
     def _walk_A(self, index: NDArray[np.int64], t_s: Float | float) -> Float:
-        """Bias random walk, ampere."""
+        """Return bias random walk, ampere."""
         return self._walk.at(index, t_s) if self.noise else np.zeros(np.broadcast(index, t_s).shape)
 
 
 def _polynomial(coefficients: Sequence[float] | Float, rise_degC: Float) -> Float:
-    """c0 + c1 x + c2 x^2 + c3 x^3 by Horner's rule; the coefficients broadcast with x."""
+    """Return c0 + c1 x + c2 x^2 + c3 x^3 by Horner's rule; the coefficients broadcast with x."""
     c0, c1, c2, c3 = coefficients
     return np.asarray(c0 + rise_degC * (c1 + rise_degC * (c2 + rise_degC * c3)))
 

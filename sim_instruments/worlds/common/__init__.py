@@ -1,1 +1,1 @@
-"""What the worlds share: the bench itself, heat, motion, wires, seeds."""
+"""Shared parts of the worlds: the bench itself, heat, motion, wires, seeds."""

@@ -1,4 +1,4 @@
-"""Where the simulated module is and how it turns: table angles, mounting, Earth's rate, gravity and lever arm.
+"""Place and motion of the simulated module: table angles, mounting, Earth's rate, gravity and lever arm.
 
 Local frame: x East, y North, z Up. v_n = Rz(90 deg - azimuth) Rz(outer) Ry(middle) Rx(inner) M v_b, right-handed,
 angles in degrees; M puts the body axis named by the mounting along the inner axis of the table. A small tilt turns the
@@ -33,7 +33,7 @@ class AxisMotion(Protocol):
 
 
 class Surroundings(Protocol):
-    """What the sensors see of the world. ``motion`` is (outer, middle, inner)."""
+    """The world as the sensors see it. ``motion`` is (outer, middle, inner)."""
 
     motion: Sequence[AxisMotion]
     mounting: str  # body axis along the inner axis: "x", "y" or "z"
@@ -42,7 +42,7 @@ class Surroundings(Protocol):
 
 @dataclass(frozen=True)
 class Site:
-    """Where the bench stands; with all angles zero the inner axis points at ``azimuth_deg``, clockwise from North."""
+    """The place of the bench; with all angles zero the inner axis points at ``azimuth_deg``, clockwise from North."""
 
     latitude_deg: float = 34.2
     gravity_m_s2: float = 9.7969
@@ -71,7 +71,7 @@ class Still:
         return np.full(np.shape(t_ns), self.angle)
 
     def rate_deg_s(self, t_ns: Int64) -> Float:
-        """Zeros, (n,)."""
+        """Return zeros, (n,)."""
         return np.zeros(np.shape(t_ns))
 
 
@@ -102,7 +102,7 @@ class Tilt:
 
 
 def angles_deg(motion: Sequence[AxisMotion], t_ns: Int64) -> Float:
-    """Outer, middle and inner angle at bench times, (n, 3), degrees."""
+    """Return outer, middle and inner angle at bench times, (n, 3), degrees."""
     return np.stack([axis.angle_deg(t_ns) for axis in motion], axis=1)
 
 
@@ -117,14 +117,14 @@ def in_inner_axes(vector: Float, angles: Float, site: Site) -> Float:
 
 
 def in_body_axes(inner_axes: Float, mounting: str, tilt_rad: Float | None = None) -> Float:
-    """Vectors in the axes of the inner gimbal (n, 3) in those of the body; ``tilt_rad`` as ``Tilt`` gives it."""
+    """Return vectors in the axes of the inner gimbal (n, 3) in those of the body; ``tilt_rad`` as ``Tilt`` gives it."""
     if tilt_rad is not None:
         inner_axes = inner_axes - np.cross(tilt_rad, inner_axes)
     return inner_axes[:, BODY_OF_TABLE[mounting]]
 
 
 def turned_deg(first: Float, last: Float, between: Float, gain_deg: Float) -> Float:
-    """Small turn of the inner gimbal between two sets of table angles, degrees about its own axes.
+    """Return small turn of the inner gimbal between two sets of table angles, degrees about its own axes.
 
     Args:
         first, last: table angles at both ends, (n, 3), degrees; their differences enter exactly.
@@ -142,7 +142,7 @@ def turned_deg(first: Float, last: Float, between: Float, gain_deg: Float) -> Fl
 
 
 def _shared(way_deg: Float, gain_deg: Float, share: Float) -> Float:
-    """Integral of a rate times its share (2, n) at the nodes: exactly the way where the share does not change."""
+    """Return integral of a rate times its share (2, n) at the nodes: exactly the way where it does not change."""
     return np.asarray(way_deg * share.mean(axis=0) + gain_deg * (share[1] - share[0]) / 4.0)
 
 
@@ -156,7 +156,7 @@ def rates_in_inner_axes(motion: Sequence[AxisMotion], t_ns: Int64) -> Float:
 
 
 def lever_force_g(rate_deg_s: Float, change_deg_s2: Float, lever_arm_m: Float) -> Float:
-    """Specific force at a point ``lever_arm_m`` (body axes) from the centre of rotation, (n, 3), standard g.
+    """Return specific force at a point ``lever_arm_m`` (body axes) from the centre of rotation, (n, 3), standard g.
 
     Args: rate_deg_s and its derivative in body axes, (n, 3).
     """

@@ -56,7 +56,7 @@ class AxisMotion:
 
     @property
     def rest_ns(self) -> int:
-        """When the last planned piece begins: from then on the rate is constant (zero but for a spin)."""
+        """Begin of the last planned piece: from then on the rate is constant (zero but for a spin)."""
         return self._pieces[-1].key_ns
 
     def go_to(self, target_deg: float, rate_deg_s: float, acceleration_deg_s2: float, t_ns: int) -> None:

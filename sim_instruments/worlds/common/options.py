@@ -11,7 +11,7 @@ Check = Callable[[str], object]  # raises InputError B-SIM-002 if the text canno
 
 
 def unknown_option(key: str, known: Sequence[str]) -> InputError:
-    """The error of an option that a world does not have, B-SIM-002."""
+    """Return the error of an option that a world does not have, B-SIM-002."""
     return InputError("B-SIM-002", f"no world option is called {key!r}", next_step=f"use one of: {', '.join(known)}")
 
 
@@ -23,7 +23,7 @@ def switch_of(key: str, value: str) -> bool:
 
 
 def number_of(key: str, value: str, least: float, most: float) -> float:
-    """The number of an option. Raises: InputError B-SIM-002 if it is none, or not within ``least`` to ``most``."""
+    """Return the number of an option. Raises: InputError B-SIM-002: no number, or not within ``least`` to ``most``."""
     try:
         number = float(value)
     except ValueError:

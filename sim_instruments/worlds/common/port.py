@@ -33,7 +33,7 @@ class _Stretch:
     chunk: bytes
 
     def cut(self, keep: int) -> _Stretch:
-        """The first ``keep`` frames, at least one."""
+        """Return the first ``keep`` frames, at least one."""
         stops = self.stops[:keep]
         chunk = self.chunk[: int(stops[-1]) - self.base]
         return _Stretch(self.ready_ns[:keep], self.start_ns[:keep], self.end_ns[:keep], stops, self.base, chunk)
@@ -44,7 +44,7 @@ class _Stretch:
         return self.base + len(self.chunk)
 
     def arrived(self, now_ns: int, baud: int) -> int:
-        """Stream offset up to which bytes have arrived."""
+        """Return stream offset up to which bytes have arrived."""
         at = int(self.start_ns.searchsorted(now_ns, "right")) - 1
         if at < 0:
             return self.base
@@ -53,7 +53,7 @@ class _Stretch:
         return min(before + sent, int(self.stops[at]))
 
     def arrived_by(self, t_ns: Int64, baud: int) -> Int64:
-        """``arrived`` at several times, (n,); 0 before the first bit."""
+        """Return ``arrived`` at several times, (n,); 0 before the first bit."""
         at = self.start_ns.searchsorted(t_ns, "right") - 1
         before = np.where(at > 0, self.stops[np.maximum(at - 1, 0)], self.base)
         sending_ns = np.minimum(t_ns, self.end_ns[at]) - self.start_ns[at]
@@ -138,7 +138,7 @@ class Port:
     # --- the listener's side -----------------------------------------------------------------------------------
 
     def waiting(self, now_ns: int) -> int:
-        """Bytes that have arrived and are not read."""
+        """Return bytes that have arrived and are not read."""
         if self._arrived[0] != now_ns:
             arrived = self._read
             for stretch in self._stretches:
@@ -149,14 +149,14 @@ class Port:
         return self._arrived[1] - self._read
 
     def arrivals(self, t_ns: Int64) -> Int64:
-        """Bytes that can be read at each of the coming times, (n,), if nobody reads before."""
+        """Return bytes that can be read at each of the coming times, (n,), if nobody reads before."""
         arrived = np.full(t_ns.shape, self._read, np.int64)
         for stretch in self._stretches:
             np.maximum(arrived, stretch.arrived_by(t_ns, self._baud), out=arrived)
         return arrived - self._read
 
     def read(self, size: int, now_ns: int) -> bytes:
-        """Up to ``size`` bytes of those that have arrived."""
+        """Return up to ``size`` bytes of those that have arrived."""
         stop = self._read + min(size, self.waiting(now_ns))
         parts = []
         for stretch in self._stretches:
@@ -207,17 +207,17 @@ class PortedUnit:
             self._ports[name].disconnect()
 
     def waiting(self, name: str) -> int:
-        """Bytes that have arrived by now and are not read."""
+        """Return bytes that have arrived by now and are not read."""
         with self.lock:
             return self._ports[name].waiting(self._upto_port(name))
 
     def read(self, name: str, size: int) -> bytes:
-        """Up to ``size`` bytes of those that have arrived by now."""
+        """Return up to ``size`` bytes of those that have arrived by now."""
         with self.lock:
             return self._ports[name].read(size, self._upto_port(name))
 
     def arrivals(self, name: str, t_ns: Int64) -> Int64:
-        """Bytes that can be read at each of the coming times, before which nobody changes anything, if known."""
+        """Return bytes that can be read at each of the coming times, before which nobody changes anything, if known."""
         with self.lock:
             return self._ports[name].arrivals(self._foreseen(name, t_ns))
 

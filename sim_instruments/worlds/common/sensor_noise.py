@@ -66,7 +66,7 @@ class SlowNoise:
         self._newest: tuple[int, Float] = (-1, np.empty(0))
 
     def at(self, t_ns: Int64) -> Float:
-        """Values at times since the start (n,), (n, c), in the unit of ``sigmas``; before the start the first one."""
+        """Return values at times since the start (n,), (n, c), in the unit of ``sigmas``; before it the first one."""
         place = np.maximum(np.asarray(t_ns, np.int64), 0) / (GRID_S * NS)
         cell = place.astype(np.int64)
         values = np.empty((cell.size, self._keep.size))

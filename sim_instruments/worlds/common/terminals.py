@@ -1,4 +1,4 @@
-"""What hangs at the terminals of the meters: any source, wired by the world to an instrument's input or channel."""
+"""Sources at the terminals of the meters: any source, wired by the world to an instrument's input or channel."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class Source:
     lead_ohm: float = 0.0
 
     def ohm(self, wires: int, t_ns: int) -> float:
-        """Resistance between the terminals of a meter with two or four wires: with four the leads do not count."""
+        """Return resistance between the terminals of a meter with two or four wires: four exclude the leads."""
         return self.resistance_ohm(t_ns) + (0.0 if wires == 4 else 2.0 * self.lead_ohm)
 
 
 class Terminals:
-    """Which source hangs where: by role of the instrument and number of the channel, 0 at one with a single input."""
+    """Sources by role of the instrument and number of the channel, 0 at one with a single input."""
 
     def __init__(self) -> None:
         self._sources: dict[tuple[str, int], Source] = {}

@@ -53,12 +53,12 @@ class UnitTemperature:
     turns_degC: Callable[[int], tuple[float, ...]]
 
     def __call__(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Temperature at bench times, (n,), degC."""
+        """Return temperature at bench times, (n,), degC."""
         return self.degC(t_ns)
 
     @classmethod
     def of(cls, temperature: TemperatureFunction) -> UnitTemperature:
-        """The temperature itself, or a plain function of time as one without a past that moves in steps."""
+        """Return the temperature itself, or a plain function of time as one without a past that moves in steps."""
         if isinstance(temperature, cls):
             return temperature
         return cls(temperature, lambda _t_ns: 0.0, lambda _t_ns: ())
@@ -93,7 +93,7 @@ class _Segment:
         )
 
     def turns_s(self, length_s: float) -> list[float]:
-        """Where the unit's temperature turns, seconds from the start and before ``length_s``: air and unit are equal.
+        """Return when the unit's temperature turns, seconds from the start, below ``length_s``: it equals the air's.
 
         Their difference is a constant and two exponentials, so it has one extreme at most and one zero on either side.
         """
@@ -112,7 +112,7 @@ class _Segment:
 
 
 def _zero(function: Callable[[float], float], low: float, high: float) -> float:
-    """Zero of a function that changes its sign between two places."""
+    """Return zero of a function that changes its sign between two places."""
     falls = function(low) > 0.0
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
@@ -158,19 +158,19 @@ class Thermal:
         self._begin(t_ns, ahead_degC, slope, self._air_lag_s)
 
     def setpoint_degC(self, t_ns: int) -> float:
-        """Present set-point of the ramp, degC; the air temperature itself while the chamber is off."""
+        """Return present set-point of the ramp, degC; the air temperature itself while the chamber is off."""
         segment = self._at(t_ns)
         if segment.air_lag_s == self._idle_lag_s:
             return float(self.air_degC(t_ns))
         return segment.setpoint_degC + segment.slope_degC_s * (t_ns - segment.start_ns) / NS
 
     def air_degC(self, t_ns: int | np.ndarray) -> np.ndarray:
-        """Chamber air at ``t_ns`` (bench clock, scalar or any shape), degC."""
+        """Return chamber air at ``t_ns`` (bench clock, scalar or any shape), degC."""
         t_s, (slope, lag, line, decay, _, _, _) = self._elapsed(t_ns)
         return line + slope * t_s + decay * np.exp(-t_s / lag)
 
     def unit_degC(self, t_ns: int | np.ndarray) -> np.ndarray:
-        """Unit under test at ``t_ns`` (bench clock, scalar or any shape), degC."""
+        """Return unit under test at ``t_ns`` (bench clock, scalar or any shape), degC."""
         t_s, (slope, lag, _, _, line, fast, slow) = self._elapsed(t_ns)
         return line + slope * t_s + fast * np.exp(-t_s / lag) + slow * np.exp(-t_s / self.unit_lag_s)
 
@@ -180,7 +180,7 @@ class Thermal:
         return float(slope - fast / lag * np.exp(-t_s / lag) - slow / self.unit_lag_s * np.exp(-t_s / self.unit_lag_s))
 
     def turns_degC(self, t_ns: int) -> tuple[float, ...]:
-        """Temperatures of the unit where it started and where it may have turned up to ``t_ns``, oldest first."""
+        """Return temperatures of the unit at its start and where it may have turned up to ``t_ns``, oldest first."""
         times_ns, degC = self._turns
         return degC[: bisect.bisect_right(times_ns, t_ns)]
 
@@ -200,12 +200,12 @@ class Thermal:
 
     @property
     def unit(self) -> UnitTemperature:
-        """What the unit under test knows of all this."""
+        """Temperatures as the unit under test knows them."""
         return UnitTemperature(self.unit_degC, self.unit_rate_degC_s, self.turns_degC)
 
     @staticmethod
     def lab_degC(t_ns: int | np.ndarray) -> np.ndarray:
-        """Laboratory air: 23 degC with a daily swing of 0.3 degC."""
+        """Return laboratory air: 23 degC with a daily swing of 0.3 degC."""
         return LAB_DEGC + _LAB_SWING_DEGC * np.sin(2.0 * np.pi * np.asarray(t_ns, float) / NS / _DAY_S)
 
     def _at(self, t_ns: int) -> _Segment:
@@ -244,7 +244,7 @@ class Thermal:
 
 
 def play_after(turns_degC: Sequence[float], half_width_degC: ArrayLike) -> Float:
-    """State of the plays after a history that starts relaxed at its first point; half-widths of any shape, degC."""
+    """Return state of the plays after a history that starts relaxed; half-widths of any shape, degC."""
     half_width = np.asarray(half_width_degC, float)
     state = np.full(half_width.shape, turns_degC[0])
     for degC in turns_degC[1:]:
@@ -253,5 +253,5 @@ def play_after(turns_degC: Sequence[float], half_width_degC: ArrayLike) -> Float
 
 
 def follow(state_degC: ArrayLike, degC: ArrayLike, half_width_degC: ArrayLike) -> Float:
-    """State after the input has gone to ``degC`` without a turn on the way; the arguments broadcast."""
+    """Return state after the input has gone to ``degC`` without a turn on the way; the arguments broadcast."""
     return np.minimum(np.maximum(state_degC, np.subtract(degC, half_width_degC)), np.add(degC, half_width_degC))

@@ -32,7 +32,7 @@ class UnitInputs(Protocol):
 
 
 class Wiring:
-    """Which crosspoints are closed and what current the calibrator drives; keeps the unit's inputs up to date."""
+    """Closed crosspoints and the current the calibrator drives; keeps the unit's inputs up to date."""
 
     def __init__(self, unit: UnitInputs, seed: int) -> None:
         self._unit = unit

@@ -1,4 +1,4 @@
-"""What every simulated bench is: clock, lock, wires, temperatures, faults, instruments and a unit under test.
+"""The base of every simulated bench: clock, lock, wires, temperatures, faults, instruments and a unit under test.
 
 Live worlds are found by id: that is how the VISA backend and the serial handler reach the one that was opened for
 them. Ids are handed out in order and name a world inside this process only; they never reach a record or a report.
@@ -41,7 +41,7 @@ class Unit(UnitInputs, Protocol):
 
 
 class NoUnit:
-    """What stands at the unit's place on a bench that measures sources at the terminals of its meters alone."""
+    """The empty place of the unit on a bench that measures sources at the terminals of its meters alone."""
 
     def set_input(self, channel: int, current_A: float, t_ns: int) -> None:
         """Nothing takes the current."""
@@ -105,7 +105,7 @@ class World:
 
     @property
     def time_constants(self) -> float:
-        """How many times shorter all lags of the bench are."""
+        """Factor by which all lags of the bench are shorter."""
         return float(self.options.get("time_constants", 1.0))
 
     @property
@@ -114,7 +114,7 @@ class World:
         return f"{self.id}@bench"
 
     def link_url(self, name: str) -> str:
-        """pySerial URL of one of the unit's ports."""
+        """Return pySerial URL of one of the unit's ports."""
         return f"sim://{self.id}/{name}"
 
     def connect(self, resource: str, device: Instrument) -> None:
@@ -123,7 +123,7 @@ class World:
         self.instruments[device.role] = device
 
     def instrument(self, kind: type) -> Any:
-        """The first instrument of a class, None if the bench has none (how wires between instruments are found)."""
+        """Return the first instrument of a class, None if there is none (for the wires between instruments)."""
         return next(iter(self.instruments_of(kind)), None)
 
     def instruments_of(self, kind: type) -> list[Any]:
@@ -131,15 +131,15 @@ class World:
         return [device for device in self.instruments.values() if isinstance(device, kind)]
 
     def rng(self, purpose: str, *indexes: int) -> np.random.Generator:
-        """Generator of one purpose; the same draws whenever it is asked for."""
+        """Return generator of one purpose; the same draws whenever it is asked for."""
         return generator(self.seed, purpose, *indexes)
 
     def truth(self, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
-        """Return True values of what the campaign estimates, in the form of the contract's ``estimates``."""
+        """Return true values of what the campaign estimates, in the form of the contract's ``estimates``."""
         raise NotImplementedError
 
     def operate(self, name: str, value: Any) -> None:
-        """What a person does at the bench. Raises: what ``check_operation`` raises."""
+        """Do what a person does at the bench. Raises: what ``check_operation`` raises."""
         self.check_operation(name, value)
 
     @classmethod

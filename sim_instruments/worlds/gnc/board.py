@@ -59,7 +59,7 @@ class GncBoard(OnePortUnit):
         self._forget()
 
     def _forget(self) -> None:
-        """What the processor loses without power."""
+        """Forget what the processor loses without power."""
         self._receiver = BoardReceiver(self.definition)
         self._answers: OrderedDict[tuple[int, int, int, bytes], bytes] = OrderedDict()
         self._busy = False

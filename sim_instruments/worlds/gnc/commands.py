@@ -118,9 +118,9 @@ def cpu(board: Board, payload: bytes) -> Job:
     (seed,) = _unpack("<I", payload)
 
     def finish(_begin_ns: int, _end_ns: int) -> Outcome:
-        found = board.module.processor.arithmetic(seed)
-        numbers = (*[OPERATIONS] * 4, *found.wrong, found.memory_wrong, found.first_expected, found.first_received)
-        return _judged(not any(found.wrong) and not found.memory_wrong), struct.pack("<9H2I", *numbers)
+        result = board.module.processor.arithmetic(seed)
+        numbers = (*[OPERATIONS] * 4, *result.wrong, result.memory_wrong, result.first_expected, result.first_received)
+        return _judged(not any(result.wrong) and not result.memory_wrong), struct.pack("<9H2I", *numbers)
 
     return Job(CPU_S, finish)
 
@@ -146,9 +146,16 @@ def memory(board: Board, payload: bytes) -> Job:
 
     def finish(_begin_ns: int, _end_ns: int) -> Outcome:
         memories = board.module.memories
-        found = memories.do(region, operation, pattern, start, length)
-        numbers = (found.checked, found.wrong, found.address, found.expected, found.received, memories.erases[region])
-        return _judged(not found.wrong), struct.pack("<6I", *numbers)
+        result = memories.do(region, operation, pattern, start, length)
+        numbers = (
+            result.checked,
+            result.wrong,
+            result.address,
+            result.expected,
+            result.received,
+            memories.erases[region],
+        )
+        return _judged(not result.wrong), struct.pack("<6I", *numbers)
 
     return Job(ANSWER_S + MEMORY_S[region, operation] * length / SIZE[region], finish)
 

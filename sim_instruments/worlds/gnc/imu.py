@@ -99,13 +99,13 @@ def _true_inputs(
 
 
 def _gain_deg(surroundings: Surroundings, nodes: list[Int64], length_ns: Int64) -> Float:
-    """Rates at the second node minus those at the first, times the length, (n, 3); only for several moving axes."""
+    """Return rates at the second node minus those at the first, times the length, (n, 3); for several moving axes."""
     rates = [np.stack([axis.rate_deg_s(node) for axis in surroundings.motion], axis=1) for node in nodes]
     return np.asarray((rates[1] - rates[0]) * (length_ns / NS)[:, None])
 
 
 def _in_place(surroundings: Surroundings, site: Site, tilt: Tilt | None, angles: Float) -> tuple[Float, Float]:
-    """Earth's rate (deg/s) and the force at rest (g) in body axes at table angles (n, 3)."""
+    """Return Earth's rate (deg/s) and the force at rest (g) in body axes at table angles (n, 3)."""
     tilts = None if tilt is None else tilt.rad(angles)
     rate = in_body_axes(in_inner_axes(site.earth_rate_deg_s, angles, site), surroundings.mounting, tilts)
     force = in_body_axes(in_inner_axes(site.rest_force_g, angles, site), surroundings.mounting, tilts)
@@ -179,7 +179,7 @@ class GncImu:
         self._seed = seed
 
     def sample(self, t_ns: Int64, interval_ns: int = SAMPLE_NS) -> Counts:
-        """Samples at bench times (n,), each over the interval that ends there; limited to the range, rounded."""
+        """Return samples at bench times (n,), each over the interval that ends there; limited to the range, rounded."""
         read = self.readings(t_ns, interval_ns)
         mag = np.clip(read.mag_gauss, -MAG_RANGE_GAUSS, MAG_RANGE_GAUSS)
         return Counts(
@@ -194,7 +194,7 @@ class GncImu:
         times_ns = np.asarray(t_ns, np.int64)
         parts = [self._part(times_ns[at : at + _CHUNK], interval_ns) for at in range(0, times_ns.size, _CHUNK)]
         parts = parts or [self._part(times_ns, interval_ns)]
-        return Readings(*(np.concatenate(one) for one in zip(*parts, strict=True)))
+        return Readings(*(np.concatenate(pieces) for pieces in zip(*parts, strict=True)))
 
     def temperature_degC(self, t_ns: Int64) -> Float:
         """Return True temperature of the module at bench times, (n,), degC."""
@@ -233,7 +233,7 @@ class GncImu:
         return self._white.at(t_ns) * np.array([*white, *(MAGNETIC_NOISE_GAUSS,) * 3, THERMOMETER_NOISE_DEGC])
 
     def _biases(self, t_ns: Int64) -> Float:
-        """Biases of gyroscopes and accelerometers, (n, 6)."""
+        """Return biases of gyroscopes and accelerometers, (n, 6)."""
         degC = self.temperature_degC(t_ns)
         steady = np.concatenate((self.errors.gyro.bias_at(degC), self.errors.accel.bias_at(degC)), axis=1)
         if not self.options.noise:
@@ -246,9 +246,9 @@ class GncImu:
     def _turn_on(self, t_ns: Int64) -> Float:
         periods = self.power.period(t_ns)
         sizes = np.concatenate((self.errors.gyro.turn_on, self.errors.accel.turn_on))
-        found, place = np.unique(periods, return_inverse=True)
+        distinct, place = np.unique(periods, return_inverse=True)
         name = f"gnc turn-on {self.serial}"
-        drawn = [generator(self._seed, name, int(period)).standard_normal(6) * sizes for period in found]
+        drawn = [generator(self._seed, name, int(period)).standard_normal(6) * sizes for period in distinct]
         return np.array(drawn).reshape(-1, 6)[place]
 
 

@@ -74,7 +74,7 @@ class Triad:
     white: Float
 
     def sensitivity_at(self, degC: Float) -> Float:
-        """S at temperatures (n,), (n, 3, 3)."""
+        """Return S at temperatures (n,), (n, 3, 3)."""
         return self.row_factor(degC)[:, :, None] * self.sensitivity
 
     def row_factor(self, degC: Float) -> Float:
@@ -82,7 +82,7 @@ class Triad:
         return 1.0 + (degC - REFERENCE_DEGC)[:, None] * self.scale_per_degC
 
     def bias_at(self, degC: Float) -> Float:
-        """b at temperatures (n,) without noise, (n, 3)."""
+        """Return b at temperatures (n,) without noise, (n, 3)."""
         return self.bias + (degC - REFERENCE_DEGC)[:, None] * self.bias_per_degC
 
 
@@ -106,7 +106,7 @@ class ImuErrors:
         self._seed, self._serial = seed, serial
 
     def tilt(self, mounting: str) -> Tilt | None:
-        """Tilt of the body in one mounting, None if there is none."""
+        """Return tilt of the body in one mounting, None if there is none."""
         if self.options.tilt_arcmin <= 0.0:
             return None
         rng = generator(self._seed, f"gnc tilt {self._serial} {mounting}")
@@ -116,7 +116,7 @@ class ImuErrors:
 
 
 def drawn(rng: np.random.Generator, sigma: ArrayLike, shape: int | tuple[int, ...]) -> Float:
-    """Normal numbers that stay within 2.5 standard deviations."""
+    """Return normal numbers that stay within 2.5 standard deviations."""
     return np.asarray(np.clip(rng.standard_normal(shape), -_LARGEST_DRAW, _LARGEST_DRAW) * sigma)
 
 
@@ -187,7 +187,7 @@ class PowerPeriods:
         return next((s.start_ns for s in self._stretches if s.target_degC > 0.0), 0)
 
     def rise_degC(self, t_ns: Int64) -> Float:
-        """Self-heating above the surroundings at bench times (n,), degC."""
+        """Return self-heating above the surroundings at bench times (n,), degC."""
         starts = np.array([s.start_ns for s in self._stretches], np.int64)
         states = np.array([(s.start_degC, s.target_degC) for s in self._stretches])
         at = self._at(t_ns)

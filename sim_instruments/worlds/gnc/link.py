@@ -43,7 +43,7 @@ class BoardReceiver:
         self.heard_ns = 0  # end of the last byte
 
     def feed(self, received: bytes, end_ns: int) -> list[Request]:
-        """Commands completed by these bytes, the last of which ends at ``end_ns``."""
+        """Return commands completed by these bytes, the last of which ends at ``end_ns``."""
         self.heard_ns = end_ns
         return _requests(self._decoder.feed(received))
 
@@ -53,9 +53,9 @@ class BoardReceiver:
 
 
 def _requests(batch: FrameBatch) -> list[Request]:
-    found = batch.messages["command"]
+    commands = batch.messages["command"]
     columns = zip(
-        *(found.raw(name) for name in ("destination", "source", "sequence", "command", "payload")), strict=True
+        *(commands.raw(name) for name in ("destination", "source", "sequence", "command", "payload")), strict=True
     )
     return [
         Request(int(source), int(sequence), int(command), bytes(payload))
@@ -107,7 +107,7 @@ class Stream:
         return min(due, self.limit) if self.limit else due
 
     def _times_ns(self, number: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Bench times of samples: the module counts its own seconds, which are shorter if its clock is too fast."""
+        """Return bench times of samples: the module counts its own seconds, shorter ones if its clock is fast."""
         own_ns = number * (NS / self.rate_Hz)
         return self.start_ns + np.rint(own_ns / (1.0 + self.error)).astype(np.int64)
 

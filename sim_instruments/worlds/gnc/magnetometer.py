@@ -88,7 +88,7 @@ class Magnetometer:
         return np.asarray(field_gauss @ self.matrix.T + self.offset_gauss)
 
     def in_plane(self, across_z_gauss: float, along_z_gauss: float) -> InPlane:
-        """Ellipse of x and y when the body turns about z in a field with these components across and along z."""
+        """Return ellipse of x and y when the body turns about z in a field with these components across and along z."""
         sensor_x, sensor_y = self.matrix[:2, :2]
         sizes = np.hypot(*sensor_x), np.hypot(*sensor_y)
         return InPlane(
@@ -109,7 +109,7 @@ def field_gauss(
     t_ns: Int64,
     mounting: str,
 ) -> Float:
-    """Magnetic field at the module in body axes at bench times (n,), (n, 3), gauss; ``table`` as in Surroundings."""
+    """Return magnetic field at the module in body axes at times (n,), (n, 3), gauss; ``table``: see Surroundings."""
     angles = angles_deg(motion, t_ns)
     on_turntable = table == "turntable"
     local = earth.local_gauss + _STATOR_GAUSS * on_turntable

@@ -27,7 +27,7 @@ class Sensors(Protocol):
     power: PowerPeriods
 
     def sample(self, t_ns: Int64, interval_ns: int) -> Counts:
-        """Counts at bench times (n,), each over the interval that ends there."""
+        """Return counts at bench times (n,), each over the interval that ends there."""
 
 
 class GncModule:
@@ -84,6 +84,6 @@ class GncModule:
         return np.full_like(temperature, NO_TEMPERATURE) if "imu_temperature_open" in self.faults else temperature
 
     def crystal_error(self, t_ns: int) -> float:
-        """Relative error of the processor's clock at a bench time, positive = too fast."""
+        """Return relative error of the processor's clock at a bench time, positive = too fast."""
         away_degC = float(self.samples(np.array([t_ns]), SAMPLE_NS).temperature[0]) / 100.0 - CRYSTAL_TURN_DEGC
         return (self._crystal_ppm + CRYSTAL_PPM_DEGC2 * away_degC**2) * 1e-6

@@ -79,11 +79,11 @@ BY_CODE = {fault.code: name for name, fault in FAULTS.items()}
 
 
 def parse_faults(text: str) -> dict[str, tuple[str, ...]]:
-    """Faults by serial number from "GNC-02=flash_weak_cell,GNC-03=gps_silent+io_open"; "" and "none" are none.
+    """Return faults by serial number from "GNC-02=flash_weak_cell,GNC-03=gps_silent+io_open"; "" and "none" are none.
 
     Raises: InputError B-SIM-002 for another form or an unknown name.
     """
-    found: dict[str, tuple[str, ...]] = {}
+    faults: dict[str, tuple[str, ...]] = {}
     for part in filter(None, (word.strip() for word in text.split(","))):
         if part == "none":
             continue
@@ -94,8 +94,8 @@ def parse_faults(text: str) -> dict[str, tuple[str, ...]]:
                 f"world option faults has the part {part!r}",
                 next_step="write SERIAL=FAULT, several faults with '+', several units with ','",
             )
-        found[serial.strip()] = tuple(_known(name.strip()) for name in names.split("+"))
-    return found
+        faults[serial.strip()] = tuple(_known(name.strip()) for name in names.split("+"))
+    return faults
 
 
 def _known(name: str) -> str:

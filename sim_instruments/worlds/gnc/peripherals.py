@@ -49,7 +49,7 @@ class Power:
         return self._current_A + more_A - (0.05 if "current_low" in self._faults else 0.0)
 
     def board_V(self, supply_V: float) -> float:
-        """Voltage at the test board, where it is measured, behind the contacts of the supply."""
+        """Return voltage at the test board, where it is measured, behind the contacts of the supply."""
         return supply_V - (CONTACT_OHM * self.current_A if "contact_resistance" in self._faults else 0.0)
 
     @property
@@ -137,12 +137,12 @@ class Receiver:
 
 @dataclass(frozen=True)
 class Wires:
-    """Where the lines of the module really go, by its faults."""
+    """The lines of the module as they really go, by its faults."""
 
     faults: Set[str]
 
     def pin(self, line: int) -> int | None:
-        """Pin of the socket at which a line of the module arrives; None: at none."""
+        """Return pin of the socket at which a line of the module arrives; None: at none."""
         if "io_open" in self.faults and line == 4:
             return None
         if "io_swapped" in self.faults and line in (3, 4):
@@ -152,7 +152,7 @@ class Wires:
     def pins(
         self, driven: Mapping[int, int], outside: Mapping[int, int], joined: Set[int] = frozenset()
     ) -> dict[int, int]:
-        """Level at each pin of the socket.
+        """Return level at each pin of the socket.
 
         Args: driven: level by line of the module.   outside: level by pin, driven from elsewhere.
             joined: pins the board connects with each other.
@@ -186,7 +186,7 @@ class Wires:
 
 
 def io_test(faults: Set[str], output: int, source: int, level: int) -> tuple[int, int]:
-    """Level read at line ``source`` while line ``output`` is driven, and the bits of the two other lines.
+    """Return level read at line ``source`` while line ``output`` is driven, and the bits of the two other lines.
 
     The board joins the two pins; the other lines are driven low.
     """
@@ -231,7 +231,7 @@ def sci_test(faults: Set[str], pattern: bytes) -> bytes:
 
 
 def can_test(faults: Set[str], identifier: int, pattern: bytes) -> tuple[int, bytes] | None:
-    """Identifier and bytes that come back over the CAN bus; None: bus off."""
+    """Return identifier and bytes that come back over the CAN bus; None: bus off."""
     if "can_bus_off" in faults:
         return None
     return (identifier ^ 0b100 if "can_identifier" in faults else identifier), pattern

@@ -42,7 +42,7 @@ class ModuleDraws:
         self._seed, self._serial = seed, zlib.crc32(serial.encode())
 
     def generator(self, purpose: str, *indexes: int) -> np.random.Generator:
-        """Generator of one purpose; ``indexes`` tell several draws of it apart."""
+        """Return generator of one purpose; ``indexes`` tell several draws of it apart."""
         return generator(self._seed, f"GNC {purpose}", self._serial, *indexes)
 
 
@@ -78,7 +78,7 @@ class Processor:
         return CpuResult((int(counts[0]), int(counts[1]), int(counts[2]), int(counts[3])), int(counts[4]), *first)
 
     def timer_intervals_us(self, setting_us: int, ticks: int) -> tuple[list[int], int]:
-        """Intervals between interrupts as the test board's counter measures them, and how many interrupts came."""
+        """Return intervals between interrupts as the test board's counter measures them, and their number."""
         self._timer_runs += 1
         period_us = setting_us * (SLOW if "timer_slow" in self._faults else 1.0) * (1.0 + self._timer_error)
         due = np.arange(ticks + 1)
@@ -112,7 +112,7 @@ class Processor:
 
 
 def _operands(seed: int) -> tuple[U32, U32]:
-    """Operands of a linear congruential sequence (Numerical Recipes' constants), the divisors odd and below 2^12."""
+    """Return operands of a linear congruential sequence (Numerical Recipes' constants), divisors odd, below 2^12."""
     values, state = [], seed
     for _ in range(2 * OPERATIONS):
         state = (1664525 * state + 1013904223) & 0xFFFFFFFF
@@ -189,23 +189,23 @@ class Memories:
         return _compare(words, expected, self._read(region, words))
 
     def _array(self, region: Region) -> U32:
-        """Cells of a memory; before the first use they hold what chance or an earlier owner left there."""
+        """Return cells of a memory; before the first use they hold what chance or an earlier owner left there."""
         if region not in self._cells:
             rng = self._draws.generator("memory content", region)
             self._cells[region] = rng.integers(0, 1 << 32, SIZE[region] // WORD, np.uint32)
         return self._cells[region]
 
     def _place(self, purpose: str, count: int = 1) -> Words:
-        """Word addresses of faulty cells, in the first sector so that a short test finds them too."""
+        """Return word addresses of faulty cells, in the first sector so that a short test finds them too."""
         return self._draws.generator(purpose).choice(SECTOR // WORD, count, replace=False).astype(np.int64)
 
     def _lines(self, region: Region, words: Words) -> Words:
-        """Cells that the address lines really select: shorted lines carry the AND of both."""
+        """Return cells that the address lines really select: shorted lines carry the AND of both."""
         if region is not Region.SDRAM or "sdram_address_short" not in self._faults:
             return words
-        one, other = _SHORTED_LINES
-        both = (words >> one) & (words >> other) & 1
-        return (words & ~((1 << one) | (1 << other))) | (both << one) | (both << other)
+        line, other = _SHORTED_LINES
+        both = (words >> line) & (words >> other) & 1
+        return (words & ~((1 << line) | (1 << other))) | (both << line) | (both << other)
 
     def _write(self, region: Region, words: Words, values: U32) -> None:
         self._array(region)[self._lines(region, words)] = values
@@ -249,7 +249,7 @@ class Memories:
 
 
 def _changed(values: U32, words: Words, places: Words, change: object) -> U32:
-    """The values with those of some cells changed by a function, as far as they are among the words."""
+    """Return the values with those of some cells changed by a function, as far as they are among the words."""
     changed = values.copy()
     at = np.isin(words, places)
     changed[at] = change(changed[at])  # type: ignore[operator]

@@ -35,7 +35,7 @@ _POINT_NS = NS // 2  # true values are averaged over points so far apart
 
 
 def estimates(modules: Mapping[str, GncImu], windows: Sequence[RecordWindow]) -> list[Entry]:
-    """Return True values in the contract's form.
+    """Return true values in the contract's form.
 
     Biases of a calibration (positions, rotations) are those of a = K N + bias and w = K N - bias. Biases of a unit that
     was only observed at rest (bias, flip) have the same signs and are those of the indicated values: S b.
@@ -44,13 +44,13 @@ def estimates(modules: Mapping[str, GncImu], windows: Sequence[RecordWindow]) ->
         modules: sensors by the serial number of the module.
         windows: all records; a condition ``unit`` names the module where there are several.
     """
-    found: list[Entry] = []
+    entries: list[Entry] = []
     for unit, own in _by_unit(windows).items():
         module = modules.get(unit) if unit else next(iter(modules.values()), None)
         if module is not None:
             extra = {"unit": unit} if unit else {}
-            found += [{**one, "conditions": {**extra, **one["conditions"]}} for one in _of_module(module, own)]
-    return found
+            entries += [{**value, "conditions": {**extra, **value["conditions"]}} for value in _of_module(module, own)]
+    return entries
 
 
 def _by_unit(windows: Sequence[RecordWindow]) -> dict[str, list[RecordWindow]]:
@@ -64,26 +64,26 @@ def _of_module(module: GncImu, windows: Sequence[RecordWindow]) -> list[Entry]:
     by_item: dict[str, list[RecordWindow]] = {}
     for window in windows:
         by_item.setdefault(str(window.conditions.get("item", "")), []).append(window)
-    found: list[Entry] = []
+    entries: list[Entry] = []
     if positions := by_item.get("position"):
-        found += _triad("accel", module.errors.accel, _degC(module, positions))
-        found += _by_axis("accel_bias", "g", -_mean(module.accel_bias_g, positions), "accel")
+        entries += _triad("accel", module.errors.accel, _degC(module, positions))
+        entries += _by_axis("accel_bias", "g", -_mean(module.accel_bias_g, positions), "accel")
     if rotations := by_item.get("rotation"):
-        found += _triad("gyro", module.errors.gyro, _degC(module, rotations))
-        found += _gyro_bias_of_rotations(module, rotations)
+        entries += _triad("gyro", module.errors.gyro, _degC(module, rotations))
+        entries += _gyro_bias_of_rotations(module, rotations)
     if still := by_item.get("bias"):
         indicated = _at_no_input(module.errors.gyro, _mean(module.gyro_bias_deg_s, still), _degC(module, still))
-        found += _by_axis("gyro_bias", "deg/h", indicated * S_PER_H, "gyro")
+        entries += _by_axis("gyro_bias", "deg/h", indicated * S_PER_H, "gyro")
     if flips := by_item.get("flip"):
         indicated = _at_no_input(module.errors.accel, _mean(module.accel_bias_g, flips), _degC(module, flips))
-        found += _by_axis("accel_bias", "g", -indicated, "accel")
+        entries += _by_axis("accel_bias", "g", -indicated, "accel")
     for window in by_item.get("stability", ()):
-        found += _stability(module, window)
+        entries += _stability(module, window)
     if repeats := by_item.get("repeatability"):
-        found += _repeatability(module, repeats)
+        entries += _repeatability(module, repeats)
     if turned := by_item.get("magnetometer"):
-        found += _magnetometer(module, turned)
-    return [*found, *_random_walks(module)] if found else []
+        entries += _magnetometer(module, turned)
+    return [*entries, *_random_walks(module)] if entries else []
 
 
 def _triad(name: str, triad: Triad, degC: float) -> Iterator[Entry]:
@@ -111,7 +111,7 @@ def _at_no_input(triad: Triad, bias: Float, degC: float) -> Float:
 
 
 def _gyro_bias_of_rotations(module: GncImu, windows: Sequence[RecordWindow]) -> Iterator[Entry]:
-    """The bias of w = K N - bias, of each axis over the rotations about the other two, where it is read."""
+    """Return the bias of w = K N - bias, of each axis over the rotations about the other two, where it is read."""
     means = []
     for axis, name in enumerate(AXES):
         others = [w for w in windows if w.conditions.get("axis") != name] or windows
@@ -120,7 +120,7 @@ def _gyro_bias_of_rotations(module: GncImu, windows: Sequence[RecordWindow]) -> 
 
 
 def _stability(module: GncImu, window: RecordWindow) -> Iterator[Entry]:
-    """Expected standard deviation of the 10 s means of one record: white, slow and rounding noise, warm unit."""
+    """Yield expected standard deviation of the 10 s means of one record: white, slow and rounding noise, warm unit."""
     means = int((window.t_end_ns - window.t_start_ns) / NS / MEAN_INTERVAL_S + 1e-6)
     if means > 1 and module.options.noise:
         gyro = _scatter(module.errors.gyro, GYRO_LSB_DEG_S, SLOW_GYRO_DEG_S, (SLOW_GYRO_S,), means)
@@ -130,7 +130,7 @@ def _stability(module: GncImu, window: RecordWindow) -> Iterator[Entry]:
 
 
 def _scatter(triad: Triad, lsb: float, slow: float, times_s: Sequence[float], means: int) -> Float:
-    """Root of the expected sample variance of consecutive 10 s means of each sensor, (3,)."""
+    """Return root of the expected sample variance of consecutive 10 s means of each sensor, (3,)."""
     length_s = means * MEAN_INTERVAL_S
     gain = (triad.sensitivity**2).sum(axis=1) * slow**2
     rounding = lsb**2 / 12.0 * SAMPLE_NS / NS
@@ -142,12 +142,12 @@ def _scatter(triad: Triad, lsb: float, slow: float, times_s: Sequence[float], me
 
 
 def _variance_of_mean(length: float) -> float:
-    """Variance of the mean of a Gauss-Markov process of unit variance over so many correlation times."""
+    """Return variance of the mean of a Gauss-Markov process of unit variance over so many correlation times."""
     return float(2.0 / length * (1.0 + np.expm1(-length) / length))
 
 
 def _repeatability(module: GncImu, windows: Sequence[RecordWindow]) -> Iterator[Entry]:
-    """Standard deviation (n - 1) of the true mean biases of the records; white noise of the records is not in it."""
+    """Yield standard deviation (n - 1) of the true mean biases of the records; without their white noise."""
     groups: dict[Any, list[RecordWindow]] = {}
     for window in windows:
         groups.setdefault(window.conditions.get("repeat_index", window.number), []).append(window)
@@ -199,7 +199,7 @@ def _degC(module: GncImu, windows: Sequence[RecordWindow]) -> float:
 
 
 def _times_ns(windows: Sequence[RecordWindow]) -> Int64:
-    """Middles of equal parts of about half a second, over all windows."""
+    """Return middles of equal parts of about half a second, over all windows."""
     times = []
     for window in windows:
         count = max(2, round((window.t_end_ns - window.t_start_ns) / _POINT_NS))

@@ -55,7 +55,7 @@ class GncWorld(World):
     operations: ClassVar[tuple[str, ...]] = ("unit", "dip_switch", "mounting", "table")
 
     def operate(self, name: str, value: Any) -> None:
-        """What a person does at the bench: unit, dip_switch, mounting, table.
+        """Do what a person does at the bench: unit, dip_switch, mounting, table.
 
         Raises: InputError B-SIM-018 for another name, B-SIM-019 for a value that cannot be.
         """
@@ -81,8 +81,8 @@ class GncWorld(World):
             _require(0 < len(text) <= 12 and text.isascii(), name, value, "a serial number of 1 to 12 characters")
         elif name == "dip_switch":
             switches = range(SWITCHES + 1)
-            found = any(text in (str(switch), f"{switch}.0") for switch in switches)
-            _require(found, name, value, f"0 (none) to {SWITCHES}")
+            is_switch = any(text in (str(switch), f"{switch}.0") for switch in switches)
+            _require(is_switch, name, value, f"0 (none) to {SWITCHES}")
         else:
             possible = MOUNTINGS if name == "mounting" else TABLES
             _require(text in possible, name, value, f"one of {', '.join(possible)}")

@@ -101,7 +101,7 @@ class LaserBlock:
         return np.asarray(LAB_DEGC + self.warmth_degC + warmed)
 
     def intensity_V(self, degC: Float) -> Float:
-        """Amplitude of the beat while the laser runs, without noise."""
+        """Return amplitude of the beat while the laser runs, without noise."""
         return np.asarray(self.beat_V * (1.0 + _VOLT_PER_DEGC * (degC - LAB_DEGC)))
 
 

@@ -128,8 +128,8 @@ def quantum_deg_rt_h(path_m: float) -> float:
     return QUANTUM_DEG_RT_H * (QUANTUM_PATH_M / path_m) ** 2
 
 
-def levels(rises: NDArray[np.bool_], start_rad: Float, found: Crossings) -> tuple[UInt8, UInt8]:
-    """Level of the own channel behind the edge and of the cosine comparator: pick-off edges first, then the beat's."""
-    level = np.concatenate([rises, found.count % 2 == 0])
-    even = (found.count + (found.sense < 0)) % 2 == 0  # the multiple of pi that was crossed
+def levels(rises: NDArray[np.bool_], start_rad: Float, crossed: Crossings) -> tuple[UInt8, UInt8]:
+    """Return levels of the own channel behind the edge and of the cosine comparator, pick-off edges first."""
+    level = np.concatenate([rises, crossed.count % 2 == 0])
+    even = (crossed.count + (crossed.sense < 0)) % 2 == 0  # the multiple of pi that was crossed
     return level.astype(np.uint8), np.concatenate([np.cos(start_rad) > 0.0, even]).astype(np.uint8)

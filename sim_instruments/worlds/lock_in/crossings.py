@@ -1,4 +1,4 @@
-"""Where the phase of a ring laser crosses multiples of pi, between the points of its grid.
+"""Crossings of multiples of pi by the phase of a ring laser, between the points of its grid.
 
 Between two points the phase is the cubic through both with both slopes; at 1 us its error is below 5e-6 rad where the
 beat is fastest and the time of a crossing is good to some 1e-12 s. Near a turnaround the phase may cross a level and
@@ -70,13 +70,13 @@ def crossings(drive: Drive, motion: Motion, noise_rad: Float | None) -> Crossing
     target = np.maximum(level[half, step], level[half, step + 1])
     curve = _cubics(drive, psi, half, step)
     x = _solve(curve, target * np.pi)
-    found: list[Any] = [half, step, x, sense, target]
+    columns: list[Any] = [half, step, x, sense, target]
     if (pairs := _at_turning_points(drive, psi, level)) is not None:
-        joined = [np.concatenate(parts) for parts in zip(found, pairs, strict=True)]
+        joined = [np.concatenate(parts) for parts in zip(columns, pairs, strict=True)]
         order = np.lexsort((joined[2], joined[1], joined[0]))
-        found = [part[order] for part in joined]
-        curve = _cubics(drive, psi, found[0], found[1])
-    half, step, x, sense, target = found
+        columns = [part[order] for part in joined]
+        curve = _cubics(drive, psi, columns[0], columns[1])
+    half, step, x, sense, target = columns
     if noise_rad is not None:
         keep, x = _disturbed(curve, half, x, sense, target, noise_rad[half, step])
         half, step, x, sense, target = (part[keep] for part in (half, step, x, sense, target))
@@ -130,7 +130,7 @@ def _bisected(curve: _Cubics, target: Float, low: Float, high: Float) -> Float:
 
 
 def _at_turning_points(drive: Drive, psi: Float, level: Float) -> list[NDArray[Any]] | None:
-    """Pairs of crossings inside one step: half, step, x, sense and level of each crossing; None if there are none."""
+    """Return pairs of crossings inside one step: half, step, x, sense and level of each crossing; else None."""
     rises = np.diff(psi, axis=1) > 0.0
     half, before = np.nonzero(rises[:, 1:] != rises[:, :-1])
     half, step = np.repeat(half, 2), np.stack([before, before + 1], axis=1).ravel()  # it turns in one of the two
@@ -158,7 +158,7 @@ def _at_turning_points(drive: Drive, psi: Float, level: Float) -> list[NDArray[A
 def _disturbed(
     curve: _Cubics, half: Int64, x: Float, sense: Float, target: Float, noise_rad: Float
 ) -> tuple[NDArray[np.bool_], Float]:
-    """Crossings that are left and where they come: on the parabola through the undisturbed crossing."""
+    """Return crossings that are left and where they come: on the parabola through the undisturbed crossing."""
     slope, bend = curve.slope(x), curve.bend(x)
     inside = slope * slope + 2.0 * bend * noise_rad
     lost = inside < 0.0

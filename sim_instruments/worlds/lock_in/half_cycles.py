@@ -29,7 +29,7 @@ _SETTLED_RAD, _MOST_ROUNDS = 1e-9, 30
 
 @dataclass(frozen=True)
 class Drive:
-    """What drives the phase in n consecutive half cycles of ``half_s`` with ``steps`` steps each; rates of phase.
+    """The drive of the phase in n consecutive half cycles of ``half_s`` with ``steps`` steps each; rates of phase.
 
     ``amplitude_rad_s``: signed amplitude of the dither, (n,).   ``rate_rad_s``: of the input.   ``kappa_rad_s``: K W_L.
     ``beta_rad``: (n,).   ``walk_rad``: steps of the random walk of quantum noise, (n, steps), or None: the noise is
@@ -53,7 +53,7 @@ class Drive:
         return self.half_s / self.steps
 
     def shape(self) -> tuple[Float, Float, Float]:
-        """Time since the beginning of the half cycle, sine and cosine of the dither on the grid, (steps + 1,)."""
+        """Return time since the half cycle began, sine and cosine of the dither on the grid, (steps + 1,)."""
         tau_s = np.asarray(np.arange(self.steps + 1) * self.step_s)
         angle = np.pi / self.half_s * tau_s
         sine = np.asarray(np.sin(angle))
@@ -94,7 +94,7 @@ def integrate(drive: Drive, psi_rad: float) -> Motion:
 
 
 def circle(angle_rad: Float) -> tuple[Float, Float]:
-    """Cosine and sine, by the tangent of the half angle: numpy's tangent is ten times as fast as its sine."""
+    """Return cosine and sine, by the tangent of the half angle: numpy's tangent is ten times as fast as its sine."""
     t = np.tan(0.5 * angle_rad)
     square = t * t
     scale = 1.0 / (1.0 + square)
@@ -124,7 +124,7 @@ def _riccati(drive: Drive, psi_rad: float, extra_rad: Float | None) -> Motion:
 
 
 def _step_integrals(drive: Drive, free_rad: Float, sine: Float, cosine: Float) -> tuple[Complex, Float]:
-    """kappa/2 times the integral of E over each step, (n, steps), and the curl of the second one within a step."""
+    """Return kappa/2 times the integral of E over each step, (n, steps), and the second one's curl within a step."""
     h, k = drive.step_s, 0.5 * drive.kappa_rad_s
     rate = np.multiply.outer(drive.amplitude_rad_s * h, cosine)  # g h
     rate += drive.rate_rad_s * h
@@ -151,7 +151,7 @@ def _step_integrals(drive: Drive, free_rad: Float, sine: Float, cosine: Float) -
 
 
 def _ordered_integrals(steps: Complex, curl: Float) -> tuple[Complex, Complex, Complex]:
-    """First, second and third ordered integral from the beginning of each stretch to the end of each of its steps."""
+    """Return first, second and third ordered integral from the beginning of each stretch to each step's end."""
     n = len(steps)
     steps = steps.reshape(n, SEGMENTS, -1)
     first = np.cumsum(steps, axis=-1)
@@ -191,7 +191,7 @@ def _chain(
 
 
 def _second_harmonic(drive: Drive, psi_rad: Float) -> Float:
-    """Phase that the second harmonic adds from the beginning of each half cycle, for a known motion, (n, steps + 1)."""
+    """Return phase that the second harmonic adds from the begin of a half cycle, for known motion, (n, steps + 1)."""
     h = drive.step_s
     _, __, cosine = drive.shape()
     rate = np.multiply.outer(drive.amplitude_rad_s, cosine) + drive.rate_rad_s

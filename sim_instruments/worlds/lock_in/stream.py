@@ -56,7 +56,7 @@ class EdgeStream:
         self._psi_rad = self._fresh_rad(0)
 
     def until(self, t_ps: int) -> Columns:
-        """Edges before ``t_ps`` that were not yet handed out: picoseconds, channel, level, cosine level."""
+        """Return edges before ``t_ps`` that were not yet handed out: picoseconds, channel, level, cosine level."""
         parts: list[Columns] = []
         while self._time_ps(self._next) < t_ps:
             self._make()
@@ -79,7 +79,7 @@ class EdgeStream:
         self.until(t_ps)
 
     def change(self, t_ps: int) -> None:
-        """What the laser is has changed: half cycles that begin at ``t_ps`` or later are made again."""
+        """Make again the half cycles that begin at ``t_ps`` or later: the laser has changed."""
         half = max(0, -(-(t_ps - self._begin_ps) // self._half_ps))
         while self._blocks and half < self._next:
             block = self._blocks.pop()
@@ -113,15 +113,15 @@ class EdgeStream:
         amplitudes = self._amplitudes(block)[skip:]
         drive = laser.drive(amplitudes, 1 - 2 * (self._next % 2), noise, self._beta_rad(times_ps))
         motion = integrate(drive, self._psi_rad)
-        found = crossings(drive, motion, beat_noise)
+        crossed = crossings(drive, motion, beat_noise)
         start_rad = motion.psi_rad[:, 0].copy()
         noise_ps = PICK_OFF_NOISE_PS * self._draw("pick-off", block).standard_normal(AT_ONCE)[skip:]
         late_ps = np.maximum(0.0, PICK_OFF_DELAY_PS + noise_ps)
-        beat_ps = times_ps[found.half] + np.rint(found.since_s * PS).astype(np.int64)
+        beat_ps = times_ps[crossed.half] + np.rint(crossed.since_s * PS).astype(np.int64)
         t_ps = np.concatenate([times_ps + np.rint(late_ps).astype(np.int64), beat_ps])
         order = np.argsort(t_ps, kind="stable")
-        channel = np.repeat(np.array([PICK_OFF, BEAT], np.uint8), [len(halves), len(found.half)])
-        level, cosine = levels(halves % 2 == 0, start_rad, found)
+        channel = np.repeat(np.array([PICK_OFF, BEAT], np.uint8), [len(halves), len(crossed.half)])
+        level, cosine = levels(halves % 2 == 0, start_rad, crossed)
         columns = (t_ps[order], channel[order], level[order], cosine[order])
         self._blocks.append(_Block(self._next, columns, start_rad))
         self._next, self._psi_rad = self._next + len(halves), float(motion.psi_rad[-1, -1])
@@ -141,7 +141,7 @@ class EdgeStream:
         return np.asarray(self._begin_ps + np.asarray(half, np.int64) * self._half_ps)
 
     def _end_ps(self, number: int) -> int:
-        """Time behind the last half cycle of a block that is kept."""
+        """Return time behind the last half cycle of a block that is kept."""
         block = self._blocks[number]
         return int(self._time_ps(block.first + len(block.start_rad)))
 

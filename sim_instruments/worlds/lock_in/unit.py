@@ -101,7 +101,7 @@ class RlgUnit(OnePortUnit):
     # --- edges -------------------------------------------------------------------------------------------------
 
     def edges_until(self, t_ns: int) -> Columns:
-        """Edges before a bench time that were not yet handed out, see world."""
+        """Return edges before a bench time that were not yet handed out, see world."""
         with self.lock:
             parts: list[Columns] = []
             for life in self._with_edges(t_ns):
@@ -117,11 +117,11 @@ class RlgUnit(OnePortUnit):
                     life.stream.skip(self._end_ps(life, t_ns))
 
     def _with_edges(self, t_ns: int) -> list[Life]:
-        """Lives that may have edges before a time; those that ended by then are forgotten."""
-        found = list(self._running)
+        """Return lives that may have edges before a time; those that ended by then are forgotten."""
+        edges = list(self._running)
         while self._running and self._running[0].off_ns is not None and self._running[0].off_ns <= t_ns:
             self._running.popleft()
-        return found
+        return edges
 
     def _end_ps(self, life: Life, t_ns: int) -> int:
         end_ns = t_ns if life.off_ns is None else min(t_ns, life.off_ns)

@@ -28,12 +28,12 @@ LEAST_PATH_M, MOST_PATH_M, MOST_PHASE_DEG = 0.05, 1.0, 360.0
 
 
 def estimates(lives: Sequence[Life], windows: Sequence[RecordWindow]) -> list[Entry]:
-    """Return True values in the contract's form, by the conditions of the records.
+    """Return true values in the contract's form, by the conditions of the records.
 
     ``angle_random_walk`` is what theory says of the laser that was on: W_L / sqrt(K W_D) of lock-in and dither and the
     quantum noise, root of the sum of squares; ``quantum_random_walk`` is the floor under every compensation.
     """
-    found: dict[str, Entry] = {}
+    entries: dict[str, Entry] = {}
     seen: dict[tuple[Any, ...], dict[float, RingLaser]] = {}
     for window in windows:
         life = _life(lives, window)
@@ -41,11 +41,11 @@ def estimates(lives: Sequence[Life], windows: Sequence[RecordWindow]) -> list[En
             continue
         place = {name: window.conditions[name] for name in KEPT if name in window.conditions}
         for true in _of_window(life, window, place):
-            found.setdefault(f"{true['quantity']} {sorted(true['conditions'].items())}", true)
+            entries.setdefault(f"{true['quantity']} {sorted(true['conditions'].items())}", true)
         rest = tuple((name, value) for name, value in place.items() if name != "path_length_m")
         seen.setdefault(rest, {})[life.block.laser.path_m] = life.block.laser
     exponents = [_exponent(lasers, dict(rest)) for rest, lasers in seen.items() if len(lasers) > 1]
-    return [*found.values(), *exponents]
+    return [*entries.values(), *exponents]
 
 
 def walk_deg_rt_h(laser: RingLaser) -> float:
@@ -94,7 +94,7 @@ class RlgWorld(World):
         super().__init__(clock=clock, seed=seed, unit=self.laser_unit, thermal=Thermal(), options=options)
 
     def operate(self, name: str, value: Any) -> None:
-        """What a person does at the bench: ``path_length`` (m), ``backscatter_phase`` (deg, mirror transducers).
+        """Do what a person does at the bench: ``path_length`` (m), ``backscatter_phase`` (deg, mirror transducers).
 
         Raises: InputError B-SIM-018 for another name, B-SIM-019 for a value that cannot be.
         """
@@ -135,7 +135,7 @@ class RlgWorld(World):
         return self.laser_unit.epoch_ns
 
     def edges_until(self, t_ns: int) -> Columns:
-        """All edges before a bench time that were not yet handed out, in order of time.
+        """Return all edges before a bench time that were not yet handed out, in order of time.
 
         Returns: (n,) int64 picoseconds of the bench clock since ``edges_epoch_ns``; (n,) uint8 channel, 0 beat,
             1 dither pick-off; (n,) uint8 level of that channel behind the edge; (n,) uint8 level of the comparator of

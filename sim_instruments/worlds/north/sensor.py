@@ -41,13 +41,13 @@ _BISECTIONS = 20  # of a millisecond: 1 ns
 
 
 def earth_rate_rad_s(latitude_deg: float) -> Float:
-    """Earth's rate in the local frame (East, North, Up), rad/s, (3,)."""
+    """Return Earth's rate in the local frame (East, North, Up), rad/s, (3,)."""
     latitude = np.deg2rad(latitude_deg)
     return EARTH_RATE_RAD_S * np.array([0.0, np.cos(latitude), np.sin(latitude)])
 
 
 def tilted(east_deg: float, north_deg: float) -> Float:
-    """Matrix of the turn by the vector (east, north, 0), degrees: columns are the table's axes in the local frame.
+    """Return matrix of the turn by the vector (east, north, 0), degrees: columns are table axes in the local frame.
 
     Source: Rodrigues' formula.
     """
@@ -61,7 +61,7 @@ def tilted(east_deg: float, north_deg: float) -> Float:
 
 
 def sensed_rad_s(in_table: Float, angle_rad: Any, axis_tilt_deg: float) -> Float:
-    """Component of a rate along the sensing axis.
+    """Return component of a rate along the sensing axis.
 
     Args:
         in_table: the rate in the frame of the table, rad/s, (3,).
@@ -149,7 +149,7 @@ class FogSensor:
         return np.asarray(angle + share * swing * np.sin(phase))
 
     def pulses(self, index: str, t0_ns: int, t1_ns: int) -> Int64:
-        """Times of the pulses of mark "a" or "b" in [t0, t1), in order, to 1 ns; one per turn in either sense."""
+        """Return times of the pulses of mark "a" or "b" in [t0, t1), in order, to 1 ns; one per turn either way."""
         first, last = t0_ns // SAMPLE_NS, -(-t1_ns // SAMPLE_NS)
         edges = np.arange(first, last + 1, dtype=np.int64) * SAMPLE_NS
         mark_deg = INDEX_DEG[index] + self.placement_deg[index]
@@ -165,17 +165,17 @@ class FogSensor:
     # --- the output --------------------------------------------------------------------------------------------
 
     def output_V(self, number: Int64) -> Float:
-        """Output of a supplied gyroscope: means over the milliseconds ``number`` (n,), volt."""
+        """Return output of a supplied gyroscope: means over the milliseconds ``number`` (n,), volt."""
         start_ns = np.asarray(number, np.int64) * SAMPLE_NS
         mean = sum(self._signal(start_ns + node_ns) for node_ns in _NODE_NS) / len(_NODE_NS)
         if self.options.table_rate and self._axis_tilt_deg:
             turned_rad = np.deg2rad(self.table_deg(start_ns + SAMPLE_NS) - self.table_deg(start_ns))
             along_rad_s = turned_rad / (SAMPLE_NS / NS) * np.sin(np.deg2rad(self._axis_tilt_deg))
             mean = mean + along_rad_s / self._horizontal_rad_s
-        found = self.options.scale_V * self._gain_at(start_ns + SAMPLE_NS // 2) * mean
+        volts = self.options.scale_V * self._gain_at(start_ns + SAMPLE_NS // 2) * mean
         if self.options.noise:
-            found = found + self._noise.at(number) @ np.array([self.options.random_walk_V, self.options.vibration_V])
-        return np.asarray(found)
+            volts = volts + self._noise.at(number) @ np.array([self.options.random_walk_V, self.options.vibration_V])
+        return np.asarray(volts)
 
     def _gain_at(self, t_ns: Int64) -> Float:
         if self.options.parameters == "double":
@@ -184,9 +184,9 @@ class FogSensor:
         return np.asarray(1.0 + self._gain.at(t_ns / NS))
 
     def _signal(self, t_ns: Int64) -> Float:
-        """Earth signal of unit amplitude and its harmonics."""
+        """Return Earth signal of unit amplitude and its harmonics."""
         angle_rad = np.deg2rad(90.0 - self._heading_deg(t_ns) + self.table_deg(t_ns))
-        found = sensed_rad_s(self._earth, angle_rad, self._axis_tilt_deg) / self._horizontal_rad_s
+        signal = sensed_rad_s(self._earth, angle_rad, self._axis_tilt_deg) / self._horizontal_rad_s
         for order, size in self.options.harmonics.items():
-            found = found + size * np.sin(order * angle_rad)
-        return found
+            signal = signal + size * np.sin(order * angle_rad)
+        return signal

@@ -67,15 +67,15 @@ class FogUnit(OnePortUnit):
         return bool(self._periods) and self._periods[-1][1] == _NEVER
 
     def waveform(self, first: int, stop: int) -> Float:
-        """Means of the analogue output over the milliseconds ``first`` to ``stop`` - 1, volt; 0 while it is dead."""
+        """Return means of the output over the milliseconds ``first`` to ``stop`` - 1, volt; 0 while it is dead."""
         number = np.arange(first, stop, dtype=np.int64)
-        found = np.zeros(number.size)
+        volts = np.zeros(number.size)
         with self.lock:
             for begin, end, _ in self._periods:
                 alive = slice(max(begin - first, 0), max(min(end, stop) - first, 0))
                 if number[alive].size:
-                    found[alive] = self.sensor.output_V(number[alive])
-        return found
+                    volts[alive] = self.sensor.output_V(number[alive])
+        return volts
 
     def _foreseen(self, name: str, t_ns: Int64) -> Int64:
         self._upto_now()

@@ -1,4 +1,4 @@
-"""How a parameter varies, relative to its value, within +-20 %: functions of time with their integrals in closed form.
+"""Variations of a parameter, relative to its value, within +-20 %: functions of time, with integrals in closed form.
 
 The integral is what a varying frequency needs: the phase is the integral of the frequency, never frequency times time.
 Every class takes times of shape (n,); parameters of shape (runs, 1) give values of shape (runs, n).
@@ -22,7 +22,7 @@ class Variation(Protocol):
     """Relative change of a parameter."""
 
     def at(self, t_s: Float) -> Float:
-        """Relative change at times in seconds."""
+        """Return relative change at times in seconds."""
 
     def integral_s(self, t_s: Float) -> Float:
         """Return its integral from 0 to each time, seconds."""
@@ -32,11 +32,11 @@ class Constant:
     """No change at all."""
 
     def at(self, t_s: Float) -> Float:
-        """Zeros."""
+        """Return zeros."""
         return np.zeros_like(t_s)
 
     def integral_s(self, t_s: Float) -> Float:
-        """Zeros."""
+        """Return zeros."""
         return np.zeros_like(t_s)
 
 
@@ -48,11 +48,11 @@ class Sine:
     phase_rad: float | Float
 
     def at(self, t_s: Float) -> Float:
-        """0.2 sin(2 pi f t + phase)."""
+        """Return 0.2 sin(2 pi f t + phase)."""
         return np.asarray(SHARE * np.sin(2.0 * np.pi * self.frequency_Hz * t_s + self.phase_rad))
 
     def integral_s(self, t_s: Float) -> Float:
-        """Integral of the sine."""
+        """Return integral of the sine."""
         omega = 2.0 * np.pi * np.asarray(self.frequency_Hz)
         return np.asarray(SHARE / omega * (np.cos(self.phase_rad) - np.cos(omega * t_s + self.phase_rad)))
 
@@ -68,13 +68,13 @@ class Linear:
         return np.asarray(SHARE * (1.0 - 2.0 * np.abs(1.0 - self._place(t_s))))
 
     def integral_s(self, t_s: Float) -> Float:
-        """Integral of the triangle; zero after each ramp."""
+        """Return integral of the triangle; zero after each ramp."""
         place = self._place(t_s)
         way = np.where(place <= 1.0, place * (place - 1.0), (2.0 - place) * (place - 1.0))
         return np.asarray(SHARE * self.ramp_s * way)
 
     def _place(self, t_s: Float) -> Float:
-        """Ramps since the last lowest point, 0 to 2."""
+        """Return ramps since the last lowest point, 0 to 2."""
         return np.asarray(np.mod(np.asarray(t_s) / self.ramp_s, 2.0))
 
 
@@ -89,7 +89,7 @@ class Steps:
         self._sums = np.concatenate((np.zeros((*values.shape[:-1], 1)), np.cumsum(values, axis=-1)), axis=-1)
 
     def at(self, t_s: Float) -> Float:
-        """The value of the step that each time is in."""
+        """Return the value of the step that each time is in."""
         return np.asarray(self._values[..., self._place(t_s)[1]])
 
     def integral_s(self, t_s: Float) -> Float:
@@ -99,7 +99,7 @@ class Steps:
         return np.asarray(self._step_s * (inside + rounds * self._sums[..., -1:]))
 
     def _place(self, t_s: Float) -> tuple[NDArray[np.int64], NDArray[np.int64], Float]:
-        """Rounds of the table, step in it and part of the step."""
+        """Return rounds of the table, step in it and part of the step."""
         place = np.asarray(t_s) / self._step_s
         step = np.floor(place).astype(np.int64)
         rounds, inside = np.divmod(step, self._values.shape[-1])
@@ -107,7 +107,7 @@ class Steps:
 
 
 def drawn_steps(rng: np.random.Generator, shape: tuple[int, ...], step_s: float) -> Steps:
-    """Steps whose values are uniform within +-20 %."""
+    """Return steps whose values are uniform within +-20 %."""
     return Steps(rng.uniform(-SHARE, SHARE, shape), step_s)
 
 

@@ -38,20 +38,20 @@ _MRAD_PER_ARCMIN = 1e3 * math.radians(1.0 / 60.0)
 def _true_values(
     sensor: FogSensor, heading_deg: Callable[[NDArray[np.int64]], NDArray[np.float64]], windows: Sequence[RecordWindow]
 ) -> list[dict[str, Any]]:
-    """True values in the contract's form: azimuth of each heading, index marks, amplitude, noise of a sample."""
-    found: dict[tuple[Any, ...], dict[str, Any]] = {}
+    """Return true values in the contract's form: azimuth of each heading, index marks, amplitude, noise of a sample."""
+    entries: dict[tuple[Any, ...], dict[str, Any]] = {}
     for window in windows:
         if window.conditions.get("item") in UNKNOWN:
             conditions = {key: window.conditions[key] for key in _PLACE if key in window.conditions}
             middle_ns = np.array([(window.t_start_ns + window.t_end_ns) // 2])
             azimuth_deg = float(heading_deg(middle_ns)[0])
-            found.setdefault(tuple(conditions.items()), entry("azimuth", "deg", azimuth_deg, conditions))
-    if not found:
+            entries.setdefault(tuple(conditions.items()), entry("azimuth", "deg", azimuth_deg, conditions))
+    if not entries:
         return []
     marks = [entry("index_placement", "deg", at_deg, {"index": mark}) for mark, at_deg in sensor.placement_deg.items()]
     about = {"source": "waveform"}
     signal = [entry("scale", "V", sensor.amplitude_V, about), entry("noise", "V", sensor.noise_V, about)]
-    return [*found.values(), *marks, *signal]
+    return [*entries.values(), *marks, *signal]
 
 
 class FogWorld(World):
@@ -77,7 +77,7 @@ class FogWorld(World):
         self.gyroscope.lock = self.lock
 
     def operate(self, name: str, value: Any) -> None:
-        """What a person does at the bench: turn the dividing head, carry the bench to another place.
+        """Do what a person does at the bench: turn the dividing head, carry the bench to another place.
 
         Raises: InputError B-SIM-018 for another name, B-SIM-019 for a value that cannot be.
         """
@@ -102,7 +102,7 @@ class FogWorld(World):
     # --- what the instruments see ------------------------------------------------------------------------------
 
     def waveform(self, n0: int, n1: int) -> Float:
-        """Analogue output: means over the milliseconds n0 to n1 - 1 of the bench clock, volt, (n1 - n0,).
+        """Return analogue output: means over the milliseconds n0 to n1 - 1 of the bench clock, volt, (n1 - n0,).
 
         Only what is past may be asked for; it never changes.
         """
@@ -119,7 +119,7 @@ class FogWorld(World):
         return np.asarray(headings_deg[np.maximum(which, 0)])
 
     def level_mrad(self, t_ns: int) -> tuple[float, float]:
-        """Tilt of the rotation axis about the bench's own axes: x along heading H0 (head included), y 90 deg clockwise.
+        """Return tilt of the rotation axis about the bench axes: x along heading H0 (with head), y 90 deg clockwise.
 
         Right-handed about each axis. The bench stands on a floor whose tilt about north and east does not change.
         """

@@ -23,7 +23,7 @@ ECCENTRICITY_2 = FLATTENING * (2.0 - FLATTENING)
 
 
 def to_earth(latitude_rad: Float, longitude_rad: Float, height_m: Float) -> Float:
-    """Earth-centred coordinates (..., 3) in metre of geodetic ones (...)."""
+    """Return Earth-centred coordinates (..., 3) in metre of geodetic ones (...)."""
     sine, cosine = np.sin(latitude_rad), np.cos(latitude_rad)
     across_m = SEMI_AXIS_M / np.sqrt(1.0 - ECCENTRICITY_2 * sine**2)
     level_m = (across_m + height_m) * cosine
@@ -32,7 +32,7 @@ def to_earth(latitude_rad: Float, longitude_rad: Float, height_m: Float) -> Floa
 
 
 def to_geodetic(earth_m: Float) -> tuple[Float, Float, Float]:
-    """Latitude and longitude (radian) and height (metre) of points (..., 3), without iteration; not near the centre."""
+    """Return latitude and longitude (radian) and height (metre) of points (..., 3), not near the centre."""
     x, y, z = np.moveaxis(np.asarray(earth_m, float), -1, 0)
     e2, e4 = ECCENTRICITY_2, ECCENTRICITY_2**2
     p = (x**2 + y**2) / SEMI_AXIS_M**2
@@ -60,7 +60,7 @@ def level_axes(latitude_rad: Float, longitude_rad: Float) -> Float:
 
 
 def euler_rad(turn: Float) -> Float:
-    """Roll, pitch, heading (..., 3) of turns from body to level (..., 3, 3), not at pitch 90 deg.
+    """Return roll, pitch, heading (..., 3) of turns from body to level (..., 3, 3), not at pitch 90 deg.
 
     Heading from 0 to below 2 pi.
     """
@@ -94,7 +94,7 @@ class TangentPlane:
     longitude_deg: float
 
     def told(self, position_m: Float, velocity_m_s: Float, turn: Float) -> Told:
-        """What a unit tells that is at a position with a velocity (n, 3), in t, its body turned by ``turn`` (n, 3, 3).
+        """Return what a unit tells at a position with a velocity (n, 3), in t, its body turned by ``turn`` (n, 3, 3).
 
         Earth-fixed velocity, so that only its direction of axes changes.
         """

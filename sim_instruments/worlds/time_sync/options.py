@@ -1,4 +1,4 @@
-"""What can be chosen at the simulated bench of two navigation units with clocks of their own; what it is otherwise."""
+"""Options of the simulated bench of two navigation units with clocks of their own, and its constants."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ class SyncOptions:
     tag_noise_s: float = 1e-5
 
     def rates_ppm(self, seed: int) -> tuple[float, float]:
-        """Drift of the EGI's clock against the IMU's and rate of the IMU's, ppm; of the units, so always the same."""
+        """Return drift of EGI's clock against the IMU's and rate of the IMU's, ppm; of the units: always the same."""
         drawn = generator(seed, "time sync rates").uniform(-1.0, 1.0, 2)
         drift_ppm = self.drift_ppm if self.drift_ppm is not None else MOST_DRIFT_PPM * float(drawn[0])
         imu_ppm = self.imu_clock_ppm if self.imu_clock_ppm is not None else MOST_CLOCK_PPM * float(drawn[1])
         return drift_ppm, imu_ppm
 
     def first_offset_s(self, seed: int, power: int) -> float:
-        """Clock of the EGI minus clock of the IMU at a switching-on, numbered from 0."""
+        """Return clock of the EGI minus clock of the IMU at a switching-on, numbered from 0."""
         drawn = float(generator(seed, "time sync offset", power).uniform(-MOST_OFFSET_S, MOST_OFFSET_S))
         return self.offset_s if self.offset_s is not None else drawn

@@ -75,7 +75,7 @@ class Echoes:
 
 
 def echoes(radar: Radar, positions_m: Array, targets_m: Array, amplitudes: Array) -> Echoes:
-    """Echoes of point targets at the pulses' true antenna positions.
+    """Return echoes of point targets at the pulses' true antenna positions.
 
     Args:    radar.   positions_m: (n, 3) north, east, down at the pulses.   targets_m: (k, 3).   amplitudes: (k,).
     Returns: Echoes; of a target beyond the gates only the tail of its pulse response is left.
@@ -92,7 +92,7 @@ def echoes(radar: Radar, positions_m: Array, targets_m: Array, amplitudes: Array
 
 
 def scene(radar: Radar, position_m: Array, velocity_m_s: Array, *, ahead_s: float | None = None) -> Array:
-    """Three reflectors on the ground, right of the place where the flight will be at the middle of the aperture.
+    """Return three reflectors on the ground, right of the place where the flight will be at the middle of the aperture.
 
     Args:    radar.   position_m, velocity_m_s: (3,) north, east, down at the beginning of the aperture; level flight.
              ahead_s: from there to the middle of the aperture; half of `radar.aperture_s` if not given.
@@ -109,7 +109,7 @@ def scene(radar: Radar, position_m: Array, velocity_m_s: Array, *, ahead_s: floa
 
 
 def _pulse(radar: Radar, range_m: Array) -> Complex:
-    """Echo of one target of amplitude 1 in every gate, (n, g)."""
+    """Return echo of one target of amplitude 1 in every gate, (n, g)."""
     gate_m = radar.near_range_m + radar.spacing_m * np.arange(radar.gates)
     shape = np.sinc((gate_m - range_m[:, None]) * (2.0 * radar.bandwidth_Hz / SPEED_OF_LIGHT_m_s))
     turns = np.remainder(-2.0 * range_m / radar.wavelength_m, 1.0)
@@ -137,14 +137,14 @@ class RadarPulses:
         own_s = number * PERIOD_S
         self._flight.upto(int(self._clock.times_ns(own_s[-1:])[0]))
         flight_s = self._clock.since_on_s(own_s) + self._flight.seconds(self._clock.on_ns)
-        found = echoes(self.radar, self._flight.path.state(flight_s).p, self.targets_m, np.ones(len(self.targets_m)))
-        echo = np.stack([found.gates.real, found.gates.imag], axis=-1).reshape(number.size, -1)
+        echoed = echoes(self.radar, self._flight.path.state(flight_s).p, self.targets_m, np.ones(len(self.targets_m)))
+        echo = np.stack([echoed.gates.real, echoed.gates.imag], axis=-1).reshape(number.size, -1)
         if self._noise_of is not None:
             echo = echo + self._noise_of.upto(int(counter[0]), int(counter[-1]) + 1)
         return {
             "tick": np.rint(own_s / TICK_S).astype(np.int64),
-            "near_range": found.near_range_m,
-            "spacing": found.spacing_m,
+            "near_range": echoed.near_range_m,
+            "spacing": echoed.spacing_m,
             "wavelength": self.radar.wavelength_m,
             "echo": np.rint(PEAK_COUNTS * echo).clip(-_HIGHEST, _HIGHEST).astype(np.int64),
             "status": 0,
@@ -152,6 +152,6 @@ class RadarPulses:
 
 
 def receiver_noise(seed: int, power: int) -> Numbered:
-    """Noise of all pulses of a switching-on of the unit, in parts of the peak of one reflector, (n, 128)."""
+    """Return noise of all pulses of a switching-on of the unit, in parts of the peak of one reflector, (n, 128)."""
     each = RECEIVER_NOISE / np.sqrt(2.0)
     return Numbered(seed, "time sync receiver", power, draw=lambda rng, count: each * rng.standard_normal((count, 128)))

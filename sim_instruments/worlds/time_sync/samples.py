@@ -36,7 +36,7 @@ class OwnTime:
         self._path, self._rate, self._same_s = path, rate, same_s
 
     def state(self, t_s: Float) -> PathState:
-        """Motion at readings of the clock; derivatives are those of true time."""
+        """Return motion at readings of the clock; derivatives are those of true time."""
         return self._path.state(self._same_s + (t_s - self._same_s) / self._rate)
 
 
@@ -55,7 +55,7 @@ class Solutions:
     _stepper: EgiErrorStepper | None = field(default=None, repr=False)
 
     def upto(self, first: int, stop: int) -> Float:
-        """Errors of samples ``first`` to ``stop`` - 1, (n, 10); the path must be complete up to the last one."""
+        """Return errors of samples ``first`` to ``stop`` - 1, (n, 10); the path must be complete up to the last one."""
         if self._stepper is None:
             path: Any = OwnTime(self.flight.path, self.rate, self.first_s)
             self._stepper = EgiErrorStepper(path, self.flight.seed, self.flight.number, begin_s=self.first_s)
@@ -124,7 +124,7 @@ class EgiSamples:
 
 
 def turned(rotation_rad: Float, yaw_rad: Float) -> Float:
-    """exp([rotation x]) times the rotation about down by yaw: (n, 3) and (n,) to (n, 3, 3), by Rodrigues' formula."""
+    """Return exp([rotation x]) times the turn about down by yaw: (n, 3), (n,) to (n, 3, 3), by Rodrigues' formula."""
     angle = np.linalg.norm(rotation_rad, axis=1)[:, None, None]
     cross = np.zeros((angle.size, 3, 3))
     cross[:, [2, 0, 1], [1, 2, 0]] = rotation_rad

@@ -47,11 +47,11 @@ class UnitClock:
         return self.start_s + (t_ns - self.on_ns) / NS * self.rate
 
     def since_on_s(self, reading_s: Float) -> Float:
-        """Bench seconds since the switching-on at which the clock reads so."""
+        """Return bench seconds since the switching-on at which the clock reads so."""
         return (reading_s - self.start_s) / self.rate
 
     def times_ns(self, reading_s: Float) -> Int64:
-        """Bench times to the nearest nanosecond, for what is late anyway."""
+        """Return bench times to the nearest nanosecond, for what is late anyway."""
         return self.on_ns + np.rint(NS * self.since_on_s(reading_s)).astype(np.int64)
 
 
@@ -64,7 +64,7 @@ class Clocks:
 
     @classmethod
     def started(cls, options: SyncOptions, seed: int, power: int, on_ns: int) -> Clocks:
-        """Clocks of the switching-on ``power``, numbered from 0."""
+        """Return clocks of the switching-on ``power``, numbered from 0."""
         start_s = float(generator(seed, "time sync first readings", power).uniform(*_FIRST_READING_S))
         drift_ppm, imu_ppm = options.rates_ppm(seed)
         rate = 1.0 + 1e-6 * imu_ppm
@@ -120,12 +120,12 @@ class Spell:
     stop: int = _NEVER
 
     def count_until(self, t_ns: int) -> int:
-        """Number of the first sample that is valid after a bench time, within this spell."""
+        """Return number of the first sample that is valid after a bench time, within this spell."""
         number = math.floor(self.clock.reading_s(t_ns) / self.period_s) + 1
         return min(max(number, self.first), self.stop)
 
     def ready_ns(self, first: int, stop: int) -> Int64:
-        """When the frames of samples ``first`` to ``stop`` - 1 are made."""
+        """Return when the frames of samples ``first`` to ``stop`` - 1 are made."""
         valid_ns = self.clock.times_ns(np.arange(first, stop) * self.period_s)
         begin = self.counter - self.first
         return valid_ns + np.rint(NS * self.late_s(begin + first, begin + stop)).astype(np.int64)
@@ -195,7 +195,7 @@ class SyncStream:
             self._open()
 
     def _look_ahead(self) -> None:
-        """When the next frame is due."""
+        """Note when the next frame is due."""
         spell = self._spells[0]
         if self._next >= spell.stop:
             self._close()

@@ -32,7 +32,7 @@ _RADAR = ("off", "on")
 def estimates(
     powers: Sequence[Clocks], flights: Flights, noise: bool, windows: Sequence[RecordWindow]
 ) -> list[dict[str, Any]]:
-    """True values in the contract's form: offset of the clocks at the middle of the records, its drift, IMU biases.
+    """Return true values as in the contract: offset of the clocks at the middle of the records, its drift, IMU biases.
 
     The time offset is the EGI's clock minus the IMU's at the same moment; biases are what the sensors indicate minus
     what they feel, about the body's axes. The middle is that between the beginning of the first record and the end of
@@ -46,13 +46,13 @@ def estimates(
     if clocks is None:
         return []
     about = {"manoeuvre": own[0].conditions["manoeuvre"]} if "manoeuvre" in own[0].conditions else {}
-    found = [
+    entries = [
         entry("time_offset", "s", clocks.offset_s((begin_ns + end_ns) // 2), {**about, "at": "middle"}),
         entry("time_offset", "s", clocks.offset_s(begin_ns), {**about, "at": "begin"}),
         entry("time_offset", "s", clocks.offset_s(end_ns), {**about, "at": "end"}),
         entry("time_offset_drift", "ppm", clocks.drift_ppm, about),
     ]
-    return found + (_biases(flights.at(begin_ns), about) if noise else [])
+    return entries + (_biases(flights.at(begin_ns), about) if noise else [])
 
 
 def _biases(flight: Flight, about: dict[str, Any]) -> list[dict[str, Any]]:

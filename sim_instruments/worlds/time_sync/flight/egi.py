@@ -49,13 +49,13 @@ class EgiErrorStepper:
         self._filter = EgiErrorFilter(path, begin_s, [_lane(seed, run)], sensor or EgiClass(), latitude_deg)
 
     def step(self) -> tuple[Float, Float, Float]:
-        """Errors of the next sample, 0 first: position (3,) m, velocity (3,) m/s, attitude (3,) rad."""
+        """Return errors of the next sample, 0 first: position (3,) m, velocity (3,) m/s, attitude (3,) rad."""
         errors = self._filter.advance(1)[0, 0]
         return errors[:3], errors[3:6], errors[6:9]
 
     @property
     def position_sigma_m(self) -> float:
-        """What the unit itself believes of its horizontal position at the last sample: root mean of north and east."""
+        """Horizontal position error that the unit itself believes at the last sample: root mean of north and east."""
         covariance = self._filter.covariance
         return float(np.sqrt(0.5 * (covariance[0, 0] + covariance[1, 1])))
 
@@ -68,7 +68,7 @@ def egi_error_runs(
     sensor: EgiClass | None = None,
     latitude_deg: float = LATITUDE_DEG,
 ) -> EgiErrors:
-    """Errors of ``runs`` units on the same flight, 50 a second from 0 s to ``duration_s``, both included.
+    """Return errors of ``runs`` units on the same flight, 50 a second from 0 s to ``duration_s``, both included.
 
     Run r is the same whatever the number of runs and the duration.
     """
@@ -106,7 +106,7 @@ class EgiRuns:
         self._offsets_s = np.atleast_1d(np.asarray(offsets_s, float))
 
     def block(self, k0: int, k1: int) -> tuple[Float, Float, Float]:
-        """Samples k0 to k1 - 1: p (k, G, R, 3) m, v (k, G, R, 3) m/s, C (k, G, R, 3, 3) from body to tangent plane."""
+        """Return samples k0 to k1 - 1: p (m), v (m/s), (k, G, R, 3), C (k, G, R, 3, 3) from body to tangent plane."""
         part = slice(k0, k1)
         valid_s = self.t_s[part, None] - self._offsets_s
         true = self._path.state(valid_s.ravel())
@@ -123,7 +123,7 @@ class EgiRuns:
 
 
 def _attitude(dphi: Float, yaw: Float) -> Float:
-    """exp([dphi x]) times the turn about the vertical by yaw: (k, R, 3) and (k, G, 1 or R) to (k, G, R, 3, 3)."""
+    """Return exp([dphi x]) times the turn by yaw: (k, R, 3) and (k, G, 1 or R) to (k, G, R, 3, 3)."""
     x, y, z = np.moveaxis(dphi, -1, 0)
     angle_2 = x * x + y * y + z * z
     angle = np.sqrt(angle_2)
@@ -145,6 +145,6 @@ def _attitude(dphi: Float, yaw: Float) -> Float:
 
 
 def clock_noise(seed: int, samples: int, runs: int, sigma_s: float = 1e-5) -> Float:
-    """White noise of the tags, (samples, runs), s; run r is the same whatever the number of runs."""
+    """Return white noise of the tags, (samples, runs), s; run r is the same whatever the number of runs."""
     lanes = [generator(seed, "flight clock noise", run).standard_normal(samples) for run in range(runs)]
     return np.stack(lanes, axis=1) * sigma_s

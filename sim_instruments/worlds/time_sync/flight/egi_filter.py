@@ -86,7 +86,7 @@ class EgiErrorFilter:
         return self._rows(self._errors)
 
     def advance(self, count: int) -> Float:
-        """Errors of position, velocity and attitude of the next ``count`` samples, (count, runs, 9)."""
+        """Return errors of position, velocity and attitude of the next ``count`` samples, (count, runs, 9)."""
         times_s = self._begin_s + np.arange(self.sample, self.sample + count + 1) / self._sensor.rate_Hz
         newest = np.empty((count, self._errors.shape[0], 9, LANES))
         for row, transition in zip(newest, self._model.transitions(self._path.state(times_s)), strict=True):
@@ -102,7 +102,7 @@ class EgiErrorFilter:
         return self._rows(newest)
 
     def _rows(self, blocks: Float) -> Float:
-        """(..., blocks, c, 64) as (..., runs, c)."""
+        """Return (..., blocks, c, 64) as (..., runs, c)."""
         rows = blocks.swapaxes(-1, -2)
         return rows.reshape(*rows.shape[:-3], -1, rows.shape[-1])[..., : len(self._lanes), :]
 
@@ -125,7 +125,7 @@ class EgiErrorFilter:
         self._fixes = drawn[:, count:] * self._sensor.gps_position_m
 
     def _spread(self, drawn: Float) -> Float:
-        """Rows of units (runs, c) in blocks of columns (blocks, c, 64), empty ones zero."""
+        """Return rows of units (runs, c) in blocks of columns (blocks, c, 64), empty ones zero."""
         blocks = -(-drawn.shape[0] // LANES)
         full = np.zeros((blocks * LANES, drawn.shape[1]))
         full[: drawn.shape[0]] = drawn
@@ -153,7 +153,7 @@ class _ErrorModel:
         self._constant[[5, 8], [11, 14]] = -1.0
 
     def transitions(self, true: PathState) -> Float:
-        """exp(F dt) to second order in dt between consecutive samples (n + 1) of the true motion, (n, 15, 15).
+        """Return exp(F dt) to second order in dt between consecutive samples (n + 1) of the true motion, (n, 15, 15).
 
         The specific force is the mean of each interval, so that pieces of path much shorter than it count.
         """

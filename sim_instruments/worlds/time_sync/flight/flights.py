@@ -42,7 +42,7 @@ class TableAxis(AxisMotion):
         super()._plan(t_ns, here_deg, speed, phases)
 
     def plan_at(self, t_ns: float) -> tuple[Piece, float]:
-        """The piece of motion that holds at a bench time, and when it ends, in ns (inf: not planned)."""
+        """Return the piece of motion that holds at a bench time, and when it ends, in ns (inf: not planned)."""
         end_ns = math.inf
         for piece in reversed(self._pieces):
             begin_ns = piece.base_ns + NS * piece.start_s

@@ -76,12 +76,12 @@ class ImuErrors:
         self._noise = Numbered(seed, "flight imu noise", run, draw=draw, at_once=_BLOCK)
 
     def noise(self, first: int, count: int) -> Float:
-        """White noise of increments ``first`` (from 0) and following, (count, 6): m/s x, y, z, then rad x, y, z."""
+        """Return white noise of increments ``first`` (from 0) on, (count, 6): m/s x, y, z, then rad x, y, z."""
         return self._noise.upto(first, first + count)
 
 
 def exact_increments(path: FlightPath, t_s: Float, latitude_deg: float = LATITUDE_DEG) -> tuple[Float, Float]:
-    """Increments of a perfect unit between consecutive times: the mechanisation solved for what it must be fed.
+    """Return increments of a perfect unit between consecutive times: the mechanisation solved for what it must be fed.
 
     The rate is C^T w_ie plus the yaw rate, the specific force C^T (a - g(p) + 2 w_ie x v). The angle is their integral
     in closed form, the velocity by three Gauss points per piece of path inside an interval.
@@ -105,14 +105,14 @@ def exact_increments(path: FlightPath, t_s: Float, latitude_deg: float = LATITUD
 
 
 def _angles(middle_yaw: Float, yaw_rate: Float, lengths: Float, latitude_deg: float) -> Float:
-    """Integral of C^T w_ie and the yaw rate over intervals of constant yaw rate, (n, 3)."""
+    """Return integral of C^T w_ie and the yaw rate over intervals of constant yaw rate, (n, 3)."""
     earth = earth_rate_rad_s(latitude_deg)
     level = earth[0] * lengths * np.sinc(0.5 * yaw_rate * lengths / np.pi)
     return np.stack((level * np.cos(middle_yaw), -level * np.sin(middle_yaw), (earth[2] + yaw_rate) * lengths), axis=1)
 
 
 def _specific_force(state: PathState, latitude_deg: float) -> Float:
-    """Specific force along the body's axes, (n, 3), m/s2."""
+    """Return specific force along the body's axes, (n, 3), m/s2."""
     north, _, down = 2.0 * earth_rate_rad_s(latitude_deg)
     force = state.a - gravity_m_s2(state.p, latitude_deg)
     force[:, 0] -= down * state.v[:, 1]  # 2 w_ie x v of a vehicle that does not climb
@@ -124,7 +124,7 @@ def _specific_force(state: PathState, latitude_deg: float) -> Float:
 
 
 def imu_runs(path: FlightPath, duration_s: float, runs: int, seed: int, sensor: ImuClass | None = None) -> ImuRuns:
-    """Increments of ``runs`` units with errors of their own on the same flight from 0 s on.
+    """Return increments of ``runs`` units with errors of their own on the same flight from 0 s on.
 
     Run r is the same whatever the number of runs and the duration.
     """

@@ -31,7 +31,7 @@ _BEGIN = 0
 
 
 def normal_gravity_m_s2(latitude_deg: float) -> float:
-    """Normal gravity on the ellipsoid, m/s2. Source: Somigliana's formula, NIMA TR8350.2 eq. (4-1)."""
+    """Return normal gravity on the ellipsoid, m/s2. Source: Somigliana's formula, NIMA TR8350.2 eq. (4-1)."""
     sine_2 = math.sin(math.radians(latitude_deg)) ** 2
     return _EQUATOR_M_S2 * (1.0 + _SOMIGLIANA * sine_2) / math.sqrt(1.0 - _ECCENTRICITY_2 * sine_2)
 
@@ -43,12 +43,12 @@ def earth_rate_rad_s(latitude_deg: float) -> Float:
 
 
 def gravity_gradient_s2(latitude_deg: float) -> Float:
-    """Diagonal of the gradient of gravity about the origin, that of a point mass, (3,), 1/s2."""
+    """Return diagonal of the gradient of gravity about the origin, that of a point mass, (3,), 1/s2."""
     return normal_gravity_m_s2(latitude_deg) / RADIUS_M * np.array([-1.0, -1.0, 2.0])
 
 
 def gravity_m_s2(position_m: Float, latitude_deg: float) -> Float:
-    """Gravity at positions (..., 3) north, east, down of the origin, to first order in them; (..., 3), m/s2."""
+    """Return gravity at positions (..., 3) north, east, down of the origin, to first order in them; (..., 3), m/s2."""
     gravity = np.asarray(position_m * gravity_gradient_s2(latitude_deg))
     gravity[..., 2] += normal_gravity_m_s2(latitude_deg)
     return gravity
@@ -109,12 +109,12 @@ class FlightPath:
         self._count += 1
 
     def borders_s(self, first_s: float, last_s: float) -> Float:
-        """Begins of pieces strictly between two times."""
+        """Return begins of pieces strictly between two times."""
         begins = self._table[1 : self._count, _BEGIN]
         return np.asarray(begins[(begins > first_s) & (begins < last_s)])
 
     def state(self, t_s: Float) -> PathState:
-        """Motion at times (n,) of any order, s."""
+        """Return motion at times (n,) of any order, s."""
         t_s = np.asarray(t_s, float)
         (north, east, speed, yaw), along, rate = self._motion(t_s)
         cosine, sine, across = np.cos(yaw), np.sin(yaw), speed * rate
@@ -125,7 +125,7 @@ class FlightPath:
         return PathState(p, v, yaw, a, rate)
 
     def _motion(self, t_s: Float) -> tuple[tuple[Float, Float, Float, Float], Float, Float]:
-        """(North, east, speed, yaw), acceleration along track and yaw rate at times (n,).
+        """Return (North, east, speed, yaw), acceleration along track and yaw rate at times (n,).
 
         The displacement since a piece began is the integral of (v0 + a t) exp(i (yaw0 + w t)). Taken about the middle
         of that time T it is T exp(i (yaw0 + x)) (mean speed j0(x) + i a T / 2 j1(x)) with x = w T / 2 and the spherical
@@ -145,7 +145,7 @@ class FlightPath:
 
 
 def _bessel(x: Float) -> tuple[Float, Float]:
-    """sin x / x and (sin x - x cos x) / x2; by their series near 0, where the second loses its digits."""
+    """Return sin x / x and (sin x - x cos x) / x2; by their series near 0, where the second loses its digits."""
     if not x.any():
         return np.ones_like(x), x
     square = x * x
