@@ -7,15 +7,32 @@ import json
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from crashes import Crashes, crashed_everywhere, crashes_in
 from hypothesis import HealthCheck, settings
 from recorded import recorded
 from rehearsal import NAME, SAID, Inside, Rehearsal, main_of, record_golden, record_ramp, record_short, rehearsed
+from two_ends import TwoEnds, arrange, give_way
 
 settings.register_profile("any machine", suppress_health_check=[HealthCheck.too_slow], deadline=None)
 settings.load_profile("any machine")  # how fast inputs are drawn says something of the machine only
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Give way to tests that wait, if this process computes."""
+    give_way(config)
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the files with tests that wait in front."""
+    arrange(items)
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> TwoEnds | None:
+    """Share out whole files from both ends where they are shared out as wholes."""
+    return TwoEnds(config, log) if config.option.dist == "loadfile" else None
 
 
 @pytest.fixture(scope="session")
