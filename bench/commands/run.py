@@ -19,12 +19,13 @@ from bench.commands.console import console
 from bench.commands.tables import print_results, print_without_results, print_written
 from bench.model.clock import Clock, VirtualClock, WallClock
 from bench.model.errors import ExitStatus, FitError, InputError
+from bench.model.events import event_of
 from bench.plan import Plan
 from bench.run.session import Conducted
 from bench.session.finish import finish
 from bench.session.happenings import happenings
 from bench.session.output import make_folder, write_file
-from bench.session.view import SessionView, happened
+from bench.session.view import SessionView
 from bench.store import check_history_url, chosen_url
 
 
@@ -112,7 +113,7 @@ def view_of(plan: Plan, done: Conducted) -> SessionView:
         counts=done.counts,
         session_sha256=done.session_sha256,
         plan_steps=plan.steps,
-        events=happened(done.events),
+        events=[(t_ns, event_of(kind, fields)) for kind, t_ns, fields in done.events],
         texts=plan.texts,
         utc_offset_ns=done.utc_offset_ns,
     )

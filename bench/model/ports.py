@@ -150,7 +150,8 @@ class SessionSink(Protocol):
 class RecordWindow:
     """One record: ``frames`` frames of a link from an unwrapped counter on, with the conditions it was taken under.
 
-    A record that is made of readings of instruments belongs to no link ("") and has no frames.
+    A record that is made of readings of instruments belongs to no link ("") and has no frames. ``uut``: the unit under
+    test it belongs to, None where a bench has only one.
 
     ``conditions`` holds the loop variables and set-points by field name with unit suffix, for example
     {"channel": 1, "kind": "gyro", "temperature_degC": -10.0, "current_A": 3e-5, "polarity": 1, "range_A": 2.2e-4,
@@ -165,3 +166,4 @@ class RecordWindow:
     t_end_ns: int
     conditions: Mapping[str, Any] = field(default_factory=dict)
     step: int = -1
+    uut: str | None = None

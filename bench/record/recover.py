@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.clock import NS
-from bench.model.events import Resume
+from bench.model.events import Record, Resume, event_of
 from bench.record import layout
 from bench.record.files import Files, OsFiles
 from bench.record.journal import read_journal
@@ -82,9 +82,9 @@ def recover_session(folder: Path) -> Survey:
         last_ns = message.t_ns
         has_manifest = has_manifest or message.topic == layout.MANIFEST
         if message.topic == layout.EVENT:
-            kind, fields = message.event()
-            if kind == "record" and isinstance(fields.get("number"), int):
-                records.add(fields["number"])
+            event = event_of(*message.event())
+            if isinstance(event, Record) and "number" not in event.unknown:
+                records.add(event.number)
     return Survey(
         str(folder), tuple(path.name for path in reader.segments), tuple(reader.unfinished), tuple(reader.damage),
         reader.counts, tuple(sorted(records)), (last_ns - (first_ns or 0)) / NS, has_manifest,

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.clock import NS
+from bench.model.events import Event, Reading
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record.pulses import implausible, pulse_timing
@@ -25,7 +26,6 @@ _TARGET, _BAND = "temperature_degC", "settle_band_degC"
 _FOLD = 100
 OVERLAP_NS = NS // 5
 _LATE_NS = 10 * NS  # how much later than due the last frame of a record may come
-READING = "reading"
 
 
 def beside_keeper(window: RecordWindow, chained: bool) -> BesideKeeper:
@@ -237,10 +237,10 @@ def row_of_readings(window: RecordWindow, flags: Sequence[Quality]) -> RecordRow
 class RecordedReadings:
     """The readings of one part of a session, in order of time, as its records find theirs."""
 
-    def __init__(self, events: Iterable[tuple[str, int, Mapping[str, Any]]]) -> None:
-        readings = [(t_ns, fields) for kind, t_ns, fields in events if kind == READING]
+    def __init__(self, events: Iterable[tuple[int, Event]]) -> None:
+        readings = [(t_ns, event.quality) for t_ns, event in events if isinstance(event, Reading)]
         self._t_ns = [t_ns for t_ns, _ in readings]
-        self._flags = [Quality(int(fields.get("quality", 0))) for _, fields in readings]
+        self._flags = [Quality(quality or 0) for _, quality in readings]
 
     def row(self, window: RecordWindow) -> RecordRow:
         """Return the record of a window: its readings came behind its start, and not behind its end."""

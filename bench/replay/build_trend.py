@@ -20,15 +20,11 @@ from typing import Any
 from bench.frame import BENCH, LinkDecoder
 from bench.model.clock import NS, to_ns
 from bench.model.errors import BenchError
-from bench.model.events import event_of
+from bench.model.events import Answer, End, Event, Phase, Prompt, Reading, Record, Release, Resume, Slip, event_of
 from bench.plan import Step, steps_of
 from bench.record import FOLDER, BenchRows, LinkReduction, Message, SessionReader, TrendWriter, layout, sources_of
 from bench.replay.described import frames_of, session_signals
-from bench.replay.parts import RESUME
 
-_AT_THE_END = ("record", "slip")  # written when their step is over
-_AT_THE_BEGIN = ("reading", "prompt", "release", "verify", "answer")
-Event = tuple[int, str, int, Mapping[str, Any]]  # part, kind, monotonic time in ns, fields
 NICE = 10
 BLOCK_BYTES = 2_000_000
 
@@ -42,32 +38,32 @@ class SetPoint:
     value_degC: float
 
 
-def recorded_setpoints(steps: Sequence[Step], events: Iterable[Event]) -> Iterator[SetPoint]:
-    """Yield set-points in order of time. ``steps``: the compiled plan as it is in the session."""
+def recorded_setpoints(steps: Sequence[Step], events: Iterable[tuple[int, int, Event]]) -> Iterator[SetPoint]:
+    """Yield set-points in order of time, by the compiled plan in the session and its (part, t_mono_ns, event)."""
     asked = {index: step.set_point.temperature_degC for index, step in enumerate(steps) if step.set_point is not None}
     done, known_ns, known_s = 0, 0, 0.0  # steps before ``done`` are over; a time, and what the plan says of it
     started = 0
-    for part, kind, t_ns, fields in events:
-        if kind == "resume":
-            done = started = int(fields.get("start", done))
-            continue
-        if kind == "phase":
-            first = next((i for i, step in enumerate(steps) if step.phase == fields["name"]), 0)
-            position = max(first, started)
-        elif kind in (*_AT_THE_END, *_AT_THE_BEGIN) and 0 <= int(fields.get("step", -1)) < len(steps):
-            position = int(fields["step"])
-        elif kind == "end" and "steps" in fields:
-            position = min(int(fields["steps"]), len(steps))
-        else:
-            continue
+    for part, t_ns, event in events:
+        match event:
+            case Resume(start=start):
+                done = started = done if start is None else start
+                continue
+            case Phase(name=name):
+                position = max(next((i for i, step in enumerate(steps) if step.phase == name), 0), started)
+            case Record() | Slip() | Reading() | Prompt() | Release() | Answer() if 0 <= event.step < len(steps):
+                position = event.step
+            case End(steps=count) if count >= 0:
+                position = min(count, len(steps))
+            case _:
+                continue
         for index in range(done, position):
             if index in asked:
                 after_s = max(0.0, steps[index].at_s - known_s)
                 yield SetPoint(part, min(t_ns, known_ns + to_ns(after_s)), asked[index])
         if position < len(steps):
-            step, over = steps[position], kind in _AT_THE_END
+            step, over = steps[position], isinstance(event, Record | Slip)  # written when their step is over
             known_s = step.at_s + (step.duration_s if over else 0.0)
-            known_ns = int(fields.get("t_end_ns", t_ns))
+            known_ns = event.t_end_ns if isinstance(event, Record) and event.t_end_ns >= 0 else t_ns
             if over and position in asked and position >= done:
                 yield SetPoint(part, known_ns - round(NS * step.duration_s), asked[position])
             done = position + over
@@ -122,13 +118,13 @@ class _Building:
         bench, last_ns = BenchRows(), 0
         for message in messages:
             if message.topic == layout.EVENT:
-                kind, fields = message.event()
-                if kind == RESUME and last_ns:
+                event = event_of(*message.event())
+                if isinstance(event, Resume) and last_ns:
                     break
                 while setpoints and setpoints[0].t_ns <= message.t_ns:
                     setpoint = setpoints.pop(0)
                     writer.add(BENCH, bench.setpoint(setpoint.t_ns + writer.offset_ns, setpoint.value_degC))
-                writer.add(BENCH, bench.event(event_of(kind, fields), message.t_ns + writer.offset_ns))
+                writer.add(BENCH, bench.event(event, message.t_ns + writer.offset_ns))
             else:
                 decoders[self._topics[message.topic]].push(message.t_ns, message.payload)
                 if sum(decoder.pending_bytes for decoder in decoders.values()) > BLOCK_BYTES:
@@ -146,20 +142,20 @@ class _Building:
         writer.hand_over(writer.take())
 
 
-def _first_look(reader: SessionReader) -> tuple[list[_Begin], list[Event]]:
+def _first_look(reader: SessionReader) -> tuple[list[_Begin], list[tuple[int, int, Event]]]:
     """Return where the parts of a session begin, and its events with the part they belong to."""
     begins: list[_Begin] = [_Begin()]
-    events: list[Event] = []
+    events: list[tuple[int, int, Event]] = []
     for message in reader.select(frozenset({layout.EVENT, layout.CLOCK})):
         if message.topic == layout.CLOCK:
             if not begins[-1].t_utc_ns:
                 pair: Any = message.document()
                 begins[-1] = _Begin(int(pair["t_mono_ns"]), int(pair["t_utc_ns"]))
             continue
-        kind, fields = message.event()
-        if kind == RESUME and events:
+        event = event_of(*message.event())
+        if isinstance(event, Resume) and events:
             begins.append(_Begin(message.t_ns, 0))
-        events.append((len(begins) - 1, kind, message.t_ns, fields))
+        events.append((len(begins) - 1, message.t_ns, event))
     return begins, events
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from bench.frame import BENCH, FrameDefinition, LinkDecoder, MessageBatch, Signal, columns, of_message, signal_of
 from bench.model.clock import NS
+from bench.model.events import Resume
 from bench.model.segments import segment_files
 from bench.record import (
     FOLDER,
@@ -35,7 +36,6 @@ from bench.record import (
 )
 from bench.replay.build_trend import build_trend
 from bench.replay.described import session_frames
-from bench.replay.parts import RESUME
 
 RAW_S_PER_POINT = 0.02  # 20 s on 1000 points: two readings of 100 Hz on each
 STALE_S = 600.0  # a trend made of a session that is still written is made again then
@@ -139,7 +139,7 @@ def _begin_of(path: Path, file: int) -> tuple[int, bool]:
         raise LookupError(path)
     messages = chunks.messages(chunks.places[:1], frozenset({layout.EVENT}))
     first = next(messages, None)
-    return chunks.places[0].start_ns, first is not None and first.event()[0] == RESUME
+    return chunks.places[0].start_ns, first is not None and first.event()[0] == Resume.kind
 
 
 def _offset_ns(path: Path) -> int:

@@ -7,22 +7,20 @@ moved by the frames that would have come in the gap, and never follow those befo
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
 from bench.model.clock import NS
 from bench.model.errors import SessionDamaged
+from bench.model.events import Event, Record, Reentry, Resume, Retake, event_of
 from bench.model.ports import RecordWindow
 from bench.record import Message, RecordRow
 
-RESUME = "resume"
 STEPPED_NS = 5 * NS  # UTC that differs by less from one boot's clock was set right, not restarted
-REENTRY = "reentry"
-Event = tuple[str, int, Mapping[str, Any]]
+_NEEDED = {"number", "link", "first_counter", "frames", "t_start_ns", "t_end_ns", "conditions", "step"}
 
 
 @dataclass(frozen=True)
@@ -50,17 +48,18 @@ def recorded_windows(events: Iterable[Message]) -> list[RecordedWindow]:
     windows: dict[int, RecordedWindow] = {}
     part = 0
     for message in events:
-        kind, fields = message.event()
-        if kind == RESUME:
+        event = event_of(*message.event())
+        if isinstance(event, Resume):
             part += 1
-        elif kind == "retake":
-            windows.pop(fields.get("record", -1), None)
-        elif kind == "record":
-            window = _window(fields, message)
+        elif isinstance(event, Retake):
+            windows.pop(event.record, None)
+        elif isinstance(event, Record):
+            window = _window(event, message)
             windows.pop(window.number, None)
-            timed, sampled = fields.get("pulse_timing") is True, fields.get("samples") is True
             chained = _follows(window, part, windows.get(window.number - 1))
-            windows[window.number] = RecordedWindow(window, message.t_ns, part, timed, sampled, chained)
+            windows[window.number] = RecordedWindow(
+                window, message.t_ns, part, event.pulse_timing, event.samples, chained
+            )
     return list(windows.values())
 
 
@@ -71,19 +70,18 @@ def _follows(window: RecordWindow, part: int, before: RecordedWindow | None) -> 
     return before.window.first_counter + before.window.frames == window.first_counter
 
 
-def _window(fields: dict[str, Any], message: Message) -> RecordWindow:
-    try:
-        return RecordWindow(
-            int(fields["number"]), str(fields["link"]), int(fields["first_counter"]), int(fields["frames"]),
-            int(fields["t_start_ns"]), int(fields["t_end_ns"]), dict(fields["conditions"]), int(fields.get("step", -1)),
-        )  # fmt: skip
-    except (KeyError, TypeError, ValueError) as error:
+def _window(event: Record, message: Message) -> RecordWindow:
+    if unknown := _NEEDED.intersection(event.unknown):
         raise SessionDamaged(
             "B-RPL-003",
-            f"a record event is not complete: {type(error).__name__} {error}",
+            f"a record event is not complete: {', '.join(sorted(unknown))}",
             where=f"message {message.sequence}",
             next_step="docs/session-format.md lists the fields of a record event",
-        ) from error
+        )
+    return RecordWindow(
+        event.number, event.link, event.first_counter, event.frames, event.t_start_ns, event.t_end_ns,
+        dict(event.conditions), event.step, event.uut,
+    )  # fmt: skip
 
 
 @dataclass
@@ -176,28 +174,26 @@ def _moved(row: RecordRow, shift_ns: int, counters: int) -> RecordRow:
     return replace(row, window=there, timing=timing)
 
 
-def splices_of(events: Iterable[Event]) -> tuple[Splice, ...]:
+def splices_of(events: Iterable[tuple[int, Event]]) -> tuple[Splice, ...]:
     """Return splices of a session, from its events on one time axis."""
     splices: list[Splice] = []
-    for kind, t_ns, fields in events:
-        if kind == "resume":
-            splices.append(_begun(t_ns, fields))
-        elif kind == REENTRY and splices and splices[-1].step == fields.get("step"):
-            splices[-1] = replace(
-                splices[-1], unit_after_degC=fields.get("unit_degC"), soaked=bool(fields.get("soaked"))
-            )
+    for t_ns, event in events:
+        if isinstance(event, Resume):
+            splices.append(_begun(t_ns, event))
+        elif isinstance(event, Reentry) and splices and splices[-1].step == event.step >= 0:
+            splices[-1] = replace(splices[-1], unit_after_degC=event.unit_degC, soaked=event.soaked)
     return tuple(splices)
 
 
-def _begun(t_ns: int, fields: Mapping[str, Any]) -> Splice:
+def _begun(t_ns: int, event: Resume) -> Splice:
     return Splice(
         at_ns=t_ns,
-        stopped_utc_ns=fields.get("stopped_utc_ns"),
-        started_utc_ns=fields.get("utc_ns"),
-        away_s=fields.get("away_s"),
-        step=int(fields.get("start", -1)),
-        reason=str(fields.get("reason", "unknown")),
-        unit_before_degC=fields.get("unit_degC"),
+        stopped_utc_ns=event.stopped_utc_ns,
+        started_utc_ns=event.utc_ns,
+        away_s=event.away_s,
+        step=-1 if event.start is None else event.start,
+        reason=event.reason or "unknown",
+        unit_before_degC=event.unit_degC,
         unit_after_degC=None,
         soaked=False,
     )

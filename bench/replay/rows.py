@@ -9,29 +9,19 @@ from typing import Any
 
 from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, parse_frame
 from bench.model.errors import InputError, SessionDamaged
+from bench.model.events import Event, Resume, event_of
 from bench.record import Damage, Message, RecordCutter, RecordedReadings, RecordRow, SessionReader, layout
-from bench.replay.parts import (
-    RESUME,
-    Part,
-    RecordedWindow,
-    Splice,
-    moved_rows,
-    recorded_windows,
-    splices_of,
-    time_shifts_ns,
-)
+from bench.replay.parts import Part, RecordedWindow, Splice, moved_rows, recorded_windows, splices_of, time_shifts_ns
 
 BATCH_BYTES = 4_000_000
 MEASUREMENT = "measurement"
-
-Event = tuple[str, int, Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
 class Replayed:
     """A session whose bytes were decoded again.
 
-    ``rows``: all records that count, by number; ``counts``: totals by link; ``events``: (kind, t_mono_ns, fields) in
+    ``rows``: all records that count, by number; ``counts``: totals by link; ``events``: (t_mono_ns, event) in
     order; ``damage``: what could not be read; ``notes``: sentences about anything that differs from the recording.
     ``splices``: where the run was gone on with after a stop; times and counters behind them are those of the first part
     (bench.replay.parts). ``utc_offset_ns``: UTC minus the time of that part, None without a clock pair.
@@ -41,7 +31,7 @@ class Replayed:
     texts: Mapping[str, str]
     rows: tuple[RecordRow, ...]
     counts: Mapping[str, LinkCounts]
-    events: list[Event]
+    events: list[tuple[int, Event]]
     session_sha256: str
     damage: tuple[Damage, ...]
     unfinished: tuple[str, ...]
@@ -92,7 +82,7 @@ def replay_rows(folder: Path, *, strict: bool = False) -> Replayed:
     replay.end_part()
     replay.keep_readings()
     shifts_ns = time_shifts_ns(replay.parts)
-    events = [(kind, t_ns + shifts_ns[part], fields) for part, (kind, t_ns, fields) in replay.events]
+    events = [(t_ns + shifts_ns[part], event) for part, t_ns, event in replay.events]
     return Replayed(
         manifest, texts, tuple(moved_rows(replay.rows.values(), shifts_ns)), replay.counts, events,
         reader.sha256, tuple(reader.damage), tuple(reader.unfinished), tuple(_notes(manifest, definitions)),
@@ -135,14 +125,14 @@ def _added(before: LinkCounts, more: LinkCounts) -> LinkCounts:
 class _Replay:
     """Links and cutters of one part of a session; a resume starts a new part with fresh decoders.
 
-    ``rows`` by number and ``events`` in order, each with the part it belongs to.
+    ``rows`` by number and ``events`` with their times in order, each with the part it belongs to.
     """
 
     definitions: Mapping[str, FrameDefinition]
     windows: list[RecordedWindow]
     rows: dict[int, tuple[int, RecordRow]] = field(default_factory=dict)
     counts: dict[str, LinkCounts] = field(default_factory=dict)
-    events: list[tuple[int, Event]] = field(default_factory=list)
+    events: list[tuple[int, int, Event]] = field(default_factory=list)
     parts: list[Part] = field(default_factory=lambda: [Part()])
 
     def __post_init__(self) -> None:
@@ -176,13 +166,13 @@ class _Replay:
         if message.topic == layout.CLOCK:
             self._pair(message)
             return
-        kind, fields = message.event()
-        if kind == RESUME:
+        event = event_of(*message.event())
+        if isinstance(event, Resume):
             self.end_part()
             self.parts.append(Part())
             self._begin()
         self.parts[-1].see(message.t_ns)
-        self.events.append((len(self.parts) - 1, (kind, message.t_ns, fields)))
+        self.events.append((len(self.parts) - 1, message.t_ns, event))
 
     def _pair(self, message: Message) -> None:
         """The first clock pair of a part says which UTC its monotonic time is."""
@@ -207,7 +197,7 @@ class _Replay:
     def keep_readings(self) -> None:
         """Keep the records that are made of readings; every event is known by now."""
         for part in {item.part for item in self.windows if not item.window.link}:
-            recorded = RecordedReadings(event for of_part, event in self.events if of_part == part)
+            recorded = RecordedReadings((t_ns, event) for of_part, t_ns, event in self.events if of_part == part)
             self.rows |= {
                 item.window.number: (part, recorded.row(item.window))
                 for item in self.windows

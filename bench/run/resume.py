@@ -10,12 +10,12 @@ from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
 from bench.model.errors import InputError, InstrumentError, SessionDamaged
-from bench.model.events import Resume
+from bench.model.events import Answer, End, Environment, Event, Late, Resume, event_of
 from bench.model.shipped import shipped_folder
 from bench.plan import Plan, PlannedSoak, compile_sequence, load_station, steps_of, steps_sha256
 from bench.record import OPEN_MARKER, Damage, JournalEntry, SessionReader, is_being_written, layout, read_journal
 from bench.run.links.unit import DONE, IDENTIFY
-from bench.run.steps.position import Event, Resumption, stopped_at
+from bench.run.steps.position import Resumption, last_turn, stopped_at
 from bench.run.steps.setpoints import expected_of
 
 _KINDS: tuple[Literal["sequences", "stations", "frames"], ...] = ("sequences", "stations", "frames")
@@ -109,13 +109,13 @@ class Stopped:
     @property
     def reason(self) -> str:
         """End of the last part: an error code, or a crash."""
-        last = next((event for event in reversed(self.events) if event[0] in ("end", "resume")), None)
-        return str(last[2]["error"]) if last is not None and last[0] == "end" else CRASH
+        last = last_turn(self.events)
+        return str(last.error) if isinstance(last, End) else CRASH
 
     @property
     def unit_degC(self) -> float | None:
         """Last temperature of the unit before the stop, degC; None if none is known."""
-        readings = (fields.get("unit_degC") for kind, _, fields in reversed(self.events) if kind == "environment")
+        readings = (event.unit_degC for event in reversed(self.events) if isinstance(event, Environment))
         return next((reading for reading in readings if reading is not None), None)
 
 
@@ -140,8 +140,7 @@ def read_stopped(folder: Path) -> Stopped:
     for message in reader.messages():
         last_ns = message.t_ns
         if message.topic == layout.EVENT:
-            kind, fields = message.event()
-            events.append((kind, message.t_ns, fields))
+            events.append(event_of(*message.event()))
         elif message.topic == layout.CLOCK:
             pair = message.document()
             offset_ns = int(pair["t_utc_ns"]) - int(pair["t_mono_ns"])
@@ -154,8 +153,8 @@ def _has_not_ended(folder: Path, events: list[Event]) -> None:
     """Every step done and the session closed is an end; a session that was not closed any more is still to be."""
     if (folder / OPEN_MARKER).exists():
         return
-    last = next((event for event in reversed(events) if event[0] in ("end", "resume")), None)
-    if last is not None and last[0] == "end" and last[2].get("error") is None:
+    last = last_turn(events)
+    if isinstance(last, End) and last.error is None:
         raise InputError(
             "B-RES-001",
             "its run has ended: every step was done",
@@ -185,15 +184,15 @@ def resumption(stopped: Stopped, utc_ns: int) -> Resumption:
 
 def _unit_answer(events: list[Event]) -> bytes | None:
     """Return the first answer of the unit that says who it is; None if it was never asked."""
-    answers = (fields for kind, _, fields in events if kind == "answer" and fields.get("name") == IDENTIFY)
-    return next((bytes.fromhex(str(answer["payload"])) for answer in answers if answer.get("status") == DONE), None)
+    answers = (event for event in events if isinstance(event, Answer) and event.name == IDENTIFY)
+    return next((bytes.fromhex(answer.payload) for answer in answers if answer.status == DONE), None)
 
 
 def _was_settled(stopped: Stopped, start: int) -> bool:
     """Return False if the soak before a step was left unstable; then records behind it say so until it is redone."""
     soak = next((step.number for step in reversed(stopped.plan.steps[:start]) if isinstance(step, PlannedSoak)), None)
-    late = (fields for kind, _, fields in stopped.events if kind == "late")
-    return not any(fields.get("step") == soak and fields.get("policy") == "skip" for fields in late)
+    late = (event for event in stopped.events if isinstance(event, Late))
+    return not any(event.step == soak and event.policy == "skip" for event in late)
 
 
 def same_plan(plan: Plan, given: Plan, where: str) -> None:

@@ -108,10 +108,8 @@ def commands_given(view: Events) -> list[dict[str, Any]]:
     start_ns = _start_ns(view)
     commands = []
     for t_ns, command in view.events_of(Control):
-        fields = command.document()
-        more = {name: value for name, value in fields.items() if name not in _OF_COMMAND and value not in (None, "")}
-        known = {name: fields.get(name) or "–" for name in _OF_COMMAND}
-        commands.append({"time": hours((t_ns - start_ns) / NS), **known, **more})
+        said = {name: value for name, value in command.document().items() if value not in (None, "")}
+        commands.append({"time": hours((t_ns - start_ns) / NS), **dict.fromkeys(_OF_COMMAND, "–"), **said})
     return commands
 
 

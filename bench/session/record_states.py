@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bench.analysis import count_problem, flag_problem
+from bench.model.events import Skip
 from bench.model.systems import analysis_declaration, named
 from bench.plan import MEASUREMENT, PlannedRecord, Step
 from bench.record import RecordRow
@@ -35,7 +36,7 @@ class RecordState:
 def record_states(steps: Sequence[Step], replayed: Replayed) -> list[RecordState]:
     """Return state of every measuring record of the campaign phase, in the order of the plan."""
     rows = {row.window.step: row for row in replayed.rows}
-    skips = [fields for kind, _, fields in replayed.events if kind == "skip"]
+    skips = [event for _, event in replayed.events if isinstance(event, Skip)]
     reached = max(rows, default=-1)
     problems = {row.window.step: problem for row, problem in _problems(replayed)}
     records = measuring(steps)
@@ -62,12 +63,12 @@ def measuring(steps: Iterable[Step]) -> list[PlannedRecord]:
 
 
 def _state(
-    step: PlannedRecord, row: RecordRow | None, problem: str, skips: Iterable[Mapping[str, Any]], reached: int
+    step: PlannedRecord, row: RecordRow | None, problem: str, skips: Iterable[Skip], reached: int
 ) -> RecordState:
     if row is None:
-        skip = next((entry for entry in skips if entry["first"] <= step.number < entry["stop"]), None)
+        skip = next((skip for skip in skips if skip.first <= step.number < skip.stop), None)
         if skip is not None:
-            return RecordState(step, None, MISSING, f"skipped: {skip['reason']}")
+            return RecordState(step, None, MISSING, f"skipped: {skip.reason}")
         lost = "its record is lost" if step.number < reached else "the run stopped before"
         return RecordState(step, None, MISSING, lost)
     return RecordState(step, row.window.number, INVALID if problem else VALID, problem)

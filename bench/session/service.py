@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bench.analysis import Analysis
 from bench.model.errors import InputError
+from bench.model.events import End, Resume
 from bench.plan import steps_of
 from bench.record import OPEN_MARKER, RecordRow
 from bench.replay import IMPORT, Replayed, moved_rows, replay_rows, replay_series
@@ -70,8 +71,8 @@ def read_view(folder: Path, strict: bool = False) -> SessionView:
 
 def _is_incomplete(folder: Path, replayed: Replayed) -> bool:
     """The run goes on, was stopped, or its last segment has no end; other software may write no "end" event."""
-    last = next((fields for kind, _, fields in reversed(replayed.events) if kind in ("end", "resume")), None)
-    stopped = last is not None and (last.get("error") is not None or "steps" not in last)
+    last = next((event for _, event in reversed(replayed.events) if isinstance(event, End | Resume)), None)
+    stopped = isinstance(last, Resume) or (last is not None and (last.error is not None or last.steps < 0))
     newest = max(path.name for path in folder.glob("session.*.mcap"))
     return stopped or newest in replayed.unfinished or (folder / OPEN_MARKER).exists()
 

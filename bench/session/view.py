@@ -27,7 +27,7 @@ from bench.frame import CommandLayout, parse_frame
 from bench.model import events
 from bench.model.clock import NS
 from bench.model.errors import InputError
-from bench.model.events import Environment, Event, Phase, Preflight, Prompt, Retake, event_of
+from bench.model.events import Environment, Event, Phase, Preflight, Prompt, Retake
 from bench.model.yamlio import parse_yaml
 from bench.plan import StationFile, Step
 from bench.record import Damage, RecordRow
@@ -56,9 +56,9 @@ KEPT_EVENTS = (
 BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
 
 
-def happened(stored: Iterable[tuple[str, int, Mapping[str, Any]]]) -> list[tuple[int, Event]]:
-    """Return the events that a view keeps, of those that a session holds: (kind, t_mono_ns, fields)."""
-    return [(t_ns, event_of(kind, fields)) for kind, t_ns, fields in stored if kind in KEPT_EVENTS]
+def happened(recorded: Iterable[tuple[int, Event]]) -> list[tuple[int, Event]]:
+    """Return the events that a view keeps, with their times, of those that a session holds."""
+    return [(t_ns, event) for t_ns, event in recorded if event.kind in KEPT_EVENTS]
 
 
 @dataclass

@@ -20,6 +20,7 @@ from bench.commands.resume import resume
 from bench.commands.session import fit, replay
 from bench.model.clock import VirtualClock
 from bench.model.errors import BenchError, ExitStatus, InputError
+from bench.model.events import Late
 from bench.plan import Step
 from bench.record import RecordRow, SessionReader, read_journal
 from bench.replay.parts import recorded_windows
@@ -264,9 +265,9 @@ def test_what_a_stopped_run_knew_is_known_again(
     soak = [step for step in stopped.plan.steps[: plain.start] if step.kind == "soak"][-1].number
     assert plain.settled
     for policy, number in (("hold", soak), ("skip", soak + 1)):
-        late = ("late", 0, {"step": number, "policy": policy})
+        late = Late(step=number, policy=policy, last_degC=20.0, slope_degC_min=0.1)
         assert resumption(replace(stopped, events=[*stopped.events, late]), 0).settled
-    late = ("late", 0, {"step": soak, "policy": "skip"})
+    late = Late(step=soak, policy="skip", last_degC=20.0, slope_degC_min=0.1)
     resumed = resumption(replace(stopped, events=[*stopped.events, late]), 0)
     seen = []
 

@@ -8,7 +8,7 @@ says so (``left_out``), else it is written.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields
 from types import NoneType, UnionType
 from typing import Any, ClassVar, Literal, Self, Union, get_args, get_origin, get_type_hints
@@ -36,6 +36,11 @@ class Event:
 
     uut: str | None = left_out()
     raw: Mapping[str, Any] | None = field(default=None, repr=False, compare=False, metadata={_RAW: True})
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Names of the fields that a session lacks or has with another type."""
+        return () if self.raw is None else tuple(name for name, _, fits in _stored(type(self), self.raw) if not fits)
 
     @property
     def sentence(self) -> str:
@@ -84,13 +89,9 @@ class Event:
         """Make the event of fields that a session holds; it never fails."""
         known: dict[str, Any] = {}
         strange = False
-        for declared, accept in _declared(cls):
-            if declared.name in document:
-                known[declared.name], fits = accept(document[declared.name])
-                strange = strange or not fits
-            elif declared.default is MISSING and declared.default_factory is MISSING:
-                known[declared.name], _ = accept(_Nothing)
-                strange = True
+        for name, value, fits in _stored(cls, document):
+            known[name] = value
+            strange = strange or not fits
         return cls(**known, raw=document if strange else None)
 
     def _words(self) -> str:
@@ -131,14 +132,26 @@ def _declared(model: type[Event]) -> _Declared:
     return _KNOWN[model]
 
 
+def _stored(model: type[Event], document: Mapping[str, Any]) -> Iterator[tuple[str, Any, bool]]:
+    """Yield name, value and whether it is as declared, of the fields that a session has or should have."""
+    for declared, accept in _declared(model):
+        if declared.name in document:
+            yield declared.name, *accept(document[declared.name])
+        elif declared.default is MISSING and declared.default_factory is MISSING:
+            yield declared.name, *accept(_Nothing)
+
+
 def _accept(hint: Any) -> _Accept:
     """Return what takes a JSON value for a declared type: (value, whether it is as declared)."""
     kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
     unknown = None if NoneType in kinds or Any in kinds else _UNKNOWN[get_origin(hint) or hint]
+    whole = int in kinds and float not in kinds
 
     def accept(value: Any) -> tuple[Any, bool]:
         if value is None and hint is float:
             return math.nan, True  # JSON has no other word for a number that is none
+        if whole and isinstance(value, float) and value.is_integer():
+            return int(value), True  # nor two sorts of numbers
         fits = value is not _Nothing and any(_fits(value, kind) for kind in kinds)
         return (value if fits else unknown), fits
 

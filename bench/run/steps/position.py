@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from bench.model.events import Resume
+from bench.model.events import End, Event, Exchange, Prompt, Reading, Record, Resume, Retake, Skip
 from bench.model.ports import Action
 from bench.plan import (
     Plan,
@@ -22,9 +22,6 @@ from bench.plan import (
 )
 from bench.record import JournalEntry
 from bench.run.steps.setpoints import is_motion
-
-Event = tuple[str, int, Mapping[str, Any]]
-NOTED = ("exchange", "reading", "prompt")  # events of steps that, beside records, results are made of
 
 
 @dataclass(frozen=True)
@@ -70,9 +67,9 @@ def stopped_at(plan: Plan, entries: Sequence[JournalEntry], events: Sequence[Eve
     like a record; a test of the unit is done again from the beginning of its item.
     """
     taken, skipped = _taken(events)
-    last = next((event for event in reversed(events) if event[0] in ("end", "resume")), None)
-    told = last is not None and last[0] == "end"
-    if last is not None and told and last[2].get("error", "") is None:  # killed behind its last step, unclosed
+    last = last_turn(events)
+    told = isinstance(last, End)
+    if isinstance(last, End) and last.error is None and "error" not in last.unknown:  # killed behind its last step
         number = len(plan.steps)
     else:
         number = _next_step(plan, entries, taken, skipped, told=told)
@@ -87,17 +84,22 @@ def stopped_at(plan: Plan, entries: Sequence[JournalEntry], events: Sequence[Eve
     return Position(number, max((record for record in taken if record not in again), default=0), again)
 
 
+def last_turn(events: Sequence[Event]) -> End | Resume | None:
+    """Return the last event that says that a run ended or was gone on with."""
+    return next((event for event in reversed(events) if isinstance(event, End | Resume)), None)
+
+
 def _taken(events: Sequence[Event]) -> tuple[dict[int, int], list[range]]:
     """Return steps of the records that count, by number, and the ranges of steps that were skipped."""
     taken: dict[int, int] = {}
     skipped = []
-    for kind, _, fields in events:
-        if kind == "record":
-            taken[int(fields["number"])] = int(fields.get("step", -1))
-        elif kind == "retake":
-            taken.pop(int(fields.get("record", -1)), None)
-        elif kind == "skip":
-            skipped.append(range(int(fields["first"]), int(fields["stop"])))
+    for event in events:
+        if isinstance(event, Record):
+            taken[event.number] = event.step
+        elif isinstance(event, Retake):
+            taken.pop(event.record, None)
+        elif isinstance(event, Skip):
+            skipped.append(range(event.first, event.stop))
     return taken, skipped
 
 
@@ -116,16 +118,14 @@ def _next_step(
     return next(lost, number)
 
 
-def _noted(events: Sequence[Event]) -> set[tuple[str, int]]:
-    """Return kind and step of what steps have noted in the session."""
-    return {(kind, int(fields.get("step", -1))) for kind, _, fields in events if kind in NOTED}
+def _noted(events: Sequence[Event]) -> set[int]:
+    """Return the steps that have noted in the session what, beside records, results are made of."""
+    return {event.step for event in events if isinstance(event, Exchange | Reading | Prompt)}
 
 
-def _first_lost(
-    plan: Plan, number: int, taken: Mapping[int, int], skipped: Sequence[range], noted: set[tuple[str, int]]
-) -> int:
+def _first_lost(plan: Plan, number: int, taken: Mapping[int, int], skipped: Sequence[range], noted: set[int]) -> int:
     """Return the first step before ``number`` whose note the session lacks, behind the last that is; or it."""
-    last = max((step for step in (*taken.values(), *(step for _, step in noted)) if step < number), default=-1)
+    last = max((step for step in (*taken.values(), *noted) if step < number), default=-1)
     between = [step for step in plan.steps[last + 1 : number] if not any(step.number in stretch for stretch in skipped)]
     return next((step.number for step in between if _notes(plan, step)), number)
 

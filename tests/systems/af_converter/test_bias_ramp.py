@@ -12,6 +12,7 @@ import pytest
 from rehearsal import ROOT, SEED, Inside, Rehearsal, Watched, bench
 
 from bench.model.clock import NS, WallClock
+from bench.model.events import Environment
 from bench.plan import Plan, check_plan, compile_sequence
 from bench.record import RecordRow
 from bench.replay import replay_rows
@@ -43,7 +44,7 @@ def test_all_windows_are_there_and_nothing_is_lost(session: Session) -> None:
     assert len(session.rows) == 540
     assert {(row.frames, row.lost, int(row.quality)) for row in session.rows} == {(2000, 0, 0)}
     assert (session.replayed.totals["frames_bad"], session.replayed.totals["frames_lost"]) == (0, 0)
-    kinds = {kind for kind, _, _ in session.replayed.events}
+    kinds = {event.kind for _, event in session.replayed.events}
     assert not kinds & {"gap", "slip", "late", "overrun", "retake", "error"}
 
 
@@ -76,14 +77,18 @@ def test_the_timing_of_each_window_agrees_with_its_sums(session: Session) -> Non
 def test_the_chamber_ramps_as_planned_and_the_unit_lags(session: Session) -> None:
     """Air at the end of the ramp up is where the sequence sent it; the unit is 25 min behind."""
     start_s = session.rows[0].window.t_start_ns / NS
-    taken = [(t_ns / NS - start_s, f) for kind, t_ns, f in session.replayed.events if kind == "environment"]
-    taken = [(t_s, fields) for t_s, fields in taken if fields["air_degC"] is not None]
-    up = [(t_s, fields["air_degC"]) for t_s, fields in taken if 1200 + 600 < t_s < 1200 + 2400]
+    events = session.replayed.events
+    taken = [(t_ns / NS - start_s, event) for t_ns, event in events if isinstance(event, Environment)]
+    up = [
+        (t_s, event.air_degC) for t_s, event in taken if event.air_degC is not None and 1200 + 600 < t_s < 1200 + 2400
+    ]
     slope_degC_min = 60.0 * np.polyfit(*np.array(up).T, 1)[0]
     assert slope_degC_min == pytest.approx(1.0, abs=0.01)
-    (top,) = [fields for t_s, fields in taken if 3600 <= t_s < 3660]
-    assert top["air_degC"] == pytest.approx(45.0 - 2.0, abs=0.8)  # two minutes of lag, and the sensor's own offset
-    assert 15.0 < top["air_degC"] - top["unit_degC"] < 25.0
+    (top,) = [event for t_s, event in taken if 3600 <= t_s < 3660]
+    assert top.air_degC is not None
+    assert top.unit_degC is not None
+    assert top.air_degC == pytest.approx(45.0 - 2.0, abs=0.8)  # two minutes of lag, and the sensor's own offset
+    assert 15.0 < top.air_degC - top.unit_degC < 25.0
 
 
 def test_check_draws_its_timetable(tmp_path: Path, inside: Inside) -> None:

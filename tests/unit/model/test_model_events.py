@@ -57,6 +57,13 @@ def test_no_event_of_a_foreign_session_is_refused(model: type[Event]) -> None:
     assert (model.read({}).raw is not None) == lacks
 
 
+def test_a_field_that_is_missing_or_of_another_type_is_unknown() -> None:
+    strange = event_of("retake", {"record": 2.5})
+    assert (strange.unknown, strange.document()) == (("record", "reason"), {"record": -1, "reason": ""})
+    whole = event_of("retake", {"record": 2.0, "reason": "x"})
+    assert (whole.unknown, whole.document()) == ((), {"record": 2, "reason": "x"})
+
+
 def test_a_kind_that_is_not_known_is_an_event_without_words() -> None:
     event = event_of("something", {"a": 1})
     assert (type(event), event.sentence, event.raw) == (Event, "", {"a": 1})

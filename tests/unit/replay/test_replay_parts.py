@@ -11,6 +11,7 @@ import pytest
 
 from bench.model.clock import NS
 from bench.model.errors import SessionDamaged
+from bench.model.events import event_of
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record import RecordRow
@@ -57,12 +58,29 @@ def test_marks_of_a_record() -> None:
     assert (marked.sampled, marked.timed, marked.window.step) == (True, True, 7)
 
 
-def test_a_record_event_that_lacks_a_field_is_damage() -> None:
-    kind, fields = record(1, 0)
-    del fields["frames"]
-    with pytest.raises(SessionDamaged, match="message 0") as caught:
+def test_a_record_keeps_the_unit_it_belongs_to() -> None:
+    plain, named = found(record(1, 0), record(2, 50, uut="SN 2"))
+    assert (plain.window.uut, named.window.uut) == (None, "SN 2")
+
+
+@pytest.mark.parametrize(
+    "name", ["number", "link", "first_counter", "frames", "t_start_ns", "t_end_ns", "conditions", "step"]
+)
+@pytest.mark.parametrize("value", ["missing", None, [1]])
+def test_a_record_event_that_lacks_a_field_is_damage(name: str, value: Any) -> None:
+    kind, fields = record(1, 0, step=3)
+    if value == "missing" and name != "step":  # which a record need not have
+        del fields[name]
+    else:
+        fields[name] = value
+    with pytest.raises(SessionDamaged, match=f"not complete: {name}") as caught:
         found((kind, fields))
-    assert caught.value.code == "B-RPL-003"
+    assert (caught.value.code, caught.value.where) == ("B-RPL-003", "message 0")
+
+
+def test_what_other_software_writes_with_a_record_is_no_damage() -> None:
+    (kept,) = found(record(1, 0, frames=50.0, samples=None, pulse_timing=1, readings="many", color="red"))
+    assert (kept.window.frames, kept.sampled, kept.timed) == (50, False, False)
 
 
 def part(first_s: float, last_s: float, utc_at_0_s: float | None) -> Part:
@@ -113,12 +131,13 @@ def test_counters_go_on_with_the_frames_of_the_gap_and_never_join() -> None:
 
 
 def test_splices_are_told_with_what_was_done_again() -> None:
-    events = [
+    events: list[tuple[str, int, dict[str, Any]]] = [
         ("resume", 5, {"stopped_utc_ns": 1, "utc_ns": 2, "away_s": 9.0, "start": 7, "reason": "x", "unit_degC": 20.0}),
         ("reentry", 6, {"step": 7, "unit_degC": 18.5, "soaked": True}),
         ("reentry", 8, {"step": 9, "unit_degC": 1.0, "soaked": False}),  # after a hold: another step
         ("resume", 9, {"reason": "by other software"}),
+        ("reentry", 9, {"unit_degC": 3.0, "soaked": True}),  # of no step that is known
     ]
-    first, second = splices_of(events)
+    first, second = splices_of((t_ns, event_of(kind, fields)) for kind, t_ns, fields in events)
     assert (first.step, first.away_s, first.reason, first.soaked, first.drift_degC) == (7, 9.0, "x", True, -1.5)
     assert (second.step, second.drift_degC, second.stopped_utc_ns) == (-1, None, None)

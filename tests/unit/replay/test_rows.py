@@ -13,7 +13,7 @@ from record_sample import NS, frame
 
 from bench.frame import LinkDecoder
 from bench.model.errors import InputError, SessionDamaged
-from bench.model.events import Resume
+from bench.model.events import Record, Resume
 from bench.model.ports import RecordWindow
 from bench.record import RecordCutter, RecordRow, SessionReader, SessionWriter
 from bench.record.recover import resume_session
@@ -161,7 +161,7 @@ def test_retaken_records_count_once(tmp_path: Path) -> None:
     done = replay_rows(tmp_path)
     assert len(done.rows) == 1
     same(second, done.rows[0])
-    assert [kind for kind, _, _ in done.events].count("retake") == 2
+    assert [event.kind for _, event in done.events].count("retake") == 2
 
 
 def test_after_a_resume_counters_start_anew(tmp_path: Path) -> None:
@@ -222,6 +222,19 @@ def test_a_definition_that_means_something_else_today_is_noted(tmp_path: Path) -
     SessionWriter.create(tmp_path, manifest, TEXTS, t_mono_ns=0).close("done")
     (note,) = replay_rows(tmp_path).notes
     assert "port_a" in note
+
+
+def test_a_record_keeps_the_unit_it_belongs_to(tmp_path: Path) -> None:
+    """Behind a splice too; the event of a record of a bench with one unit says nothing of it."""
+    writer = SessionWriter.create(tmp_path, MANIFEST, TEXTS, t_mono_ns=0)
+    for number, link, uut in ((1, "port_a", None), (2, "port_a", "SN 2"), (3, "", "SN 3")):
+        window = RecordWindow(number, link, 10 * number, 10 if link else 0, 0, FRAME_NS, uut=uut)
+        event = Record(**vars(window))
+        assert ("uut" in event.document()) == (uut is not None)
+        writer.event(event.kind, number, event.document())
+        writer.event("resume", number, {"reason": "x"})
+    writer.close("done")
+    assert [row.window.uut for row in replay_rows(tmp_path).rows] == [None, "SN 2", "SN 3"]
 
 
 def test_a_record_on_an_unknown_link(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -11,6 +10,7 @@ from typing import Any
 import pytest
 from run_rig import Rig
 
+from bench.model.events import Event, Resume, Retake, Skip, event_of
 from bench.plan.drivers import driver_actions
 from bench.record import JournalEntry
 from bench.run.steps.position import Position, in_point, point_start, point_stop, readings_of, stopped_at
@@ -47,8 +47,8 @@ def journal(stop: int) -> list[JournalEntry]:
     return [JournalEntry(number, "campaign", number, {}) for number in range(stop)]
 
 
-def taken(*steps: int) -> list[tuple[str, int, Mapping[str, Any]]]:
-    return [("record", 0, {"number": number, "step": step}) for number, step in enumerate(steps, 1)]
+def taken(*steps: int) -> list[Event]:
+    return [event_of("record", {"number": number, "step": step}) for number, step in enumerate(steps, 1)]
 
 
 FIRST, SECOND, THIRD = 3, 7, 11  # the record steps
@@ -79,26 +79,32 @@ def test_position(tmp_path: Path, done: int, records: tuple[int, ...], expected:
 
 
 def test_a_record_taken_back_does_not_count(tmp_path: Path) -> None:
-    events = [*taken(FIRST, SECOND), ("retake", 0, {"record": 2})]
+    events = [*taken(FIRST, SECOND), Retake(record=2, reason="x")]
     assert stopped_at(plan(tmp_path), journal(8), events) == Position(5, 1, ())
 
 
 def test_skipped_steps_are_done(tmp_path: Path) -> None:
-    events = [*taken(FIRST), ("skip", 0, {"first": 5, "stop": 9, "reason": "x"})]
+    events = [*taken(FIRST), Skip(first=5, stop=9, reason="x", by="kim")]
     assert stopped_at(plan(tmp_path), journal(6), events) == Position(9, 1, ())
     assert stopped_at(plan(tmp_path), journal(11), events) == Position(9, 1, ())
 
 
 def test_a_record_that_a_run_did_not_accept_before_it_ended_is_taken_again(tmp_path: Path) -> None:
     """No frame came: the event is written, then the run ends by itself; its journal is whole."""
-    events = [*taken(FIRST, SECOND), ("end", 0, {"error": "B-RUN-021"})]
+    events = [*taken(FIRST, SECOND), event_of("end", {"error": "B-RUN-021"})]
     assert stopped_at(plan(tmp_path), journal(7), events) == Position(5, 1, (2,))
 
 
 def test_an_end_before_a_resume_says_nothing_about_the_journal(tmp_path: Path) -> None:
-    end, begun = ("end", 0, {"error": "B-RUN-010"}), ("resume", 0, {})
-    events = [*taken(FIRST), end, begun, ("record", 0, {"number": 2, "step": SECOND})]
+    end, begun = event_of("end", {"error": "B-RUN-010"}), Resume(reason="x")
+    events = [*taken(FIRST), end, begun, event_of("record", {"number": 2, "step": SECOND})]
     assert stopped_at(plan(tmp_path), journal(7), events) == Position(5, 1, (2,))
+
+
+@pytest.mark.parametrize(("end", "start"), [({"error": None}, 15), ({}, 9)])
+def test_only_an_end_that_says_so_was_without_an_error(tmp_path: Path, end: dict[str, Any], start: int) -> None:
+    events = [*taken(FIRST, SECOND), event_of("end", end)]
+    assert stopped_at(plan(tmp_path), journal(9), events) == Position(start, 2, ())
 
 
 def two_units(folder: Path) -> Any:
@@ -114,10 +120,10 @@ def two_units(folder: Path) -> Any:
     return plan_of(rig)
 
 
-def noted(stop: int) -> list[tuple[str, int, Mapping[str, Any]]]:
+def noted(stop: int) -> list[Event]:
     """What the steps before ``stop`` have noted in the session."""
     kinds = {0: "prompt", 2: "reading", 3: "reading", 4: "exchange", 5: "exchange", 6: "exchange"}
-    return [(kinds[number % 7], 0, {"step": number}) for number in range(stop) if number % 7 in kinds]
+    return [event_of(kinds[number % 7], {"step": number}) for number in range(stop) if number % 7 in kinds]
 
 
 @pytest.mark.parametrize(
@@ -141,7 +147,7 @@ def test_what_the_session_has_lost_is_done_again(tmp_path: Path, done: int, in_s
 
 
 def test_a_test_of_a_skipped_stretch_is_not_missed(tmp_path: Path) -> None:
-    events = [*noted(4), ("skip", 0, {"first": 4, "stop": 7, "reason": "x"})]
+    events = [*noted(4), Skip(first=4, stop=7, reason="x", by="kim")]
     assert stopped_at(two_units(tmp_path), journal(4), events) == Position(7, 0, ())
 
 
@@ -204,6 +210,6 @@ def test_a_reading_that_begins_the_next_point_does_not_belong_to_the_record_befo
 
 @pytest.mark.parametrize("done", [4, 5, 6])
 def test_a_run_that_stopped_before_the_readings_of_its_record_takes_the_record_again(tmp_path: Path, done: int) -> None:
-    events = [*taken(3), *(("reading", 0, {"step": step}) for step in (0, 4) if step < done)]
-    stopped = [*events, ("end", 0, {"error": "B-RUN-001"})]
+    events = [*taken(3), *(event_of("reading", {"step": step}) for step in (0, 4) if step < done)]
+    stopped = [*events, event_of("end", {"error": "B-RUN-001"})]
     assert stopped_at(north(tmp_path), journal(done), stopped) == Position(1, 0, (1,))
