@@ -19,10 +19,10 @@ demo: $(VENV)/.run
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
 	@echo "Report: $$(ls -t $(OUT)/*/report.html | head -n 1)"
 
-# Five workers on two cores: three begin with the tests that wait for real time, of terminals, browsers and killed
+# Four workers on two cores: two begin with the tests that wait for real time, of terminals, browsers and killed
 # processes, two with those that compute (tests/support/two_ends.py).
 test: $(VENV)/.dev
-	$(PY) -m pytest -n 5 --dist loadfile -m "not sweep"
+	$(PY) -m pytest -n 4 --dist loadfile -m "not sweep"
 
 mutants: $(VENV)/.dev
 	$(PY) tests/mutants/run.py

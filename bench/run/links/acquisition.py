@@ -81,7 +81,6 @@ class Acquisition:
         self._next_second_ns = clock.now_ns() + NS
         self._serviced_ns = self._decoded_ns = clock.now_ns()
         self._threads: dict[str, PortThread] = {}
-        self._turn_ns: int | None = None  # the turn of the virtual clock that is taken, while the clock is further
         self._recording_ns: dict[str, int] = {}  # by link: since when its thread records
         self._turned_ns: dict[str, int] = {}
         for reader in self.readers.values():
@@ -154,18 +153,17 @@ class Acquisition:
         """Sleep through all turns but the last one, then record what each of them would have read."""
         if not len(arrivals):
             return
-        self._turn_ns = turns_ns[0]
-        try:
-            clock.sleep_until_ns(turns_ns[-1])
-            for reader, ends in zip(readers, arrivals.T.tolist(), strict=True):
-                reader.receive_parts(turns_ns[:-1], ends)
-            for turn_ns in turns_ns[:-1]:
-                self._turn_ns = turn_ns
-                for reader in readers:
-                    reader.record(sys.maxsize, turn_ns)
-                after(turn_ns)
-        finally:
-            self._turn_ns = None
+        ends = arrivals.T.tolist()
+        for reader, of_reader in zip(readers, ends, strict=True):
+            if of_reader[-1]:  # said before the clock is there: whoever watches must not take the link for silent
+                reader.last_byte_ns = turns_ns[of_reader.index(of_reader[-1])]
+        clock.sleep_until_ns(turns_ns[-1])
+        for reader, of_reader in zip(readers, ends, strict=True):
+            reader.receive_parts(turns_ns[:-1], of_reader)
+        for turn_ns in turns_ns[:-1]:
+            for reader in readers:
+                reader.record(sys.maxsize, turn_ns)
+            after(turn_ns)
 
     def _second(self, now_ns: int) -> None:
         if now_ns >= self._next_second_ns:
@@ -304,14 +302,13 @@ class Acquisition:
             self._clock.sleep_until_ns(min(until_ns, now + round(period_s * NS)))
 
     def status(self) -> dict[str, LinkStatus]:
-        """Every link as it is now; as it was up to ``SERVICE_S`` ago while somebody holds the lock for long."""
+        """Return every link as it is now; as it was up to ``SERVICE_S`` ago while somebody holds the lock for long."""
         if self.lock.acquire(timeout=STATUS_WAIT_S):
             try:
                 self.catch_up()
             finally:
                 self.lock.release()
-        turn_ns = self._turn_ns
-        now_ns = self._clock.now_ns() if turn_ns is None else turn_ns
+        now_ns = self._clock.now_ns()
         return {name: status_of(reader, now_ns) for name, reader in self.readers.items()}
 
     def unit_temperature_degC(self) -> float:
