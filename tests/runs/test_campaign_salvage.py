@@ -15,6 +15,7 @@ from bench.commands.recover import recover
 from bench.commands.session import fit
 from bench.model.clock import VirtualClock
 from bench.model.errors import ExitStatus, InputError
+from bench.model.events import Skip
 from bench.plan import Plan, Step, check_plan, compile_sequence
 from bench.replay import replay_rows
 from bench.run.control.operator import SimulatedOperator
@@ -159,8 +160,8 @@ def test_a_ramp_without_gaps_cannot_be_made_up(tmp_path: Path) -> None:
 def test_skipped_records_are_missing_for_that_reason(stopped: tuple[Path, Path]) -> None:
     plan = compile_sequence("scale_factor_short")
     records = [step for step in plan.phase("campaign") if step.kind == "record"]
-    skip = ("skip", 0, {"first": records[0].number, "stop": records[1].number, "reason": "a door"})
-    nothing: Any = type("Nothing", (), {"manifest": {}, "rows": (), "events": [skip]})()
+    skip = Skip(first=records[0].number, stop=records[1].number, reason="a door", by="kim")
+    nothing: Any = type("Nothing", (), {"manifest": {}, "rows": (), "events": [(0, skip)]})()
     states = record_states(plan.steps, nothing)
     assert [one.why for one in states[:2]] == ["skipped: a door", "the run stopped before"]
 
