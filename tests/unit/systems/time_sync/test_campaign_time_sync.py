@@ -97,7 +97,8 @@ def test_sound_recording_gives_the_offset_to_a_tenth_of_a_millisecond(offset_s: 
     """Without errors nothing but the arithmetic is left: geodesy, ticks, drift, filter; a fraction of a sample old."""
     found = analyse(turn(noise=False, tag_noise_s=0.0, offset_s=offset_s, poll_ns=0, jitter_s=1e-6).material())
     for method in METHODS:
-        assert value(found, "time_offset", method=method)["value"] == pytest.approx(offset_s, abs=1e-4)
+        limit_s = 5e-5 if method == "augmented_tight" and offset_s > 0.1 else 1e-4
+        assert value(found, "time_offset", method=method)["value"] == pytest.approx(offset_s, abs=limit_s)
 
 
 def test_clocks_of_any_epoch() -> None:
