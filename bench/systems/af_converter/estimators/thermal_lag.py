@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 
 from bench.model.errors import FitError
 
@@ -69,11 +70,10 @@ def lagged(t_s: Array, drive_degC: Array, lag_s: float, start_degC: float | None
     gone = -np.expm1(-step_s / lag_s)  # 1 - a, keeps its digits for a short step
     rise = np.diff(drive_degC)
     pull = gone * drive_degC[:-1] + rise * (1.0 - gone * lag_s / step_s)
-    unit = [first]
-    for kept, pulled in zip((1.0 - gone).tolist(), pull.tolist(), strict=True):
-        first = kept * first + pulled
-        unit.append(first)
-    return np.array(unit)
+    band = np.ones((2, t_s.size), order="F")  # T1 - a T0 = pull, a triangle of two diagonals
+    band[1, :-1] = gone - 1.0
+    unit, _ = lapack.dtbtrs(band, np.concatenate(([first], pull))[:, None], uplo="L", diag="U")
+    return np.asarray(unit[:, 0])
 
 
 def lagged_means(t_s: Array, drive_degC: Array, unit_degC: Array, lag_s: float) -> Array:
