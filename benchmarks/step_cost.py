@@ -2,22 +2,27 @@
 
 The steps are those of the 38-hour campaign (calls, verifications and settle times; no records) under the virtual
 clock, each with its flushed journal line and its event. bluesky does checkpoint, mv and trigger_and_read with devices
-that do nothing and no callback: it writes no journal. The pyvisa call is a query answered by pyvisa-sim.
+that do nothing and no callback: it writes no journal. The journal line is also shown alone, and against what it is at
+least: its fields dumped and written. The pyvisa call is a query answered by pyvisa-sim.
 
 Run: python -m benchmarks.step_cost. bluesky is shown where it is installed (extra ``benchmark``).
 """
 
 from __future__ import annotations
 
+import json
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import process_time
+from types import MappingProxyType
 from typing import Any, cast
 
-from bench.model.clock import VirtualClock
+from bench.model.clock import NS, VirtualClock
 from bench.plan import Plan, compile_sequence
 from bench.record import Journal
 from bench.run.context import RunContext
@@ -32,6 +37,8 @@ QUERIES = 2_000
 
 class Nothing:
     """An instrument, sink, listener or link that takes every call and answers True at once."""
+
+    readers: Mapping[str, Any] = MappingProxyType({})
 
     def __getattr__(self, name: str) -> Callable[..., bool]:
         return _yes
@@ -52,18 +59,10 @@ def own_steps(plan: Plan, folder: Path) -> float:
     clock, stop, nothing = VirtualClock(), StopSwitch(), cast(Any, Nothing())
     roles = {step.role for step in plan.steps if step.role}
     context = RunContext(
-        plan,
-        dict.fromkeys(roles, nothing),
-        nothing,
-        nothing,
-        clock,
-        nothing,
-        nothing,
-        nothing,
-        stop,
-        Timeline(clock, stop, 0),
-        plan.measurement_link,
-    )
+        plan=plan, instruments=dict.fromkeys(roles, nothing), acquisition=nothing, cutter=nothing, clock=clock,
+        observers=nothing, operator=nothing, stop=stop, timeline=Timeline(clock, stop, 0),
+        measurement_link=plan.measurement_link,
+    )  # fmt: skip
     journal = Journal(folder)
     sequencer = Sequencer(context, journal, ())
     start = process_time()
@@ -73,6 +72,30 @@ def own_steps(plan: Plan, folder: Path) -> float:
     journal.path.unlink()
     if outcome.error is not None or outcome.steps_done != len(plan.steps):
         raise SystemExit(f"the run stopped after {outcome.steps_done} steps: {outcome.error}")
+    return spent
+
+
+def journal_lines(plan: Plan, folder: Path) -> float:
+    """CPU seconds of the journal lines alone."""
+    journal = Journal(folder)
+    start = process_time()
+    for step in plan.steps:
+        journal.step(step.number, step.phase, step.number * NS, step.conditions)
+    spent = process_time() - start
+    journal.close()
+    journal.path.unlink()
+    return spent
+
+
+def bare_lines(plan: Plan, folder: Path) -> float:
+    """CPU seconds of the same fields through json.dumps and one write each."""
+    descriptor = os.open(folder / "bare", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    start = process_time()
+    for step in plan.steps:
+        fields = {"c": step.conditions, "n": step.number, "p": step.phase, "t": step.number * NS}
+        os.write(descriptor, (json.dumps(fields) + "\n").encode())
+    spent = process_time() - start
+    os.close(descriptor)
     return spent
 
 
@@ -182,7 +205,12 @@ def main() -> None:
     plan = steps_without_records(compile_sequence("scale_factor_38h"))
     count = len(plan.steps)
     with TemporaryDirectory() as folder:
-        rows = {"this sequencer, journal line flushed": microseconds(lambda: own_steps(plan, Path(folder)), count)}
+        ways = {
+            "this sequencer, journal line flushed": own_steps,
+            "its journal line alone": journal_lines,
+            "the fields of that line, bare json.dumps and write": bare_lines,
+        }
+        rows = {name: microseconds(partial(way, plan, Path(folder)), count) for name, way in ways.items()}
     rows["one pyvisa query answered by pyvisa-sim"] = microseconds(lambda: pyvisa_queries(QUERIES), QUERIES, 3)
     try:
         peer = microseconds(lambda: bluesky_steps(PEER_STEPS), PEER_STEPS, 2)

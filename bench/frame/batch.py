@@ -63,6 +63,11 @@ class MessageBatch:
         values = self.raw(name).astype(np.float64)
         return values * item.scale + item.shift if self.has_scale(name) else values
 
+    def newest(self, name: str) -> float:
+        """Return the value of a field in the last frame, in its unit; of an array the mean. At least one is needed."""
+        item, last = self._field(name), self.raw(name)[-1:].astype(np.float64)
+        return float((last * item.scale + item.shift if self.has_scale(name) else last)[-1].mean())
+
     def has_scale(self, name: str) -> bool:
         """Return whether physical and raw values of a field differ."""
         item = self._field(name)

@@ -56,7 +56,6 @@ class _Task:
     period_ns: int
     callback: Callable[[], None]
     observer: bool
-    order: int
     active: bool = True
     running: bool = False
 
@@ -79,7 +78,6 @@ class VirtualClock:
         self._tasks: list[_Task] = []
         self._running: list[_Task] = []
         self._sleepers: list[int] = []
-        self._order = 0
 
     def now_ns(self) -> int:
         return self._now_ns
@@ -105,8 +103,7 @@ class VirtualClock:
         if period_ns <= 0:
             raise ValueError(f"period {period_s} s is not positive")
         self._tasks = [task for task in self._tasks if task.active]
-        self._order += 1
-        task = _Task(self._now_ns + period_ns, period_ns, callback, observer, self._order)
+        task = _Task(self._now_ns + period_ns, period_ns, callback, observer)
         self._tasks.append(task)
         return task
 
@@ -119,17 +116,30 @@ class VirtualClock:
         return max(horizon, self._now_ns)
 
     def turns_ahead_ns(self) -> range:
-        """Return coming turns of the callback that asks, up to and without the time when anybody else does anything.
+        """Return coming turns of the callback that asks, as far as nobody else acts before them.
 
-        Until then the callback is alone: it may sleep through these turns and do at once what they would have done.
+        Until then the callback is alone: it may pass through these turns (``pass_to_ns``) and do at once what they
+        would have done. The last one may be the time when others act too, if its turn comes before theirs.
         """
         task = self._running[-1]
-        others = (other.due_ns for other in self._tasks if other.active and not other.running)
-        return range(self._following(task), min((self._sleepers[-1], *others)), task.period_ns)
+        stop_ns, is_behind = self._sleepers[-1] + 1, False
+        for other in self._tasks:  # in order of registration
+            if other is task:
+                is_behind = True
+            elif other.active and not other.running:
+                stop_ns = min(stop_ns, other.due_ns + is_behind)
+        return range(self._following(task), stop_ns, task.period_ns)
+
+    def pass_to_ns(self, turn_ns: int) -> None:
+        """Let the time of one of ``turns_ahead_ns`` come; nobody else acts on the way."""
+        self._now_ns = max(self._now_ns, turn_ns)
 
     def _next_due(self, limit_ns: int) -> _Task | None:
-        due = [t for t in self._tasks if t.active and not t.running and t.due_ns <= limit_ns]
-        return min(due, key=lambda task: (task.due_ns, task.order), default=None)
+        first = None
+        for task in self._tasks:  # in order of registration
+            if task.due_ns <= limit_ns and task.active and not task.running:
+                first, limit_ns = task, task.due_ns - 1
+        return first
 
     def _run(self, task: _Task) -> None:
         task.running = True

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cache
 from typing import Any, Protocol, TypeVar
 
 
@@ -71,7 +72,8 @@ def action(
     return mark
 
 
-def actions_of(driver: type) -> dict[str, Action]:
+@cache
+def actions_of(driver: type) -> Mapping[str, Action]:
     """Return all actions a driver class declares, by name."""
     actions: dict[str, Action] = {}
     for name in dir(driver):

@@ -6,7 +6,7 @@ while ends nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import suppress
 from enum import IntEnum
 from typing import Any, ClassVar, Protocol
@@ -67,23 +67,37 @@ class Observer:
         """It has raised, and is not told anything any more."""
 
 
+_TOLD = ("event", "step", "record", "batch", "traffic", "message")
+
+
+def _hears(observer: Observer, name: str) -> bool:
+    return getattr(type(observer), name) is not getattr(Observer, name)
+
+
 class Observers:
     """The list."""
 
     def __init__(self, clock: Clock, *observers: Observer) -> None:
         self._clock = clock
         self._observers: tuple[Observer, ...] = ()
+        self._who_hears: dict[str, tuple[Observer, ...]] = {}  # by name of what is told
         for observer in observers:
             self.add(observer)
 
     def add(self, observer: Observer) -> None:
         """Tell somebody else too from now on."""
-        self._observers = tuple(sorted((*self._observers, observer), key=lambda other: other.order))
+        self._set(sorted((*self._observers, observer), key=lambda other: other.order))
+
+    def _set(self, observers: Iterable[Observer]) -> None:
+        self._observers = tuple(observers)
+        self._who_hears = {
+            name: tuple(observer for observer in self._observers if _hears(observer, name)) for name in _TOLD
+        }
 
     def event(self, event: Event) -> None:
         """Something happens now. Raises: what a vital observer raises; those behind it are not told then."""
         t_mono_ns = self._clock.now_ns()
-        self._tell(lambda observer: observer.event(event, t_mono_ns))
+        self._tell("event", event, t_mono_ns)
 
     def note(self, event: Event) -> None:
         """Something happens that nothing depends on: a person hears of it even if the disk refuses it."""
@@ -95,31 +109,31 @@ class Observers:
 
     def step(self, step: Step, at_s: float) -> None:
         """A step begins."""
-        self._tell(lambda observer: observer.step(step, at_s))
+        self._tell("step", step, at_s)
 
     def record(self, row: RecordRow) -> None:
         """A record is complete."""
-        self._tell(lambda observer: observer.record(row))
+        self._tell("record", row)
 
     def batch(self, link: str, batch: LinkBatch) -> None:
         """Frames of a link were decoded."""
-        self._tell(lambda observer: observer.batch(link, batch))
+        self._tell("batch", link, batch)
 
     def traffic(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
         """A command went to an instrument, or its reply came."""
-        self._tell(lambda observer: observer.traffic(role, direction, text, t_mono_ns))
+        self._tell("traffic", role, direction, text, t_mono_ns)
 
     def message(self, text: str) -> None:
         """Say something to a person."""
-        self._tell(lambda observer: observer.message(text))
+        self._tell("message", text)
 
-    def _tell(self, tell: Callable[[Observer], None]) -> None:
-        for observer in self._observers:
+    def _tell(self, name: str, *told: Any) -> None:
+        for observer in self._who_hears[name]:
             if observer.vital:
-                tell(observer)
+                getattr(observer, name)(*told)
                 continue
             try:
-                tell(observer)
+                getattr(observer, name)(*told)
             except OperatorStop:  # a second signal, wherever it comes
                 raise
             except (Exception, SystemExit) as error:  # a terminal that hung up: some writers want to exit then
@@ -128,7 +142,7 @@ class Observers:
     def _drop(self, observer: Observer, error: BaseException) -> None:
         if observer not in self._observers:
             return
-        self._observers = tuple(other for other in self._observers if other is not observer)
+        self._set(other for other in self._observers if other is not observer)
         observer.failed()
         if observer.loss:
             self.message(f"{observer.loss} ({type(error).__name__}: {error}); the run goes on")

@@ -1,6 +1,7 @@
-"""A living run as its feed shows it: what it does goes into the state, its frames into points; nothing comes back.
+"""A living run as its feed shows it: what it does goes into the state, its frames into points.
 
-Its links are described without asking them anything: nothing is read, decoded or locked.
+Nothing comes back but that somebody looks, so that the links are decoded more often. They are described without asking
+them anything: nothing is read, decoded or locked.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from bench.record import RecordRow
 from bench.run.context import RunContext
 from bench.run.control.asking import WaitingOperator
 from bench.run.control.local_socket import LIVE, forget_socket, socket_path
-from bench.run.feed.points import PATIENCE_NS, PATIENCE_VIRTUAL_NS, Points
+from bench.run.feed.points import PATIENCE_NS, PATIENCE_VIRTUAL_NS, PointBatch, Points
 from bench.run.feed.server import FeedServer
 from bench.run.feed.state import PROTO, RunState
 from bench.run.guard.health import UNIT
@@ -120,6 +121,11 @@ class LiveFeed(Observer):
             self.state.on_temperature(self._utc_s(now_ns), context.health.values()[UNIT])
         return self.state.document(self._utc_s(now_ns))
 
+    def points_since(self, since: int) -> PointBatch:
+        """Return complete points from a number on; on the thread of the feed."""
+        self._context.acquisition.looked_at()
+        return self.points.since(since, self._context.clock.now_ns())
+
     def _utc_s(self, t_mono_ns: int) -> float:
         return (t_mono_ns + self._offset_ns) / NS
 
@@ -131,8 +137,7 @@ def live_feed(context: RunContext, asking: WaitingOperator | None = None) -> Ite
     context.observers.add(feed)
     try:
         path = socket_path(context.folder, LIVE)
-        now = context.clock.now_ns
-        server = FeedServer(path, feed.head, feed.document, lambda since: feed.points.since(since, now()))
+        server = FeedServer(path, feed.head, feed.document, feed.points_since)
     except OSError as error:
         context.message(f"nobody can watch this run: {error}")
         yield feed

@@ -14,10 +14,8 @@ import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from operator import lt
 from typing import Protocol
-
-import numpy as np
-from numpy.typing import NDArray
 
 from bench.model.clock import NS, Clock, Periodic, VirtualClock, to_ns
 from bench.run.links.port import InstrumentLink, PortThread, descriptor_of
@@ -28,21 +26,24 @@ from bench.run.stop import StopSwitch, guarded, unforeseen
 VIRTUAL_POLL_S = 1.0
 VIRTUAL_DECODE_BYTES = 1_000_000
 VIRTUAL_LAG_NS = 60 * NS  # what was received is decoded at least this often
-SERVICE_S = 0.1  # as often as the feed has points; against 0.25 s it costs about 1 % of a core on the served bench
+SERVICE_S = 0.1  # as often as the feed has points, which are decoded as often while somebody looks at them
+UNSEEN_S = 0.5  # how often is decoded while nobody looks: each time costs some ms, however few the frames
+LOOK_NS = 2 * NS  # who looks asks several times a second
 TICK_S = 1.0
 STALL_S = 0.1
 NO_DESCRIPTOR_POLL_S = 0.05
 QUEUE_BYTES = 64 * 1024  # per link, recorded and not yet decoded, under the wall clock
 STREAM_QUEUE_BYTES = 1024 * 1024  # of one read in large pieces from an instrument, 2.4 MB a second at most
 ALIVE_NS = NS // 5
+SWITCH_S = 0.0005  # a thread that decodes lets one that reads go on within this time
 STATUS_WAIT_S = 0.1
 
 TEMPERATURE = "unit_temperature"
 STALE_S = 10.0  # housekeeping comes ten times a second; older temperatures say nothing about now
 
 
-Int64 = NDArray[np.int64]
-_NOTHING: Int64 = np.empty((0, 0), np.int64)
+Arrivals = list[tuple[int, ...]]
+"""By turn: how many bytes have arrived at each link."""
 
 
 class LinkWatch(Protocol):
@@ -75,11 +76,14 @@ class Acquisition:
         self.lock = threading.RLock()
         self.watch: LinkWatch | None = None
         self.on_serviced: Callable[[], None] = lambda: None
+        self.on_passed = on_tick  # a second that others follow at once
         self._clock = clock
         self._on_tick = on_tick
         self._stop = stop
         self._next_second_ns = clock.now_ns() + NS
+        self._looked_ns = clock.now_ns() - LOOK_NS
         self._serviced_ns = self._decoded_ns = clock.now_ns()
+        self._switch_s = sys.getswitchinterval()
         self._threads: dict[str, PortThread] = {}
         self._recording_ns: dict[str, int] = {}  # by link: since when its thread records
         self._turned_ns: dict[str, int] = {}
@@ -105,7 +109,7 @@ class Acquisition:
         with self.lock:
             turns_ns = [clock.now_ns(), *clock.turns_ahead_ns()]
             arrivals = _arrivals(readers, turns_ns[:-1])
-            self._take_at_once(clock, turns_ns[: len(arrivals) + 1], readers, arrivals, lambda now_ns: None)
+            self._take_at_once(clock, turns_ns, readers, arrivals, lambda now_ns: None)
             for reader in readers:
                 if reader.link.in_waiting:
                     self._poll(reader)
@@ -115,7 +119,8 @@ class Acquisition:
             readers = list(self.readers.values())
             turns_ns = [clock.now_ns(), *clock.turns_ahead_ns()]
             arrivals = self._uneventful(readers, turns_ns[:-1])
-            self._take_at_once(clock, turns_ns[: len(arrivals) + 1], readers, arrivals, self._second)
+            second = partial(self._second, tick=self.on_passed)
+            self._take_at_once(clock, turns_ns, readers, arrivals, second)
             pending, now_ns = 0, clock.now_ns()
             for reader in readers:
                 self._poll(reader)
@@ -127,52 +132,64 @@ class Acquisition:
             self.watch.service()
         self._second(now_ns)
 
-    def _uneventful(self, readers: Sequence[LinkReader], turns_ns: Sequence[int]) -> Int64:
-        """Return what arrives by those of the coming turns, (n, links), at which nothing is decoded or judged.
+    def _uneventful(self, readers: Sequence[LinkReader], turns_ns: Sequence[int]) -> Arrivals:
+        """Return what arrives by those of the coming turns at which nothing is decoded or judged.
 
         That is: all is well, bytes arrive at every link in each of them, and they may wait to be decoded.
         """
-        if self.watch is not None and not self.watch.calm:
-            return _NOTHING
+        if not turns_ns or (self.watch is not None and not self.watch.calm):
+            return []
+        room = VIRTUAL_DECODE_BYTES - sum(reader.decoder.pending_bytes for reader in readers)
+        late_ns = self._decoded_ns + VIRTUAL_LAG_NS
         arrivals = _arrivals(readers, turns_ns)
-        pending = sum(reader.decoder.pending_bytes for reader in readers) + arrivals.sum(axis=1)
-        waits = (pending < VIRTUAL_DECODE_BYTES) & (
-            np.asarray(turns_ns[: len(arrivals)]) - self._decoded_ns < VIRTUAL_LAG_NS
-        )
-        goes_on = waits & (np.diff(arrivals, axis=0, prepend=0) > 0).all(axis=1)
-        return arrivals[: len(goes_on) if goes_on.all() else int(goes_on.argmin())]
+        before = (0,) * len(readers)
+        for turn, (turn_ns, arrived) in enumerate(zip(turns_ns, arrivals, strict=False)):
+            if sum(arrived) >= room or turn_ns >= late_ns or not all(map(lt, before, arrived)):
+                return arrivals[:turn]
+            before = arrived
+        return arrivals
 
     def _take_at_once(
         self,
         clock: VirtualClock,
         turns_ns: Sequence[int],
         readers: Sequence[LinkReader],
-        arrivals: Int64,
+        arrivals: Arrivals,
         after: Callable[[int], None],
     ) -> None:
-        """Sleep through all turns but the last one, then record what each of them would have read."""
-        if not len(arrivals):
+        """Pass through the turns of ``arrivals``, then record what each of them would have read.
+
+        The turn behind them is the one of now.
+        """
+        if not arrivals:
             return
-        ends = arrivals.T.tolist()
+        passed_ns, ends = turns_ns[: len(arrivals)], list(zip(*arrivals, strict=True))
         for reader, of_reader in zip(readers, ends, strict=True):
             if of_reader[-1]:  # said before the clock is there: whoever watches must not take the link for silent
-                reader.last_byte_ns = turns_ns[of_reader.index(of_reader[-1])]
-        clock.sleep_until_ns(turns_ns[-1])
-        for reader, of_reader in zip(readers, ends, strict=True):
-            reader.receive_parts(turns_ns[:-1], of_reader)
-        for turn_ns in turns_ns[:-1]:
-            for reader in readers:
-                reader.record(sys.maxsize, turn_ns)
-            after(turn_ns)
+                reader.last_byte_ns = passed_ns[of_reader.index(of_reader[-1])]
+        clock.pass_to_ns(turns_ns[len(arrivals)])
+        parts: list[list[bytes]] = []
+        recorded = [0] * len(readers)
+        try:
+            parts += (reader.receive_parts(of_reader) for reader, of_reader in zip(readers, ends, strict=True))
+            for turn, turn_ns in enumerate(passed_ns):
+                for place, reader in enumerate(readers):
+                    reader.record_part(turn_ns, parts[place][turn])
+                    recorded[place] = turn + 1
+                after(turn_ns)
+        finally:
+            for reader, of_reader, done in zip(readers, parts, recorded, strict=False):  # a port may fail
+                reader.keep_parts(passed_ns, of_reader, done)
 
-    def _second(self, now_ns: int) -> None:
+    def _second(self, now_ns: int, tick: Callable[[int], None] | None = None) -> None:
         if now_ns >= self._next_second_ns:
-            self._on_tick(now_ns)
+            (tick or self._on_tick)(now_ns)
             self._next_second_ns = (now_ns // NS + 1) * NS
 
     # --- wall clock ------------------------------------------------------------------------------------------------
 
     def _begin_wall(self) -> list[Periodic]:
+        sys.setswitchinterval(SWITCH_S)
         for reader in self.readers.values():
             self.listen(reader)
         tasks = [(SERVICE_S, self._service), (TICK_S, self._tick), (STALL_S, self._read_beside)]
@@ -186,7 +203,7 @@ class Acquisition:
         descriptor = descriptor_of(reader.link)
         if not self._clock.virtual and descriptor is not None:
             ready, turn = partial(self._on_ready, reader), partial(self._on_turn, reader)
-            self._threads[reader.name] = PortThread(reader.name, descriptor, ready, turn)
+            self._threads[reader.name] = PortThread(reader.name, descriptor, ready, turn, self._clock.now_ns)
 
     def unlisten(self, reader: LinkReader) -> None:
         """Wait no longer for a port that is gone."""
@@ -242,9 +259,21 @@ class Acquisition:
     def _service(self) -> None:
         if all(reader.lost for reader in self.readers.values()):
             self.on_serviced()  # no thread is left that could
-        self.decode()
+        if self._is_awaited(self._clock.now_ns()):
+            self.decode()
         if self.watch is not None:
             self.watch.service()
+
+    def _is_awaited(self, now_ns: int) -> bool:
+        """Return whether it is time to decode: somebody looks, a link is in trouble, or it is long ago."""
+        if now_ns - self._looked_ns < LOOK_NS or now_ns - self._decoded_ns >= to_ns(UNSEEN_S):
+            return True
+        with self.lock:
+            return self.watch is not None and not self.watch.calm
+
+    def looked_at(self) -> None:
+        """Somebody looks at what the links give; nothing is waited for."""
+        self._looked_ns = self._clock.now_ns()
 
     def _tick(self) -> None:
         self._on_tick(self._clock.now_ns())
@@ -330,7 +359,7 @@ class Acquisition:
         if frames is None or frames.t_ns is None:
             return math.nan
         age_ns = self._clock.now_ns() - int(frames.t_ns[-1])
-        return math.nan if age_ns > to_ns(STALE_S) else float(frames.scaled(TEMPERATURE)[-1].mean())
+        return math.nan if age_ns > to_ns(STALE_S) else frames.newest(TEMPERATURE)
 
     def stop(self) -> None:
         """Stop reading; what is left is recorded and decoded."""
@@ -338,13 +367,12 @@ class Acquisition:
             periodic.cancel()
         for reader in self.readers.values():
             self.unlisten(reader)
+        sys.setswitchinterval(self._switch_s)
         self.catch_up()
 
 
-def _arrivals(readers: Sequence[LinkReader], turns_ns: Sequence[int]) -> Int64:
-    """Return the bytes that arrive at each link by coming turns, (n, links): as many turns as all links know."""
-    if not turns_ns or not readers or any(reader.lost for reader in readers):
-        return _NOTHING
-    arrivals = [reader.arrivals(turns_ns) for reader in readers]
-    known = min(map(len, arrivals))
-    return np.array([column[:known] for column in arrivals], np.int64).T.reshape(known, len(readers))
+def _arrivals(readers: Sequence[LinkReader], turns_ns: Sequence[int]) -> Arrivals:
+    """Return the bytes that arrive at each link by coming turns: as many turns as all links know."""
+    if not turns_ns or any(reader.lost for reader in readers):
+        return []
+    return list(zip(*(reader.arrivals(turns_ns) for reader in readers), strict=False))

@@ -43,21 +43,23 @@ class PortLink:
 
     def __init__(self, open_port: Callable[[], ByteLink]) -> None:
         self._open = open_port
-        self._port = open_port()
+        self._take(open_port())
+
+    def _take(self, port: ByteLink) -> None:
+        descriptor = descriptor_of(port)
+        self._port, self._waits = port, descriptor is not None and os.get_blocking(descriptor)
 
     def read(self, size: int = 1) -> bytes:
         """Up to ``size`` bytes that are there; never waits. Raises: OSError when the port is gone."""
         descriptor = descriptor_of(self._port)
         if descriptor is None:
             return self._port.read(size)
-        ready = select.poll()
-        ready.register(descriptor, select.POLLIN)
-        if not ready.poll(0):
+        if self._waits and not _is_ready(descriptor):
             return b""
-        try:
-            chunk = os.read(descriptor, min(size, READ_BYTES))
-        except BlockingIOError:
-            return b""
+        chunk = _taken(descriptor, size)
+        if chunk or not _is_ready(descriptor):  # nothing to read is no end, unless the port says it could be read
+            return chunk
+        chunk = _taken(descriptor, size)
         if not chunk:
             raise OSError("the port was hung up")
         return chunk
@@ -89,7 +91,7 @@ class PortLink:
         """Close what is left and open the same identity again. Raises: LinkError B-RUN-003."""
         with suppress(OSError):
             self._port.close()
-        self._port = self._open()
+        self._take(self._open())
 
 
 def descriptor_of(link: object) -> int | None:
@@ -102,6 +104,19 @@ def descriptor_of(link: object) -> int | None:
     except (OSError, ValueError):
         return None
     return descriptor if descriptor >= 0 else None
+
+
+def _is_ready(descriptor: int) -> bool:
+    ready = select.poll()
+    ready.register(descriptor, select.POLLIN)
+    return bool(ready.poll(0))
+
+
+def _taken(descriptor: int, size: int) -> bytes:
+    try:
+        return os.read(descriptor, min(size, READ_BYTES))
+    except BlockingIOError:
+        return b""
 
 
 def kernel_counts(link: object) -> dict[str, int] | None:
@@ -123,14 +138,22 @@ def kernel_counts(link: object) -> dict[str, int] | None:
 class PortThread:
     """Waits on the descriptor of one port and calls ``on_ready`` when there is something to read.
 
-    ``on_ready`` returns False when the port is gone, which ends the thread. ``on_turn`` is called at least each
-    ``TURN_MS``.
+    What comes within ``GATHER_MS`` behind a reading waits until then. ``on_ready`` returns False when the port is gone,
+    which ends the thread. ``on_turn`` is called at least each ``TURN_MS``.
     """
 
-    def __init__(self, name: str, descriptor: int, on_ready: Callable[[], bool], on_turn: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        name: str,
+        descriptor: int,
+        on_ready: Callable[[], bool],
+        on_turn: Callable[[], None],
+        now_ns: Callable[[], int],
+    ) -> None:
         self._descriptor = descriptor
         self._on_ready = on_ready
         self._on_turn = on_turn
+        self._now_ns = now_ns
         self._wake_read, self._wake_write = os.pipe()
         self._thread = threading.Thread(target=self._loop, name=f"link {name}", daemon=True)
         self._thread.start()
@@ -140,12 +163,22 @@ class PortThread:
         for poller in (everything, wake):
             poller.register(self._wake_read, select.POLLIN)
         everything.register(self._descriptor, select.POLLIN)
+        gathered_ns, trickles = self._now_ns(), False
         while True:
-            ready = [descriptor for descriptor, _ in everything.poll(TURN_MS)]
+            ready = everything.poll(0) if trickles else []
+            trickles = bool(ready)
+            ready = ready or everything.poll(TURN_MS)
             self._on_turn()
-            if self._wake_read in ready:
+            if any(descriptor == self._wake_read for descriptor, _ in ready):
                 return
-            if ready and (not self._on_ready() or wake.poll(GATHER_MS)):
+            if not ready:
+                continue
+            early_ms = (gathered_ns - self._now_ns()) / 1e6
+            trickles = trickles or early_ms > 0  # then the next ones are waited for without looking whether they come
+            if (early_ms > 0 and wake.poll(early_ms)) or not self._on_ready():
+                return
+            gathered_ns = self._now_ns() + GATHER_MS * 1_000_000
+            if trickles and wake.poll(GATHER_MS):
                 return
 
     def stop(self) -> None:

@@ -24,7 +24,6 @@ HELD_BYTES = 8_000_000  # per link, read and not yet recorded: 11 minutes at 115
 ANSWER, REFUSAL = "answer", "refusal"  # messages of a frame definition
 SEQUENCE = "sequence"  # the field of a command that its answer repeats
 _MARKS = 10  # of the rate, one each second
-_EVER = 2**63
 _NUMBERS = 256  # a sequence number is one byte
 
 BatchListener = Callable[[LinkBatch], None]
@@ -121,7 +120,8 @@ class LinkReader:
         self.numbered = any(
             message.name == ANSWER and SEQUENCE in message.by_name for message in self.definition.layout.messages
         )
-        self._lock = threading.RLock()
+        self._lock = threading.RLock()  # recording: the order in the session is that of the stream
+        self._decoding = threading.RLock()  # nobody who records waits for it
         self._gate = threading.Lock()  # reading and stamping: the order of the stamps is that of the bytes
         self._arrived: deque[tuple[int, bytes]] = deque()
         self._held = 0
@@ -167,20 +167,33 @@ class LinkReader:
             return ()
         return coming
 
-    def receive_parts(self, stamps: Sequence[int], ends: Sequence[int]) -> None:
-        """Read what has arrived, cut behind the given numbers of bytes: each part is stamped with its own time."""
+    def receive_parts(self, ends: Sequence[int]) -> list[bytes]:
+        """Read what has arrived, cut behind the given numbers of bytes; ``keep_parts`` must follow."""
         with self._gate:
             chunk = self.link.read(ends[-1]) if ends[-1] else b""
-            for stamp, (start, end) in zip(stamps, pairwise((0, *ends)), strict=True):
-                if end > start:
-                    self.last_byte_ns = stamp
-                    self._arrived.append((stamp, chunk[start:end]))
-            self._held += len(chunk)
+        return [chunk[start:end] for start, end in pairwise((0, *ends))]
 
-    def record(self, room: int, until_ns: int = _EVER) -> bool:
-        """Record and queue what was read by a time, until ``room`` bytes wait to be decoded; True if more was read."""
+    def record_part(self, stamp: int, part: bytes) -> None:
+        """Record a part with the time it would have been read at."""
+        if part:
+            self.sink.raw(self.name, "rx", stamp, part)
+
+    def keep_parts(self, stamps: Sequence[int], parts: Sequence[bytes], recorded: int) -> None:
+        """Queue the first parts, which are recorded; the others wait for it."""
+        for place, (stamp, part) in enumerate(zip(stamps, parts, strict=True)):
+            if not part:
+                continue
+            self.last_byte_ns = stamp
+            if place < recorded:
+                self.decoder.push(stamp, part)
+            else:
+                self._arrived.append((stamp, part))
+                self._held += len(part)
+
+    def record(self, room: int) -> bool:
+        """Record and queue what was read until ``room`` bytes wait to be decoded; True if more was read."""
         with self._lock:
-            while self._arrived and self.decoder.pending_bytes < room and self._arrived[0][0] <= until_ns:
+            while self._arrived and self.decoder.pending_bytes < room:
                 stamp, chunk = self._arrived[0]
                 self.sink.raw(self.name, "rx", stamp, chunk)
                 self.decoder.push(stamp, chunk)
@@ -198,7 +211,7 @@ class LinkReader:
 
     def decode(self) -> None:
         """Decode what is queued and hand it to the listeners."""
-        with self._lock:
+        with self._decoding:
             if self.decoder.pending_bytes == 0:
                 return
             batch = self.decoder.flush()

@@ -230,7 +230,7 @@ class WatchedSignals:
                 for frames in reader.newest.values():
                     if name in frames.message.by_name and frames.t_ns is not None:
                         fresh = now_ns - int(frames.t_ns[-1]) <= fresh_ns
-                        return float(frames.scaled(name)[-1].mean()) if fresh else math.nan
+                        return frames.newest(name) if fresh else math.nan
         return math.nan
 
     def _look_at(self, link: str, reader: LinkReader) -> None:

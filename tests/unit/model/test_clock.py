@@ -135,22 +135,24 @@ def test_an_error_on_a_thread_of_the_wall_clock_reaches_the_main_thread() -> Non
 def test_turns_ahead_are_those_before_anybody_else_acts() -> None:
     clock = VirtualClock()
     ahead: list[list[float]] = []
+    clock.every(2.0, lambda: None)  # registered first: at the same time its turn comes first
     clock.every(1.0, lambda: ahead.append([turn / NS for turn in clock.turns_ahead_ns()]))
     clock.every(3.0, lambda: None)
-    clock.sleep(4.5)
-    assert ahead == [[2.0], [], [], []]  # at 3 s the other one is due as well
+    clock.sleep(5.0)
+    assert ahead == [[], [3.0], [], [5.0], []]
 
 
-def test_turns_slept_through_are_not_taken_again() -> None:
+def test_turns_that_were_passed_are_not_taken_again() -> None:
     clock = VirtualClock()
-    taken: list[float] = []
+    taken: list[tuple[str, float]] = []
 
     def turn() -> None:
-        taken.append(clock.now_ns() / NS)
+        taken.append(("first", clock.now_ns() / NS))
         for due_ns in clock.turns_ahead_ns():
-            clock.sleep_until_ns(due_ns)
+            clock.pass_to_ns(due_ns)
 
     clock.every(1.0, turn)
-    clock.every(4.0, lambda: None)
-    clock.sleep(9.5)
-    assert taken == [1.0, 4.0, 5.0, 8.0, 9.0]
+    clock.every(4.0, lambda: taken.append(("other", clock.now_ns() / NS)))
+    clock.sleep(9.0)
+    assert taken == [("first", 1.0), ("other", 4.0), ("first", 5.0), ("other", 8.0), ("first", 9.0)]
+    assert clock.now_ns() == 9 * NS
