@@ -6,8 +6,7 @@ No call blocks longer than 1.5 s. What takes longer is triggered, then polled fo
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Protocol, TypeVar
 
 from pyvisa.constants import StatusCode
@@ -49,6 +48,22 @@ def bus_lock(resource_name: str) -> threading.RLock:
         return _locks.setdefault(bus.upper(), threading.RLock())
 
 
+class Conversation:
+    """Holds the lock of the bus while one session talks; ``depth``: how many are under way, one inside the other."""
+
+    def __init__(self, lock: threading.RLock) -> None:
+        self._lock = lock
+        self.depth = 0
+
+    def __enter__(self) -> None:
+        self._lock.acquire()
+        self.depth += 1
+
+    def __exit__(self, *_: object) -> None:
+        self.depth -= 1
+        self._lock.release()
+
+
 class BusSession(Wire):
     """Sends commands to one resource and reads replies.
 
@@ -71,12 +86,12 @@ class BusSession(Wire):
         self.where = f"{role} ({resource.resource_name})"
         self.lock = bus_lock(resource.resource_name)
         self.climb: Climb | None = None
-        self._talking = 0  # conversations of this session under way, one inside the other
+        self._conversation = Conversation(self.lock)
 
     def write(self, command: str, timeout_s: float) -> None:
         """Send one command, once. Raises: InstrumentError B-INST-001 (time-out), B-INST-003 (bus)."""
         self._keep_apart()
-        with self._conversation():
+        with self._conversation:
             self.note("tx", command)
             limit_s = self.limit(timeout_s)
             try:
@@ -91,7 +106,7 @@ class BusSession(Wire):
 
         Raises: InstrumentError B-INST-001, B-INST-003, B-INST-004 (not understood), B-INST-007 (overload).
         """
-        with self._conversation():
+        with self._conversation:
             return self._understood(parse, command, self._receive(command, timeout_s))
 
     def query(
@@ -115,7 +130,7 @@ class BusSession(Wire):
             return self.read(parse, command, timeout_s)
 
         self._keep_apart()  # before the lock: the other instruments of the bus need not wait
-        with self._conversation():
+        with self._conversation:
             try:
                 return ask()
             except InstrumentError as error:
@@ -134,9 +149,9 @@ class BusSession(Wire):
         if not self.lock.acquire(blocking=False):
             return None
         try:
-            if self._talking:
+            if self._conversation.depth:
                 return None
-            with self._conversation(), self.hurry(timeout_s):
+            with self._conversation, self.hurry(timeout_s):
                 if not self.in_step:
                     self.in_step = self._device_cleared()
                     self._require_step(question)
@@ -148,7 +163,7 @@ class BusSession(Wire):
 
     def status_byte(self, timeout_s: float) -> int:
         """Serial poll. Raises: InstrumentError B-INST-001, B-INST-003."""
-        with self._conversation():
+        with self._conversation:
             limit_s = self.limit(timeout_s)
             try:
                 return self.poll_status()
@@ -158,15 +173,6 @@ class BusSession(Wire):
     def close(self) -> None:
         """Release the session."""
         self._resource.close()
-
-    @contextmanager
-    def _conversation(self) -> Iterator[None]:
-        with self.lock:
-            self._talking += 1
-            try:
-                yield
-            finally:
-                self._talking -= 1
 
     def _keep_apart(self) -> None:
         if self._spacing_ns:

@@ -1,7 +1,7 @@
 """Uncertainty budgets: named components with degrees of freedom, and what several results have in common.
 
-Every component is one uncertain number of GTC. Components that carry the same label in several budgets are one and the
-same error, so the results are correlated through it, as all channels are through the one calibrator.
+Components that carry the same label in several budgets are one and the same error, so the results are correlated
+through it, as all channels are through the one calibrator.
 Source: JCGM 100:2008 sections 5.1, 5.2 and annex G.4 (Welch-Satterthwaite); JCGM 102:2011 section 6 (several results).
 """
 
@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import GTC
 import numpy as np
 from numpy.typing import NDArray
 
@@ -88,35 +87,32 @@ def combine_all(results: Mapping[str, Sequence[Component]]) -> Budgets:
              error that has different degrees of freedom in two results.
     Source:  JCGM 100:2008 section 5.1, annex F.1.2.3, equation (G.2b); JCGM 102:2011 section 6.
     """
-    errors: dict[str, GTC.lib.UncertainReal] = {}
-    totals = {name: _total(name, components, errors) for name, components in results.items()}
-    budgets = {
-        name: Budget(tuple(components), float(totals[name].u), _effective_dof(totals[name]))
-        for name, components in results.items()
-    }
-    return Budgets(budgets, _correlation(list(totals.values())))
+    dof: dict[str, float] = {}
+    for name, components in results.items():
+        _check_common(name, components, dof)
+    budgets = {name: _budget(tuple(components)) for name, components in results.items()}
+    return Budgets(budgets, _correlation(list(budgets.values())))
 
 
-def _total(
-    result: str, components: Sequence[Component], errors: dict[str, GTC.lib.UncertainReal]
-) -> GTC.lib.UncertainReal:
-    """Return sum of the contributions; every error has unit variance, so an error may weigh differently in each."""
-    total = GTC.constant(0.0)
+def _budget(components: tuple[Component, ...]) -> Budget:
+    """Return the budget of independent errors; effective degrees of freedom after Welch and Satterthwaite."""
+    variances = [component.contribution**2 for component in components]
+    variance = math.fsum(variances)
+    spread = math.fsum(part**2 / component.dof for part, component in zip(variances, components, strict=True))
+    return Budget(components, math.sqrt(variance), variance**2 / spread if spread else math.inf)
+
+
+def _check_common(result: str, components: Sequence[Component], dof: dict[str, float]) -> None:
+    """Refuse what cannot be combined; ``dof`` are the degrees of freedom of the common errors of all results so far."""
     seen: set[str] = set()
     for component in components:
         _check(result, component)
-        if not component.contribution:
+        if not (component.common and component.contribution):
             continue
-        error = errors.get(component.common) if component.common else None
-        if error is None:
-            error = GTC.ureal(0.0, 1.0, df=component.dof, label=component.common or component.name)
-        if not _same_dof(error.df, component.dof) or component.common in seen:
+        known = dof.setdefault(component.common, component.dof)
+        if not _same_dof(known, component.dof) or component.common in seen:
             raise _refused(result, component, "the same error stands there with other degrees of freedom, or twice")
-        if component.common:
-            errors[component.common] = error
-            seen.add(component.common)
-        total = total + component.contribution * error
-    return total
+        seen.add(component.common)
 
 
 def _check(result: str, component: Component) -> None:
@@ -140,16 +136,17 @@ def _same_dof(first: float, second: float) -> bool:
     return first == second or math.isclose(first, second, rel_tol=1e-12)
 
 
-def _effective_dof(total: GTC.lib.UncertainReal) -> float:
-    """Welch-Satterthwaite; infinite for a result without uncertainty, where GTC has no answer."""
-    return float(total.df) if total.u else math.inf
-
-
-def _correlation(totals: list[GTC.lib.UncertainReal]) -> Array:
-    matrix = np.eye(len(totals))
-    for row, first in enumerate(totals):
-        for column in range(row):
-            second = totals[column]
-            known = GTC.get_correlation(first, second) if first.u and second.u else 0.0
+def _correlation(budgets: Sequence[Budget]) -> Array:
+    """Return correlation of results: what their common errors bring to the product of both."""
+    matrix = np.eye(len(budgets))
+    shared = [
+        {part.common: part.contribution for part in budget.components if part.common and part.contribution}
+        for budget in budgets
+    ]
+    for row, first in enumerate(budgets):
+        for column, second in enumerate(budgets[:row]):
+            both = shared[row].keys() & shared[column].keys()
+            covariance = math.fsum(shared[row][name] * shared[column][name] for name in both)
+            known = covariance / (first.std_uncertainty * second.std_uncertainty) if covariance else 0.0
             matrix[row, column] = matrix[column, row] = known
     return matrix

@@ -11,7 +11,7 @@ import json
 import math
 import struct
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from bench.model.errors import SessionDamaged
@@ -130,9 +130,21 @@ _ENCODER = json.JSONEncoder(
 )
 
 
+def _encoding() -> Callable[[Any], str]:
+    """Return what encodes JSON; made once, where ``JSONEncoder`` makes the same anew for each text."""
+    make = getattr(json.encoder, "c_make_encoder", None)
+    if make is None:  # a Python without it
+        return _ENCODER.encode
+    parts_of = make(None, _plain, json.encoder.encode_basestring, None, ":", ",", True, False, False)  # as _ENCODER
+    return lambda value: "".join(parts_of(value, 0))
+
+
+_encode = _encoding()
+
+
 def canonical_json(value: Any) -> bytes:
     """Return JSON with sorted keys, no blanks, UTF-8; numbers that are not finite become null."""
     try:
-        return _ENCODER.encode(value).encode()
+        return _encode(value).encode()
     except (ValueError, TypeError):
         return _ENCODER.encode(_finite(value)).encode()

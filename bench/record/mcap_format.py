@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -26,10 +26,13 @@ RECORD = struct.Struct("<BQ")  # opcode, length of the content
 # a message and its envelope: opcode, length, channel, sequence, log time, publish time; CRC, running number, time
 ENVELOPED = struct.Struct("<BQHIQQIQQ")
 CHUNK_HEAD = struct.Struct("<BQQQQII")  # opcode, length, start, end, uncompressed size, CRC, compression text length
+_LZ4 = b"lz4"
+_LZ4_HEAD = struct.Struct(f"{CHUNK_HEAD.format}{len(_LZ4)}sQ")  # the compression text, bytes of the compressed records
 CHUNK_FIXED = 40  # content of a chunk without the compression text and the records: 8 + 8 + 8 + 4 + 4 + 8
 FOOTER_RECORD = struct.Struct("<BQQQI")
 _CHUNK_INDEX_HEAD = struct.Struct("<QQQQI")  # start, end, offset, length, bytes of the per-channel map
 _CHANNEL_ENTRY = 10  # channel u16, offset u64
+_CHUNK_INDEX_FIXED = _CHUNK_INDEX_HEAD.size + 8 + 4 + len(_LZ4) + 8 + 8  # content without the per-channel map
 
 
 def record(opcode: int, content: bytes) -> bytes:
@@ -60,12 +63,10 @@ def channel(number: int, topic: str, encoding: str, metadata: Mapping[str, str])
     return record(CHANNEL, content)
 
 
-def chunk(start_ns: int, end_ns: int, size: int, crc: int, compression: str, packed: bytes) -> bytes:
-    """Chunk record round already compressed records."""
-    name = compression.encode()
-    length = CHUNK_FIXED + len(name) + len(packed)
-    head = CHUNK_HEAD.pack(CHUNK, length, start_ns, end_ns, size, crc, len(name))
-    return b"".join((head, name, len(packed).to_bytes(8, "little"), packed))
+def chunk_head(start_ns: int, end_ns: int, size: int, crc: int, packed_size: int) -> bytes:
+    """Return what stands before the compressed records of a chunk."""
+    length = CHUNK_FIXED + len(_LZ4) + packed_size
+    return _LZ4_HEAD.pack(CHUNK, length, start_ns, end_ns, size, crc, len(_LZ4), _LZ4, packed_size)
 
 
 def message_index(number: int, entries: list[int]) -> bytes:
@@ -75,18 +76,17 @@ def message_index(number: int, entries: list[int]) -> bytes:
 
 
 def chunk_index(
-    span: tuple[int, int], place: tuple[int, int], indexes: Mapping[int, int], index_bytes: int, sizes: tuple[int, int]
+    span: tuple[int, int], place: tuple[int, int], indexes: Sequence[int], index_bytes: int, sizes: tuple[int, int]
 ) -> bytes:
-    """Chunk index: ``span`` start and end time, ``place`` offset and length, ``sizes`` compressed, uncompressed."""
-    offsets = b"".join(struct.pack("<HQ", number, offset) for number, offset in indexes.items())
-    return record(
-        CHUNK_INDEX,
-        struct.pack("<QQQQI", *span, *place, len(offsets))
-        + offsets
-        + index_bytes.to_bytes(8, "little")
-        + text("lz4")
-        + struct.pack("<QQ", *sizes),
-    )
+    """Return chunk index: ``span`` start and end time, ``place`` offset and length, ``sizes`` compressed, uncompressed.
+
+    ``indexes`` is channel, offset of its message index, channel, offset ...
+    """
+    count = len(indexes) // 2
+    map_bytes = _CHANNEL_ENTRY * count
+    head = (CHUNK_INDEX, _CHUNK_INDEX_FIXED + map_bytes, *span, *place, map_bytes)
+    layout = f"<BQQQQQI{'HQ' * count}QI{len(_LZ4)}sQQ"
+    return struct.pack(layout, *head, *indexes, index_bytes, len(_LZ4), _LZ4, *sizes)
 
 
 def statistics(channels: int, chunks: int, span: tuple[int, int], counts: Mapping[int, int]) -> bytes:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import lz4.frame
 
@@ -30,7 +32,7 @@ class Channel:
         return cls(number, topic, layout.topic_seed(topic), record)
 
 
-@dataclass
+@dataclass(slots=True)
 class ChunkBuffer:
     """Messages of the chunk that is being filled: complete records, and where each channel's messages begin."""
 
@@ -42,25 +44,65 @@ class ChunkBuffer:
 
     def add(self, channel: Channel, sequence: int, t_ns: int, payload: bytes) -> None:
         """Append one message: record head and envelope, then the payload."""
-        if not self.parts:
+        at = self.size
+        if not at:
             self.start_ns = self.end_ns = t_ns
         elif t_ns > self.end_ns:
             self.end_ns = t_ns
         elif t_ns < self.start_ns:
             self.start_ns = t_ns
-        entry = self.entries.get(channel.number)
+        number = channel.number
+        entry = self.entries.get(number)
         if entry is None:
-            self.entries[channel.number] = [t_ns, self.size]
+            self.entries[number] = [t_ns, at]
         else:
-            entry += (t_ns, self.size)
+            entry += (t_ns, at)
         crc = layout.envelope_crc(channel.seed, sequence, t_ns, payload)
         size = len(payload)
         head = mcap_format.ENVELOPED.pack(
-            mcap_format.MESSAGE, _HEAD_BYTES + size, channel.number, sequence & 0xFFFFFFFF, t_ns, t_ns,
-            crc, sequence, t_ns,
-        )  # fmt: skip
+            mcap_format.MESSAGE, _HEAD_BYTES + size, number, sequence & 0xFFFFFFFF, t_ns, t_ns, crc, sequence, t_ns
+        )
         self.parts += (head, payload)
-        self.size += mcap_format.ENVELOPED.size + size
+        self.size = at + mcap_format.ENVELOPED.size + size
+
+    def append(self, later: ChunkBuffer) -> None:
+        """Append all messages of the chunk that comes next."""
+        begin = self.size
+        self.start_ns = min(self.start_ns, later.start_ns)
+        self.end_ns = max(self.end_ns, later.end_ns)
+        for number, entries in later.entries.items():
+            self.entries.setdefault(number, []).extend(_moved(entries, begin))
+        self.parts += later.parts
+        self.size += later.size
+
+
+def _moved(entries: list[int], by: int) -> list[int]:
+    return [value + by if place % 2 else value for place, value in enumerate(entries)]
+
+
+class _Chunk(NamedTuple):
+    """A chunk as it stands in the file, message indexes behind it, and its entry in the summary."""
+
+    parts: list[bytes]
+    size: int
+    index: bytes
+
+
+def _chunk(buffer: ChunkBuffer, prefix: bytes, place: int) -> _Chunk:
+    """Return the messages of a buffer, ``prefix`` in front of them, as the chunk at ``place`` of the file."""
+    records = b"".join((prefix, *buffer.parts))
+    packed = lz4.frame.compress(records)
+    head = mcap_format.chunk_head(buffer.start_ns, buffer.end_ns, len(records), zlib.crc32(records), len(packed))
+    parts = [head, packed]
+    length = at = len(head) + len(packed)
+    places: list[int] = []
+    for number, entries in buffer.entries.items():
+        index = mcap_format.message_index(number, _moved(entries, len(prefix)) if prefix else entries)
+        parts.append(index)
+        places += (number, place + at)
+        at += len(index)
+    span, sizes = (buffer.start_ns, buffer.end_ns), (len(packed), len(records))
+    return _Chunk(parts, at, mcap_format.chunk_index(span, (place, length), places, at - length, sizes))
 
 
 class SegmentWriter:
@@ -75,51 +117,41 @@ class SegmentWriter:
         self._data_crc = 0
         self._channels: dict[int, Channel] = {}
         self._counts: dict[int, int] = {}
-        self._chunk_indexes: list[bytes] = []
+        self._chunk_indexes = bytearray()  # one object: a second of an hour each would tear the heap
+        self._chunks = 0
         self._start_ns = -1
         self._end_ns = 0
         self._write(mcap_format.MAGIC + mcap_format.header(layout.PROFILE, layout.LIBRARY))
 
-    def write_chunk(self, buffer: ChunkBuffer, channels: list[Channel]) -> None:
-        """Write the buffered messages as one chunk; nothing is changed if it fails. Raises OSError.
+    def write_chunks(self, buffers: Sequence[ChunkBuffer], channels: Sequence[Channel]) -> None:
+        """Write each buffer as a chunk, all in one call; nothing is changed if it fails. Raises OSError.
 
         ``channels`` are the session's, by number - 1; those new to this segment get their record in front.
         """
-        fresh = [channels[number - 1] for number in buffer.entries if number not in self._channels]
-        prefix = b"".join(channel.record for channel in fresh)
-        records = prefix + b"".join(buffer.parts)
-        packed = lz4.frame.compress(records)
-        chunk = mcap_format.chunk(buffer.start_ns, buffer.end_ns, len(records), zlib.crc32(records), "lz4", packed)
-        place = self.offset
-        parts = [chunk]
-        at = place + len(chunk)
-        index_places: dict[int, int] = {}
-        for number, entries in buffer.entries.items():
-            if prefix:
-                entries = [value + len(prefix) if k % 2 else value for k, value in enumerate(entries)]
-            index = mcap_format.message_index(number, entries)
-            parts.append(index)
-            index_places[number] = at
-            at += len(index)
+        parts: list[bytes] = []
+        indexes: list[bytes] = []
+        known = self._channels
+        at = self.offset
+        for buffer in buffers:
+            fresh = [channels[number - 1] for number in buffer.entries if number not in known]
+            chunk = _chunk(buffer, b"".join([channel.record for channel in fresh]), at)
+            if fresh:
+                known = known | {channel.number: channel for channel in fresh}
+            parts += chunk.parts
+            indexes.append(chunk.index)
+            at += chunk.size
         self._write(b"".join(parts))
-        index_bytes = at - place - len(chunk)
-        self._chunk_indexes.append(
-            mcap_format.chunk_index(
-                (buffer.start_ns, buffer.end_ns),
-                (place, len(chunk)),
-                index_places,
-                index_bytes,
-                (len(packed), len(records)),
-            )
-        )
-        self._register(buffer, fresh)
+        self._chunk_indexes += b"".join(indexes)
+        self._chunks += len(indexes)
+        self._channels = known
+        for buffer in buffers:
+            self._count(buffer)
 
-    def _register(self, buffer: ChunkBuffer, fresh: list[Channel]) -> None:
-        for channel in fresh:
-            self._channels[channel.number] = channel
+    def _count(self, buffer: ChunkBuffer) -> None:
         for number, entries in buffer.entries.items():
             self._counts[number] = self._counts.get(number, 0) + len(entries) // 2
-        self._start_ns = buffer.start_ns if self._start_ns < 0 else min(self._start_ns, buffer.start_ns)
+        if self._start_ns < 0 or buffer.start_ns < self._start_ns:
+            self._start_ns = buffer.start_ns
         self._end_ns = max(self._end_ns, buffer.end_ns)
 
     def chain(self) -> bytes:
@@ -140,7 +172,7 @@ class SegmentWriter:
 
         The index is forgotten: a finished segment may wait long for its sync.
         """
-        indexes, self._chunk_indexes = self._chunk_indexes, []
+        indexes, self._chunk_indexes = self._chunk_indexes, bytearray()
         data_end = mcap_format.record(mcap_format.DATA_END, self._data_crc.to_bytes(4, "little"))
         start = self.offset + len(data_end)
         groups = [
@@ -148,10 +180,10 @@ class SegmentWriter:
             (
                 mcap_format.STATISTICS,
                 mcap_format.statistics(
-                    len(self._channels), len(indexes), (max(self._start_ns, 0), self._end_ns), self._counts
+                    len(self._channels), self._chunks, (max(self._start_ns, 0), self._end_ns), self._counts
                 ),
             ),
-            (mcap_format.CHUNK_INDEX, b"".join(indexes)),
+            (mcap_format.CHUNK_INDEX, bytes(indexes)),
         ]
         summary = b"".join(content for _, content in groups)
         offsets = []

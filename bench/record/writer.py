@@ -55,6 +55,8 @@ class SessionWriter:
         self._next_number = segment
         self._chain = chain
         self._buffer = ChunkBuffer()
+        self._waiting: list[ChunkBuffer] = []  # closed, to be written with the next one
+        self._waiting_bytes = 0
         self._segment: SegmentWriter | None = None
         self._retired: list[SegmentWriter] = []
         self._t_ns = t_mono_ns
@@ -114,13 +116,12 @@ class SessionWriter:
                     self.flush()
 
     def _append(self, topic: str, t_ns: int, payload: bytes) -> None:
-        with self._lock:
-            channel = self._by_topic.get(topic) or self._new_channel(topic)
-            if self._closed or self._buffer.size > HELD_BYTES:
-                raise self._refusal()
-            self._buffer.add(channel, self._sequence, t_ns, payload)
-            self._sequence += 1
-            self._t_ns = t_ns
+        channel = self._by_topic.get(topic) or self._new_channel(topic)
+        if self._closed or self._buffer.size > HELD_BYTES:
+            raise self._refusal()
+        self._buffer.add(channel, self._sequence, t_ns, payload)
+        self._sequence += 1
+        self._t_ns = t_ns
 
     def _new_channel(self, topic: str) -> Channel:
         channel = Channel.make(len(self._channels) + 1, topic)
@@ -147,38 +148,69 @@ class SessionWriter:
                 self._rotate_ns += ((t_mono_ns - self._rotate_ns) // (SEGMENT_S * NS) + 1) * SEGMENT_S * NS
                 self._finish_segment()
 
+    def close_chunk(self, t_mono_ns: int) -> None:
+        """Close the chunk as ``tick`` does, at a second of the bench clock that others follow at once.
+
+        It is written with the next one that is ticked, in one call; a fault is said then.
+        """
+        with self._lock:
+            if t_mono_ns >= self._rotate_ns or self._waiting_bytes > CHUNK_BYTES:
+                with suppress(RecordError):
+                    self.tick(t_mono_ns)
+                return
+            self._t_ns = max(self._t_ns, t_mono_ns)
+            if self._buffer.parts:
+                self._waiting.append(self._buffer)
+                self._waiting_bytes += self._buffer.size
+                self._buffer = ChunkBuffer()
+
     def flush(self) -> None:
         """Hand everything to the operating system. Raises RecordError B-REC-001 if a new segment fails as well."""
         with self._lock:
-            if not self._buffer.parts:
+            if not (self._waiting or self._buffer.parts):
                 return
             if self._segment is not None:
                 try:
-                    self._segment.write_chunk(self._buffer, self._channels)
+                    self._segment.write_chunks(self._chunks(), self._channels)
                 except OSError as error:
                     self._abandon(error)
                 else:
-                    self._buffer = ChunkBuffer()
+                    self._begin_chunk()
                     return
             self._write_in_new_segment()
 
+    def _chunks(self) -> list[ChunkBuffer]:
+        """Return what is to be written."""
+        return [*self._waiting, self._buffer] if self._buffer.parts else self._waiting
+
+    def _begin_chunk(self) -> None:
+        self._waiting, self._waiting_bytes, self._buffer = [], 0, ChunkBuffer()
+
     def _write_in_new_segment(self) -> None:
         path = self.folder / layout.segment_name(self._next_number)
-        segment: SegmentWriter | None = None
         try:
             file = self._files.create(path)
             try:
                 segment = SegmentWriter(file, self._next_number, self._chain)
-                segment.write_chunk(self._buffer, self._channels)
+                segment.write_chunks(self._chunks(), self._channels)
             except OSError:
                 file.close()
                 self._files.remove(path)
                 raise
         except OSError as error:
+            self._hold()
             raise _cannot_write(path, error) from error
         self._segment = segment
         self._next_number += 1
-        self._buffer = ChunkBuffer()
+        self._begin_chunk()
+
+    def _hold(self) -> None:
+        """Keep what the disk refuses as one chunk, which grows until it takes it."""
+        held, *later = self._chunks()
+        for chunk in later:
+            held.append(chunk)
+        self._begin_chunk()
+        self._buffer = held
 
     def _abandon(self, error: OSError) -> None:
         """Leave a segment that failed as it is (whole up to its last chunk) and say so in the next one."""
@@ -192,7 +224,8 @@ class SessionWriter:
     def _report_fault(self, number: int, error: OSError, text: str) -> None:
         fault = Error(code="B-REC-004", segment=number, errno=error.errno, text=text)
         document = {"fields": fault.document(), "kind": fault.kind}
-        self._append(layout.EVENT, self._t_ns, layout.canonical_json(document))
+        with self._lock:
+            self._append(layout.EVENT, self._t_ns, layout.canonical_json(document))
 
     def _finish_segment(self) -> None:
         """Close the segment with its hash-chain message; it is synced later, off this thread."""
@@ -203,7 +236,7 @@ class SessionWriter:
         channel = self._by_topic.get(layout.CHAIN) or self._new_channel(layout.CHAIN)
         self._buffer.add(channel, self._sequence, self._t_ns, layout.canonical_json(segment.chain_fields()))
         try:
-            segment.write_chunk(self._buffer, self._channels)
+            segment.write_chunks([self._buffer], self._channels)
         except OSError as error:
             self._buffer = ChunkBuffer()
             self._abandon(error)

@@ -259,6 +259,7 @@ class _Run:
     def _context(self, operator: Operator) -> RunContext:
         clock, stop = self.clock, self.stop
         acquisition = Acquisition(self.readers, clock, patient(self.writer.tick, self.observers.event), stop)
+        acquisition.on_passed = self.writer.close_chunk
         timeline = Timeline(clock, stop, clock.now_ns())
         context = RunContext(
             self.plan, self.bench.instruments, acquisition, self.cutter, clock, self.observers, operator, stop,

@@ -6,8 +6,10 @@ last and costs nothing: a session that could not be entered is entered later fro
 
 from __future__ import annotations
 
+import gc
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -29,14 +31,25 @@ class Finished:
     trouble: list[str] = field(default_factory=list)
 
 
+@contextmanager
+def _kept_alive() -> Iterator[None]:
+    """No search for garbage passes the steps and records of a run in here: they are in use to the end."""
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+
+
 def finish(folder: Path, view: SessionView, history: str) -> Finished:
     """Write results.json, report.html and the coefficients into the session's folder, and enter the history.
 
     Raises: BenchError of the analysis or of the disk; trouble with the history is only told.
     """
-    results, analysis = analyse_view(view)
+    with _kept_alive():
+        results, analysis = analyse_view(view)
+        page = report_html(view, results, analysis)
     done = Finished(results, analysis, [("session", str(folder))])
-    page = report_html(view, results, analysis)
     for kind, name, text in (("results", "results.json", results_json(results)), ("report", "report.html", page)):
         write_file(folder / name, text)
         done.written.append((kind, str(folder / name)))

@@ -6,9 +6,8 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections import Counter
-from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -190,11 +189,9 @@ class BenchVisaLibrary(SimVisaLibrary):
         self._world.wait_until_ns(deadline_ns)
         raise errors.VisaIOError(StatusCode.error_timeout)
 
-    @contextlib.contextmanager
-    def _bus(self, session: Any, device: LiveDevice) -> Iterator[None]:
+    def _bus(self, session: Any, device: LiveDevice) -> AbstractContextManager[None]:
         self._locks.check(session, device)
-        with self._world.bus_operation(device.latency_ns):
-            yield
+        return self._world.bus_operation(device.latency_ns)
 
     def _device(self, session: Any) -> LiveDevice:
         live = self._live.get(session)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 
+import GTC
 import numpy as np
 import pytest
 
@@ -85,6 +86,30 @@ def test_correlation_is_that_of_drawn_errors(record_property: Callable[[str, obj
     record_property("obtained", f"{found.correlation[0, 1]:.4f}, drawn {np.corrcoef(first, second)[0, 1]:.4f}")
     assert found.correlation[0, 1] == pytest.approx(np.corrcoef(first, second)[0, 1], abs=0.004)
     assert found.budgets["second"].std_uncertainty == pytest.approx(np.std(second), rel=0.005)
+
+
+@pytest.mark.validates(
+    "budgets and correlation of results that share errors",
+    against="GTC 1.5",
+)
+def test_budgets_are_those_of_gtc() -> None:
+    """Seed 13: five results, each of some common errors and two of its own, with few, many and infinite dof."""
+    generator = np.random.default_rng(13)
+    dof = {f"common {n}": float(generator.choice([math.inf, 3.0, 20.0])) for n in range(4)}
+    shared = {name: GTC.ureal(0.0, 1.0, df=dof[name]) for name in dof}
+    results, totals = {}, []
+    for number in range(5):
+        own = [Component(f"own {n}", generator.exponential(), dof=4.0 + n) for n in range(2)]
+        weights = {name: float(generator.normal()) for name in dof if generator.random() < 0.8}
+        both = [Component(name, 1.0, sensitivity=at, dof=dof[name], common=name) for name, at in weights.items()]
+        results[str(number)] = [*own, *both]
+        errors = [part.contribution * GTC.ureal(0.0, 1.0, df=part.dof) for part in own]
+        totals.append(sum((at * shared[name] for name, at in weights.items()), sum(errors, GTC.constant(0.0))))
+    found = combine_all(results)
+    for total, budget in zip(totals, found.budgets.values(), strict=True):
+        assert (budget.std_uncertainty, budget.dof) == pytest.approx((total.u, total.df), rel=1e-12)
+    expected = [[GTC.get_correlation(first, second) for second in totals] for first in totals]
+    np.testing.assert_allclose(found.correlation, expected, rtol=1e-12, atol=1e-14)
 
 
 def test_one_component_alone_keeps_its_degrees_of_freedom() -> None:

@@ -22,14 +22,14 @@ def numbers_in(folder: Path) -> list[int]:
     return [int.from_bytes(message.payload, "big") for message in messages]
 
 
-def run_with(folder: Path, files: FaultyFiles) -> list[int]:
-    """Write a number a second; returns the seconds whose tick raised."""
+def run_with(folder: Path, files: FaultyFiles, stride: int = 1) -> list[int]:
+    """Write a number a second, ``stride`` seconds together; returns the seconds whose tick raised."""
     writer = SessionWriter.create(folder, MANIFEST, TEXTS, t_mono_ns=0, files=files)
     refused = []
     for second in range(SECONDS):
         writer.raw("port_a", "rx", second * NS, second.to_bytes(4, "big"))
         try:
-            writer.tick(second * NS)
+            (writer.close_chunk if (second + 1) % stride else writer.tick)(second * NS)
         except RecordError:
             refused.append(second)
     writer.close("done")
@@ -56,6 +56,29 @@ def test_one_failed_write_loses_nothing(tmp_path: Path, nth: int, short: bool) -
     assert reader.segments[-1].name not in reader.unfinished
     assert [fault["code"] for fault in faults] == (["B-REC-004"] if injected else [])
     assert all(fault["errno"] == errno.ENOSPC for fault in faults)
+
+
+@pytest.mark.parametrize("nth", range(3, 7))
+def test_a_failed_write_of_many_seconds_loses_none(tmp_path: Path, nth: int) -> None:
+    disk = FaultyFiles(lambda kind, n: no_space() if kind == "write" and n == nth else None)
+    assert run_with(tmp_path / "s", disk, stride=4) == []
+    assert numbers_in(tmp_path / "s") == list(range(SECONDS))
+    assert [fields["code"] for _, _, fields in SessionReader(tmp_path / "s").events("error")] == ["B-REC-004"]
+
+
+def test_seconds_of_a_stride_wait_for_a_disk_that_is_full(tmp_path: Path) -> None:
+    disk = FaultyFiles(lambda kind, n: None)
+    writer = SessionWriter.create(tmp_path, MANIFEST, TEXTS, t_mono_ns=0, files=disk)
+    disk.fault = lambda kind, n: no_space() if kind in ("write", "create") else None
+    for second in range(8):
+        writer.raw("port_a", "rx", second * NS, second.to_bytes(4, "big"))
+        writer.close_chunk(second * NS)
+        if second % 4 == 3:
+            with pytest.raises(RecordError, match="B-REC-001"):
+                writer.tick(second * NS)
+    disk.fault = lambda kind, n: None
+    writer.close("done")
+    assert numbers_in(tmp_path) == list(range(8))
 
 
 def test_short_writes_are_continued(tmp_path: Path) -> None:

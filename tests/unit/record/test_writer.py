@@ -96,6 +96,18 @@ def test_same_input_same_bytes_and_another_one_differs(tmp_path: Path) -> None:
     assert digest(tmp_path / "one") != digest(tmp_path / "other")
 
 
+def test_seconds_that_are_written_together_are_the_same_bytes(tmp_path: Path) -> None:
+    for name, stride in (("each", 1), ("together", 7)):
+        writer = SessionWriter.create(tmp_path / name, MANIFEST, TEXTS, t_mono_ns=0)
+        for second in range(3580, 3630):
+            for link in ("port_a", "port_b", "port_c")[: 2 + (second > 3620)]:
+                writer.raw(link, "rx", second * NS - 5, second.to_bytes(4, "big") * 20)
+            (writer.close_chunk if second % stride else writer.tick)(second * NS)
+        writer.close("done")
+    assert digest(tmp_path / "each") == digest(tmp_path / "together")
+    assert len(list((tmp_path / "together").glob("*.mcap"))) == 2
+
+
 def test_order_of_keys_does_not_matter(tmp_path: Path) -> None:
     for name, pairs in (("a", [("x", 1), ("y", {"p": 2, "q": 3})]), ("b", [("y", {"q": 3, "p": 2}), ("x", 1)])):
         writer = SessionWriter.create(tmp_path / name, dict(pairs), dict(reversed(TEXTS.items())), t_mono_ns=5)

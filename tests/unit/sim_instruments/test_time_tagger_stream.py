@@ -86,7 +86,7 @@ def test_a_reader_inside_every_call_takes_no_reply_of_theirs() -> None:
         inside: list[bool] = []
 
         def read() -> None:
-            inside.append(bench.tagger.bus._talking > 0)
+            inside.append(bench.tagger.bus._conversation.depth > 0)
             chunks.append(bench.tagger.read_stream(10**7))
             assert not (inside[-1] and chunks[-1])
 
