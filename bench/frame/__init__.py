@@ -1,6 +1,7 @@
 """Floor 1: frame definitions to decoders and encoders; checks; resynchronisation; counters of a link."""
 
 from bench.frame.batch import FrameBatch, MessageBatch
+from bench.frame.best import Engine, best_engine, why_no_kernel
 from bench.frame.commands import CommandLayout
 from bench.frame.definition import FrameDefinition, load_frame, parse_frame
 from bench.frame.layout import FrameSpec, Message
@@ -24,6 +25,7 @@ __all__ = [
     "BENCH_FIELDS",
     "Block",
     "CommandLayout",
+    "Engine",
     "FrameBatch",
     "FrameDefinition",
     "FrameSpec",
@@ -34,6 +36,7 @@ __all__ = [
     "MessageBatch",
     "Signal",
     "all_signals",
+    "best_engine",
     "blocks",
     "columns",
     "decode_file",
@@ -42,5 +45,6 @@ __all__ = [
     "of_message",
     "parse_frame",
     "signal_of",
+    "why_no_kernel",
     "write_csv",
 ]

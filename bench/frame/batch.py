@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,7 @@ class MessageBatch:
     __slots__ = ("_columns", "_extract", "counter", "message", "offset", "rest", "rows", "suspect", "t_ns")
 
     def __init__(self, message: Message, offset: NDArray[np.int64], rows: NDArray[np.uint8], rest: list[bytes] | None,
-                 extract: Extract) -> None:  # fmt: skip
+                 extract: Extract, suspect: NDArray[np.bool_] | None = None) -> None:  # fmt: skip
         self.message = message
         self.offset = offset
         self.rows = rows
@@ -40,7 +41,7 @@ class MessageBatch:
         self.counter: NDArray[np.int64] | None = None
         self._extract = extract
         self._columns: dict[str, NDArray[Any]] = {}
-        self.suspect = self._constants_differ()
+        self.suspect = self._constants_differ() if suspect is None else suspect
 
     def __len__(self) -> int:
         return len(self.offset)
@@ -85,8 +86,8 @@ class MessageBatch:
         first = parts[0]
         rest = None if first.rest is None else [value for part in parts for value in part.rest or []]
         rows = np.concatenate([part.rows for part in parts])
-        both = MessageBatch(first.message, np.concatenate([part.offset for part in parts]), rows, rest, first._extract)
-        both.suspect = np.concatenate([part.suspect for part in parts])
+        offset, suspect = (np.concatenate([getattr(part, name) for part in parts]) for name in ("offset", "suspect"))
+        both = MessageBatch(first.message, offset, rows, rest, first._extract, suspect)
         stamps = [part.t_ns for part in parts if part.t_ns is not None]
         both.t_ns = np.concatenate(stamps) if stamps else None
         counters = [part.counter for part in parts if part.counter is not None]
@@ -119,24 +120,36 @@ class MessageBatch:
         return np.asarray((whole >> kind(low)) & kind((1 << width) - 1))
 
     def _constants_differ(self) -> NDArray[np.bool_]:
-        different = np.zeros(len(self), np.bool_)
+        different = np.zeros(len(self.offset), np.bool_)
         for item in self.message.constants:
             expected = np.frombuffer(item.constant or b"", np.uint8)
             different |= (self.rows[:, item.offset : item.offset + item.length] != expected).any(axis=1)
         return different
 
 
-@dataclass(frozen=True)
-class FrameBatch:
+class Arrivals(NamedTuple):
+    """Chunks that are not decided to their end: stream offset behind each one, receive stamp in ns."""
+
+    ends: array[int]
+    stamps: array[int]
+
+
+class FrameBatch(NamedTuple):
     """The yield of one feed: accepted frames by message, offsets of rejected candidates, bytes now behind us.
 
     ``position``: stream offset up to which every byte is decided. A rejected candidate is a full sync pattern, with
     all bytes of its frame there, whose check (or length, or type) fails and that lies inside no accepted frame.
+    An engine that knows the arrivals gives the messages stamps and counters, and says here what they reveal:
+    ``bad_t_ns``, stamps of the rejected candidates (None: it does not know), and lost, repeated and suspect frames.
     """
 
     messages: Mapping[str, MessageBatch]
     bad_offset: NDArray[np.int64]
     position: int
+    bad_t_ns: NDArray[np.int64] | None = None
+    lost: int = 0
+    duplicate: int = 0
+    suspect: int = 0
 
 
 @dataclass

@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.clock import NS
 
-_NOWHERE = np.empty(0, np.int64)
 _START = np.zeros(1, np.int64)
-_REPEAT_REACH = 64  # frames; a serial line repeats at most the tail of a buffer
+REPEAT_REACH = 64  # frames; a serial line repeats at most the tail of a buffer
 
 
-@dataclass(frozen=True)
-class Unwrapped:
-    """Counters (n,) int64 without wrap, suspect marks (n,) bool, number of lost and of repeated frames."""
+class Unwrapped(NamedTuple):
+    """Counters (n,) int64 without wrap, suspect marks (n,) bool, numbers of lost, repeated and suspect frames."""
 
     counter: NDArray[np.int64]
     suspect: NDArray[np.bool_]
     lost: int
     duplicate: int
+    doubtful: int = 0
 
 
 class CounterUnwrapper:
@@ -36,7 +35,7 @@ class CounterUnwrapper:
     def __init__(self, wrap: int, rate_Hz: float | None) -> None:
         self._wrap = wrap
         self._rate_Hz = rate_Hz
-        self._reach = min(_REPEAT_REACH, wrap // 4)
+        self._reach = min(REPEAT_REACH, wrap // 4)
         self._started = False
         self._raw = 0  # counter as sent of the last trusted frame
         self._last = 0  # its unwrapped counter
@@ -93,7 +92,11 @@ class CounterUnwrapper:
         if t_ns is None or self._rate_Hz is None:
             return 1.0
         per_ns = self._rate_Hz / NS
-        changed = np.flatnonzero(t_ns[1:] != t_ns[:-1]) + 1 if t_ns[0] != t_ns[-1] else _NOWHERE
+        if t_ns[0] == t_ns[-1]:  # one chunk
+            behind_ns = int(t_ns[0]) - self._t_ns
+            late_one = behind_ns * per_ns - (count - 1) if behind_ns else 0.0
+            return 1.0 if late_one < 1.5 else np.concatenate(([late_one], np.ones(count - 1)))
+        changed = np.flatnonzero(t_ns[1:] != t_ns[:-1]) + 1
         first = np.concatenate((_START, changed)) if t_ns[0] != self._t_ns else changed
         if not len(first):
             return 1.0
@@ -143,4 +146,5 @@ class CounterUnwrapper:
         steps = highest[1:] - highest[:-1]
         new = steps > 0
         self._highest = int(highest[-1])
-        return Unwrapped(counter, suspect, int(steps.sum() - new.sum()), int(len(trusted) - new.sum()))
+        return Unwrapped(counter, suspect, int(steps.sum() - new.sum()), int(len(trusted) - new.sum()),
+                         len(counter) - len(trusted))  # fmt: skip

@@ -132,6 +132,15 @@ def reflect(value: int, width: int) -> int:
     return int(f"{value:0{width}b}"[::-1], 2)
 
 
+def register_steps(model: CrcModel, register: int) -> list[int]:
+    """Return what each of the 256 bytes leaves of a register of zero; see the head of this file."""
+    if model.refin:
+        return [_reflected_entry(byte, reflect(model.poly, model.width)) for byte in range(256)]
+    poly = model.poly << (register - model.width)
+    entries = (_plain_entry(byte, poly, register) for byte in range(256))
+    return [int.from_bytes(entry.to_bytes(register // 8, "big"), "little") for entry in entries]
+
+
 class Crc:
     """A CRC of width 1 to 64 by its parameters.
 
@@ -200,12 +209,7 @@ class Crc:
 
     @cached_property
     def _table8(self) -> list[int]:
-        model = self.model
-        if model.refin:
-            return [_reflected_entry(byte, reflect(model.poly, model.width)) for byte in range(256)]
-        poly = model.poly << (self._register - model.width)
-        entries = (_plain_entry(byte, poly, self._register) for byte in range(256))
-        return [int.from_bytes(entry.to_bytes(self._register // 8, "big"), "little") for entry in entries]
+        return register_steps(self.model, self._register)
 
     def _single(self) -> Callable[[bytes], int]:
         model = self.model

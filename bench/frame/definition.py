@@ -6,30 +6,34 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
+from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame.batch import FrameBatch, FrameCounts
+from bench.frame.batch import Arrivals, FrameBatch, FrameCounts
+from bench.frame.best import Engine, best_engine, kernel
 from bench.frame.commands import CommandLayout, canonical_commands
 from bench.frame.compile import compile_frame
 from bench.frame.compile_fields import read_hex
 from bench.frame.crc import require_fast_crc
 from bench.frame.encode import encode_frame, encode_rows
+from bench.frame.kernel.arrays import Arrays, arrays_of
+from bench.frame.kernel_encoder import KernelEncoder
+from bench.frame.kernel_engine import KernelDecoder
 from bench.frame.layout import FrameSpec, Layout, Message
 from bench.frame.numpy_engine import NumpyDecoder
 from bench.frame.reference import ReferenceDecoder
 from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import Document, Path_, load_yaml, parse_yaml
 
-Engine = Literal["numpy", "reference"]
 _NEXT = "correct the definition or the golden frame; take the frame from the device or its manual"
 
 
 class Decoder(Protocol):
-    """The face of both engines; they give the same results on any input and any chunking."""
+    """The face of all engines; they give the same results on any input and any chunking."""
 
     counts: FrameCounts
 
@@ -65,6 +69,7 @@ class FrameDefinition:
         if self.commands:
             meaning["commands"] = canonical_commands(list(self.commands.values()))
         content = json.dumps(meaning, sort_keys=True, separators=(",", ":"))
+        self._encoders: dict[str, KernelEncoder] = {}
         self.sha256 = hashlib.sha256(content.encode()).hexdigest()
 
     def message(self, name: str = "frame") -> Message:
@@ -79,9 +84,21 @@ class FrameDefinition:
         """The command with that code, None if there is none."""
         return next((command for command in self.commands.values() if command.code == code), None)
 
-    def decoder(self, engine: Engine = "numpy") -> Decoder:
-        """Return a fresh decoder at the start of a stream."""
-        return NumpyDecoder(self.layout) if engine == "numpy" else ReferenceDecoder(self.layout)
+    @cached_property
+    def _arrays(self) -> Arrays:
+        return arrays_of(self.layout)
+
+    def decoder(self, engine: Engine | None = None, arrivals: Arrivals | None = None) -> Decoder:
+        """Return a fresh decoder at the start of a stream.
+
+        Args: engine: default: the best one there is; numpy instead of the kernel where there is no kernel.
+              arrivals: of the chunks that are fed; the kernel then stamps and counts the frames too.
+        """
+        engine = engine or best_engine()
+        compiled = kernel() if engine == "kernel" else None
+        if compiled is not None:
+            return KernelDecoder(self.layout, self._arrays, compiled.decode, arrivals)
+        return ReferenceDecoder(self.layout) if engine == "reference" else NumpyDecoder(self.layout)
 
     def encode(self, columns: Mapping[str, Any], n: int, message: str = "frame") -> NDArray[np.uint8]:
         """Return frames of a message of fixed length, check included.
@@ -93,7 +110,18 @@ class FrameDefinition:
         Returns: (n, length) uint8.
         Raises: InputError B-FRAME-020 (missing, wrong shape), 021 (does not fit), 022 (unknown), 023 (no message).
         """
-        return encode_rows(self.layout, self.message(message), columns, n)
+        encoder = self._encoder(message)
+        rows = None if encoder is None or not n else encoder.rows(columns, n)
+        return encode_rows(self.layout, self.message(message), columns, n) if rows is None else rows
+
+    def _encoder(self, message: str) -> KernelEncoder | None:
+        """Return the compiled encoder of a message, None if there is none or its frames have no fixed length."""
+        encoder = self._encoders.get(message)
+        compiled = kernel() if encoder is None else None
+        if compiled is not None and self.message(message).length:
+            encoder = KernelEncoder(self.layout, self.message(message), self._arrays, compiled.encode)
+            self._encoders[message] = encoder
+        return encoder
 
     def encode_one(self, values: Mapping[str, Any], message: str = "frame") -> bytes:
         """One frame of any message, variable length included (its last field takes bytes); else like ``encode``."""

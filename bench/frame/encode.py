@@ -21,7 +21,7 @@ def encode_rows(layout: Layout, message: Message, columns: Mapping[str, Any], co
         raise InputError("B-FRAME-020", text, where=_WHERE, next_step="encode it one by one with encode_one")
     rows = np.zeros((count, message.length), np.uint8)
     rows[:, : len(layout.sync)] = np.frombuffer(layout.sync, np.uint8)
-    given = _with_automatic(layout, message, columns, message.length)
+    given = with_automatic(layout, message, columns, message.length)
     for item in message.fields:
         _put(rows, item, given, count)
     size = layout.check.size
@@ -46,7 +46,7 @@ def encode_frame(layout: Layout, message: Message, values: Mapping[str, Any]) ->
         raise InputError("B-FRAME-021", text, where=_WHERE)
     rows = np.zeros((1, message.body), np.uint8)
     rows[0, : len(layout.sync)] = np.frombuffer(layout.sync, np.uint8)
-    given = _with_automatic(layout, message, columns, total)
+    given = with_automatic(layout, message, columns, total)
     for item in message.fields:
         if not item.rest:
             _put(rows, item, given, 1)
@@ -56,7 +56,7 @@ def encode_frame(layout: Layout, message: Message, values: Mapping[str, Any]) ->
     return frame + value.to_bytes(size, "big" if layout.stored_big else "little")
 
 
-def _with_automatic(layout: Layout, message: Message, columns: Mapping[str, Any], total: int) -> dict[str, Any]:
+def with_automatic(layout: Layout, message: Message, columns: Mapping[str, Any], total: int) -> dict[str, Any]:
     """Return columns with the fields that follow from the definition: length, type, constants."""
     fields = message.by_name
     given = dict(columns)
@@ -79,20 +79,30 @@ def _taken(columns: Mapping[str, Any], name: str, message: Message) -> Any:
     return columns[name]
 
 
-def _put(rows: NDArray[np.uint8], item: Field, given: Mapping[str, Any], count: int) -> None:
-    target = rows[:, item.offset : item.offset + item.length]
+def values_of(item: Field, given: Mapping[str, Any]) -> NDArray[Any] | bytes:
+    """Return the values of a field, or its bytes where the definition says them.
+
+    Raises: InputError B-FRAME-020 if there are none, 021 if a bit range does not fit.
+    """
     if item.name in given:
         values = np.asarray(given[item.name])
-    elif (fixed := item.constant or item.default) is not None:
-        target[:] = np.frombuffer(fixed, np.uint8)
+        if item.kind == "b" and values.dtype.kind == "S":
+            return np.frombuffer(bytes(given[item.name]), np.uint8)
+        return values
+    if (fixed := item.constant or item.default) is not None:
+        return fixed
+    if item.bits and any(f"{item.name}.{part}" in given for part in item.bits):
+        return _join_bits(item, given)
+    text = f"no value for the field {item.name!r}"
+    raise InputError("B-FRAME-020", text, where=_WHERE, next_step="give every field without constant or default")
+
+
+def _put(rows: NDArray[np.uint8], item: Field, given: Mapping[str, Any], count: int) -> None:
+    target = rows[:, item.offset : item.offset + item.length]
+    values = values_of(item, given)
+    if isinstance(values, bytes):
+        target[:] = np.frombuffer(values, np.uint8)
         return
-    elif item.bits and any(f"{item.name}.{part}" in given for part in item.bits):
-        values = _join_bits(item, given)
-    else:
-        text = f"no value for the field {item.name!r}"
-        raise InputError("B-FRAME-020", text, where=_WHERE, next_step="give every field without constant or default")
-    if item.kind == "b" and values.dtype.kind == "S":
-        values = np.frombuffer(bytes(given[item.name]), np.uint8)
     elements = 1 if item.count is None else item.count
     shaped = values if item.count is not None else values[..., np.newaxis]
     try:

@@ -234,7 +234,7 @@ class NumpyDecoder:
         accepted = 0
         for index, message in enumerate(self._layout.messages):
             starts, lengths = _starts(found, index, message.length)
-            rows = _rows(buffer, starts, message)
+            rows = rows_of(buffer, starts, message)
             rest = None
             if message.rest is not None:
                 size = self._layout.check.size
@@ -276,7 +276,7 @@ def _starts(found: list[Run | Found], index: int, length: int) -> tuple[NDArray[
     return np.concatenate([_NONE, *starts]), np.concatenate([_NONE, *lengths])
 
 
-def _rows(buffer: NDArray[np.uint8], starts: NDArray[np.int64], message: Message) -> NDArray[np.uint8]:
+def rows_of(buffer: NDArray[np.uint8], starts: NDArray[np.int64], message: Message) -> NDArray[np.uint8]:
     """Return frame bytes (n, body): a view of the stream where it is one unbroken lattice, else gathered."""
     if not len(starts):
         return np.empty((0, message.body), np.uint8)

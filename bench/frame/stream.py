@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from array import array
+from bisect import bisect_left, bisect_right
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame.batch import FrameBatch, MessageBatch
+from bench.frame.batch import Arrivals, FrameBatch, MessageBatch
+from bench.frame.best import Engine
 from bench.frame.counter import CounterUnwrapper
-from bench.frame.definition import Engine, FrameDefinition
+from bench.frame.definition import FrameDefinition
 from bench.model.clock import NS
 
 _Chunk = tuple[int, bytes]  # receive stamp in ns, bytes
@@ -35,8 +39,7 @@ class LinkCounts:
     suspect: int = 0
 
 
-@dataclass(frozen=True)
-class LinkBatch:
+class LinkBatch(NamedTuple):
     """Frames of one flush by message name, the rejected candidates (m,) with stream offset and receive stamp.
 
     ``lost`` and ``duplicate`` count what the counters of this batch revealed.
@@ -57,17 +60,16 @@ class LinkDecoder:
     Only the stamps of the chunks count, so the same chunks give the same frames later, however they are flushed.
     """
 
-    def __init__(self, definition: FrameDefinition, engine: Engine = "numpy") -> None:
+    def __init__(self, definition: FrameDefinition, engine: Engine | None = None) -> None:
         self.definition = definition
-        self._decoder = definition.decoder(engine)
+        self._arrivals = Arrivals(array("q"), array("q"))
+        self._decoder = definition.decoder(engine, self._arrivals)
         silence_s = definition.layout.silence_s
         self._silence_ns = None if silence_s is None else round(silence_s * NS)
         self._heard_ns: int | None = None  # stamp of the last chunk that held bytes
         self._queue: deque[_Chunk] = deque()
         self._pushed = 0
         self._taken = 0
-        self._ends = np.empty(0, np.int64)  # stream offset behind each chunk that is not decided to its end
-        self._stamps = np.empty(0, np.int64)
         self._lost = self._duplicate = self._suspect = 0
         self._counters: dict[str, CounterUnwrapper] = {}
 
@@ -91,11 +93,12 @@ class LinkDecoder:
 
     def flush(self) -> LinkBatch:
         """Decode all queued chunks; an unfinished frame waits for the next flush."""
-        queued = []
-        while self._queue:
-            queued.append(self._queue.popleft())
+        queue = self._queue
+        queued = [queue.popleft()] if len(queue) == 1 else [queue.popleft() for _ in range(len(queue))]
+        if self._silence_ns is None:
+            return self._accounted(self._fed(queued))
         batches = []
-        for chunks, silent_until in self._between_silences(queued):
+        for chunks, silent_until in self._between_silences(queued, self._silence_ns):
             found = self._fed(chunks)
             batches.append(self._accounted(found))
             if silent_until is not None and found.position < silent_until:
@@ -110,19 +113,17 @@ class LinkDecoder:
             return batch
         return _joined([batch, tail])
 
-    def _between_silences(self, queued: list[_Chunk]) -> list[tuple[list[_Chunk], int | None]]:
+    def _between_silences(self, queued: list[_Chunk], silence_ns: int) -> list[tuple[list[_Chunk], int | None]]:
         """Chunks to be decoded together, with the stream offset at which a silence ended.
 
         The chunk that ended the silence is the last one of its group: it may still complete the frame before it.
         """
-        if self._silence_ns is None:
-            return [(queued, None)]
         groups: list[tuple[list[_Chunk], int | None]] = []
         group: list[_Chunk] = []
         at = self._taken
         for stamp, chunk in queued:
             group.append((stamp, chunk))
-            if chunk and self._heard_ns is not None and stamp - self._heard_ns > self._silence_ns:
+            if chunk and self._heard_ns is not None and stamp - self._heard_ns > silence_ns:
                 groups.append((group, at))
                 group = []
             at += len(chunk)
@@ -130,47 +131,75 @@ class LinkDecoder:
         return groups if groups and not group else [*groups, (group, None)]
 
     def _fed(self, chunks: list[_Chunk]) -> FrameBatch:
-        sizes = np.fromiter((len(chunk) for _, chunk in chunks), np.int64, len(chunks))
-        stamps = np.fromiter((stamp for stamp, _ in chunks), np.int64, len(chunks))
-        self._ends = np.concatenate((self._ends, self._taken + np.cumsum(sizes)))
-        self._stamps = np.concatenate((self._stamps, stamps))
-        self._taken += int(sizes.sum())
-        return self._decoder.feed(b"".join(chunk for _, chunk in chunks))
+        ends, stamps = self._arrivals
+        for stamp, chunk in chunks:
+            self._taken += len(chunk)
+            ends.append(self._taken)
+            stamps.append(stamp)
+        return self._decoder.feed(chunks[0][1] if len(chunks) == 1 else b"".join([chunk for _, chunk in chunks]))
 
     def _accounted(self, found: FrameBatch) -> LinkBatch:
-        """Give frames their stamps and counters, and let go of the chunks behind."""
+        """Have frames with stamps and counters, and let go of the chunks behind."""
+        ends, stamps = self._arrivals
+        if found.bad_t_ns is None:
+            found = self._told(found)
+        messages, bad_offset, position, bad_t_ns, lost, duplicate, suspect = found
+        assert bad_t_ns is not None
+        self._lost += lost
+        self._duplicate += duplicate
+        self._suspect += suspect
+        decided = bisect_right(ends, position)
+        del ends[:decided], stamps[:decided]
+        return LinkBatch(messages, bad_offset, bad_t_ns, lost, duplicate)
+
+    def _told(self, found: FrameBatch) -> FrameBatch:
+        """Give frames their stamps and counters, and tell what these reveal."""
+        ends, stamps = self._arrivals
         for batch in found.messages.values():
             batch.t_ns = self._stamps_of(batch)
         lost, duplicate = self._count(found.messages)
-        self._lost += lost
-        self._duplicate += duplicate
-        self._suspect += sum(int(np.count_nonzero(batch.suspect)) for batch in found.messages.values())
-        bad_t_ns = self._stamps[np.searchsorted(self._ends, found.bad_offset, side="right")]
-        decided = int(np.searchsorted(self._ends, found.position, side="right"))
-        self._ends, self._stamps = self._ends[decided:], self._stamps[decided:]
-        return LinkBatch(found.messages, found.bad_offset, bad_t_ns, lost, duplicate)
+        suspect = sum(int(np.count_nonzero(batch.suspect)) for batch in found.messages.values())
+        bad_t_ns = found.bad_offset
+        if len(bad_t_ns):
+            bad_t_ns = np.array(stamps)[np.searchsorted(ends, found.bad_offset, side="right")]
+        return FrameBatch(*found[:3], bad_t_ns, lost, duplicate, suspect)
 
     def _stamps_of(self, batch: MessageBatch) -> NDArray[np.int64]:
         """Stamp of the chunk with the last byte of each frame; few chunks, many frames: count frames per chunk."""
-        if batch.rest is None:
-            behind = batch.offset + batch.message.length
-        else:
+        if not len(batch):
+            return np.empty(0, np.int64)
+        ends, first, last = self._arrivals.ends, 0, 0
+        if len(ends) > 1:
+            first, last = bisect_left(ends, self._end_of(batch, 0)), bisect_left(ends, self._end_of(batch, -1))
+        if first == last:
+            stamps = np.empty(len(batch), np.int64)
+            stamps.fill(self._arrivals.stamps[first])
+            return stamps
+        behind = batch.offset + batch.message.length
+        if batch.rest is not None:
             extra = np.fromiter(map(len, batch.rest), np.int64, len(batch))
             behind = batch.offset + batch.message.body + self.definition.layout.check.size + extra
-        complete = np.searchsorted(behind, self._ends, side="right")
+        complete = np.searchsorted(behind, ends[first : last + 1], side="right")
         complete[1:] -= complete[:-1].copy()
-        return np.repeat(self._stamps, complete)
+        return np.repeat(np.array(self._arrivals.stamps[first : last + 1]), complete)
+
+    def _end_of(self, batch: MessageBatch, index: int) -> int:
+        """Return the stream offset behind one frame."""
+        if batch.rest is None:
+            return int(batch.offset[index]) + batch.message.length
+        tail = self.definition.layout.check.size + len(batch.rest[index])
+        return int(batch.offset[index]) + batch.message.body + tail
 
     def _count(self, messages: Mapping[str, MessageBatch]) -> tuple[int, int]:
-        counting = [batch for batch in messages.values() if batch.message.counter is not None]
-        for batch in counting:
-            batch.counter = np.empty(0, np.int64)
-        counting = [batch for batch in counting if len(batch)]
-        groups = [counting] if self.definition.layout.shared_counter else [[batch] for batch in counting]
         lost = duplicate = 0
-        for group in groups:
-            if not group:
-                continue
+        counting = []
+        for batch in messages.values():
+            if batch.message.counter is not None and len(batch):
+                counting.append(batch)
+            elif batch.message.counter is not None:
+                batch.counter = np.empty(0, np.int64)
+        groups = [counting] if self.definition.layout.shared_counter else [[batch] for batch in counting]
+        for group in groups if counting else ():
             more_lost, more_duplicate = self._unwrap(group)
             lost += more_lost
             duplicate += more_duplicate
@@ -181,19 +210,22 @@ class LinkDecoder:
         field = group[0].message.counter
         assert field is not None
         key = "" if self.definition.layout.shared_counter else group[0].message.name
-        if key not in self._counters:
-            self._counters[key] = CounterUnwrapper(field.wrap or 1 << (8 * field.size), self.definition.rate_Hz)
+        unwrapper = self._counters.get(key)
+        if unwrapper is None:
+            wrap = field.wrap or 1 << (8 * field.size)
+            unwrapper = self._counters[key] = CounterUnwrapper(wrap, self.definition.rate_Hz)
         if len(group) == 1:
             batch = group[0]
-            result = self._counters[key].feed(batch.raw(field.name).astype(np.int64), batch.t_ns)
+            result = unwrapper.feed(batch.raw(field.name).astype(np.int64), batch.t_ns)
             batch.counter = result.counter
-            batch.suspect = batch.suspect | result.suspect
+            if result.doubtful:
+                batch.suspect = batch.suspect | result.suspect
             return result.lost, result.duplicate
         offset = np.concatenate([batch.offset for batch in group])
         order = np.argsort(offset, kind="stable")
         raw = np.concatenate([batch.raw(field.name).astype(np.int64) for batch in group])
         stamps = np.concatenate([batch.t_ns for batch in group if batch.t_ns is not None])
-        result = self._counters[key].feed(raw[order], stamps[order])
+        result = unwrapper.feed(raw[order], stamps[order])
         counter, suspect = np.empty_like(result.counter), np.empty_like(result.suspect)
         counter[order], suspect[order] = result.counter, result.suspect
         at = 0

@@ -11,7 +11,8 @@ from typing import Any, TextIO
 import numpy as np
 
 from bench.frame.batch import MessageBatch
-from bench.frame.definition import Engine, FrameDefinition
+from bench.frame.best import Engine
+from bench.frame.definition import FrameDefinition
 from bench.frame.layout import Field
 from bench.frame.stream import LinkBatch, LinkCounts, LinkDecoder
 from bench.model.errors import InputError
@@ -40,7 +41,7 @@ class FileDecode:
         }
 
 
-def decode_file(definition: FrameDefinition, path: Path, engine: Engine = "numpy") -> FileDecode:
+def decode_file(definition: FrameDefinition, path: Path, engine: Engine | None = None) -> FileDecode:
     """Decode a whole capture file; without receive times a gap longer than a counter wrap looks shorter.
 
     Raises: InputError B-FRAME-030 if the file cannot be read.

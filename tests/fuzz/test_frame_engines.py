@@ -1,28 +1,36 @@
-"""Both engines on damaged streams: identical offsets, counts and fields, whatever the chunks."""
+"""All engines on damaged streams: identical offsets, counts and fields, whatever the chunks."""
 
 from __future__ import annotations
 
+import ctypes
+import mmap
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 from crccheck.crc import Crc16Ibm3740
-from record_sample import frame
+from record_sample import ROOT, frame
 
-from bench.frame import FrameDefinition, LinkCounts, LinkDecoder
+from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, why_no_kernel
+from bench.frame.best import kernel
+from bench.frame.kernel.arrays import arrays_of
+from bench.frame.kernel_engine import KernelDecoder
 from bench.frame.layout import Field, Message
 
-NAMES = ("ngu_a", "ngu_b", "vn100_binary", "ngu_a_100s", "gnc_422")
+NAMES = tuple(sorted(path.stem for path in (ROOT / "frames").glob("*.yaml")))
+FAST = ("numpy",) if why_no_kernel() else ("numpy", "kernel")
 DAMAGE = ("flip", "drop", "insert", "truncate", "repeat_tail", "garbage", "sync_storm", "false_header")
 SHARES = (0.0, 0.001, 0.01, 0.1, 0.5, 1.0)
-SHORT, FULL = 60, 1000
+SHORT, FULL = 78, 1000
 Generator = np.random.Generator
 
 
-def random_values(message: Message, generator: Generator) -> dict[str, Any]:
+def random_values(definition: FrameDefinition, message: Message, generator: Generator) -> dict[str, Any]:
     values: dict[str, Any] = {}
+    framing = {item.name for item in (definition.layout.length_field, definition.layout.type_field) if item is not None}
     for item in message.fields:
-        if item.constant is not None or item.name in ("length", "kind"):
+        if item.constant is not None or item.name in framing:
             continue
         values[item.name] = random_field(item, generator)
     return values
@@ -34,6 +42,8 @@ def random_field(item: Field, generator: Generator) -> Any:
     shape = (1,) if item.count is None else (1, item.count)
     if item.kind == "f":
         return generator.normal(size=shape).astype(np.float32)
+    if item.kind == "b" or item.size == 8:
+        return np.frombuffer(generator.bytes(item.length), "u1" if item.kind == "b" else f"{item.kind}8").reshape(shape)
     if generator.random() < 0.05:
         return np.full(shape, 0xEB90 % (1 << (8 * item.size - 1)))  # embedded sync words
     low, high = (0, 1 << (8 * item.size)) if item.kind == "u" else (-(1 << (8 * item.size - 1)), 1 << 8 * item.size - 1)
@@ -67,7 +77,7 @@ def damaged_stream(definition: FrameDefinition, generator: Generator) -> bytes:
     kinds = DAMAGE if generator.random() < 0.5 else (DAMAGE[generator.integers(len(DAMAGE))],)
     for _ in range(int(generator.integers(1, 90))):
         message = definition.message(definition.messages[generator.integers(len(definition.messages))])
-        frame = bytearray(definition.encode_one(random_values(message, generator), message.name))
+        frame = bytearray(definition.encode_one(random_values(definition, message, generator), message.name))
         if generator.random() < share:
             frame = damage(kinds[generator.integers(len(kinds))], frame, definition.layout.pattern, generator)
         stream += frame
@@ -112,11 +122,8 @@ def compare(seed: int) -> tuple[int, int]:
     definition = frame(NAMES[seed % len(NAMES)])
     stream = damaged_stream(definition, generator)
     due = everything(definition, "reference", [stream])
-    for engine, chunks in (
-        ("numpy", [stream]),
-        ("numpy", chunks_of(stream, generator)),
-        ("reference", chunks_of(stream, generator)),
-    ):
+    chunked = chunks_of(stream, generator)
+    for engine, chunks in (("reference", chunked), *((engine, cut) for engine in FAST for cut in ([stream], chunked))):
         found = everything(definition, engine, chunks)
         assert found[0] == due[0], f"seed {seed}, {engine}, {len(chunks)} chunks"
         assert found[1] == due[1], f"seed {seed}, {engine}, {len(chunks)} chunks"
@@ -153,8 +160,9 @@ def test_engines_agree_beyond_one_block_and_one_window(share: float) -> None:
         parts[index] = damage(kind, parts[index], definition.layout.pattern, generator)
     stream = b"".join(parts)
     due = everything(definition, "reference", [stream])
-    assert everything(definition, "numpy", [stream]) == due
-    assert everything(definition, "numpy", [stream[:300_001], stream[300_001:]]) == due
+    for engine in FAST:
+        assert everything(definition, engine, [stream]) == due
+        assert everything(definition, engine, [stream[:300_001], stream[300_001:]]) == due
 
 
 def test_a_valid_frame_that_overlaps_another_by_one_byte_is_not_taken() -> None:
@@ -164,7 +172,7 @@ def test_a_valid_frame_that_overlaps_another_by_one_byte_is_not_taken() -> None:
     first = next(frame for frame in tries if frame[-1] == 0xEB)
     second = definition.encode_one({"command": 2, "payload": b"xyz"}, "command")
     stream = first + second[1:] + second
-    for engine in ("reference", "numpy"):
+    for engine in ("reference", *FAST):
         counts, found = everything(definition, engine, [stream])
         assert found["command"] == [0, len(first) + len(second) - 1]
         assert (counts.bad, counts.skipped_bytes) == (0, len(second) - 1)
@@ -190,3 +198,38 @@ def test_an_independent_decoder_agrees(seed: int) -> None:
     stream = damaged_stream(definition, generator)
     counts, found = everything(definition, "numpy", [stream])
     assert (found["frame"], counts.bad) == independent(stream)
+
+
+PAGE = 4096
+
+
+@pytest.fixture
+def fenced() -> Iterator[np.ndarray]:
+    """Memory (16 pages) between two pages that nobody may touch: an access beyond its ends kills the process."""
+    memory = mmap.mmap(-1, 18 * PAGE)
+    begin = ctypes.addressof(ctypes.c_char.from_buffer(memory))
+    fences = [ctypes.c_void_p(begin), ctypes.c_void_p(begin + 17 * PAGE)]
+    protect = ctypes.CDLL(None).mprotect
+    assert [protect(fence, PAGE, 0) for fence in fences] == [0, 0]
+    yield np.frombuffer(memory, np.uint8)[PAGE : 17 * PAGE]
+    assert [protect(fence, PAGE, mmap.PROT_READ | mmap.PROT_WRITE) for fence in fences] == [0, 0]
+
+
+@pytest.mark.skipif("kernel" not in FAST, reason="there is no compiled kernel")
+@pytest.mark.parametrize("seed", range(2 * len(NAMES)))
+def test_the_kernel_reads_no_byte_beyond_a_stream(seed: int, fenced: np.ndarray) -> None:
+    compiled, generator, definition = kernel(), np.random.default_rng(seed), frame(NAMES[seed % len(NAMES)])
+    assert compiled is not None
+    stream = damaged_stream(definition, generator)[-16 * PAGE :]
+    begin = fenced.ctypes.data
+    for size in (len(stream), *generator.integers(0, len(stream) + 1, 20).tolist()):
+        for at in (0, len(fenced) - size):
+            fenced[at : at + size] = np.frombuffer(stream[:size], np.uint8)
+
+            def at_the_fence(*given: object, at: int = at) -> None:
+                compiled.decode(*given[:2], ctypes.c_void_p(begin + at), given[3])
+
+            decoder = KernelDecoder(definition.layout, arrays_of(definition.layout), at_the_fence)
+            decoder.feed(stream[:size])
+            decoder.finish()
+            assert decoder.counts.bytes == size

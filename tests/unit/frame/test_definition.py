@@ -65,7 +65,7 @@ def test_every_type_and_byte_order() -> None:
     text = sample(", ".join(fields), "[u8_big, end]", wire.hex(), expect="{u8_big: 200, f64_little: -0.1}")
     definition = parse_frame(text, "sample.yaml")
     frame = b"\xa5\x5a" + wire + bytes([Crc8Smbus.calc(wire)])
-    for engine in ("numpy", "reference"):
+    for engine in ("kernel", "numpy", "reference"):
         batch = definition.decoder(engine).feed(frame * 3).messages["frame"]  # type: ignore[arg-type]
         for kind, value in values.items():
             for order in ("big", "little"):
@@ -84,7 +84,7 @@ def test_arrays_of_odd_widths_bits_scale_and_offset() -> None:
     wire = bytes.fromhex("000001 000002 ffffff ffffff 000080 abc1 0064")
     text = sample(fields, "[value, end]", wire.hex(), expect="{value: [1, 2, 16777215], level: 10}")
     frame = b"\xa5\x5a" + wire + bytes([Crc8Smbus.calc(wire)])
-    for engine in ("numpy", "reference"):
+    for engine in ("kernel", "numpy", "reference"):
         batch = parse_frame(text, "sample.yaml").decoder(engine).feed(frame).messages["frame"]  # type: ignore[arg-type]
         assert batch.raw("value").tolist() == [[1, 2, 0xFFFFFF]]
         assert batch.raw("low").tolist() == [[-1, -0x800000]]
@@ -121,7 +121,7 @@ def test_constants_behind_the_sync_extend_the_pattern_and_others_mark_frames_sus
     odd = bytes.fromhex("0300080f")
     other = bytes.fromhex("040009ff")
     stream = b"".join(b"\xa5\x5a" + body + bytes([Crc8Smbus.calc(body)]) for body in (odd, other))
-    for engine in ("numpy", "reference"):
+    for engine in ("kernel", "numpy", "reference"):
         found = definition.decoder(engine).feed(stream)  # type: ignore[arg-type]
         assert found.messages["frame"].raw("value").tolist() == [8]
         assert found.messages["frame"].suspect.tolist() == [True]
@@ -166,7 +166,7 @@ def test_messages_of_variable_length() -> None:
     definition: FrameDefinition = parse_frame(messages_text(), "sample.yaml")
     assert definition.messages == ("one", "two")
     stream = bytes.fromhex(with_crc8("0401") + with_crc8("06020009") + with_crc8("0501ee"))
-    for engine in ("numpy", "reference"):
+    for engine in ("kernel", "numpy", "reference"):
         found = definition.decoder(engine).feed(stream)  # type: ignore[arg-type]
         assert found.messages["one"].raw("text").tolist() == [b"", b"\xee"]
         assert found.messages["two"].raw("value").tolist() == [9]
@@ -176,7 +176,7 @@ def test_messages_of_variable_length() -> None:
 def test_an_overlong_length_byte_hides_a_frame_only_until_the_end_of_the_stream() -> None:
     definition = parse_frame(messages_text(), "sample.yaml")
     stream = bytes.fromhex("a52801" + with_crc8("06020009"))
-    for engine in ("numpy", "reference"):
+    for engine in ("kernel", "numpy", "reference"):
         decoder = definition.decoder(engine)  # type: ignore[arg-type]
         assert len(decoder.feed(stream).messages["two"]) == 0
         assert decoder.finish().messages["two"].offset.tolist() == [3]
@@ -186,7 +186,7 @@ def test_an_overlong_length_byte_hides_a_frame_only_until_the_end_of_the_stream(
 def test_a_length_or_type_that_makes_no_sense_is_a_bad_candidate() -> None:
     definition = parse_frame(messages_text(), "sample.yaml")
     stream = bytes.fromhex("a50301" + "a52901" + "a50609" + "a50702" + with_crc8("06020009"))
-    for engine in ("numpy", "reference"):
+    for engine in ("kernel", "numpy", "reference"):
         found = definition.decoder(engine).feed(stream)  # type: ignore[arg-type]
         assert found.bad_offset.tolist() == [0, 3, 6, 9]
         assert len(found.messages["two"]) == 1

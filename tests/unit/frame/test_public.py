@@ -105,7 +105,7 @@ def test_decode_finds_frames_between_junk(
     lines = (tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()
     assert len(lines) == 141
     monkeypatch.setattr("bench.frame.table._BLOCK_BYTES", 61)
-    for engine in ("numpy", "reference"):
+    for engine in ("kernel", "numpy", "reference"):
         again = decode_file(frame_of(name), capture, engine)  # type: ignore[arg-type]
         assert (again.counts.frames, again.counts.bad) == (140, found["bad"])
 

@@ -16,7 +16,7 @@ from bench.model.errors import InputErrors
 
 GNC = load_frame(Path(__file__).resolve().parents[3] / "frames" / "gnc_422.yaml")
 MS = 1_000_000
-ENGINES = ("numpy", "reference")
+ENGINES = ("kernel", "numpy", "reference")  # without numba the first one is the second
 LONGEST = 1036
 Chunks = list[tuple[int, bytes]]
 
