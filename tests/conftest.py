@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import functools
 import json
+import os
 import subprocess
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,13 +18,32 @@ from recorded import recorded
 from rehearsal import NAME, SAID, Inside, Rehearsal, main_of, record_golden, record_ramp, record_short, rehearsed
 from two_ends import TwoEnds, arrange, give_way
 
+from bench.model.folders import cache_folder
+
 settings.register_profile("any machine", suppress_health_check=[HealthCheck.too_slow], deadline=None)
 settings.load_profile("any machine")  # how fast inputs are drawn says something of the machine only
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Give way to tests that wait, if this process computes."""
+    """Give way to tests that wait, if this process computes; share no cache with the user."""
     give_way(config)
+    if not hasattr(config, "workerinput"):
+        config.add_cleanup(_own_cache().cleanup)
+
+
+def _own_cache() -> tempfile.TemporaryDirectory[str]:
+    """Make a cache for all tests, in which no results are kept: one test must not see those of another.
+
+    Machine code of the user's is used, not made again.
+    """
+    kernels = list(cache_folder().glob("kernel-*"))
+    folder = tempfile.TemporaryDirectory(prefix="bench-tests-")
+    os.environ["XDG_CACHE_HOME"] = folder.name
+    cache_folder().mkdir()
+    for kernel in kernels:
+        (cache_folder() / kernel.name).symlink_to(kernel)
+    (cache_folder() / "results").write_text("not a folder, so nothing can be kept in it")
+    return folder
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

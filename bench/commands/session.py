@@ -1,4 +1,4 @@
-"""``bench replay``, ``fit``, ``report``, ``coefficients``: commands that read recorded sessions and nothing else."""
+"""``bench replay`` and ``coefficients``: commands that compute from the raw bytes of recorded sessions."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import INCOMPLETE, results_json
+from bench.analysis import results_json
 from bench.commands.console import console
 from bench.commands.tables import print_results
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
 from bench.replay import ABSENT, Difference, compare
 from bench.session.coefficients import Coefficients, coefficients_of_session, merged_coefficients
-from bench.session.output import write_file
 from bench.session.service import analysed, read_view
 from bench.session.verification import SOFTWARE_PATH, software_of
-from bench.session.view import SessionView, analyse_view, report_of
+from bench.session.view import analyse_view
 
 SHOWN_DIFFERENCES = 20
 
@@ -63,36 +62,6 @@ def _why(stored: Mapping[str, Any], results: Mapping[str, Any]) -> str:
     if software_of(stored) != software_of(results):
         return f"compare the software: stored {software_of(stored)}, now {software_of(results)}"
     return "the recording and the software are the same, so results.json was changed, or made on another machine"
-
-
-def fit(folder: Path, method: str | None, as_json: bool, make_up: Sequence[Path] = ()) -> int:
-    """Print the results of a session by a method, together with sessions that make up for it; nothing is written."""
-    results, analysis, view = analysed(folder, method, make_up=make_up)
-    if as_json:
-        sys.stdout.write(results_json(results))
-        return _status(view)
-    print_results(console(), results, analysis)
-    for note in [*([INCOMPLETE] if view.incomplete else []), *analysis.notes, *view.remarks]:
-        console().print(note)
-    return _status(view)
-
-
-def report(folder: Path, pdf: bool = False) -> int:
-    """Write report.html again, and report.pdf if asked for."""
-    results, analysis, view = analysed(folder, None)
-    drawn = report_of(view, results, analysis)
-    path = folder / "report.html"
-    write_file(path, drawn.html())
-    console().print(f"report   {path}")
-    if pdf:
-        paper = folder / "report.pdf"
-        write_file(paper, drawn.pdf())
-        console().print(f"report   {paper}")
-    return _status(view)
-
-
-def _status(view: SessionView) -> int:
-    return ExitStatus.SESSION_DAMAGED if view.damaged else ExitStatus.PASS
 
 
 def _stored_results(folder: Path) -> Mapping[str, Any]:

@@ -14,6 +14,7 @@ from bench.model.segments import session_segments
 
 SessionFolder = Annotated[Path, typer.Argument(help="the folder of a session")]
 AsJson = Annotated[bool, typer.Option("--json", help="print one JSON document on standard output and nothing else")]
+Fresh = Annotated[bool, typer.Option("--fresh", help="compute everything again, though it is kept from before")]
 Method = Annotated[str | None, typer.Option("--method", help="a method of the analysis; a wrong one lists them")]
 
 
@@ -32,12 +33,13 @@ def fit(
         list[Path] | None, typer.Option("--with", metavar="SESSION", help="a make-up session that completes this one")
     ] = None,
     json: AsJson = False,
+    fresh: Fresh = False,
 ) -> None:
-    """Results of a session by a method of your choice; nothing is written."""
+    """Results of a session by a method of your choice; nothing is written into the session."""
     session_segments(session)
-    from bench.commands import session as session_command
+    from bench.commands import fit as fit_command
 
-    raise typer.Exit(session_command.fit(session, method, json, make_up or []))
+    raise typer.Exit(fit_command.fit(session, method, json, make_up or [], fresh))
 
 
 def report(
@@ -47,6 +49,7 @@ def report(
         bool, typer.Option("--verify", help="derive everything again from the raw bytes, compare, write nothing")
     ] = False,
     json: AsJson = False,
+    fresh: Fresh = False,
 ) -> None:
     """Write report.html again from the session alone; or say whether results and report are what it gives."""
     session_segments(session)
@@ -54,9 +57,9 @@ def report(
         from bench.commands import verify as verify_command
 
         raise typer.Exit(verify_command.verify(session, json))
-    from bench.commands import session as session_command
+    from bench.commands import fit as fit_command
 
-    raise typer.Exit(session_command.report(session, pdf))
+    raise typer.Exit(fit_command.report(session, pdf, fresh))
 
 
 def batch(

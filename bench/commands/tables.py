@@ -10,7 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich import box
 from rich.console import Console
@@ -20,8 +20,10 @@ from rich.text import Text
 from bench import analysis
 from bench.analysis import Analysis, with_uncertainty
 from bench.model.errors import ExitStatus, FitError
-from bench.report import Table, analysis_tables
-from bench.session.finish import Finished
+
+if TYPE_CHECKING:
+    from bench.report import Table
+    from bench.session.finish import Finished
 
 WIDTH = 110
 _COLUMNS = (
@@ -161,6 +163,8 @@ def _lead_tables(tables: Sequence[analysis.Table]) -> list[analysis.Table]:
 
 def _print_lead_tables(out: Console, tables: Sequence[analysis.Table]) -> None:
     """Print them in their order; rows that end in "not tested" are counted, not shown; the report has them all."""
+    from bench.report import analysis_tables
+
     for described, table in zip(tables, analysis_tables(tables), strict=True):
         rows = [row for row in table.rows if row[-1] != _NOT_TESTED]
         if rows or not table.rows:

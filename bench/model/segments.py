@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import re
+import struct
 from pathlib import Path
 
 from bench.model.errors import InputError
 
+OPEN_MARKER = "session.open"  # file of a session that is being recorded
+_MAGIC = b"\x89MCAP0\r\n"
+_FOOTER = struct.Struct("<BQQQI8s")  # opcode, length, begin of the summary, ...; magic
+_END_BYTES = 1024  # more than the last chunk, which holds the record of the hash chain, and the data end record
 SEGMENT_NAME = re.compile(r"session\.(\d{4})\.mcap")
 
 
@@ -26,3 +31,19 @@ def session_segments(folder: Path) -> list[Path]:
             next_step="name the folder of a recorded session",
         )
     return segments
+
+
+def sealed_end(path: Path) -> bytes | None:
+    """Return the last bytes of a segment's data, with the record of the hash chain; None if it has no end."""
+    try:
+        with path.open("rb") as stream:
+            size = stream.seek(0, 2)
+            stream.seek(max(0, size - _FOOTER.size))
+            tail = stream.read()
+            begin, magic = _FOOTER.unpack(tail)[2::3] if len(tail) == _FOOTER.size else (0, b"")
+            if magic != _MAGIC or not 0 < begin < size:
+                return None
+            stream.seek(max(0, begin - _END_BYTES))
+            return stream.read(min(begin, _END_BYTES))
+    except OSError:
+        return None

@@ -1,5 +1,7 @@
 """Floor 2: the session container: write, read, recover; records cut from frames; the step journal."""
 
+from bench.model.segments import OPEN_MARKER
+from bench.record.block import Block
 from bench.record.cut import RecordCutter
 from bench.record.files import Files
 from bench.record.journal import Journal, JournalEntry, is_being_written, read_journal
@@ -25,7 +27,7 @@ from bench.record.trend_rows import (
 )
 from bench.record.walk import Walk
 from bench.record.window import UNIT_TEMPERATURE, RecordedReadings, RecordRow, is_off_target, row_of_readings
-from bench.record.writer import OPEN_MARKER, RecordError, SessionWriter
+from bench.record.writer import RecordError, SessionWriter
 
 __all__ = [
     "FOLDER",
@@ -35,6 +37,7 @@ __all__ = [
     "OPEN_MARKER",
     "UNIT_TEMPERATURE",
     "BenchRows",
+    "Block",
     "ChunkPlace",
     "Damage",
     "Files",

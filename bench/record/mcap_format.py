@@ -10,6 +10,9 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 MAGIC = b"\x89MCAP0\r\n"
 HEADER = 0x01
 FOOTER = 0x02
@@ -31,8 +34,11 @@ _LZ4_HEAD = struct.Struct(f"{CHUNK_HEAD.format}{len(_LZ4)}sQ")  # the compressio
 CHUNK_FIXED = 40  # content of a chunk without the compression text and the records: 8 + 8 + 8 + 4 + 4 + 8
 FOOTER_RECORD = struct.Struct("<BQQQI")
 _CHUNK_INDEX_HEAD = struct.Struct("<QQQQI")  # start, end, offset, length, bytes of the per-channel map
-_CHANNEL_ENTRY = 10  # channel u16, offset u64
 _CHUNK_INDEX_FIXED = _CHUNK_INDEX_HEAD.size + 8 + 4 + len(_LZ4) + 8 + 8  # content without the per-channel map
+_CHUNK_INDEX = np.dtype(
+    [("start_ns", "<u8"), ("end_ns", "<u8"), ("offset", "<u8"), ("length", "<u8"), ("map_bytes", "<u4")]
+)
+_CHANNEL_ENTRY = np.dtype([("channel", "<u2"), ("offset", "<u8")])
 
 
 def record(opcode: int, content: bytes) -> bytes:
@@ -83,7 +89,7 @@ def chunk_index(
     ``indexes`` is channel, offset of its message index, channel, offset ...
     """
     count = len(indexes) // 2
-    map_bytes = _CHANNEL_ENTRY * count
+    map_bytes = _CHANNEL_ENTRY.itemsize * count
     head = (CHUNK_INDEX, _CHUNK_INDEX_FIXED + map_bytes, *span, *place, map_bytes)
     layout = f"<BQQQQQI{'HQ' * count}QI{len(_LZ4)}sQQ"
     return struct.pack(layout, *head, *indexes, index_bytes, len(_LZ4), _LZ4, *sizes)
@@ -144,21 +150,31 @@ def read_summary(content: bytes, at_byte: int = 0) -> Summary | None:
     return Summary(channels, begin, at)
 
 
-def chunks_with(content: bytes, summary: Summary, numbers: frozenset[int]) -> list[int] | None:
-    """Return offsets of the chunks that hold messages of any of these channels; None if the file does not say."""
-    offsets = []
-    indexed = False
-    for opcode, begin, _ in _records(content, summary.start, summary.stop):
-        if opcode == CHUNK_INDEX:
-            indexed = True
-            _, _, place, _, map_bytes = _CHUNK_INDEX_HEAD.unpack_from(content, begin)
-            if not map_bytes:
-                return None
-            first = begin + _CHUNK_INDEX_HEAD.size
-            held = struct.unpack_from("<" + "HQ" * (map_bytes // _CHANNEL_ENTRY), content, first)[::2]
-            if not numbers.isdisjoint(held):
-                offsets.append(place)
-    return offsets if indexed else None
+def chunks_with(content: bytes, summary: Summary, numbers: frozenset[int]) -> list[tuple[int, int]] | None:
+    """Return offset and length of the chunks that hold messages of any of these channels; None if nobody says."""
+    begins = [begin for opcode, begin, _ in _records(content, summary.start, summary.stop) if opcode == CHUNK_INDEX]
+    if not begins:
+        return None
+    at = np.array(begins)
+    heads = _at(content, at, _CHUNK_INDEX)
+    entries = heads["map_bytes"].astype(np.int64) // _CHANNEL_ENTRY.itemsize
+    if not entries.all():
+        return None
+    at += _CHUNK_INDEX.itemsize
+    holds = np.zeros(len(at), np.bool_)
+    for index in range(int(entries.max())):
+        more = np.flatnonzero(entries > index)
+        channels = _at(content, at[more] + index * _CHANNEL_ENTRY.itemsize, _CHANNEL_ENTRY)["channel"]
+        holds[more] |= np.isin(channels, list(numbers))
+    return list(zip(heads["offset"][holds].tolist(), heads["length"][holds].tolist(), strict=True))
+
+
+def _at(content: bytes, begins: NDArray[np.int64], kind: np.dtype[np.void]) -> NDArray[np.void]:
+    """Return what stands at some places. Raises: ValueError if a place lies outside."""
+    room = len(content) - kind.itemsize + 1
+    if room <= 0 or int(begins.max(initial=0)) >= room:
+        raise ValueError("record is longer than the summary")
+    return np.ndarray((room,), kind, content, 0, (1,))[begins]
 
 
 def chunk_spans(content: bytes, summary: Summary) -> list[tuple[int, int, int, int]]:

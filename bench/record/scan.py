@@ -63,12 +63,16 @@ class SegmentScan:
     finished: bool = False
     data_stop: int = 0
 
-    def spans(self) -> Iterator[Span]:
-        """Yield every readable chunk in file order; a message outside a chunk is a span of its own (not proved)."""
+    def spans(self, at: int = 0) -> Iterator[Span]:
+        """Yield every readable chunk in file order, from the record at ``at`` on if that is not 0.
+
+        A message outside a chunk is a span of its own (not proved).
+        """
         view = memoryview(self.content)
-        if view[: len(mcap.MAGIC)] != mcap.MAGIC and len(view) > 0:
-            self._report(0, "is not an MCAP file: wrong magic")
-        at = min(len(mcap.MAGIC), len(view))
+        if not at:
+            if view[: len(mcap.MAGIC)] != mcap.MAGIC and len(view) > 0:
+                self._report(0, "is not an MCAP file: wrong magic")
+            at = min(len(mcap.MAGIC), len(view))
         self.data_stop = at
         while at < len(view):
             record = self._record(view, at)
@@ -108,7 +112,7 @@ class SegmentScan:
             return None
         opcode, length = mcap.RECORD.unpack_from(view, at)
         end = at + mcap.RECORD.size + length
-        if opcode not in mcap.KNOWN or end > len(view) or not _consistent(view, at, opcode, length):
+        if opcode not in mcap.KNOWN or end > len(view) or not consistent(view, at, opcode, length):
             return None
         return opcode, end
 
@@ -166,7 +170,7 @@ class SegmentScan:
         self.damage.append(Damage(self.name, at, what))
 
 
-def _consistent(view: memoryview, at: int, opcode: int, length: int) -> bool:
+def consistent(view: memoryview, at: int, opcode: int, length: int) -> bool:
     """False if a record contradicts itself: one flipped bit of a length must not swallow the chunks behind it."""
     begin = at + mcap.RECORD.size
     if opcode == mcap.HEADER:

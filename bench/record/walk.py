@@ -8,8 +8,11 @@ import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
 from bench.record import layout
 from bench.record import mcap_format as mcap
+from bench.record.block import BLOCK_BYTES, Block, Records, Stretch, block_of, proved, stretches, taken_apart, unpacked
 from bench.record.layout import Message
 from bench.record.mcap_format import Summary, channel_of, read_summary
 from bench.record.scan import Damage, SegmentScan, Span, chain_value
@@ -55,10 +58,68 @@ class Walk:
 
     def segment(self, name: str, content: bytes) -> Iterator[Message]:
         """Yield all good and wanted messages of the next segment; verifies what can be verified."""
+        for block in self.blocks(name, content):
+            yield from block.messages(self._selection)
+
+    def blocks(self, name: str, content: bytes) -> Iterator[Block]:
+        """Yield the same messages, and perhaps others, by the block; from the first doubt on they are seen singly."""
         scan = self._begin(name, content, read_summary(content))
-        for span in scan.spans():
-            yield from self._messages(span)
+        at = 0
+        for stretch in stretches(content):
+            block = self._block(content, stretch)
+            if block is None:
+                break
+            yield block
+            at = stretch.next_at
+        singly: list[Message] = []
+        size = 0
+        for span in scan.spans(at):
+            singly += self._messages(span)
+            size += len(span.records)
+            if size >= BLOCK_BYTES:
+                yield Block.of(singly)
+                singly, size = [], 0
+        if singly:
+            yield Block.of(singly)
         self._end(scan)
+
+    def _block(self, content: bytes, stretch: Stretch) -> Block | None:
+        """Return the messages of some chunks if all are as they were written, and in order; else nothing is changed."""
+        plain = unpacked(content, stretch)
+        found = None if plain is None else taken_apart(*plain)
+        if plain is None or found is None:
+            return None
+        numbers = found.heads["channel"]
+        topics = self._with_new(found)
+        present = np.flatnonzero(np.bincount(numbers)).tolist()
+        if topics is None or not all(number in topics and topics[number].bench for number in present):
+            return None
+        sequence = np.arange(self.expected, self.expected + len(numbers), dtype=np.uint64)
+        if not np.array_equal(found.heads["sequence"], sequence):
+            return None
+        seeds = np.zeros(1 + max(present, default=0), np.int64)
+        seeds[present] = [topics[number].seed for number in present]
+        if layout.CHAIN in (topics[number].name for number in present) or not proved(plain[0], found, seeds[numbers]):
+            return None
+        self._channels = topics
+        self.expected += len(numbers)
+        for number, count in enumerate(np.bincount(numbers).tolist()):
+            if count:
+                topics[number].count += count
+        return block_of(plain[0], found, {number: topic.name for number, topic in topics.items()})
+
+    def _with_new(self, found: Records) -> dict[int, _Topic] | None:
+        """Return the topics with those that begin in a block; None if one is another than before, or begins late."""
+        topics = dict(self._channels)
+        for place, number, name in found.channels:
+            if number not in topics:
+                users = found.at[found.heads["channel"] == number]
+                if len(users) and users[0] < place:
+                    return None
+            elif topics[number].name != name:
+                return None
+            topics[number] = self._topic(name)
+        return topics
 
     def chunks(self, name: str, content: bytes, summary: Summary, offsets: list[int]) -> Iterator[Message]:
         """Wanted messages of some chunks of a finished segment, without a check of order or hash chain."""

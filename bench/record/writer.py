@@ -11,6 +11,7 @@ from typing import Any
 from bench.model.clock import NS
 from bench.model.errors import RunError
 from bench.model.events import Closed, Error
+from bench.model.segments import OPEN_MARKER
 from bench.record import layout
 from bench.record.files import Files, OsFiles
 from bench.record.segment import Channel, ChunkBuffer, SegmentWriter
@@ -20,7 +21,6 @@ CHUNK_BYTES = 1_000_000  # a chunk is closed before its second when it gets this
 HELD_BYTES = 64_000_000  # kept in memory while the disk refuses
 RETIRED_FILES = 4  # finished segments kept open for the next sync; a virtual run never syncs
 HEAD_COPIES = 2  # of manifest and texts
-OPEN_MARKER = "session.open"
 
 
 class RecordError(RunError):

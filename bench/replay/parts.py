@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.model.clock import NS
 from bench.model.errors import SessionDamaged
@@ -92,10 +93,11 @@ class Part:
     last_ns: int = 0
     offset_ns: int | None = None
 
-    def see(self, t_ns: int) -> None:
-        """A message of this time belongs to the part."""
-        self.first_ns = t_ns if self.first_ns is None else self.first_ns
-        self.last_ns = max(self.last_ns, t_ns)
+    def see(self, t_ns: NDArray[np.uint64]) -> None:
+        """Messages of these times belong to the part, in this order."""
+        if len(t_ns):
+            self.first_ns = int(t_ns[0]) if self.first_ns is None else self.first_ns
+            self.last_ns = max(self.last_ns, int(t_ns.max()))
 
 
 @dataclass(frozen=True)

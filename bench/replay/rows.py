@@ -7,14 +7,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, parse_frame
 from bench.model.errors import InputError, SessionDamaged
 from bench.model.events import Event, Resume, event_of
-from bench.record import Damage, Message, RecordCutter, RecordedReadings, RecordRow, SessionReader, layout
+from bench.record import Block, Damage, Message, RecordCutter, RecordedReadings, RecordRow, SessionReader, layout
 from bench.replay.parts import Part, RecordedWindow, Splice, moved_rows, recorded_windows, splices_of, time_shifts_ns
 
 BATCH_BYTES = 4_000_000
 MEASUREMENT = "measurement"
+_BESIDE = frozenset({layout.EVENT, layout.CLOCK})
 
 
 @dataclass(frozen=True)
@@ -76,9 +80,8 @@ def replay_rows(folder: Path, *, strict: bool = False) -> Replayed:
                 next_step="name the link and its frame file in the manifest under 'links'",
             )
     replay = _Replay(definitions, windows)
-    topics = frozenset({layout.EVENT, layout.CLOCK, *replay.topics})
-    for message in reader.messages(topics):
-        replay.take(message)
+    for block in reader.blocks(frozenset({*_BESIDE, *replay.topics})):
+        replay.take(block)
     replay.end_part()
     replay.keep_readings()
     shifts_ns = time_shifts_ns(replay.parts)
@@ -121,6 +124,11 @@ def _added(before: LinkCounts, more: LinkCounts) -> LinkCounts:
     )  # fmt: skip
 
 
+def _inside(at: NDArray[np.intp], begin: int, stop: int) -> NDArray[np.intp]:
+    """Return those of some places that lie in [begin, stop)."""
+    return at[np.searchsorted(at, begin) : np.searchsorted(at, stop)]
+
+
 @dataclass
 class _Replay:
     """Links and cutters of one part of a session; a resume starts a new part with fresh decoders.
@@ -137,7 +145,7 @@ class _Replay:
 
     def __post_init__(self) -> None:
         self._pending = 0
-        self.topics = {f"/link/{link}/rx": link for link in self.definitions}
+        self.topics = {f"{layout.LINK}{link}/rx": link for link in self.definitions}
         self._begin()
 
     def _begin(self) -> None:
@@ -153,31 +161,38 @@ class _Replay:
                     chained=item.chained,
                 )  # fmt: skip
 
-    def take(self, message: Message) -> None:
-        """Take the next message of the session."""
-        link = self.topics.get(message.topic)
-        if link is not None:
-            self.parts[-1].see(message.t_ns)
-            self._decoders[link].push(message.t_ns, message.payload)
-            self._pending += len(message.payload)
-            if self._pending >= BATCH_BYTES:
-                self._decode()
-            return
-        if message.topic == layout.CLOCK:
-            self._pair(message)
-            return
-        event = event_of(*message.event())
-        if isinstance(event, Resume):
-            self.end_part()
-            self.parts.append(Part())
-            self._begin()
-        self.parts[-1].see(message.t_ns)
-        self.events.append((len(self.parts) - 1, message.t_ns, event))
+    def take(self, block: Block) -> None:
+        """Take the next messages of the session."""
+        begin = 0
+        for place, message in block.placed(_BESIDE):
+            if message.topic == layout.CLOCK:
+                self._pair(message)
+                continue
+            event = event_of(*message.event())
+            if isinstance(event, Resume):
+                self._push(block, begin, place)
+                begin = place
+                self.end_part()
+                self.parts.append(Part())
+                self._begin()
+            self.events.append((len(self.parts) - 1, message.t_ns, event))
+        self._push(block, begin, len(block))
+
+    def _push(self, block: Block, begin: int, stop: int) -> None:
+        """Queue what the links said in some of the messages of a block."""
+        self.parts[-1].see(block.t_ns[_inside(block.among(frozenset({*_BESIDE, *self.topics})), begin, stop)])
+        for topic, link in self.topics.items():
+            at = _inside(block.among(frozenset({topic})), begin, stop)
+            push = self._decoders[link].push
+            for t_ns, payload in block.payloads(at):
+                push(t_ns, payload)
+                self._pending += len(payload)
+        if self._pending >= BATCH_BYTES:
+            self._decode()
 
     def _pair(self, message: Message) -> None:
         """The first clock pair of a part says which UTC its monotonic time is."""
         part = self.parts[-1]
-        part.see(message.t_ns)
         if part.offset_ns is None:
             pair = message.document()
             part.offset_ns = int(pair["t_utc_ns"]) - int(pair["t_mono_ns"])

@@ -18,7 +18,7 @@ from bench.report.dcc import (
     session_of,
 )
 from bench.report.document import Report, study_html
-from bench.report.model import RunStory, Surrounding, TemperatureTrace
+from bench.report.model import ReportModel, RunStory, Surrounding, TemperatureTrace
 from bench.report.tables import Table, analysis_tables
 
 __all__ = [
@@ -30,6 +30,7 @@ __all__ = [
     "LeftOut",
     "Outcome",
     "Report",
+    "ReportModel",
     "RunStory",
     "Span",
     "Surrounding",

@@ -30,12 +30,15 @@ _NO_DATE = datetime(1980, 1, 1, tzinfo=UTC)
 
 
 class Report:
-    """The sections of a model with their figures; ``html`` and ``pdf`` write the same content."""
+    """The sections of a model with their figures; ``html`` and ``pdf`` write the same content.
 
-    def __init__(self, model: ReportModel, language: str = ENGLISH) -> None:
+    ``sections``: those of this model and language, if they are drawn already.
+    """
+
+    def __init__(self, model: ReportModel, language: str = ENGLISH, sections: list[Section] | None = None) -> None:
         self._model = model
         self._words = words_of(language)
-        self.sections = sections_of(model, self._words)
+        self.sections = sections_of(model, self._words) if sections is None else sections
 
     def html(self) -> str:
         """Return one self-contained page; the same model gives the same bytes."""

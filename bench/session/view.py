@@ -32,7 +32,7 @@ from bench.model.yamlio import parse_yaml
 from bench.plan import StationFile, Step
 from bench.record import Damage, RecordRow
 from bench.replay import Splice
-from bench.report import Report, RunStory, TemperatureTrace, report_model
+from bench.report import Report, ReportModel, RunStory, TemperatureTrace, report_model
 from bench.session.happenings import (
     alarms_raised,
     commands_given,
@@ -197,7 +197,12 @@ def report_html(view: SessionView, results: Mapping[str, Any], analysis: Analysi
 
 def report_of(view: SessionView, results: Mapping[str, Any], analysis: Analysis) -> Report:
     """Return the report, drawn; it can be written as a page and on paper."""
-    model = report_model(
+    return Report(model_of(view, results, analysis))
+
+
+def model_of(view: SessionView, results: Mapping[str, Any], analysis: Analysis) -> ReportModel:
+    """Return everything that the report shows, before any drawing."""
+    return report_model(
         results,
         view.rows,
         view.plan_steps,
@@ -212,7 +217,6 @@ def report_of(view: SessionView, results: Mapping[str, Any], analysis: Analysis)
         notes=[*([INCOMPLETE] if view.incomplete else []), *analysis.notes, *punctuality(view), *view.remarks],
         run=_story(view),
     )
-    return Report(model)
 
 
 def _story(view: SessionView) -> RunStory:

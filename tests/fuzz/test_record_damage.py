@@ -13,8 +13,8 @@ import pytest
 from record_sample import write_sample
 from rehearsal import GOLDEN_SEQUENCE, Watched
 
+from bench.commands.fit import fit
 from bench.commands.recover import recover
-from bench.commands.session import fit
 from bench.model.clock import VirtualClock
 from bench.model.errors import ExitStatus
 from bench.plan import compile_sequence

@@ -16,6 +16,7 @@ from threading import Lock
 from typing import Any
 
 from bench.model.errors import BenchError, InputError
+from bench.model.folders import cache_folder
 from bench.model.processes import TREND, own_process
 from bench.record import FOLDER, TrendWindow
 from bench.replay import RAW_S_PER_POINT, history, needs_build, raw_window, trend_place
@@ -126,8 +127,7 @@ class Trends:
     """Trends of sessions, those made here in a folder of this user's cache. Safe to be used from several threads."""
 
     def __init__(self, cache: Path | None = None) -> None:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-        self._cache = cache or base / "inertial-bench" / "trend"
+        self._cache = cache or cache_folder() / "trend"
         self._one = Lock()
         self._building: subprocess.Popen[bytes] | None = None
         self._stopped = False

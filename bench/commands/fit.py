@@ -1,0 +1,51 @@
+"""``bench fit`` and ``report``: what a recorded session gives, computed or kept from before."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from bench.analysis import results_json
+from bench.commands.console import console
+from bench.commands.tables import print_results
+from bench.model.errors import ExitStatus
+from bench.session.fitted import FROM_CACHE, Fitted, Shown
+from bench.session.output import write_file
+
+
+def fit(folder: Path, method: str | None, as_json: bool, make_up: Sequence[Path] = (), fresh: bool = False) -> int:
+    """Print the results of a session by a method, together with sessions that make up for it.
+
+    ``fresh``: compute them though they are kept. Nothing is written into the session.
+    """
+    fitted = Fitted(folder, method, make_up, fresh=fresh)
+    shown = fitted.shown
+    if as_json:
+        sys.stdout.write(results_json(shown.results))
+    else:
+        print_results(console(), shown.results, shown.analysis)
+        for remark in shown.remarks:
+            console().print(remark)
+    if fitted.from_cache:
+        console(stderr=as_json).print(FROM_CACHE)
+    return _status(shown)
+
+
+def report(folder: Path, pdf: bool = False, fresh: bool = False) -> int:
+    """Write report.html again, and report.pdf if asked for; ``fresh``: compute what it shows though that is kept."""
+    fitted = Fitted(folder, fresh=fresh)
+    path = folder / "report.html"
+    write_file(path, fitted.report.html())
+    console().print(f"report   {path}")
+    if pdf:
+        paper = folder / "report.pdf"
+        write_file(paper, fitted.paper())
+        console().print(f"report   {paper}")
+    if fitted.from_cache:
+        console().print(FROM_CACHE)
+    return _status(fitted.shown)
+
+
+def _status(shown: Shown) -> int:
+    return ExitStatus.SESSION_DAMAGED if shown.damaged else ExitStatus.PASS

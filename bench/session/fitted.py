@@ -1,0 +1,96 @@
+"""The results of a session by a method, for whoever shows them: computed once, then kept outside of the session.
+
+Only what is shown comes from there. Certificates, coefficients, verification and the history compute what they state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench.analysis import INCOMPLETE, Analysis
+from bench.session.shelf import Shelf, key_of
+
+if TYPE_CHECKING:
+    from bench.report import Report, ReportModel
+
+SHOWN, MODEL, SECTIONS, PAPER = "shown", "model", "sections", "paper"
+FROM_CACHE = "from cache: the same session, software and method as before; --fresh computes it again"
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a person is shown of a fit: the document of results, tables and sentences; nothing of it is ``damaged``."""
+
+    results: Mapping[str, Any]
+    analysis: Analysis
+    remarks: Sequence[str]
+    damaged: bool = False
+
+
+class Fitted:
+    """Results and report of a session.
+
+    Args:   folder, method, make_up: as for ``analysed``.   fresh: compute everything, and keep that.
+    Raises: those of ``analysed``, by every method.
+    """
+
+    def __init__(self, folder: Path, method: str | None = None, make_up: Sequence[Path] = (), *, fresh: bool = False):
+        self._asked = (folder, method, tuple(make_up))
+        self._shelf = Shelf(key_of([folder, *make_up], {"method": method}))
+        self._shown: Shown | None = None if fresh else self._shelf.get(SHOWN)
+        self._fresh = fresh
+        self.from_cache = self._shown is not None
+
+    @property
+    def shown(self) -> Shown:
+        """What a person is shown of the results."""
+        if self._shown is None:
+            self._compute()
+        assert self._shown is not None
+        return self._shown
+
+    @cached_property
+    def report(self) -> Report:
+        """The report, with its figures."""
+        from bench.report import Report
+
+        sections = self._shelf.get(SECTIONS) if self.from_cache else None
+        report = Report(self._model, sections=sections)
+        if sections is None:
+            self._shelf.put(SECTIONS, report.sections)
+        return report
+
+    def paper(self) -> bytes:
+        """Return the report as PDF. Raises: InputError B-REP-001 without the extra 'pdf'."""
+        kept = self._shelf.get(PAPER) if self.from_cache else None
+        if isinstance(kept, bytes):
+            return kept
+        drawn = self.report.pdf()
+        self._shelf.put(PAPER, drawn)
+        return drawn
+
+    @cached_property
+    def _model(self) -> ReportModel:
+        kept = self._shelf.get(MODEL) if self.from_cache else None
+        return self._compute() if kept is None else kept
+
+    def _compute(self) -> ReportModel:
+        from bench.session.service import analysed
+        from bench.session.view import model_of
+
+        folder, method, make_up = self._asked
+        results, analysis, view = analysed(folder, method, make_up=make_up)
+        model = model_of(view, results, analysis)
+        remarks = [*([INCOMPLETE] if view.incomplete else []), *analysis.notes, *view.remarks]
+        told = replace(analysis, estimates=[], residuals=[], components=[], groups=[], figures=[], compensation=[],
+                       attachments={})  # fmt: skip
+        self._shown = Shown(results, told, remarks, view.damaged)
+        self.from_cache = False
+        if not view.damaged:
+            self._shelf.put(MODEL, model)
+            self._shelf.put(SHOWN, self._shown)
+        return model

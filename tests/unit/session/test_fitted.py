@@ -1,0 +1,177 @@
+"""Results that are kept: believed only for the same session, software and method; never an error."""
+
+from __future__ import annotations
+
+import os
+import pickle
+import shutil
+from pathlib import Path
+
+import pytest
+from rehearsal import Inside
+
+from bench.model.events import Resume
+from bench.model.folders import cache_folder
+from bench.record import resume_session
+from bench.session import shelf
+from bench.session.fitted import FROM_CACHE, Fitted
+from bench.session.shelf import Shelf, key_of
+
+Words = tuple[str, ...]
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A cache of its own for each test."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    return cache_folder() / "results"
+
+
+@pytest.fixture
+def session(golden: Path, tmp_path: Path) -> Path:
+    """A copy that may be changed."""
+    return shutil.copytree(golden, tmp_path / golden.name)
+
+
+def kept(session: Path, method: str | None = None) -> bool:
+    """Return whether the results of a session are there."""
+    return Fitted(session, method).from_cache
+
+
+def flip_a_byte(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+def test_the_same_session_is_computed_once(session: Path, inside: Inside, monkeypatch: pytest.MonkeyPatch) -> None:
+    first, first_json = inside("fit", str(session)), inside("fit", str(session), "--json", "--fresh")
+    monkeypatch.setattr("bench.session.service.analysed", None)
+    again, again_json = inside("fit", str(session)), inside("fit", str(session), "--json")
+    assert FROM_CACHE not in first.stdout
+    assert again.stdout == f"{first.stdout}{FROM_CACHE}\n"
+    assert again_json.stdout == first_json.stdout == (session / "results.json").read_text()
+    assert again_json.stderr == f"{FROM_CACHE}\n"
+    assert first.returncode == again.returncode == again_json.returncode == 0
+
+
+def test_a_report_after_a_fit_is_the_one_drawn_at_once(session: Path, inside: Inside, cache: Path) -> None:
+    inside("report", str(session))
+    page = (session / "report.html").read_bytes()
+    inside("fit", str(session), "--fresh")
+    next(cache.glob("*.sections")).unlink()
+    for _ in range(2):  # drawn, then as it was drawn
+        (session / "report.html").unlink()
+        assert FROM_CACHE in inside("report", str(session)).stdout
+        assert (session / "report.html").read_bytes() == page
+    assert {path.suffix for path in cache.iterdir()} == {".shown", ".model", ".sections"}
+
+
+def test_figures_and_paper_are_drawn_once(session: Path, inside: Inside, monkeypatch: pytest.MonkeyPatch) -> None:
+    inside("report", str(session), "--pdf")
+    paper = (session / "report.pdf").read_bytes()
+    monkeypatch.setattr("bench.report.document.sections_of", None)
+    monkeypatch.setattr("bench.report.document._typeset", None)
+    assert inside("report", str(session), "--pdf").returncode == 0
+    assert (session / "report.pdf").read_bytes() == paper
+
+
+def test_fresh_computes_again_and_keeps_that(session: Path, inside: Inside, cache: Path) -> None:
+    inside("report", str(session))
+    for path in cache.iterdir():
+        path.write_bytes(b"")
+    assert FROM_CACHE not in inside("fit", str(session), "--fresh").stdout
+    assert kept(session)
+    assert FROM_CACHE not in inside("report", str(session), "--fresh").stdout
+
+
+def test_another_method_is_another_result(session: Path) -> None:
+    assert Fitted(session, "ols").shown.analysis.method == "ols"
+    assert not kept(session)
+    assert kept(session, "ols")
+
+
+def test_a_session_that_was_gone_on_with_is_another_one(session: Path) -> None:
+    assert Fitted(session).shown
+    writer = resume_session(session, Resume(start=0, reason="power"), t_mono_ns=10**15)
+    assert key_of([session], {}) is None  # being recorded
+    writer.close("done")
+    assert not kept(session)
+
+
+def test_a_segment_without_an_end_is_not_kept(session: Path) -> None:
+    path = session / "session.0001.mcap"
+    path.write_bytes(path.read_bytes()[:-100])
+    assert key_of([session], {}) is None
+    assert Fitted(session).shown.remarks
+    assert not kept(session)
+
+
+def test_a_flipped_byte_is_noticed_although_the_time_of_the_file_was_put_back(session: Path) -> None:
+    assert Fitted(session).shown
+    path = session / "session.0001.mcap"
+    before = path.stat()
+    flip_a_byte(path)
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert (path.stat().st_mtime_ns, path.stat().st_size) == (before.st_mtime_ns, before.st_size)
+    fitted = Fitted(session)
+    assert not fitted.from_cache  # the system notes the change of a file by itself
+    assert fitted.shown.damaged
+    assert not kept(session)  # what is damaged is told each time
+
+
+def test_a_damaged_or_foreign_file_counts_as_not_there(session: Path, cache: Path) -> None:
+    fitted = Fitted(session)
+    assert fitted.report
+    key = key_of([session], {"method": None})
+    for path in cache.iterdir():
+        flip_a_byte(path)
+    assert not kept(session)
+    assert Fitted(session).report
+    other = Shelf("0" * 64)
+    other.put("shown", [1])
+    assert other.get("shown") == [1]
+    (cache / f"{'0' * 64}.shown").replace(cache / f"{key}.shown")
+    assert not kept(session)
+
+
+def test_other_software_computes_anew(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert Fitted(session).shown
+    monkeypatch.setattr(shelf, "_software", lambda: ("0.1.0", "a changed source"))
+    assert not kept(session)
+
+
+class Trap:
+    """A pickle that does something when it is read."""
+
+    def __reduce__(self) -> tuple[object, Words]:
+        return os.mkdir, ("trap",)
+
+
+def test_reading_a_file_does_nothing(tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    mine = Shelf("1" * 64)
+    mine.put("shown", Trap())
+    assert list(cache.iterdir())
+    assert mine.get("shown") is None
+    assert not (tmp_path / "trap").exists()
+    mine.put("shown", {"plain": pickle.dumps(1)})
+    assert mine.get("shown") is not None
+    cache.chmod(0o777)
+    assert mine.get("shown") is None  # anybody may have written it
+
+
+def test_no_room_for_a_cache_is_no_trouble(session: Path, tmp_path: Path, inside: Inside) -> None:
+    (tmp_path / "cache").write_text("a file where the folder should be")
+    for _ in range(2):
+        done = inside("fit", str(session))
+        assert done.returncode == 0
+        assert FROM_CACHE not in done.stdout
+
+
+def test_the_oldest_make_room(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shelf, "MOST_BYTES", 2500)
+    for number in range(4):
+        Shelf(f"{number}").put("shown", bytes(1000))
+        os.utime(cache / f"{number}.shown", (number, number))
+    assert sorted(path.name for path in cache.iterdir()) == ["2.shown", "3.shown"]
