@@ -5,6 +5,7 @@ PY = $(VENV)/bin/python
 PIP_INSTALL = $(PY) -m pip install --quiet --disable-pip-version-check --no-input
 OUT ?= sessions
 SEED ?= 1
+N ?= 10000
 BASE ?= 8ff4cd9
 
 # One thread for the linear algebra, as `bench` itself sets it: small matrices, results that do not depend on the cores.
@@ -33,8 +34,10 @@ sweep: $(VENV)/.dev
 faults: $(VENV)/.dev
 	$(PY) -m pytest -n 2 --dist worksteal -rP -m sweep tests/fault
 
+# N seeds in all, 10,000 of the short campaign or CAMPAIGN=scale_factor_38h N=10; what stands in tests/soak/blocks.csv is
+# not done again, so it can be stopped at any time.
 soak: $(VENV)/.dev
-	$(PY) -m pytest -n 2 --dist worksteal -rP -m sweep tests/soak
+	$(PY) tests/soak/run.py $(N) $(CAMPAIGN)
 
 # Every analysis in an earlier revision and in this one, side by side (docs/history.md).
 compare: $(VENV)/.dev

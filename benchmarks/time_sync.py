@@ -1,8 +1,9 @@
-"""Cost of the study of the time offset: 400 lanes of 60 s and 500 s, a focused target, two Dask workers against one.
+"""Cost of the study of the time offset: 400 lanes of 60 s and 500 s, a focused target, two Dask workers against none.
 
 Lanes: 4 offsets x 2 filters x 50 runs, with everything simulated and filtered. Each part runs in a process of its own,
-so that its greatest memory is its own. Two workers against one: the flights of 500 s with their images, wall clock
-with the start of the workers, results compared byte by byte.
+so that its greatest memory is its own. Two workers against one process without Dask: flights of 200 s with images,
+three times in turn, wall clock with the start of the workers, results compared byte by byte; CPU time in two parts,
+since workers whose memory the system clears again and again show there on a machine that is not quiet, too.
 
 Run: python -m benchmarks.time_sync [short|long|target|workers]...
 """
@@ -10,17 +11,31 @@ Run: python -m benchmarks.time_sync [short|long|target|workers]...
 from __future__ import annotations
 
 import os
-import pickle
 import resource
 import subprocess
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass, fields, is_dataclass
+from hashlib import sha256
+from statistics import median
 from time import perf_counter, process_time
 from typing import Any
+
+import numpy as np
 
 from bench.commands.cluster import THREADS, run_on_cluster
 from bench.systems.time_sync.estimators.sar.response import impulse_response
 from bench.systems.time_sync.study.flight import simulated
-from bench.systems.time_sync.study.study import BASE, Group, LONG_s, SHORT_s, StudyOptions, Task, image_tasks
+from bench.systems.time_sync.study.study import (
+    BASE,
+    Group,
+    LONG_s,
+    QUICK_LONG_s,
+    SHORT_s,
+    StudyOptions,
+    Task,
+    image_tasks,
+)
 from bench.systems.time_sync.study.tasks import run_task, scene_of
 
 HERE = "--here"
@@ -28,6 +43,8 @@ RUNS = 50
 OFFSETS_s = (0.0, 0.010, 0.020, 0.030)
 TARGETS = 5
 OPENS_s = 490.0
+REPEATS = 3
+TIMES = ("wall_s", "user_s", "system_s")
 
 
 def lanes(manoeuvre: str, duration_s: float) -> str:
@@ -66,17 +83,50 @@ class _Silent:
 
 
 def workers() -> str:
-    """Wall clock of the flights with images on one worker and on two."""
-    tasks = image_tasks(StudyOptions())
-    walls_s, gave = [], []
-    for count in (1, 2):
-        began_s = perf_counter()
-        gave.append([pickle.dumps(one) for one in run_on_cluster(f"local:{count}", tasks, run_task, _Silent())])
-        walls_s.append(perf_counter() - began_s)
-    same = "the same bytes" if gave[0] == gave[1] else "NOT the same bytes"
-    one_s, two_s = walls_s
-    told = f"{one_s:.0f} s with 1 worker, {two_s:.0f} s with 2"
-    return f"flights of 500 s with images: {told}: {one_s / two_s:.2f} x, {same}"
+    """Wall clock and CPU time of flights with images in this process and on two workers."""
+    tasks = image_tasks(StudyOptions(runs=RUNS, quick=True))
+    alone, shared = [], []
+    for _ in range(REPEATS):
+        alone.append(_cost(lambda: [run_task(task) for task in tasks], resource.RUSAGE_SELF))
+        shared.append(_cost(lambda: run_on_cluster("local:2", tasks, run_task, _Silent()), resource.RUSAGE_CHILDREN))
+    same = "the same bytes" if len({cost.sha256 for cost in (*alone, *shared)}) == 1 else "NOT the same bytes"
+    ratio = median(one.wall_s / two.wall_s for one, two in zip(alone, shared, strict=True))
+    told = f"{_said('in one process', alone)}, {_said('on 2 workers', shared)}"
+    return f"flights of {QUICK_LONG_s:.0f} s with images: {told}: {ratio:.2f} x, {same}"
+
+
+@dataclass(frozen=True)
+class _Cost:
+    """Wall clock and CPU time of one way, and the hash of what it gave."""
+
+    wall_s: float
+    user_s: float
+    system_s: float
+    sha256: str
+
+
+def _cost(computed: Callable[[], list[Any]], whose: int) -> _Cost:
+    before, began_s = resource.getrusage(whose), perf_counter()
+    results = computed()
+    wall_s, after = perf_counter() - began_s, resource.getrusage(whose)
+    user_s, system_s = after.ru_utime - before.ru_utime, after.ru_stime - before.ru_stime
+    return _Cost(wall_s, user_s, system_s, sha256(b"".join(map(_bytes_of, results))).hexdigest())
+
+
+def _bytes_of(value: Any) -> bytes:
+    """Return every number of a result: what was sent is the same although its pickle is not."""
+    if isinstance(value, np.ndarray):
+        return value.tobytes()
+    if is_dataclass(value):
+        return b"".join(_bytes_of(getattr(value, field.name)) for field in fields(value))
+    if isinstance(value, dict):
+        return b"".join(_bytes_of(part) for part in value.values())
+    return b"".join(map(_bytes_of, value)) if isinstance(value, tuple | list) else repr(value).encode()
+
+
+def _said(where: str, costs: list[_Cost]) -> str:
+    wall_s, user_s, system_s = (median(getattr(cost, name) for cost in costs) for name in TIMES)
+    return f"{where} {wall_s:.0f} s (CPU {user_s:.0f} s of its own and {system_s:.0f} s of the system)"
 
 
 PARTS = {

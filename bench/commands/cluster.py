@@ -26,6 +26,10 @@ CONNECT_s, WORKERS_s = 15, 60
 MOST_WORKERS = 256
 COMPARED = ("numpy", "scipy", "distributed")
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+# Dask's own MALLOC_TRIM_THRESHOLD_ of 65536 makes the C library give back every array at once, and the system clears
+# each page anew for the next one: most of the time of a worker. What stands in the environment counts before it.
+KEPT_BYTES = str(1 << 30)
+ALLOCATOR = ("MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_")
 _LOCAL, _ADDRESS = re.compile(r"local:(\d{1,4})"), re.compile(r"(tcp|tls)://[^\s/:]+(:\d{1,5})?|tcp://\[[^\s\]]+\]:\d+")
 _HELP = "use tcp://host:port of a scheduler that runs, or local:N for N processes on this machine"
 
@@ -86,6 +90,8 @@ def _connected(distributed: Any, where: str) -> Iterator[Any]:
 def _local_cluster(distributed: Any, count: int) -> Any:
     for variable in THREADS:
         os.environ.setdefault(variable, "1")
+    for variable in ALLOCATOR:
+        os.environ.setdefault(variable, KEPT_BYTES)
     return distributed.LocalCluster(
         n_workers=count,
         threads_per_worker=1,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -117,15 +117,16 @@ def random_schedule(
     roles: Sequence[str],
     links: Sequence[str],
     mean_interval_s: float = MEAN_INTERVAL_S,
+    kinds: Collection[str] = tuple(DRAWS),
 ) -> list[TimedFault]:
-    """Faults of all kinds at random times of a campaign, in order of time; the same for the same arguments.
+    """Faults of these kinds at random times of a campaign, in order of time; the same for the same arguments.
 
     The number is Poisson's with mean ``duration_s / mean_interval_s``; every kind is equally likely, rates and lengths
     are such as a bad day on a real bench has them. Two of a kind on one target may overlap.
     """
     rng = generator(seed, "fault schedule")
     at_s = np.sort(rng.uniform(0.0, duration_s, rng.poisson(duration_s / mean_interval_s)))
-    names, faults = sorted(DRAWS), possible_faults()
+    names, faults = sorted(kinds), possible_faults()
     entries = []
     for moment_s in at_s:
         name = names[int(rng.integers(len(names)))]

@@ -126,16 +126,20 @@ class LocalServer(Generic[C]):
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._listener, selectors.EVENT_READ)
         self._ended = threading.Event()
+        self._woken, self._waker = socket.socketpair()
+        self._selector.register(self._woken, selectors.EVENT_READ, data=self._ended)
         self._thread = threading.Thread(target=self._serve, name=name, daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         """Answer nobody any more."""
         self._ended.set()
+        self._waker.send(b"\0")
         self._thread.join()
         for client in list(self._clients):
             self._drop(client)
-        self._listener.close()
+        for opened in (self._listener, self._woken, self._waker):
+            opened.close()
         self._selector.close()
 
     def _serve(self) -> None:

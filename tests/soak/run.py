@@ -1,0 +1,127 @@
+"""Soak seeds until as many as asked for stand in blocks.csv: ``make soak N=10000``, ``CAMPAIGN=`` a sequence.
+
+Each block of seeds is a process, one for each core at a time, and a row as soon as it is done: it can be stopped at
+any time and goes on where the rows end. A seed that violates an invariant becomes a test beside this file. Exit status
+1 if there is one, 130 if it was stopped.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
+
+from soak_blocks import ROWS, Block, Failure, add_block, in_blocks, read_blocks, seeds_left, soaked_block
+from soak_campaign import ROOT, SHORT
+from soak_hourly import ALLOCATOR
+from soak_shrink import write_test
+
+LARGEST = 100  # seeds of the short campaign in a block: about a minute
+JUDGED = ("bench", "instruments", "sim_instruments", "frames", "sequences", "stations", "tests/support")
+STOPPED = 130
+
+
+def main(words: Sequence[str]) -> int:
+    """Soak what is left and print a line for each block; return the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("count", type=int, help="seeds, from 0 on, that shall stand in the file")
+    parser.add_argument("campaign", nargs="?", default=SHORT, help="a sequence; without one the short campaign")
+    asked = parser.parse_args(words)
+    blocks = planned(seeds_left(read_blocks(), asked.campaign, asked.count), asked.campaign)
+    rows: list[Block] = []
+    status = 0
+    try:
+        for block, failures in soaked(asked.campaign, blocks):
+            add_block(block)
+            rows.append(block)
+            print(told(block), flush=True)
+            status = max([status, *(kept(block, failure) for failure in failures)])
+    except KeyboardInterrupt:
+        print("stopped; the same command goes on from here")
+        return STOPPED
+    print(summary(read_blocks(), asked.campaign, rows))
+    return status
+
+
+def planned(seeds: Sequence[int], campaign: str) -> list[range]:
+    """Return the blocks that seeds are soaked in: a long campaign is one alone."""
+    share = -(-len(seeds) // (os.cpu_count() or 1))
+    return in_blocks(seeds, max(1, min(LARGEST, share)) if campaign == SHORT else 1)
+
+
+def soaked(campaign: str, blocks: Sequence[range]) -> Iterator[tuple[Block, list[Failure]]]:
+    """Yield each block and its failures as soon as it is done."""
+    revision = revision_now()
+    if campaign != SHORT:
+        os.environ.update(ALLOCATOR)
+    spawn = multiprocessing.get_context("spawn")
+    workers = ProcessPoolExecutor(os.cpu_count(), mp_context=spawn, initializer=quiet_end, max_tasks_per_child=1)
+    try:
+        futures: list[Future[tuple[Block, list[Failure]]]] = [
+            workers.submit(soaked_block, campaign, seeds, revision) for seeds in blocks
+        ]
+        for future in as_completed(futures):
+            yield future.result()
+    finally:
+        workers.shutdown(wait=True, cancel_futures=True)
+
+
+def quiet_end() -> None:
+    """Die of Ctrl-C without a word: the row of an unfinished block is not written."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+def revision_now() -> str:
+    """Return the revision of what is judged, with ``+`` if files differ from it."""
+
+    def git(*words: str) -> str:
+        return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+
+    return git("rev-parse", "--short=9", "HEAD") + ("+" if git("status", "--porcelain", "--", *JUDGED) else "")
+
+
+def kept(block: Block, failure: Failure) -> int:
+    """Write the test of a failure and say so; return 1."""
+    print(f"seed {failure.seed} of {block.campaign}: {'; '.join(failure.violations)}")
+    if failure.test:
+        print(f"  test: {write_test(block.campaign, failure.seed, failure.test).relative_to(ROOT)}")
+    else:
+        print("  not reproduced beside the other seeds of its block; no test is written")
+    return 1
+
+
+def rate(blocks: Sequence[Block]) -> float:
+    """Return virtual hours of campaign per minute of CPU."""
+    return 60.0 * sum(block.hours for block in blocks) / max(sum(block.cpu_s for block in blocks), 1e-9)
+
+
+def told(block: Block) -> str:
+    """Return one line of a block."""
+    return (
+        f"{block.campaign} {block.first} to {block.last}: {block.ended}; {block.faults} faults, {block.estimates} "
+        f"estimates held against the truth, {block.violations} violations; {block.hours:.1f} h in {block.cpu_s:.0f} s "
+        f"of CPU, {rate([block]):.1f} virtual hours per minute of CPU"
+    )
+
+
+def summary(blocks: Sequence[Block], campaign: str, now: Sequence[Block]) -> str:
+    """Return what stands in the file for a campaign, and how fast it went now."""
+    mine = [block for block in blocks if block.campaign == campaign]
+    total = (
+        f"{sum(len(block.seeds) for block in mine)} seeds of {campaign} in {ROWS.relative_to(ROOT)}: "
+        f"{sum(block.violations for block in mine)} violations, {sum(block.faults for block in mine)} faults, "
+        f"{sum(block.hours for block in mine):.1f} virtual hours"
+    )
+    return f"{total}; now {rate(now):.1f} virtual hours per minute of CPU" if now else f"{total}; none was left to soak"
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
