@@ -32,7 +32,7 @@ class MessageBatch:
     __slots__ = ("_columns", "_extract", "counter", "message", "offset", "rest", "rows", "suspect", "t_ns")
 
     def __init__(self, message: Message, offset: NDArray[np.int64], rows: NDArray[np.uint8], rest: list[bytes] | None,
-                 extract: Extract, suspect: NDArray[np.bool_] | None = None) -> None:  # fmt: skip
+                 extract: Extract) -> None:  # fmt: skip
         self.message = message
         self.offset = offset
         self.rows = rows
@@ -41,7 +41,7 @@ class MessageBatch:
         self.counter: NDArray[np.int64] | None = None
         self._extract = extract
         self._columns: dict[str, NDArray[Any]] = {}
-        self.suspect = self._constants_differ() if suspect is None else suspect
+        self.suspect = self._constants_differ()
 
     def __len__(self) -> int:
         return len(self.offset)
@@ -81,18 +81,7 @@ class MessageBatch:
     @staticmethod
     def join(parts: Sequence[MessageBatch]) -> MessageBatch:
         """Batches of one message that follow each other in the stream, as one; at least one is needed."""
-        if len(parts) == 1:
-            return parts[0]
-        first = parts[0]
-        rest = None if first.rest is None else [value for part in parts for value in part.rest or []]
-        rows = np.concatenate([part.rows for part in parts])
-        offset, suspect = (np.concatenate([getattr(part, name) for part in parts]) for name in ("offset", "suspect"))
-        both = MessageBatch(first.message, offset, rows, rest, first._extract, suspect)
-        stamps = [part.t_ns for part in parts if part.t_ns is not None]
-        both.t_ns = np.concatenate(stamps) if stamps else None
-        counters = [part.counter for part in parts if part.counter is not None]
-        both.counter = np.concatenate(counters) if counters else None
-        return both
+        return parts[0] if len(parts) == 1 else JoinedBatch(parts)
 
     def _field(self, name: str) -> Field:
         fields = self.message.by_name
@@ -125,6 +114,40 @@ class MessageBatch:
             expected = np.frombuffer(item.constant or b"", np.uint8)
             different |= (self.rows[:, item.offset : item.offset + item.length] != expected).any(axis=1)
         return different
+
+
+class JoinedBatch(MessageBatch):
+    """Batches of one message that follow each other in the stream; a column is put together when it is asked for."""
+
+    __slots__ = ("_parts",)
+
+    def __init__(self, parts: Sequence[MessageBatch]) -> None:
+        self.message = parts[0].message
+        self.offset = np.concatenate([part.offset for part in parts])
+        self.suspect = np.concatenate([part.suspect for part in parts])
+        stamps = [part.t_ns for part in parts if part.t_ns is not None]
+        self.t_ns = np.concatenate(stamps) if stamps else None
+        counters = [part.counter for part in parts if part.counter is not None]
+        self.counter = np.concatenate(counters) if counters else None
+        self._columns = {}
+        self._parts = parts
+
+    def __getattr__(self, name: str) -> Any:
+        """Put together what is asked for the first time."""
+        if name == "rows":
+            self.rows = np.concatenate([part.rows for part in self._parts])
+            return self.rows
+        if name == "rest":
+            without = self._parts[0].rest is None
+            self.rest = None if without else [value for part in self._parts for value in part.rest or []]
+            return self.rest
+        raise AttributeError(name)
+
+    def _cut(self, name: str) -> NDArray[Any]:
+        columns = [part.raw(name) for part in self._parts]
+        for part in self._parts:
+            part._columns.pop(name, None)  # not to be kept twice
+        return np.concatenate(columns)
 
 
 class Arrivals(NamedTuple):

@@ -65,12 +65,13 @@ def why_no_kernel() -> str:
 def _loaded() -> tuple[Kernel | None, str]:
     if (sys.platform, platform.machine(), sys.implementation.name) != ("linux", "x86_64", "cpython"):
         return None, f"there is no compiled kernel for this machine: {_INSTEAD}"
-    path = kernel_path()
+    path = None
     try:
+        path = kernel_path()
         return load_kernel(path), ""
     except FileNotFoundError:
         return None, f"the compiled kernel is not made yet ({_ADVICE}): {_INSTEAD}"
-    except (OSError, ValueError, struct.error) as error:
+    except (OSError, ValueError, RuntimeError) as error:  # also where nobody has a home
         return None, f"the compiled kernel cannot be loaded from {path} ({error}; {_ADVICE}): {_INSTEAD}"
 
 

@@ -60,7 +60,7 @@ def with_automatic(layout: Layout, message: Message, columns: Mapping[str, Any],
     """Return columns with the fields that follow from the definition: length, type, constants."""
     fields = message.by_name
     given = dict(columns)
-    for name in columns:
+    for name in [name for name in columns if name not in fields]:
         base, _, part = name.partition(".")
         if base not in fields or (part and part not in fields[base].bits):
             advice = f"use one of: {', '.join(fields)}"

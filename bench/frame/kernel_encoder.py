@@ -68,12 +68,16 @@ class KernelEncoder:
         Raises: InputError as ``FrameDefinition.encode``.
         """
         given = with_automatic(self._layout, self._message, columns, self._message.length)
-        found = [(place, values_of(place.item, given)) for place in self._places]
-        taken = [(place, values) for place, values in found if not isinstance(values, bytes)]
+        taken = []
+        for place in self._places:
+            values = values_of(place.item, given)
+            if not isinstance(values, bytes):
+                if values.dtype.kind not in place.kinds or values.ndim > place.dimensions:
+                    return None
+                taken.append((place, values))
         rows = np.empty((count, self._message.length), np.uint8)
-        for place, values in taken:
-            if values.dtype.kind not in place.kinds or values.ndim > place.dimensions:
-                return None
+        if count <= _AT_ONCE:
+            return rows if self._write(rows, taken) else None
         for start in range(0, count, _AT_ONCE):
             part = slice(start, min(count, start + _AT_ONCE))
             if not self._write(rows[part], [(place, _cut(place, values, part, count)) for place, values in taken]):
@@ -121,8 +125,6 @@ def _view(stage: _Stage, place: _Place, char: str) -> NDArray[Any]:
 
 def _cut(place: _Place, values: NDArray[Any], part: slice, count: int) -> NDArray[Any]:
     """Return the values of some frames; what is the same for all frames stays."""
-    if count <= _AT_ONCE:
-        return values
     each = values.ndim == place.dimensions and len(values) == count
     return values[part] if each else values
 

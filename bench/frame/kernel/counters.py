@@ -103,6 +103,25 @@ def follow(value, due, state, task):
 
 
 @inlined
+def go_on(counters, stamps, number, until, state):
+    """Count frames of one chunk as long as each is the next one of a trusted counter; return the first other one."""
+    last, raw, before = told(state, order.LAST), told(state, order.RAW), told(state, order.T_NS)
+    odd = told(state, order.REJECTED_RAW) >= 0 or told(state, order.MISSED) or last != told(state, order.HIGHEST)
+    if odd or not told(state, order.STARTED):
+        return number
+    within = told(state, order.WRAP) - 1
+    while number < until and told(stamps, number) == before and (told(counters, number) - raw) & within == 1:
+        raw = told(counters, number)
+        last += 1
+        tell(counters, number, last)
+        number += 1
+    tell(state, order.RAW, raw)
+    tell(state, order.LAST, last)
+    tell(state, order.HIGHEST, last)
+    return number
+
+
+@inlined
 def unwrap(task, numbers, first, end, state):
     """Unwrap the counters of the next frames of the messages ``first`` to ``end``, which share one."""
     block, room, kinds = np.uint64(told(task, order.BLOCK)), told(task, order.ROOM), told(numbers, place.KINDS)
@@ -115,8 +134,12 @@ def unwrap(task, numbers, first, end, state):
         )
         number = told(task, spot + 2)
         until = told(task, spot) if end - first == 1 else number + 1
+        stamps, sent = found + np.uint64(16 * room), found + np.uint64(24 * room)
         while number < until:
-            stamp, counters = told(found, 2 * room + number), found + np.uint64(8 * (3 * room + number))
+            number = go_on(sent, stamps, number, until, state)
+            if number == until:
+                break
+            stamp, counters = told(stamps, number), sent + np.uint64(8 * number)
             value = np.int64(load_64(counters))
             if not told(state, order.STARTED):
                 tell(state, order.STARTED, 1)

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import NamedTuple
 
-_NEEDED = {"avx2", "bmi1", "bmi2", "fma", "movbe", "pclmulqdq"}
+_NEEDED = {"abm", "avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "movbe", "pclmulqdq"}
 VARIABLE = "INERTIAL_BENCH_KERNEL_VARIANT"
 
 
