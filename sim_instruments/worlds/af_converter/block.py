@@ -22,7 +22,6 @@ Int64 = NDArray[np.int64]
 BLOCK_GATES = 1000
 CHARGE_BITS = 40  # charge unit = design pulse charge / 2^40: 10 s at full scale fit 64 bits, rounding is below 1 pA
 
-_LOW_HALVES = np.uint64(0x0000FFFF_0000FFFF)
 _UNIFORM_SUM = 4 * 0xFFFF  # largest sum of four 16-bit numbers
 _UNIFORM_SIGMA = np.sqrt(4 * ((1 << 32) - 1) / 12)
 _K0_C = np.array([kind.k0_C for kind in KINDS])
@@ -45,12 +44,13 @@ class Quanta:
         return np.minimum(np.maximum(wanted, -limit), limit).astype(np.int64)
 
 
-def quanta(truth: NguTruth, unit_degC: float, bits: int = CHARGE_BITS) -> Quanta:
-    """Return pulse charges at one temperature; the AF clock sets the length of a reset, so its error is in them."""
+def quanta(truth: NguTruth, unit_degC: NDArray[np.float64], bits: int = CHARGE_BITS) -> list[Quanta]:
+    """Return pulse charges at each temperature; the AF clock sets the length of a reset, so its error is in them."""
     clock = 1.0 + truth.af_clock_error_ppm * 1e-6
     nominal = float(1 << bits) / clock
     q_n, q_p = np.rint(nominal * (1.0 + 1e-6 * truth.all_dsf_ppm(unit_degC))).astype(np.int64)
-    return Quanta(q_n, q_p, float(1 << bits) / (_K0_C * AF_CLOCK_HZ * clock))
+    units_A = float(1 << bits) / (_K0_C * AF_CLOCK_HZ * clock)
+    return [Quanta(n, p, units_A) for n, p in zip(q_n, q_p, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -91,29 +91,64 @@ class BlockFactory:
         """True frequency of the AF clock."""
         return self._clock_Hz
 
-    def make(self, number: int, start_s: float) -> GateBlock:
-        """Block ``number`` (from 0) whose first gate starts ``start_s`` after the epoch."""
-        start_ns = self.epoch_ns + round(start_s * NS)
-        now_degC = float(self._thermal(np.array([start_ns]))[0])
-        unit_degC = now_degC + _HALF_BLOCK_S * self._thermal.rate_degC_s(start_ns)
-        play_offset_degC = self._truth.play_offset_degC(self._thermal.turns_degC(start_ns), unit_degC)
-        gate_s = GATE_S / (1.0 + 1e-6 * float(self._truth.master_error_ppm(unit_degC)))
-        ends_s = np.asarray(start_s + _GATES * gate_s, np.float64)
-        edges = np.floor(np.concatenate(([start_s], ends_s)) * self._clock_Hz).astype(np.int64)
-        converters = quanta(self._truth, unit_degC)
-        noise, peak = self._noise(number, converters.units_A)
-        return GateBlock(
-            first=number * BLOCK_GATES,
-            start_s=start_s,
-            start_ns=start_ns,
-            ends_s=ends_s,
-            ends_ns=self.epoch_ns + np.rint(ends_s * NS).astype(np.int64),
-            edges=edges,
-            quanta=converters,
-            bias_A=self._truth.all_bias_A(unit_degC, start_ns / NS + _HALF_BLOCK_S, play_offset_degC),
-            noise=noise,
-            noise_peak=peak,
+    def make(self, number: int, start_s: float, stop_ns: int) -> list[GateBlock]:
+        """Block ``number`` (from 0), whose first gate starts ``start_s`` after the epoch, and those behind it.
+
+        As many as begin at or before ``stop_ns``: until then nobody tells the chamber anything new.
+        """
+        start_s_of, gate_s_of, middle_degC, turns_degC = self._starts(start_s, stop_ns)
+        degC = np.array(middle_degC)
+        starts_s = np.array(start_s_of)
+        starts_ns = [self.epoch_ns + round(each_s * NS) for each_s in start_s_of]
+        bias_A = self._truth.all_bias_A(
+            degC[:, None],
+            (np.array(starts_ns) / NS + _HALF_BLOCK_S)[:, None],
+            self._truth.play_offset_degC(turns_degC, degC),
         )
+        ends_s = starts_s[:, None] + _GATES * np.array(gate_s_of)[:, None]
+        ends_ns = self.epoch_ns + np.rint(ends_s * NS).astype(np.int64)
+        edges = np.floor(np.concatenate((starts_s[:, None], ends_s), axis=1) * self._clock_Hz).astype(np.int64)
+        blocks = []
+        for at, converters in enumerate(quanta(self._truth, degC)):
+            noise, peak = self._noise(number + at, converters.units_A)
+            blocks.append(
+                GateBlock(
+                    first=(number + at) * BLOCK_GATES,
+                    start_s=start_s_of[at],
+                    start_ns=starts_ns[at],
+                    ends_s=ends_s[at],
+                    ends_ns=ends_ns[at],
+                    edges=edges[at],
+                    quanta=converters,
+                    bias_A=bias_A[at],
+                    noise=noise,
+                    noise_peak=peak,
+                )
+            )
+        return blocks
+
+    def _starts(
+        self, start_s: float, stop_ns: int
+    ) -> tuple[list[float], list[float], list[float], list[tuple[float, ...]]]:
+        """Return of each block its start and the length of a gate, s, the temperature in its middle, and the turns.
+
+        A block ends where the next one starts, and how long its gates are is a matter of its temperature.
+        """
+        starts_s: list[float] = []
+        gates_s: list[float] = []
+        middles_degC: list[float] = []
+        turns_degC: list[tuple[float, ...]] = []
+        while not starts_s or self.epoch_ns + round(start_s * NS) <= stop_ns:
+            start_ns = self.epoch_ns + round(start_s * NS)
+            now_degC, rate_degC_s = self._thermal.moment(start_ns)
+            unit_degC = now_degC + _HALF_BLOCK_S * rate_degC_s
+            gate_s = GATE_S / (1.0 + 1e-6 * self._truth.master_ppm(unit_degC))
+            starts_s.append(start_s)
+            gates_s.append(gate_s)
+            middles_degC.append(unit_degC)
+            turns_degC.append(self._thermal.turns_degC(start_ns))
+            start_s += BLOCK_GATES * gate_s
+        return starts_s, gates_s, middles_degC, turns_degC
 
     def _noise(self, number: int, units_A: NDArray[np.float64]) -> tuple[NDArray[np.int32], Int64]:
         """Return noise charges and a bound of their size; each is the sum of four uniform numbers, so it has one."""
@@ -122,12 +157,11 @@ class BlockFactory:
         raw = generator(self._truth.seed, "ngu white noise", self._period, number).bit_generator.random_raw(
             CHANNELS * BLOCK_GATES
         )
-        pairs = raw & _LOW_HALVES
-        raw >>= np.uint64(16)
-        raw &= _LOW_HALVES
-        pairs += raw
-        both = pairs.view(np.uint32).reshape(CHANNELS, BLOCK_GATES, 2)
-        drawn = (both[:, :, 0] + both[:, :, 1]).astype(np.float32)
+        uniform = raw.view(np.uint16).reshape(CHANNELS, BLOCK_GATES, 4)
+        total = uniform[:, :, 0].astype(np.int32)
+        for place in range(1, 4):
+            total += uniform[:, :, place]
+        drawn = total.astype(np.float32)
         drawn -= np.float32(_UNIFORM_SUM / 2)
         scale = WHITE_A_RTHZ / np.sqrt(2.0 * GATE_S) * units_A / _UNIFORM_SIGMA
         drawn *= scale.astype(np.float32)[:, None]

@@ -58,18 +58,21 @@ class ChargeBalance:
             N and P pulses of each stretch, (C, n) each.
         """
         self._require_room(int(clocks.sum()))
-        rising = np.asarray((charge >= 0).all(axis=1))
         falling = np.asarray((charge <= 0).all(axis=1))
+        one_way = (falling | np.asarray((charge >= 0).all(axis=1))).all()
+        if one_way:
+            np.negative(charge, out=charge, where=falling[:, None])
         charge *= clocks
-        if (rising | falling).all():
-            return self._one_way(charge, rising)
-        return self._any_way(charge)
+        return self._one_way(charge, falling) if one_way else self._any_way(charge)
 
-    def advance_one_way(self, charge: Int64, clocks: Int64, rising: NDArray[np.bool_]) -> tuple[Pulses, Pulses]:
-        """``advance`` for a caller that knows that no row of ``charge`` changes its sign; (C,) true where >= 0."""
+    def advance_one_way(self, steady: Int64, noise: NDArray[np.int32], clocks: Int64) -> tuple[Pulses, Pulses]:
+        """``advance`` with a charge of ``steady`` (C,) and ``noise`` (C, n), which is nowhere larger than the other."""
         self._require_room(int(clocks.sum()))
-        charge *= clocks
-        return self._one_way(charge, rising)
+        falling = steady < 0
+        sign = np.where(falling, -1, 1).astype(np.int32)
+        size = np.asarray(noise * sign[:, None] + np.abs(steady)[:, None])
+        size *= clocks
+        return self._one_way(size, falling)
 
     def advance_once(self, charge: Int64, clocks: int) -> tuple[Int64, Int64]:
         """``advance`` for one stretch of time: ``charge`` (C,), N and P pulses (C,) each."""
@@ -84,28 +87,22 @@ class ChargeBalance:
         if clocks > self._max_clocks:
             raise ValueError(f"{clocks} clocks in one call; at most {self._max_clocks} fit 64-bit charge")
 
-    def _one_way(self, steps: Int64, rising: NDArray[np.bool_]) -> tuple[Pulses, Pulses]:
-        """Every row only rises or only falls, so its running maximum is its own value."""
-        np.cumsum(steps, axis=1, out=steps)
-        n_pulses, p_pulses = (np.zeros(steps.shape, self._pulse_type) for _ in range(2))
-        total = np.empty(steps.shape[1] + 1, np.int64)
-        total[0] = 0
-        q_n, q_p, thresholds = self._q_n.tolist(), self._q_p.tolist(), self._threshold.tolist()
-        left = self.residue.tolist()
-        for row, up in enumerate(rising.tolist()):
-            phi, pulses, quantum = (
-                (steps[row], n_pulses[row], q_n[row]) if up else (-steps[row], p_pulses[row], q_p[row])
-            )
-            start = left[row] if up else -left[row]
-            phi += start - thresholds[row] + quantum - 1
-            np.floor_divide(phi, quantum, out=total[1:])
-            if total[1] < 0:
-                np.maximum(total, 0, out=total)
-            np.subtract(total[1:], total[:-1], out=pulses, casting="unsafe")
-            last = int(phi[-1]) - (quantum - 1 - thresholds[row]) - quantum * int(total[-1])
-            left[row] = last if up else -last
-        self.residue = np.array(left, np.int64)
-        return n_pulses, p_pulses
+    def _one_way(self, steps: Int64, falling: NDArray[np.bool_]) -> tuple[Pulses, Pulses]:
+        """Every row only rises, or only falls and is given with its sign turned; so its maximum is its last value."""
+        sign = np.where(falling, -1, 1)
+        quantum = np.where(falling, self._q_p, self._q_n)
+        ahead = quantum - 1 - self._threshold
+        steps[:, 0] += sign * self.residue + ahead
+        phi = np.cumsum(steps, axis=1, out=steps)
+        total = np.zeros((len(steps), steps.shape[1] + 1), np.int64)
+        for row, divisor in enumerate(quantum.tolist()):  # by a plain number: numpy divides by it much faster
+            np.floor_divide(phi[row], divisor, out=total[row, 1:])
+        if (total[:, 1] < 0).any():
+            np.maximum(total, 0, out=total)
+        self.residue = sign * (phi[:, -1] - ahead - quantum * total[:, -1])
+        pulses = np.diff(total.astype(self._pulse_type), axis=1)  # what an unsigned type loses of a total, it gets back
+        p_pulses = pulses * falling[:, None]
+        return pulses - p_pulses, p_pulses
 
     def _any_way(self, steps: Int64) -> tuple[Pulses, Pulses]:
         n_pulses, p_pulses = (np.empty(steps.shape, self._pulse_type) for _ in range(2))

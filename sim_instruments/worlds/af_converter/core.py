@@ -153,8 +153,8 @@ class UnitCore:
             place = self._applied - self._forgotten
             change = self._changes[place] if place < len(self._changes) else None
             limit_ns = stop_ns if change is None else min(stop_ns, change.t_ns)
-            while self._machine is not None and (rows := self._machine.run(limit_ns)) is not None:
-                self._rows.append(rows)
+            if self._machine is not None:
+                self._rows += self._machine.run(limit_ns)
             if change is None or change.t_ns > stop_ns:
                 break
             self._applied += 1

@@ -88,25 +88,27 @@ class GateMachine:
         self._bank = ChargeBalance(np.full(CHANNELS, 1 << CHARGE_BITS), np.uint16)
         self.state = self._before_first_gate(drive)
 
-    def run(self, stop_ns: int) -> GateRows | None:
-        """Finish gates that end at or before ``stop_ns``: as many as are alike, None if there is none."""
-        block = self._block(stop_ns)
-        if block is None:
-            return None
-        at = self.state.gate - block.first
-        last = int(block.ends_ns.searchsorted(stop_ns, "right"))
-        if last <= at:
-            return None
-        if self.state.edge > block.edges[at] or self.state.fraction > 0.0:
-            return self._finish_gate(block, at)
-        return self._whole_gates(block, at, last)
+    def run(self, stop_ns: int) -> list[GateRows]:
+        """Finish gates that end at or before ``stop_ns``, in order; those that are alike go together."""
+        rows: list[GateRows] = []
+        for block in self._blocks(stop_ns):
+            self.state.block = block
+            at = self.state.gate - block.first
+            last = int(block.ends_ns.searchsorted(stop_ns, "right"))
+            if at < last and (self.state.edge > block.edges[at] or self.state.fraction > 0.0):
+                rows.append(self._finish_gate(block, at))
+                at += 1
+            if at < last:
+                rows.append(self._whole_gates(block, at, last))
+        return rows
 
     def change(self, drive: Drive, t_ns: int) -> None:
         """From ``t_ns`` on the unit is driven by ``drive``; every gate that ends before is already finished."""
-        block = self._block(t_ns)
-        if block is None:
+        blocks = self._blocks(t_ns)
+        if not blocks:
             self.state = self._before_first_gate(drive)
             return
+        block = self.state.block = blocks[0]
         position = (t_ns - self._factory.epoch_ns) / NS * self._factory.af_clock_Hz
         self._integrate(block, max(position, self.state.edge + self.state.fraction))
         self.state.drive = drive
@@ -115,17 +117,14 @@ class GateMachine:
         """The integrator starts empty; pulses of the function generator count from the first gate on."""
         return GateState(drive, fg_count=int(drive.fg_pulses(self._factory.epoch_ns, np.zeros(1))[0]))
 
-    def _block(self, stop_ns: int) -> GateBlock | None:
-        """Block of the next gate; None before the gate has begun."""
+    def _blocks(self, stop_ns: int) -> list[GateBlock]:
+        """Return block of the next gate and those behind it that begin up to ``stop_ns``; none before the first."""
         block, gate = self.state.block, self.state.gate
-        if block is not None and gate < block.first + BLOCK_GATES:
-            return block
+        begun = [block] if block is not None and gate < block.first + BLOCK_GATES else []
         start_s = 0.0 if block is None else float(block.ends_s[-1])
         if self._factory.epoch_ns + round(start_s * NS) > stop_ns:
-            return None
-        block = self._factory.make(gate // BLOCK_GATES, start_s)
-        self.state.block = block
-        return block
+            return begun
+        return begun + self._factory.make(gate // BLOCK_GATES + len(begun), start_s, stop_ns)
 
     def _charge(self, block: GateBlock) -> Int64:
         """Return charge per clock without noise, (C,)."""
@@ -139,11 +138,11 @@ class GateMachine:
     def _whole_gates(self, block: GateBlock, at: int, last: int) -> GateRows:
         bank, steady = self._load(block), self._charge(block)
         clocks = block.edges[at + 1 : last + 1] - block.edges[at:last]
-        charge = np.add(block.noise[:, at:last], steady[:, None])
+        noise = block.noise[:, at:last]
         if (np.abs(steady) >= block.noise_peak).all():
-            npp, ppp = bank.advance_one_way(charge, clocks, steady >= 0)
+            npp, ppp = bank.advance_one_way(steady, noise, clocks)
         else:
-            npp, ppp = bank.advance(charge, clocks)
+            npp, ppp = bank.advance(np.add(noise, steady[:, None]), clocks)
         self.state.edge, self.state.residue = int(block.edges[last]), bank.residue
         return self._rows(block, at, last, npp, ppp)
 

@@ -90,7 +90,7 @@ class Framer:
     def _send_gates(self, rows: Sequence[GateRows]) -> None:
         n = sum(len(part.end_ns) for part in rows)
         counter = np.arange(rows[0].first, rows[0].first + n) - self.state.zero_gate
-        over_range = np.repeat([part.over_range for part in rows], [len(part.end_ns) for part in rows])
+        over_range = _over_range(rows)
         columns = {
             "counter": (counter % _WRAP).astype(np.uint16),
             "npp": _joined([part.npp for part in rows], np.uint16).T,
@@ -133,6 +133,10 @@ class Framer:
         self.state = FramerState(state.mode, state.zero_gate, state.sent + 1)
 
 
+def _over_range(rows: Sequence[GateRows]) -> Int64:
+    return np.repeat([part.over_range for part in rows], [len(part.end_ns) for part in rows])
+
+
 def _joined(parts: Sequence[Pulses], dtype: type[np.integer]) -> Pulses:
     return np.concatenate(parts, axis=-1, dtype=dtype, casting="unsafe")
 
@@ -154,13 +158,13 @@ class Housekeeping:
 
     def send(self, rows: Sequence[GateRows], period: int, supply_V: float, mode: Mode) -> None:
         """Queue the housekeeping frames that fall due with these gates (each tenth gate ends one)."""
-        gates = np.concatenate([np.arange(part.first + 1, part.first + 1 + len(part.end_ns)) for part in rows])
-        due = gates % GATES_PER_FRAME == 0
-        if not due.any():
-            return
-        number = gates[due] // GATES_PER_FRAME
+        start = -rows[0].first - 1
+        due = slice(start % GATES_PER_FRAME, None, GATES_PER_FRAME)
         ready_ns = np.concatenate([part.end_ns for part in rows])[due]
-        over_range = np.repeat([part.over_range for part in rows], [len(part.end_ns) for part in rows])[due]
+        if not len(ready_ns):
+            return
+        number = np.arange(len(ready_ns)) - start // GATES_PER_FRAME
+        over_range = _over_range(rows)[due]
         drawn = self._draws(period, number)
         unit_degC = self._thermal(ready_ns)
         degC = unit_degC[:, None] + _SENSOR_NOISE_DEGC * drawn[:, :_SENSORS]

@@ -143,31 +143,40 @@ class NguTruth:
         """Return coefficient of (T - 20 degC)^order of the centre curve of i_AFbias, ampere per degC^order."""
         return float(self._bias_A[order, channel - 1])
 
-    def play_offset_degC(self, turns_degC: Sequence[float], unit_degC: float) -> Float:
-        """Return P - T of channels, (10,), for a unit that turned at these temperatures and is at ``unit_degC`` now.
+    def play_offset_degC(self, turns_degC: Sequence[Sequence[float]], unit_degC: Float) -> Float:
+        """Return P - T of channels, (n, 10), for a unit at ``unit_degC`` (n,) that had turned at these, each time.
 
         Nothing is known of the past without turns: then it is 0, the centre of the loop.
         """
-        if not turns_degC:
-            return np.zeros(CHANNELS)
-        if turns_degC != self._play[0]:
-            self._play = turns_degC, play_after(turns_degC, self.half_width_degC)
-        return follow(self._play[1], unit_degC, self.half_width_degC) - unit_degC
+        state = np.empty((len(unit_degC), CHANNELS))
+        for row, (turns, degC) in enumerate(zip(turns_degC, unit_degC, strict=True)):
+            if turns and turns != self._play[0]:
+                self._play = turns, play_after(turns, self.half_width_degC)
+            state[row] = self._play[1] if turns else degC
+        return follow(state, unit_degC[:, None], self.half_width_degC) - unit_degC[:, None]
 
-    def all_dsf_ppm(self, unit_degC: float) -> Float:
-        """Return scale-factor errors of the N and the P pulses of all channels at one temperature, (2, 10), ppm."""
-        rise = unit_degC - REFERENCE_DEGC
-        return np.asarray(self._dsf_ppm + rise * (self._dsf_tc1 + rise * self._dsf_tc2))
+    def all_dsf_ppm(self, unit_degC: Float) -> Float:
+        """Return scale-factor errors of the N and the P pulses of all channels, (2, n, 10), ppm, at (n,) degC."""
+        rise = (unit_degC - REFERENCE_DEGC)[:, None]
+        constant, slope, square = (each[:, None, :] for each in (self._dsf_ppm, self._dsf_tc1, self._dsf_tc2))
+        return np.asarray(constant + rise * (slope + rise * square))
 
-    def all_bias_A(self, unit_degC: float, t_s: float, play_offset_degC: ArrayLike = 0.0) -> Float:
-        """Return i_AFbias of all channels at one temperature, bench time and play offset (10,), ampere."""
-        curve_A = _polynomial(self._bias_A, np.asarray(unit_degC - REFERENCE_DEGC))
+    def all_bias_A(self, unit_degC: ArrayLike, t_s: ArrayLike, play_offset_degC: ArrayLike = 0.0) -> Float:
+        """Return i_AFbias of all channels, (..., 10), ampere; the arguments are (..., 1) or (..., 10)."""
+        unit_degC, t_s = np.asarray(unit_degC, float), np.asarray(t_s, float)
+        curve_A = _polynomial(self._bias_A, unit_degC - REFERENCE_DEGC)
         return curve_A + self._stiffness_A_degC * play_offset_degC + self._walk_A(_ALL, t_s)
 
     def master_error_ppm(self, unit_degC: ArrayLike) -> Float:
         """Return frequency error of the master oscillator, ppm; it sets the gate: t_gate = 10 ms / (1 + error)."""
         rise = np.asarray(unit_degC, float) - REFERENCE_DEGC
         return np.asarray(_polynomial(self._master, rise))
+
+    def master_ppm(self, unit_degC: float) -> float:
+        """Return ``master_error_ppm`` at one temperature as a plain number."""
+        c0, c1, c2, c3 = self._master
+        rise = unit_degC - REFERENCE_DEGC
+        return c0 + rise * (c1 + rise * (c2 + rise * c3))
 
     def master_tc_ppm(self, order: int) -> float:
         """Return coefficient of (T - 20 degC)^order of the master oscillator's error, ppm per degC^order."""

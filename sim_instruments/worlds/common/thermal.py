@@ -26,6 +26,8 @@ from bench.model.clock import NS
 
 Float = NDArray[np.float64]
 TemperatureFunction = Callable[[NDArray[np.int64]], Float]
+_Tables = tuple[NDArray[np.int64], Float]
+_Moments = tuple[list[int], list[tuple[float, ...]]]
 
 AIR_LAG_S = 120.0  # air behind the controller's set-point
 UNIT_LAG_S = 1500.0  # unit under test behind the air, 25 min
@@ -44,12 +46,12 @@ class UnitTemperature:
 
     Attributes:
         degC: temperature at bench times in nanoseconds, (n,) to (n,).
-        rate_degC_s: its derivative at one bench time, degC per second.
+        moment: itself, degC, and its derivative, degC per second, at one bench time.
         turns_degC: where it started and where it has turned since, oldest first; empty: nothing is known of the past.
     """
 
     degC: TemperatureFunction
-    rate_degC_s: Callable[[int], float]
+    moment: Callable[[int], tuple[float, float]]
     turns_degC: Callable[[int], tuple[float, ...]]
 
     def __call__(self, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -61,7 +63,11 @@ class UnitTemperature:
         """Return the temperature itself, or a plain function of time as one without a past that moves in steps."""
         if isinstance(temperature, cls):
             return temperature
-        return cls(temperature, lambda _t_ns: 0.0, lambda _t_ns: ())
+
+        def moment(t_ns: int) -> tuple[float, float]:
+            return float(temperature(np.array([t_ns]))[0]), 0.0
+
+        return cls(temperature, moment, lambda _t_ns: ())
 
 
 @dataclass(frozen=True)
@@ -132,7 +138,7 @@ class Thermal:
         self._air_lag_s, self._idle_lag_s = AIR_LAG_S / time_constants, IDLE_LAG_S / time_constants
         self._segments = [_Segment(0, START_DEGC, 0.0, self._air_lag_s, self.unit_lag_s, START_DEGC, START_DEGC)]
         self._lock = threading.Lock()
-        self._tables = self._tabulate()
+        self._tables, self._moments = self._tabulate()
         self._turns: tuple[list[int], tuple[float, ...]] = ([0], (START_DEGC,))
 
     def ramp(self, target_degC: float, rate_degC_min: float, t_ns: int) -> None:
@@ -174,10 +180,17 @@ class Thermal:
         t_s, (slope, lag, _, _, line, fast, slow) = self._elapsed(t_ns)
         return line + slope * t_s + fast * np.exp(-t_s / lag) + slow * np.exp(-t_s / self.unit_lag_s)
 
-    def unit_rate_degC_s(self, t_ns: int) -> float:
-        """Return how fast the unit warms at ``t_ns``, degC per second; what it will be told later does not enter."""
-        t_s, (slope, lag, _, _, _, fast, slow) = self._elapsed(t_ns)
-        return float(slope - fast / lag * np.exp(-t_s / lag) - slow / self.unit_lag_s * np.exp(-t_s / self.unit_lag_s))
+    def unit_moment(self, t_ns: int) -> tuple[float, float]:
+        """Return unit under test at one bench time, degC, and how fast it warms, degC per second.
+
+        What it will be told later does not enter.
+        """
+        starts_ns, coefficients = self._moments
+        at = max(bisect.bisect_right(starts_ns, t_ns) - 1, 0)
+        slope, lag, _, _, line, fast, slow = coefficients[at]
+        t_s = (t_ns - starts_ns[at]) / NS
+        fast, slow = fast * math.exp(-t_s / lag), slow * math.exp(-t_s / self.unit_lag_s)
+        return line + slope * t_s + fast + slow, slope - fast / lag - slow / self.unit_lag_s
 
     def turns_degC(self, t_ns: int) -> tuple[float, ...]:
         """Return temperatures of the unit at its start and where it may have turned up to ``t_ns``, oldest first."""
@@ -201,7 +214,7 @@ class Thermal:
     @property
     def unit(self) -> UnitTemperature:
         """Temperatures as the unit under test knows them."""
-        return UnitTemperature(self.unit_degC, self.unit_rate_degC_s, self.turns_degC)
+        return UnitTemperature(self.unit_degC, self.unit_moment, self.turns_degC)
 
     @staticmethod
     def lab_degC(t_ns: int | np.ndarray) -> np.ndarray:
@@ -220,7 +233,7 @@ class Thermal:
             kept = [s for s in self._segments if s.start_ns < t_ns]
             segment = _Segment(t_ns, setpoint_degC, slope_degC_s, air_lag_s, self.unit_lag_s, air, unit)
             self._segments = [*kept, segment]
-            self._tables = self._tabulate()
+            self._tables, self._moments = self._tabulate()
         self._turns = self._find_turns()
 
     def _find_turns(self) -> tuple[list[int], tuple[float, ...]]:
@@ -232,14 +245,19 @@ class Thermal:
             times_ns += [segment.start_ns, *(segment.start_ns + round(t_s * NS) for t_s in inside)]
         return times_ns, tuple(self.unit_degC(np.array(times_ns)).tolist())
 
-    def _tabulate(self) -> tuple[np.ndarray, np.ndarray]:
-        rows = np.array([segment.coefficients() for segment in self._segments])
-        return np.array([s.start_ns for s in self._segments], np.int64), rows[:, 1:].T.copy()
+    def _tabulate(self) -> tuple[_Tables, _Moments]:
+        """Return starts of the segments and their coefficients, (7, segments): as arrays and as plain numbers."""
+        starts_ns = [segment.start_ns for segment in self._segments]
+        rows = [segment.coefficients()[1:] for segment in self._segments]
+        return (np.array(starts_ns, np.int64), np.array(rows).T.copy()), (starts_ns, rows)
 
     def _elapsed(self, t_ns: int | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return seconds since the start of each time's segment, and the segments' coefficients, (7, ...)."""
         starts, columns = self._tables
         t_ns = np.asarray(t_ns, np.int64)
         index = np.maximum(np.searchsorted(starts, t_ns, side="right") - 1, 0)
+        if index.size > 1 and index.min() == (last := index.max()):
+            return (t_ns - starts[last]) / NS, columns[:, last]
         return (t_ns - starts[index]) / NS, columns[:, index]
 
 

@@ -97,7 +97,7 @@ def _pulses(truth: NguTruth, net_A: Float, degC: Float, clocks: Int64) -> tuple[
     last_degC = None
     for record, temperature_degC in enumerate(degC.tolist()):
         if temperature_degC != last_degC:
-            converters = quanta(truth, temperature_degC, _BITS)
+            (converters,) = quanta(truth, np.array([temperature_degC]), _BITS)
             bank.set_quanta(converters.q_n, converters.q_p)
             last_degC = temperature_degC
         bank.advance_once(converters.charge(net_A[record, :, 0]), int(clocks[record, 0]))

@@ -114,6 +114,21 @@ def test_one_stretch_at_a_time_equals_the_loop(case):
     assert bank.residue.tolist() == residue
 
 
+@pytest.mark.parametrize("case", range(6))
+def test_one_way_equals_any_way(case):
+    """Also where the charge that is left belongs to the other polarity, and where an unsigned type holds the counts."""
+    rng = np.random.default_rng([SEED, case])
+    steady = rng.choice((-1, 1), 8) * rng.integers(2000, UNIT // 10 ** rng.integers(1, 3), 8)
+    noise, clocks = rng.integers(-1000, 1001, (8, 300)).astype(np.int32), rng.integers(1, 60, 300)
+    banks = ChargeBalance(np.full(8, UNIT)), ChargeBalance(np.full(8, UNIT), np.uint16)
+    for bank in banks:
+        bank.set_quanta(*np.random.default_rng(case).integers(UNIT * 999 // 1000, UNIT * 1001 // 1000, (2, 8)))
+        bank.residue = np.where(np.arange(8) % 2, UNIT, -UNIT)
+    expected = banks[0]._any_way((noise + steady[:, None]) * clocks)
+    np.testing.assert_array_equal(banks[1].advance_one_way(steady, noise, clocks), expected)
+    np.testing.assert_array_equal(banks[1].residue, banks[0].residue)
+
+
 def test_only_one_polarity_at_a_constant_current():
     bank = ChargeBalance(np.full(2, UNIT))
     n_pulses, p_pulses = bank.advance(np.array([[1000], [-1000]], np.int64), np.array([1_000_000]))
@@ -135,7 +150,7 @@ def test_a_call_that_could_leave_64_bits_is_refused():
     bank = ChargeBalance(np.array([1 << 40]))
     for call in (
         lambda: bank.advance(np.array([[1]]), np.array([1 << 23])),
-        lambda: bank.advance_one_way(np.array([[1]]), np.array([1 << 23]), np.array([True])),
+        lambda: bank.advance_one_way(np.array([1]), np.zeros((1, 1), np.int32), np.array([1 << 23])),
         lambda: bank.advance_once(np.array([1]), 1 << 23),
     ):
         with pytest.raises(ValueError, match="clocks in one call"):

@@ -19,9 +19,7 @@ SECONDS = 0.4
 def _frames_of_100_s(truth, input_A):
     """Sums of gates 2,000 to 12,000 at 31 degC, with the same current all the time."""
     machine = GateMachine(BlockFactory(truth, lambda t: np.full(len(t), 31.0), 0, 0), Drive(input_A=input_A))
-    rows = []
-    while (part := machine.run(121 * NS)) is not None:
-        rows.append(part)
+    rows = machine.run(121 * NS)
     npp, ppp, af = (
         np.concatenate([getattr(part, name) for part in rows], axis=-1) for name in ("npp", "ppp", "af_clock")
     )
@@ -104,15 +102,10 @@ def _changes(rng):
 def _run(truth, changes):
     machine = GateMachine(BlockFactory(truth, _thermal, 0, 0), Drive())
     rows = []
-
-    def finish(t_ns):
-        while (part := machine.run(t_ns)) is not None:
-            rows.append(part)
-
     for t_ns, input_A in changes:
-        finish(t_ns)
+        rows += machine.run(t_ns)
         machine.change(Drive(input_A=input_A), t_ns)
-    finish(round(SECONDS * NS))
+    rows += machine.run(round(SECONDS * NS))
     return machine.state.block, rows
 
 
@@ -165,10 +158,12 @@ def test_gates_equal_a_loop_over_every_clock_edge(seed):
 
 
 def test_white_noise_is_14_nA_in_a_gate():
-    block = BlockFactory(NguTruth(3), _thermal, 0, 0).make(0, 0.0)
+    (block,) = BlockFactory(NguTruth(3), _thermal, 0, 0).make(0, 0.0, 0)
     noise_A = block.noise / block.quanta.units_A[:, None]
     assert noise_A.std(axis=1) == pytest.approx(np.full(10, 2e-9 / np.sqrt(2 * 0.01)), rel=0.1)
-    others = [BlockFactory(NguTruth(3), _thermal, 0, period).make(number, 0.0) for period, number in ((0, 1), (1, 0))]
+    others = [
+        BlockFactory(NguTruth(3), _thermal, 0, period).make(number, 0.0, 0)[0] for period, number in ((0, 1), (1, 0))
+    ]
     together = np.concatenate([block.noise, *(other.noise for other in others)])
     assert np.abs(np.corrcoef(together)[np.triu_indices(30, 1)]).max() < 0.15
 
@@ -176,8 +171,7 @@ def test_white_noise_is_14_nA_in_a_gate():
 def test_gates_follow_the_master_clock_and_edges_the_af_clock():
     truth = NguTruth(1, {"master_error_ppm": "40", "af_clock_error_ppm": "-30", "noise": "off"})
     factory = BlockFactory(truth, lambda t: np.full(len(t), 20.0), 5 * NS, 0)
-    first = factory.make(0, 0.0)
-    second = factory.make(1, float(first.ends_s[-1]))
+    first, second = factory.make(0, 0.0, 15 * NS)
     assert second.ends_ns[-1] - 5 * NS == pytest.approx(20 * NS / (1 + 40e-6), abs=1)
     assert second.edges[-1] == int(20 / (1 + 40e-6) * 256_000 * (1 - 30e-6))
     assert second.edges[0] == first.edges[-1]
@@ -187,6 +181,6 @@ def test_gates_follow_the_master_clock_and_edges_the_af_clock():
 def test_an_input_beyond_the_reset_current_saturates_at_a_pulse_per_clock():
     truth = NguTruth(1, {"noise": "off"})
     machine = GateMachine(BlockFactory(truth, _thermal, 0, 0), Drive(input_A=np.full(10, 1.0)))
-    rows = machine.run(NS)
+    (rows,) = machine.run(NS)
     assert rows.over_range == 0x3FF
     assert (np.abs(rows.npp[:, 1:] - rows.af_clock[1:]) <= 3).all()
