@@ -178,8 +178,8 @@ class Acquisition:
                     recorded[place] = turn + 1
                 after(turn_ns)
         finally:
-            for reader, of_reader, done in zip(readers, parts, recorded, strict=False):  # a port may fail
-                reader.keep_parts(passed_ns, of_reader, done)
+            for reader, received, done in zip(readers, parts, recorded, strict=False):  # a port may fail
+                reader.keep_parts(passed_ns, received, done)
 
     def _second(self, now_ns: int, tick: Callable[[int], None] | None = None) -> None:
         if now_ns >= self._next_second_ns:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import threading
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,10 +15,10 @@ import pytest
 from run_rig import Rig, Sink, frame
 
 from bench.frame import FrameDefinition
-from bench.model.clock import NS, VirtualClock
+from bench.model.clock import NS, Clock, VirtualClock, WallClock
 from bench.record import RecordError
 from bench.run.links import reader as link_reader
-from bench.run.links.acquisition import QUEUE_BYTES, Acquisition
+from bench.run.links.acquisition import QUEUE_BYTES, SERVICE_S, Acquisition
 from bench.run.links.reader import LinkReader
 from bench.run.stop import StopSwitch
 from sim_instruments.faults.switchboard import LinkFaults
@@ -55,7 +56,7 @@ class Nowhere(Sink):
         return None
 
 
-def reader_of(definition: FrameDefinition, clock: VirtualClock) -> LinkReader:
+def reader_of(definition: FrameDefinition, clock: Clock) -> LinkReader:
     return LinkReader("port_a", Line(), definition, clock, Nowhere())
 
 
@@ -293,3 +294,65 @@ def test_the_decoder_is_never_more_than_a_minute_behind() -> None:
     assert reader.last_counter == 5999
     acquisition.stop()
     assert reader.last_counter == 6999
+
+
+# --- the wall clock ------------------------------------------------------------------------------------------------
+
+
+class WallInHand(WallClock):
+    """A wall clock that stands until it is set; what runs on threads of its own is called by hand, by its period."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.time_ns = 0
+        self.called: dict[float, Callable[[], None]] = {}
+
+    def now_ns(self) -> int:
+        return self.time_ns
+
+    def every(self, period_s: float, callback: Callable[[], None], *, observer: bool = True) -> Any:
+        self.called.setdefault(period_s, callback)
+        return SimpleNamespace(cancel=lambda: None)
+
+
+def test_frames_are_decoded_twice_a_second_and_at_once_while_somebody_looks() -> None:
+    clock, definition = WallInHand(), frame("ngu_a")
+    reader = reader_of(definition, clock)
+    acquisition = Acquisition({"port_a": reader}, clock, lambda now_ns: None, StopSwitch())
+    decoded = []
+    for turn in range(30):
+        clock.time_ns += round(SERVICE_S * NS)
+        if turn >= 20:
+            acquisition.looked_at()
+        reader.link.waiting += frames(definition, turn, 1).tobytes()  # type: ignore[attr-defined]
+        reader.receive()
+        reader.record(QUEUE_BYTES)
+        clock.called[SERVICE_S]()
+        decoded.append(reader.decoder.counts.frames)
+    acquisition.stop()
+    assert decoded == [0] * 4 + [5] * 5 + [10] * 5 + [15] * 5 + [20] + list(range(21, 31))
+
+
+def test_recording_does_not_wait_for_decoding() -> None:
+    definition, clock = frame("ngu_a"), VirtualClock()
+    reader = reader_of(definition, clock)
+    recorded, began = threading.Event(), threading.Event()
+
+    def listen(batch: object) -> None:
+        began.set()
+        assert recorded.wait(10.0)
+
+    reader.listeners.append(listen)
+    reader.link.waiting += frames(definition, 0, 1).tobytes()  # type: ignore[attr-defined]
+    reader.receive()
+    reader.record(QUEUE_BYTES)
+    decoding = threading.Thread(target=reader.decode)
+    decoding.start()
+    assert began.wait(10.0)
+    reader.link.waiting += frames(definition, 1, 1).tobytes()  # type: ignore[attr-defined]
+    reader.receive()
+    reader.record(QUEUE_BYTES)
+    recorded.set()
+    decoding.join()
+    assert reader.decoder.counts.frames == 1
+    assert reader.decoder.pending_bytes == LENGTH
