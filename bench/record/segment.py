@@ -85,7 +85,7 @@ class _Chunk(NamedTuple):
 
     parts: list[bytes]
     size: int
-    index: bytes
+    listed: bytes
 
 
 def _chunk(buffer: ChunkBuffer, prefix: bytes, place: int) -> _Chunk:
@@ -138,7 +138,7 @@ class SegmentWriter:
             if fresh:
                 known = known | {channel.number: channel for channel in fresh}
             parts += chunk.parts
-            indexes.append(chunk.index)
+            indexes.append(chunk.listed)
             at += chunk.size
         self._write(b"".join(parts))
         self._chunk_indexes += b"".join(indexes)
