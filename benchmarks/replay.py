@@ -149,7 +149,9 @@ def main() -> None:
         for name, spent in costs.items():
             lines.append(f"{name:34s}{spent:8.2f}{1e6 * spent / seconds:10.1f}{spent * CAMPAIGN_S / seconds:9.2f}")
         if found:
-            lines.append(f"replay / bare stock pass: {replay_s / costs['stock MCAP reader, bare pass']:.2f} (limit 0.5)")
+            lines.append(
+                f"replay / bare stock pass: {replay_s / costs['stock MCAP reader, bare pass']:.2f} (limit 0.5)"
+            )
         lines.append(f"journal: {1e6 * journal_cost(Path(place)):.1f} us per step")
     sys.stdout.write("\n".join(lines) + "\n")
 

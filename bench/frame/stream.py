@@ -5,7 +5,7 @@ from __future__ import annotations
 from array import array
 from bisect import bisect_left, bisect_right
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -77,6 +77,11 @@ class LinkDecoder:
         """Queue a received chunk; ``t_mono_ns`` is the time its last byte was read."""
         self._queue.append((t_mono_ns, chunk))
         self._pushed += len(chunk)
+
+    def push_all(self, chunks: Sequence[tuple[int, bytes]]) -> None:
+        """Queue received chunks, each with its time."""
+        self._queue.extend(chunks)
+        self._pushed += sum(len(chunk) for _, chunk in chunks)
 
     @property
     def pending_bytes(self) -> int:

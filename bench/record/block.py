@@ -95,10 +95,11 @@ class Block:
         ):
             yield place, Message(self.topics[number], sequence, t_ns, self.records[begin:stop])
 
-    def payloads(self, at: NDArray[np.intp]) -> Iterator[tuple[int, bytes]]:
-        """Yield time and payload of the messages at some places."""
+    def payloads(self, at: NDArray[np.intp]) -> list[tuple[int, bytes]]:
+        """Return time and payload of the messages at some places."""
+        records = self.records
         places = zip(self.t_ns[at].tolist(), self.begin[at].tolist(), self.stop[at].tolist(), strict=True)
-        return ((t_ns, self.records[begin:stop]) for t_ns, begin, stop in places)
+        return [(t_ns, records[begin:stop]) for t_ns, begin, stop in places]
 
 
 @lru_cache(maxsize=64)

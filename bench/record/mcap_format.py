@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -142,9 +142,7 @@ def read_summary(content: bytes, at_byte: int = 0) -> Summary | None:
     if start and crc and zlib.crc32(memoryview(content)[begin : at + size - 4]) != crc:
         return None
     try:
-        channels = dict(
-            channel_of(content[first:end]) for opcode, first, end in _records(content, begin, at) if opcode == CHANNEL
-        )
+        channels = dict(channel_of(content[first:end]) for first, end in _records(content, begin, at, CHANNEL))
     except (ValueError, struct.error):
         return None
     return Summary(channels, begin, at)
@@ -152,7 +150,7 @@ def read_summary(content: bytes, at_byte: int = 0) -> Summary | None:
 
 def chunks_with(content: bytes, summary: Summary, numbers: frozenset[int]) -> list[tuple[int, int]] | None:
     """Return offset and length of the chunks that hold messages of any of these channels; None if nobody says."""
-    begins = [begin for opcode, begin, _ in _records(content, summary.start, summary.stop) if opcode == CHUNK_INDEX]
+    begins = [begin for begin, _ in _records(content, summary.start, summary.stop, CHUNK_INDEX)]
     if not begins:
         return None
     at = np.array(begins)
@@ -181,17 +179,19 @@ def chunk_spans(content: bytes, summary: Summary) -> list[tuple[int, int, int, i
     """Start and end time in ns, offset in the file and length of every chunk that the summary lists."""
     return [
         _CHUNK_INDEX_HEAD.unpack_from(content, begin)[:4]
-        for opcode, begin, _ in _records(content, summary.start, summary.stop)
-        if opcode == CHUNK_INDEX
+        for begin, _ in _records(content, summary.start, summary.stop, CHUNK_INDEX)
     ]
 
 
-def _records(content: bytes, at: int, stop: int) -> Iterator[tuple[int, int, int]]:
-    unpack = RECORD.unpack_from
+def _records(content: bytes, at: int, stop: int, wanted: int) -> list[tuple[int, int]]:
+    """Return where the contents of the records of one kind begin and end. Raises: ValueError, struct.error."""
+    unpack, found = RECORD.unpack_from, []
     while at < stop:
         opcode, length = unpack(content, at)
         begin = at + RECORD.size
         at = begin + length
-        if at > stop:
-            raise ValueError("record is longer than the summary")
-        yield opcode, begin, at
+        if opcode == wanted:
+            found.append((begin, at))
+    if at > stop:
+        raise ValueError("record is longer than the summary")
+    return found

@@ -144,7 +144,6 @@ class _Replay:
     parts: list[Part] = field(default_factory=lambda: [Part()])
 
     def __post_init__(self) -> None:
-        self._pending = 0
         self.topics = {f"{layout.LINK}{link}/rx": link for link in self.definitions}
         self._begin()
 
@@ -183,11 +182,8 @@ class _Replay:
         self.parts[-1].see(block.t_ns[_inside(block.among(frozenset({*_BESIDE, *self.topics})), begin, stop)])
         for topic, link in self.topics.items():
             at = _inside(block.among(frozenset({topic})), begin, stop)
-            push = self._decoders[link].push
-            for t_ns, payload in block.payloads(at):
-                push(t_ns, payload)
-                self._pending += len(payload)
-        if self._pending >= BATCH_BYTES:
+            self._decoders[link].push_all(block.payloads(at))
+        if sum(decoder.pending_bytes for decoder in self._decoders.values()) >= BATCH_BYTES:
             self._decode()
 
     def _pair(self, message: Message) -> None:
@@ -199,7 +195,6 @@ class _Replay:
 
     def _decode(self) -> None:
         """Decode what is queued, links without records first: their frames are the context of the others."""
-        self._pending = 0
         for link in sorted(self._decoders, key=lambda name: (name in self._cutters, name)):
             batch = self._decoders[link].flush()
             for other, cutter in self._cutters.items():

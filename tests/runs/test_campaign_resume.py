@@ -15,9 +15,10 @@ from crashes import Crashes, copied, crash_of, go_on, kinds, nobody, nobody_in, 
 from rehearsal import SEED, Rehearsal, SOAK_s, Watched, tiny_plan
 
 from bench.analysis import results_json
+from bench.commands.fit import fit
 from bench.commands.recover import recover
 from bench.commands.resume import resume
-from bench.commands.session import fit, replay
+from bench.commands.session import replay
 from bench.model.clock import VirtualClock
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.model.events import Late

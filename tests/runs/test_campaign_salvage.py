@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from rehearsal import SEED, Rehearsal, Watched, tiny_plan
 
+from bench.commands.fit import fit
 from bench.commands.recover import recover
-from bench.commands.session import fit
 from bench.model.clock import VirtualClock
 from bench.model.errors import ExitStatus, InputError
 from bench.model.events import Skip

@@ -17,7 +17,7 @@ from recorded import writable_copy
 from rehearsal import ROOT
 
 from bench.commands.certificate import Request, certificate
-from bench.commands.session import report
+from bench.commands.fit import report
 from bench.commands.verify import verify
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
 from bench.session import verification
