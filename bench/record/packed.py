@@ -7,32 +7,42 @@ import zlib
 from collections.abc import Iterator, MutableMapping
 from typing import Any, Generic, TypeVar
 
+from bench.record.stored import SampleStore
 from bench.record.window import RecordRow
 
 Item = TypeVar("Item")
 
 BLOCK = 64
 _LEVEL = 6
-_LARGE_BYTES, _QUICK = 1_000_000, 1  # samples hardly get smaller, however long one tries
+_DICTIONARY_BYTES = 1 << 15  # as far back as the compression looks
 
 
 class PackedRows(MutableMapping[int, RecordRow]):
-    """Records by number. Each is packed for itself, with the first one as the dictionary of the compression."""
+    """Records by number. Each is packed for itself, with the first one as the dictionary of the compression.
+
+    One with large samples is kept as it is, and these in a file.
+    """
 
     def __init__(self) -> None:
         self._dictionary = b""
-        self._packed: dict[int, bytes] = {}
+        self._packed: dict[int, bytes | RecordRow] = {}
+        self._store = SampleStore()
 
     def __setitem__(self, number: int, row: RecordRow) -> None:
+        stored = self._store.kept(row)
+        if stored is not row:
+            self._packed[number] = stored
+            return
         plain = pickle.dumps(row, pickle.HIGHEST_PROTOCOL)
-        self._dictionary = self._dictionary or plain
-        level = _LEVEL if len(plain) < _LARGE_BYTES else _QUICK
-        packer = zlib.compressobj(level, zdict=self._dictionary)
+        self._dictionary = self._dictionary or plain[-_DICTIONARY_BYTES:]
+        packer = zlib.compressobj(_LEVEL, zdict=self._dictionary)
         self._packed[number] = packer.compress(plain) + packer.flush()
 
     def __getitem__(self, number: int) -> RecordRow:
-        unpacker = zlib.decompressobj(zdict=self._dictionary)
-        row: RecordRow = pickle.loads(unpacker.decompress(self._packed[number]))
+        packed = self._packed[number]
+        if isinstance(packed, RecordRow):
+            return packed
+        row: RecordRow = pickle.loads(zlib.decompressobj(zdict=self._dictionary).decompress(packed))
         return row
 
     def __delitem__(self, number: int) -> None:

@@ -25,7 +25,7 @@ from bench.systems.time_sync.estimators.kalman.covariance import (
     update,
 )
 from bench.systems.time_sync.estimators.kalman.innovation import EgiSample, History, NisSums, innovation, motion_noise
-from bench.systems.time_sync.estimators.kalman.setup import OFFSET, EgiSource, FilterRun, FilterSetup, ImuSamples
+from bench.systems.time_sync.estimators.kalman.setup import OFFSET, EgiSource, FilterRun, FilterSetup, ImuSource
 from bench.systems.time_sync.estimators.kalman.stream import Keeping, egi_samples, filled_noise, first_sample, imu_steps
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ _LONGEST_STEP_s = 0.2  # of the covariance, where EGI samples are lost
 class _Filter:
     """State of a run; one call of ``imu`` per IMU sample, one of ``egi`` per EGI sample."""
 
-    def __init__(self, imu: ImuSamples, setup: FilterSetup, keeping: Keeping, start: int) -> None:
+    def __init__(self, imu: ImuSource, setup: FilterSetup, keeping: Keeping, start: int) -> None:
         groups, runs = setup.groups, imu.dv.shape[1]
         self._setup, self._keeping, self._t_s = setup, keeping, imu.t_s
         interval_s = float(np.median(np.diff(imu.t_s)))
@@ -118,7 +118,7 @@ class _Filter:
         self._history.correct(dx[:9], ins.state)
 
 
-def run_filter(imu: ImuSamples, egi: EgiSource, setup: FilterSetup) -> FilterRun:
+def run_filter(imu: ImuSource, egi: EgiSource, setup: FilterSetup) -> FilterRun:
     """Run G filters on R lanes of an IMU and their EGI samples.
 
     The state begins at the first usable EGI sample within the IMU's. All arrays in SI, see ``FilterSetup``.
@@ -148,7 +148,7 @@ def run_filter(imu: ImuSamples, egi: EgiSource, setup: FilterSetup) -> FilterRun
     return keeping.result()
 
 
-def _go_through(work: _Filter, imu: ImuSamples, samples: Iterator[EgiSample], look_ahead_s: float, start: int) -> None:
+def _go_through(work: _Filter, imu: ImuSource, samples: Iterator[EgiSample], look_ahead_s: float, start: int) -> None:
     sample = next(samples, None)
     for j, dv, dtheta, dt in imu_steps(imu, start + 1):
         work.imu(j, dv, dtheta, dt)

@@ -9,7 +9,7 @@ Source: Lee et al., JKSAS 48(4), 2020, equations (4)-(13), with the signs of err
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,37 @@ STATES = 16  # position, velocity, attitude, accelerometer bias, gyro bias (3 ea
 OFFSET = 15  # index of the time offset
 NIS_BLOCKS = ("all", "position", "velocity", "attitude")  # last axis of the innovations squared
 STANDARD_GRAVITY_m_s2 = 9.80665
+
+
+class Increments(Protocol):
+    """Increments (n, R, 3) that are read in order, some rows at a time."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(n, R, 3)."""
+
+    def __getitem__(self, rows: Any, /) -> Array:
+        """One row (R, 3), or a slice of them."""
+
+
+class ImuSource(Protocol):
+    """Samples of an IMU as ``ImuSamples`` has them, whether in memory or not."""
+
+    @property
+    def t_s(self) -> Array:
+        """(n,)."""
+
+    @property
+    def dv(self) -> Increments:
+        """Of velocity."""
+
+    @property
+    def dtheta(self) -> Increments:
+        """Of angle."""
+
+    @property
+    def filled(self) -> NDArray[np.bool_]:
+        """(n,)."""
 
 
 class EgiSource(Protocol):

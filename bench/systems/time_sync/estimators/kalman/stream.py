@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from bench.maths.strapdown import Strapdown
 from bench.systems.time_sync.estimators.kalman.innovation import NIS_DOF, EgiSample, NisSums
-from bench.systems.time_sync.estimators.kalman.setup import STATES, EgiSource, FilterRun, FineTrack, ImuSamples
+from bench.systems.time_sync.estimators.kalman.setup import STATES, EgiSource, FilterRun, FineTrack, ImuSource
 
 Array = NDArray[np.float64]
 _EGI_BLOCK = 50
@@ -45,7 +45,7 @@ def egi_samples(egi: EgiSource, first: int) -> Iterator[EgiSample]:
             yield EgiSample(float(egi.t_s[k0 + k]), p[k], v[k], C[k], usable[k])
 
 
-def imu_steps(imu: ImuSamples, first: int) -> Iterator[tuple[int, Array, Array, float]]:
+def imu_steps(imu: ImuSource, first: int) -> Iterator[tuple[int, Array, Array, float]]:
     """Index, increments (3, 1, R) of velocity and angle, and length of each interval from ``first`` >= 1 on."""
     for j0 in range(first, imu.t_s.size, _IMU_BLOCK):
         part = slice(j0, j0 + _IMU_BLOCK)
@@ -55,7 +55,7 @@ def imu_steps(imu: ImuSamples, first: int) -> Iterator[tuple[int, Array, Array, 
             yield j0 + k, dv[k], dtheta[k], dt
 
 
-def filled_noise(imu: ImuSamples) -> Array:
+def filled_noise(imu: ImuSource) -> Array:
     """Sums up to each sample (n, 6) of the variances that filled samples add to velocity and attitude.
 
     A made-up increment is off by about half of what the sensor changed across the gap; from the means of the lanes,

@@ -20,6 +20,7 @@ from scipy import ndimage
 
 from bench.maths.strapdown import Track, navigate
 from bench.systems.time_sync.estimators.kalman.covariance import skew
+from bench.systems.time_sync.estimators.kalman.redrawn import NoisyIncrements, Redrawn
 from bench.systems.time_sync.estimators.kalman.setup import ImuDensities, ImuSamples
 
 Array = NDArray[np.float64]
@@ -53,6 +54,16 @@ class Truth:
     track: Track
 
 
+@dataclass(frozen=True)
+class ImuTrials:
+    """An ``ImuSource`` of increments that are drawn again when they are read."""
+
+    t_s: Array
+    dv: NoisyIncrements
+    dtheta: NoisyIncrements
+    filled: NDArray[np.bool_]
+
+
 def stand_in(imu: ImuSamples, first: tuple[Array, Array, Array], latitude_deg: float) -> Truth:
     """Smoothed increments of a recording and the path they give.
 
@@ -82,28 +93,29 @@ class EgiTrials:
         valid_s = t_s - offset_s
         self._p, self._v, self._C = (_between(valid_s, track.t_s, values) for values in (track.p, track.v, track.C))
         steps_s = np.diff(t_s)
-        self._dp = spread.position_m * _wander(steps_s, spread.wander_s, size[1], rng)
-        self._dv = spread.velocity_m_s * _wander(steps_s, spread.wander_s, size[1], rng)
-        turn = np.radians([spread.level_deg, spread.level_deg, 0.0]) * rng.standard_normal((size[1], 3))
-        self._dphi = np.repeat(turn[None], t_s.size, axis=0)
-        heading = _wander(steps_s, spread.heading_wander_s, size[1], rng)[..., 2]
-        self._dphi[..., 2] = np.radians(spread.heading_deg) * heading
+        self._spread = spread
+        self._position, self._velocity = (_wander(steps_s, spread.wander_s, size[1], rng) for _ in range(2))
+        self._turn = np.radians([spread.level_deg, spread.level_deg, 0.0]) * rng.standard_normal((size[1], 3))
+        self._heading = _wander(steps_s, spread.heading_wander_s, size[1], rng)
 
     def block(self, k0: int, k1: int) -> tuple[Array, Array, Array]:
         """Return samples k0 to k1 - 1: (k, G, R, 3) twice, (k, G, R, 3, 3)."""
-        p, v = self._p[k0:k1, None] + self._dp[k0:k1], self._v[k0:k1, None] + self._dv[k0:k1]
-        C = (np.eye(3) + skew(self._dphi[k0:k1])) @ self._C[k0:k1, None]
+        p = self._p[k0:k1, None] + self._spread.position_m * self._position[k0:k1]
+        v = self._v[k0:k1, None] + self._spread.velocity_m_s * self._velocity[k0:k1]
+        dphi = np.repeat(self._turn[None], len(p), axis=0)
+        dphi[..., 2] = np.radians(self._spread.heading_deg) * self._heading[k0:k1][..., 2]
+        C = (np.eye(3) + skew(dphi)) @ self._C[k0:k1, None]
         return tuple(np.repeat(values[:, None], self._groups, axis=1) for values in (p, v, C))  # type: ignore[return-value]
 
 
 def imu_trials(
     imu: ImuSamples, truth: Truth, densities: ImuDensities, lanes: int, rng: np.random.Generator
-) -> ImuSamples:
+) -> ImuTrials:
     """Increments of the path with noise and constant biases, others on each lane.
 
     Args:    imu: the recording, for times and lost samples.   truth: the path.   densities: of the errors.
              lanes: how many.   rng: seeded.
-    Returns: ImuSamples of as many lanes.
+    Returns: an ``ImuSource`` of as many lanes.
     Source:  see the head of this file.
     """
     interval_s = float(np.median(np.diff(imu.t_s)))
@@ -112,11 +124,10 @@ def imu_trials(
     for column, walk, bias in (
         (truth.dv, densities.velocity_walk, bias_m_s2), (truth.dtheta, densities.angle_walk, bias_rad_s),
     ):  # fmt: skip
-        increments = rng.standard_normal((len(column), lanes, 3))
-        increments *= walk * math.sqrt(interval_s)
-        increments += column[:, None] + bias * interval_s * rng.standard_normal((lanes, 3))
-        out.append(increments)
-    return ImuSamples(imu.t_s, out[0], out[1], imu.filled)
+        noise = Redrawn(len(column), lanes, rng)
+        constant = bias * interval_s * rng.standard_normal((lanes, 3))
+        out.append(NoisyIncrements(column, constant, noise, walk * math.sqrt(interval_s)))
+    return ImuTrials(imu.t_s, out[0], out[1], imu.filled)
 
 
 def _between(at_s: Array, t_s: Array, values: Array) -> Array:
@@ -126,11 +137,6 @@ def _between(at_s: Array, t_s: Array, values: Array) -> Array:
     return columns.reshape(at_s.size, *values.shape[1:])
 
 
-def _wander(steps_s: Array, time_s: float, lanes: int, rng: np.random.Generator) -> Array:
+def _wander(steps_s: Array, time_s: float, lanes: int, rng: np.random.Generator) -> Redrawn:
     """Gauss-Markov errors of unit variance, (m, lanes, 3)."""
-    kept = np.exp(-np.maximum(steps_s, 0.0) / time_s)
-    new = np.sqrt(1.0 - kept**2)
-    errors = rng.standard_normal((steps_s.size + 1, lanes, 3))
-    for k in range(steps_s.size):
-        errors[k + 1] = kept[k] * errors[k] + new[k] * errors[k + 1]
-    return errors
+    return Redrawn(steps_s.size + 1, lanes, rng, np.exp(-np.maximum(steps_s, 0.0) / time_s))

@@ -27,6 +27,9 @@ BLOCK_PHASE_rad = 0.07  # over a block of pulses at the edge of a cut or chip: c
 FLOOR_dB = -80.0
 
 
+_PULSES_AT_ONCE = 500
+
+
 def point_targets(pulses: Pulses, positions_m: Array, ground_down_m: float = 0.0, most: int = 3) -> Array:
     """Return places of the strongest point targets on level ground to the right of the track, before any image is made.
 
@@ -58,8 +61,12 @@ def point_targets(pulses: Pulses, positions_m: Array, ground_down_m: float = 0.0
         return np.asarray(point)
 
     reference_m = np.linalg.norm(positions_m - place(0.0, 0.0), axis=1)
-    at = (reference_m[:, None] + offsets_m - near_m[:, None]) / pulses.spacing_m
-    aligned = at_places(finer(pulses.gates), at) * turns(2.0 * reference_m / pulses.wavelength_m)[:, None]
+    aligned = np.empty(pulses.gates.shape, np.complex128)
+    for begin in range(0, len(aligned), _PULSES_AT_ONCE):
+        some = slice(begin, begin + _PULSES_AT_ONCE)
+        at = (reference_m[some, None] + offsets_m - near_m[some, None]) / pulses.spacing_m
+        turned = turns(2.0 * reference_m[some] / pulses.wavelength_m)[:, None]
+        aligned[some] = at_places(finer(pulses.gates[some]), at) * turned
     aligned *= signal.windows.hann(len(aligned))[:, None].astype(np.float32)
     picture = np.abs(np.fft.fftshift(np.fft.fft(aligned, axis=0), axes=0))
     step_m = float(np.linalg.norm(track)) / (len(positions_m) - 1)
