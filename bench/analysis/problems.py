@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from bench.record import RecordRow
 
 _LINK_FLAGS = Quality.LOST | Quality.BAD_FRAMES | Quality.DUPLICATE
+_NO_PROBLEM = int(_LINK_FLAGS | Quality.STALE)
 _MOST_LOST = 1e-3  # of the frames of a record; a few lost frames take their share of counts and of the gate with them
 _NEEDED_CLOCKS = ("af_clock", "master_count")
 _COUNTS = {"npp", "ppp"}
@@ -21,6 +22,8 @@ _COUNTS = {"npp", "ppp"}
 
 def flag_problem(row: RecordRow) -> str:
     """Return what is wrong with a record whatever it holds, "" if nothing is."""
+    if not row.quality & ~_NO_PROBLEM:
+        return ""
     flags = Quality(row.quality) & ~_LINK_FLAGS & ~Quality.STALE
     return ", ".join(str(flag.name).lower().replace("_", " ") for flag in flags)
 
@@ -34,8 +37,13 @@ def count_problem(row: RecordRow) -> str:
         return problem
     if row.lost > _MOST_LOST * row.window.frames:
         return "frames lost"
-    complete = all(np.any(row.sums.get(name, 0)) for name in _NEEDED_CLOCKS) and row.sums.keys() >= _COUNTS
+    complete = all(_counted(row.sums.get(name, 0)) for name in _NEEDED_CLOCKS) and row.sums.keys() >= _COUNTS
     return "" if complete else "without clock counts"
+
+
+def _counted(value: Any) -> bool:
+    """Return whether any count is not zero; a clock is one number as a rule."""
+    return bool(value.any() if isinstance(value, np.ndarray) else value)
 
 
 @dataclass(frozen=True)

@@ -74,15 +74,19 @@ def follow(drive: np.ndarray, lag_s: float) -> np.ndarray:
 
 
 def slack(temperature: np.ndarray, half_width: float) -> np.ndarray:
-    """Play by its definition: the piston stands still until the slack is taken up; in the middle at first."""
-    piston, path = float(temperature[0]), []
-    for value in temperature.tolist():
-        if value - piston > half_width:
-            piston = value - half_width
-        elif piston - value > half_width:
-            piston = value + half_width
-        path.append(piston)
-    return np.array(path)
+    """Play by its definition: the piston stands still until the slack is taken up; in the middle at first.
+
+    From one turn of the temperature to the next it is pushed by one wall only.
+    """
+    warmer = np.diff(temperature) > 0
+    up = np.concatenate((warmer[:1], warmer))
+    turns = np.flatnonzero(up[1:] != up[:-1]) + 1
+    piston, path = temperature[0], []
+    for stretch, pushed_up in zip(np.split(temperature, turns), up[[0, *turns]], strict=True):
+        moved = np.maximum(piston, stretch - half_width) if pushed_up else np.minimum(piston, stretch + half_width)
+        path.append(moved)
+        piston = moved[-1]
+    return np.concatenate(path)
 
 
 @dataclass(frozen=True)

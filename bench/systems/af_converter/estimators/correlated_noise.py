@@ -75,21 +75,28 @@ def whitened(t_s: Array, columns: Array, noise: tuple[float, float, float]) -> t
     Returns: V^-1/2 columns, the shape of ``columns``; half the logarithm of the determinant of V.
     Source:  Kalman, J. Basic Eng. 82 (1960) 35; Schweppe, IEEE Trans. Inf. Theory 11 (1965) 61 (likelihood).
     """
-    white, slow, time_s = noise
-    kept = np.exp(-np.diff(t_s) / time_s).tolist()
-    state = np.zeros(columns.shape[1:])
-    variance, log_volume = slow, 0.0
-    out = np.empty(columns.shape)
-    for index, row in enumerate(columns):
+    white, slow, time_s = (float(value) for value in noise)
+    kept = [*np.exp(-np.diff(t_s) / time_s).tolist(), 0.0]  # nothing follows the last reading
+    variance, totals, gains = slow, [], []
+    for share in kept:
         total = variance + white
-        surprise = row - state
-        out[index] = surprise / total**0.5
-        log_volume += np.log(total) / 2.0
-        if index < len(kept):
-            share = kept[index]
-            state = share * (state + surprise * (variance / total))
-            variance = share**2 * variance * white / total + slow * (1.0 - share**2)
-    return out, float(log_volume)
+        totals.append(total)
+        gains.append(variance / total)
+        variance = share**2 * variance * white / total + slow * (1.0 - share**2)
+    std = [total**0.5 for total in totals]
+    out = [_surprises(column, kept, gains, std) for column in columns.reshape(len(kept), -1).T.tolist()]
+    log_volume = np.cumsum(np.log(totals) / 2.0)[-1]
+    return np.array(out).T.reshape(columns.shape), float(log_volume)
+
+
+def _surprises(column: list[float], kept: list[float], gains: list[float], std: list[float]) -> list[float]:
+    """What each reading says beyond those before it; in plain numbers, which are quicker than arrays of a few."""
+    state, out = 0.0, []
+    for value, share, gain, scale in zip(column, kept, gains, std, strict=True):
+        surprise = value - state
+        out.append(surprise / scale)
+        state = share * (state + surprise * gain)
+    return out
 
 
 def fit_noise(t_s: Array, readings: Array, design: Array) -> CorrelatedNoise:
