@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.frame.kernel import arrays as place
-from bench.frame.kernel.variant import FOLDS
+from bench.frame.kernel.variant import folds
 from bench.frame.kernel.words import (
     BYTE,
     EIGHT,
@@ -28,6 +28,8 @@ from bench.frame.kernel.words import (
     told,
     turn_64,
 )
+
+FOLDS = folds()
 
 
 @inlined

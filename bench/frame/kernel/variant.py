@@ -32,5 +32,6 @@ def variant_here() -> Variant:
     return FOLDING if set(flags) >= _NEEDED else PLAIN
 
 
-FOLDS = os.environ.get(VARIABLE, FOLDING.name) == FOLDING.name
-"""Whether what is compiled in this process may use carry-less products."""
+def folds() -> bool:
+    """Return whether what is compiled in this process may use carry-less products."""
+    return os.environ.get(VARIABLE, FOLDING.name) == FOLDING.name
