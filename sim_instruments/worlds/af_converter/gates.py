@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,7 @@ class Drive:
     fg_since_ns: int = 0
     fg_phase: float = 0.0  # pulses up to fg_since_ns
 
-    @property
+    @cached_property
     def over_range(self) -> int:
         """Bit k - 1 is set where channel k is beyond its range."""
         return int(_BITS[np.abs(self.input_A) > _FULL_SCALE_A].sum())

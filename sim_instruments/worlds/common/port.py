@@ -22,7 +22,8 @@ BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
 class _Stretch:
     """Some frames in a row. ``ready_ns``, ``start_ns``, ``end_ns``: made, first bit and last bit on the line, (n,).
 
-    ``stops``: stream offset behind each frame, (n,); the bytes begin at stream offset ``base``.
+    ``stops``: stream offset behind each frame, (n,); the bytes begin at stream offset ``base`` and stay where the
+    frames were made until somebody reads them.
     """
 
     ready_ns: Int64
@@ -30,7 +31,7 @@ class _Stretch:
     end_ns: Int64
     stops: Int64
     base: int
-    chunk: bytes
+    chunk: memoryview
 
     def cut(self, keep: int) -> _Stretch:
         """Return the first ``keep`` frames, at least one."""
@@ -126,14 +127,14 @@ class Port:
         self._arrived = (-1, 0)
         self._busy_ns = int(self._stretches[-1].end_ns[-1]) if self._stretches else 0
 
-    def _on_line(self, first: int, frames: NDArray[np.uint8]) -> tuple[bytes, Int64]:
+    def _on_line(self, first: int, frames: NDArray[np.uint8]) -> tuple[memoryview, Int64]:
         """Return bytes that arrive, and the offset behind each frame, (n,), with the faults of the link."""
         n, length = frames.shape
         if self._faults is None or not self._faults.active:
-            return frames.tobytes(), np.arange(1, n + 1, dtype=np.int64) * length
+            return frames.reshape(-1).data, np.arange(1, n + 1, dtype=np.int64) * length
         frames = self._faults.frames(first, frames)
         copies = self._faults.copies(first, n)
-        return np.repeat(frames, copies, axis=0).tobytes(), np.cumsum(copies) * length
+        return np.repeat(frames, copies, axis=0).reshape(-1).data, np.cumsum(copies) * length
 
     # --- the listener's side -----------------------------------------------------------------------------------
 
@@ -165,7 +166,7 @@ class Port:
             parts.append(stretch.chunk[max(self._read - stretch.base, 0) : stop - stretch.base])
         self._read = stop
         self._drop_read(now_ns)
-        return parts[0] if len(parts) == 1 else b"".join(parts)
+        return b"".join(parts)
 
     def discard(self, now_ns: int) -> None:
         """Lose what has arrived."""
