@@ -90,7 +90,7 @@ def test_correlation_is_that_of_drawn_errors(record_property: Callable[[str, obj
 
 @pytest.mark.validates(
     "budgets and correlation of results that share errors",
-    against="the package GTC 1.5",
+    against="the package GTC, uncertain numbers",
 )
 def test_budgets_are_those_of_gtc() -> None:
     """Seed 13: five results, each of some common errors and two of its own, with few, many and infinite dof."""
