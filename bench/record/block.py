@@ -25,7 +25,7 @@ from bench.record.mcap_format import channel_of
 from bench.record.scan import MAX_CHUNK_BYTES, consistent
 
 FIRST_BYTES = 100_000  # whoever reads the head of a session only needs no more
-BLOCK_BYTES = 1_000_000  # unpacked; larger ones do not stay in the processor's caches
+BLOCK_BYTES = 2_000_000  # unpacked
 _LZ4 = b"lz4"
 _INDEXED = struct.Struct("<BQHI")  # of a message index: opcode, length, channel, bytes of its entries
 _INDEX_HEAD = 6
