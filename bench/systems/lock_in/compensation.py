@@ -14,12 +14,12 @@ import numpy as np
 
 from bench.analysis import Floats
 from bench.model.errors import FitError
-from bench.systems.lock_in.estimators.edges import EdgeLevels, edge_levels
+from bench.systems.lock_in.estimators.edges import edge_levels
 from bench.systems.lock_in.estimators.global_constants import GlobalConstants, global_constants
 from bench.systems.lock_in.estimators.random_walk import CycleIncrements, cycle_increments, net_angle
 from bench.systems.lock_in.estimators.single_turnarounds import dither_shape, fresnel, parabolas
 from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds, turnarounds
-from bench.systems.lock_in.records import Events, Stretch
+from bench.systems.lock_in.records import Bools, Events, Stretch
 
 Compensator = Callable[[Turnarounds], Jumps]
 RAW, GLOBAL = "raw", "global_constants"
@@ -81,50 +81,82 @@ class Compensated:
 
 
 @dataclass(frozen=True)
-class _Part:
-    """One stretch behind its edges."""
+class _Counted:
+    """One stretch behind its edges, which take more room than all that follows and are gone here."""
 
     turns: Turnarounds
+    psi_rad: Floats
+    pickoff_rising: Bools
+    swing_rad: float
+    edges: int
+    repaired: int
+    breaks: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One stretch through every compensator."""
+
+    counted: _Counted
     jumps: Mapping[str, Jumps]
     constants: GlobalConstants | None
     increments: Mapping[str, CycleIncrements]
     refused: Mapping[str, str]
-    edges: EdgeLevels
-    swing_rad: float
+
+    @property
+    def turns(self) -> Turnarounds:
+        """The turnarounds of the stretch."""
+        return self.counted.turns
 
 
-def compensated(events: Events, number: int) -> Compensated:
-    """Return every compensator over every stretch of one record.
+def compensated(stretches: list[Stretch], counts: Events, number: int) -> Compensated:
+    """Return every compensator over every stretch of one record; the list is empty afterwards.
 
+    ``counts``: what was lost between the stretches.
     Raises: FitError B-RLG-007 if no stretch has edges of the beat and of the dither pick-off over some dither periods.
     """
     parts: list[_Part] = []
     refused: list[str] = []
-    for stretch in events.stretches:
-        if stretch.pickoff_ticks.size < _FEWEST_PICKOFFS:
+    seen = [(stretch.ticks.size, stretch.pickoff_ticks.size) for stretch in stretches]
+    while stretches:
+        if stretches[0].pickoff_ticks.size < _FEWEST_PICKOFFS:
+            stretches.pop(0)
             continue
         try:
-            parts.append(_part(stretch, events.clock_Hz))
+            parts.append(_part(_counted(stretches.pop(0), counts.clock_Hz)))
         except FitError as error:
             refused.append(f"{error.message} ({error.code})")
     if not parts:
-        raise _nothing(events, number, refused)
-    return _joined(parts, events.clock_Hz)
+        raise _nothing(seen, counts, number, refused)
+    return _joined(parts)
 
 
-def _part(stretch: Stretch, clock_Hz: float) -> _Part:
+def _counted(stretch: Stretch, clock_Hz: float) -> _Counted:
     edges = edge_levels(stretch.ticks, stretch.rising, stretch.cosine)
     turns = turnarounds(edges, stretch.pickoff_ticks, stretch.pickoff_rising, clock_Hz)
-    psi_rad = net_angle(edges, stretch.pickoff_ticks)
-    jumps, constants, refused = _all_jumps(turns)
-    increments = {RAW: cycle_increments(psi_rad, stretch.pickoff_rising, turns)}
-    for name, jump in jumps.items():
-        taken_off = replace(jump, dpsi_rad=np.nan_to_num(jump.dpsi_rad))  # nothing where nothing could be estimated
-        increments[name] = cycle_increments(psi_rad, stretch.pickoff_rising, turns, taken_off)
     half_cycles = max(1, stretch.pickoff_ticks.size - 1)
     inside = (edges.tick >= stretch.pickoff_ticks[0]) & (edges.tick <= stretch.pickoff_ticks[-1])
-    swing_rad = np.pi * np.count_nonzero(inside) / half_cycles
-    return _Part(turns, jumps, constants, increments, refused, edges, float(swing_rad))
+    return _Counted(
+        turns=turns,
+        psi_rad=net_angle(edges, stretch.pickoff_ticks),
+        pickoff_rising=stretch.pickoff_rising,
+        swing_rad=float(np.pi * np.count_nonzero(inside) / half_cycles),
+        edges=int(edges.tick.size),
+        repaired=edges.repaired,
+        breaks=int(edges.breaks.size),
+        seconds=float(edges.tick[-1] - edges.tick[0]) / clock_Hz,
+    )
+
+
+def _part(counted: _Counted) -> _Part:
+    turns, psi_rad, rising = counted.turns, counted.psi_rad, counted.pickoff_rising
+    jumps, constants, refused = _all_jumps(turns)
+    increments = {RAW: cycle_increments(psi_rad, rising, turns)}
+    for name, jump in jumps.items():
+        taken_off = replace(jump, dpsi_rad=np.nan_to_num(jump.dpsi_rad))  # nothing where nothing could be estimated
+        increments[name] = cycle_increments(psi_rad, rising, turns, taken_off)
+    return _Part(counted, jumps, constants, increments, refused)
 
 
 def _all_jumps(turns: Turnarounds) -> tuple[dict[str, Jumps], GlobalConstants | None, dict[str, str]]:
@@ -143,13 +175,13 @@ def _all_jumps(turns: Turnarounds) -> tuple[dict[str, Jumps], GlobalConstants | 
     return jumps, constants, refused
 
 
-def _joined(parts: Sequence[_Part], clock_Hz: float) -> Compensated:
+def _joined(parts: Sequence[_Part]) -> Compensated:
     first = parts[0]
     joined = Compensated(
         interval_s=float(np.mean([part.increments[RAW].interval_s for part in parts])),
         omega_rad_s=float(np.mean([part.turns.omega_rad_s for part in parts])),
         increments={name: _with_holes(parts, name) for name in (RAW, *COMPENSATORS)},
-        swing_rad=float(np.mean([part.swing_rad for part in parts])),
+        swing_rad=float(np.mean([part.counted.swing_rad for part in parts])),
         stretches=len(parts),
         shown=_shown(first),
         dither_scatter=_scatter(parts),
@@ -162,10 +194,10 @@ def _joined(parts: Sequence[_Part], clock_Hz: float) -> Compensated:
         joined.refused.update(part.refused)
         joined.counts.update(part.turns.counts)
         joined.grazing += int(part.turns.grazing.sum())
-        joined.edges += int(part.edges.tick.size)
-        joined.repaired += part.edges.repaired
-        joined.breaks += int(part.edges.breaks.size)
-        joined.seconds += float(part.edges.tick[-1] - part.edges.tick[0]) / clock_Hz
+        joined.edges += part.counted.edges
+        joined.repaired += part.counted.repaired
+        joined.breaks += part.counted.breaks
+        joined.seconds += part.counted.seconds
     return joined
 
 
@@ -198,14 +230,13 @@ def _shown(part: _Part) -> Shown:
     )
 
 
-def _nothing(events: Events, number: int, refused: Sequence[str]) -> FitError:
-    edges = sum(stretch.ticks.size for stretch in events.stretches)
-    pickoffs = sum(stretch.pickoff_ticks.size for stretch in events.stretches)
-    lost = f"{events.lost_blocks} blocks lost, {events.lost_edges} edges dropped"
+def _nothing(seen: Sequence[tuple[int, int]], counts: Events, number: int, refused: Sequence[str]) -> FitError:
+    edges, pickoffs = sum(beat for beat, _ in seen), sum(pickoff for _, pickoff in seen)
+    lost = f"{counts.lost_blocks} blocks lost, {counts.lost_edges} edges dropped"
     why = "".join(f"; {text}" for text in dict.fromkeys(refused))
     return FitError(
         "B-RLG-007",
-        f"{edges} edges of the beat and {pickoffs} of the dither pick-off in {len(events.stretches)} unbroken "
+        f"{edges} edges of the beat and {pickoffs} of the dither pick-off in {len(seen)} unbroken "
         f"stretches ({lost}) determine no random walk{why}",
         where=f"record {number}",
         next_step="see that laser and dither run, that the pick-off is on channel 1, that no comparator is "

@@ -158,7 +158,8 @@ def laser_result(record: LaserRecord) -> LaserResult:
     Raises: FitError B-RLG-001, -002, -003, -007.
     """
     events = record_events(record.row)
-    compensation = compensated(events, record.number)
+    stretches, events = list(events.stretches), replace(events, stretches=())
+    compensation = compensated(stretches, events, record.number)
     walks: dict[str, RandomWalk] = {}
     missing = dict(compensation.refused)
     for method in (RAW, *COMPENSATORS):
@@ -169,8 +170,7 @@ def laser_result(record: LaserRecord) -> LaserResult:
             walks[method] = random_walk(compensation.increments[method], compensation.interval_s, record.path_length_m)
         except FitError as error:
             missing[method] = f"{error.message} ({error.code})"
-    counts = replace(events, stretches=())  # the edges of a record take more room than everything that comes of them
-    return LaserResult(record, events.clock_Hz, counts, compensation, walks, missing)
+    return LaserResult(record, events.clock_Hz, events, compensation, walks, missing)
 
 
 def _weighted(values: list[tuple[float, float]]) -> Measured | None:

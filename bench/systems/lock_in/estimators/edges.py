@@ -32,7 +32,7 @@ class EdgeLevels:
     """
 
     tick: Int64
-    level: Int64
+    level: NDArray[np.int32]
     direction: NDArray[np.int8]
     suspect: Bool
     breaks: Int64
@@ -62,8 +62,10 @@ def edge_levels(tick: Int64, rising: ArrayLike, cosine: ArrayLike) -> EdgeLevels
     alike = upward[1:] == upward[:-1]
     lost = alike & (step != 0)
     step[lost] *= 2
-    level = np.full(tick.size, 0 if even[0] else 1, np.int64)
-    level[1:] += np.cumsum(step, dtype=np.int64)
+    level = np.empty(tick.size, np.int32)  # no record has a thousand million edges
+    level[0] = 0 if even[0] else 1
+    np.cumsum(step, out=level[1:])
+    level[1:] += level[0]
     torn = np.flatnonzero(alike & ~lost)
     first, breaks = _pairs_and_breaks(torn)
     swapped = np.concatenate((first, first + 1))

@@ -14,6 +14,7 @@ from scipy import special
 
 Array = NDArray[np.float64]
 Int64 = NDArray[np.int64]
+_ROWS = 1000
 
 
 def solve_rows(design: Array, values: Array, weight: Array | None = None) -> tuple[Array, Array]:
@@ -23,6 +24,11 @@ def solve_rows(design: Array, values: Array, weight: Array | None = None) -> tup
     Returns: parameters (u, p), residuals (u, k) without the weight.
     Source:  normal equations.
     """
+    if len(design) > _ROWS:  # some at a time: in between they take four times as much room
+        cuts = [slice(at, at + _ROWS) for at in range(0, len(design), _ROWS)]
+        parts = [solve_rows(design[cut], values[cut], None if weight is None else weight[cut]) for cut in cuts]
+        solutions, residuals = zip(*parts, strict=True)
+        return np.concatenate(solutions), np.concatenate(residuals)
     scaled = design if weight is None else design * weight[:, :, None]
     length = np.sqrt(np.einsum("ukp,ukp->up", scaled, scaled))
     unit = scaled / length[:, None, :]

@@ -121,7 +121,7 @@ def turnarounds(
     index = np.column_stack((before[:, None] - crossings + 1 + place, behind[:, None] + place))
     index = np.where(usable[:, None], index, 0)
     reference = (edges.tick[index[:, crossings - 1]] + edges.tick[index[:, crossings]]) // 2
-    level0 = edges.level[index[:, crossings]] // 2 * 2
+    level0 = edges.level[index[:, crossings]].astype(np.int64) // 2 * 2
     return Turnarounds(
         clock_Hz=clock_Hz,
         omega_rad_s=float(np.pi * clock_Hz / half),
@@ -183,13 +183,23 @@ def _innermost(edges: EdgeLevels, begin: Int64, end: Int64, sign: Int64) -> tupl
     for curvature in (-1, 1):
         here = sign == curvature
         towards = np.flatnonzero(edges.direction == -curvature)
+        final = _picked(towards, np.searchsorted(towards, end[here]) - 1, -1)
+        del towards  # as long as half of the edges
         away = np.flatnonzero(edges.direction == curvature)
-        final = np.append(towards, -1)[np.searchsorted(towards, end[here]) - 1]
-        first = np.append(away, last)[np.searchsorted(away, begin[here])]
+        first = _picked(away, np.searchsorted(away, begin[here]), last)
+        del away
         crossed = final > first
         before[here], behind[here] = np.where(crossed, first - 1, final), np.where(crossed, final + 1, first)
         bounced[here] = crossed
     return before, np.minimum(behind, last), bounced
+
+
+def _picked(values: Int64, place: Int64, otherwise: int) -> Int64:
+    """Return values at places, and another one where there is no such place."""
+    there = (place >= 0) & (place < values.size)
+    picked = np.full(place.size, otherwise, np.int64)
+    picked[there] = values[place[there]]
+    return picked
 
 
 def _grazing(edges: EdgeLevels, before: Int64, behind: Int64, enough: Bool, crossings: int) -> Bool:
