@@ -9,16 +9,12 @@ from subprocess import CompletedProcess
 import jsonschema
 import pytest
 from recorded import writable_copy
-from rehearsal import NAME, SEED, Inside, run_short
+from rehearsal import NAME, SEED, Inside, contents, record_golden
 
 from bench.analysis import results_schema
 
 Short = tuple[Path, CompletedProcess[str]]
 LIMIT_ppm = {"gyro": 8.0, "accelerometer": 5.0}
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
 def results_of(folder: Path) -> dict[str, object]:
@@ -40,19 +36,14 @@ def test_a_campaign_ends_with_its_files_and_exit_status_0(short: Short) -> None:
     assert "Traceback" not in done.stdout + done.stderr
 
 
-@pytest.mark.slow
-def test_same_seed_same_bytes(short: Short, tmp_path: Path) -> None:
-    """The second run is beside a folder of that name: it gets a suffix, which appears in no file."""
-    folder, _ = short
-    taken = tmp_path / NAME
+def test_a_folder_of_that_name_gives_a_suffix_which_is_in_no_file(golden: Path, tmp_path: Path) -> None:
+    """Else the same seed gives the same bytes; the whole short campaign is held against another in test_page_killed."""
+    taken = tmp_path / golden.name
     taken.mkdir()
-    assert run_short(tmp_path)[1].returncode == 0
-    again = taken.with_name(f"{NAME}-2")
-    first, second = contents(folder), contents(again)
+    record_golden(tmp_path)
+    first, second = contents(golden), contents(taken.with_name(f"{golden.name}-2"))
     assert {name for name in first if first[name] != second[name]} == set()
     assert first.keys() == second.keys()
-    truth = [path.with_name(f"{path.name}.truth.json").read_bytes() for path in (folder, again)]
-    assert truth[0] == truth[1]
     assert not list(taken.iterdir())
 
 

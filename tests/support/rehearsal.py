@@ -44,6 +44,11 @@ def main_of(monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
     return int(caught.value.code or 0)
 
 
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file of a session, by its name."""
+    return {path.name: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
 def run_short(out: Path, seed: int = SEED) -> tuple[Path, subprocess.CompletedProcess[str]]:
     """The short campaign with the calibrator's common gain off; its folder and what the command said."""
     words = ["run", "scale_factor_short", "--truth", "--seed", str(seed), "--out", str(out)]

@@ -46,7 +46,7 @@ def ramp_figures() -> list[Figure]:
         ("residuals", "time, h", "residual, nA"),
         ("widths", "temperature, degC", "width, nA"),
     ):
-        for channel in range(1, 11):
+        for channel in range(1, 7):  # three rows of panels, numbers of every size
             y = (10.0 ** (channel % 5 - 2)) * rng.normal(0.0, 1.0, degC.size).cumsum()
             parts = [
                 series("measured, up", degC, y, "points"),
@@ -56,7 +56,7 @@ def ramp_figures() -> list[Figure]:
             title = f"channel {channel}"
             figures.append(Figure(title, "What it shows.", x_label, y_label, parts, group=group))
     tau = [100.0 * 2**power for power in range(9)]
-    for channel in range(1, 11):
+    for channel in range(1, 7):
         deviation = np.array([0.1 * 1.3 ** (power * (channel % 4)) for power in range(9)])
         measured = series("measured", tau, deviation, "points", low=0.8 * deviation, high=1.4 * deviation)
         axes = "averaging time, s", "Allan deviation, nA"

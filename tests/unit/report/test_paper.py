@@ -17,7 +17,7 @@ from report_sample import sample_model, sample_results
 
 from bench.model.errors import InputError
 from bench.report import Report
-from bench.report.document import document_files
+from bench.report.document import document_files, png_pages
 from bench.report.model import ReportModel
 from bench.report.sheet import ROOM_pt, SIZES_pt, folder, legible, missing, sheets, width_pt
 from bench.report.tables import Table, words_of
@@ -38,8 +38,9 @@ def marked_pages(report: Report) -> list[bytes]:
 
 
 @pytest.fixture(scope="module")
-def real_pages() -> list[bytes]:
-    return Report(sample_model(simulated=False)).pages(DPI)
+def real_pages(report: Report) -> list[bytes]:
+    """Pages of the same sections: only the mark on them tells a simulated run."""
+    return png_pages(sample_model(simulated=False), report.sections, words_of("en"), DPI)
 
 
 @pytest.fixture(scope="module")

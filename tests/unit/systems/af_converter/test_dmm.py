@@ -57,16 +57,24 @@ def misses(seeds: range, **meter: bool) -> dict[str, list[bool]]:
 
 @pytest.mark.validates(
     "DMM method: 95 % intervals of DSF and asymmetry",
-    against="the simulated truth of 300 campaigns in which the ranges of the meter are off for one cause",
+    against="the simulated truth of 100 campaigns, in the sweep 300, in which one cause puts all ranges of the meter off",
 )
-def test_intervals_cover_with_one_cause_for_all_gains(record_property: Callable[[str, object], None]) -> None:
-    """Fully correlated gains are what the uncertainty is made for: 95 %. Independent ones are covered more often."""
-    for key, missed in misses(range(300), one_gain=True).items():
+@pytest.mark.parametrize(
+    ("trials", "margin"), [(100, 5.0), pytest.param(300, 3.5, marks=pytest.mark.sweep)], ids=["short", "long"]
+)
+def test_intervals_cover_with_one_cause_for_all_gains(
+    record_property: Callable[[str, object], None], trials: int, margin: float
+) -> None:
+    """Fully correlated gains are what the uncertainty is made for: 95 %. Independent ones are covered more often.
+
+    Intervals a third too narrow cover 81 %: one in a hundred of such faults passes 100 campaigns, none 300.
+    """
+    for key, missed in misses(range(trials), one_gain=True).items():
         coverage = 100 * (1 - np.mean(missed))
         sys.stdout.write(f"{key}: one cause, coverage {coverage:.1f} %\n")
         record_property("obtained", f"{key} {coverage:.1f} %")
-        assert 91.5 <= coverage <= 98.5
-    for key, missed in misses(range(1000, 1080)).items():
+        assert coverage == pytest.approx(95.0, abs=margin)
+    for key, missed in misses(range(1000, 1040)).items():
         coverage = 100 * (1 - np.mean(missed))
         sys.stdout.write(f"{key}: independent gains, coverage {coverage:.1f} %\n")
         assert coverage >= 90

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -32,6 +33,13 @@ from bench.systems.af_converter.estimators.hysteresis.model import (
 from bench.systems.af_converter.estimators.thermal_lag import Drive, usable_drive
 
 
+@cache
+def fitted(seed: int, kind: str = "gyro") -> tuple[Ramp, HysteresisFit]:
+    """Return a ramp and its fit, for several tests."""
+    one = ramp(seed, kind)
+    return one, fit_ramp(one)
+
+
 def polynomial(fit: HysteresisFit, at: float) -> float:
     return fit.curve(at)[0]
 
@@ -54,8 +62,7 @@ def test_truth_over_twenty_seeds(record_property: Callable[[str, object], None],
     """Bias within 4 nA, slope within 0.1 nA/degC, width, half-width and lag within 5 stated standard deviations."""
     width_errors = []
     for seed in range(20):
-        one = ramp(seed, kind)
-        fit = fit_ramp(one)
+        one, fit = fitted(seed, kind)
         curve = np.array([one.truth(order) for order in range(4)])
         for at in (-10.0, 5.0, 20.0, 35.0, 50.0):
             error = polynomial(fit, at) - np.polynomial.polynomial.polyval(at - 20.0, curve)
@@ -72,28 +79,31 @@ def test_truth_over_twenty_seeds(record_property: Callable[[str, object], None],
 
 @pytest.mark.validates(
     "joint fit: 95 % intervals of b0 to b3, width, lag, half-width",
-    against="the truth of 100 simulated ramps",
+    against="the truth of 40 simulated ramps, in the sweep of 500",
 )
 @pytest.mark.slow
 def test_intervals_cover_the_truth(record_property: Callable[[str, object], None]) -> None:
-    """100 fits: 95 % intervals cover 95 % within 3.2 standard deviations of a count; scores have the spread 1."""
-    found = np.array([scores(one := ramp(3000 + seed, "gyro"), fit_ramp(one)) for seed in range(100)])
+    """40 fits: 95 % intervals cover 95 % within 3.2 standard deviations of a count; scores have the spread 1.
+
+    An uncertainty off by the factor 1.6 is seen in 95 of 100 cases; test_coverage_over_500_fits sees one of 1.1.
+    """
+    found = np.array([scores(*fitted(seed)) for seed in range(40)])
     covered = np.mean(np.abs(found) < 1.96, axis=0)
     print("covered", dict(zip(("b0", "b1", "b2", "b3", "width", "lag", "r"), covered.tolist(), strict=True)))
-    record_property("obtained", ", ".join(f"{100 * share:.0f}" for share in covered) + " %, at least 88")
-    assert np.all(covered > 0.88)
-    assert np.all((found.std(axis=0) > 0.8) & (found.std(axis=0) < 1.25))
+    record_property("obtained", ", ".join(f"{100 * share:.0f}" for share in covered) + " %, at least 84")
+    assert np.all(covered > 0.84)
+    assert np.all((found.std(axis=0) > 0.7) & (found.std(axis=0) < 1.35))
 
 
 @pytest.mark.validates(
     "joint fit: no hysteresis where there is none, though the unit lags",
-    against="15 simulated ramps without hysteresis",
+    against="10 simulated ramps without hysteresis",
 )
 @pytest.mark.slow
 def test_no_hysteresis_is_found_where_there_is_none(record_property: Callable[[str, object], None]) -> None:
     """The chamber lags all the same; the lag is still determined, the half-width is not."""
     found = []
-    for seed in range(15):
+    for seed in range(10):
         unit = draw(np.random.default_rng(seed), "gyro", hysteresis=False)
         one = ramp(seed, unit=unit)
         fit = fit_ramp(one)
@@ -264,12 +274,12 @@ def test_rig_counts_what_flowed() -> None:
 
 # --- plausible mistakes in the noise of the windows ---------------------------------------------------------------
 
-MISTAKEN = 25
+MISTAKEN = 12
 
 
 @pytest.fixture(scope="module")
 def ramps() -> list:
-    return [ramp(6000 + seed, "gyro") for seed in range(MISTAKEN)]
+    return [fitted(seed)[0] for seed in range(MISTAKEN)]
 
 
 def spread(found: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -280,7 +290,7 @@ def spread(found: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.validates(
     "joint fit without the random walk is noticed",
-    against="coverage of 95 % intervals over 25 simulated ramps",
+    against="coverage of 95 % intervals over 12 simulated ramps",
 )
 def test_omitting_the_random_walk_is_caught(record_property: Callable[[str, object], None], ramps: list) -> None:
     rms, covered = spread([scores(one, fit_ramp(one, walk_A_rth=0.0)) for one in ramps])
@@ -292,7 +302,7 @@ def test_omitting_the_random_walk_is_caught(record_property: Callable[[str, obje
 
 @pytest.mark.validates(
     "joint fit with windows taken for independent is noticed",
-    against="size of the errors over 25 simulated ramps",
+    against="size of the errors over 12 simulated ramps",
 )
 def test_treating_windows_as_white_is_caught(record_property: Callable[[str, object], None], ramps: list) -> None:
     """Ignoring the correlation of -1/2 states intervals that are two to three times too wide."""

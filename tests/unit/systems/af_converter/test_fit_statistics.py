@@ -1,4 +1,8 @@
-"""Five hundred simulated campaigns: are the stated uncertainties true? Seeds 0 to 499 are fixed."""
+"""Simulated campaigns: are the stated uncertainties true? Seeds 0 to 149 are fixed, in the sweep 0 to 499.
+
+Intervals a third too narrow cover 81 %: 150 campaigns, whose groups share one gain, let that pass once in a thousand.
+What they may miss is an error of a tenth in an uncertainty, which 500 see.
+"""
 
 import sys
 from collections.abc import Callable
@@ -14,7 +18,6 @@ from bench.analysis import Material, analyse
 from bench.systems.af_converter.group_fit import Fitted, fit_groups
 from bench.systems.af_converter.scale_factor import analysis as scale_factor
 
-CAMPAIGNS = 500
 SCALE_FACTORS = ("dsf_n", "dsf_p")
 
 
@@ -35,9 +38,11 @@ class Table2:
     """Of all campaigns: the scores of the estimates, chi-square of the groups by kind, and what the fit alone is off.
 
     ``left_ppm`` by kind: error of DSF_N and DSF_P after the true gain is taken out, and its standard uncertainty
-    without the gain, (groups, 2) each.
+    without the gain, (groups, 2) each.   ``margin``: of a share of the campaigns that is to be 0.95.
     """
 
+    campaigns: int
+    margin: float
     scores: dict[tuple[str, str], Scores] = field(default_factory=dict)
     chi2: dict[str, list[float]] = field(default_factory=dict)
     left_ppm: dict[str, list[tuple[np.ndarray, np.ndarray]]] = field(default_factory=dict)
@@ -49,12 +54,12 @@ class Table2:
             self.left_ppm.setdefault(unit.kind, []).append((left_ppm, np.sqrt(np.diag(one.fit.covariance_ppm2))))
 
 
-@pytest.fixture(scope="module")
-def table_2() -> Table2:
-    """Return what 500 campaigns with the calibrator of table 2 give, without the budgets, which nothing here reads."""
-    found = Table2()
+@pytest.fixture(scope="module", params=[(150, 0.045), pytest.param((500, 0.03), marks=pytest.mark.sweep)])
+def table_2(request: pytest.FixtureRequest) -> Table2:
+    """Return what campaigns with the calibrator of table 2 give, without the budgets, which nothing here reads."""
+    found = Table2(*request.param)
     scores, chi2 = found.scores, found.chi2
-    for seed in range(CAMPAIGNS):
+    for seed in range(found.campaigns):
         campaign = sim.simulate(seed, sim.Switches())
 
         def kept(*arguments: Any, campaign: sim.SimulatedCampaign = campaign) -> Fitted:
@@ -98,10 +103,10 @@ def test_campaigns_within_21_ppm(record_property: Callable[[str, object], None],
         for n, p in zip(table_2.scores[kind, "dsf_n"].error, table_2.scores[kind, "dsf_p"].error, strict=True)
     ]
     share = float(np.mean(np.array(worst) < 21.0))
-    figure = f"{kind}: {100 * share:.1f} % of {CAMPAIGNS} campaigns within 21 ppm, worst {max(worst):.1f} ppm"
+    figure = f"{kind}: {100 * share:.1f} % of {table_2.campaigns} campaigns within 21 ppm, worst {max(worst):.1f} ppm"
     record_property("obtained", figure)
     sys.stdout.write(figure + "\n")
-    assert 0.92 <= share <= 0.98
+    assert share == pytest.approx(0.95, abs=table_2.margin)
     assert max(worst) < 45.0
 
 
@@ -153,8 +158,8 @@ def test_stated_intervals_cover_and_scores_have_unit_size(
     sys.stdout.write(f"{kind} {quantity}: interval holds the truth in {share:.3f}, score rms {rms:.3f}\n")
     if quantity in ("dsf_n", "bias"):
         record_property("obtained", f"{kind} {quantity} {100 * share:.1f} %")
-    assert share == pytest.approx(0.95, abs=0.03)
-    assert 0.9 <= rms <= 1.1
+    assert share == pytest.approx(0.95, abs=table_2.margin)
+    assert rms == pytest.approx(1.0, abs=10 / 3 * table_2.margin)
 
 
 @pytest.mark.parametrize("kind", ["gyro", "accelerometer"])
