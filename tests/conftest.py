@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import gc
 import json
 import os
 import subprocess
@@ -44,6 +45,17 @@ def _own_cache() -> tempfile.TemporaryDirectory[str]:
         (cache_folder() / kernel.name).symlink_to(kernel)
     (cache_folder() / "results").write_text("not a folder, so nothing can be kept in it")
     return folder
+
+
+def pytest_collection(session: pytest.Session) -> None:
+    """Look for no garbage while thousands of tests are collected: there is none."""
+    gc.disable()
+
+
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """Look for garbage again, but never among what was collected: it stays to the end."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -104,6 +104,7 @@ def test_a_silent_thermometer_costs_its_readings_and_not_the_campaign(tmp_path: 
     assert [failure.where for failure in found.run.outcome.unsafe] == ["logger"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("role", ["calibrator", "switch"])
 def test_an_instrument_that_stays_silent_ends_the_run_safely(tmp_path: Path, rehearse: Start, role: str) -> None:
     seen: list[int] = []

@@ -85,6 +85,7 @@ def test_the_make_up_takes_what_is_missing_and_an_overlap(
         recover(stopped[0], path, as_json=False)
 
 
+@pytest.mark.slow
 def test_both_sessions_together_give_what_was_promised(stopped: tuple[Path, Path], tmp_path: Path) -> None:
     path = tmp_path / "rest.yaml"
     recover(stopped[0], path, as_json=False)

@@ -164,6 +164,7 @@ def test_a_certificate_that_does_not_hold_its_schema_is_not_written(session: Pat
     assert (tmp_path / "bad.invalid.xml").read_bytes() == (tmp_path / "good.xml").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_real_session_needs_a_laboratory_and_standards(tmp_path: Path) -> None:
     (tmp_path / "m.yaml").write_text(RAMP)
     write_ramp(tmp_path / "log.csv", ramp_rows(3))

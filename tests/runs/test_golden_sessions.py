@@ -74,6 +74,7 @@ def schema(tmp_path_factory: pytest.TempPathFactory) -> Draft202012Validator:
     "results of a recorded session, limit 1e-9",
     against="the results stored with it by release 0.1.0",
 )
+@pytest.mark.slow
 @pytest.mark.parametrize("folder", SESSIONS, ids=release_and_name)
 def test_an_earlier_release_stays_readable(folder: Path, tmp_path: Path, schema: Draft202012Validator) -> None:
     stored = stored_in(folder)

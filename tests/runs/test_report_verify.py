@@ -310,6 +310,7 @@ def test_a_certificate_of_another_report_is_named(certified: Path, capsys: pytes
     assert changed(document) == {"report.html", "certificate.specimen.xml"}
 
 
+@pytest.mark.slow
 def test_a_report_on_paper(session: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("typst", reason="the extra 'pdf' is not installed")
     assert report(session, pdf=True) == ExitStatus.PASS

@@ -70,6 +70,7 @@ def test_the_whole_sequence_compiles_to_what_it_says() -> None:
     assert plan.record_count == 170
 
 
+@pytest.mark.slow
 def test_agrees_with_truth_and_with_the_calibrator_method(session: tuple[Material, list[dict[str, Any]]]) -> None:
     given, truth = session
     analysis = dmm_method.analyse(given)

@@ -159,10 +159,10 @@ def _no_budgets() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def gain_off() -> list[tuple[dict[tuple[str, str], list[float]], Any]]:
-    """Twenty seeds with the gain error off."""
+    """Ten seeds with the gain error off; all twenty are in test_truth_sweep.py."""
     campaign, standards = manifest()
     found = []
-    for seed in range(1, 21):
+    for seed in range(1, 11):
         rows, truth = rows_of(seed, gain=False)
         analysis = analyse(Material(rows, campaign, standards))
         found.append((errors(analysis.estimates, truth), analysis))
@@ -172,12 +172,12 @@ def gain_off() -> list[tuple[dict[tuple[str, str], list[float]], Any]]:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["gyro", "accelerometer"])
 def test_no_error_beyond_the_limit_with_the_gain_off(gain_off: Any, kind: str) -> None:
-    """Seeds 1 to 20: no |DSF error| beyond 8 ppm gyro, 5 ppm accelerometer; asymmetry within 0.25 ppm."""
+    """Seeds 1 to 10: no |DSF error| beyond 8 ppm gyro, 5 ppm accelerometer; asymmetry within 0.25 ppm."""
     worst = {
         quantity: max(float(np.max(np.abs(found[kind, quantity]))) for found, _ in gain_off)
         for quantity in ("dsf_n", "dsf_p", "dsf_asymmetry", "dsf_n_tc1", "dsf_p_tc1", "bias")
     }
-    sys.stdout.write(f"{kind}: worst over 20 seeds {worst}\n")
+    sys.stdout.write(f"{kind}: worst over 10 seeds {worst}\n")
     assert max(worst["dsf_n"], worst["dsf_p"]) < LIMIT_ppm[kind]
     assert worst["dsf_asymmetry"] < 0.25
     assert max(worst["dsf_n_tc1"], worst["dsf_p_tc1"]) < 0.05
@@ -186,10 +186,11 @@ def test_no_error_beyond_the_limit_with_the_gain_off(gain_off: Any, kind: str) -
 
 @pytest.mark.slow
 def test_residuals_are_as_large_as_declared(gain_off: Any) -> None:
+    """Channels of a seed share the errors of the calibrator: ten scatter by 0.1, more are in test_fit_statistics.py."""
     for kind in ("gyro", "accelerometer"):
         chi2 = [one["reduced_chi2"] for _, analysis in gain_off for one in analysis.groups if one["kind"] == kind]
         sys.stdout.write(f"{kind}: mean reduced chi-square {np.mean(chi2):.3f}\n")
-        assert 0.9 <= np.mean(chi2) <= 1.1
+        assert 0.8 <= np.mean(chi2) <= 1.2
     assert not [note for _, analysis in gain_off for note in analysis.notes if "B-FIT" in note]
 
 
@@ -209,9 +210,9 @@ def test_no_error_beyond_45_ppm_with_the_gain_of_table_2() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("option", ["af_clock_error_ppm", "master_error_ppm"])
-def test_clock_error_of_50_ppm_does_not_reach_the_scale_factors(option: str) -> None:
+def test_clock_error_of_50_ppm_does_not_reach_the_scale_factors(gain_off: Any, option: str) -> None:
     """Mean over 4 seeds, 5 temperatures and the channels of a kind: 160 changes at least, so 0.1 ppm is 3 standard
-    deviations of the mean at most; the clocks themselves are 50 ppm off.
+    deviations of the mean at most; the clocks themselves are 50 ppm off, and as they are otherwise in ``gain_off``.
 
     Each result also scatters (0.45 ppm gyro, 0.16 ppm accelerometer): other clocks cut the pulses elsewhere, and gated
     counts resolve 12.5 nA and 1 nA.
@@ -222,11 +223,12 @@ def test_clock_error_of_50_ppm_does_not_reach_the_scale_factors(option: str) -> 
         rows, truth = rows_of(seed, gain=False, **{option: error})
         return errors(analyse(Material(rows, campaign, standards)).estimates, truth)
 
-    runs = {error: [found(seed, error) for seed in range(1, 5)] for error in ("-50", "0", "50")}
+    runs = {error: [found(seed, error) for seed in range(1, 5)] for error in ("-50", "50")}
+    runs["as it is"] = [run for run, _ in gain_off[:4]]
     for kind, scatter_ppm in (("gyro", 0.45), ("accelerometer", 0.16)):
         at = {e: np.array([[run[kind, one] for one in ("dsf_n", "dsf_p")] for run in runs[e]]) for e in runs}
         for error in ("-50", "50"):
-            change = at[error] - at["0"]
+            change = at[error] - at["as it is"]
             sys.stdout.write(f"{option} {error}: {kind} mean {change.mean():.3f}, sd {change.std():.3f} ppm\n")
             assert abs(change.mean()) < 0.1
             assert change.std() < 1.3 * scatter_ppm

@@ -48,6 +48,7 @@ def names_of(folder: Path) -> dict[str, float]:
     }
 
 
+@pytest.mark.slow
 def test_a_killed_campaign_is_gone_on_with_and_replays_identically(
     killed: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -29,6 +29,7 @@ from bench.systems.af_converter.scale_factor.analysis import analyse
 SEED, LEVEL_A, FEWER = 4, 1e-2, 1e-3
 
 
+@pytest.mark.slow
 def test_figures_of_a_scale_factor_campaign(monkeypatch: pytest.MonkeyPatch) -> None:
     figures = report_boxes.recorded_figures(monkeypatch)
     sections = Report(sample_model()).sections
@@ -64,6 +65,7 @@ def ramp_figures() -> list[Figure]:
     return figures
 
 
+@pytest.mark.slow
 def test_figures_of_a_bias_campaign(monkeypatch: pytest.MonkeyPatch) -> None:
     figures = report_boxes.recorded_figures(monkeypatch)
     assert len(analysis_pictures(ramp_figures())) == len(figures) == 4

@@ -81,6 +81,7 @@ def test_the_pictures_are_the_pages_of_the_file(marked_pages: list[bytes], pdf: 
     assert len(marked_pages) >= 8
 
 
+@pytest.mark.slow
 def test_nothing_reaches_into_the_margins(real_pages: list[bytes]) -> None:
     """Header, footer, figures and tables end inside 18 mm from the left and right edge of the sheet."""
     for number, page in enumerate(real_pages, 1):

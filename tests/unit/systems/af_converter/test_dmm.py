@@ -57,7 +57,7 @@ def misses(seeds: range, **meter: bool) -> dict[str, list[bool]]:
 
 @pytest.mark.validates(
     "DMM method: 95 % intervals of DSF and asymmetry",
-    against="the simulated truth of 100 campaigns, in the sweep 300, in which one cause puts all ranges of the meter off",
+    against="the simulated truth of 100 campaigns, in the sweep 300, in which one cause puts all ranges off",
 )
 @pytest.mark.parametrize(
     ("trials", "margin"), [(100, 5.0), pytest.param(300, 3.5, marks=pytest.mark.sweep)], ids=["short", "long"]

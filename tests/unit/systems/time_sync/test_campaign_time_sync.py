@@ -119,6 +119,7 @@ def test_lost_frames_change_less_than_the_interval() -> None:
     assert holed["dropped"] > 0
 
 
+@pytest.mark.slow
 def test_straight_flight_and_rest_are_no_result() -> None:
     """An offset that the motion does not show keeps the interval of what was assumed, and says so."""
     for manoeuvre, path in (("linear", FlightPath(((0.0, 0.0, 0.0),), speed_m_s=100.0)), ("stationary", None)):
