@@ -66,8 +66,11 @@ class MessageBatch:
 
     def newest(self, name: str) -> float:
         """Return the value of a field in the last frame, in its unit; of an array the mean. At least one is needed."""
-        item, last = self._field(name), self.raw(name)[-1:].astype(np.float64)
-        return float((last * item.scale + item.shift if self.has_scale(name) else last)[-1].mean())
+        item, column = self._field(name), self.raw(name)
+        last = column[-1].astype(np.float64)
+        if item.scaled and "." not in name:
+            last = last * item.scale + item.shift
+        return float(last) if column.ndim == 1 else float(np.add.reduce(last) / len(last))
 
     def has_scale(self, name: str) -> bool:
         """Return whether physical and raw values of a field differ."""

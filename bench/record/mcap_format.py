@@ -9,6 +9,7 @@ import struct
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,7 +79,12 @@ def chunk_head(start_ns: int, end_ns: int, size: int, crc: int, packed_size: int
 def message_index(number: int, entries: list[int]) -> bytes:
     """Return message index of one channel in one chunk; ``entries`` is log time, offset, log time, offset ..."""
     count = len(entries)
-    return struct.pack(f"<BQHI{count}Q", MESSAGE_INDEX, 6 + 8 * count, number, 8 * count, *entries)
+    return _index_of(count).pack(MESSAGE_INDEX, 6 + 8 * count, number, 8 * count, *entries)
+
+
+@lru_cache(maxsize=64)
+def _index_of(count: int) -> struct.Struct:
+    return struct.Struct(f"<BQHI{count}Q")
 
 
 def chunk_index(
@@ -91,8 +97,12 @@ def chunk_index(
     count = len(indexes) // 2
     map_bytes = _CHANNEL_ENTRY.itemsize * count
     head = (CHUNK_INDEX, _CHUNK_INDEX_FIXED + map_bytes, *span, *place, map_bytes)
-    layout = f"<BQQQQQI{'HQ' * count}QI{len(_LZ4)}sQQ"
-    return struct.pack(layout, *head, *indexes, index_bytes, len(_LZ4), _LZ4, *sizes)
+    return _listed_of(count).pack(*head, *indexes, index_bytes, len(_LZ4), _LZ4, *sizes)
+
+
+@lru_cache(maxsize=64)
+def _listed_of(count: int) -> struct.Struct:
+    return struct.Struct(f"<BQQQQQI{'HQ' * count}QI{len(_LZ4)}sQQ")
 
 
 def statistics(channels: int, chunks: int, span: tuple[int, int], counts: Mapping[int, int]) -> bytes:

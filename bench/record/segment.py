@@ -6,7 +6,6 @@ import hashlib
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import lz4.frame
 
@@ -80,16 +79,11 @@ def _moved(entries: list[int], by: int) -> list[int]:
     return [value + by if place % 2 else value for place, value in enumerate(entries)]
 
 
-class _Chunk(NamedTuple):
-    """A chunk as it stands in the file, message indexes behind it, and its entry in the summary."""
+def _chunk(buffer: ChunkBuffer, prefix: bytes, place: int) -> tuple[list[bytes], int, bytes]:
+    """Return the messages of a buffer, ``prefix`` in front of them, as the chunk at ``place`` of the file.
 
-    parts: list[bytes]
-    size: int
-    listed: bytes
-
-
-def _chunk(buffer: ChunkBuffer, prefix: bytes, place: int) -> _Chunk:
-    """Return the messages of a buffer, ``prefix`` in front of them, as the chunk at ``place`` of the file."""
+    That is: its parts with the message indexes behind it, their bytes, and its entry in the summary.
+    """
     records = b"".join((prefix, *buffer.parts))
     packed = lz4.frame.compress(records)
     head = mcap_format.chunk_head(buffer.start_ns, buffer.end_ns, len(records), zlib.crc32(records), len(packed))
@@ -102,7 +96,7 @@ def _chunk(buffer: ChunkBuffer, prefix: bytes, place: int) -> _Chunk:
         places += (number, place + at)
         at += len(index)
     span, sizes = (buffer.start_ns, buffer.end_ns), (len(packed), len(records))
-    return _Chunk(parts, at, mcap_format.chunk_index(span, (place, length), places, at - length, sizes))
+    return parts, at, mcap_format.chunk_index(span, (place, length), places, at - length, sizes)
 
 
 class SegmentWriter:
@@ -133,13 +127,15 @@ class SegmentWriter:
         known = self._channels
         at = self.offset
         for buffer in buffers:
-            fresh = [channels[number - 1] for number in buffer.entries if number not in known]
-            chunk = _chunk(buffer, b"".join([channel.record for channel in fresh]), at)
-            if fresh:
-                known = known | {channel.number: channel for channel in fresh}
-            parts += chunk.parts
-            indexes.append(chunk.listed)
-            at += chunk.size
+            prefix = b""
+            if not buffer.entries.keys() <= known.keys():
+                fresh = {number: channels[number - 1] for number in buffer.entries if number not in known}
+                prefix = b"".join([channel.record for channel in fresh.values()])
+                known = known | fresh
+            chunk, size, listed = _chunk(buffer, prefix, at)
+            parts += chunk
+            indexes.append(listed)
+            at += size
         self._write(b"".join(parts))
         self._chunk_indexes += b"".join(indexes)
         self._chunks += len(indexes)

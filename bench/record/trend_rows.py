@@ -188,7 +188,9 @@ class _Together:
     def raw(self, name: str) -> NDArray[Any]:
         """Raw values of a field."""
         if name not in self._columns:
-            self._columns[name] = np.concatenate([part.raw(name) for part in self._parts])
+            parts = [part.raw(name) for part in self._parts]
+            column = np.empty((len(self.t_ns), *parts[0].shape[1:]), parts[0].dtype, order="F")  # quick along time
+            self._columns[name] = np.concatenate(parts, out=column)
         return self._columns[name]
 
 
