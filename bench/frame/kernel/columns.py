@@ -54,7 +54,7 @@ def cut_vectors(source, target, count, size):
 
 
 @inlined
-def cut_bytes(source, target, count):
+def copy_bytes(source, target, count):
     """Copy bytes, eight at once; the last eight may overlap the ones before."""
     index = 0
     while index < count:
@@ -136,7 +136,7 @@ def cut_column(origin, limit, offsets, first, end, field, target):
     for number in range(np.uint64(first), np.uint64(end)):
         source, out = origin + load_64(offsets + EIGHT * number) + at, target + step * number
         if size == 1 or (size == width and not big):
-            cut_bytes(source, out, count * size)
+            copy_bytes(source, out, count * size)
         elif size == width and count * size >= 16:
             cut_vectors(source, out, count, size)
         elif size == 2 and count >= 4:

@@ -7,7 +7,7 @@ import numpy as np
 from bench.frame.kernel import arrays as place
 from bench.frame.kernel import task as order
 from bench.frame.kernel.checks import check_of, crc_plan
-from bench.frame.kernel.columns import cut_vectors, write
+from bench.frame.kernel.columns import copy_bytes, cut_vectors, write
 from bench.frame.kernel.words import (
     inlined,
     load_8,
@@ -73,20 +73,6 @@ def put(target, value, size, big):
         store_8(target + np.uint64(index), value >> np.uint64(8 * index))
 
 
-@inlined
-def copy(source, target, length):
-    """Copy bytes, eight at once; the last eight may overlap the ones before."""
-    index = 0
-    while index < length:
-        if length >= 8:
-            index = min(index, length - 8)
-            store_64(target + np.uint64(index), load_64(source + np.uint64(index)))
-            index += 8
-        else:
-            store_8(target + np.uint64(index), load_8(source + np.uint64(index)))
-            index += 1
-
-
 def _converting(width):
     """Return the function that writes numbers of that many bytes into rows; it gives 0 if all of them fit."""
     number_of = _reading(width)
@@ -114,7 +100,7 @@ def put_same(source, target, frames, length, count, size, big):
     """Write numbers of as many bytes as they have in the frame."""
     for _ in range(frames):
         if size == 1 or not big:
-            copy(source, target, count * size)
+            copy_bytes(source, target, count * size)
         elif count * size >= 16:
             cut_vectors(source, target, count, size)
         elif size == 2:
@@ -173,7 +159,7 @@ def encode(rows, template, stage, task):
     for first in range(0, count, _ROWS_AT_ONCE):
         end = min(count, first + _ROWS_AT_ONCE)
         for row in range(first, end):
-            copy(template, rows + np.uint64(row * length), length)
+            copy_bytes(template, rows + np.uint64(row * length), length)
         for index in range(told(task, order.GIVEN_FIELDS)):
             given = task + np.uint64(8 * (order.OF_GIVEN + order.GIVEN_NUMBERS * index))
             field = row_of(numbers, place.FIELDS_AT, told(given, 0), place.FIELD_NUMBERS)
