@@ -42,7 +42,6 @@ class Fitted:
         self._asked = (folder, method, tuple(make_up))
         self._shelf = Shelf(key_of([folder, *make_up], {"method": method}))
         self._shown: Shown | None = None if fresh else self._shelf.get(SHOWN)
-        self._fresh = fresh
         self.from_cache = self._shown is not None
 
     @property
@@ -90,7 +89,8 @@ class Fitted:
                        attachments={})  # fmt: skip
         self._shown = Shown(results, told, remarks, view.damaged)
         self.from_cache = False
-        if not view.damaged:
-            self._shelf.put(MODEL, model)
-            self._shelf.put(SHOWN, self._shown)
+        if view.damaged:
+            self._shelf = Shelf(None)
+        self._shelf.put(MODEL, model)
+        self._shelf.put(SHOWN, self._shown)
         return model
