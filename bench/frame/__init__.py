@@ -4,6 +4,7 @@ from bench.frame.batch import FrameBatch, MessageBatch
 from bench.frame.best import Engine, best_engine, why_no_kernel
 from bench.frame.commands import CommandLayout
 from bench.frame.definition import FrameDefinition, load_frame, parse_frame
+from bench.frame.kernel_quanta import kernel_quanta
 from bench.frame.layout import FrameSpec, Message
 from bench.frame.signals import (
     BENCH,
@@ -41,6 +42,7 @@ __all__ = [
     "columns",
     "decode_file",
     "expand",
+    "kernel_quanta",
     "load_frame",
     "of_message",
     "parse_frame",

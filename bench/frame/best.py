@@ -29,20 +29,21 @@ from bench.frame.kernel.variant import variant_here
 Engine = Literal["kernel", "numpy", "reference"]
 PAGE_BYTES = 4096
 HASH_BYTES = 32
-NAMES = ("decode", "encode")
+NAMES = ("decode", "encode", "count_quanta")
 PLACES = struct.Struct(f"<{2 * len(NAMES)}Q")
 _INSTEAD = "frames are decoded by numpy"
 _ADVICE = "make it with 'python -m bench.frame.kernel', which needs the extra 'fast'"
 
 
 class Kernel(NamedTuple):
-    """The compiled functions (bench.frame.kernel.scan, .pack); the memory of their code, which must stay.
+    """The compiled functions (bench.frame.kernel.scan, .pack, .quanta); the memory of their code, which must stay.
 
     They take, before their arguments, a pointer to eight bytes that they may write and one to nothing.
     """
 
     decode: Callable[..., Any]
     encode: Callable[..., Any]
+    count_quanta: Callable[..., Any]
     code: mmap.mmap
 
 
@@ -92,8 +93,8 @@ def load_kernel(path: Path) -> Kernel:
     places = PLACES.unpack_from(code, HASH_BYTES)
     entries = [base + place + entry for place, entry in zip(places[::2], places[1::2], strict=True)]
     # no argument types: each would cost three times the call itself; two pointers stand before the arguments
-    decode, encode = (ctypes.PYFUNCTYPE(None)(entry) for entry in entries)
-    return Kernel(decode, encode, code)
+    decode, encode, count_quanta = (ctypes.PYFUNCTYPE(None)(entry) for entry in entries)
+    return Kernel(decode, encode, count_quanta, code)
 
 
 def kernel_path() -> Path:

@@ -15,6 +15,7 @@ import llvmlite.binding as llvm
 from numba import cfunc, types
 
 from bench.frame.kernel.pack import encode
+from bench.frame.kernel.quanta import count_quanta
 from bench.frame.kernel.scan import decode
 from bench.frame.kernel.variant import Variant
 
@@ -23,6 +24,7 @@ _ADDRESS = types.uint64
 FUNCTIONS: dict[str, tuple[Callable[..., Any], Any]] = {
     "decode": (decode, types.void(_ADDRESS, _ADDRESS)),
     "encode": (encode, types.void(_ADDRESS, _ADDRESS, _ADDRESS, _ADDRESS)),
+    "count_quanta": (count_quanta, types.void(_ADDRESS)),
 }
 _FROM_C = re.compile(r"^define [^\n]*@cfunc\..*?^}\n", re.MULTILINE | re.DOTALL)
 _ALLOCATED, _NO_BITS, _RELOCATIONS = 2, 8, 4

@@ -16,3 +16,7 @@ FOUND_BYTES = OFFSET_BYTES + LENGTH_BYTES + STAMP_BYTES + COUNTER_BYTES
 # of the encoder; behind them of each field given: its number in the definition, where its column begins in the stage,
 # bytes of a number there and whether they have a sign
 FRAMES, FRAME_LENGTH, GIVEN_FIELDS, COVERED, OF_GIVEN, GIVEN_NUMBERS = 1, 2, 3, 4, 6, 4
+# of quanta; addresses of the noise, int32, and of the clocks, int64; behind them of each row the address of its counts,
+# uint16, its sign, size and quantum, and its start, in whose place the rest is given
+(NOISE, NOISE_BYTES, CLOCKS, STRETCHES, ROWS, OF_ROWS) = range(6)
+(COUNTS, SIGN, SIZE, QUANTUM, START, ROW_NUMBERS) = range(6)

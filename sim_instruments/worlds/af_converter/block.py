@@ -157,10 +157,11 @@ class BlockFactory:
         raw = generator(self._truth.seed, "ngu white noise", self._period, number).bit_generator.random_raw(
             CHANNELS * BLOCK_GATES
         )
-        uniform = raw.view(np.uint16).reshape(CHANNELS, BLOCK_GATES, 4)
-        total = uniform[:, :, 0].astype(np.int32)
-        for place in range(1, 4):
-            total += uniform[:, :, place]
+        pairs = raw.view(np.uint32)
+        halves = pairs >> 16
+        pairs &= 0xFFFF
+        halves += pairs
+        total = (halves[0::2] + halves[1::2]).reshape(CHANNELS, BLOCK_GATES)
         drawn = total.astype(np.float32)
         drawn -= np.float32(_UNIFORM_SUM / 2)
         scale = WHITE_A_RTHZ / np.sqrt(2.0 * GATE_S) * units_A / _UNIFORM_SIGMA

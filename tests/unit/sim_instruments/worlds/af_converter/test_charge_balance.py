@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from bench.frame import why_no_kernel
 from sim_instruments.worlds.af_converter.charge_balance import ChargeBalance
 
 SEED = 20260
@@ -155,3 +156,26 @@ def test_a_call_that_could_leave_64_bits_is_refused():
     ):
         with pytest.raises(ValueError, match="clocks in one call"):
             call()
+
+
+@pytest.mark.skipif(bool(why_no_kernel()), reason=why_no_kernel() or "the kernel is there")
+@pytest.mark.parametrize("case", range(40))
+def test_kernel_counts_as_numpy_does(case):
+    """Counts of 16 bits are made by the kernel, longer ones by numpy; the noise is a part of a block, as in a run."""
+    rng = np.random.default_rng([SEED, case])
+    rows, n, design = 10, int(rng.integers(1, 1000)), 1 << 40
+    residue = rng.integers(-design, design + 1, rows)
+    q_n, q_p = design + rng.integers(-(10**8), 10**8, (2, rows))
+    steady = (rng.uniform(-0.97, 0.97, rows) * design * 10.0 ** rng.integers(-6, 1, rows)).astype(np.int64)
+    peak = np.minimum(np.abs(steady), 1 << 22)[:, None]
+    noise = (rng.uniform(-1.0, 1.0, (rows, 1000)) * peak).astype(np.int32)[:, 1000 - n :]
+    clocks = rng.integers(1, 2570, n)
+    counts, residues = [], []
+    for pulse_type in (np.uint16, np.int64):
+        bank = ChargeBalance(np.full(rows, design), pulse_type)
+        bank.residue = residue
+        bank.set_quanta(q_n, q_p)
+        counts.append(bank.advance_one_way(steady, noise, clocks))
+        residues.append(bank.residue)
+    np.testing.assert_array_equal(counts[0], counts[1])
+    np.testing.assert_array_equal(residues[0], residues[1])
