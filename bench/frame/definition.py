@@ -6,7 +6,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -133,8 +133,9 @@ def load_frame(path: Path) -> FrameDefinition:
     return FrameDefinition(load_yaml(path, FrameSpec))
 
 
+@lru_cache(maxsize=16)
 def parse_frame(text: str, name: str) -> FrameDefinition:
-    """Like ``load_frame`` for a text; ``name`` stands for the file in messages."""
+    """Like ``load_frame`` for a text; ``name`` stands for the file in messages. The same text is compiled once."""
     return FrameDefinition(parse_yaml(text, name, FrameSpec))
 
 

@@ -6,6 +6,7 @@ import platform
 import subprocess
 import tomllib
 from collections.abc import Iterable
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -34,14 +35,21 @@ def software(analysis: str = "", drivers: Iterable[str] = ()) -> dict[str, Any]:
 
     ``distributions``: by package, what brought the system of the analysis and the drivers.
     """
-    versions = {}
-    for package in PACKAGES:
-        try:
-            versions[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            versions[package] = "not installed as a package"
-    document = {"packages": versions, "python": platform.python_version(), "git": _revision()}
+    document = {
+        "packages": {package: _version(package) for package in PACKAGES},
+        "python": platform.python_version(),
+        "git": _revision(),
+    }
     return {**document, "distributions": _distributions(analysis, drivers)}
+
+
+@cache
+def _version(package: str) -> str:
+    """Return the version that is installed, read once: what is imported stays as it was."""
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "not installed as a package"
 
 
 def _distributions(analysis: str, drivers: Iterable[str]) -> dict[str, str]:
