@@ -87,11 +87,6 @@ class TrialModel:
         return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
 
 
-def _times(values: Array, matrix: Array) -> Array:
-    """``values @ matrix.T``, (trials, m) by (k, m); BLAS would wake every core for a matrix of 14 rows."""
-    return np.asarray(np.einsum("ti,ji->tj", values, matrix))
-
-
 def _triangular(generator: Generator, shape: tuple[int, int]) -> Array:
     """Difference of the two uniform fractions of a pulse at the ends of a gate, in pulses."""
     return np.asarray(generator.random(shape) - generator.random(shape))
@@ -104,7 +99,7 @@ def _counted(
     m = rows.gate_s.size
     white_A2 = converter.white_A_rtHz**2 / (2.0 * rows.gate_s) + _SMALLEST_VARIANCE_A2
     factor = np.asarray(np.linalg.cholesky(walk_A2(rows, converter) + np.diag(white_A2)), dtype=np.float64)
-    noise_A = _times(generator.standard_normal((trials, m)), factor)
+    noise_A = generator.standard_normal((trials, m)) @ factor.T
     noise_A += converter.k0_C / rows.gate_s * np.sqrt(1.0 + rows.gaps) * _triangular(generator, (trials, m))
     clock = 1.0 + np.sqrt(1.0 + rows.gaps) / rows.af_count * _triangular(generator, (trials, m))
     n_A, p_A = counted_A
@@ -129,7 +124,7 @@ def _reference(
         inside = rows.range_A == full_A
         levels_A = np.unique(rows.level_A[inside & (rows.level_A > 0)])
         effects += [sigma_A * inside, *(sigma_A * (inside & (rows.level_A == level_A)) for level_A in levels_A)]
-    error_A = _times(generator.standard_normal((trials, len(effects))), np.array(effects).T)
+    error_A = generator.standard_normal((trials, len(effects))) @ np.array(effects)
     return np.asarray(reference_current_A(rows, standard) + rows.polarity * error_A)
 
 
@@ -145,16 +140,16 @@ def _refit(transform: Array, rows: Readings, n_A: Array, p_A: Array, readings_A:
     offsets = transform @ scale_design(rows, n_A[0], p_A[0])[:, 2:]
     offsets = offsets[:, np.linalg.norm(offsets, axis=0) > 1e-9 * np.linalg.norm(transform)]  # subtracted zeros: none
     offsets /= np.linalg.norm(offsets, axis=0)
-    counted = [_times(n_A, transform), _times(-p_A, transform)]
+    counted = [n_A @ transform.T, -p_A @ transform.T]
     lengths = [float(np.linalg.norm(column[0])) for column in counted]
     counted = [column / length for column, length in zip(counted, lengths, strict=True)]
-    readings = _times(readings_A, transform)
+    readings = readings_A @ transform.T
     normal = np.empty((n_A.shape[0], 2 + offsets.shape[1], 2 + offsets.shape[1]))
     right = np.empty(normal.shape[:2])
     for row, column in enumerate(counted):
         normal[:, row, :2] = np.column_stack([np.einsum("ti,ti->t", column, other) for other in counted])
-        normal[:, row, 2:] = normal[:, 2:, row] = _times(column, offsets.T)
+        normal[:, row, 2:] = normal[:, 2:, row] = column @ offsets
         right[:, row] = np.einsum("ti,ti->t", column, readings)
     normal[:, 2:, 2:] = offsets.T @ offsets
-    right[:, 2:] = _times(readings, offsets.T)
+    right[:, 2:] = readings @ offsets
     return np.asarray(np.linalg.solve(normal, right[..., None])[:, :2, 0] / np.array(lengths))
