@@ -20,6 +20,7 @@ from bench.commands.certificate import Request, certificate
 from bench.commands.fit import report
 from bench.commands.verify import verify
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
+from bench.report import Report
 from bench.session import verification
 
 GOLDEN = ROOT / "tests" / "golden" / "sessions"
@@ -30,6 +31,23 @@ HEADER, CHUNK, MESSAGE_INDEX, CHUNK_INDEX, DATA_END, FOOTER = 0x01, 0x06, 0x07, 
 @pytest.fixture
 def session(golden: Path, tmp_path: Path) -> Path:
     return writable_copy(golden, tmp_path / golden.name)
+
+
+REPORTS: dict[str, Report] = {}  # by the results they show, which name the hash of the recording
+
+
+@pytest.fixture(autouse=True)
+def drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A report of the same results is drawn for the first test that needs it, and compared by all."""
+    plain = verification.report_of
+
+    def report_of(view: Any, results: Any, analysis: Any) -> Report:
+        shown = verification.results_json(results)
+        if shown not in REPORTS:
+            REPORTS[shown] = plain(view, results, analysis)
+        return REPORTS[shown]
+
+    monkeypatch.setattr(verification, "report_of", report_of)
 
 
 @pytest.fixture
@@ -263,6 +281,10 @@ def test_one_altered_byte_of_the_trend_is_named(session: Path, capsys: pytest.Ca
     flip(path, path.read_bytes().rindex(b'"npp"') + 1 if name == "trend.json" else 40)
     (note,) = verified(session, capsys, ExitStatus.PASS)["notes"]
     assert note.startswith(f"trend/{name} is not what the session gives; it is no part of the recording")
+
+
+@pytest.mark.usefixtures("drawn")
+def test_a_trend_that_cannot_be_read_or_is_not_there(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (session / "trend" / "trend.json").write_bytes(b"{")
     (note,) = verified(session, capsys, ExitStatus.PASS)["notes"]
     assert note.startswith("trend/trend.json cannot be read")

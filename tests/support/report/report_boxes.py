@@ -55,7 +55,7 @@ def text_boxes(figure: Figure) -> list[Box]:
     with drawing():
         canvas = FigureCanvasAgg(figure)
         figure.set_dpi(100)
-        canvas.draw()
+        figure.draw_without_rendering()  # lays everything out; nobody looks at the pixels
         return [_box(text, canvas) for text in _drawn(figure)]
 
 
