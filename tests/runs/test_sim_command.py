@@ -12,7 +12,7 @@ import pytest
 import serial
 from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
-from rehearsal import bench
+from rehearsal import Inside, bench
 from served_bench import CLOCK, SEED, Served, powered_rack
 
 from bench.commands.sim import sim
@@ -107,11 +107,11 @@ def test_commands_reach_the_unit(served: Served) -> None:
     assert bytes(answers.raw("payload")[0]).startswith(b"NGU SIM-1")
 
 
-def test_the_command_says_what_is_on_and_prints_the_state(served: Served) -> None:
+def test_the_command_says_what_is_on_and_prints_the_state(served: Served, inside: Inside) -> None:
     words = ("--dir", str(served.folder))
     assert bench("sim", "fault", "late", "supply", "2", "3", *words).stdout == "on: late supply 2 3\n"
-    assert json.loads(bench("sim", "fault", "state", *words).stdout)["faults"] == ["late supply 2 3"]
-    assert bench("sim", "fault", "clear", *words).stdout == "no fault is on\n"
+    assert json.loads(inside("sim", "fault", "state", *words).stdout)["faults"] == ["late supply 2 3"]
+    assert inside("sim", "fault", "clear", *words).stdout == "no fault is on\n"
 
 
 @pytest.mark.parametrize(
@@ -139,17 +139,17 @@ def test_mistakes_are_one_clear_error(
     assert not (tmp_path / "port_a").is_symlink()
 
 
-def test_a_served_station_cannot_be_served_again_nor_run_in_virtual_time(served: Served, tmp_path: Path) -> None:
+def test_a_served_station_is_served_once_and_in_real_time(served: Served, tmp_path: Path, inside: Inside) -> None:
     station = str(served.folder / "station.yaml")
     with pytest.raises(InputError, match="B-SIM-016"):
         sim([station], tmp_path, 1.0, SEED, [])
     words = ("run", "scale_factor_wall_30s", "--station", station, "--clock", "virtual", "--out", str(tmp_path))
-    done = bench(*words)
+    done = inside(*words)
     assert (done.returncode, "B-RUN-001" in done.stderr) == (2, True)
 
 
-def test_nobody_there_or_no_room_for_a_socket(tmp_path: Path) -> None:
-    done = bench("sim", "fault", "trip", "--dir", str(tmp_path))
+def test_nobody_there_or_no_room_for_a_socket(tmp_path: Path, inside: Inside) -> None:
+    done = inside("sim", "fault", "trip", "--dir", str(tmp_path))
     assert (done.returncode, done.stdout, "B-SIM-015" in done.stderr) == (2, "", True)
     with pytest.raises(InputError, match="B-SIM-014"):
         sim(["af_bench_sim"], tmp_path / ("long" * 40), 1.0, SEED, [])
@@ -158,10 +158,10 @@ def test_nobody_there_or_no_room_for_a_socket(tmp_path: Path) -> None:
         sim(["af_bench_sim"], tmp_path / "file", 1.0, SEED, [])
 
 
-def test_a_value_may_be_negative_and_an_option_that_is_none_is_told(tmp_path: Path) -> None:
-    done = bench("sim", "fault", "chamber_runaway", "-2", "--dir", str(tmp_path))
+def test_a_value_may_be_negative_and_an_option_that_is_none_is_told(tmp_path: Path, inside: Inside) -> None:
+    done = inside("sim", "fault", "chamber_runaway", "-2", "--dir", str(tmp_path))
     assert (done.returncode, "B-SIM-015" in done.stderr) == (2, True)  # it was a value: the bench was asked
-    done = bench("sim", "af_bench_sim", "--ratee", "2", "--dir", str(tmp_path))
+    done = inside("sim", "af_bench_sim", "--ratee", "2", "--dir", str(tmp_path))
     assert (done.returncode, "B-SIM-017: '--ratee' is no option" in done.stderr) == (2, True)
 
 
@@ -318,9 +318,9 @@ def test_the_unit_restarts(served: Served) -> None:
     assert int(frames.raw("counter")[0]) < 1000
 
 
-def test_every_fault_is_in_the_list_and_has_a_test(served: Served) -> None:
+def test_every_fault_is_in_the_list_and_has_a_test(served: Served, inside: Inside) -> None:
     faults = possible_faults()
-    listed = bench("sim", "fault", "--dir", str(served.folder)).stdout.splitlines()
+    listed = inside("sim", "fault", "--dir", str(served.folder)).stdout.splitlines()
     assert [line.split()[0] for line in listed] == [*faults, "clear", "state"]
     tables = Path(__file__).parents[1] / "unit/sim_instruments/test_sim_table.py"
     text = Path(__file__).read_text() + tables.read_text()
