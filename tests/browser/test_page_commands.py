@@ -38,7 +38,8 @@ def test_everything_is_done_by_keyboard(browser: Browser, server: PageServer, sh
     with visiting(browser, server, None, may_fail=True, viewport=SMALL) as visitor:  # 401 at first
         page = visitor.page
         page.goto(f"{server.origin}/")
-        page.keyboard.type("kim")  # the first field has the focus
+        page.wait_for_selector("input:focus")  # the first field has it, without a click
+        page.keyboard.type("kim")
         page.keyboard.press("Tab")
         page.keyboard.type(server.tokens["operator"])
         page.keyboard.press("Enter")
