@@ -18,10 +18,12 @@ from bench.analysis.coefficients import (
     c_preamble,
     c_text,
     same_unit,
+    sound_compensation,
     source_of,
     validate_coefficients,
 )
-from bench.analysis.estimates import UNIT, Estimates, estimate, judged, rule_of, stated_limits
+from bench.analysis.doubt import Evidence, EvidenceInterval, doubt_lines, is_sound, stated_value
+from bench.analysis.estimates import UNIT, Estimate, Estimates, estimate, judged, rule_of, stated_limits
 from bench.analysis.figures import Figure, Series, Style, Table, band, curve, picture, series
 from bench.analysis.material import CONTINUES, Exchange, Floats, Material, Reading, Trace, joined
 from bench.analysis.numbers import cell, decimals_for, header, number, unit_text, with_uncertainty
@@ -33,6 +35,7 @@ from bench.analysis.results import (
     results_json,
     results_schema,
     schema_of,
+    stated_estimates,
     validate_results,
 )
 
@@ -45,7 +48,10 @@ __all__ = [
     "Check",
     "Closed",
     "Documents",
+    "Estimate",
     "Estimates",
+    "Evidence",
+    "EvidenceInterval",
     "Exchange",
     "Figure",
     "Floats",
@@ -71,9 +77,11 @@ __all__ = [
     "curve",
     "decimals_for",
     "declared_analysis",
+    "doubt_lines",
     "estimate",
     "flag_problem",
     "header",
+    "is_sound",
     "joined",
     "judged",
     "link_checks",
@@ -86,8 +94,11 @@ __all__ = [
     "same_unit",
     "schema_of",
     "series",
+    "sound_compensation",
     "source_of",
+    "stated_estimates",
     "stated_limits",
+    "stated_value",
     "unit_text",
     "validate_coefficients",
     "validate_results",

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+from bench.analysis.doubt import Evidence
 from bench.analysis.estimates import Estimates
 from bench.analysis.figures import Figure, Table
 from bench.analysis.material import Material
@@ -23,8 +24,10 @@ Documents = list[dict[str, Any]]
 
 @dataclass(frozen=True)
 class Analysis:
-    """Result of an analysis; ``estimates`` are entries of results.json, the rest explains them in the report.
+    """Result of an analysis: ``estimates`` hold if the model does, ``evidence`` says whether.
 
+    Both make results.json, the rest explains them in the report. Evidence is of every check made, also of one that
+    found nothing.
     ``missing`` names, one sentence each, what the campaign promises and has no result; empty if it is complete.
     ``compensation``: {"channel", "kind", "parameter", "unit", "reference_temperature_degC", "coefficients",
     "valid_degC"}, coefficient k in unit per degC^k; channel None for what belongs to the whole unit.
@@ -35,6 +38,7 @@ class Analysis:
     method: str
     uut: Mapping[str, Any]
     estimates: Estimates
+    evidence: list[Evidence] = field(default_factory=list)
     residuals: Documents = field(default_factory=list)  # one per row of the fit
     components: Documents = field(default_factory=list)  # uncertainty budget
     groups: Documents = field(default_factory=list)  # reduced chi-square per channel and temperature

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Literal
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 from pydantic import BaseModel
 
 from bench.analysis.analysis import Analysis
+from bench.analysis.doubt import base_quantity, is_sound
 from bench.analysis.results import Closed, check_form
+from bench.maths.verdict import Verdict, worst
 from bench.model.errors import InputError
 
 
@@ -20,7 +23,7 @@ class Source(Closed):
     method: str
     session_sha256: str
     software: str
-    worst_verdict: Literal["pass", "fail", "conditional_pass", "conditional_fail", "none"]
+    worst_verdict: Verdict
     missing: list[str]
 
 
@@ -39,9 +42,41 @@ def source_of(analysis: Analysis, results: Mapping[str, Any]) -> dict[str, Any]:
         "method": analysis.method,
         "session_sha256": results["provenance"]["session_sha256"],
         "software": results["provenance"]["software"],
-        "worst_verdict": _worst(estimate["verdict"] for estimate in results["estimates"]),
+        "worst_verdict": worst(estimate["verdict"] for estimate in results["estimates"]),
         "missing": list(analysis.missing),
     }
+
+
+def sound_compensation(analysis: Analysis, results: Mapping[str, Any]) -> Analysis:
+    """Return the analysis with the coefficients of sound estimates alone; the others are named as missing.
+
+    A parameter goes with the estimates of its name under its conditions; where nothing has its name, with all.
+    """
+    unsound = [entry for entry in results["estimates"] if not is_sound(entry)]
+    if not unsound:
+        return analysis
+    named = {base_quantity(entry["quantity"]) for entry in results["estimates"]}
+    kept, missing = [], list(analysis.missing)
+    for parameter in analysis.compensation:
+        against = [entry for entry in unsound if _goes_with(parameter, entry, named)]
+        if against:
+            missing.append(_refusal(parameter, against[0]))
+        else:
+            kept.append(parameter)
+    return replace(analysis, compensation=kept, missing=missing)
+
+
+def _goes_with(parameter: Mapping[str, Any], entry: Mapping[str, Any], named: Collection[str]) -> bool:
+    name = parameter["parameter"]
+    same = entry["conditions"].items()
+    return name not in named or (
+        base_quantity(entry["quantity"]) == name and all(parameter.get(key, value) == value for key, value in same)
+    )
+
+
+def _refusal(parameter: Mapping[str, Any], entry: Mapping[str, Any]) -> str:
+    place = "" if parameter.get("channel") is None else f"channel {parameter['channel']}: "
+    return f"{place}no coefficients of {parameter['parameter']}, {entry['quality']}: {entry['reasons'][0]['sentence']}"
 
 
 def same_unit(documents: Sequence[Mapping[str, Any]], next_step: str) -> None:
@@ -63,12 +98,6 @@ def _same(first: Mapping[str, Any], other: Mapping[str, Any], name: str, code: s
 
 def _words(value: Any) -> str:
     return " ".join(value.values()) if isinstance(value, Mapping) else ("simulated" if value else "measured")
-
-
-def _worst(verdicts: Iterable[str]) -> str:
-    known = set(verdicts)
-    worst_first = ("fail", "conditional_fail", "conditional_pass", "pass")
-    return next((verdict for verdict in worst_first if verdict in known), "none")
 
 
 def validate_coefficients(document: object, where: str, form: type[BaseModel]) -> None:

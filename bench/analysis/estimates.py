@@ -5,15 +5,38 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NotRequired, TypedDict
 
-from bench.maths.verdict import NON_BINARY, checked_rule, coverage_factor, decide
+from bench.maths.verdict import NON_BINARY, Verdict, checked_rule, coverage_factor, decide
 from bench.model.declaration import Limit
 from bench.model.errors import FitError
 from bench.model.units import parse_quantity
 
-Estimates = list[dict[str, Any]]  # entries of results.json
 UNIT = "unit"  # condition: serial number of the unit under test, where a session has several
+
+
+class Estimate(TypedDict):
+    """One quantity as an analysis found it, if its model is right; the conditions it holds for, and the verdict.
+
+    ``dof`` is left out where it is infinite. What the checks leave of it stands in results.json.
+    """
+
+    quantity: str
+    unit: str
+    value: float
+    std_uncertainty: float
+    coverage_factor: float
+    expanded_uncertainty: float
+    conditions: dict[str, Any]
+    n: int
+    dropped: int
+    limit: float | None
+    verdict: Verdict
+    conformance_probability: float | None
+    dof: NotRequired[float]
+
+
+Estimates = list[Estimate]
 
 
 def estimate(
@@ -27,14 +50,14 @@ def estimate(
     dropped: int = 0,
     limit: float | None = None,
     dof: float = math.inf,
-) -> dict[str, Any]:
+) -> Estimate:
     """Return one entry of the flat list of results.json: 95 % interval, verdict against ``limit``.
 
     ``dof``: effective degrees of freedom; infinite (and then not written) where the covariance is known beforehand and
     not estimated from the residuals. The rule of the campaign is applied when the document is made (``judged``).
     """
     factor = coverage_factor(dof)
-    entry = {
+    entry: Estimate = {
         "quantity": quantity,
         "unit": unit,
         "value": float(value),
@@ -45,6 +68,8 @@ def estimate(
         "n": int(n),
         "dropped": int(dropped),
         "limit": limit,
+        "verdict": "none",
+        "conformance_probability": None,
     }
     if math.isfinite(dof):
         entry["dof"] = float(dof)
@@ -59,17 +84,14 @@ def rule_of(decision: Mapping[str, Any] | None) -> str:
     return checked_rule((decision or {}).get("rule", NON_BINARY))
 
 
-def judged(entry: Mapping[str, Any], rule: str) -> dict[str, Any]:
+def judged(entry: Estimate, rule: str) -> Estimate:
     """Return an entry with verdict and conformance probability by a decision rule.
 
     Raises: FitError B-FIT-041 for an unknown rule.
     """
-    dof = float(entry.get("dof", math.inf))
+    dof = entry.get("dof", math.inf)
     decision = decide(entry["value"], entry["std_uncertainty"], entry["limit"], rule, dof)
-    return dict(entry) | {
-        "verdict": decision.verdict,
-        "conformance_probability": decision.conformance_probability,
-    }
+    return {**entry, "verdict": decision.verdict, "conformance_probability": decision.conformance_probability}
 
 
 def stated_limits(

@@ -6,13 +6,15 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from bench.analysis.analysis import Analysis
+from bench.analysis.doubt import stated, weigh
 from bench.analysis.estimates import judged, rule_of
-from bench.maths.verdict import Rule
+from bench.maths.verdict import Rule, Verdict
 from bench.model.errors import InputError
 
+SCHEMA = 2
 INCOMPLETE = "Incomplete: the run has not ended. These are the records so far; nothing is judged."
 _Count = Annotated[int, Field(ge=0)]
 _Plain = str | bool | int | float | None
@@ -24,24 +26,64 @@ class Closed(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
 
+class Reason(Closed):
+    """Why an estimate is not sound: a stable code, a sentence, and the figure that led to it."""
+
+    code: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+    sentence: str
+    figure: float | None
+
+
+class EvidenceInterval(Closed):
+    """Where the value may lie by all that is known, in the unit of the estimate; no expanded uncertainty."""
+
+    low: float
+    high: float
+    basis: str
+
+
+class Acceptance(Closed):
+    """Who released the value of a doubtful estimate, and why; the value alone."""
+
+    by: str
+    reason: str
+
+
 class Estimate(Closed):
-    """One quantity with its uncertainty, the conditions it holds for and the verdict."""
+    """One quantity with its uncertainty, the conditions it holds for and the verdict.
+
+    Doubtful: no uncertainty, no statement of conformity. Refused: no value either.
+    """
 
     quantity: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
     unit: str
-    value: float
-    std_uncertainty: Annotated[float, Field(ge=0)]
-    coverage_factor: Annotated[float, Field(gt=0)]
-    expanded_uncertainty: Annotated[float, Field(ge=0)]
+    value: float | None
+    std_uncertainty: Annotated[float, Field(ge=0)] | None
+    coverage_factor: Annotated[float, Field(gt=0)] | None
+    expanded_uncertainty: Annotated[float, Field(ge=0)] | None
     conditions: dict[str, _Plain]
     n: _Count
     dropped: _Count
     limit: float | None
-    verdict: Literal["pass", "fail", "conditional_pass", "conditional_fail", "none"]
+    verdict: Verdict
     conformance_probability: Annotated[float, Field(ge=0, le=1)] | None = Field(
         None, description="that the true value is within the limit; absent in documents of version 0.1"
     )
     dof: Annotated[float, Field(gt=0)] | None = Field(None, description="effective; absent = infinite")
+    quality: Literal["sound", "doubtful", "refused"] = Field("sound", description="absent in documents of schema 1")
+    reasons: list[Reason] = Field([], description="empty for a sound estimate")
+    evidence_interval: EvidenceInterval | None = None
+    acceptance: Acceptance | None = None
+
+    @model_validator(mode="after")
+    def _as_the_quality_says(self) -> Estimate:
+        if (self.quality == "sound") != (self.expanded_uncertainty is not None):
+            raise ValueError(f"{self.quality} with an expanded uncertainty of {self.expanded_uncertainty}")
+        if (self.quality == "refused") != (self.value is None):
+            raise ValueError(f"{self.quality} with the value {self.value}")
+        if (self.quality == "sound") != (not self.reasons):
+            raise ValueError(f"{self.quality} with {len(self.reasons)} reasons")
+        return self
 
 
 class Quality(Closed):
@@ -91,7 +133,7 @@ class Splice(Closed):
 class Results(Closed):
     """The document results.json of a session."""
 
-    schema_version: Literal[1] = Field(alias="schema")
+    schema_version: Literal[1, 2] = Field(alias="schema", description="1: before doubt was stated")
     session: str
     campaign: str
     method: str
@@ -127,18 +169,19 @@ def build_results(
              for an unknown rule.
     """
     rule = rule_of(decision)
-    judgements = [judged(entry, rule) for entry in analysis.estimates]
+    entries = stated_estimates(analysis, rule)
+    noted = [seen.sentence for seen in weigh(analysis.evidence).noted]
     document: dict[str, Any] = {
-        "schema": 1,
+        "schema": SCHEMA,
         "session": session_name,
         "campaign": analysis.campaign,
         "method": analysis.method,
         "uut": dict(analysis.uut),
         "decision_rule": rule,
-        "estimates": [_unjudged(entry) for entry in judgements] if incomplete else judgements,
+        "estimates": [_unjudged(entry) for entry in entries] if incomplete else entries,
         "quality": {name: int(counts.get(name, 0)) for name in Quality.model_fields},
         "provenance": dict(provenance),
-        "notes": [INCOMPLETE, *analysis.notes] if incomplete else analysis.notes,
+        "notes": [*([INCOMPLETE] if incomplete else []), *noted, *analysis.notes],
     }
     if splices:
         document["splices"] = [dict(splice) for splice in splices]
@@ -146,6 +189,12 @@ def build_results(
         document["incomplete"] = True
     validate_results(document)
     return document
+
+
+def stated_estimates(analysis: Analysis, rule: str) -> list[dict[str, Any]]:
+    """Return the estimates as results.json states them. Raises: FitError B-FIT-041 for an unknown rule."""
+    against = weigh(analysis.evidence).against
+    return [stated(judged(entry, rule), against) for entry in analysis.estimates]
 
 
 def _unjudged(estimate: Mapping[str, Any]) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from bench.commands.check import checked_plan
 from bench.commands.conducting import conduct_watched
 from bench.commands.console import console
 from bench.commands.tables import print_results, print_without_results, print_written
+from bench.maths.verdict import passed
 from bench.model.clock import Clock, VirtualClock, WallClock
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.events import event_of
@@ -120,6 +121,6 @@ def view_of(plan: Plan, done: Conducted) -> SessionView:
 
 
 def verdict_status(results: Mapping[str, Any], missing: Sequence[str]) -> int:
-    """Return 1 if a verdict is fail or conditional_fail or a result that the records promise is missing, else 0."""
-    failed = any(estimate["verdict"] in ("fail", "conditional_fail") for estimate in results["estimates"])
-    return ExitStatus.VERDICT_FAIL if failed or missing else ExitStatus.PASS
+    """Return 1 if a verdict fails or is indeterminate or a result that the records promise is missing, else 0."""
+    well = passed(estimate["verdict"] for estimate in results["estimates"])
+    return ExitStatus.PASS if well and not missing else ExitStatus.VERDICT_FAIL

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,8 @@ from rich.table import Table as TerminalTable
 from rich.text import Text
 
 from bench import analysis
-from bench.analysis import Analysis, with_uncertainty
+from bench.analysis import Analysis, doubt_lines, stated_value
+from bench.maths.verdict import WORST_FIRST, worst
 from bench.model.errors import ExitStatus, FitError
 
 if TYPE_CHECKING:
@@ -29,8 +30,7 @@ WIDTH = 110
 _COLUMNS = (
     "channel", "kind", "set degC", "unit degC", "DSF_N ppm", "DSF_P ppm", "N - P ppm", "U 95 % ppm", "verdict",
 )  # fmt: skip
-_SCALE_FACTORS = ("dsf_n", "dsf_p", "dsf_asymmetry")
-_SEVERITY = ("fail", "conditional_fail", "conditional_pass", "pass")
+_SCALE_FACTORS = {"dsf_n": "+.2f", "dsf_p": "+.2f", "dsf_asymmetry": "+.3f"}
 _MOST_ROWS = 24
 _NOT_TESTED = "not tested"
 _VERDICTS = {"PASS": "green", "FAIL": "bold red", "CONDITIONAL FAIL": "bold red"}
@@ -55,6 +55,7 @@ def print_results(out: Console, results: Mapping[str, Any], analysis: Analysis) 
     title = f"{results['campaign']} of {uut}{simulated}, method {analysis.method}"
     rows = _rows(results["estimates"])
     lead = _lead_tables(analysis.tables)
+    _print_doubt(out, results["estimates"])
     if rows:
         _print_scale_factors(out, title, rows)
     elif lead:
@@ -93,9 +94,15 @@ def print_without_results(error: FitError, folder: Path, out: Console, errors: C
 
 def _print_verdicts(out: Console, estimates: Sequence[Estimate]) -> None:
     counts = Counter(estimate["verdict"] for estimate in estimates if estimate["verdict"] != "none")
-    shown = ", ".join(f"{counts[name]} {name.replace('_', ' ')}" for name in _SEVERITY if counts[name])
+    shown = ", ".join(f"{counts[name]} {name.replace('_', ' ')}" for name in WORST_FIRST if counts[name])
     judged = f"verdicts: {shown}; " if shown else "nothing is judged; "
     out.print(f"{judged}{len(estimates)} values with their uncertainties in results.json", highlight=False)
+
+
+def _print_doubt(out: Console, estimates: Sequence[Estimate]) -> None:
+    """Say before anything else which estimates are not sound, and why."""
+    for line in doubt_lines(estimates):
+        out.print(line, markup=False, highlight=False, style="bold red", width=min(out.width, WIDTH))
 
 
 def _print_scale_factors(out: Console, title: str, rows: Sequence[tuple[str, ...]]) -> None:
@@ -133,7 +140,7 @@ def _rows(estimates: Sequence[Estimate]) -> list[tuple[str, ...]]:
     return [
         (*_row(*place, group), _worst(verdicts[place]))
         for place, group in groups.items()
-        if group.keys() >= set(_SCALE_FACTORS)
+        if group.keys() >= _SCALE_FACTORS.keys()
     ]
 
 
@@ -145,15 +152,26 @@ def _row(channel: int, temperature_degC: float, group: Mapping[str, Estimate]) -
         str(known["conditions"]["kind"]),
         f"{temperature_degC:g}",
         "-" if measured_degC is None else f"{measured_degC:.2f}",
-        f"{group['dsf_n']['value']:+.2f}",
-        f"{group['dsf_p']['value']:+.2f}",
-        f"{group['dsf_asymmetry']['value']:+.3f}",
-        f"{max(group[name]['expanded_uncertainty'] for name in ('dsf_n', 'dsf_p')):.1f}",
+        *(
+            _number(group[name]["value"], form)
+            for name, form in zip(_SCALE_FACTORS, ("+.2f", "+.2f", "+.3f"), strict=True)
+        ),
+        _number(_largest(group[name]["expanded_uncertainty"] for name in ("dsf_n", "dsf_p")), ".1f"),
     )
 
 
+def _number(value: float | None, form: str) -> str:
+    return "-" if value is None else format(value, form)
+
+
+def _largest(values: Iterable[float | None]) -> float | None:
+    """Return the largest of several uncertainties, None if one of them is not stated."""
+    stated = list(values)
+    return None if None in stated else max(value for value in stated if value is not None)
+
+
 def _worst(verdicts: set[str]) -> str:
-    return next((verdict for verdict in _SEVERITY if verdict in verdicts), "none").replace("_", " ")
+    return worst(verdicts).replace("_", " ")
 
 
 def _lead_tables(tables: Sequence[analysis.Table]) -> list[analysis.Table]:
@@ -238,12 +256,11 @@ def _by_channel(by_quantity: Mapping[str, Mapping[Any, Estimate]]) -> TerminalTa
 
 def _scale(estimate: Estimate) -> float:
     """Return currents of a converter read best in nanoampere; that of a supply does not."""
-    return 1e9 if _AMPERE.match(estimate["unit"]) and abs(estimate["value"]) < _SMALL_A else 1.0
+    return 1e9 if _AMPERE.match(estimate["unit"]) and abs(estimate["value"] or 0.0) < _SMALL_A else 1.0
 
 
 def _value(estimate: Estimate) -> str:
-    scale = _scale(estimate)
-    return with_uncertainty(estimate["value"] * scale, estimate["expanded_uncertainty"] * scale)
+    return stated_value(estimate, _scale(estimate))
 
 
 def _unit(estimate: Estimate) -> str:

@@ -7,6 +7,7 @@ JCGM 106:2012 sections 7 to 9.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from typing import Literal
@@ -17,7 +18,11 @@ SIMPLE, GUARD_BAND, NON_BINARY = "simple", "guard_band", "non_binary"
 RULES = (SIMPLE, GUARD_BAND, NON_BINARY)
 _NORMAL_95 = 1.959963984540054  # two-sided; known without scipy, which takes longer to load than a history to compare
 Rule = Literal["simple", "guard_band", "non_binary"]
+INDETERMINATE: Literal["indeterminate"] = "indeterminate"  # no statement of conformity: the value is doubtful
+Verdict = Literal["pass", "fail", "conditional_pass", "conditional_fail", "indeterminate", "none"]
+WORST_FIRST: tuple[Verdict, ...] = ("fail", "indeterminate", "conditional_fail", "conditional_pass", "pass")
 _ACCEPTED = ("pass", "conditional_pass")
+_NOT_PASSED = ("fail", "indeterminate", "conditional_fail")
 
 
 @cache
@@ -39,7 +44,7 @@ def coverage_factor(dof: float = math.inf, probability: float = 0.95) -> float:
     return float(special.stdtrit(dof, upper))
 
 
-def verdict(value: float, expanded_uncertainty: float, limit: float | None, rule: str = NON_BINARY) -> str:
+def verdict(value: float, expanded_uncertainty: float, limit: float | None, rule: str = NON_BINARY) -> Verdict:
     """Judge |value| against a symmetric limit; guard band w = U, all three in one unit.
 
     Args:    rule: "simple": "pass" up to the limit, else "fail"; "guard_band": "pass" up to limit - U, else "fail";
@@ -65,6 +70,29 @@ def verdict(value: float, expanded_uncertainty: float, limit: float | None, rule
     return "conditional_fail" if size <= limit + expanded_uncertainty else "fail"
 
 
+def worst(verdicts: Iterable[str]) -> Verdict:
+    """Return the verdict that stands for several: a sound fail, else one that is indeterminate, else the worst.
+
+    Args:    verdicts: of single values.
+    Returns: the verdict; "none" if nothing is judged.
+    Raises:  nothing.
+    Source:  docs/decisions/0025-doubt.md.
+    """
+    said = set(verdicts)
+    return next((verdict for verdict in WORST_FIRST if verdict in said), "none")
+
+
+def passed(verdicts: Iterable[str]) -> bool:
+    """Return whether none of several verdicts fails, conditionally or not, or is indeterminate.
+
+    Args:    verdicts: of single values.
+    Returns: True also where nothing is judged.
+    Raises:  nothing.
+    Source:  docs/decisions/0025-doubt.md.
+    """
+    return not any(verdict in _NOT_PASSED for verdict in verdicts)
+
+
 @dataclass(frozen=True)
 class Decision:
     """Statement of conformity of one value.
@@ -73,7 +101,7 @@ class Decision:
     wrong, so 1 - p for an accepted value and p for a refused one. Both None without a limit.
     """
 
-    verdict: str
+    verdict: Verdict
     conformance_probability: float | None
     specific_risk: float | None
 

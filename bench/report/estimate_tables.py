@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.analysis import cell, decimals_for, number, unit_text, with_uncertainty
+from bench.analysis import cell, decimals_for, is_sound, number, stated_value, unit_text
 from bench.model.texts import Texts
 from bench.report.model import ReportModel
 from bench.report.tables import Table, column, documents_table, kind_of
@@ -52,10 +52,7 @@ def _scale_factor_table(model: ReportModel, words: Texts, kind: str, by_number: 
 
 def _scale_factor_row(key: tuple[Any, Any], entry: Mapping[str, Row], channel: Row) -> tuple[str, ...]:
     first = next(iter(entry.values()))
-    ppm = [
-        with_uncertainty(entry[name]["value"], entry[name].get("expanded_uncertainty")) if name in entry else "–"
-        for name in _SCALE_FACTOR
-    ]
+    ppm = [value_text(entry.get(name)) for name in _SCALE_FACTOR]
     at_full_scale = [_at_full_scale(entry.get(name), channel.get("full_scale_A"), 1e9) for name in _SCALE_FACTOR[:2]]
     if channel.get("sensor_unit"):
         at_full_scale += [
@@ -67,7 +64,7 @@ def _scale_factor_row(key: tuple[Any, Any], entry: Mapping[str, Row], channel: R
 
 
 def _at_full_scale(row: Row | None, full_scale: float | None, factor: float) -> str:
-    if row is None or full_scale is None:
+    if row is None or full_scale is None or not is_sound(row):
         return "–"
     scale = 1e-6 * full_scale * factor
     return number(row["value"] * scale, decimals_for((row.get("expanded_uncertainty") or 0.0) * scale))
@@ -110,10 +107,7 @@ def _add_reference_values(model: ReportModel, entries: dict[tuple[str, str], dic
 
 def value_text(row: Row | None, scale: float = 1.0) -> str:
     """Return a value with its expanded uncertainty, times ``scale``; a dash for none."""
-    if row is None:
-        return "–"
-    expanded = row.get("expanded_uncertainty")
-    return with_uncertainty(row["value"] * scale, None if expanded is None else expanded * scale)
+    return "–" if row is None else stated_value(row, scale)
 
 
 def pivot_tables(model: ReportModel, words: Texts) -> list[Table]:
@@ -152,7 +146,7 @@ def _pivots(row: Row) -> bool:
 def readable(rows: Sequence[Row]) -> tuple[float, str]:
     """Return factor and unit for printing: currents of the unit under test read best in nanoampere."""
     unit = str(rows[0]["unit"])
-    small = _AMPERE.match(unit) and max(abs(row["value"]) for row in rows) < 1e-3
+    small = _AMPERE.match(unit) and max(abs(row["value"] or 0.0) for row in rows) < 1e-3
     return (1e9, f"n{unit}") if small else (1.0, unit)
 
 

@@ -30,7 +30,7 @@ from bench.report.run_tables import (
     summary_table,
 )
 from bench.report.tables import Table, analysis_tables, on_uncertainty, pairs_table, sentence
-from bench.report.verdict_tables import verdict_table
+from bench.report.verdict_tables import doubt_paragraphs, verdict_table
 
 _ROLES = ("prepared", "checked", "approved")
 _LINES = ("name", "date", "signature")
@@ -68,6 +68,7 @@ def _on_results(model: ReportModel, words: Texts) -> Iterator[Section]:
     chapter = partial(_chapter, words)
     budgets = [table for table in model.tables if on_uncertainty(table) and not table.lead]
     others = [table for table in model.tables if not on_uncertainty(table) and not table.lead]
+    yield chapter("doubt", paragraphs=doubt_paragraphs(model, words))
     yield chapter("summary", summary_table(model, words))
     yield chapter("results", *analysis_tables([table for table in model.tables if table.lead]))
     yield chapter("verdicts", verdict_table(model, words))

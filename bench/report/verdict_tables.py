@@ -7,11 +7,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.analysis import number, unit_text
+from bench.analysis import doubt_lines, is_sound, number, unit_text
+from bench.maths.verdict import passed
 from bench.model.texts import Texts
 from bench.report.estimate_tables import readable, value_text
 from bench.report.model import ReportModel
-from bench.report.tables import Table
+from bench.report.tables import Table, sentence
 
 _HEADERS = ("quantity", "channel", "judged", "worst", "limit", "unit", "conformance", "verdicts")
 _CHANNEL = 1  # its column
@@ -30,15 +31,20 @@ def overall_verdict(model: ReportModel, words: Texts) -> tuple[str, str]:
     if not counts:
         return "none", words("verdicts.none")
     listed = ", ".join(f"{number(counts[name])} {words(f'verdict.{name}')}" for name in sorted(counts))
-    failed = counts["fail"] or counts["conditional_fail"]
-    return ("fail" if failed else "pass"), words("verdicts.overall", counts=listed)
+    return ("pass" if passed(counts) else "fail"), words("verdicts.overall", counts=listed)
+
+
+def doubt_paragraphs(model: ReportModel, words: Texts) -> tuple[str, ...]:
+    """Return what is not sound and why, and what that means for the numbers; () without doubt."""
+    lines = doubt_lines(model.results.get("estimates", ()))
+    return (*map(sentence, lines), words("doubt.means")) if lines else ()
 
 
 def verdict_table(model: ReportModel, words: Texts) -> Table | None:
     """Return verdicts, one row per quantity and channel: the estimate nearest to its limit; None without verdicts."""
     judged: dict[tuple[str, Any], list[Mapping[str, Any]]] = {}
     for row in model.results.get("estimates", ()):
-        if row.get("verdict", "none") != "none":
+        if row.get("limit") is not None and row.get("verdict", "none") != "none":
             judged.setdefault((row["quantity"], row["conditions"].get("channel", _NO_CHANNEL)), []).append(row)
     rows = tuple(_row(words, quantity, channel, group) for (quantity, channel), group in judged.items())
     rule = model.results.get("decision_rule")
@@ -56,6 +62,8 @@ def verdict_table(model: ReportModel, words: Texts) -> Table | None:
 
 def _use(row: Mapping[str, Any]) -> float:
     """Return how much of its limit a value with its interval uses; of a limit of zero, anything is too much."""
+    if not is_sound(row):
+        return -math.inf
     reach = abs(row["value"]) + row["expanded_uncertainty"]
     if not row["limit"]:
         return math.inf if reach > 0.0 else 0.0
@@ -63,7 +71,7 @@ def _use(row: Mapping[str, Any]) -> float:
 
 
 def _row(words: Texts, quantity: str, channel: Any, group: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
-    worst = max(group, key=lambda row: (_use(row), abs(row["value"])))
+    worst = max(group, key=lambda row: (_use(row), abs(row["value"] or 0.0)))
     scale, unit = readable([worst])
     counted = Counter(str(row["verdict"]) for row in group)
     limit = worst.get("limit")

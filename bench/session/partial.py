@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import analyse, results_json
+from bench.analysis import analyse, doubt_lines, is_sound, results_json, rule_of, stated_estimates
 from bench.model.errors import BenchError
 from bench.model.systems import analysis_declaration
 from bench.session.service import read_view
@@ -21,7 +21,7 @@ from bench.session.view import material_of
 
 NICE = 19
 MEASURED = "unit_temperature_degC"
-KEYS = ("quantity", "unit", "conditions", "value", "std_uncertainty")
+KEYS = ("quantity", "unit", "conditions", "value", "std_uncertainty", "quality")
 
 
 def partial(folder: Path) -> dict[str, Any]:
@@ -34,10 +34,11 @@ def partial(folder: Path) -> dict[str, Any]:
     if not view.has_analysis:
         return {**document, "why": "this sequence asks for no analysis"}
     try:
-        estimates = analyse(material_of(view)).estimates
+        entries = stated_estimates(analyse(material_of(view)), rule_of(view.manifest["campaign"].get("decision")))
     except BenchError as error:  # most often: too few records yet
         return {**document, "why": error.message}
-    determined = [_row(estimate) for estimate in estimates if _is_number(estimate.get("value"))]
+    determined = [_row(entry) for entry in entries if _is_number(entry["value"]) or not is_sound(entry)]
+    document["doubt"] = doubt_lines(entries)
     declared = analysis_declaration(str(view.manifest["campaign"]["analysis"]))
     main = () if declared is None else declared.main
     rows = [row for row in determined if row["quantity"] in main] or determined

@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from bench.analysis import is_sound
 from bench.model.clock import NS
 from bench.model.systems import analysis_declaration
 from bench.store.errors import StoreError
@@ -47,7 +48,8 @@ class Contents:
     result_set: Row
     quality: Sequence[Row]
     parameters: Sequence[Row]  # one per estimate, in its order
-    estimates: Sequence[Row]
+    estimates: Sequence[Row]  # the sound ones
+    doubts: Sequence[Row]  # the others
 
 
 def canonical(document: Any) -> str:
@@ -107,7 +109,7 @@ def _contents(document: Mapping[str, Any], manifest: Mapping[str, Any], started_
         "plan_sha256": str(provenance["plan_sha256"]),
         "frame_sha256": str(provenance["frame_sha256"]),
     }
-    limits = _change_limits(manifest)
+    limits, numbered = _change_limits(manifest), list(enumerate(document["estimates"]))
     result_set = {
         "results_sha256": digest(canonical(document)),
         "method": str(document["method"]),
@@ -123,7 +125,8 @@ def _contents(document: Mapping[str, Any], manifest: Mapping[str, Any], started_
         result_set=result_set,
         quality=[{"name": name, "count": int(count)} for name, count in sorted(document["quality"].items())],
         parameters=[_parameter(estimate) for estimate in document["estimates"]],
-        estimates=[_estimate(number, estimate, limits) for number, estimate in enumerate(document["estimates"])],
+        estimates=[_estimate(number, entry, limits) for number, entry in numbered if is_sound(entry)],
+        doubts=[_doubt(number, entry) for number, entry in numbered if not is_sound(entry)],
     )
 
 
@@ -161,6 +164,10 @@ def _estimate(position: int, estimate: Mapping[str, Any], limits: Mapping[tuple[
         "measured": canonical(measured) if measured else None,
         "further": canonical(further) if further else None,
     }
+
+
+def _doubt(position: int, entry: Mapping[str, Any]) -> Row:
+    return {"position": position, "verdict": str(entry["verdict"]), "document": canonical(entry)}
 
 
 def _change_limits(manifest: Mapping[str, Any]) -> dict[tuple[str, Any], float]:

@@ -17,7 +17,7 @@ from sqlalchemy.exc import ArgumentError
 from sqlalchemy.pool import NullPool
 
 from bench.store.errors import StoreError, explained
-from bench.store.tables import METADATA, VERSION, history
+from bench.store.tables import METADATA, VERSION, doubts, history
 
 WAIT_S = 3
 _WRITE_LIMIT_MS = 10_000
@@ -31,7 +31,7 @@ _DEAD_NETWORK = {
 _LOCK = 0x62656E6368  # any number, the same for every writer of this software
 
 # From a version of the tables to the next one; a history is brought up to date when it is opened.
-UPGRADES: Mapping[int, Callable[[Connection], None]] = {}
+UPGRADES: Mapping[int, Callable[[Connection], None]] = {1: doubts.create}
 VARIABLE = "BENCH_HISTORY"
 _EXAMPLES = "use sqlite:///folder/history.sqlite or postgresql://user@host/database"
 

@@ -10,11 +10,13 @@ from typing import Any
 
 from sqlalchemy import Connection, Table, select
 
+from bench.maths.verdict import worst
 from bench.model.clock import NS
 from bench.store.database import reading
 from bench.store.selection import Filters, find_calibration, selected, units
 from bench.store.tables import (
     approvals,
+    doubts,
     estimates,
     parameters,
     quality_counts,
@@ -25,7 +27,6 @@ from bench.store.tables import (
 )
 
 Row = dict[str, Any]
-_WORST = ("fail", "conditional_fail", "conditional_pass", "pass")
 
 
 def utc_text(utc_ns: int) -> str:
@@ -48,9 +49,7 @@ def list_calibrations(url: str, filters: Filters) -> list[Row]:
             "started_utc": utc_text(row["started_utc_ns"]),
             **{name: row[name] for name in ("session", "session_sha256", "campaign", "uut_model", "uut_serial")},
             **{name: row[name] for name in ("simulated", "method", "software", "estimates", "revision")},
-            "verdict": next(
-                (verdict for verdict in _WORST if verdict in verdicts.get(row["result_set_id"], ())), "none"
-            ),
+            "verdict": worst(verdicts.get(row["result_set_id"], ())),
             "approved_by": [approval["approved_by"] for approval in approved.get(row["revision_id"], [])],
         }
         for row in rows
@@ -59,11 +58,12 @@ def list_calibrations(url: str, filters: Filters) -> list[Row]:
 
 def _verdicts(connection: Connection, result_set_ids: Iterable[int]) -> dict[int, set[str]]:
     wanted = set(result_set_ids)
-    query = select(estimates.c.result_set_id, estimates.c.verdict).where(estimates.c.verdict != "none").distinct()
     verdicts: dict[int, set[str]] = {}
-    for number, verdict in connection.execute(query):
-        if number in wanted:
-            verdicts.setdefault(number, set()).add(verdict)
+    for table in (estimates, doubts):
+        query = select(table.c.result_set_id, table.c.verdict).where(table.c.verdict != "none").distinct()
+        for number, verdict in connection.execute(query):
+            if number in wanted:
+                verdicts.setdefault(number, set()).add(verdict)
     return verdicts
 
 
@@ -128,7 +128,10 @@ def stored_estimates(connection: Connection, result_set: int) -> list[Row]:
         .where(estimates.c.result_set_id == result_set)
         .order_by(estimates.c.position)
     )
-    return [_estimate(dict(row)) for row in connection.execute(query).mappings()]
+    by_position = {row["position"]: _estimate(dict(row)) for row in connection.execute(query).mappings()}
+    unsound = select(doubts.c.position, doubts.c.document).where(doubts.c.result_set_id == result_set)
+    by_position |= {row.position: json.loads(row.document) for row in connection.execute(unsound)}
+    return [by_position[position] for position in sorted(by_position)]
 
 
 def _estimate(row: Row) -> Row:

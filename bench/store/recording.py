@@ -124,11 +124,9 @@ def _new_results(connection: Connection, contents: Contents, calibration: int) -
     row = {**contents.result_set, "calibration_id": calibration}
     result_set = _add(connection, tables.result_sets, row)
     known = _parameters(connection, contents.parameters)
-    rows = [
-        {"parameter_id": known[parameter["sha256"]], **estimate}
-        for parameter, estimate in zip(contents.parameters, contents.estimates, strict=True)
-    ]
-    _insert(connection, tables.estimates, rows, result_set_id=result_set)
+    for table, entries in ((tables.estimates, contents.estimates), (tables.doubts, contents.doubts)):
+        rows = [{"parameter_id": known[contents.parameters[entry["position"]]["sha256"]], **entry} for entry in entries]
+        _insert(connection, table, rows, result_set_id=result_set)
     _insert(connection, tables.quality_counts, contents.quality, result_set_id=result_set)
     return result_set
 

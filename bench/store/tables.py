@@ -20,7 +20,7 @@ from sqlalchemy import (
     UniqueConstraint,
 )
 
-VERSION = 1
+VERSION = 2
 METADATA = MetaData()
 
 
@@ -125,6 +125,18 @@ estimates = Table(
     UniqueConstraint("result_set_id", "position"),
     # holds all that a comparison reads, so a thousand calibrations are read from the index alone
     Index("estimates_compared", "result_set_id", "parameter_id", "value", "std_uncertainty", "coverage_factor"),
+)
+
+# What is not sound stands apart: a comparison and a drift read the estimates, and a doubtful one never enters them.
+doubts = Table(
+    "doubts",
+    METADATA,
+    _key("result_set_id", "result_sets.id"),
+    Column("position", Integer, nullable=False),  # in results.json
+    _key("parameter_id", "parameters.id"),
+    Column("verdict", Text, nullable=False),
+    Column("document", Text, nullable=False),  # JSON: the entry of results.json
+    UniqueConstraint("result_set_id", "position"),
 )
 
 quality_counts = Table(

@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from bench.analysis import doubt_lines
 from bench.model.clock import NS, Clock, pause
 from bench.model.processes import PARTIAL_RESULTS, own_process
 
@@ -24,6 +25,7 @@ _LOOK_S = 1.0
 _FITTER = tuple(own_process(PARTIAL_RESULTS))
 
 Estimates = dict[str, Any]
+_SHOWN = ("quantity", "unit", "value", "std_uncertainty", "quality")
 
 
 class PartialFits:
@@ -93,19 +95,21 @@ def joined(before: Estimates | None, answer: dict[str, Any], t_utc_s: float) -> 
         if not history or history[-1][0] != records:
             history.append([records, row["value"], row["std_uncertainty"]])
         rows.append({**row, "history": history[-kept:]})
-    return {"t_utc_s": t_utc_s, "records": records, "rows": rows}
+    return {"t_utc_s": t_utc_s, "records": records, "rows": rows, "doubt": answer.get("doubt", [])}
 
 
 def finished_estimates(results: dict[str, Any], t_utc_s: float) -> Estimates | None:
     """Return estimates of a finished session from its results.json; None if it has none."""
-    records = int((results.get("quality") or {}).get("records") or 0)
+    records, entries = int((results.get("quality") or {}).get("records") or 0), results.get("estimates") or ()
     rows = [
-        {**{key: estimate.get(key) for key in ("quantity", "unit", "value", "std_uncertainty")},
+        {**{key: estimate[key] for key in _SHOWN if key in estimate},
          "conditions": {key: value for key, value in (estimate.get("conditions") or {}).items() if key != MEASURED},
          "history": [[records, estimate.get("value"), estimate.get("std_uncertainty")]]}
-        for estimate in results.get("estimates") or ()
+        for estimate in entries
     ]  # fmt: skip
-    return {"t_utc_s": t_utc_s, "records": records, "rows": rows, "final": True} if rows else None
+    if not rows:
+        return None
+    return {"t_utc_s": t_utc_s, "records": records, "rows": rows, "doubt": doubt_lines(entries), "final": True}
 
 
 def _spent_s() -> float:

@@ -71,8 +71,8 @@ def print_shown(out: Console, shown: Shown) -> None:
     for estimate in shown.estimates:
         limit = "-" if estimate["limit"] is None else f"{estimate['limit']:g}"
         table.add_row(
-            estimate["quantity"], conditions_text(estimate["conditions"]), f"{estimate['value']:.6g}",
-            f"{estimate['expanded_uncertainty']:.3g}", estimate["unit"],
+            estimate["quantity"], conditions_text(estimate["conditions"]), _number(estimate["value"], ".6g"),
+            _number(estimate["expanded_uncertainty"], ".3g"), estimate["unit"],
             str(estimate["n"]), limit, estimate["verdict"].replace("_", " "),
         )  # fmt: skip
     out.print(table)

@@ -14,7 +14,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-from bench.maths.verdict import clopper_pearson
+from bench.analysis import is_sound
+from bench.maths.verdict import INDETERMINATE, clopper_pearson
 
 _OF_ONE_UNIT = ("unit", "unit_temperature_degC")  # conditions that differ from unit to unit
 WORST = 20
@@ -98,9 +99,8 @@ class Batch:
         for unit, verdicts in (counts or {whole: Counter()}).items():
             judged = sum(verdicts.values()) - verdicts["none"]
             failed = sum(verdicts[name] for name in FAILED)
-            lacking = (
-                incomplete or not counts or (not failed and any(_concerns(sentence, unit) for sentence in missing))
-            )
+            doubted = verdicts[INDETERMINATE] or any(_concerns(sentence, unit) for sentence in missing)
+            lacking = incomplete or not counts or (not failed and doubted)
             outcome = Outcome.NO_RESULT if lacking else _outcome(judged, failed)
             self.parts.append(Part(unit, session, results["campaign"], judged, failed, outcome))
         self.hashes[session] = str(results["provenance"]["session_sha256"])
@@ -110,6 +110,8 @@ class Batch:
     def _keep(self, campaign: str, unit: Unit, session: str, estimate: Mapping[str, Any]) -> None:
         where = {name: value for name, value in estimate["conditions"].items() if name not in _OF_ONE_UNIT}
         quantity = Quantity(campaign, estimate["quantity"], estimate["unit"], json.dumps(where, sort_keys=True))
+        if not is_sound(estimate):
+            return
         chance, expanded = estimate.get("conformance_probability"), estimate["expanded_uncertainty"]
         member = Member(unit, session, estimate["value"], expanded, estimate["limit"], estimate["verdict"], chance)
         self.values.setdefault(quantity, []).append(member)

@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections import Counter
 
 from bench import __version__
+from bench.maths.verdict import WORST_FIRST
 from bench.report.dcc.calibration import ITEM_ID, TEXTS, Calibration, Contact, Person
 from bench.report.dcc.elements import LANGUAGE, Element, dcc, leaf, words
 from bench.report.dcc.measurement import overdue
 from bench.report.dcc.results import STATUS, left_out
 
 HASH_REF = "bench_{}Sha256"
-_WORST_FIRST = ("fail", "conditional_fail", "conditional_pass", "pass")
 
 
 def administrative(calibration: Calibration) -> Element:
@@ -179,8 +179,8 @@ def _conformity(calibration: Calibration) -> list[Element]:
     if not counted:
         return [_statement(TEXTS("statement.not_judged"), "bench_decisionRule")]
     rule = str(calibration.results.get("decision_rule") or "non_binary")
-    worst = next(verdict for verdict in _WORST_FIRST if counted[verdict])
-    tally = ", ".join(f"{counted[verdict]} {STATUS[verdict]}" for verdict in _WORST_FIRST if counted[verdict])
+    worst = next(verdict for verdict in WORST_FIRST if counted[verdict])
+    tally = ", ".join(f"{counted[verdict]} {STATUS[verdict]}" for verdict in WORST_FIRST if counted[verdict])
     judged = TEXTS("statement.judged", count=sum(counted.values()), tally=tally)
     return [
         _statement(TEXTS(f"rule.{rule}"), "bench_decisionRule", norm="JCGM 106:2012", reference="ILAC-G8:09/2019"),

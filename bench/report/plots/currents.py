@@ -38,7 +38,7 @@ def level_errors(model: ReportModel) -> list[tuple[Residual, float]]:
         (quantity, row["conditions"]["channel"], row["conditions"].get("temperature_degC")): float(row["value"])
         for quantity in ("dsf_n", "dsf_p")
         for row in model.estimates(quantity)
-        if "repeat" not in row["conditions"] and "channel" in row["conditions"]
+        if "repeat" not in row["conditions"] and "channel" in row["conditions"] and row["value"] is not None
     }
     errors = []
     for residual in _residuals(model):

@@ -89,8 +89,10 @@ def _picture(model: ReportModel, words: Texts, name: str, series: Sequence[_Seri
 
 
 def _at_temperatures(rows: Sequence[Row]) -> list[Row]:
-    """Return estimates that belong to a channel and a temperature, repeats left out."""
-    return [row for row in rows if {"channel", "temperature_degC"} <= row["conditions"].keys()]
+    """Return estimates that belong to a channel and a temperature, repeats and refused ones left out."""
+    return [
+        row for row in rows if {"channel", "temperature_degC"} <= row["conditions"].keys() and row["value"] is not None
+    ]
 
 
 def _error_bars(axes: Axes, rows: Sequence[Row], curve: _Series, words: Texts, shift_degC: float, scale: float) -> None:

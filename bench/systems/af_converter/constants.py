@@ -19,6 +19,7 @@ DRIFT_UNKNOWN = (
     "The uncertainty of the calibrator is for 24 hours; a drift over the campaign is not included, "
     "so the temperature coefficients (tc1, tc2) and the drift of channels are stated without it."
 )
+PLAUSIBLE_ERROR = 0.05  # of the nominal scale factor, where the sequence states nothing
 _FG_RECTANGULAR_LIMIT = 3e-6  # paper section 4.1: stability of the function generator below 3 ppm
 
 
@@ -51,6 +52,7 @@ class Channel(_Tolerant):
     noise: Noise
     levels_A: tuple[float, ...] = ()
     stability_limit_ppm: float | None = None
+    plausible_error: _Positive = PLAUSIBLE_ERROR
 
 
 class Campaign(_Tolerant):

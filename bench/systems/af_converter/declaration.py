@@ -52,6 +52,9 @@ class Kind(ChannelKind):
     bias_stability_limit: Annotated[float, *quantity("A", 0.0, 1.0)] | None = Field(
         None, description="how far the bias may be from what compensates it"
     )
+    plausible_error: Annotated[float, *quantity("1", 0.0, 1.0)] | None = Field(
+        None, description="scale-factor error that a sound converter may have at most; 5 % if not stated"
+    )
     white_noise_per_rtHz: Annotated[float, *quantity("A", 0.0, 1.0)] | None = Field(
         None, description="white noise of the input current, one sigma, per root hertz"
     )
@@ -70,6 +73,8 @@ class Kind(ChannelKind):
             "levels_A": levels_A,
             "stability_limit_ppm": round(self.stability_limit * 1e6, 6),
         }
+        if self.plausible_error is not None:
+            entry["plausible_error"] = self.plausible_error
         if self.bias_stability_limit is not None:
             entry["bias_stability_limit_A"] = self.bias_stability_limit
         if self.white_noise_per_rtHz is not None and self.bias_walk_per_rth is not None:

@@ -48,6 +48,11 @@ class Fitted:
         slopes = [polynomial.slope(temperature_degC) if polynomial else 0.0 for polynomial in known]
         return slopes[0], slopes[1]
 
+    def drift_ppm_s(self, standards: Standards) -> float:
+        """Return standard uncertainty of a steady drift of the calibrator, ppm per second; 0 if nobody knows of one."""
+        times_s = np.concatenate([visit.group.closed.time_s for visit in self.groups])
+        return 1e6 * (standards.drift or 0.0) / max(float(np.ptp(times_s)), 1.0)
+
     def visits(self, channel: int) -> list[GroupFit]:
         """Return first visits of a channel to its temperatures: what its polynomials are made of."""
         return first_visits(self.groups, channel)

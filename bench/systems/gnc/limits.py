@@ -10,11 +10,11 @@ compensation.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bench.analysis import Table, judged, rule_of, stated_limits, with_uncertainty
+from bench.analysis import Estimates, Table, judged, rule_of, stated_limits, with_uncertainty
 from bench.systems.gnc.declaration import DECLARATION
 
 # in the base unit of the dimension that the declaration states
@@ -96,7 +96,7 @@ ROWS: tuple[Row, ...] = (
 )
 
 
-def table_3(estimates: Sequence[Mapping[str, Any]], campaign: Mapping[str, Any]) -> Table:
+def table_3(estimates: Estimates, campaign: Mapping[str, Any]) -> Table:
     """Return the table; a row shows the axis that is worst, by the rule of the campaign.
 
     Raises: FitError B-GNC-001 (limits), B-FIT-041 (rule).
@@ -113,7 +113,7 @@ def table_3(estimates: Sequence[Mapping[str, Any]], campaign: Mapping[str, Any])
     return Table(title, caption, headers, rows, lead=tested)
 
 
-def _row(row: Row, entries: list[Mapping[str, Any]], limits: Limits, rule: str) -> list[Any]:
+def _row(row: Row, entries: Estimates, limits: Limits, rule: str) -> list[Any]:
     limit = row.specified if row.limit is None else f"{row.factor * limits[row.limit]:g}"
     unit = "–" if row.quantity is None else row.unit
     if not entries:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Figure, Material, Table, check_method, curve, estimate, no_result
+from bench.analysis import Analysis, Estimates, Figure, Material, Table, check_method, curve, estimate, no_result
 from bench.model.errors import BenchError, FitError
 from bench.systems.gnc.coefficients import magnetometer_section
 from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
@@ -104,7 +104,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     )
 
 
-def _estimates(row: SampledRow, fit: PlaneComparison, several: bool) -> list[dict[str, Any]]:
+def _estimates(row: SampledRow, fit: PlaneComparison, several: bool) -> Estimates:
     entries = []
     for method, parameters in fit.by_method.items():
         place: dict[str, Any] = {"kind": "magnetometer", "method": method} | ({"record": row.number} if several else {})
@@ -181,7 +181,7 @@ def _notes(fits: Sequence[tuple[SampledRow, PlaneComparison]], material: Materia
 class _Sphere:
     """Result of the records in many attitudes; all empty where there are none of them."""
 
-    estimates: list[dict[str, Any]] = field(default_factory=list)
+    estimates: Estimates = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
     figures: list[Figure] = field(default_factory=list)
@@ -207,7 +207,7 @@ def _sphere_of(rows: Sequence[SampledRow]) -> _Sphere:
     return _Sphere(_sphere_estimates(fit, len(chosen)), notes, [], [_sphere_figure(fit, chosen)])
 
 
-def _sphere_estimates(fit: EllipsoidFit, n: int) -> list[dict[str, Any]]:
+def _sphere_estimates(fit: EllipsoidFit, n: int) -> Estimates:
     kind = {"kind": "magnetometer", "method": "ellipsoid"}
     std = np.sqrt(np.diag(fit.hard_iron_covariance))
     entries = [
@@ -248,7 +248,7 @@ class _RollAnswer:
 
 def _roll_estimates(
     material: Material, methods: Mapping[str, PlaneParameters], chosen: str, limit_deg: float, noise_deg: float
-) -> list[dict[str, Any]]:
+) -> Estimates:
     """mag_roll as returned, and mag_roll_error against the table by method; a limit judges that of ``chosen``.
 
     The direction of the field is not known, so one angle common to all answers is taken off. Each answer is a single

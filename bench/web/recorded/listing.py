@@ -10,7 +10,6 @@ import json
 import os
 import re
 import stat
-from collections import Counter
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -18,6 +17,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any
 
+from bench.maths.verdict import worst
 from bench.model.errors import BenchError
 from bench.model.segments import SEGMENT_NAME
 from bench.record import OPEN_MARKER, Walk, layout
@@ -25,7 +25,6 @@ from bench.record import OPEN_MARKER, Walk, layout
 READ_AT_ONCE = 24  # sessions that one request reads; the rest follows with the next requests
 _FIRST_SEGMENT = layout.segment_name(1)
 _HEAD_BYTES = (1 << 18, 1 << 21)  # the manifest is the first message; its chunk holds the plan too
-_WORST = ("fail", "conditional_fail", "conditional_pass", "pass")
 _STARTED = re.compile(r"(\d{8}T\d{6})Z_")
 
 Row = dict[str, Any]
@@ -102,8 +101,7 @@ def session_row(folder: Path) -> Row:
 
 def verdict_of(results: Row) -> str:
     """Return the worst verdict of all estimates; ``none`` if no estimate has one."""
-    said = Counter(estimate.get("verdict") for estimate in results.get("estimates") or ())
-    return next((verdict for verdict in _WORST if said[verdict]), "none")
+    return worst(str(estimate.get("verdict")) for estimate in results.get("estimates") or ())
 
 
 def _unread(name: str) -> Row:

@@ -65,6 +65,9 @@ export function showEstimates(everything = false) {
   if (!estimates) return;
   const when = stamp(estimates.t_utc_s, page.state.started_utc_s);
   say(byId("estimates-when"), t(estimates.final ? "estimate.of-session" : "estimate.when", { time: when, records: estimates.records ?? "\u2013" }));
+  const doubt = estimates.doubt ?? [];
+  byId("estimates-doubt").hidden = !doubt.length;
+  say(byId("estimates-doubt"), doubt.join("\n"));
   const columns = [["quantity", "fixed"], ["conditions", ""], ["value", "number"], ["uncertainty", "number"], ["unit", "fixed"], ["course", ""]]
     .map(([name, look]) => ({ head: t(`estimate.${name}`), class: look }));
   const keys = new Set();
@@ -72,7 +75,8 @@ export function showEstimates(everything = false) {
     const key = `${row.quantity} ${JSON.stringify(row.conditions)}`;
     keys.add(key);
     const [value, uncertainty] = withUncertainty(row.value, row.std_uncertainty);
-    return { key, cells: [row.quantity, conditions(row.conditions), value, uncertainty, unitText(row.unit), cellOf(key, row)] };
+    const claim = ["doubtful", "refused"].includes(row.quality) ? t(`quality.${row.quality}`) : uncertainty;
+    return { key, cells: [row.quantity, conditions(row.conditions), value, claim, unitText(row.unit), cellOf(key, row)] };
   }), estimates.why ?? t("estimate.none"));
   for (const key of [...pictures.keys()]) if (!keys.has(key)) pictures.delete(key);
 }

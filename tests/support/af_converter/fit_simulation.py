@@ -230,8 +230,9 @@ def simulate(
     kinds: dict[int, str] | None = None,
     temperatures: tuple[float, ...] = TEMPERATURES_degC,
     repeat_channel: int | None = None,
+    drift: float | None = None,
 ) -> SimulatedCampaign:
-    """One campaign in the order of the 38-hour plan, seeded."""
+    """One campaign in the order of the 38-hour plan, seeded; ``drift``: of the calibrator, else a draw."""
     kinds = kinds or {1: "gyro", 2: "accelerometer"}
     rng = np.random.default_rng(seed)
     bench = _Bench(rng, switches)
@@ -242,7 +243,8 @@ def simulate(
         visits.append((temperatures[-1], repeat_channel, 1))
     walk = _Walk(rng, switches.noise)
     sensor_degC = rng.normal(0, switches.sensor_sigma_degC) if switches.sensor_sigma_degC else 0.0
-    drift = rng.normal(0, switches.gain_drift_sigma) if switches.gain_drift_sigma else 0.0
+    drawn = rng.normal(0, switches.gain_drift_sigma) if switches.gain_drift_sigma else 0.0
+    drift = drawn if drift is None else drift
     length_s = len(temperatures) * 9000.0 + len(visits) * 15 * 120.0
     rows: list[Row] = []
     biases_A: dict[tuple[int, float], float] = {}

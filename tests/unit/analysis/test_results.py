@@ -33,12 +33,12 @@ def document() -> dict[str, Any]:
 
 
 def test_document_has_the_form_of_the_contract(document: dict[str, Any]) -> None:
-    assert document["schema"] == 1
+    assert document["schema"] == 2
     assert document["campaign"] == "scale_factor"
     assert document["uut"] == {"model": "NGU", "serial": "SIM-1"}
     assert set(document["estimates"][0]) == {
         "quantity", "unit", "value", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "conditions", "n",
-        "dropped", "limit", "verdict", "conformance_probability",
+        "dropped", "limit", "verdict", "conformance_probability", "quality", "reasons",
     }  # fmt: skip
     assert document["quality"] == {
         "records": 165, "frames": 1_650_000, "frames_bad": 0, "frames_lost": 0, "splices": 0, "retaken": 0,
@@ -59,7 +59,7 @@ def test_the_independent_validator_refuses_what_ours_refuses(document: dict[str,
         (("estimates", 0, "std_uncertainty"), -1.0),
         (("estimates", 0, "n"), -1),
         (("estimates", 0, "conditions", "channel"), [1]),
-        (("schema",), 2),
+        (("schema",), 3),
         (("quality", "records"), "many"),
         (("uut",), {"model": "NGU"}),
     ):

@@ -30,7 +30,8 @@ FAMILIES = {
     "alarm": {"warning", "alarm", "fault"},
     "instrument.state": {"ok", "away", "error"},
     "link.state": {"waiting", "streaming", "stale", "silent", "lost"},
-    "verdict": {"pass", "fail", "conditional_pass", "conditional_fail", "none"},
+    "verdict": {"pass", "fail", "conditional_pass", "conditional_fail", "indeterminate", "none"},
+    "quality": {"doubtful", "refused"},
     "role": {"viewer", "operator"},
 }
 GRAPHS = [{"title": "Gyros", "unit": "pulse", "signals": [f"port_a.npp[{n}]" for n in range(1, 11)], "window_s": 60}]

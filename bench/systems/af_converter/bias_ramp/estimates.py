@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from bench.analysis import Floats, estimate
+from bench.analysis import Estimate, Estimates, Floats, estimate
 from bench.systems.af_converter.bias_ramp.fit import ChannelFit
 from bench.systems.af_converter.coefficients import compensation_entry
 from bench.systems.af_converter.constants import Campaign
@@ -65,9 +65,7 @@ def bias_parts(channel: ChannelFit, weights: Floats, campaign: Campaign) -> dict
     }
 
 
-def channel_estimates(
-    channel: ChannelFit, campaign: Campaign, dropped: int, limit_A: float | None
-) -> list[dict[str, Any]]:
+def channel_estimates(channel: ChannelFit, campaign: Campaign, dropped: int, limit_A: float | None) -> Estimates:
     """Return all estimates of one channel; ``limit_A`` judges what the compensation leaves."""
     about = {"channel": channel.readings.channel.number, "kind": channel.readings.channel.kind}
     n = channel.readings.bias_A.size
@@ -79,9 +77,7 @@ def channel_estimates(
     ]
 
 
-def _bias(
-    channel: ChannelFit, campaign: Campaign, about: Mapping[str, Any], counts: Mapping[str, int]
-) -> list[dict[str, Any]]:
+def _bias(channel: ChannelFit, campaign: Campaign, about: Mapping[str, Any], counts: Mapping[str, int]) -> Estimates:
     coefficients, _ = on_sensor(channel)
     reference_degC = campaign.reference_temperature_degC
     entries = []
@@ -101,7 +97,7 @@ def _bias(
 
 def _hysteresis(
     channel: ChannelFit, campaign: Campaign, about: Mapping[str, Any], counts: Mapping[str, int]
-) -> list[dict[str, Any]]:
+) -> Estimates:
     fit = channel.fit
     if not channel.there_and_back:
         return []
@@ -138,7 +134,7 @@ def _residual(
     about: Mapping[str, Any],
     counts: Mapping[str, int],
     limit_A: float | None,
-) -> dict[str, Any]:
+) -> Estimate:
     """Largest mean over an hour of what the polynomial leaves; hysteresis and random walk are in it, as in use."""
     left = compensated_A(channel, campaign)
     middle_s, gate_s = channel.readings.gates.middle_s, channel.readings.gates.end_s - channel.readings.gates.start_s
@@ -153,7 +149,7 @@ def _residual(
     return estimate("bias_residual", "A", float(means[worst]), std, conditions, **counts, limit=limit_A)
 
 
-def master_clock_estimates(fit: OscillatorFit, at_degC: Sequence[float], dropped: int) -> list[dict[str, Any]]:
+def master_clock_estimates(fit: OscillatorFit, at_degC: Sequence[float], dropped: int) -> Estimates:
     """master_clock_error at temperatures, and its coefficients _tc0 ... about the reference temperature."""
     counts = {"n": fit.n_used, "dropped": fit.n_dropped + dropped}
     name = "master_clock_error"

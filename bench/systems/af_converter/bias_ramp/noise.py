@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from bench.analysis import Figure, Floats, Table, estimate, series
+from bench.analysis import Estimates, Figure, Floats, Table, estimate, series
 from bench.maths.allan import AllanDeviation, allan_deviation
 from bench.maths.allan_terms import TERMS, UNITS, NoiseTerm, NoiseTerms, fit_noise_terms
 from bench.model.errors import FitError
@@ -63,7 +62,7 @@ def _series(channel: ChannelFit, records: RampRecords) -> tuple[Floats, float]:
     return series, frames * float(np.median(pulses.frame_s))
 
 
-def noise_estimates(noises: Sequence[ChannelNoise]) -> list[dict[str, Any]]:
+def noise_estimates(noises: Sequence[ChannelNoise]) -> Estimates:
     """White noise, bias instability and random walk of the channels that show them (IEEE Std 952 coefficients).
 
     ``white_noise`` is two-sided, as an angle random walk is: 1 / sqrt(2) of a one-sided density.

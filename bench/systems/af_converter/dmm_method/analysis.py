@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Material, Table
+from bench.analysis import Analysis, Estimates, Material, Table
 from bench.model.errors import FitError
 from bench.systems.af_converter.constants import (
     CALIBRATOR,
@@ -64,7 +64,7 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
     fits, refused = _fit_all(groups, log, constants, register, method, traceability or 0.0)
     if not fits:
         raise refused[0][1]
-    entries: list[dict[str, Any]] = []
+    entries: Estimates = []
     for fitted in fits:
         entries += scale_factor_estimates(fitted, constants) + bias_estimates(fitted, constants)
         entries += leakage_estimates(fitted, constants)

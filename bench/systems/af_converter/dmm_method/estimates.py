@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import estimate
+from bench.analysis import Estimate, Estimates, estimate
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.dmm_method.readings import MeterLog
 from bench.systems.af_converter.estimators.dmm_method import DmmScaleFactor, Meter
@@ -37,7 +37,7 @@ class DmmFit:
     fit: DmmScaleFactor
 
 
-def scale_factor_estimates(fitted: DmmFit, campaign: Campaign) -> list[dict[str, Any]]:
+def scale_factor_estimates(fitted: DmmFit, campaign: Campaign) -> Estimates:
     """dsf_n, dsf_p, dsf_asymmetry and dsf_mean; the last alone by the method as printed."""
     conditions, fit = conditions_of(fitted.group, fitted.fit.unit_temperature_degC, campaign), fitted.fit
     counted = {"n": fit.n, "dropped": fitted.group.dropped + fit.dropped}
@@ -45,7 +45,7 @@ def scale_factor_estimates(fitted: DmmFit, campaign: Campaign) -> list[dict[str,
             for name in fit.value_ppm]  # fmt: skip
 
 
-def bias_estimates(fitted: DmmFit, campaign: Campaign) -> list[dict[str, Any]]:
+def bias_estimates(fitted: DmmFit, campaign: Campaign) -> Estimates:
     """Bias of the open record, diagnostic only."""
     if not fitted.group.opened.gate_s.size:
         return []
@@ -58,7 +58,7 @@ def bias_estimates(fitted: DmmFit, campaign: Campaign) -> list[dict[str, Any]]:
     return [estimate("bias", "A", bias.value_A, bias.std_uncertainty_A, conditions, n=rows, dropped=dropped)]
 
 
-def leakage_estimates(fitted: DmmFit, campaign: Campaign) -> list[dict[str, Any]]:
+def leakage_estimates(fitted: DmmFit, campaign: Campaign) -> Estimates:
     """switch_leakage of each polarity: what the unit counts at zero and neither the meter nor the open input explains.
 
     The open record was taken with the route open; what is left comes from the closed crosspoint.
@@ -91,7 +91,7 @@ def counted_A(rows: Readings, converter: Converter) -> tuple[Any, Any]:
 def shift_estimates(
     fits: Iterable[DmmFit], repeats: Sequence[Group], log: MeterLog, campaign: Campaign,
     register: Mapping[float, RangeSpecification],
-) -> list[dict[str, Any]]:  # fmt: skip
+) -> Estimates:  # fmt: skip
     """repeat_shift: the unit minus the meter when a point is taken again, minus the same at the first time.
 
     Negligible (assumption 2) is a shift below what the meter itself does not know of that current (95 %), its limit.
@@ -117,7 +117,7 @@ def shift_estimates(
 def _shift(
     start: DmmFit, first: int, again: Group, meter: Meter, index: int, campaign: Campaign,
     register: Mapping[float, RangeSpecification],
-) -> dict[str, Any]:  # fmt: skip
+) -> Estimate:  # fmt: skip
     converter = campaign.converter(again.channel)
     then_A, then_A2 = counted_A(start.group.closed, converter)
     now_A, now_A2 = counted_A(again.closed, converter)

@@ -53,6 +53,8 @@ class ScaleFactor:
     noise_ppm2: Array  # (2, 2) independent noise
     shared_ppm: Mapping[str, Array]  # label -> (2,) one-sigma effect of what channels and temperatures share
     gain_ppm: Array  # (2,)
+    drift_ppm_s: Array  # (2,) for each ppm per second that the calibrator gains, about the mean time of the rows
+    time_s: float  # that mean time
     parts_ppm: Mapping[str, Array]  # component -> (2,) standard uncertainties, for the budget
     unit_temperature_degC: float
     residual_A: Array  # (m,) for the rows handed in; NaN where dropped
@@ -104,6 +106,8 @@ def fit_scale_factor(
         noise_ppm2=np.sum([to_ppm @ part @ to_ppm.T for part in problem.parts.values()], axis=0),
         shared_ppm=dict(zip(problem.effects.labels, shared.T, strict=True)),
         gain_ppm=gain_effect_ppm(to_ppm, problem.reference_A, problem.rows, standard),
+        drift_ppm_s=to_ppm @ (problem.reference_A / _PPM * (problem.rows.time_s - problem.rows.time_s.mean())),
+        time_s=float(problem.rows.time_s.mean()),
         parts_ppm=_budget(to_ppm, problem.parts, problem.effects.labels, shared),
         unit_temperature_degC=problem.unit_temperature_degC,
         residual_A=_spread(fit.residual, usable),

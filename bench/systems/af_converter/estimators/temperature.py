@@ -20,12 +20,14 @@ class TemperaturePolynomial:
     """value(T) = c0 + c1 (T - T_ref) + c2 (T - T_ref)^2, as far as the temperatures determine it.
 
     ``coefficients`` (d + 1,) in the unit of the values over degC^k; ``covariance`` (d + 1, d + 1) of the noise and of
-    what the values share; ``residual`` (k,) value minus polynomial.
+    what the values share; ``operator`` (d + 1, k) makes the coefficients of the values; ``residual`` (k,) value minus
+    polynomial.
     """
 
     reference_degC: float
     coefficients: Array
     covariance: Array
+    operator: Array
     residual: Array
 
     def slope(self, temperature_degC: float) -> float:
@@ -63,5 +65,6 @@ def fit_temperature(
         reference_degC=reference_degC,
         coefficients=fit.parameters,
         covariance=fit.covariance + effects @ effects.T,
+        operator=fit.operator,
         residual=fit.residual,
     )

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from bench.analysis import Analysis, Material
+from bench.analysis import Analysis, Estimates, Material
 from bench.systems.af_converter.coefficients import scale_factor_compensation
 from bench.systems.af_converter.constants import Campaign, read_campaign, read_standards
 from bench.systems.af_converter.estimators.scale_factor import METHODS as FIT_METHODS
@@ -24,6 +24,7 @@ from bench.systems.af_converter.scale_factor.estimates import (
     residual_estimates,
     scale_factor_estimates,
 )
+from bench.systems.af_converter.scale_factor.evidence import evidence
 from bench.systems.af_converter.scale_factor.notes import notes, zero_gain_notes, zero_gain_table
 
 METHODS: tuple[str, ...] = FIT_METHODS
@@ -45,7 +46,7 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
     drift = calibrator_drift(again, fitted, chosen, material.readings)
     register = drift.applied_to(register)
     zero_gain = zero_gain_table(fitted, constants, register, method)
-    entries: list[dict[str, Any]] = []
+    entries: Estimates = []
     for visit in fitted.groups:
         if visit.group.repeat == 0:
             entries += scale_factor_estimates(visit, fitted, constants, register) + bias_estimates(
@@ -62,6 +63,7 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
         method=method,
         uut=dict(constants.uut),
         estimates=entries,
+        evidence=evidence(fitted, constants, register, method),
         residuals=residuals(fitted.groups, constants),
         components=components(fitted, constants, register),
         groups=_quality_of_fit(fitted, constants),

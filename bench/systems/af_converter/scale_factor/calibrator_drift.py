@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis import Reading, estimate
+from bench.analysis import Estimate, Estimates, Reading, estimate
 from bench.systems.af_converter.constants import DRIFT_UNKNOWN, Campaign, Standards
 from bench.systems.af_converter.dmm_method.readings import CHECK, ReadingSet, reading_sets
 from bench.systems.af_converter.estimators.readings import Readings
@@ -39,7 +39,7 @@ class CalibratorDrift:
 
     bound_ppm: float | None = None
     source: str = ""
-    estimates: list[dict[str, Any]] = field(default_factory=list)
+    estimates: Estimates = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
     def applied_to(self, standards: Standards) -> Standards:
@@ -99,15 +99,14 @@ def _level(check: ReadingSet) -> float:
     return float(check.conditions[CHECK])
 
 
-def _bound_ppm(entry: dict[str, Any]) -> float:
+def _bound_ppm(entry: Estimate) -> float:
     return float(abs(entry["value"]) + entry["expanded_uncertainty"])
 
 
 def _by_repeat(pairs: Sequence[Pair], fitted: Fitted, campaign_s: float) -> CalibratorDrift:
     """A calibrator that delivers more makes the unit count more, which looks like a smaller charge per pulse.
 
-    A change that is seen is taken to have gone on steadily through the campaign; one that is not seen is bounded for
-    the time between the visits alone, and the note says what could have passed unseen.
+    A change is taken to have gone on steadily through the campaign, at the bound that the repeat leaves, seen or not.
     """
     entries, bounds_ppm, notes = [], [], []
     for start, again in pairs:
@@ -125,12 +124,12 @@ def _by_repeat(pairs: Sequence[Pair], fitted: Fitted, campaign_s: float) -> Cali
         entries.append(entry)
         scale = max(1.0, campaign_s / between_s) if between_s > 0 else 1.0
         seen = abs(entry["value"]) > entry["expanded_uncertainty"]
-        bounds_ppm.append(_bound_ppm(entry) * (scale if seen else 1.0))
+        bounds_ppm.append(_bound_ppm(entry) * scale)
         notes.append(_repeat_note(entry, scale, campaign_s, seen))
     return CalibratorDrift(max(bounds_ppm, default=None), CLOSING_REPEAT, entries, notes)
 
 
-def _repeat_note(entry: dict[str, Any], scale: float, campaign_s: float, seen: bool) -> str:
+def _repeat_note(entry: Estimate, scale: float, campaign_s: float, seen: bool) -> str:
     where, value_ppm = entry["conditions"], entry["value"]
     what = (
         f"Closing repeat of channel {where['channel']}: calibrator and unit changed by {value_ppm:+.2f} ppm in "
@@ -140,7 +139,10 @@ def _repeat_note(entry: dict[str, Any], scale: float, campaign_s: float, seen: b
     if seen:
         return f"{what}; carried on to {hours:.1f} h, this is the drift of the calibrator in the budget."
     unseen_ppm = scale * entry["expanded_uncertainty"]
-    return f"{what}; none is seen. A steady drift of less than {unseen_ppm:.1f} ppm in {hours:.1f} h would not be."
+    return (
+        f"{what}; none is seen. A steady drift of less than {unseen_ppm:.1f} ppm in {hours:.1f} h would not be, and is "
+        "in the uncertainties."
+    )
 
 
 def _compared(by_meter: CalibratorDrift, by_repeat: CalibratorDrift) -> list[str]:
@@ -209,7 +211,7 @@ def change_ppm(start: GroupFit, again: GroupFit, fitted: Fitted) -> tuple[Array,
     return np.asarray(change), np.asarray(again.fit.noise_ppm2 + start.fit.noise_ppm2 + shared)
 
 
-def drift_estimates(pairs: list[Pair], fitted: Fitted, campaign: Campaign) -> list[dict[str, Any]]:
+def drift_estimates(pairs: list[Pair], fitted: Fitted, campaign: Campaign) -> Estimates:
     """Repeat minus first visit of a channel, at the temperature of the first; everything common cancels."""
     entries = []
     for start, again in pairs:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.analysis import count_problem, estimate
+from bench.analysis import Estimate, Estimates, count_problem, estimate
 from bench.systems.af_converter.coefficients import UNITS
 from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.estimators.readings import clock_ratio, count_noise, master_clock_error
@@ -43,10 +43,11 @@ def scale_factor_std_ppm(visit: GroupFit, standards: Standards, index: int) -> f
     return float(np.sqrt(variance))
 
 
-def scale_factor_estimates(
-    visit: GroupFit, fitted: Fitted, campaign: Campaign, standards: Standards
-) -> list[dict[str, Any]]:
-    """dsf_n, dsf_p with the calibrator's common gain added, and dsf_asymmetry, where the gain cancels."""
+def scale_factor_estimates(visit: GroupFit, fitted: Fitted, campaign: Campaign, standards: Standards) -> Estimates:
+    """dsf_n, dsf_p with the calibrator's common gain added, and dsf_asymmetry, where the gain cancels.
+
+    A drift of the calibrator between the rows of one polarity and those of the other does not cancel.
+    """
     conditions, fit = conditions_of(visit.group, visit.fit.unit_temperature_degC, campaign), visit.fit
     sensor_ppm = sensor_effect_ppm(visit, fitted, campaign)
     counted = {"n": fit.n, "dropped": visit.group.dropped + fit.dropped}
@@ -55,13 +56,14 @@ def scale_factor_estimates(
         std_ppm = float(np.hypot(scale_factor_std_ppm(visit, standards, index), sensor_ppm[index]))
         entries.append(estimate(quantity, "ppm", fit.dsf_ppm[index], std_ppm, conditions, **counted))
     contrast = np.array([1.0, -1.0])
-    variance = contrast @ fit.covariance_ppm2 @ contrast + (contrast @ fit.gain_ppm) ** 2 + (contrast @ sensor_ppm) ** 2
+    common_ppm = [fit.gain_ppm, sensor_ppm, fit.drift_ppm_s * fitted.drift_ppm_s(standards)]
+    variance = contrast @ fit.covariance_ppm2 @ contrast + sum((contrast @ part) ** 2 for part in common_ppm)
     value_ppm = float(contrast @ fit.dsf_ppm)
     entries.append(estimate("dsf_asymmetry", "ppm", value_ppm, float(np.sqrt(variance)), conditions, **counted))
     return entries
 
 
-def bias_estimates(visit: GroupFit, fitted: Fitted, campaign: Campaign) -> list[dict[str, Any]]:
+def bias_estimates(visit: GroupFit, fitted: Fitted, campaign: Campaign) -> Estimates:
     """Bias of the open row: diagnostic only, it never enters the compensation (paper, end of section 3.3)."""
     if visit.bias is None:
         return []
@@ -79,7 +81,7 @@ def bias_estimates(visit: GroupFit, fitted: Fitted, campaign: Campaign) -> list[
     ]
 
 
-def residual_estimates(fitted: Fitted, campaign: Campaign, standards: Standards) -> list[dict[str, Any]]:
+def residual_estimates(fitted: Fitted, campaign: Campaign, standards: Standards) -> Estimates:
     """dsf_n_residual, dsf_p_residual: DSF(T) minus its own polynomial at the measured temperature, against the limit.
 
     The polynomial is what the navigation computer compensates with. What it leaves over is known as well as DSF(T)
@@ -103,7 +105,7 @@ def residual_estimates(fitted: Fitted, campaign: Campaign, standards: Standards)
     return entries
 
 
-def change_estimates(estimates: Iterable[dict[str, Any]], campaign: Campaign) -> list[dict[str, Any]]:
+def change_estimates(estimates: Iterable[Estimate], campaign: Campaign) -> Estimates:
     """Change against a previous calibration, judged against the stability limit (paper table 1).
 
     Both uncertainties count in full: nothing says that the two calibrations shared a standard.
@@ -127,7 +129,7 @@ def _place(entry: Any) -> tuple[Any, ...]:
     return entry.get("quantity"), conditions.get("channel"), conditions.get("temperature_degC")
 
 
-def clock_estimates(rows: Iterable[RecordRow], campaign: Campaign, standards: Standards) -> list[dict[str, Any]]:
+def clock_estimates(rows: Iterable[RecordRow], campaign: Campaign, standards: Standards) -> Estimates:
     """clock_ratio_error (r - 1) and master_clock_error at every temperature, from all good records taken there.
 
     The uncertainty takes the fraction of a pulse at the ends of a record as common to all of them: two steady clocks
@@ -155,7 +157,7 @@ def clock_estimates(rows: Iterable[RecordRow], campaign: Campaign, standards: St
     return entries
 
 
-def _clock(quantity: str, values: Any, noise: Any, common: float, conditions: dict[str, Any]) -> list[dict[str, Any]]:
+def _clock(quantity: str, values: Any, noise: Any, common: float, conditions: dict[str, Any]) -> Estimates:
     seen = np.isfinite(values)
     n = int(seen.sum())
     if n == 0:
@@ -165,12 +167,11 @@ def _clock(quantity: str, values: Any, noise: Any, common: float, conditions: di
     return [estimate(quantity, "ppm", value_ppm, std_ppm, conditions, n=n, dropped=int((~seen).sum()))]
 
 
-def coefficient_estimates(fitted: Fitted, campaign: Campaign, standards: Standards) -> list[dict[str, Any]]:
+def coefficient_estimates(fitted: Fitted, campaign: Campaign, standards: Standards) -> Estimates:
     """<quantity>_tc0, _tc1, _tc2: value and coefficients about the reference temperature of the campaign."""
     entries = []
     for (quantity, channel), polynomial in fitted.polynomials.items():
         visits = fitted.visits(channel)
-        temperatures = [visit.fit.unit_temperature_degC for visit in visits]
         conditions = {
             "channel": channel,
             "kind": campaign.channel(channel).kind,
@@ -179,7 +180,7 @@ def coefficient_estimates(fitted: Fitted, campaign: Campaign, standards: Standar
         for order, value in enumerate(polynomial.coefficients):
             std = float(np.hypot(polynomial.std_uncertainty(order), _sensor_effect(polynomial, order, campaign)))
             if quantity in QUANTITIES:
-                std = float(np.hypot(std, _standard_ppm(order, temperatures, standards)))
+                std = float(np.hypot(std, _standard_ppm(order, polynomial, visits, fitted, standards)))
             unit = UNITS[quantity] + ("", "/degC", "/degC2")[order]
             entries.append(estimate(f"{quantity}_tc{order}", unit, value, std, conditions, n=len(visits)))
     return entries
@@ -195,11 +196,11 @@ def _sensor_effect(polynomial: TemperaturePolynomial, order: int, campaign: Camp
     return float((order + 1) * later[0] * campaign.sensor_std_degC) if later.size else 0.0
 
 
-def _standard_ppm(order: int, temperatures: list[float], standards: Standards) -> float:
-    """Traceability and drift of the calibrator in a coefficient: a drift in time looks like one in temperature.
-
-    The temperatures come in rising order, so a drift that is linear in time is a slope over their span.
-    """
+def _standard_ppm(
+    order: int, polynomial: TemperaturePolynomial, visits: list[GroupFit], fitted: Fitted, standards: Standards
+) -> float:
+    """Traceability and drift of the calibrator in a coefficient: a drift in time looks like one in temperature."""
     if order == 0:
         return standards.common_relative_ppm
-    return (standards.drift or 0.0) * 1e6 / (max(temperatures) - min(temperatures)) if order == 1 else 0.0
+    time_s = np.array([visit.fit.time_s for visit in visits])
+    return float(polynomial.operator[order] @ (time_s - time_s.mean()) * fitted.drift_ppm_s(standards))

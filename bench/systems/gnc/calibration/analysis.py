@@ -152,8 +152,8 @@ def _name_missing(parts: Calibration) -> None:
         parts.missing.append("coupling of the gyros after compensation: no second set of rotations")
 
 
-def _estimates(parts: Calibration, limits: Limits) -> list[dict[str, Any]]:
-    estimates: list[dict[str, Any]] = []
+def _estimates(parts: Calibration, limits: Limits) -> Estimates:
+    estimates: Estimates = []
     if parts.accelerometer is not None:
         count = sum(len(row.samples) for row in parts.sets.positions.values())
         estimates += _triad_estimates(parts.accelerometer, _ACCELEROMETER, count)

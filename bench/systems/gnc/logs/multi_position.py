@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Figure, Material, Table, check_method, curve, estimate
+from bench.analysis import Analysis, Estimates, Figure, Material, Table, check_method, curve, estimate
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.clocks import check_ticks
 from bench.systems.gnc.estimators.multi_position import NormFit, fit_multi_position
@@ -61,7 +61,7 @@ def _held_out(means: np.ndarray[Any, np.dtype[np.float64]], gravity: float) -> f
     return float(np.sqrt(np.mean(np.square(left))))
 
 
-def _estimates(fit: NormFit, unit: str, log: ImuLog, held_out: float | None) -> list[dict[str, Any]]:
+def _estimates(fit: NormFit, unit: str, log: ImuLog, held_out: float | None) -> Estimates:
     read = "count" if log.accel_unit == "1" else log.accel_unit
     common: dict[str, Any] = {"n": len(fit.residual), "dof": fit.dof}
     entries = []

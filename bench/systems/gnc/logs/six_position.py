@@ -10,7 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Floats, Material, Table, check_method, estimate, no_result, with_uncertainty
+from bench.analysis import (
+    Analysis,
+    Estimates,
+    Floats,
+    Material,
+    Table,
+    check_method,
+    estimate,
+    no_result,
+    with_uncertainty,
+)
 from bench.model.errors import FitError
 from bench.systems.gnc.calibration.sets import UPS
 from bench.systems.gnc.estimators.records import RotationRecord, static_means
@@ -109,10 +119,10 @@ def _record(log: ImuLog, gyro: Floats, segment: Mapping[str, Any]) -> RotationRe
     return RotationRecord(str(segment["axis"]), float(segment["turn_deg"]), numbers, time_s, gyro[rows])
 
 
-def _estimates(fit: TriadFit, prefix: str, kind: str, unit: str, read: str) -> list[dict[str, Any]]:
+def _estimates(fit: TriadFit, prefix: str, kind: str, unit: str, read: str) -> Estimates:
     """Return matrix (true input per indicated) and bias; unit of the matrix: 1 where both are the same."""
     per = "1" if unit == read else f"{unit}/{'count' if read == '1' else read}"
-    entries: list[dict[str, Any]] = []
+    entries: Estimates = []
     count = len(fit.residual)
     for row, name in enumerate(AXES):
         for column, other in enumerate(AXES):

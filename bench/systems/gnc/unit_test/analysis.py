@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from bench.analysis import UNIT, Analysis, Material, check_method, estimate
+from bench.analysis import UNIT, Analysis, Estimates, Material, check_method, estimate
 from bench.model.errors import FitError
 from bench.systems.gnc.unit_test.report import folders_of, item_table, measured_table, unit_table, wrong_table
 from bench.systems.gnc.unit_test.units import ITEMS, NOT_TESTED, SUPPLY, ItemResult, UnitResult, unit_results
@@ -50,7 +50,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     )
 
 
-def _estimates(unit: UnitResult) -> list[dict[str, Any]]:
+def _estimates(unit: UnitResult) -> Estimates:
     entries = []
     for item in unit.all:
         if not item.runs or not item.judged:
@@ -64,7 +64,7 @@ def _estimates(unit: UnitResult) -> list[dict[str, Any]]:
     return entries
 
 
-def _values(item: ItemResult, place: dict[str, Any]) -> list[dict[str, Any]]:
+def _values(item: ItemResult, place: dict[str, Any]) -> Estimates:
     """Measured values; those of a looped item are told apart by ``repeat``."""
     entries, seen = [], Counter[str]()
     for value in item.findings.measured:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Estimates, Floats
+from bench.analysis import Estimate, Estimates, Floats
 from bench.systems.time_sync.study.results import Results, measured
 from bench.systems.time_sync.study.study import AUGMENTED, ERRORLESS, UNAUGMENTED, Group, IMAGE_SPEED_m_s
 from bench.systems.time_sync.study.tasks import FIGURES, IMAGED
@@ -49,7 +49,7 @@ def _ideal(results: Results) -> Estimates:
     """Return nothing but the radar and the mechanisation."""
     ideal, conditions = results.ideal(), {"filter": ERRORLESS}
 
-    def within(quantity: str, unit: str, value: float, due: float, by: float) -> dict[str, Any]:
+    def within(quantity: str, unit: str, value: float, due: float, by: float) -> Estimate:
         return measured(quantity, unit, value, 0.0, conditions, n=1, at_least=due - by, at_most=due + by)
 
     return [

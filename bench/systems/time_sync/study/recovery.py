@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Estimates
+from bench.analysis import Estimate, Estimates
 from bench.systems.time_sync.study.results import FlightResult, Results, measured, rms_std
 from bench.systems.time_sync.study.study import (
     AUGMENTED,
@@ -90,7 +90,7 @@ def _straight(results: Results) -> Estimates:
     return [*documents, _straight_consistency(flight)]
 
 
-def _straight_consistency(flight: FlightResult) -> dict[str, Any]:
+def _straight_consistency(flight: FlightResult) -> Estimate:
     """NEES over all offsets: a single one is as small as its offset is against the 30 ms at the begin, their mean not.
 
     Too small a mean is a filter that has seen the truth, or one that doubts more than it was told to.

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis import Floats, estimate
+from bench.analysis import Estimate, Floats, estimate
 from bench.systems.time_sync.study.study import Group, Task
 
 ERRORS = ("position_m", "velocity_m_s", "attitude_deg", "accel_bias_ug", "gyro_bias_deg_h")
@@ -163,7 +163,7 @@ def measured(
     n: int,
     at_least: float | None = None,
     at_most: float | None = None,
-) -> dict[str, Any]:
+) -> Estimate:
     """Return an estimate; judged if a tolerance is given.
 
     Args:    std: standard uncertainty from the number of runs, 0 for what has none; all in ``unit``.
@@ -184,6 +184,6 @@ def rms_std(rms: float, runs: int) -> float:
     return rms / math.sqrt(2.0 * runs)
 
 
-def unjudged(entry: Mapping[str, Any]) -> dict[str, Any]:
+def unjudged(entry: Estimate) -> Estimate:
     """Return the same without a verdict: the tolerance was stated for more runs than there are."""
     return {**entry, "limit": None, "verdict": "none"}

@@ -196,7 +196,9 @@ def test_traceability_and_drift_of_the_calibrator_are_added_when_stated(campaign
     calibrator = campaign.standards["calibrator"] | {"traceability_relative": 10e-6, "drift_relative": 4e-6}
     campaign.rows = [row for row in campaign.rows if not row.window.conditions["repeat"]]  # it would tell a drift
     plain, full = run(campaign), analyse(Material(campaign.rows, campaign.campaign, {"calibrator": calibrator}))
-    for quantity, extra in (("dsf_n", np.hypot(5.0, 2.0)), ("dsf_asymmetry", 0.0), ("dsf_n_tc1", 2.0 / 60.0)):
+    closed_s = [1e-9 * row.window.t_start_ns for row in campaign.rows if row.window.conditions["route"] == "closed"]
+    slope = 2.0 / 60.0 * (4 * 12_600.0) / np.ptp(closed_s)  # five visits of a channel, 3.5 h apart
+    for quantity, extra in (("dsf_n", np.hypot(5.0, 2.0)), ("dsf_asymmetry", 0.0), ("dsf_n_tc1", slope)):
         before, after = of(plain, quantity)[0]["std_uncertainty"], of(full, quantity)[0]["std_uncertainty"]
         assert after == pytest.approx(np.hypot(before, extra), rel=1e-2)
     assert len(plain.notes) == len(full.notes) + 2

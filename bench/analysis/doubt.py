@@ -1,0 +1,161 @@
+"""Doubt: what a check of the data says against an estimate, and what becomes of the estimate then.
+
+A check either holds a value against what is plausible, or gives the probability of at least as odd data in a world as
+the model has it. The second kind must be rare by chance over the whole campaign, and must move a number: one check in
+three hundred is odd in most right campaigns, and what moves nothing costs nothing.
+
+Source: docs/decisions/0025-doubt.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from bench.analysis.estimates import Estimate
+from bench.analysis.numbers import with_uncertainty
+from bench.maths.verdict import INDETERMINATE
+
+SOUND, DOUBTFUL, REFUSED = "sound", "doubtful", "refused"
+FALSE_DOUBT = 0.002  # of right campaigns, over all their checks together
+LEAST_MOVE = 0.3  # of the expanded uncertainty of the fit
+CERTAIN = 0.0  # probability that a value beyond what is plausible comes from a right world
+
+
+@dataclass(frozen=True)
+class EvidenceInterval:
+    """Where a value may lie by all that is known, in the unit of the estimate; never an expanded uncertainty."""
+
+    low: float
+    high: float
+    basis: str
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What one check of a campaign's data says, whatever its outcome.
+
+    ``quantities``, ``conditions``: the estimates it bears on; none named is every one, and a temperature coefficient
+    belongs to its quantity. ``sentence``, ``figure``: what was seen. ``probability``: of data at least as odd in a
+    right world. ``move``: of the estimate, in expanded uncertainties of its fit, were the check right; infinite where
+    the number means nothing. ``refuses``: the value means nothing. ``interval``: where the value may lie all the same.
+    """
+
+    code: str
+    sentence: str
+    figure: float | None
+    probability: float
+    move: float = math.inf
+    quantities: Collection[str] = ()
+    conditions: Mapping[str, Any] = field(default_factory=dict)
+    refuses: bool = False
+    interval: EvidenceInterval | None = None
+
+    def bears_on(self, entry: Estimate) -> bool:
+        """Return whether an estimate depends on what was checked.
+
+        A condition that the estimate does not have cannot keep it apart: what holds for a channel takes in every
+        temperature of it.
+        """
+        named = not self.quantities or base_quantity(entry["quantity"]) in self.quantities
+        of_it = entry["conditions"]
+        return named and all(of_it.get(name, value) == value for name, value in self.conditions.items())
+
+    @property
+    def reason(self) -> dict[str, Any]:
+        """The check as a reason of results.json."""
+        return {"code": self.code, "sentence": self.sentence, "figure": self.figure}
+
+
+_ENDINGS = ("_tc0", "_tc1", "_tc2", "_tc3", "_residual", "_change", "_drift")
+
+
+def base_quantity(quantity: str) -> str:
+    """Return the quantity that a coefficient, residual, change or drift is of."""
+    return next((quantity.removesuffix(ending) for ending in _ENDINGS if quantity.endswith(ending)), quantity)
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """The checks of a campaign after all were heard: ``against`` cast doubt, ``noted`` are odd and move too little."""
+
+    against: Sequence[Evidence]
+    noted: Sequence[Evidence]
+
+
+def weigh(evidence: Iterable[Evidence]) -> Weighed:
+    """Sort the checks of a whole campaign, those that found nothing included: their number sets the level.
+
+    Source: the union bound; docs/decisions/0025-doubt.md.
+    """
+    heard = list(evidence)
+    chances = sum(seen.probability > CERTAIN for seen in heard)
+    odd = [seen for seen in heard if seen.probability <= FALSE_DOUBT / max(chances, 1)]
+    against = [seen for seen in odd if seen.move > LEAST_MOVE]
+    return Weighed(against, [seen for seen in odd if seen.move <= LEAST_MOVE])
+
+
+def stated(entry: Estimate, against: Sequence[Evidence]) -> dict[str, Any]:
+    """Return an estimate as results.json states it: what the checks against it leave, and why.
+
+    A doubtful estimate keeps its value and has no uncertainty and no verdict; a refused one has no value either.
+    """
+    heard = [check for check in against if check.bears_on(entry)]
+    if not heard:
+        return {**entry, "quality": SOUND, "reasons": []}
+    refused = any(check.refuses for check in heard)
+    intervals = [check.interval for check in heard if check.interval is not None]
+    document = {
+        **entry,
+        "value": None if refused else entry["value"],
+        "std_uncertainty": None,
+        "coverage_factor": None,
+        "expanded_uncertainty": None,
+        "dof": None,
+        "verdict": INDETERMINATE,
+        "conformance_probability": None,
+        "quality": REFUSED if refused else DOUBTFUL,
+        "reasons": [check.reason for check in heard],
+    }
+    if intervals and not refused:
+        document["evidence_interval"] = asdict(intervals[0])
+    return document
+
+
+def is_sound(entry: Mapping[str, Any]) -> bool:
+    """Return whether nothing casts doubt on an entry of results.json; documents of schema 1 know no doubt."""
+    return bool(entry.get("quality", SOUND) == SOUND)
+
+
+def stated_value(entry: Mapping[str, Any], scale: float = 1.0) -> str:
+    """Return value and expanded uncertainty of an entry of results.json times ``scale``, or what is left of them."""
+    value, expanded = entry["value"], entry.get("expanded_uncertainty")
+    if value is None:
+        return REFUSED
+    text = with_uncertainty(value * scale, None if expanded is None else expanded * scale)
+    return text if is_sound(entry) else f"{text} ({'accepted' if 'acceptance' in entry else DOUBTFUL})"
+
+
+def doubt_lines(entries: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return what is wrong in a line for each kind of reason, the worst first: its sentence with the largest figure, at
+    how many places more, and how many estimates it takes in. Empty for sound estimates.
+    """
+    by_kind: dict[tuple[str, str], dict[str, float]] = {}
+    taken_in: Counter[tuple[str, str]] = Counter()
+    for entry in entries:
+        for reason in entry.get("reasons", ()):
+            kind = (str(entry["quality"]), str(reason["code"]))
+            taken_in[kind] += 1
+            by_kind.setdefault(kind, {})[str(reason["sentence"])] = abs(reason["figure"] or 0.0)
+    lines = []
+    for quality, code in sorted(by_kind, key=lambda kind: kind[0] != REFUSED):
+        sentences = by_kind[quality, code]
+        more = f" So at {len(sentences) - 1} more places." if len(sentences) > 1 else ""
+        count = taken_in[quality, code]
+        lines.append(
+            f"{quality.upper()}, {count} estimates: {max(sentences, key=sentences.__getitem__)}{more} [{code}]"
+        )
+    return lines

@@ -1,0 +1,113 @@
+"""What the data of a scale-factor campaign say against its model, group by group.
+
+Each counter must be moved by the stimulus of its own polarity, a scale-factor error must be one that a converter can
+have, and the levels must lie on one straight line within their uncertainties: a line that is carried by one level is
+not that of the converter.
+Source: docs/decisions/0025-doubt.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from bench.analysis import Evidence
+from bench.maths.verdict import coverage_factor
+from bench.systems.af_converter.constants import Campaign, Standards
+from bench.systems.af_converter.estimators.readings import pulse_currents_A
+from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit, refit
+from bench.systems.af_converter.groups import place_name
+
+Array = NDArray[np.float64]
+SCALE_FACTORS = (*QUANTITIES, "dsf_asymmetry")
+_FOLLOWS = 0.5  # of the level: a counter that moves less does not follow the stimulus
+_NEARLY_ALL = 0.9
+_LOOKED_AT = 1e-3  # far above the level of any campaign, so that the refits cost nothing in a right world
+_SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
+_PPM = 1e6
+
+
+def evidence(fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> list[Evidence]:
+    """Return what every check of every group says, those that found nothing included."""
+    straight = [_straight(visit, fitted, campaign, standards, method) for visit in fitted.groups]
+    return [seen for visit in fitted.groups for seen in _plausible(visit, campaign)] + straight
+
+
+def _about(visit: GroupFit) -> dict[str, float]:
+    return {"channel": visit.group.channel, "temperature_degC": visit.group.temperature_degC}
+
+
+def _plausible(visit: GroupFit, campaign: Campaign) -> Iterator[Evidence]:
+    """Yield what cannot be: a counter that follows the other polarity or none, an error beyond the declared bound."""
+    where = place_name(visit.group.place)
+    follows = _followed(visit, campaign)
+    against, beside = float(np.mean(follows < -_FOLLOWS)), float(np.mean(follows <= _FOLLOWS))
+    if against > _NEARLY_ALL:
+        sentence = (
+            f"The leads of {where} are swapped: {100 * against:.0f} % of the levels drive the counter of the other "
+            "polarity. Check the wiring of the channel and take it again."
+        )
+        yield _refusal("swapped_leads", sentence, against, visit)
+    elif beside > 0.0:
+        sentence = (
+            f"The counters of {where} do not follow the stimulus at {100 * beside:.0f} % of the levels. Check the "
+            "route and the counters of the channel and take it again."
+        )
+        yield _refusal("stimulus_not_followed", sentence, beside, visit)
+    else:
+        bound_ppm = _PPM * campaign.channel(visit.group.channel).plausible_error
+        worst_ppm = float(np.abs(visit.fit.dsf_ppm).max())
+        if worst_ppm > bound_ppm:
+            sentence = (
+                f"A scale-factor error of {worst_ppm:,.0f} ppm at {where} is beyond what is plausible "
+                f"({bound_ppm:,.0f} ppm). Check charge per pulse, full scale and route of the channel."
+            )
+            yield _refusal("implausible_scale_factor", sentence, worst_ppm, visit)
+
+
+def _followed(visit: GroupFit, campaign: Campaign) -> Array:
+    """Return what each level drives, (l,), relative to it: 1 for its own counter, -1 for that of the other polarity."""
+    rows = visit.group.closed
+    n_A, p_A = pulse_currents_A(rows, campaign.converter(visit.group.channel))
+    levels = rows.level_A > 0
+    return np.asarray((rows.polarity * (n_A - p_A))[levels] / rows.level_A[levels])
+
+
+def _refusal(code: str, sentence: str, figure: float, visit: GroupFit) -> Evidence:
+    return Evidence(
+        code, sentence, figure, 0.0, quantities=(*SCALE_FACTORS, "bias"), conditions=_about(visit), refuses=True
+    )
+
+
+def _straight(visit: GroupFit, fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> Evidence:
+    """Return whether the levels lie on a straight line, and how far one level carries the result."""
+    fit = visit.fit
+    known = bool(np.isfinite(fit.chi2) and fit.dof)
+    probability = float(special.chdtrc(fit.dof, fit.chi2)) if known else 1.0
+    level_A, move = _carried(visit, fitted, campaign, standards, method) if probability < _LOOKED_AT else (0.0, 0.0)
+    sentence = (
+        f"The levels of {place_name(visit.group.place)} are not on a straight line (reduced chi-square "
+        f"{fit.reduced_chi2:.3g}): without {1e3 * level_A:g} mA the result moves by {move:.3g} times its expanded "
+        "uncertainty. Look for saturation, a bad reading or an understated standard there."
+    )
+    return Evidence(
+        "lack_of_fit", sentence, fit.reduced_chi2, max(probability, _SMALLEST), move, SCALE_FACTORS, _about(visit)
+    )
+
+
+def _carried(
+    visit: GroupFit, fitted: Fitted, campaign: Campaign, standards: Standards, method: str
+) -> tuple[float, float]:
+    """Return the level without which the result moves most, ampere, and by how much of its expanded uncertainty."""
+    rows = visit.group.closed
+    expanded_ppm = coverage_factor() * np.sqrt(np.diag(visit.fit.covariance_ppm2))
+    moves: list[tuple[float, float]] = []
+    for level_A in np.unique(rows.level_A[rows.level_A > 0]):
+        without = refit(visit, rows.level_A != level_A, fitted, campaign, standards, method)
+        if without is not None:
+            moved = np.abs(without.dsf_ppm - visit.fit.dsf_ppm) / expanded_ppm
+            moves.append((float(level_A), float(moved.max())))
+    return max(moves, key=lambda pair: pair[1], default=(0.0, np.inf))
