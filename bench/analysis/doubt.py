@@ -60,7 +60,8 @@ class Evidence:
         A condition that the estimate does not have cannot keep it apart: what holds for a channel takes in every
         temperature of it.
         """
-        named = not self.quantities or base_quantity(entry["quantity"]) in self.quantities
+        name = entry["quantity"]
+        named = not self.quantities or name in self.quantities or base_quantity(name) in self.quantities
         of_it = entry["conditions"]
         return named and all(of_it.get(name, value) == value for name, value in self.conditions.items())
 

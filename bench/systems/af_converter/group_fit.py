@@ -6,15 +6,22 @@ Groups that a campaign promises and that have no result are named with the reaso
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from bench.model.errors import FitError
 from bench.systems.af_converter.constants import Campaign, Standards
-from bench.systems.af_converter.estimators.readings import Bias, open_input_bias
+from bench.systems.af_converter.estimators.readings import (
+    Bias,
+    Converter,
+    Readings,
+    clock_ratio,
+    open_input_bias,
+)
 from bench.systems.af_converter.estimators.scale_factor import Referral, ScaleFactor, fit_scale_factor
 from bench.systems.af_converter.estimators.temperature import TemperaturePolynomial, fit_temperature
 from bench.systems.af_converter.groups import Group, Place, place_name, place_of
@@ -23,15 +30,25 @@ if TYPE_CHECKING:
     from bench.record import RecordRow
 
 QUANTITIES = ("dsf_n", "dsf_p")
+SCALE_FACTORS = (*QUANTITIES, "dsf_asymmetry")
+ODD = "unlike all others of its group"
+_SLOPE_ppm_degC = 100.0  # standard; larger than that of any converter, while nobody knows it
+_NO_CHANCE = 1e-9  # of a chi-square: something is wrong with the group
+CLOCK_STEADY = 5e-6  # relative, within a visit of half an hour: a bad oscillator moves less
+_LIKELY = 1e-3  # of that of the others, if one row alone is wrong
 
 
 @dataclass(frozen=True)
 class GroupFit:
-    """A group with its fitted scale-factor errors and, where the input was measured open, its bias."""
+    """A group with its fitted scale-factor errors and, where the input was measured open, its bias.
+
+    ``fits``: its rows lie on a straight line, as far as the temperature coefficients are known.
+    """
 
     group: Group
     fit: ScaleFactor
     bias: Bias | None
+    fits: bool = True
 
 
 @dataclass(frozen=True)
@@ -88,7 +105,26 @@ def _fit_pass(
                 raise
             error.where = place_name(group.place)
             refused.append((group, error))
-    return Fitted(tuple(fitted), tuple(refused), _polynomials(fitted, campaign))
+    referring = [visit for visit in fitted if _refers(visit, campaign)] if earlier is None else fitted
+    return Fitted(tuple(fitted), tuple(refused), _polynomials(referring, campaign))
+
+
+def _refers(visit: GroupFit, campaign: Campaign) -> bool:
+    """Return whether other temperatures may be referred by a group: one that fits and is plausible."""
+    worst_ppm = float(np.abs(visit.fit.dsf_ppm).max())
+    plausible = worst_ppm <= 1e6 * campaign.channel(visit.group.channel).plausible_error
+    return plausible and visit.fits and clock_spread(visit.group, campaign) <= CLOCK_STEADY
+
+
+def clock_spread(group: Group, campaign: Campaign) -> float:
+    """Return the relative range of the clock ratio over the closed rows of a group."""
+    rows = group.closed
+    return float(np.ptp(clock_ratio(rows.af_count, rows.gate_s, campaign.af_clock_Hz)))
+
+
+def probability_of(fit: ScaleFactor) -> float:
+    """Return the probability of a chi-square at least as large; 1 where it says nothing."""
+    return float(special.chdtrc(fit.dof, fit.chi2)) if np.isfinite(fit.chi2) and fit.dof else 1.0
 
 
 def _fit_one(group: Group, campaign: Campaign, standards: Standards, method: str, earlier: Fitted | None) -> GroupFit:
@@ -96,11 +132,43 @@ def _fit_one(group: Group, campaign: Campaign, standards: Standards, method: str
     require_closed(group)
     mean_degC = group.unit_temperature_degC
     slopes = earlier.slopes_ppm_degC(group.channel, mean_degC) if earlier else (0.0, 0.0)
-    fit = fit_scale_factor(group.closed, converter, standards.ranges, method, Referral(mean_degC, slopes))
+    referral = Referral(mean_degC, slopes)
+    fit = fit_scale_factor(group.closed, converter, standards.ranges, method, referral)
+    wary = replace(referral, slope_std_ppm_degC=0.0 if earlier else _SLOPE_ppm_degC)
+    fits = probability_of(fit) >= _NO_CHANCE or _fits(group.closed, converter, standards, wary, method, _NO_CHANCE)
+    odd = None if fits else _odd_row(group.closed, converter, standards, wary, method)
+    if odd is not None:
+        group = group.without(odd, ODD)
+        fit = fit_scale_factor(group.closed, converter, standards.ranges, method, referral)
     bias = None
     if group.opened.gate_s.size:
         bias = open_input_bias(group.opened, converter, (float(fit.dsf_ppm[0]), float(fit.dsf_ppm[1])))
-    return GroupFit(group, fit, bias)
+    return GroupFit(group, fit, bias, fits or odd is not None)
+
+
+def _fits(
+    rows: Readings, converter: Converter, standards: Standards, referral: Referral, method: str, least: float
+) -> bool:
+    """Return whether rows are determined and their chi-square is more probable than ``least``."""
+    try:
+        return probability_of(fit_scale_factor(rows, converter, standards.ranges, method, referral)) > least
+    except FitError:
+        return False
+
+
+def _odd_row(rows: Readings, converter: Converter, standards: Standards, referral: Referral, method: str) -> int | None:
+    """Return the one row that is unlike all others: with it the rows cannot fit, without it they do.
+
+    None if there are several such rows, and for the largest level of a polarity: there it may be the converter.
+    """
+    each = np.arange(rows.level_A.size)
+    found = [
+        row
+        for row in each
+        if rows.level_A[row] < rows.level_A[(rows.polarity == rows.polarity[row]) & (each != row)].max(initial=0.0)
+        and _fits(rows.take(each != row), converter, standards, referral, method, _LIKELY)
+    ]
+    return int(found[0]) if len(found) == 1 else None
 
 
 def refit(

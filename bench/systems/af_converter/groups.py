@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -49,6 +49,13 @@ class Group:
     def dropped(self) -> int:
         """Records that do not enter the fit."""
         return sum(self.left_out.values())
+
+    def without(self, row: int, reason: str) -> Group:
+        """Return the group without one of its closed rows, which is counted as left out."""
+        kept = np.arange(len(self.numbers)) != row
+        numbers = tuple(number for number, stays in zip(self.numbers, kept, strict=True) if stays)
+        left_out = Counter(self.left_out) + Counter([f"{reason} (record {self.numbers[row]})"])
+        return replace(self, closed=self.closed.take(kept), numbers=numbers, left_out=left_out)
 
     @property
     def unit_temperature_degC(self) -> float:

@@ -136,6 +136,37 @@ class SimulatedCampaign:
         return at[0] - at[1] if quantity == "dsf_asymmetry" else at[index]
 
 
+@dataclass(frozen=True)
+class Place:
+    """Where a campaign is: its share of time, channel, set temperature, repeat, step."""
+
+    share: float
+    channel: int
+    nominal_degC: float
+    repeat: int
+    step: Step
+
+
+class World:
+    """What the model says of the world; a wrong one differs in one of these."""
+
+    def gain(self, at: Place) -> float:
+        """Return a further relative error of the calibrator."""
+        return 0.0
+
+    def input_A(self, current_A: float, at: Place) -> float:
+        """Return what reaches the integrator of a current into the input."""
+        return current_A
+
+    def counted(self, counts: dict[str, float], at: Place) -> dict[str, float]:
+        """Return what the unit reports of its counts."""
+        return counts
+
+    def sensed_degC(self, unit_degC: float) -> float:
+        """Return what the unit's thermometer reads."""
+        return unit_degC
+
+
 def smallest_range(level_A: float) -> float:
     return next(full for full in FLOOR_A if level_A <= full)
 
@@ -231,8 +262,10 @@ def simulate(
     temperatures: tuple[float, ...] = TEMPERATURES_degC,
     repeat_channel: int | None = None,
     drift: float | None = None,
+    world: World | None = None,
 ) -> SimulatedCampaign:
     """One campaign in the order of the 38-hour plan, seeded; ``drift``: of the calibrator, else a draw."""
+    world = world or World()
     kinds = kinds or {1: "gyro", 2: "accelerometer"}
     rng = np.random.default_rng(seed)
     bench = _Bench(rng, switches)
@@ -256,12 +289,13 @@ def simulate(
             unit_degC = nominal - (0.43 * float(np.exp(-(now_s - arrived_s) / 1500.0)) if switches.lag else 0.0)
             bias_A = units[number].bias(unit_degC) + walk.at(now_s, number)
             biases_A.setdefault((number, nominal), bias_A)
-            bench.drift = drift * (now_s / length_s - 0.5)
-            net_A = bench.input_A(step, leak) - bias_A
+            at = Place(now_s / length_s, number, nominal, repeat, step)
+            bench.drift = drift * (now_s / length_s - 0.5) + world.gain(at)
+            net_A = world.input_A(bench.input_A(step, leak), at) - bias_A
             net_A += rng.normal(0, switches.white_A_rtHz / np.sqrt(200.0)) if switches.noise else 0.0
-            counts = bench.counts(net_A, units[number], unit_degC, 100.0)
+            counts = world.counted(bench.counts(net_A, units[number], unit_degC, 100.0), at)
             conditions = _conditions(number, kinds[number], nominal, repeat, step)
-            rows.append(_row(len(rows) + 1, conditions, counts, now_s, unit_degC + sensor_degC))
+            rows.append(_row(len(rows) + 1, conditions, counts, now_s, world.sensed_degC(unit_degC + sensor_degC)))
             now_s += 120.0
     campaign, standards = manifest(kinds)
     return SimulatedCampaign(rows, units, bench.gain, bench.af_error, bench.master_error, campaign, standards, biases_A)

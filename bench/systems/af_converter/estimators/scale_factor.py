@@ -35,10 +35,11 @@ _PPM = 1e6
 
 @dataclass(frozen=True)
 class Referral:
-    """Refer the rows to one unit temperature by known temperature coefficients of DSF_N and DSF_P."""
+    """Refer the rows to one unit temperature by temperature coefficients of DSF_N and DSF_P, known or guessed."""
 
     to_degC: float
     slope_ppm_degC: tuple[float, float] = (0.0, 0.0)
+    slope_std_ppm_degC: float = 0.0  # 0: they are known
 
 
 @dataclass(frozen=True)
@@ -143,6 +144,8 @@ def _set_up(
     response_A_degC = thermal_response_A_degC(n_A, p_A, at)
     parts = noise_parts(rows, converter)
     parts |= {"interpolated unit temperature": interpolation_A2(rows, response_A_degC)}
+    if at.slope_std_ppm_degC:
+        parts |= {"unknown temperature coefficients": _unreferred_A2(rows, n_A, p_A, at)}
     effects = calibrator_effects(rows, standard)
     return _Problem(
         rows=rows,
@@ -163,6 +166,13 @@ def thermal_response_A_degC(n_A: Array, p_A: Array, referral: Referral) -> Array
     """
     slope_n, slope_p = referral.slope_ppm_degC
     return np.asarray(1e-6 * (slope_n * n_A - slope_p * p_A))
+
+
+def _unreferred_A2(rows: Readings, n_A: Array, p_A: Array, at: Referral) -> Array:
+    """Return the covariance (m, m) of rows at other temperatures, while the coefficients are guessed."""
+    away_degC = rows.unit_temperature_degC - at.to_degC
+    effects_A = [1e-6 * at.slope_std_ppm_degC * current_A * away_degC for current_A in (n_A, p_A)]
+    return np.asarray(np.sum([np.outer(effect_A, effect_A) for effect_A in effects_A], axis=0))
 
 
 def usable_rows(rows: Readings) -> NDArray[np.bool_]:

@@ -8,21 +8,29 @@ Source: docs/decisions/0025-doubt.md.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
-from bench.analysis import Evidence
+from bench.analysis import Estimates, Evidence
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.estimators.readings import pulse_currents_A
-from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit, refit
+from bench.systems.af_converter.group_fit import (
+    CLOCK_STEADY,
+    SCALE_FACTORS,
+    Fitted,
+    GroupFit,
+    clock_spread,
+    probability_of,
+    refit,
+)
 from bench.systems.af_converter.groups import place_name
+from bench.systems.af_converter.scale_factor.common_step import common_step
 
 Array = NDArray[np.float64]
-SCALE_FACTORS = (*QUANTITIES, "dsf_asymmetry")
 _FOLLOWS = 0.5  # of the level: a counter that moves less does not follow the stimulus
 _NEARLY_ALL = 0.9
 _LOOKED_AT = 1e-3  # far above the level of any campaign, so that the refits cost nothing in a right world
@@ -30,10 +38,16 @@ _SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
 _PPM = 1e6
 
 
-def evidence(fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> list[Evidence]:
-    """Return what every check of every group says, those that found nothing included."""
+def evidence(
+    fitted: Fitted, entries: Estimates, campaign: Campaign, standards: Standards, method: str
+) -> list[Evidence]:
+    """Return what every check says of the estimates, those that found nothing included."""
     straight = [_straight(visit, fitted, campaign, standards, method) for visit in fitted.groups]
-    return [seen for visit in fitted.groups for seen in _plausible(visit, campaign)] + straight
+    return [
+        *(seen for visit in fitted.groups for seen in _plausible(visit, campaign)),
+        *straight,
+        *common_step(fitted, entries),
+    ]
 
 
 def _about(visit: GroupFit) -> dict[str, float]:
@@ -57,6 +71,12 @@ def _plausible(visit: GroupFit, campaign: Campaign) -> Iterator[Evidence]:
             "route and the counters of the channel and take it again."
         )
         yield _refusal("stimulus_not_followed", sentence, beside, visit)
+    elif (spread := clock_spread(visit.group, campaign)) > CLOCK_STEADY:
+        sentence = (
+            f"The clocks of {where} change by {_PPM * spread:.3g} ppm against each other between records, as no clock "
+            "does. Check the AF clock and the master clock of the unit and take the channel again."
+        )
+        yield Evidence("clock_unsteady", sentence, _PPM * spread, 0.0, math.inf, SCALE_FACTORS, _about(visit))
     else:
         bound_ppm = _PPM * campaign.channel(visit.group.channel).plausible_error
         worst_ppm = float(np.abs(visit.fit.dsf_ppm).max())
@@ -85,8 +105,7 @@ def _refusal(code: str, sentence: str, figure: float, visit: GroupFit) -> Eviden
 def _straight(visit: GroupFit, fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> Evidence:
     """Return whether the levels lie on a straight line, and how far one level carries the result."""
     fit = visit.fit
-    known = bool(np.isfinite(fit.chi2) and fit.dof)
-    probability = float(special.chdtrc(fit.dof, fit.chi2)) if known else 1.0
+    probability = probability_of(fit)
     level_A, move = _carried(visit, fitted, campaign, standards, method) if probability < _LOOKED_AT else (0.0, 0.0)
     sentence = (
         f"The levels of {place_name(visit.group.place)} are not on a straight line (reduced chi-square "

@@ -186,9 +186,10 @@ def test_change_against_a_previous_calibration_is_judged(campaign: sim.Simulated
 
 
 def test_chi_square_that_exceeds_the_declared_uncertainties_is_noted(campaign: sim.SimulatedCampaign) -> None:
-    row = campaign.rows[7]
-    row.sums["npp"] = row.sums["npp"] * (1 + 200e-6)  # the +1 mA row of channel 1
-    assert row.window.conditions["current_A"] == 1e-3
+    """Two rows, since one alone would be left out."""
+    for row, part, current_A in ((campaign.rows[7], 200e-6, 1e-3), (campaign.rows[9], -200e-6, 10e-3)):
+        row.sums["npp"] = row.sums["npp"] * (1 + part)
+        assert row.window.conditions["current_A"] == current_A
     assert any("Channel 1 at -10 degC: reduced chi-square" in note for note in run(campaign).notes)
 
 

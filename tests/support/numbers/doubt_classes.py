@@ -1,0 +1,78 @@
+"""How the estimates of a wrong world are sorted; the truth is known here and nowhere in the analysis."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+RIGHT, WIDE, MISSED, DOUBTED, REFUSED, WRONG = "right", "wide", "missed", "doubted", "refused", "confidently_wrong"
+CLASSES = (RIGHT, WIDE, MISSED, DOUBTED, REFUSED, WRONG)
+_MISSED, _WRONG = 1.0, 1.5  # expanded uncertainties off
+_WIDER = 1.2  # than in the right world: the product was told
+
+
+@dataclass(frozen=True)
+class Switch:
+    """One respect in which a world is wrong, and the sizes that are tried."""
+
+    name: str
+    world: Callable[[float], Any]
+    sizes: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Estimates as results.json states them, (n,), their truths; chi-square and degrees of freedom of all residuals and
+    repeats; how many estimates the campaign promises.
+    """
+
+    entries: Sequence[Any]
+    truths: Sequence[float]
+    chi2: float
+    dof: int
+    promised: int
+
+
+def sorted_classes(wrong: Seen, right: Seen) -> Counter[str]:
+    """Return how many estimates of a wrong world are in each class, held against the same seed in a right world."""
+    before = {_name(entry): (entry, truth) for entry, truth in zip(right.entries, right.truths, strict=True)}
+    counted: Counter[str] = Counter()
+    for entry, truth in zip(wrong.entries, wrong.truths, strict=True):
+        counted[class_of(entry, truth, *before.get(_name(entry), (None, truth)))] += 1
+    counted[REFUSED] += wrong.promised - len(wrong.entries)
+    return counted
+
+
+def class_of(entry: Any, truth: float, before: Any, truth_before: float) -> str:
+    """Return the class of one estimate; ``before``: of the right world, None if it had none."""
+    if entry["quality"] != "sound":
+        return DOUBTED if entry["quality"] == "doubtful" else REFUSED
+    off = off_by(entry, truth)
+    if off > _WRONG:
+        return MISSED if before is not None and off_by(before, truth_before) > _WRONG else WRONG
+    if off > _MISSED:
+        return MISSED
+    told = before is not None and entry["expanded_uncertainty"] > _WIDER * (before["expanded_uncertainty"] or math.inf)
+    return WIDE if told else RIGHT
+
+
+def off_by(entry: Any, truth: float) -> float:
+    """Return the error of an estimate in its expanded uncertainty; 0 for one that is not sound."""
+    if entry["quality"] != "sound":
+        return 0.0
+    expanded = entry["expanded_uncertainty"]
+    error = abs(entry["value"] - truth)
+    return error / expanded if expanded else math.inf if error else 0.0
+
+
+def is_visible(noise_free: Seen) -> bool:
+    """Return whether a violation leaves a trace that could be seen: the norm of what it puts into the residuals."""
+    return math.sqrt(noise_free.chi2) >= max(10.0, 3.0 * (2.0 * noise_free.dof) ** 0.25)
+
+
+def _name(entry: Any) -> tuple[Any, ...]:
+    of_it = entry["conditions"]
+    return entry["quantity"], of_it.get("channel"), of_it.get("temperature_degC")
