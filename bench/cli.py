@@ -142,10 +142,20 @@ def decode(
 def coefficients(
     sessions: Annotated[list[Path], typer.Argument(metavar="SESSION...", help="sessions of one unit")],
     out: Annotated[Path, typer.Option("--out", help="folder for coefficients.json and coefficients.h")] = Path(),
+    accept: Annotated[
+        list[str] | None,
+        typer.Option("--accept", metavar="QUANTITY", help="release doubtful values, as 'bench fit' does"),
+    ] = None,
+    by: Annotated[str, typer.Option("--by", help="who accepts")] = "",
+    reason: Annotated[str, typer.Option("--reason", help="why it is accepted")] = "",
 ) -> None:
     """Merge the compensation of a scale-factor and a bias session of one unit; a bias only from the bias campaign."""
+    from bench.commands import accept as accept_command
     from bench.commands import session as session_command
 
+    accepted = accept_command.Acceptance.asked(accept, by, reason)
+    if accepted is not None:
+        accept_command.accept_in(sessions, accepted)
     raise typer.Exit(session_command.coefficients(sessions, out))
 
 

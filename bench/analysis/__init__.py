@@ -1,5 +1,6 @@
 """The shared parts of every analysis: its material, its results, and the form of results.json."""
 
+from bench.analysis.acceptance import Acceptances, Accepted, acceptable
 from bench.analysis.analysis import (
     Analysis,
     Chapter,
@@ -25,16 +26,15 @@ from bench.analysis.coefficients import (
 from bench.analysis.doubt import Evidence, EvidenceInterval, doubt_lines, is_sound, stated_value
 from bench.analysis.estimates import UNIT, Estimate, Estimates, estimate, judged, rule_of, stated_limits
 from bench.analysis.figures import Figure, Series, Style, Table, band, curve, picture, series
+from bench.analysis.form import Closed, check_form, schema_of
 from bench.analysis.material import CONTINUES, Exchange, Floats, Material, Reading, Trace, joined
 from bench.analysis.numbers import cell, decimals_for, header, number, unit_text, with_uncertainty
 from bench.analysis.problems import Check, count_problem, flag_problem, link_checks
 from bench.analysis.results import (
     INCOMPLETE,
-    Closed,
     build_results,
     results_json,
     results_schema,
-    schema_of,
     stated_estimates,
     validate_results,
 )
@@ -43,6 +43,8 @@ __all__ = [
     "CONTINUES",
     "INCOMPLETE",
     "UNIT",
+    "Acceptances",
+    "Accepted",
     "Analysis",
     "Chapter",
     "Check",
@@ -65,6 +67,7 @@ __all__ = [
     "Task",
     "Trace",
     "UnitUnderTest",
+    "acceptable",
     "analyse",
     "analysis_module",
     "band",
@@ -72,6 +75,7 @@ __all__ = [
     "c_preamble",
     "c_text",
     "cell",
+    "check_form",
     "check_method",
     "count_problem",
     "curve",

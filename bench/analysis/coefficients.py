@@ -6,11 +6,11 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 
 from bench.analysis.analysis import Analysis
-from bench.analysis.doubt import base_quantity, is_sound
-from bench.analysis.results import Closed, check_form
+from bench.analysis.doubt import DOUBTFUL, base_quantity, is_sound
+from bench.analysis.form import Closed, check_form
 from bench.maths.verdict import Verdict, worst
 from bench.model.errors import InputError
 
@@ -25,6 +25,7 @@ class Source(Closed):
     software: str
     worst_verdict: Verdict
     missing: list[str]
+    accepted: list[str] = Field([], description="coefficients of doubtful estimates; absent without any")
 
 
 class UnitUnderTest(Closed):
@@ -36,6 +37,7 @@ class UnitUnderTest(Closed):
 
 def source_of(analysis: Analysis, results: Mapping[str, Any]) -> dict[str, Any]:
     """Return where coefficients come from: session, method, hashes, the worst verdict and what is missing."""
+    accepted = _accepted(analysis, results)
     return {
         "session": str(results["session"]),
         "campaign": analysis.campaign,
@@ -44,15 +46,16 @@ def source_of(analysis: Analysis, results: Mapping[str, Any]) -> dict[str, Any]:
         "software": results["provenance"]["software"],
         "worst_verdict": worst(estimate["verdict"] for estimate in results["estimates"]),
         "missing": list(analysis.missing),
+        **({"accepted": accepted} if accepted else {}),
     }
 
 
 def sound_compensation(analysis: Analysis, results: Mapping[str, Any]) -> Analysis:
-    """Return the analysis with the coefficients of sound estimates alone; the others are named as missing.
+    """Return the analysis with the coefficients of sound and of accepted estimates; the others are named as missing.
 
     A parameter goes with the estimates of its name under its conditions; where nothing has its name, with all.
     """
-    unsound = [entry for entry in results["estimates"] if not is_sound(entry)]
+    unsound = [entry for entry in results["estimates"] if not is_sound(entry) and "acceptance" not in entry]
     if not unsound:
         return analysis
     named = {base_quantity(entry["quantity"]) for entry in results["estimates"]}
@@ -74,9 +77,29 @@ def _goes_with(parameter: Mapping[str, Any], entry: Mapping[str, Any], named: Co
     )
 
 
+def _accepted(analysis: Analysis, results: Mapping[str, Any]) -> list[str]:
+    """Return a sentence for each coefficient that rests on a doubtful value somebody released."""
+    released = [entry for entry in results["estimates"] if "acceptance" in entry]
+    named = {base_quantity(entry["quantity"]) for entry in results["estimates"]}
+    said = []
+    for parameter in analysis.compensation:
+        entry = next((entry for entry in released if _goes_with(parameter, entry, named)), None)
+        if entry is not None:
+            who = entry["acceptance"]
+            said.append(
+                f"{_of(parameter)}{parameter['parameter']} is {DOUBTFUL} ({entry['reasons'][0]['sentence']}); "
+                f"its value without an uncertainty was accepted by {who['by']}: {who['reason']}"
+            )
+    return said
+
+
+def _of(parameter: Mapping[str, Any]) -> str:
+    return "" if parameter.get("channel") is None else f"channel {parameter['channel']}: "
+
+
 def _refusal(parameter: Mapping[str, Any], entry: Mapping[str, Any]) -> str:
-    place = "" if parameter.get("channel") is None else f"channel {parameter['channel']}: "
-    return f"{place}no coefficients of {parameter['parameter']}, {entry['quality']}: {entry['reasons'][0]['sentence']}"
+    what = f"{_of(parameter)}no coefficients of {parameter['parameter']}"
+    return f"{what}, {entry['quality']}: {entry['reasons'][0]['sentence']}"
 
 
 def same_unit(documents: Sequence[Mapping[str, Any]], next_step: str) -> None:
@@ -117,6 +140,7 @@ def c_preamble(document: Mapping[str, Any]) -> str:
         lines += [f"  {source['session']}: {source['campaign']}, method {source['method']}, {source['software']}"]
         lines += [f"    session SHA-256 {source['session_sha256']}", f"    worst verdict: {source['worst_verdict']}"]
         lines += [f"    MISSING: {sentence}" for sentence in source["missing"]]
+        lines += [f"    ACCEPTED: {sentence}" for sentence in source.get("accepted", ())]
     return "\n".join(["/*", *(f" * {c_text(line)}".rstrip() for line in lines), " */", ""])
 
 

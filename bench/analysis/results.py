@@ -6,24 +6,19 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
+from bench.analysis.acceptance import Accepted, with_acceptances
 from bench.analysis.analysis import Analysis
 from bench.analysis.doubt import stated, weigh
 from bench.analysis.estimates import judged, rule_of
+from bench.analysis.form import Closed, check_form, schema_of
 from bench.maths.verdict import Rule, Verdict
-from bench.model.errors import InputError
 
 SCHEMA = 2
 INCOMPLETE = "Incomplete: the run has not ended. These are the records so far; nothing is judged."
 _Count = Annotated[int, Field(ge=0)]
 _Plain = str | bool | int | float | None
-
-
-class Closed(BaseModel):
-    """A document without any other field than those it names, of plain finite values."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
 
 class Reason(Closed):
@@ -83,6 +78,8 @@ class Estimate(Closed):
             raise ValueError(f"{self.quality} with the value {self.value}")
         if (self.quality == "sound") != (not self.reasons):
             raise ValueError(f"{self.quality} with {len(self.reasons)} reasons")
+        if self.acceptance is not None and self.quality != "doubtful":
+            raise ValueError(f"{self.quality} with an acceptance")
         return self
 
 
@@ -156,6 +153,7 @@ def build_results(
     *,
     splices: Sequence[Mapping[str, Any]] = (),
     incomplete: bool = False,
+    acceptances: Sequence[Accepted] = (),
 ) -> dict[str, Any]:
     """Assemble and check the document of results.json; every estimate is judged by the rule of the campaign.
 
@@ -164,12 +162,13 @@ def build_results(
              provenance: simulated, plan_sha256, frame_sha256, session_sha256, software and more.
              decision: the entry "decision" of the manifest's campaign, None for the non-binary rule.
              splices: where the run was gone on with (``Splice``).   incomplete: the run has not ended, so that nothing
-             is judged.
+             is judged.   acceptances: those of the session; of a run that has not ended none counts.
     Raises:  InputError B-FIT-010 if the document would not be valid, naming the first wrong field; FitError B-FIT-041
              for an unknown rule.
     """
     rule = rule_of(decision)
-    entries = stated_estimates(analysis, rule)
+    accepted = () if incomplete else acceptances
+    entries, lost = with_acceptances(stated_estimates(analysis, rule), accepted, analysis.method)
     noted = [seen.sentence for seen in weigh(analysis.evidence).noted]
     document: dict[str, Any] = {
         "schema": SCHEMA,
@@ -181,7 +180,7 @@ def build_results(
         "estimates": [_unjudged(entry) for entry in entries] if incomplete else entries,
         "quality": {name: int(counts.get(name, 0)) for name in Quality.model_fields},
         "provenance": dict(provenance),
-        "notes": [*([INCOMPLETE] if incomplete else []), *noted, *analysis.notes],
+        "notes": [*([INCOMPLETE] if incomplete else []), *lost, *noted, *analysis.notes],
     }
     if splices:
         document["splices"] = [dict(splice) for splice in splices]
@@ -208,17 +207,6 @@ def validate_results(document: object, where: str = "results.json") -> None:
     check_form(Results, document, "B-FIT-010", where, next_step)
 
 
-def check_form(form: type[BaseModel], document: object, code: str, where: str, next_step: str) -> None:
-    """Check a document against its form. Raises InputError with the given code, naming the first wrong field."""
-    try:
-        form.model_validate(document)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(str(part) for part in first["loc"])
-        message = f"{place}: {first['msg'][:1].lower()}{first['msg'][1:]} (found {str(first['input'])[:60]})"
-        raise InputError(code, message, where=where, next_step=next_step) from error
-
-
 def results_json(document: Mapping[str, Any]) -> str:
     """Return canonical text of a document: sorted keys, shortest exact floats, one trailing newline."""
     return json.dumps(document, sort_keys=True, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
@@ -227,8 +215,3 @@ def results_json(document: Mapping[str, Any]) -> str:
 def results_schema() -> dict[str, Any]:
     """Return the JSON Schema of results.json, made from the same declarations that check it."""
     return schema_of(Results)
-
-
-def schema_of(form: type[BaseModel]) -> dict[str, Any]:
-    """Return the JSON Schema of a document from its form."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **form.model_json_schema(by_alias=True)}

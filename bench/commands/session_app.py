@@ -15,6 +15,12 @@ from bench.model.segments import session_segments
 SessionFolder = Annotated[Path, typer.Argument(help="the folder of a session")]
 AsJson = Annotated[bool, typer.Option("--json", help="print one JSON document on standard output and nothing else")]
 Fresh = Annotated[bool, typer.Option("--fresh", help="compute everything again, though it is kept from before")]
+Accept = Annotated[
+    list[str] | None,
+    typer.Option("--accept", metavar="QUANTITY", help="release doubtful values: dsf_n, or 'dsf_n channel=2'"),
+]
+By = Annotated[str, typer.Option("--by", help="who accepts")]
+Reason = Annotated[str, typer.Option("--reason", help="why it is accepted")]
 Method = Annotated[str | None, typer.Option("--method", help="a method of the analysis; a wrong one lists them")]
 
 
@@ -34,11 +40,18 @@ def fit(
     ] = None,
     json: AsJson = False,
     fresh: Fresh = False,
+    accept: Accept = None,
+    by: By = "",
+    reason: Reason = "",
 ) -> None:
-    """Results of a session by a method of your choice; nothing is written into the session."""
+    """Results of a session by a method of your choice; nothing is written into the session unless you accept."""
     session_segments(session)
+    from bench.commands import accept as accept_command
     from bench.commands import fit as fit_command
 
+    accepted = accept_command.Acceptance.asked(accept, by, reason)
+    if accepted is not None:
+        accept_command.accept(session, accepted, method, make_up or [])
     raise typer.Exit(fit_command.fit(session, method, json, make_up or [], fresh))
 
 
@@ -50,6 +63,9 @@ def report(
     ] = False,
     json: AsJson = False,
     fresh: Fresh = False,
+    accept: Accept = None,
+    by: By = "",
+    reason: Reason = "",
 ) -> None:
     """Write report.html again from the session alone; or say whether results and report are what it gives."""
     session_segments(session)
@@ -57,8 +73,12 @@ def report(
         from bench.commands import verify as verify_command
 
         raise typer.Exit(verify_command.verify(session, json))
+    from bench.commands import accept as accept_command
     from bench.commands import fit as fit_command
 
+    accepted = accept_command.Acceptance.asked(accept, by, reason)
+    if accepted is not None:
+        accept_command.accept(session, accepted)
     raise typer.Exit(fit_command.report(session, pdf, fresh))
 
 

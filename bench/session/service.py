@@ -19,6 +19,7 @@ from bench.model.events import End, Resume
 from bench.plan import steps_of
 from bench.record import OPEN_MARKER, RecordRow
 from bench.replay import IMPORT, Replayed, moved_rows, replay_rows, replay_series
+from bench.session.acceptances import known_acceptances
 from bench.session.record_states import condition_key, measuring, row_problem
 from bench.session.view import SessionView, analyse_view, happened
 
@@ -47,6 +48,8 @@ def read_view(folder: Path, strict: bool = False) -> SessionView:
     replayed = replay_rows(folder, strict=strict)
     notes = [*replayed.notes]
     notes += [f"{name} has no end: the run stopped there, or goes on" for name in replayed.unfinished]
+    acceptances, not_of_it = known_acceptances(folder, replayed.session_sha256)
+    notes += not_of_it
     series: Mapping[str, NDArray[np.float64]] = {}
     if replayed.manifest.get("kind") == IMPORT:
         imported = replay_series(folder)
@@ -66,6 +69,7 @@ def read_view(folder: Path, strict: bool = False) -> SessionView:
         incomplete=_is_incomplete(folder, replayed),
         utc_offset_ns=replayed.utc_offset_ns,
         texts=replayed.texts,
+        acceptances=acceptances,
     )
 
 

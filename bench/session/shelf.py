@@ -27,6 +27,7 @@ from bench.model.installed import OWN, offers
 from bench.model.segments import OPEN_MARKER, sealed_end, session_segments
 from bench.session.output import write_file
 
+ACCEPTANCES = "acceptances.json"  # beside the recording
 MOST_BYTES = 500_000_000
 _HEAD = b"inertial-bench kept results 1\n"
 _ARRAYS = {
@@ -40,7 +41,7 @@ def key_of(folders: Sequence[Path], options: Mapping[str, Any]) -> str | None:
     """Return what the results of some sessions depend on, as a name; None while one is recorded or has no end.
 
     Of each segment these are its name, size, times and the end of its data with the record of the hash chain, which
-    stands for every byte before it; then all of the software; then how the results are computed.
+    stands for every byte before it; then what was accepted, all of the software; then how the results are computed.
     """
     parts: list[Any] = [sorted(options.items()), *_software()]
     for folder in folders:
@@ -52,6 +53,8 @@ def key_of(folders: Sequence[Path], options: Mapping[str, Any]) -> str | None:
                 return None
             status = path.stat()
             parts.append((path.name, status.st_size, status.st_mtime_ns, status.st_ctime_ns, end.hex()))
+        accepted = folder / ACCEPTANCES
+        parts.append(hashlib.sha256(accepted.read_bytes()).hexdigest() if accepted.is_file() else "nothing accepted")
         parts.append("end of a session")
     return hashlib.sha256(repr(parts).encode()).hexdigest()
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from bench import __version__
 from bench.analysis import (
     INCOMPLETE,
+    Accepted,
     Analysis,
     Exchange,
     Material,
@@ -68,7 +69,7 @@ class SessionView:
     ``counts``: frames, frames_bad, frames_lost over all links; ``events``: (t_mono_ns, event) in order.
     ``splices``: where the run was gone on with; ``incomplete``: the run has not ended. ``utc_offset_ns``: UTC minus
     monotonic time, None if unknown; ``make_up``: hashes of the sessions that complete this one. ``texts``: the YAML
-    texts the run was made from, by name.
+    texts the run was made from, by name; ``acceptances``: of doubtful values, made after the run.
     """
 
     manifest: Mapping[str, Any]
@@ -85,6 +86,7 @@ class SessionView:
     make_up: tuple[str, ...] = ()
     series: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     texts: Mapping[str, str] = field(default_factory=dict)
+    acceptances: Sequence[Accepted] = ()
 
     @property
     def damaged(self) -> bool:
@@ -128,7 +130,7 @@ def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str
     decision = manifest["campaign"].get("decision")
     document = build_results(
         manifest["session"], analysis, counts, provenance, decision,
-        splices=splice_documents(view.splices), incomplete=view.incomplete,
+        splices=splice_documents(view.splices), incomplete=view.incomplete, acceptances=view.acceptances,
     )  # fmt: skip
     return document, analysis
 
