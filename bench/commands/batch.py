@@ -110,6 +110,9 @@ def _tell(batch: Batch, written: Sequence[Path]) -> None:
     share = "" if total.share is None else f"; yield {100 * total.share:.1f} % ({100 * low:.1f} to {100 * high:.1f} %)"
     counts = f"{total.passed} pass, {total.failed} fail, {total.without} without a verdict"
     out.print(f"{len(batch.outcomes)} units in {len({part.session for part in batch.parts})} sessions: {counts}{share}")
+    if batch.doubted:
+        units = ", ".join(unit_name(unit) for unit in batch.doubted[:_SHOWN])
+        out.print(f"{len(batch.doubted)} units with doubt, at least one estimate is not sound: {units}")
     bad = [part for part in batch.parts if part.outcome in (Outcome.FAIL, Outcome.NO_RESULT)]
     for part in bad[:_SHOWN]:
         said = part.outcome.replace("_", " ")

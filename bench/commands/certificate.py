@@ -11,7 +11,7 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import results_json, validate_results
+from bench.analysis import doubt_lines, is_sound, results_json, validate_results
 from bench.commands.console import console
 from bench.model.clock import NS, WallClock
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
@@ -52,7 +52,7 @@ class Request:
 def certificate(request: Request) -> int:
     """Write the certificate; nothing is written unless the recording gives every number of results.json again.
 
-    Raises: InputError B-DCC-001 to -004, -006 to -010, -012 to -014, B-YAML-..., B-CLI-007;
+    Raises: InputError B-DCC-001 to -004, -006 to -010, -012 to -015, B-YAML-..., B-CLI-007;
             SessionDamaged B-DCC-005, B-REC-011.
     """
     simulated = SessionReader(request.session).manifest.get("simulated") is not False
@@ -142,6 +142,13 @@ def _stored(folder: Path) -> tuple[dict[str, Any], dict[str, str]]:
             next_step="certify a session whose run ended with results",
         ) from error
     validate_results(document, str(path))
+    if document["estimates"] and not any(is_sound(estimate) for estimate in document["estimates"]):
+        raise InputError(
+            "B-DCC-015",
+            f"no estimate is sound: {doubt_lines(document['estimates'])[0]}",
+            where=str(path),
+            next_step="correct what is named and measure again; what is accepted by a person is not certified either",
+        )
     return document, digests
 
 

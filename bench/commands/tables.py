@@ -64,6 +64,8 @@ def print_results(out: Console, results: Mapping[str, Any], analysis: Analysis) 
         _print_verdicts(out, results["estimates"])
     else:
         print_summary(out, title, results["estimates"], _reference_degC(results["estimates"]))
+    if not lead or rows:
+        _print_not_judged(out, results)
     _print_missing(out, analysis.missing)
     quality = results["quality"]
     if not quality["records"] and not quality["frames"]:
@@ -95,8 +97,13 @@ def print_without_results(error: FitError, folder: Path, out: Console, errors: C
 def _print_verdicts(out: Console, estimates: Sequence[Estimate]) -> None:
     counts = Counter(estimate["verdict"] for estimate in estimates if estimate["verdict"] != "none")
     shown = ", ".join(f"{counts[name]} {name.replace('_', ' ')}" for name in WORST_FIRST if counts[name])
-    judged = f"verdicts: {shown}; " if shown else "nothing is judged; "
+    judged = f"verdicts: {shown}; " if shown else "not judged; "
     out.print(f"{judged}{len(estimates)} values with their uncertainties in results.json", highlight=False)
+
+
+def _print_not_judged(out: Console, results: Mapping[str, Any]) -> None:
+    if all(estimate["verdict"] == "none" for estimate in results["estimates"]) and not results.get("incomplete"):
+        out.print("not judged: no estimate of this campaign has a limit", highlight=False)
 
 
 def _print_doubt(out: Console, estimates: Sequence[Estimate]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -10,6 +11,7 @@ from typing import Any
 
 from sqlalchemy import Connection, Table, select
 
+from bench.analysis import DOUBTFUL, REFUSED
 from bench.maths.verdict import worst
 from bench.model.clock import NS
 from bench.store.database import reading
@@ -43,12 +45,14 @@ def list_calibrations(url: str, filters: Filters) -> list[Row]:
         rows = [dict(row) for row in connection.execute(selected(connection, filters)).mappings()]
         kept = [row["result_set_id"] for row in rows]
         verdicts = _verdicts(connection, kept)
+        unsound = _unsound(connection)
         approved = _approvals(connection, [row["revision_id"] for row in rows])
     return [
         {
             "started_utc": utc_text(row["started_utc_ns"]),
             **{name: row[name] for name in ("session", "session_sha256", "campaign", "uut_model", "uut_serial")},
             **{name: row[name] for name in ("simulated", "method", "software", "estimates", "revision")},
+            **{quality: unsound[row["result_set_id"], quality] for quality in (DOUBTFUL, REFUSED)},
             "verdict": worst(verdicts.get(row["result_set_id"], ())),
             "approved_by": [approval["approved_by"] for approval in approved.get(row["revision_id"], [])],
         }
@@ -65,6 +69,12 @@ def _verdicts(connection: Connection, result_set_ids: Iterable[int]) -> dict[int
             if number in wanted:
                 verdicts.setdefault(number, set()).add(verdict)
     return verdicts
+
+
+def _unsound(connection: Connection) -> Counter[tuple[int, str]]:
+    """Return how many estimates are doubtful or refused, by set of results and quality."""
+    query = select(doubts.c.result_set_id, doubts.c.document)
+    return Counter((row.result_set_id, str(json.loads(row.document)["quality"])) for row in connection.execute(query))
 
 
 def _approvals(connection: Connection, revision_ids: Iterable[int]) -> dict[int, list[Row]]:

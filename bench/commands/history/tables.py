@@ -9,6 +9,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from bench.analysis import DOUBTFUL, REFUSED, doubt_lines, is_sound
 from bench.store import LEAST_FOR_CONTROL, Comparison, Due, Shown, conditions_text
 
 Row = Mapping[str, Any]
@@ -31,7 +32,7 @@ _LONGEST = "longest interval"
 
 def print_listing(out: Console, rows: Sequence[Row]) -> None:
     """One line per calibration."""
-    heads = ("session", "sha-256", "unit", "campaign", "verdict", "revision", "approved by")
+    heads = ("session", "sha-256", "unit", "campaign", "verdict", "not sound", "revision", "approved by")
     table = _table(f"{len(rows)} calibrations", heads)
     for row in rows:
         table.add_row(
@@ -39,7 +40,8 @@ def print_listing(out: Console, rows: Sequence[Row]) -> None:
             row["session_sha256"][:8],
             f"{row['uut_model']} {row['uut_serial']}",
             row["campaign"],
-            row["verdict"].replace("_", " "),
+            _overall(row["verdict"]),
+            _doubts(row),
             str(row["revision"]),
             ", ".join(row["approved_by"]) or "-",
         )
@@ -67,13 +69,17 @@ def print_shown(out: Console, shown: Shown) -> None:
         )
         for approval in revision["approvals"]:
             out.print(f"    approved by {approval['by']}, {approval['approved_utc']}: {approval['statement']}")
+    for line in doubt_lines(shown.estimates):
+        out.print(f"  {line}", markup=False, highlight=False)
+    if all(estimate["verdict"] == "none" for estimate in shown.estimates):
+        out.print("  not judged: no estimate has a limit")
     table = _table("Estimates", ("quantity", "conditions", "value", "U 95 %", "unit", "n", "limit", "verdict"))
     for estimate in shown.estimates:
         limit = "-" if estimate["limit"] is None else f"{estimate['limit']:g}"
         table.add_row(
             estimate["quantity"], conditions_text(estimate["conditions"]), _number(estimate["value"], ".6g"),
-            _number(estimate["expanded_uncertainty"], ".3g"), estimate["unit"],
-            str(estimate["n"]), limit, estimate["verdict"].replace("_", " "),
+            _number(estimate["expanded_uncertainty"], ".3g") if is_sound(estimate) else _quality(estimate),
+            estimate["unit"], str(estimate["n"]), limit, estimate["verdict"].replace("_", " "),
         )  # fmt: skip
     out.print(table)
 
@@ -151,6 +157,20 @@ def _table(title: str, heads: Sequence[str]) -> Table:
     for name in heads:
         table.add_column(name, justify="left" if name in _LEFT else "right", overflow="fold", no_wrap=name in _WHOLE)
     return table
+
+
+def _overall(verdict: str) -> str:
+    return "not judged" if verdict == "none" else verdict.replace("_", " ")
+
+
+def _doubts(row: Row) -> str:
+    """Return how many estimates of a calibration are doubtful or refused."""
+    counts = [f"{row[name]} {name}" for name in (REFUSED, DOUBTFUL) if row[name]]
+    return ", ".join(counts) or "-"
+
+
+def _quality(estimate: Row) -> str:
+    return "accepted" if "acceptance" in estimate else str(estimate["quality"])
 
 
 def _mark(simulated: bool) -> str:

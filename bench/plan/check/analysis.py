@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from difflib import get_close_matches
 
 from bench.model.declaration import AnalysisDeclaration, Limit
-from bench.model.systems import analyses, analysis_declaration, systems
+from bench.model.systems import analyses, analysis_declaration, system_of_analysis
 from bench.model.units import parse_quantity
 from bench.model.yamlio import Document
 from bench.plan.findings import Findings, suggestion
@@ -40,10 +40,16 @@ def check_named(document: Document[Sequence], findings: Findings) -> None:
 def check_limits(document: Document[Sequence], findings: Findings) -> None:
     """Note limits that no analysis knows, with the unit of something else, or of errors not above 0 (B-PLAN-093)."""
     uut, declared = document.model.uut, analysis_declaration(document.model.analysis)
-    shared = {name: limit for system in systems() for name, limit in system.limits.items()}
+    system = system_of_analysis(document.model.analysis)
+    shared: Mapping[str, Limit] = {} if system is None else system.limits
     known: Mapping[str, Limit] = declared.limits if declared is not None and declared.limits else shared
+    _check_rule(document, findings)
     for name, text in ({} if uut is None else uut.limits).items():
         where = document.where(("uut", "limits", name))
+        if not known:
+            message = f"nothing judges the limit {name!r}: the analysis {document.model.analysis!r} has no such limits"
+            findings.add("B-PLAN-093", where, message, "remove it, or name the analysis that judges it")
+            continue
         if name not in known:
             message = f"no analysis knows the limit {name!r}{suggestion(name, known)}"
             if declared is not None and declared.limits:
@@ -57,6 +63,13 @@ def check_limits(document: Document[Sequence], findings: Findings) -> None:
             continue
         if known[name].above_zero and not value > 0.0:
             findings.add("B-PLAN-093", where, f"limit {name}: {text} is not above zero")
+
+
+def _check_rule(document: Document[Sequence], findings: Findings) -> None:
+    """Note a decision rule of a sequence that has no analysis (B-PLAN-098)."""
+    if document.model.analysis == NONE and "decision" in document.model.model_fields_set:
+        message = "nothing is judged by this decision rule: the sequence asks for no analysis"
+        findings.add("B-PLAN-098", document.where(("decision",)), message, "remove it, or name an analysis")
 
 
 def check_asked(plan: Plan, findings: Findings) -> None:

@@ -41,6 +41,7 @@ class Part:
     judged: int
     failed: int
     outcome: Outcome
+    unsound: int = 0  # estimates that are doubtful or refused
 
 
 @dataclass(frozen=True)
@@ -91,9 +92,11 @@ class Batch:
         """
         whole = Unit(str(results["uut"]["model"]), str(results["uut"]["serial"]))
         counts: dict[Unit, Counter[str]] = {}
+        unsound: Counter[Unit] = Counter()
         for estimate in results["estimates"]:
             unit = Unit(whole.model, str(estimate["conditions"].get("unit", whole.serial)))
             counts.setdefault(unit, Counter())[estimate["verdict"]] += 1
+            unsound[unit] += not is_sound(estimate)
             self._keep(results["campaign"], unit, session, estimate)
         incomplete = bool(results.get("incomplete"))
         for unit, verdicts in (counts or {whole: Counter()}).items():
@@ -102,7 +105,7 @@ class Batch:
             doubted = verdicts[INDETERMINATE] or any(_concerns(sentence, unit) for sentence in missing)
             lacking = incomplete or not counts or (not failed and doubted)
             outcome = Outcome.NO_RESULT if lacking else _outcome(judged, failed)
-            self.parts.append(Part(unit, session, results["campaign"], judged, failed, outcome))
+            self.parts.append(Part(unit, session, results["campaign"], judged, failed, outcome, unsound[unit]))
         self.hashes[session] = str(results["provenance"]["session_sha256"])
         if results["provenance"]["simulated"]:
             self.simulated.append(session)
@@ -115,6 +118,11 @@ class Batch:
         chance, expanded = estimate.get("conformance_probability"), estimate["expanded_uncertainty"]
         member = Member(unit, session, estimate["value"], expanded, estimate["limit"], estimate["verdict"], chance)
         self.values.setdefault(quantity, []).append(member)
+
+    @property
+    def doubted(self) -> list[Unit]:
+        """Return the units of which an estimate is doubtful or refused."""
+        return list(dict.fromkeys(part.unit for part in self.parts if part.unsound))
 
     def without_result(self, manifest: Mapping[str, Any], session: str) -> None:
         """A session that can be read and determines nothing: its unit has no result."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import Counter
 
 from bench import __version__
+from bench.analysis import DOUBTFUL, REFUSED, doubt_lines, is_sound
 from bench.maths.verdict import WORST_FIRST
 from bench.report.dcc.calibration import ITEM_ID, TEXTS, Calibration, Contact, Person
 from bench.report.dcc.elements import LANGUAGE, Element, dcc, leaf, words
@@ -181,7 +182,8 @@ def _conformity(calibration: Calibration) -> list[Element]:
     rule = str(calibration.results.get("decision_rule") or "non_binary")
     worst = next(verdict for verdict in WORST_FIRST if counted[verdict])
     tally = ", ".join(f"{counted[verdict]} {STATUS[verdict]}" for verdict in WORST_FIRST if counted[verdict])
-    judged = TEXTS("statement.judged", count=sum(counted.values()), tally=tally)
+    whole = all(is_sound(estimate) for estimate in calibration.results["estimates"])
+    judged = TEXTS("statement.judged" if whole else "statement.judged_part", count=sum(counted.values()), tally=tally)
     return [
         _statement(TEXTS(f"rule.{rule}"), "bench_decisionRule", norm="JCGM 106:2012", reference="ILAC-G8:09/2019"),
         _statement(judged, "basic_conformity", conformity=STATUS[worst]),
@@ -189,9 +191,21 @@ def _conformity(calibration: Calibration) -> list[Element]:
 
 
 def _not_reported(calibration: Calibration) -> list[Element]:
-    names = Counter(estimate["quantity"] for estimate in calibration.results["estimates"] if left_out(estimate))
+    sound = [estimate for estimate in calibration.results["estimates"] if is_sound(estimate)]
+    names = Counter(estimate["quantity"] for estimate in sound if left_out(estimate))
     listed = ", ".join(f"{count} {name}" for name, count in sorted(names.items()))
-    return [_statement(TEXTS("statement.left_out", listed=listed), "bench_leftOut")] if names else []
+    statements = [_statement(TEXTS("statement.left_out", listed=listed), "bench_leftOut")] if names else []
+    return statements + _not_sound(calibration)
+
+
+def _not_sound(calibration: Calibration) -> list[Element]:
+    """Return how many estimates are left out as doubtful or refused, and why; accepted values stay out too."""
+    estimates = calibration.results["estimates"]
+    why = doubt_lines(estimates)
+    counted = Counter(str(estimate["quality"]) for estimate in estimates if not is_sound(estimate))
+    counts = ", ".join(f"{counted[name]} {name}" for name in (REFUSED, DOUBTFUL) if counted[name])
+    text = TEXTS("statement.not_sound", counts=counts, why=" ".join(why))
+    return [_statement(text, "bench_notSound")] if counts else []
 
 
 def _quality(calibration: Calibration) -> Element:

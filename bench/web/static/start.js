@@ -33,7 +33,7 @@ function sessions() {
     .map(([name, look]) => ({ head: t(`start.${name}`), class: look }));
   const rows = found.slice(0, shown).map((run) => ({
     key: run.run,
-    cells: [stamp(run.started_utc_s), link(run), unitOf(run), word("state", run.state), word("verdict", run.verdict ?? "none"),
+    cells: [stamp(run.started_utc_s), link(run), unitOf(run), word("state", run.state), run.verdict ? word("verdict", run.verdict) : "–",
       recordsOf(run)],
   }));
   fillTable(byId("sessions"), columns, rows, t(wanted.length ? "start.no-match" : "start.no-sessions"));
@@ -62,7 +62,7 @@ function history() {
   const rows = calibrations.map((one) => ({
     key: `${one.session} ${one.session_sha256} ${one.revision}`,
     cells: [stamp(Date.parse(one.started_utc) / 1000), [one.uut_model, one.uut_serial].filter(Boolean).join(" "), one.campaign,
-      calibrated(one, here.has(one.session)), one.method ?? "", word("verdict", one.verdict ?? "none"), one.estimates ?? "", one.revision ?? "",
+      calibrated(one, here.has(one.session)), one.method ?? "", one.verdict ? word("verdict", one.verdict) : "–", one.estimates ?? "", one.revision ?? "",
       (one.approved_by ?? []).join(", ")],
   }));
   fillTable(byId("calibrations"), columns, rows, "");

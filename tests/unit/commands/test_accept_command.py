@@ -171,3 +171,25 @@ def test_a_file_that_is_not_in_its_form_is_refused(say: Say, session: Path, text
 def test_a_run_that_has_not_ended_is_not_accepted() -> None:
     with pytest.raises(Exception, match="has not ended"):
         new_acceptances({"session": "S", "incomplete": True, "estimates": []}, ["dsf_n"], "A", "because", 0)
+
+
+def test_without_a_sound_estimate_there_is_no_certificate(say: Say, session: Path, doubts: Doubts) -> None:
+    doubts.evidence = [dataclasses.replace(doubt(), quantities=())]
+    (session / "results.json").write_text(say("fit", session, "--json")[1])
+    status, _, err = say("certificate", session, "--specimen", "--out", session / "c.xml")
+    assert (status, "B-DCC-015" in err) == (2, True), err
+    assert not (session / "c.xml").exists()
+
+
+def test_the_history_says_what_is_not_sound_and_why(say: Say, session: Path, tmp_path: Path) -> None:
+    say("fit", session, "--accept", "dsf_n", *WHO)
+    url = f"sqlite:///{tmp_path / 'history.sqlite'}"
+    status, _, err = say("history", "import", session, "--history", url)
+    assert status == 0, err
+    listed = json.loads(say("history", "list", "--history", url, "--json")[1])
+    (row,) = next(iter(listed.values()))
+    assert (row["doubtful"] > 0, row["refused"], row["verdict"]) == (True, 0, "indeterminate")
+    assert f"{row['doubtful']} doubtful" in " ".join(say("history", "list", "--history", url)[1].split())
+    shown = say("history", "show", session.name, "--history", url)[1]
+    assert f"DOUBTFUL, {row['doubtful']} estimates: The levels do not lie on a line." in " ".join(shown.split())
+    assert "accepted" in shown

@@ -68,6 +68,28 @@ def test_a_limit_that_nothing_can_keep_b_plan_093(tmp_path: Path) -> None:
     assert (code, "-5 ms is not above zero" in message) == ("B-PLAN-093", True)
 
 
+@pytest.mark.parametrize(
+    ("shipped", "old", "new", "code", "says"),
+    [
+        ("scale_factor_short", "uut:", "uut:\n  limits: {supply_voltage: 5 V}", "B-PLAN-093", "'scale_factor' has no"),
+        ("time_sync_linear", "stamps_difference: 5 ms", "stamps_difference: 5 A", "B-PLAN-093", "5 A"),
+        ("time_sync_linear", "analysis: time_sync", "analysis: none", "B-PLAN-093", "nothing judges the limit"),
+        (
+            "scale_factor_short",
+            "analysis: scale_factor",
+            "analysis: none\ndecision: {rule: simple}",
+            "B-PLAN-098",
+            "rule",
+        ),
+    ],
+)
+def test_what_nothing_judges_or_can_judge_is_a_mistake(
+    tmp_path: Path, shipped: str, old: str, new: str, code: str, says: str
+) -> None:
+    found = mistakes(tmp_path, shipped, (old, new))
+    assert any(one == code and says in message for one, message in found), found
+
+
 def test_a_range_of_the_meter_needs_an_uncertainty_b_plan_066(tmp_path: Path) -> None:
     station = (ROOT / "stations" / "af_bench_sim.yaml").read_text()
     assert REGISTER_LINE in station

@@ -233,7 +233,7 @@ def test_simulated_is_said_unless_provenance_denies_it(
 @pytest.mark.parametrize(
     ("verdicts", "kind", "words"),
     [
-        (["none", "none"], "none", "No verdict"),
+        (["none", "none"], "none", "Not judged"),
         (["pass", "none"], "pass", "1 pass"),
         (["pass", "fail"], "fail", "1 fail, 1 pass"),
         (["pass", "conditional_fail"], "fail", "1 conditional fail, 1 pass"),

@@ -124,6 +124,23 @@ def test_what_cannot_be_given_is_left_out_and_named() -> None:
     assert problems(xml) == []
 
 
+def test_what_is_not_sound_is_counted_with_its_reason_and_the_whole_is_not_judged_without_it() -> None:
+    reason = {"code": "lack_of_fit", "sentence": "The levels do not lie on a line.", "figure": 3.0}
+    doubtful = judged(2.0, "indeterminate") | {
+        "expanded_uncertainty": None, "quality": "doubtful", "reasons": [reason],
+        "acceptance": {"by": "A. Meyer", "reason": "known"},
+    }  # fmt: skip
+    xml = xml_of(calibration(estimates=[judged(1.0, "pass"), doubtful, doubtful]))
+    (statement,) = texts_of(xml, ".//dcc:statement[@refType='bench_notSound']/dcc:declaration/dcc:content")
+    assert "2 doubtful" in statement
+    assert "The levels do not lie on a line." in statement
+    assert texts_of(xml, ".//dcc:statement[@refType='bench_leftOut']/dcc:declaration/dcc:content") == []
+    said = texts_of(xml, ".//dcc:statement[@refType='basic_conformity']/dcc:declaration/dcc:content")
+    assert "does not hold for the item as a whole" in said[0]
+    assert texts_of(xml, ".//dcc:conformityXMLList") == ["pass"]
+    assert problems(xml) == []
+
+
 def test_verdicts_have_their_rule_their_limits_and_the_worst_one_for_the_whole() -> None:
     xml = xml_of(calibration(estimates=[judged(1.0, "pass"), judged(99.0, "conditional_pass")]))
     assert texts_of(xml, ".//dcc:statement[@refType='basic_conformity']/dcc:conformity") == ["conditionalPass"]
