@@ -121,7 +121,7 @@ def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str
     provenance = {
         "simulated": manifest["simulated"],
         "plan_sha256": manifest["plan_sha256"],
-        "frame_sha256": manifest["frame_sha256"].get(manifest["measurement_link"], ""),
+        "frame_sha256": manifest.get("frame_sha256", {}).get(manifest["measurement_link"], ""),
         "session_sha256": view.session_sha256,
         "software": SOFTWARE,
     }

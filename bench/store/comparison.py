@@ -142,6 +142,7 @@ def compare_pair(url: str, first: str, second: str) -> dict[str, Any]:
         "uut_serial": series.uut[1],
         "sessions": [row["session"] for row in series.calibrations],
         "methods": [row["method"] for row in series.calibrations],
+        "notes": list(series.notes),
         "parameters": [
             {
                 **vars(series.parameters[column]),

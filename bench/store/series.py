@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,7 +17,7 @@ from bench.model.clock import NS
 from bench.store.database import reading
 from bench.store.errors import StoreError
 from bench.store.selection import Filters, find_calibration, find_unit, selected
-from bench.store.tables import estimates, parameters, shared_components
+from bench.store.tables import doubts, estimates, parameters, shared_components
 
 Array = NDArray[np.float64]
 YEAR_S = 365.25 * 86400.0
@@ -120,6 +121,7 @@ def read_pair(url: str, first: str, second: str) -> Series:
 def _series(
     connection: Connection, uut: tuple[str, str], rows: list[dict[str, Any]], quantity: str | None, notes: list[str]
 ) -> Series:
+    notes = [*notes, *_unsound(connection, rows)]
     table, described = _numbers(connection, [row["result_set_id"] for row in rows], quantity)
     places = _places(np.array([row["result_set_id"] for row in rows], dtype=np.int64), table[:, 0].astype(np.int64))
     names = sorted({str(row["campaign"]) for row in rows})
@@ -135,6 +137,18 @@ def _series(
     limit, change_limit = _limits(connection, rows, column_of)
     value, std, factor = grids
     return Series(uut, rows, parameters, t_year, value, std, factor, shared, standard, limit, change_limit, notes)
+
+
+def _unsound(connection: Connection, rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a sentence for each calibration of which estimates are not sound: nothing is compared with those."""
+    session_of = {row["result_set_id"]: str(row["session"]) for row in rows}
+    some = connection.execute(select(doubts.c.result_set_id, doubts.c.document))
+    of_these = [row for row in some if row.result_set_id in session_of]
+    counted = Counter((row.result_set_id, str(json.loads(row.document)["quality"])) for row in of_these)
+    return [
+        f"{session_of[result_set]}: {count} {quality} estimates are left out"
+        for (result_set, quality), count in sorted(counted.items())
+    ]
 
 
 def _places(known: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -100,6 +100,8 @@ def print_pair(out: Console, pair: Row) -> None:
     scores = [parameter["en"] for parameter in pair["parameters"] if parameter["en"] is not None]
     above = sum(abs(score) > 1.0 for score in scores)
     out.print(f"{above} of {len(scores)} parameters changed by more than their uncertainty (|E_n| > 1)")
+    for note in pair["notes"]:
+        out.print(note)
 
 
 def comparison_document(comparison: Comparison, due: Sequence[Due], now_utc_ns: int) -> dict[str, Any]:

@@ -39,7 +39,7 @@ def batch_document(batch: Batch, software: str) -> dict[str, Any]:
         "parts": [
             {
                 **_unit(part.unit), "session": part.session, "campaign": part.campaign, "judged": part.judged,
-                "failed": part.failed, "verdict": part.outcome,
+                "failed": part.failed, "verdict": part.outcome, "not_sound": part.unsound,
             }
             for part in batch.parts
         ],
@@ -100,6 +100,8 @@ def batch_html(batch: Batch, software: str, language: str = ENGLISH) -> str:
 def _verdict(batch: Batch, words: Texts) -> tuple[str, str]:
     total = batch.yield_of()
     text = words("batch.summary", passed=total.passed, failed=total.failed, without=total.without)
+    if batch.doubted:
+        text = f"{text}; {words('batch.doubted', units=len(batch.doubted))}"
     return (Outcome.FAIL if total.failed else Outcome.PASS if total.passed else "none"), text
 
 

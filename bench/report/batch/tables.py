@@ -46,11 +46,12 @@ def unit_table(batch: Batch, words: Texts) -> Table:
     rows = tuple(
         (
             unit_name(part.unit), part.campaign.replace("_", " "), part.session, number(part.judged),
-            number(part.failed), words(f"batch.outcome.{part.outcome}"),
+            number(part.failed), number(part.unsound), words(f"batch.outcome.{part.outcome}"),
         )
         for part in parts[:_MOST_ROWS]
     )  # fmt: skip
-    heads = ("batch.unit", "batch.campaign", "batch.session", "batch.judged", "batch.failed", "batch.verdict")
+    names = ("unit", "campaign", "session", "judged", "failed", "not_sound", "verdict")
+    heads = tuple(f"batch.{name}" for name in names)
     key = "batch.unit_table" if len(parts) <= _MOST_ROWS else "batch.unit_table_cut"
     caption = words(key, shown=number(len(rows)), all=number(len(parts)))
     return Table(caption, tuple(words(key) for key in heads), rows, stub=3)

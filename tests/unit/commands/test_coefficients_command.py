@@ -22,7 +22,6 @@ def view(campaign: sim.SimulatedCampaign, name: str, **section: Any) -> SessionV
         "standards": campaign.standards,
         "simulated": True,
         "plan_sha256": "p",
-        "frame_sha256": {"port_a": "f"},
         "measurement_link": "port_a",
     }
     return SessionView(manifest=manifest, rows=campaign.rows, counts={}, session_sha256=f"sha of {name}")
