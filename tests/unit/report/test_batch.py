@@ -179,6 +179,18 @@ def test_a_simulated_session_among_real_ones_is_named() -> None:
     assert "Some of the sessions are simulated: toy." in page
 
 
+def test_units_with_doubt_are_counted() -> None:
+    reason = {"code": "lack_of_fit", "sentence": "The levels do not lie on a line.", "figure": 3.0}
+    document = results("s2", "B", [coupling(GOOD)])
+    document["estimates"][0] |= {
+        "expanded_uncertainty": None, "verdict": "indeterminate", "quality": "doubtful", "reasons": [reason]
+    }  # fmt: skip
+    found = batch_of(results("s1", "A", [coupling(GOOD)]), document)
+    assert [unit.serial for unit in found.doubted] == ["B"]
+    assert [part["not_sound"] for part in json.loads(batch_json(found, "t"))["parts"]] == [0, 1]
+    assert "1 units with doubt" in batch_html(found, "t")
+
+
 def test_what_was_left_out_stands_on_the_page() -> None:
     found = batch_of(results("s1", "A", [coupling(GOOD)]))
     found.left_out.append(LeftOut("s2", "B-REC-012", "the manifest <is> missing"))
