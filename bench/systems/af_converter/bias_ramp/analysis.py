@@ -20,6 +20,7 @@ from bench.systems.af_converter.bias_ramp.estimates import (
     master_clock_estimates,
     temperatures,
 )
+from bench.systems.af_converter.bias_ramp.evidence import evidence
 from bench.systems.af_converter.bias_ramp.fit import (
     FALLING,
     JOINT,
@@ -37,6 +38,7 @@ from bench.systems.af_converter.constants import Campaign, read_campaign
 from bench.systems.af_converter.estimators.hysteresis.fit import LAG
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
 from bench.systems.af_converter.estimators.oscillator import OscillatorFit
+from bench.systems.af_converter.estimators.thermal_lag import Drive
 
 METHODS: tuple[str, ...] = FIT_METHODS
 _NO_LOOP = "; hysteresis width, play half-width and thermal lag are not stated without it"
@@ -54,7 +56,8 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     """
     campaign = read_campaign(material.campaign)
     records = ramp_records(material.rows, campaign.master_Hz)
-    fits, missing = _fit_all(material, records, campaign, method)
+    drive = drive_of(material.trace, records, method)
+    fits, missing = _fit_all(material, records, campaign, drive, method)
     clock = _master_clock(material, records, campaign, fits, missing)
     limits = _limits(material.campaign)
     entries = [
@@ -78,6 +81,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         figures=figures(fits) + noise_figures(noise) + _clock_figures(clock, records),
         tables=[*tables(fits, campaign), *bias_budgets(fits, campaign), noise_table(noise)],
         compensation=compensation(fits, clock),
+        evidence=evidence(fits, drive),
     )
 
 
@@ -96,10 +100,9 @@ def _quality_of_fit(fits: list[ChannelFit], records: RampRecords) -> list[dict[s
 
 
 def _fit_all(
-    material: Material, records: RampRecords, campaign: Campaign, method: str
+    material: Material, records: RampRecords, campaign: Campaign, drive: Drive, method: str
 ) -> tuple[list[ChannelFit], list[str]]:
     """Fits of the channels that are determined, and one sentence for every other one."""
-    drive = drive_of(material.trace, records, method)
     readings = channel_readings(records, campaign)
     missing = [
         f"channel {channel.number}: no record" for channel in campaign.channels if channel.number not in readings

@@ -162,7 +162,7 @@ def solution_at(
     white, white_columns = problem.white, problem.whiten(columns)
     basis, triangle = np.linalg.qr(white_columns)
     linear = solve(triangle, basis.T @ white, np.eye(triangle.shape[0]), problem.model.names).parameters
-    slopes = problem.whiten(_derivatives(problem, place, linear))
+    slopes = problem.whiten(derivatives(problem, place, linear))
     prior_std = bounds.std
     if fixed:
         slopes, prior_std = slopes[:, :1], prior_std[:1]
@@ -209,7 +209,7 @@ def spacing_degC(bounds: Bounds) -> float:
     return float(bounds.high[1] - bounds.low[1]) / _HALF_WIDTHS
 
 
-def _derivatives(problem: Problem, place: Place, linear: Array) -> Array:
+def derivatives(problem: Problem, place: Place, linear: Array) -> Array:
     """Change of the model with lag and half-width, (m, 2), by central differences."""
     columns, lag_s, half = problem.model.columns, place.lag_s, place.half_width_degC
     by_lag = columns(lag_s * (1 + _STEP), half) - columns(lag_s * (1 - _STEP), half)

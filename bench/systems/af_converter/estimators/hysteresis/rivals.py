@@ -1,0 +1,212 @@
+"""What else could have made a series of readings: a step in time, a second thermal lag, several play operators.
+
+Each rival is a short fixed list of further columns beside the fitted model, lag and half-width free to follow in their
+first order. Where the noise was fitted to the same readings it is fitted again for every rival: it would otherwise
+have taken the misfit for noise already.
+Source: docs/decisions/0025-doubt.md; Seber and Lee, Linear Regression Analysis (2003), section 4.3 (F test of further
+columns); Bonferroni's inequality over the list of a rival; Krejci and Kuhnen, IEE Proc. Control Theory 148 (2001) 185
+(several play operators: the operator of Prandtl and Ishlinskii).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
+from bench.systems.af_converter.estimators.hysteresis.search import Place, Problem, derivatives
+
+Array = NDArray[np.float64]
+Whiten = Callable[[Array], Array]
+STEP, SECOND_LAG, PLAYS, DRIFT = "a step", "a second thermal lag", "several play operators", "a linear drift"
+_STEPS = 40
+_LAGS = 8
+_PLAYS = (0.01, 0.03, 0.08, 0.15, 0.25)  # half-widths, in parts of the span of the temperature
+_RANK = 1e-9
+
+
+@dataclass(frozen=True)
+class Rival:
+    """``candidates``: further columns (m, q), one set for each of ``places`` (time in h, lag in min; 0 for none)."""
+
+    name: str
+    candidates: Sequence[Array]
+    places: Sequence[float]
+
+
+@dataclass(frozen=True)
+class Base:
+    """The fitted model in first order: ``columns`` (m, p) called ``names``, ``residual`` (m,) of the readings."""
+
+    names: tuple[str, ...]
+    columns: Array
+    residual: Array
+
+
+@dataclass(frozen=True)
+class Noise:
+    """One covariance that the noise may have; ``log_volume``: half the logarithm of its determinant.
+
+    ``known``: its size is declared, and chi-square is one.
+    """
+
+    whiten: Whiten
+    log_volume: float = 0.0
+    known: bool = True
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How well the best candidate of a rival does: ``gain`` in twice the log-likelihood, ``probability`` of it by
+    chance over the whole list, and by how much each parameter of the base would differ (``shift``).
+    """
+
+    name: str
+    place: float
+    gain: float
+    probability: float
+    shift: Mapping[str, float]
+
+
+def base_of(problem: Problem, lag_s: float, half_width_degC: float, names: Sequence[str]) -> Base:
+    """Return the joint fit in first order about a lag and a half-width.
+
+    Args:    names: what the two nonlinear parameters are called.
+    Source:  Golub and Pereyra (1973): linear parameters solved, lag and half-width by their slopes.
+    """
+    columns = problem.model.columns(lag_s, half_width_degC)
+    linear = np.asarray(np.linalg.lstsq(problem.whiten(columns), problem.white, rcond=None)[0], dtype=np.float64)
+    slopes = derivatives(problem, Place(lag_s, half_width_degC, 0.0), linear)
+    return Base((*problem.model.names, *names), np.column_stack((columns, slopes)), problem.readings - columns @ linear)
+
+
+def steps(middle_s: Array) -> Rival:
+    """Return one step at any of a list of times. Args: middle_s: (m,). Source: see the module."""
+    at = np.quantile(middle_s, np.linspace(0.03, 0.97, _STEPS))
+    hours = [float((time_s - middle_s[0]) / 3600.0) for time_s in at]
+    return Rival(STEP, [(middle_s > time_s).astype(np.float64)[:, None] for time_s in at], hours)
+
+
+def drift(middle_s: Array) -> Rival:
+    """Return a linear drift in time. Args: middle_s: (m,). Source: see the module."""
+    return Rival(DRIFT, [((middle_s - middle_s.mean()) / 3600.0)[:, None]], [0.0])
+
+
+def thermal(problem: Problem, lag_s: float, lags_s: tuple[float, float]) -> list[Rival]:
+    """Return a second lag, beside or behind the first, and several play operators.
+
+    Args:    lag_s: of the fit.   lags_s: between which the second one is looked for.
+    Source:  two masses in a row answer like (t1 F1 - t2 F2) / (t1 - t2), a sum of two first-order lags.
+    """
+    model = problem.model
+    near = model.unit_degC(lag_s)
+    seconds = [
+        float(second_s)
+        for second_s in np.geomspace(*lags_s, _LAGS)
+        if lag_s <= 0 or abs(np.log(second_s / lag_s)) > np.log(1.3)
+    ]
+    low, high = model.span_degC(lag_s)
+    plays = np.column_stack([model.shape_column(lag_s, share * (high - low)) for share in _PLAYS])
+    return [
+        Rival(SECOND_LAG, [(model.unit_degC(one) - near)[:, None] for one in seconds], [one / 60.0 for one in seconds]),
+        Rival(PLAYS, [plays], [0.0]),
+    ]
+
+
+def compare(base: Base, rivals: Iterable[Rival], noises: Sequence[Noise]) -> list[Outcome]:
+    """Fit every rival beside the base, under each covariance that the noise may have.
+
+    Args:    rivals: lists of further columns.   noises: one that is declared, or those to choose from.
+    Returns: one Outcome a rival, that of its best candidate.
+    Source:  see the module; likelihood ratio, and its F form where the size of the noise is fitted.
+    """
+    listed = list(rivals)
+    states = [_State.under(noise, base) for noise in noises]
+    best = min(state.cost(state.square) for state in states)
+    return [_outcome(rival, base, states, best) for rival in listed]
+
+
+@dataclass(frozen=True)
+class _State:
+    """The base under one covariance: orthonormal ``basis``, white ``rest`` of the residual and its square."""
+
+    noise: Noise
+    basis: Array
+    rest: Array
+    square: float
+    dof: int
+
+    @classmethod
+    def under(cls, noise: Noise, base: Base) -> _State:
+        white = noise.whiten(np.column_stack((base.residual, base.columns)))
+        basis = _orthonormal(white[:, 1:])
+        rest = white[:, 0] - basis @ (basis.T @ white[:, 0])
+        return cls(noise, basis, rest, float(rest @ rest), rest.size - basis.shape[1])
+
+    def cost(self, square: float) -> float:
+        """Twice minus the log-likelihood."""
+        if self.noise.known:
+            return square
+        return 2.0 * self.noise.log_volume + self.dof * float(np.log(max(square, np.finfo(np.float64).tiny)))
+
+    def squares(self, stacked: Array, width: int) -> tuple[Array, Array]:
+        """Squares of what every candidate leaves, (k,), and how many columns each adds."""
+        white = self.noise.whiten(stacked)
+        white = white - self.basis @ (self.basis.T @ white)
+        left, added = [], []
+        for start in range(0, white.shape[1], width):
+            own = _orthonormal(
+                white[:, start : start + width], float(np.linalg.norm(stacked[:, start : start + width]))
+            )
+            left.append(self.square - float(np.sum((own.T @ self.rest) ** 2)))
+            added.append(own.shape[1])
+        return np.array(left), np.array(added)
+
+
+def _orthonormal(columns: Array, scale: float = 0.0) -> Array:
+    """Orthonormal basis of what columns span, those that add nothing left out."""
+    length = np.linalg.norm(columns, axis=0)
+    left, singular, _ = np.linalg.svd(columns / np.where(length > 0, length, 1.0), full_matrices=False)
+    kept = (singular > _RANK * max(float(singular[0]), 1e-300)) & (length.max() > _RANK * scale)
+    return np.asarray(left[:, kept])
+
+
+def _outcome(rival: Rival, base: Base, states: Sequence[_State], best: float) -> Outcome:
+    width = rival.candidates[0].shape[1]
+    stacked = np.column_stack(list(rival.candidates))
+    found: list[tuple[float, int, int, int]] = []  # cost, state, candidate, columns added
+    for index, state in enumerate(states):
+        left, added = state.squares(stacked, width)
+        costs = [state.cost(float(square)) for square in left]
+        at = int(np.argmin(costs))
+        found.append((costs[at], index, at, int(added[at])))
+    cost, index, at, added_columns = min(found)
+    state, gain = states[index], max(best - cost, 0.0)
+    chance = _chance(gain, added_columns, state) * len(rival.candidates)
+    shift = _shift(rival.candidates[at], base, state.noise, several=rival.name == PLAYS)
+    return Outcome(rival.name, rival.places[at], gain, min(chance, 1.0), shift)
+
+
+def _chance(gain: float, added: int, state: _State) -> float:
+    if not added:
+        return 1.0
+    if state.noise.known:
+        return float(special.chdtrc(added, gain))
+    rest = state.dof - added
+    return float(special.fdtrc(added, rest, float(np.expm1(gain / state.dof)) * rest / added))
+
+
+def _shift(candidate: Array, base: Base, noise: Noise, *, several: bool) -> dict[str, float]:
+    """By how much each parameter differs with the candidate beside it; the width is that of all play operators."""
+    design = noise.whiten(np.column_stack((base.columns, candidate)))
+    scale = np.linalg.norm(design, axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    solved = np.linalg.lstsq(design / scale, noise.whiten(base.residual), rcond=_RANK)[0] / scale
+    shift = dict(zip(base.names, solved[: len(base.names)].tolist(), strict=True))
+    if several and WIDTH in shift:
+        shift[WIDTH] += float(np.sum(solved[len(base.names) :]))
+    return shift
