@@ -120,6 +120,6 @@ def _rival(channel: ChannelFit, outcome: rivals.Outcome) -> Evidence:
         "residuals and take the ramp again."
     )
     return Evidence(
-        "rival_" + outcome.name.removeprefix("a ").replace(" ", "_"), sentence, outcome.gain,
+        rivals.code_of(outcome.name), sentence, outcome.gain,
         max(outcome.probability, _SMALLEST), max(moved.values()), _bearing(moved), _about(channel),
     )  # fmt: skip

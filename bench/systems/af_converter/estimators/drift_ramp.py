@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 BRANCH, DRIFT_NAMES = "up minus down", ("drift rate", "drift curvature")
 TEMPERATURE_NAMES = ("b0", "b1", "b2", "b3")
-_NAMES = (*TEMPERATURE_NAMES, BRANCH, *DRIFT_NAMES)
+NAMES = (*TEMPERATURE_NAMES, BRANCH, *DRIFT_NAMES)
 _UNKNOWN_START = 0.0  # of the play, half-way between both branches
 _PASSES = 2  # of noise and fit
 
@@ -107,6 +107,16 @@ def drift_columns(blocks: Blocks) -> Array:
     return np.column_stack((hours, hours**2))
 
 
+def drift_design(blocks: Blocks, temperature_degC: Array, branch: Array, reference_degC: float) -> Array:
+    """Return the columns (m, 7) of a fit, in the order of ``NAMES``.
+
+    Args:    as for ``fit_drift``.
+    Source:  see the module.
+    """
+    powers = np.vander(temperature_degC - reference_degC, 4, increasing=True)
+    return np.column_stack((powers, branch, drift_columns(blocks)))
+
+
 def fit_drift(
     blocks: Blocks, temperature_degC: Array, readings: Array, branch: Array, reference_degC: float,
     noise: CorrelatedNoise | None = None,
@@ -119,13 +129,12 @@ def fit_drift(
     Raises:  FitError B-FIT-001 if the record does not determine a term, naming it.
     Source:  see the module; JCGM 100:2008, 5.2: the estimates are ``operator @ readings``, whatever the noise is.
     """
-    x = temperature_degC - reference_degC
-    design = np.column_stack((np.vander(x, 4, increasing=True), branch, drift_columns(blocks)))
+    design = drift_design(blocks, temperature_degC, branch, reference_degC)
     basis, triangle = np.linalg.qr(design)
-    fit = solve(triangle, basis.T @ readings, np.eye(triangle.shape[0]), _NAMES)
+    fit = solve(triangle, basis.T @ readings, np.eye(triangle.shape[0]), NAMES)
     residual = readings - design @ fit.parameters
     noise_used = fit_noise(blocks.middle_s, readings, design) if noise is None else noise
-    return DriftFit(_NAMES, fit.parameters, fit.operator @ basis.T, residual, noise_used, blocks.middle_s)
+    return DriftFit(NAMES, fit.parameters, fit.operator @ basis.T, residual, noise_used, blocks.middle_s)
 
 
 def branch_differences(
@@ -180,6 +189,20 @@ def search_bounds(blocks: Blocks, drive: Drive) -> Bounds:
     return Bounds((block_s / 10.0, length_s / 10.0), (span_degC / 500.0, span_degC / 3.0))
 
 
+def ramp_shape(blocks: Blocks, reference_degC: float) -> ModelShape:
+    """Return the terms of the joint fit of a record: quadratic drift, the start of the play half-way.
+
+    Args:    blocks: of the readings.   reference_degC: of the polynomial.
+    Source:  see the module.
+    """
+    return ModelShape(
+        reference_degC=reference_degC,
+        extra_columns=drift_columns(blocks),
+        extra_names=DRIFT_NAMES,
+        play_start=_UNKNOWN_START,
+    )
+
+
 def fit_ramp_hysteresis(
     blocks: Blocks, readings: Array, drive: Drive, noise: CorrelatedNoise, reference_degC: float
 ) -> RampHysteresis:
@@ -194,12 +217,7 @@ def fit_ramp_hysteresis(
     Source:  docs/decisions/0006-bias-and-hysteresis.md.
     """
     gates, bounds = Gates(blocks.start_s, blocks.end_s), search_bounds(blocks, drive)
-    shape = ModelShape(
-        reference_degC=reference_degC,
-        extra_columns=drift_columns(blocks),
-        extra_names=DRIFT_NAMES,
-        play_start=_UNKNOWN_START,
-    )
+    shape = ramp_shape(blocks, reference_degC)
     model = HysteresisModel(gates, drive, shape)
     for _ in range(_PASSES):
         used = noise

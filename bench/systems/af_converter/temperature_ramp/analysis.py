@@ -12,6 +12,7 @@ from typing import Any
 from bench.analysis import Analysis, Estimates, Material, check_method, estimate, no_result
 from bench.systems.af_converter.estimators.drift_ramp import BRANCH, DRIFT_NAMES, TEMPERATURE_NAMES, Blocks, block_means
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
+from bench.systems.af_converter.temperature_ramp.evidence import evidence
 from bench.systems.af_converter.temperature_ramp.fits import (
     RampColumns,
     ReadingFit,
@@ -45,6 +46,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         missing=[_not_joint(fit) for fit in fits if fit.joint is not None and fit.joint.fit.beyond],
         figures=figures(columns, blocks, fits),
         tables=tables(columns, fits),
+        evidence=evidence(fits, columns, blocks, reference_degC),
     )
 
 

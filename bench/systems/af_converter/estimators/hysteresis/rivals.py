@@ -23,7 +23,14 @@ from bench.systems.af_converter.estimators.hysteresis.search import Place, Probl
 Array = NDArray[np.float64]
 Whiten = Callable[[Array], Array]
 STEP, SECOND_LAG, PLAYS, DRIFT = "a step", "a second thermal lag", "several play operators", "a linear drift"
-_STEPS = 40
+_CODES = {
+    STEP: "rival_step",
+    SECOND_LAG: "rival_second_thermal_lag",
+    PLAYS: "rival_several_play_operators",
+    DRIFT: "rival_linear_drift",
+}
+_STEPS = 1000  # places of a step, at most
+_EDGE = 0.02  # of the readings, at either end
 _LAGS = 8
 _PLAYS = (0.01, 0.03, 0.08, 0.15, 0.25)  # half-widths, in parts of the span of the temperature
 _RANK = 1e-9
@@ -72,6 +79,11 @@ class Outcome:
     shift: Mapping[str, float]
 
 
+def code_of(name: str) -> str:
+    """Return the stable code of a rival. Args: name: of the rival. Source: definition."""
+    return _CODES[name]
+
+
 def base_of(problem: Problem, lag_s: float, half_width_degC: float, names: Sequence[str]) -> Base:
     """Return the joint fit in first order about a lag and a half-width.
 
@@ -85,10 +97,12 @@ def base_of(problem: Problem, lag_s: float, half_width_degC: float, names: Seque
 
 
 def steps(middle_s: Array) -> Rival:
-    """Return one step at any of a list of times. Args: middle_s: (m,). Source: see the module."""
-    at = np.quantile(middle_s, np.linspace(0.03, 0.97, _STEPS))
-    hours = [float((time_s - middle_s[0]) / 3600.0) for time_s in at]
-    return Rival(STEP, [(middle_s > time_s).astype(np.float64)[:, None] for time_s in at], hours)
+    """Return one step before any reading but the first and last few. Args: middle_s: (m,). Source: see the module."""
+    m = middle_s.size
+    edge = max(2, round(_EDGE * m))
+    at = np.unique(np.linspace(edge, m - edge, min(_STEPS, m)).round().astype(np.int64))
+    hours = [float((middle_s[first] - middle_s[0]) / 3600.0) for first in at]
+    return Rival(STEP, [(np.arange(m) >= first).astype(np.float64)[:, None] for first in at], hours)
 
 
 def drift(middle_s: Array) -> Rival:
@@ -157,6 +171,11 @@ class _State:
         """Squares of what every candidate leaves, (k,), and how many columns each adds."""
         white = self.noise.whiten(stacked)
         white = white - self.basis @ (self.basis.T @ white)
+        if width == 1:
+            square = np.einsum("ij,ij->j", white, white)
+            new = square > (_RANK * np.linalg.norm(stacked)) ** 2
+            gained = (self.rest @ white) ** 2 / np.where(new, square, 1.0)
+            return self.square - np.where(new, gained, 0.0), new.astype(np.int64)
         left, added = [], []
         for start in range(0, white.shape[1], width):
             own = _orthonormal(

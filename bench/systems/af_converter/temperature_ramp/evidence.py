@@ -1,0 +1,127 @@
+"""What an imported ramp says against its fits: rivals of the models, with the noise fitted again beside each.
+
+The noise of a log is not declared; it is fitted to the residuals and takes a misfit for noise that is alike for hours.
+So a rival is weighed by the likelihood of the readings with the noise that suits it best.
+Source: docs/decisions/0025-doubt.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from bench.analysis import Evidence, Floats
+from bench.analysis.doubt import LEAST_MOVE
+from bench.maths.verdict import coverage_factor
+from bench.systems.af_converter.estimators.correlated_noise import CorrelatedNoise, whitened
+from bench.systems.af_converter.estimators.drift_ramp import (
+    BRANCH,
+    DRIFT_NAMES,
+    NAMES,
+    TEMPERATURE_NAMES,
+    Blocks,
+    RampHysteresis,
+    drift_design,
+    ramp_shape,
+    search_bounds,
+)
+from bench.systems.af_converter.estimators.hysteresis import rivals
+from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
+from bench.systems.af_converter.estimators.hysteresis.model import WIDTH, Gates, HysteresisModel
+from bench.systems.af_converter.estimators.hysteresis.search import Problem
+from bench.systems.af_converter.estimators.thermal_lag import usable_drive
+from bench.systems.af_converter.temperature_ramp.fits import RampColumns, ReadingFit, minute_means
+
+_SHARES = (1e-4, 0.003, 0.01, 0.03, 0.1, 0.3, 0.6, 0.9)  # of the white part in the variance
+_TIMES = 13  # correlation times, from a third of a step to the whole record
+_SMALLEST = 1e-300
+Moves = dict[str, float]
+
+
+def evidence(fits: Sequence[ReadingFit], columns: RampColumns, blocks: Blocks, reference_degC: float) -> list[Evidence]:
+    """Return what every rival of every reading says, those that gain nothing included."""
+    found: list[Evidence] = []
+    for fit in fits:
+        found += _of_drift(fit, columns, blocks, reference_degC)
+        if fit.joint is not None and not fit.joint.fit.beyond:
+            found += _of_joint(fit, fit.joint, columns, blocks, reference_degC)
+    return found
+
+
+def _noises(blocks: Blocks, fitted: CorrelatedNoise) -> list[rivals.Noise]:
+    """Return the covariances that the noise may have: white and decaying parts on a grid, and the fitted one."""
+    t_s = blocks.middle_s
+    times = np.geomspace(float(np.median(np.diff(t_s))) / 3.0, float(t_s[-1] - t_s[0]), _TIMES)
+    places = [(share, 1.0 - share, float(time_s)) for share in _SHARES for time_s in times]
+    whole = fitted.white + fitted.slow
+    places.append((fitted.white / whole, fitted.slow / whole, fitted.time_s))
+    return [_noise(t_s, place) for place in places]
+
+
+def _noise(t_s: Floats, place: tuple[float, float, float]) -> rivals.Noise:
+    volume = whitened(t_s, np.zeros(t_s.size), place)[1]
+    return rivals.Noise(lambda columns: whitened(t_s, columns, place)[0], volume, known=False)
+
+
+def _of_joint(
+    fit: ReadingFit, joint: RampHysteresis, columns: RampColumns, blocks: Blocks, reference_degC: float
+) -> Iterator[Evidence]:
+    drive = usable_drive(*minute_means(columns.t_s, columns.temperature_degC))
+    model = HysteresisModel(Gates(blocks.start_s, blocks.end_s), drive, ramp_shape(blocks, reference_degC))
+    noise, lag_s = joint.noise, joint.fit.value(LAG)
+    problem = Problem(model, fit.readings, lambda values: noise.whiten(blocks.middle_s, values))
+    base = rivals.base_of(problem, lag_s, joint.fit.value(HALF_WIDTH), (LAG, HALF_WIDTH))
+    low_s, high_s = search_bounds(blocks, drive).lag_s
+    listed = [rivals.steps(blocks.middle_s), *rivals.thermal(problem, lag_s, (low_s, 2.0 * high_s))]
+    for outcome in rivals.compare(base, listed, _noises(blocks, noise)):
+        width = joint.fit.value(WIDTH) + outcome.shift[WIDTH]
+        would_be = f"the hysteresis width would be about {width:.3g} {columns.unit}"
+        yield _seen(fit.name, outcome, _joint_moves(joint, outcome.shift), would_be)
+
+
+def _joint_moves(joint: RampHysteresis, shift: Mapping[str, float]) -> Moves:
+    """Return by how much of its expanded uncertainty each quantity of the joint fit moves."""
+    fit, twice = joint.fit, coverage_factor()
+    moves = {"hysteresis_width": abs(shift[WIDTH]) / (twice * joint.width[1])}
+    if fit.lag_determined:
+        moves["thermal_lag"] = abs(shift[LAG]) / (twice * fit.std(LAG))
+    if fit.half_width_determined:
+        moves["play_half_width"] = abs(shift[HALF_WIDTH]) / (twice * fit.std(HALF_WIDTH))
+    return moves
+
+
+def _of_drift(fit: ReadingFit, columns: RampColumns, blocks: Blocks, reference_degC: float) -> Iterator[Evidence]:
+    temperature, branch = blocks.mean(columns.temperature_degC), blocks.mean(columns.branch / 2.0)
+    design = drift_design(blocks, temperature, branch, reference_degC)
+    base = rivals.Base(NAMES, design, fit.drift.residual)
+    for outcome in rivals.compare(base, [rivals.steps(blocks.middle_s)], _noises(blocks, fit.drift.noise)):
+        left = fit.drift.estimate(BRANCH)[0] + outcome.shift[BRANCH]
+        would_be = f"up minus down after drift would be about {left:.3g} {columns.unit}"
+        yield _seen(fit.name, outcome, _drift_moves(fit, outcome.shift), would_be)
+
+
+def _drift_moves(fit: ReadingFit, shift: Mapping[str, float]) -> Moves:
+    moved = {name: abs(shift[name]) / (coverage_factor() * fit.drift.estimate(name)[1]) for name in shift}
+    return {
+        fit.name: max(moved[name] for name in TEMPERATURE_NAMES[1:]),
+        "up_minus_down_after_drift": moved[BRANCH],
+        **{name.replace(" ", "_"): moved[name] for name in DRIFT_NAMES},
+    }
+
+
+def _seen(reading: str, outcome: rivals.Outcome, moves: Moves, would_be: str) -> Evidence:
+    at = {
+        rivals.STEP: f" at {outcome.place:.1f} h",
+        rivals.SECOND_LAG: f" of {outcome.place:.0f} min",
+    }.get(outcome.name, "")
+    verb = "describe" if outcome.name == rivals.PLAYS else "describes"
+    sentence = (
+        f"{outcome.name.capitalize()}{at} {verb} {reading} better by {outcome.gain:.0f} in twice the log-likelihood; "
+        f"{would_be}. Look at the residuals and take the ramp again."
+    )
+    enough = tuple(name for name, move in moves.items() if move > LEAST_MOVE)
+    return Evidence(
+        rivals.code_of(outcome.name), sentence, outcome.gain, max(outcome.probability, _SMALLEST),
+        max(moves.values()), enough or tuple(moves), {"reading": reading},
+    )  # fmt: skip
