@@ -46,7 +46,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         missing=[_not_joint(fit) for fit in fits if fit.joint is not None and fit.joint.fit.beyond],
         figures=figures(columns, blocks, fits),
         tables=tables(columns, fits),
-        evidence=evidence(fits, columns, blocks, reference_degC),
+        evidence=[*columns.still, *evidence(fits, columns, blocks, reference_degC)],
     )
 
 
@@ -101,8 +101,9 @@ def _not_joint(fit: ReadingFit) -> str:
 def _notes(columns: RampColumns, blocks: Blocks, fits: list[ReadingFit]) -> list[str]:
     source = "set-point" if columns.has_set_point else "measured temperature (the log maps no set-point)"
     sentences = [
-        f"{columns.dropped} of {columns.t_s.size + columns.dropped} rows are left out: an overload in one of their "
+        f"{columns.overloaded} of {columns.t_s.size + columns.dropped} rows are left out: an overload in one of their "
         "columns.",
+        *columns.row_notes,
         f"Ramps and holds are found in the {source}; {blocks.count.size} block means enter the fits.",
         "up_minus_down is read off at equal temperature; up_minus_down_after_drift is the up/down term beside a cubic "
         "in temperature and a quadratic in time; hysteresis_width (falling minus rising, the opposite sign) is what "

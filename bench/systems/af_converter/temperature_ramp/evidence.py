@@ -8,6 +8,7 @@ Source: docs/decisions/0025-doubt.md.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,13 +30,15 @@ from bench.systems.af_converter.estimators.drift_ramp import (
 from bench.systems.af_converter.estimators.hysteresis import rivals
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH, Gates, HysteresisModel
-from bench.systems.af_converter.estimators.hysteresis.search import Problem
+from bench.systems.af_converter.estimators.hysteresis.search import Bounds, Problem, descend
 from bench.systems.af_converter.estimators.thermal_lag import usable_drive
 from bench.systems.af_converter.temperature_ramp.fits import RampColumns, ReadingFit, minute_means
 
 _SHARES = (1e-4, 0.003, 0.01, 0.03, 0.1, 0.3, 0.6, 0.9)  # of the white part in the variance
 _TIMES = 13  # correlation times, from a third of a step to the whole record
 _SMALLEST = 1e-300
+_LOOKED_AT = 1e-2  # above the level of any log, so that a right one is seldom looked at twice
+_POLISHED = 2
 Moves = dict[str, float]
 
 
@@ -43,9 +46,11 @@ def evidence(fits: Sequence[ReadingFit], columns: RampColumns, blocks: Blocks, r
     """Return what every rival of every reading says, those that gain nothing included."""
     found: list[Evidence] = []
     for fit in fits:
-        found += _of_drift(fit, columns, blocks, reference_degC)
+        joint: list[Evidence] = []
         if fit.joint is not None and not fit.joint.fit.beyond:
-            found += _of_joint(fit, fit.joint, columns, blocks, reference_degC)
+            joint = list(_of_joint(fit, fit.joint, columns, blocks, reference_degC))
+        least = max((seen.probability for seen in joint if seen.code == rivals.code_of(rivals.STEP)), default=0.0)
+        found += [*_of_drift(fit, columns, blocks, reference_degC, least), *joint]
     return found
 
 
@@ -67,17 +72,47 @@ def _noise(t_s: Floats, place: tuple[float, float, float]) -> rivals.Noise:
 def _of_joint(
     fit: ReadingFit, joint: RampHysteresis, columns: RampColumns, blocks: Blocks, reference_degC: float
 ) -> Iterator[Evidence]:
+    for outcome, base in _joint_rivals(fit, joint, columns, blocks, reference_degC):
+        shift = {
+            name: base.value(name) + outcome.shift[name] - joint.fit.value(name) for name in (WIDTH, LAG, HALF_WIDTH)
+        }
+        width = joint.fit.value(WIDTH) + shift[WIDTH]
+        would_be = f"the hysteresis width would be about {width:.3g} {columns.unit}"
+        yield _seen(fit.name, outcome, _joint_moves(joint, shift), would_be)
+
+
+def _joint_rivals(
+    fit: ReadingFit, joint: RampHysteresis, columns: RampColumns, blocks: Blocks, reference_degC: float
+) -> list[tuple[rivals.Outcome, rivals.Base]]:
+    """Return what every rival gains over the joint fit.
+
+    Where one gains, lag and half-width are first brought to their best under the likeliest noise, so that the rival
+    does not win by what the search left over under another one.
+    """
     drive = usable_drive(*minute_means(columns.t_s, columns.temperature_degC))
     model = HysteresisModel(Gates(blocks.start_s, blocks.end_s), drive, ramp_shape(blocks, reference_degC))
-    noise, lag_s = joint.noise, joint.fit.value(LAG)
-    problem = Problem(model, fit.readings, lambda values: noise.whiten(blocks.middle_s, values))
-    base = rivals.base_of(problem, lag_s, joint.fit.value(HALF_WIDTH), (LAG, HALF_WIDTH))
-    low_s, high_s = search_bounds(blocks, drive).lag_s
-    listed = [rivals.steps(blocks.middle_s), *rivals.thermal(problem, lag_s, (low_s, 2.0 * high_s))]
-    for outcome in rivals.compare(base, listed, _noises(blocks, noise)):
-        width = joint.fit.value(WIDTH) + outcome.shift[WIDTH]
-        would_be = f"the hysteresis width would be about {width:.3g} {columns.unit}"
-        yield _seen(fit.name, outcome, _joint_moves(joint, outcome.shift), would_be)
+    bounds, noises = search_bounds(blocks, drive), _noises(blocks, joint.noise)
+    place = joint.fit.value(LAG), joint.fit.value(HALF_WIDTH)
+    problem = Problem(model, fit.readings, lambda values: joint.noise.whiten(blocks.middle_s, values))
+    outcomes, base = _compared(problem, place, blocks, bounds, noises)
+    for _ in range(_POLISHED):
+        if min(outcome.probability for outcome in outcomes) > _LOOKED_AT:
+            break
+        problem = Problem(model, fit.readings, rivals.likeliest(base, noises).whiten)
+        inside = np.clip(place, 1.001 * bounds.low, 0.999 * bounds.high)
+        end = descend(problem, float(inside[0]), float(inside[1]), bounds)
+        place = end.lag_s, end.half_width_degC
+        outcomes, base = _compared(problem, place, blocks, bounds, noises)
+    return [(outcome, base) for outcome in outcomes]
+
+
+def _compared(
+    problem: Problem, place: tuple[float, float], blocks: Blocks, bounds: Bounds, noises: Sequence[rivals.Noise]
+) -> tuple[list[rivals.Outcome], rivals.Base]:
+    base = rivals.base_of(problem, *place, (LAG, HALF_WIDTH))
+    low_s, high_s = bounds.lag_s
+    listed = [rivals.steps(blocks.middle_s), *rivals.thermal(problem, place[0], (low_s, 2.0 * high_s))]
+    return rivals.compare(base, listed, noises), base
 
 
 def _joint_moves(joint: RampHysteresis, shift: Mapping[str, float]) -> Moves:
@@ -91,14 +126,22 @@ def _joint_moves(joint: RampHysteresis, shift: Mapping[str, float]) -> Moves:
     return moves
 
 
-def _of_drift(fit: ReadingFit, columns: RampColumns, blocks: Blocks, reference_degC: float) -> Iterator[Evidence]:
+def _of_drift(
+    fit: ReadingFit, columns: RampColumns, blocks: Blocks, reference_degC: float, least: float
+) -> Iterator[Evidence]:
+    """Yield the step beside the drift model.
+
+    ``least``: probability of a step beside the joint fit; lag and hysteresis, which the drift model does not know, may
+    look like a step to it alone.
+    """
     temperature, branch = blocks.mean(columns.temperature_degC), blocks.mean(columns.branch / 2.0)
     design = drift_design(blocks, temperature, branch, reference_degC)
-    base = rivals.Base(NAMES, design, fit.drift.residual)
+    base = rivals.Base(NAMES, design, fit.drift.residual, fit.drift.parameters)
     for outcome in rivals.compare(base, [rivals.steps(blocks.middle_s)], _noises(blocks, fit.drift.noise)):
         left = fit.drift.estimate(BRANCH)[0] + outcome.shift[BRANCH]
         would_be = f"up minus down after drift would be about {left:.3g} {columns.unit}"
-        yield _seen(fit.name, outcome, _drift_moves(fit, outcome.shift), would_be)
+        weighed = replace(outcome, probability=max(outcome.probability, least))
+        yield _seen(fit.name, weighed, _drift_moves(fit, outcome.shift), would_be)
 
 
 def _drift_moves(fit: ReadingFit, shift: Mapping[str, float]) -> Moves:

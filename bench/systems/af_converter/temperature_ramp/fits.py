@@ -4,14 +4,14 @@ holds), and the fits of its readings.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis import Floats, Material
+from bench.analysis import Evidence, Floats, Material
 from bench.model.errors import FitError
 from bench.systems.af_converter.estimators.drift_ramp import (
     Blocks,
@@ -24,6 +24,7 @@ from bench.systems.af_converter.estimators.drift_ramp import (
 )
 from bench.systems.af_converter.estimators.segments import Segment, branches, find_segments
 from bench.systems.af_converter.estimators.thermal_lag import usable_drive
+from bench.systems.af_converter.temperature_ramp.rows import bad_rows, row_notes, still_evidence
 
 Signs = NDArray[np.int64]
 LEAST_ROWS = 100
@@ -38,6 +39,7 @@ class RampColumns:
 
     ``sensors``: temperatures by name, their mean first if there are several.   ``readings`` by name: ppm of the median
     of the ratio to the mean of the references, or as read if there are none; ``unit`` of both.
+    ``row_notes``, ``still``: what the rows themselves show (rows.py); ``dropped`` holds ``overloaded`` and bad rows.
     ``programme_degC``: set-point, or the mean sensor without one.
     """
 
@@ -49,6 +51,9 @@ class RampColumns:
     unit: str
     dropped: int
     segments: list[Segment]
+    overloaded: int
+    row_notes: Sequence[str]
+    still: Sequence[Evidence]
 
     @property
     def temperature_degC(self) -> Floats:
@@ -80,6 +85,12 @@ def ramp_columns(material: Material) -> RampColumns:
     rows = int(np.count_nonzero(whole))
     if rows < LEAST_ROWS:
         raise _unusable(f"{rows} of {whole.size} rows have a value in every column, {LEAST_ROWS} are due")
+    overloaded = whole.size - rows
+    held = [name for name in used if name not in roles["set_point"]]
+    series_s = material.series["t_s"]
+    bad = bad_rows(series_s[whole], {name: material.series[name][whole] for name in held})
+    bad_s = series_s[whole][bad]
+    whole[np.flatnonzero(whole)[bad]] = False
     columns = {name: np.asarray(material.series[name][whole]) for name in ("t_s", *used)}
     t_s, sensors = columns["t_s"], {name: columns[name] for name in roles["temperature"]}
     mean = np.mean(list(sensors.values()), axis=0)
@@ -93,7 +104,10 @@ def ramp_columns(material: Material) -> RampColumns:
         sensors=sensors,
         readings=readings,
         unit=unit,
-        dropped=whole.size - rows,
+        dropped=overloaded + bad_s.size,
+        overloaded=overloaded,
+        row_notes=row_notes(t_s, bad_s),
+        still=list(still_evidence(t_s, {name: columns[name] for name in used}, roles["set_point"])),
         segments=find_segments(t_s, programme, _window_s(t_s)),
     )
     if len(log_columns.main_ramps()) < 2:

@@ -47,11 +47,19 @@ class Rival:
 
 @dataclass(frozen=True)
 class Base:
-    """The fitted model in first order: ``columns`` (m, p) called ``names``, ``residual`` (m,) of the readings."""
+    """The fitted model in first order: ``columns`` (m, p) called ``names``, ``residual`` (m,) of the readings.
+
+    ``values`` (p,): the parameters that leave this residual.
+    """
 
     names: tuple[str, ...]
     columns: Array
     residual: Array
+    values: Array
+
+    def value(self, name: str) -> float:
+        """Return the parameter called ``name``."""
+        return float(self.values[self.names.index(name)])
 
 
 @dataclass(frozen=True)
@@ -93,7 +101,19 @@ def base_of(problem: Problem, lag_s: float, half_width_degC: float, names: Seque
     columns = problem.model.columns(lag_s, half_width_degC)
     linear = np.asarray(np.linalg.lstsq(problem.whiten(columns), problem.white, rcond=None)[0], dtype=np.float64)
     slopes = derivatives(problem, Place(lag_s, half_width_degC, 0.0), linear)
-    return Base((*problem.model.names, *names), np.column_stack((columns, slopes)), problem.readings - columns @ linear)
+    values = np.append(linear, [lag_s, half_width_degC])
+    residual = problem.readings - columns @ linear
+    return Base((*problem.model.names, *names), np.column_stack((columns, slopes)), residual, values)
+
+
+def likeliest(base: Base, noises: Sequence[Noise]) -> Noise:
+    """Return the covariance under which the base leaves the likeliest residuals.
+
+    Args:    base: the fitted model.   noises: those to choose from.
+    Source:  maximum likelihood.
+    """
+    states = [_State.under(noise, base) for noise in noises]
+    return min(states, key=lambda state: state.cost(state.square)).noise
 
 
 def steps(middle_s: Array) -> Rival:

@@ -93,17 +93,24 @@ def search(problem: Problem, bounds: Bounds) -> Place:
     """
     lags, halves = (_spaced(low, high, bounds.starts) for low, high in (bounds.lag_s, bounds.half_width_degC))
     cost = np.array([[problem.chi2(lag, half) for half in halves] for lag in lags])
-    ends = []
-    for row, column in _local_minima(cost)[:_REFINED]:
-        end = optimize.least_squares(
-            lambda place: problem.projected(float(place[0]), float(place[1])),
-            [lags[row], halves[column]],
-            bounds=(bounds.low, bounds.high),
-            x_scale=bounds.high,
-            **_TOLERANCE,
-        )
-        ends.append(Place(float(end.x[0]), float(end.x[1]), 2.0 * float(end.cost)))
+    starts = _local_minima(cost)[:_REFINED]
+    ends = [descend(problem, lags[row], halves[column], bounds) for row, column in starts]
     return min(ends, key=lambda end: end.chi2)
+
+
+def descend(problem: Problem, lag_s: float, half_width_degC: float, bounds: Bounds) -> Place:
+    """Least chi-square near a start inside the bounds.
+
+    Source: as for ``search``.
+    """
+    end = optimize.least_squares(
+        lambda place: problem.projected(float(place[0]), float(place[1])),
+        [lag_s, half_width_degC],
+        bounds=(bounds.low, bounds.high),
+        x_scale=bounds.high,
+        **_TOLERANCE,
+    )
+    return Place(float(end.x[0]), float(end.x[1]), 2.0 * float(end.cost))
 
 
 def best_lag(problem: Problem, half_width_degC: float, bounds: Bounds, start_s: float) -> Place:
