@@ -23,7 +23,16 @@ from bench.analysis.coefficients import (
     source_of,
     validate_coefficients,
 )
-from bench.analysis.doubt import DOUBTFUL, REFUSED, Evidence, EvidenceInterval, doubt_lines, is_sound, stated_value
+from bench.analysis.doubt import (
+    DOUBTFUL,
+    LEAST_MOVE,
+    REFUSED,
+    Evidence,
+    EvidenceInterval,
+    doubt_lines,
+    is_sound,
+    stated_value,
+)
 from bench.analysis.estimates import UNIT, Estimate, Estimates, estimate, judged, rule_of, stated_limits
 from bench.analysis.figures import Figure, Series, Style, Table, band, curve, picture, series
 from bench.analysis.form import Closed, check_form, schema_of
@@ -43,6 +52,7 @@ __all__ = [
     "CONTINUES",
     "DOUBTFUL",
     "INCOMPLETE",
+    "LEAST_MOVE",
     "REFUSED",
     "UNIT",
     "Acceptances",

@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from bench.analysis import Evidence
-from bench.analysis.doubt import LEAST_MOVE
+from bench.analysis import LEAST_MOVE, Evidence
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.bias_ramp.fit import ChannelFit
 from bench.systems.af_converter.estimators.hysteresis import rivals

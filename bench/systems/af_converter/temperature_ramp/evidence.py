@@ -12,8 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.analysis import Evidence, Floats
-from bench.analysis.doubt import LEAST_MOVE
+from bench.analysis import LEAST_MOVE, Evidence, Floats
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.estimators.correlated_noise import CorrelatedNoise, whitened
 from bench.systems.af_converter.estimators.drift_ramp import (
