@@ -38,6 +38,8 @@ _TIMES = 13  # correlation times, from a third of a step to the whole record
 _SMALLEST = 1e-300
 _LOOKED_AT = 1e-2  # above the level of any log, so that a right one is seldom looked at twice
 _POLISHED = 2
+_SMOOTH = 5  # readings of the drive on either side
+_RATCHET, _FROM_ABOVE = "play of the smoothed temperature", "play that came from above"
 Moves = dict[str, float]
 
 
@@ -49,7 +51,12 @@ def evidence(fits: Sequence[ReadingFit], columns: RampColumns, blocks: Blocks, r
         if fit.joint is not None and not fit.joint.fit.beyond:
             joint = list(_of_joint(fit, fit.joint, columns, blocks, reference_degC))
         least = max((seen.probability for seen in joint if seen.code == rivals.code_of(rivals.STEP)), default=0.0)
-        found += [*_of_drift(fit, columns, blocks, reference_degC, least), *joint]
+        drift = list(_of_drift(fit, columns, blocks, reference_degC, least))
+        seen_twice = drift[0].probability  # a misplaced corner of the play looks like a step to the joint fit alone
+        found += drift
+        for seen in joint:
+            step = seen.code == rivals.code_of(rivals.STEP)
+            found.append(replace(seen, probability=max(seen.probability, seen_twice)) if step else seen)
     return found
 
 
@@ -89,11 +96,17 @@ def _joint_rivals(
     does not win by what the search left over under another one.
     """
     drive = usable_drive(*minute_means(columns.t_s, columns.temperature_degC))
-    model = HysteresisModel(Gates(blocks.start_s, blocks.end_s), drive, ramp_shape(blocks, reference_degC))
+    model_gates = Gates(blocks.start_s, blocks.end_s)
+    model = HysteresisModel(model_gates, drive, ramp_shape(blocks, reference_degC))
+    shape = ramp_shape(blocks, reference_degC)
+    others = {
+        _RATCHET: HysteresisModel(model_gates, replace(drive, degC=_smoothed(drive.degC)), shape),
+        _FROM_ABOVE: HysteresisModel(model_gates, drive, replace(shape, play_start=1.0)),
+    }
     bounds, noises = search_bounds(blocks, drive), _noises(blocks, joint.noise)
     place = joint.fit.value(LAG), joint.fit.value(HALF_WIDTH)
     problem = Problem(model, fit.readings, lambda values: joint.noise.whiten(blocks.middle_s, values))
-    outcomes, base = _compared(problem, place, blocks, bounds, noises)
+    outcomes, base = _compared(problem, others, place, blocks, bounds, noises)
     for _ in range(_POLISHED):
         if min(outcome.probability for outcome in outcomes) > _LOOKED_AT:
             break
@@ -101,14 +114,27 @@ def _joint_rivals(
         inside = np.clip(place, 1.001 * bounds.low, 0.999 * bounds.high)
         end = descend(problem, float(inside[0]), float(inside[1]), bounds)
         place = end.lag_s, end.half_width_degC
-        outcomes, base = _compared(problem, place, blocks, bounds, noises)
+        outcomes, base = _compared(problem, others, place, blocks, bounds, noises)
     return [(outcome, base) for outcome in outcomes]
 
 
+def _smoothed(degC: Floats) -> Floats:
+    """Running means: the noise of a sensor pushes the play to and fro, which the unit's own temperature does not."""
+    weights = np.ones(2 * _SMOOTH + 1) / (2 * _SMOOTH + 1)
+    return np.convolve(np.pad(degC, _SMOOTH, mode="edge"), weights, mode="valid")
+
+
 def _compared(
-    problem: Problem, place: tuple[float, float], blocks: Blocks, bounds: Bounds, noises: Sequence[rivals.Noise]
+    problem: Problem,
+    others: Mapping[str, HysteresisModel],
+    place: tuple[float, float],
+    blocks: Blocks,
+    bounds: Bounds,
+    noises: Sequence[rivals.Noise],
 ) -> tuple[list[rivals.Outcome], rivals.Base]:
     base = rivals.base_of(problem, *place, (LAG, HALF_WIDTH))
+    for name, model in others.items():
+        base = rivals.beside(base, name, model.shape_column(*place))
     low_s, high_s = bounds.lag_s
     listed = [rivals.steps(blocks.middle_s), *rivals.thermal(problem, place[0], (low_s, 2.0 * high_s))]
     return rivals.compare(base, listed, noises), base

@@ -106,6 +106,16 @@ def base_of(problem: Problem, lag_s: float, half_width_degC: float, names: Seque
     return Base((*problem.model.names, *names), np.column_stack((columns, slopes)), residual, values)
 
 
+def beside(base: Base, name: str, column: Array) -> Base:
+    """Return a base with a further column that no rival may win by.
+
+    Args:    column: (m,).
+    Source:  definition.
+    """
+    columns = np.column_stack((base.columns, column))
+    return Base((*base.names, name), columns, base.residual, np.append(base.values, 0.0))
+
+
 def likeliest(base: Base, noises: Sequence[Noise]) -> Noise:
     """Return the covariance under which the base leaves the likeliest residuals.
 
