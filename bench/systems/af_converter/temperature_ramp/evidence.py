@@ -82,6 +82,7 @@ def _of_joint(
         shift = {
             name: base.value(name) + outcome.shift[name] - joint.fit.value(name) for name in (WIDTH, LAG, HALF_WIDTH)
         }
+        shift[WIDTH] += outcome.shift[_RATCHET] + outcome.shift[_FROM_ABOVE]  # plays too, of the same width
         width = joint.fit.value(WIDTH) + shift[WIDTH]
         would_be = f"the hysteresis width would be about {width:.3g} {columns.unit}"
         yield _seen(fit.name, outcome, _joint_moves(joint, shift), would_be)
