@@ -36,7 +36,7 @@ from bench.analysis.doubt import (
 from bench.analysis.estimates import UNIT, Estimate, Estimates, estimate, judged, rule_of, stated_limits
 from bench.analysis.figures import Figure, Series, Style, Table, band, curve, picture, series
 from bench.analysis.form import Closed, check_form, schema_of
-from bench.analysis.material import CONTINUES, Exchange, Floats, Material, Reading, Trace, joined
+from bench.analysis.material import CONTINUES, Exchange, Floats, GivenValue, Material, Reading, Trace, joined
 from bench.analysis.numbers import cell, decimals_for, header, number, unit_text, with_uncertainty
 from bench.analysis.problems import Check, count_problem, flag_problem, link_checks
 from bench.analysis.results import (
@@ -69,6 +69,7 @@ __all__ = [
     "Exchange",
     "Figure",
     "Floats",
+    "GivenValue",
     "Material",
     "Reading",
     "Series",

@@ -56,6 +56,23 @@ class Reading:
 
 
 @dataclass(frozen=True)
+class GivenValue:
+    """A value of the unit under test that a person measured and gave; ``low``, ``high``: the limits it was asked with.
+
+    ``value`` is None if none was given.
+    """
+
+    t_s: float
+    step: int
+    quantity: str
+    value: float | None
+    unit: str
+    low: float | None
+    high: float | None
+    conditions: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Exchange:
     """A command to the unit under test and what came back.
 
@@ -83,7 +100,8 @@ class Material:
     """Everything that a session gives to an analysis.
 
     ``rows``: the measuring records, by number.   ``campaign``, ``standards``: sections of the manifest.
-    ``exchanges``: commands to the unit and their answers.   ``layouts``: of the payloads, by name of the command.
+    ``exchanges``: commands to the unit and their answers.   ``given``: values a person measured.
+    ``layouts``: of the payloads, by name of the command.
     ``utc_offset_s``: UTC (seconds since 1970) minus the bench clock, None if unknown.
     ``series``: columns of an imported log, (n,) each, "t_s" among them; empty for a session of this bench.
     ``line_s``: seconds that a frame takes on its line, by link; those of one length on a serial port only.
@@ -95,6 +113,7 @@ class Material:
     trace: Trace = field(default_factory=Trace)
     readings: Sequence[Reading] = ()
     exchanges: Sequence[Exchange] = ()
+    given: Sequence[GivenValue] = ()
     layouts: Mapping[str, CommandLayout] = field(default_factory=dict)
     utc_offset_s: float | None = None
     series: Mapping[str, Floats] = field(default_factory=dict)

@@ -227,6 +227,7 @@ def _prompt(plan: Expander, asked: PromptStep, at: Path, scope: Scope) -> None:
         arguments["sets"] = {name: plain(value) for name, value in sets.items()}
     if step.value is not None:
         arguments["unit"] = step.value.unit
+        arguments["quantity"] = step.value.quantity or ""
         for key in ("low", "high"):
             text = getattr(step.value, key)
             try:

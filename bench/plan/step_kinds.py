@@ -160,7 +160,8 @@ class PlannedSoak(Step):
 class PlannedPrompt(Step):
     """Ask a person to do something, or with a ``unit`` for a value between ``low`` and ``high``.
 
-    ``sets`` is what the act changes on the bench, by name.
+    ``sets`` is what the act changes on the bench, by name. ``quantity`` names a value that is a measurement of the unit
+    under test and is judged later, "" for one that must be inside its limits.
     """
 
     kind: ClassVar[StepKind] = "prompt"
@@ -171,12 +172,14 @@ class PlannedPrompt(Step):
     unit: str = ""
     low: float | None = None
     high: float | None = None
+    quantity: str = ""
 
     def told(self) -> dict[str, Any]:
         """Return the arguments as they stand in a plan file."""
         sets = {"sets": dict(self.sets)} if self.sets else {}
         value = {"unit": self.unit, "low": self.low, "high": self.high} if self.unit else {}
-        return {"text": self.text, "confirm": self.confirm, **sets, **value}
+        judged = {"quantity": self.quantity} if self.quantity else {}
+        return {"text": self.text, "confirm": self.confirm, **sets, **value, **judged}
 
 
 @dataclass(frozen=True, slots=True)

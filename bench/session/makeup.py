@@ -290,5 +290,6 @@ def _prompt(step: PlannedPrompt) -> dict[str, Any]:
     if step.unit:
         asked = {"low": step.low, "high": step.high}
         limits = {key: _quantity(limit, step.unit) for key, limit in asked.items() if limit is not None}
-        prompt["value"] = {"unit": step.unit, **limits}
+        judged = {"quantity": step.quantity} if step.quantity else {}
+        prompt["value"] = {"unit": step.unit, **limits, **judged}
     return prompt

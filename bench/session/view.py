@@ -16,6 +16,7 @@ from bench.analysis import (
     Accepted,
     Analysis,
     Exchange,
+    GivenValue,
     Material,
     Reading,
     Table,
@@ -145,6 +146,7 @@ def material_of(view: SessionView) -> Material:
         readings=[_reading(t_ns, event) for t_ns, event in view.events_of(events.Reading)],
         series=view.series,
         exchanges=_last_of_each([_exchange(event) for _, event in view.events_of(events.Exchange)]),
+        given=_given(view.events_of(Prompt)),
         layouts=_layouts(view),
         utc_offset_s=None if view.utc_offset_ns is None else view.utc_offset_ns / NS,
         line_s=line_times_s(view.manifest, view.texts),
@@ -155,6 +157,25 @@ def _last_of_each(exchanges: Sequence[Exchange]) -> list[Exchange]:
     """A test that was done again, because the run was stopped within its item, counts as it was done last."""
     last = {exchange.step: number for number, exchange in enumerate(exchanges)}
     return [exchange for number, exchange in enumerate(exchanges) if not exchange.item or last[exchange.step] == number]
+
+
+def _given(prompts: Sequence[tuple[int, Prompt]]) -> list[GivenValue]:
+    """Return the values that a person measured; one that was asked for again, after a stop, counts as given last."""
+    values = {
+        event.step: GivenValue(
+            t_s=t_ns / NS,
+            step=event.step,
+            quantity=event.quantity,
+            value=event.value,
+            unit=event.unit,
+            low=event.low,
+            high=event.high,
+            conditions=dict(event.conditions or {}),
+        )
+        for t_ns, event in prompts
+        if event.quantity
+    }
+    return list(values.values())
 
 
 def _exchange(event: events.Exchange) -> Exchange:

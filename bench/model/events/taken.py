@@ -84,7 +84,10 @@ class Exchange(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class Prompt(Event):
-    """A person has answered a question; ``value`` is None if it was a confirmation."""
+    """A person has answered a question; ``value`` is None if it was a confirmation.
+
+    ``quantity``: what of the unit under test the value is, under which ``conditions``; None for what is no measurement.
+    """
 
     kind: ClassVar[str] = "prompt"
     step: int
@@ -96,6 +99,8 @@ class Prompt(Event):
     low: float | None
     high: float | None
     sets: Mapping[str, Any] | None = left_out()
+    quantity: str | None = left_out()
+    conditions: Mapping[str, Any] | None = left_out()
 
     def _words(self) -> str:
         value = "done" if self.value is None else f"{self.value:g} {self.unit}"

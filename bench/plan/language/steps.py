@@ -128,11 +128,15 @@ class Record(StrictModel):
 
 
 class PromptValue(StrictModel):
-    """A value the operator must give, inside limits."""
+    """A value the operator must give, inside limits.
+
+    With a ``quantity`` it is a measurement of the unit: the run goes on with any value, and the analysis judges it.
+    """
 
     unit: Literal["A", "V", "ohm", "s", "degC", "m"]
     low: Annotated[Text | None, BeforeValidator(_with_unit)] = None
     high: Annotated[Text | None, BeforeValidator(_with_unit)] = None
+    quantity: Name | None = None
 
 
 class Prompt(StrictModel):

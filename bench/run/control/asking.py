@@ -160,7 +160,7 @@ class WaitingOperator:
 
 
 def _fields(asked: _Open) -> dict[str, Any]:
-    return {"id": asked.id, **vars(asked.question)}
+    return {"id": asked.id, **asked.question.shown}
 
 
 def _judged(question: Question, value: object, by: str) -> Answer:

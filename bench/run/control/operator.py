@@ -15,13 +15,22 @@ from bench.plan import PlannedPrompt, Step
 
 @dataclass(frozen=True)
 class Question:
-    """An operator prompt. ``low``/``high`` bound the value asked for; no ``unit`` means a plain confirmation."""
+    """An operator prompt. ``low``/``high`` bound the value asked for; no ``unit`` means a plain confirmation.
+
+    ``quantity``: what of the unit under test the value is. Such a value is taken as it is and judged by the analysis.
+    """
 
     text: str
     confirm: str = "operator"
     unit: str = ""
     low: float | None = None
     high: float | None = None
+    quantity: str = ""
+
+    @property
+    def shown(self) -> dict[str, Any]:
+        """Return what whoever answers is shown, by name."""
+        return {name: getattr(self, name) for name in ("text", "confirm", "unit", "low", "high")}
 
 
 @dataclass(frozen=True)
@@ -54,11 +63,13 @@ class SimulatedOperator:
 
 
 def judge(question: Question, answer: Answer, where: str) -> None:
-    """Raise RunError when a value is missing or outside the limits of its prompt."""
+    """Raise RunError when a value is missing, or outside the limits of a prompt that asks for no measurement."""
     if not question.unit:
         return
     if answer.value is None:
         raise RunError("B-RUN-040", f"no value was given for '{question.text}'", where=where)
+    if question.quantity:
+        return
     low = -math.inf if question.low is None else question.low
     high = math.inf if question.high is None else question.high
     if not low <= answer.value <= high:
@@ -90,6 +101,9 @@ def changes_of(steps: Iterable[Step]) -> dict[str, Any]:
     return changes
 
 
-def answered(question: Question, answer: Answer, step: int, changes: Mapping[str, Any]) -> Prompt:
+def answered(question: Question, answer: Answer, step: Step, changes: Mapping[str, Any]) -> Prompt:
     """Return the prompt of a step as an event; ``changes``: what the person did to the bench."""
-    return Prompt(step=step, by=answer.by, value=answer.value, sets=changes or None, **vars(question))
+    about: dict[str, Any] = {}
+    if question.quantity:
+        about = {"quantity": question.quantity, "conditions": dict(step.conditions)}
+    return Prompt(step=step.number, by=answer.by, value=answer.value, sets=changes or None, **question.shown, **about)

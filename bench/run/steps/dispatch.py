@@ -53,7 +53,7 @@ def _settle(context: RunContext, step: PlannedSettle) -> None:
 
 def _prompt(context: RunContext, step: PlannedPrompt) -> None:
     """Ask the operator; the answer is recorded and judged, and a simulated bench is changed as the person did it."""
-    question = Question(step.text, step.confirm, step.unit, step.low, step.high)
+    question = Question(step.text, step.confirm, step.unit, step.low, step.high, step.quantity)
     asked_ns = context.clock.now_ns()
     with context.stop.at_once():
         answer = context.operator.ask(question)
@@ -61,7 +61,7 @@ def _prompt(context: RunContext, step: PlannedPrompt) -> None:
     if waited_ns > PROMPT_SLIP_NS:
         context.timeline.add_slip(waited_ns)
         context.event(Slip(step=step.number, seconds=waited_ns / NS, reason="prompt"))
-    context.event(answered(question, answer, step.number, dict(step.sets)))
+    context.event(answered(question, answer, step, dict(step.sets)))
     judge(question, answer, step.where)
     for name, value in step.sets.items():
         context.operate(name, value)

@@ -11,11 +11,12 @@ from typing import Any
 
 from bench.analysis import UNIT, Analysis, Estimates, Material, check_method, estimate
 from bench.model.errors import FitError
-from bench.systems.gnc.unit_test.report import folders_of, item_table, measured_table, unit_table, wrong_table
-from bench.systems.gnc.unit_test.units import ITEMS, NOT_TESTED, SUPPLY, ItemResult, UnitResult, unit_results
+from bench.systems.gnc.unit_test.report import folders_of, item_table, measured_table, title_of, unit_table, wrong_table
+from bench.systems.gnc.unit_test.units import NOT_TESTED, STATIC, SUPPLY, ItemResult, UnitResult, unit_results
 
 METHODS: tuple[str, ...] = ("exchanges",)
 _NO_METER = "The uncertainty of the supply readings is not included: the standards register states none for them."
+_NO_GAUGE = "The uncertainty of sizes and resistances that a person measured is not included: nothing states one."
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -83,7 +84,7 @@ def _values(item: ItemResult, place: dict[str, Any]) -> Estimates:
 
 def _missing(units: Sequence[UnitResult]) -> list[str]:
     return [
-        f"unit {unit.unit}: {ITEMS.get(item.item, item.item)} was not tested"
+        f"unit {unit.unit}: {title_of(item.item)} was not tested"
         for unit in units
         for item in unit.all
         if item.judged and item.verdict == NOT_TESTED
@@ -91,7 +92,7 @@ def _missing(units: Sequence[UnitResult]) -> list[str]:
 
 
 def _notes(units: Sequence[UnitResult]) -> list[str]:
-    notes = [f"Unit {unit.unit}, {ITEMS.get(item.item, item.item)}: {remark}."
+    notes = [f"Unit {unit.unit}, {title_of(item.item)}: {remark}."
              for unit in units for item in unit.items for remark in dict.fromkeys(item.findings.remarks)]  # fmt: skip
     again = Counter[str]()
     for unit in units:
@@ -101,4 +102,6 @@ def _notes(units: Sequence[UnitResult]) -> list[str]:
     ]
     if any(item.runs for unit in units for item in unit.all if item.item == SUPPLY):
         notes.append(_NO_METER)
+    if any(item.runs for unit in units for item in unit.all if item.item == STATIC):
+        notes.append(_NO_GAUGE)
     return notes

@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 from bench.analysis import Table
-from bench.systems.gnc.unit_test.units import IDENTITY, ITEMS, SUPPLY, UnitResult
+from bench.systems.gnc.unit_test.units import IDENTITY, ITEMS, STATIC, SUPPLY, UnitResult
 
 if TYPE_CHECKING:
     from bench.analysis import Material
@@ -24,7 +24,7 @@ _MOST_WRONG = 200  # rows that are printed; the folders of the units hold all
 
 def title_of(item: str) -> str:
     """Return name of an item as people read it."""
-    return {SUPPLY: "supply", IDENTITY: "identity"}.get(item, ITEMS.get(item, item))
+    return {STATIC: "static check", SUPPLY: "supply", IDENTITY: "identity"}.get(item, ITEMS.get(item, item))
 
 
 def unit_table(units: Sequence[UnitResult], offset_s: float | None) -> Table:
@@ -58,8 +58,9 @@ def item_table(units: Sequence[UnitResult]) -> Table:
         by_item = {item.item: _verdict(item.verdict) for item in unit.all}
         rows.append([unit.unit, *(by_item.get(name, _verdict("not tested")) for name in names)])
     caption = (
-        "The six rows of table 1 of the GNC-module paper, IO, SPI, SCI and CAN of its section 3 (2), and the supply "
-        "of its table 3. Position, velocity and timing accuracy of the receiver are not tested here."
+        "The six rows of table 1 of the GNC-module paper, IO, SPI, SCI and CAN of its section 3 (2), the supply of its "
+        "table 3, and what was measured before power. Position, velocity and timing accuracy of the receiver are not "
+        "tested here."
     )
     headers = ["unit", *map(title_of, names)]
     title = "Table 1: unit tests"

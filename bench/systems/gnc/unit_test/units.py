@@ -1,9 +1,9 @@
-"""Units under test of a session: the exchanges by test item, its supply readings, its times."""
+"""Units under test of a session: the static checks, the exchanges by test item, its supply readings, its times."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from bench.analysis import Material, Reading
@@ -20,12 +20,13 @@ from bench.systems.gnc.unit_test.processor import (
     judge_timer,
 )
 from bench.systems.gnc.unit_test.sensors import judge_ad, judge_gps, judge_imu, judge_supply
+from bench.systems.gnc.unit_test.static_checks import judge_static
 
 if TYPE_CHECKING:
-    from bench.analysis import Exchange
+    from bench.analysis import Exchange, GivenValue
 
 PASS, FAIL, NOT_TESTED = "pass", "fail", "not tested"
-SUPPLY, IDENTITY = "supply", "identify"
+STATIC, SUPPLY, IDENTITY = "static", "supply", "identify"
 # The six rows of table 1 of the GNC-module paper, then what its section 3 (2) adds.
 ITEMS: Mapping[str, str] = {
     "cpu": "CPU",
@@ -67,16 +68,20 @@ class ItemResult:
 
 @dataclass(frozen=True)
 class UnitResult:
-    """Everything about one unit: items in the order of the paper, the supply before them."""
+    """Everything about one unit: items in the order of the paper, the supply before them.
+
+    ``static``: the checks before power, None in a session that holds no value of them.
+    """
 
     unit: str
     supply: ItemResult
     items: tuple[ItemResult, ...] = field(default=())
+    static: ItemResult | None = None
 
     @property
     def all(self) -> tuple[ItemResult, ...]:
-        """Supply and items."""
-        return (self.supply, *self.items)
+        """Static checks, supply and items."""
+        return (*(() if self.static is None else (self.static,)), self.supply, *self.items)
 
     @property
     def span_s(self) -> tuple[float, float] | None:
@@ -113,8 +118,20 @@ def unit_results(material: Material) -> list[UnitResult]:
             exchanges.setdefault(unit_of(exchange.conditions, default), []).append(exchange)
     for reading in material.readings:
         readings.setdefault(unit_of(reading.conditions, default), []).append(reading)
-    names = dict.fromkeys([*exchanges, *(name for name in readings if name in exchanges or len(exchanges) == 0)])
-    return [_unit(name, exchanges.get(name, []), readings.get(name, []), material, limits) for name in names]
+    given: dict[str, list[GivenValue]] = {}
+    for value in material.given:
+        given.setdefault(unit_of(value.conditions, default), []).append(value)
+    tested = exchanges or given
+    names = dict.fromkeys([*given, *exchanges, *(name for name in readings if name in exchanges or not tested)])
+    units = [_unit(name, exchanges.get(name, []), readings.get(name, []), material, limits) for name in names]
+    if not given:
+        return units
+    return [replace(unit, static=_static(given.get(unit.unit, []), limits)) for unit in units]
+
+
+def _static(given: Sequence[GivenValue], limits: Limits) -> ItemResult:
+    times_s = (given[0].t_s, given[-1].t_s) if given else (None, None)
+    return ItemResult(STATIC, judge_static(given, limits), len(given), *times_s)
 
 
 def unit_of(conditions: Mapping[str, Any], default: str) -> str:
