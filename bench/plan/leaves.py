@@ -228,6 +228,7 @@ def _prompt(plan: Expander, asked: PromptStep, at: Path, scope: Scope) -> None:
     if step.value is not None:
         arguments["unit"] = step.value.unit
         arguments["quantity"] = step.value.quantity or ""
+        arguments["required"] = step.value.required
         for key in ("low", "high"):
             text = getattr(step.value, key)
             try:

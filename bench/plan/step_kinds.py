@@ -161,7 +161,8 @@ class PlannedPrompt(Step):
     """Ask a person to do something, or with a ``unit`` for a value between ``low`` and ``high``.
 
     ``sets`` is what the act changes on the bench, by name. ``quantity`` names a value that is a measurement of the unit
-    under test and is judged later, "" for one that must be inside its limits.
+    under test and is judged later, "" for one that must be inside its limits; if one that is ``required`` is not, the
+    steps behind it under the same conditions are left out.
     """
 
     kind: ClassVar[StepKind] = "prompt"
@@ -173,12 +174,14 @@ class PlannedPrompt(Step):
     low: float | None = None
     high: float | None = None
     quantity: str = ""
+    required: bool = False
 
     def told(self) -> dict[str, Any]:
         """Return the arguments as they stand in a plan file."""
         sets = {"sets": dict(self.sets)} if self.sets else {}
         value = {"unit": self.unit, "low": self.low, "high": self.high} if self.unit else {}
-        judged = {"quantity": self.quantity} if self.quantity else {}
+        judged: dict[str, Any] = {"quantity": self.quantity} if self.quantity else {}
+        judged |= {"required": True} if self.required else {}
         return {"text": self.text, "confirm": self.confirm, **sets, **value, **judged}
 
 

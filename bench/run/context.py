@@ -62,6 +62,7 @@ class RunContext:
     ``folder`` is the session's.
     ``unit_answer`` is who the unit said it was before a run that is gone on with was stopped.
     ``away`` are the instruments the run stands still for.
+    ``failed`` are the steps of checks that failed and without which what is behind them is left out.
     ``ahead`` holds the windows that are open before their record step, by number of the step.
     ``manifest`` is the session's; ``observers`` hear everything that happens; ``earlier`` are the commands and replies
     of instruments from before the session.
@@ -81,6 +82,7 @@ class RunContext:
     rows: PackedRows = field(default_factory=PackedRows)
     ahead: dict[int, RecordWindow] = field(default_factory=dict)
     away: set[str] = field(default_factory=set)
+    failed: set[int] = field(default_factory=set)
     record_count: int = 0
     retaken: int = 0
     overruns: int = 0

@@ -18,6 +18,7 @@ from bench.run.context import RunContext
 from bench.run.hold.standing import stand_still, wish_to_wait
 from bench.run.observers import patient
 from bench.run.steps.dispatch import execute
+from bench.run.steps.leaving import behind, leave_out
 from bench.run.steps.position import in_point, point_start, point_stop, readings_of
 from bench.run.steps.recording import measurement_rows
 from bench.run.steps.reentry import come_back, tables_back
@@ -53,8 +54,8 @@ class Sequencer:
         self._context = context
         self._journal_step = patient(journal.step, context.event)
         self._safe_order = safe_order
-        drivers = {role: actions_of(type(instrument)) for role, instrument in context.instruments.items()}
-        self._readings = readings_of(context.plan.steps, drivers)
+        self._drivers = {role: actions_of(type(instrument)) for role, instrument in context.instruments.items()}
+        self._readings = readings_of(context.plan.steps, self._drivers)
         self._done = 0
         self._start_ns = context.clock.now_ns()
         self._slip_ns = 0
@@ -135,10 +136,16 @@ class Sequencer:
                     context.drop_open_records(count)
                     position = self._interrupted(wish, steps, position, holds)
                 else:
-                    position += 1
+                    position = self._behind(steps, position)
         finally:
             self._slip_ns += context.timeline.slip_ns
             self._lateness_ns += context.timeline.lateness_ns
+
+    def _behind(self, steps: Sequence[Step], position: int) -> int:
+        """Return where to go on behind a step: the next one, or behind all that a failed check leaves out."""
+        step = steps[position]
+        left_out = step.number in self._context.failed
+        return behind(self._context.plan.steps, step) - steps[0].number if left_out else position + 1
 
     def _again(self, error: RunError, steps: Sequence[Step], position: int, attempts: dict[int, int]) -> int:
         """Return where to go on after a verify step failed: its point is taken again while attempts are left."""
@@ -201,7 +208,10 @@ class Sequencer:
         context.stop.check()
         context.observers.step(step, (context.clock.now_ns() - self._start_ns) / NS)
         context.timeline.reach(step.at_s)
+        context.failed.discard(step.number)
         execute(context, step)
+        if step.number in context.failed:
+            leave_out(context, step, self._drivers)
         set_to = setpoint_of(step, context.instruments)
         self._journal_step(step.number, step.phase, context.clock.now_ns(), step.conditions, set_to)
         self._done = step.number + 1

@@ -290,6 +290,7 @@ def _prompt(step: PlannedPrompt) -> dict[str, Any]:
     if step.unit:
         asked = {"low": step.low, "high": step.high}
         limits = {key: _quantity(limit, step.unit) for key, limit in asked.items() if limit is not None}
-        judged = {"quantity": step.quantity} if step.quantity else {}
+        judged: dict[str, Any] = {"quantity": step.quantity} if step.quantity else {}
+        judged |= {"required": True} if step.required else {}
         prompt["value"] = {"unit": step.unit, **limits, **judged}
     return prompt

@@ -130,13 +130,21 @@ class Record(StrictModel):
 class PromptValue(StrictModel):
     """A value the operator must give, inside limits.
 
-    With a ``quantity`` it is a measurement of the unit: the run goes on with any value, and the analysis judges it.
+    With a ``quantity`` it is a measurement of the unit: the run goes on with any value, and the analysis judges it. If
+    one that is ``required`` is outside its limits, what follows under the same conditions is left out.
     """
 
     unit: Literal["A", "V", "ohm", "s", "degC", "m"]
     low: Annotated[Text | None, BeforeValidator(_with_unit)] = None
     high: Annotated[Text | None, BeforeValidator(_with_unit)] = None
     quantity: Name | None = None
+    required: bool = False
+
+    @model_validator(mode="after")
+    def _measured(self) -> PromptValue:
+        if self.required and self.quantity is None:
+            raise ValueError("'required' is for a value with a 'quantity'; any other must be inside its limits anyway")
+        return self
 
 
 class Prompt(StrictModel):

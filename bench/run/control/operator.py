@@ -70,9 +70,7 @@ def judge(question: Question, answer: Answer, where: str) -> None:
         raise RunError("B-RUN-040", f"no value was given for '{question.text}'", where=where)
     if question.quantity:
         return
-    low = -math.inf if question.low is None else question.low
-    high = math.inf if question.high is None else question.high
-    if not low <= answer.value <= high:
+    if not within(question, answer.value):
         given = plain_quantity(answer.value, question.unit)
         raise RunError(
             "B-RUN-041",
@@ -80,6 +78,13 @@ def judge(question: Question, answer: Answer, where: str) -> None:
             where=where,
             next_step="correct the set-up, then start again",
         )
+
+
+def within(question: Question, value: float | None) -> bool:
+    """Return whether there is a value and it is inside the limits."""
+    low = -math.inf if question.low is None else question.low
+    high = math.inf if question.high is None else question.high
+    return value is not None and low <= value <= high
 
 
 def limits_of(question: Question) -> str:

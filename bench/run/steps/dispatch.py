@@ -17,7 +17,7 @@ from bench.plan import (
     Step,
 )
 from bench.run.context import RunContext
-from bench.run.control.operator import Question, answered, judge
+from bench.run.control.operator import Question, answered, judge, within
 from bench.run.links.reader import LinkReader, UnitAnswer
 from bench.run.steps.exchange import ATTEMPTS, exchange, timeout_of
 from bench.run.steps.recording import act, call_or_flag, take_record
@@ -63,6 +63,8 @@ def _prompt(context: RunContext, step: PlannedPrompt) -> None:
         context.event(Slip(step=step.number, seconds=waited_ns / NS, reason="prompt"))
     context.event(answered(question, answer, step, dict(step.sets)))
     judge(question, answer, step.where)
+    if step.required and not within(question, answer.value):
+        context.failed.add(step.number)
     for name, value in step.sets.items():
         context.operate(name, value)
 

@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from crashes import go_on
 from gnc_exchanges import exchanges, material
 from rehearsal import SEED, Watched
 
 from bench.analysis import Analysis, GivenValue
 from bench.model.clock import VirtualClock
+from bench.model.errors import OperatorStop
 from bench.plan import compile_sequence
 from bench.record import SessionReader
 from bench.run.control.asking import _judged
@@ -100,3 +102,56 @@ def test_a_unit_without_the_checks_of_the_others_does_not_pass() -> None:
 def test_whoever_answers_is_not_refused_a_value_out_of_limits() -> None:
     asked = Question("width", unit="m", low=0.02, high=0.026, quantity="width")
     assert _judged(asked, "27 mm", "somebody").value == 0.027
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("GNC-01: smallest insulation", 1e5), ("GNC-01: resistance from 5 V", 0.5)]
+)
+def test_a_unit_with_a_short_is_never_powered(tmp_path: Path, text: str, value: float) -> None:
+    done, analysis = run_units(tmp_path, {text: value}, "GNC-01", "GNC-02")
+    assert done.outcome.error is None
+    assert verdicts_of(analysis) == {"GNC-01": "FAIL", "GNC-02": "PASS"}
+    items = dict(zip(analysis.tables[1].headers, analysis.tables[1].rows[0], strict=True))
+    assert items.pop("static check") == "FAIL"
+    assert {verdict for name, verdict in items.items() if name not in ("unit", "identity")} == {"not tested"}
+    # off for the first unit, on and off for the second, then the end of every run
+    assert switched(done.folder)[:3] == ["OUTP OFF", "OUTP ON", "OUTP OFF"]
+    assert switched(done.folder).count("OUTP ON") == 1
+    units = {fields["conditions"]["unit"] for _, _, fields in SessionReader(done.folder).events("exchange")}
+    assert units == {"GNC-02"}
+    (skip,) = [fields for _, _, fields in SessionReader(done.folder).events("skip")]
+    plan = compile_sequence("gnc_unit_test", None, {"units": "GNC-01,GNC-02"})
+    left_out = plan.steps[skip["first"] : skip["stop"]]
+    assert {step.conditions["unit"] for step in left_out} == {"GNC-01"}
+    assert plan.steps[skip["stop"]].conditions["unit"] == "GNC-02"
+
+
+class Leaver(Gauge):
+    """Ends the run at the first question about the second unit."""
+
+    def ask(self, question: Question) -> Answer:
+        if "GNC-02" in question.text:
+            raise OperatorStop("B-CLI-006", "the operator refused a prompt", where="prompt")
+        return super().ask(question)
+
+
+def test_a_run_that_is_gone_on_with_does_not_power_the_unit_either(tmp_path: Path) -> None:
+    plan = compile_sequence("gnc_unit_test", None, {"units": "GNC-01,GNC-02"})
+    done = conduct(
+        plan, clock=VirtualClock(), seed=SEED, out=tmp_path, operator=Leaver({"GNC-01: resistance from 5 V": 0.5}),
+        listener=Watched(lambda world, step: None, worlds=[None]),  # type: ignore[list-item]
+    )  # fmt: skip
+    assert done.outcome.error is not None
+    run = go_on(done.folder, Watched(lambda world, step: None, worlds=[None]))  # type: ignore[list-item]
+    assert run.outcome.error is None
+    analysis = analyse_view(read_view(done.folder))[1]
+    assert verdicts_of(analysis) == {"GNC-01": "FAIL", "GNC-02": "PASS"}
+    assert switched(done.folder).count("OUTP ON") == 1
+
+
+def switched(folder: Path) -> list[str]:
+    """Commands that switched the supply, from the first static check on."""
+    found = [one.document() for one in SessionReader(folder).messages() if one.topic.endswith("/supply")]
+    sent = [str(one["text"]) for one in found if one["direction"] == "tx"]
+    begun = max(number for number, text in enumerate(sent) if text.startswith("VOLT "))
+    return [text for text in sent[begun:] if text in ("OUTP ON", "OUTP OFF")]
