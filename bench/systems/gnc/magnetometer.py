@@ -128,11 +128,17 @@ def _table(fit: PlaneComparison) -> Table:
     rms, largest = fit.roll_difference_deg
     caption = (
         f"Two standard uncertainties. Roll by the two methods differs by {rms:.3g} deg RMS, {largest:.3g} deg at most. "
-        f"Phases of the turn that were read: {fit.extremes.phases}; extremes of few phases miss the true ones."
+        + _coverage(fit.extremes.phases)
     )
     headers = ["parameter", "extremes (paper)", "ellipse (least squares)", "difference / std"]
     title = "Magnetometer by two methods"
     return Table(title, caption, headers, rows, prose=True, lead=True)
+
+
+def _coverage(phases: int) -> str:
+    if not phases:
+        return "The turn was read without a gap."
+    return f"Phases of the turn that were read: {phases}; extremes of few phases miss the true ones."
 
 
 def _with(value: float, std: float) -> str:
@@ -165,8 +171,9 @@ def _notes(fits: Sequence[tuple[SampledRow, PlaneComparison]], material: Materia
                 "angle."
             )
         ellipse = fit.ellipse
+        phases = ellipse.phases or "no gap between"
         sentences.append(
-            f"Record {row.number}: {ellipse.phases} phases, largest part of the turn without a reading "
+            f"Record {row.number}: {phases} phases, largest part of the turn without a reading "
             f"{ellipse.largest_gap_deg:.1f} deg, noise {1e3 * ellipse.noise:.3f} mgauss."
         )
         if ellipse.shape_misfit > _MOST_MISFIT:

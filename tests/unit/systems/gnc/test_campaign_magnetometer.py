@@ -52,6 +52,12 @@ def of(analysis, quantity: str, method: str):
     ]
 
 
+def test_a_turn_without_a_gap_is_said_to_have_none(found) -> None:
+    (caption,) = [one.caption for one in found.tables if one.title == "Magnetometer by two methods"]
+    assert caption.endswith("The turn was read without a gap.")
+    assert any("no gap between phases" in note for note in found.notes)
+
+
 def test_the_ellipse_finds_the_parameters_and_the_extremes_are_told_beside(found) -> None:
     x, y = (one["value"] for one in of(found, "mag_offset", "ellipse"))
     assert (x, y) == (pytest.approx(0.05, abs=2e-5), pytest.approx(-0.03, abs=2e-5))

@@ -69,7 +69,8 @@ class EllipseFit:
         parameters: PlaneParameters.   noise: standard deviation of the orthogonal distances, unit of the readings.
         phase_deg: angle of the corrected components of each reading, (n,), -180 to 180.
         largest_gap_deg: largest part of the turn without a reading.   phases: distinct phases, readings nearer to each
-            other than the noise counted once.   shape_misfit: reduced chi-square of the mean distances in 36 sectors;
+            other than the noise counted once; 0 where the turn has
+            no gap.   shape_misfit: reduced chi-square of the mean distances in 36 sectors;
             far above 1 the points are not on an ellipse.   wander: see ``estimators.magnetometer.quadric.Quadric``.
     """
 
@@ -158,10 +159,13 @@ def _largest_gap(phase_deg: Array) -> tuple[float, float]:
 
 
 def _distinct(phase_deg: Array, noise_deg: float) -> int:
-    """Clusters of phases that are further apart than ten times their noise: 10 for ten readings in every turn."""
+    """Clusters of phases that are further apart than ten times their noise: 10 for ten readings in every turn.
+
+    0 for readings so close that no gap is between any of them.
+    """
     ordered = np.sort(phase_deg)
     gaps = np.diff(np.concatenate((ordered, [ordered[0] + 360.0])))
-    return max(1, int((gaps > 10.0 * noise_deg).sum()))
+    return int((gaps > 10.0 * noise_deg).sum())
 
 
 def _shape_misfit(phase_deg: Array, distance: Array, noise: float) -> float:

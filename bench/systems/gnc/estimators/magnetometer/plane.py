@@ -82,7 +82,8 @@ def compare_methods(x_out: Array, y_out: Array) -> PlaneComparison:
 @dataclass(frozen=True)
 class ExtremesFit:
     """``parameters``: of the paper's method; ``parameters.bias`` is the error that the phases and the noise lead to
-    expect, which the paper's equations do not take off. ``phases``: distinct phases of the turn that were read.
+    expect, which the paper's equations do not take off. ``phases``: distinct phases of the turn that were read, 0
+    for a turn without a gap.
     """
 
     parameters: PlaneParameters
