@@ -1,0 +1,21 @@
+"""Every item of the unit test can be repeated, if the time for it is stated."""
+
+from __future__ import annotations
+
+import pytest
+
+from bench.commands.check import checked_plan
+from bench.plan import PlannedCommand
+
+
+@pytest.mark.parametrize("turns", [2, 3, 10])
+@pytest.mark.parametrize("item", ["loopback", "cpu", "timer", "memory", "imu", "gps", "ad"])
+def test_an_item_is_repeated(item: str, turns: int) -> None:
+    repeats = ",".join(map(str, range(1, turns + 1)))
+    shipped = checked_plan("gnc_unit_test", None, ["units=GNC-01"])
+    plan = checked_plan("gnc_unit_test", None, ["units=GNC-01", f"{item}_turns={repeats}", "functions_time=60 s"])
+    name = "io" if item == "loopback" else item
+    once, often = (
+        sum(isinstance(step, PlannedCommand) and step.item == name for step in found.steps) for found in (shipped, plan)
+    )
+    assert often == turns * once > 0
