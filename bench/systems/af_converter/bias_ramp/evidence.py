@@ -39,7 +39,11 @@ def _of_channel(channel: ChannelFit, drive: Drive) -> list[Evidence]:
     problem = Problem(HysteresisModel(readings.gates, drive, shape), readings.bias_A, readings.noise.whiten)
     base = rivals.base_of(problem, fit.value(LAG), fit.value(HALF_WIDTH), (LAG, HALF_WIDTH))
     middle_s = readings.gates.middle_s
-    listed = [rivals.steps(middle_s), rivals.drift(middle_s), *rivals.thermal(problem, fit.value(LAG), _LAGS_s)]
+    lag_s = fit.value(LAG)
+    listed = [
+        *(rivals.steps(middle_s), rivals.drift(middle_s)),
+        *(rivals.second_lag(problem, lag_s, _LAGS_s), rivals.several_plays(problem, lag_s)),
+    ]
     outcomes = rivals.compare(base, listed, [rivals.Noise(readings.noise.whiten)])
     return [_misfit(channel, base), *(_rival(channel, outcome) for outcome in outcomes)]
 

@@ -137,7 +137,7 @@ def _compared(
     for name, model in others.items():
         base = rivals.beside(base, name, model.shape_column(*place))
     low_s, high_s = bounds.lag_s
-    listed = [rivals.steps(blocks.middle_s), *rivals.thermal(problem, place[0], (low_s, 2.0 * high_s))]
+    listed = [rivals.steps(blocks.middle_s), rivals.second_lag(problem, place[0], (low_s, 2.0 * high_s))]
     return rivals.compare(base, listed, noises), base
 
 
@@ -184,9 +184,8 @@ def _seen(reading: str, outcome: rivals.Outcome, moves: Moves, would_be: str) ->
         rivals.STEP: f" at {outcome.place:.1f} h",
         rivals.SECOND_LAG: f" of {outcome.place:.0f} min",
     }.get(outcome.name, "")
-    verb = "describe" if outcome.name == rivals.PLAYS else "describes"
     sentence = (
-        f"{outcome.name.capitalize()}{at} {verb} {reading} better by {outcome.gain:.0f} in twice the log-likelihood; "
+        f"{outcome.name.capitalize()}{at} describes {reading} better ({outcome.gain:.0f} in twice the log-likelihood): "
         f"{would_be}. Look at the residuals and take the ramp again."
     )
     enough = tuple(name for name, move in moves.items() if move > LEAST_MOVE)

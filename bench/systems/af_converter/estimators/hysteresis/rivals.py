@@ -140,8 +140,8 @@ def drift(middle_s: Array) -> Rival:
     return Rival(DRIFT, [((middle_s - middle_s.mean()) / 3600.0)[:, None]], [0.0])
 
 
-def thermal(problem: Problem, lag_s: float, lags_s: tuple[float, float]) -> list[Rival]:
-    """Return a second lag, beside or behind the first, and several play operators.
+def second_lag(problem: Problem, lag_s: float, lags_s: tuple[float, float]) -> Rival:
+    """Return a second lag, beside or behind the first.
 
     Args:    lag_s: of the fit.   lags_s: between which the second one is looked for.
     Source:  two masses in a row answer like (t1 F1 - t2 F2) / (t1 - t2), a sum of two first-order lags.
@@ -153,12 +153,19 @@ def thermal(problem: Problem, lag_s: float, lags_s: tuple[float, float]) -> list
         for second_s in np.geomspace(*lags_s, _LAGS)
         if lag_s <= 0 or abs(np.log(second_s / lag_s)) > np.log(1.3)
     ]
-    low, high = model.span_degC(lag_s)
-    plays = np.column_stack([model.shape_column(lag_s, share * (high - low)) for share in _PLAYS])
-    return [
-        Rival(SECOND_LAG, [(model.unit_degC(one) - near)[:, None] for one in seconds], [one / 60.0 for one in seconds]),
-        Rival(PLAYS, [plays], [0.0]),
-    ]
+    columns = [(model.unit_degC(second_s) - near)[:, None] for second_s in seconds]
+    return Rival(SECOND_LAG, columns, [second_s / 60.0 for second_s in seconds])
+
+
+def several_plays(problem: Problem, lag_s: float) -> Rival:
+    """Return several play operators beside that of the fit.
+
+    Args:    lag_s: of the fit.
+    Source:  Prandtl and Ishlinskii: a sum of play operators of several half-widths.
+    """
+    low, high = problem.model.span_degC(lag_s)
+    columns = [problem.model.shape_column(lag_s, share * (high - low)) for share in _PLAYS]
+    return Rival(PLAYS, [np.column_stack(columns)], [0.0])
 
 
 def compare(base: Base, rivals: Iterable[Rival], noises: Sequence[Noise]) -> list[Outcome]:
