@@ -123,11 +123,11 @@ def test_noise_amplitude_and_time_know_how_well_they_are_known(clockwise: Analys
 
 
 def test_nothing_is_claimed_of_harmonics_that_noise_explains(clockwise: Analysis) -> None:
-    """Limit of 95 % of the mean power of noise: a gamma distribution with as many sets; 4 sigma^2/n in the mean."""
+    """One table in a hundred: a gamma distribution with as many sets, four orders; 4 sigma^2/n in the mean."""
     sets = of(clockwise, "noise")[0]["n"] // SAMPLES
-    limit = 100.0 * np.sqrt(4.0 * 0.2**2 / SAMPLES * stats.gamma.ppf(0.95, sets) / sets)
+    limit = 100.0 * np.sqrt(4.0 * 0.2**2 / SAMPLES * stats.gamma.ppf(0.99**0.25, sets) / sets)
     below = [row for row in table(clockwise, "Harmonics of the waveform") if row[1].startswith("below ")]
-    assert len(below) >= 3  # one in twenty is above by chance
+    assert len(below) == 4
     for _, part, error in below:
         assert float(part.removeprefix("below ")) == pytest.approx(limit, rel=0.05)
         assert error == "–"
