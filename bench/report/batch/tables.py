@@ -50,8 +50,10 @@ def unit_table(batch: Batch, words: Texts) -> Table:
         )
         for part in parts[:_MOST_ROWS]
     )  # fmt: skip
-    names = ("unit", "campaign", "session", "judged", "failed", "not_sound", "verdict")
-    heads = tuple(f"batch.{name}" for name in names)
+    heads = (
+        *("batch.unit", "batch.campaign", "batch.session", "batch.judged", "batch.failed", "batch.not_sound"),
+        "batch.verdict",
+    )
     key = "batch.unit_table" if len(parts) <= _MOST_ROWS else "batch.unit_table_cut"
     caption = words(key, shown=number(len(rows)), all=number(len(parts)))
     return Table(caption, tuple(words(key) for key in heads), rows, stub=3)

@@ -117,9 +117,13 @@ def _refers(visit: GroupFit, campaign: Campaign) -> bool:
 
 
 def clock_spread(group: Group, campaign: Campaign) -> float:
-    """Return the relative range of the clock ratio over the closed rows of a group."""
+    """Return the relative range of the clock ratio over the closed rows of a group, beyond that of whole pulses.
+
+    Each end of a stretch cuts a pulse anywhere, so two steady records differ by two pulses at most for each stretch.
+    """
     rows = group.closed
-    return float(np.ptp(clock_ratio(rows.af_count, rows.gate_s, campaign.af_clock_Hz)))
+    cut = float(np.max(2.0 * (1.0 + rows.gaps) / np.maximum(rows.af_count, 1.0)))
+    return max(0.0, float(np.ptp(clock_ratio(rows.af_count, rows.gate_s, campaign.af_clock_Hz))) - cut)
 
 
 def probability_of(fit: ScaleFactor) -> float:

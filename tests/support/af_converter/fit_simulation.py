@@ -261,10 +261,9 @@ def simulate(
     kinds: dict[int, str] | None = None,
     temperatures: tuple[float, ...] = TEMPERATURES_degC,
     repeat_channel: int | None = None,
-    drift: float | None = None,
     world: World | None = None,
 ) -> SimulatedCampaign:
-    """One campaign in the order of the 38-hour plan, seeded; ``drift``: of the calibrator, else a draw."""
+    """One campaign in the order of the 38-hour plan, seeded."""
     world = world or World()
     kinds = kinds or {1: "gyro", 2: "accelerometer"}
     rng = np.random.default_rng(seed)
@@ -272,12 +271,10 @@ def simulate(
     units = {number: _unit(rng, kind, switches) for number, kind in kinds.items()}
     leak = rng.uniform(-1e-10, 1e-10, 2) * bench.on
     visits = [(t, number, 0) for t in temperatures for number in kinds]
-    if repeat_channel is not None:
-        visits.append((temperatures[-1], repeat_channel, 1))
+    visits += [] if repeat_channel is None else [(temperatures[-1], repeat_channel, 1)]
     walk = _Walk(rng, switches.noise)
     sensor_degC = rng.normal(0, switches.sensor_sigma_degC) if switches.sensor_sigma_degC else 0.0
-    drawn = rng.normal(0, switches.gain_drift_sigma) if switches.gain_drift_sigma else 0.0
-    drift = drawn if drift is None else drift
+    drift = rng.normal(0, switches.gain_drift_sigma) if switches.gain_drift_sigma else 0.0
     length_s = len(temperatures) * 9000.0 + len(visits) * 15 * 120.0
     rows: list[Row] = []
     biases_A: dict[tuple[int, float], float] = {}
@@ -294,7 +291,7 @@ def simulate(
             net_A = world.input_A(bench.input_A(step, leak), at) - bias_A
             net_A += rng.normal(0, switches.white_A_rtHz / np.sqrt(200.0)) if switches.noise else 0.0
             counts = world.counted(bench.counts(net_A, units[number], unit_degC, 100.0), at)
-            conditions = _conditions(number, kinds[number], nominal, repeat, step)
+            conditions = _conditions(kinds[number], at)
             rows.append(_row(len(rows) + 1, conditions, counts, now_s, world.sensed_degC(unit_degC + sensor_degC)))
             now_s += 120.0
     campaign, standards = manifest(kinds)
@@ -329,17 +326,17 @@ def _unit(rng: np.random.Generator, kind: str, switches: Switches) -> Unit:
     )
 
 
-def _conditions(channel: int, kind: str, nominal: float, repeat: int, step: Step) -> dict[str, Any]:
-    route, level, polarity, full = step
+def _conditions(kind: str, at: Place) -> dict[str, Any]:
+    route, level, polarity, full = at.step
     return {
-        "channel": channel,
+        "channel": at.channel,
         "kind": kind,
-        "temperature_degC": nominal,
+        "temperature_degC": at.nominal_degC,
         "current_A": level,
         "polarity": polarity,
         "range_A": full,
         "route": route,
-        "repeat": repeat,
+        "repeat": at.repeat,
         "purpose": "measurement",
     }
 
