@@ -116,3 +116,12 @@ def test_a_drift_that_the_repeat_found_is_in_every_number_it_bears_on(drift: flo
     counted = sorted_classes(seen, right_world(3))
     assert counted[WRONG] == 0
     assert counted[RIGHT] < len(seen.entries)  # wider than without a drift
+
+
+def test_a_level_as_small_as_the_bias_is_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A gyro channel with 0.4 uA of bias, and 0.5 uA as its smallest level."""
+    levels_A = (5e-7, *sim.KIND["gyro"]["levels_A"])
+    monkeypatch.setitem(sim.KIND["gyro"], "levels_A", levels_A)
+    seen = worlds.seen(4, None, 0.0)
+    codes = {reason["code"] for entry in seen.entries for reason in entry["reasons"]}
+    assert not codes & {"swapped_leads", "stimulus_not_followed"}

@@ -89,11 +89,15 @@ def _plausible(visit: GroupFit, campaign: Campaign) -> Iterator[Evidence]:
 
 
 def _followed(visit: GroupFit, campaign: Campaign) -> Array:
-    """Return what each level drives, (l,), relative to it: 1 for its own counter, -1 for that of the other polarity."""
+    """Return what each level drives beyond the zeros, (l,), relative to it: 1 for its own counter, -1 for the other.
+
+    A level that is no larger than the bias of the converter drives no less than the others, once the bias is off.
+    """
     rows = visit.group.closed
     n_A, p_A = pulse_currents_A(rows, campaign.converter(visit.group.channel))
-    levels = rows.level_A > 0
-    return np.asarray((rows.polarity * (n_A - p_A))[levels] / rows.level_A[levels])
+    levels, driven_A = rows.level_A > 0, n_A - p_A
+    bias_A = float(driven_A[~levels].mean()) if not levels.all() else 0.0
+    return np.asarray((rows.polarity * (driven_A - bias_A))[levels] / rows.level_A[levels])
 
 
 def _refusal(code: str, sentence: str, figure: float, visit: GroupFit) -> Evidence:
