@@ -16,11 +16,15 @@ _WIDER = 1.2  # than in the right world: the product was told
 
 @dataclass(frozen=True)
 class Switch:
-    """One respect in which a world is wrong, and the sizes that are tried."""
+    """One respect in which a world is wrong, and the sizes that are tried.
+
+    ``assumption``: the code of what the report names for it (``bench.analysis.assumptions``), where no data can show it.
+    """
 
     name: str
     world: Callable[[float], Any]
     sizes: tuple[float, ...]
+    assumption: str = ""
 
 
 @dataclass(frozen=True)
@@ -74,5 +78,4 @@ def is_visible(noise_free: Seen) -> bool:
 
 
 def _name(entry: Any) -> tuple[Any, ...]:
-    of_it = entry["conditions"]
-    return entry["quantity"], of_it.get("channel"), of_it.get("temperature_degC")
+    return entry["quantity"], *sorted(entry["conditions"].items())
