@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, model_validator
@@ -14,6 +15,7 @@ from bench.analysis.doubt import stated, weigh
 from bench.analysis.estimates import judged, rule_of
 from bench.analysis.form import Closed, check_form, schema_of
 from bench.maths.verdict import Rule, Verdict
+from bench.model.assumptions import Assumption
 
 SCHEMA = 2
 INCOMPLETE = "Incomplete: the run has not ended. These are the records so far; nothing is judged."
@@ -35,6 +37,17 @@ class EvidenceInterval(Closed):
     low: float
     high: float
     basis: str
+
+
+class TakenForGranted(Closed):
+    """What no data of this campaign can show (``bench.model.assumptions``)."""
+
+    code: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+    taken_for_granted: str
+    unseen: str = Field(description="size that leaves no trace in this campaign")
+    effect: str
+    shown_by: str = Field(description="measurement that would show it")
+    quantities: list[str] = Field(description="empty for every estimate")
 
 
 class Acceptance(Closed):
@@ -140,6 +153,7 @@ class Results(Closed):
     provenance: Provenance
     notes: list[str]
     decision_rule: Rule | None = Field(None, description="absent in documents of version 0.1, which are non_binary")
+    assumptions: list[TakenForGranted] = Field([], description="what these data cannot show; absent in schema 1")
     splices: list[Splice] = Field([], description="absent if the run was never stopped")
     incomplete: bool = Field(False, description="the run has not ended: nothing is judged; absent if it has")
 
@@ -151,6 +165,7 @@ def build_results(
     provenance: Mapping[str, Any],
     decision: Mapping[str, Any] | None = None,
     *,
+    assumptions: Sequence[Assumption] = (),
     splices: Sequence[Mapping[str, Any]] = (),
     incomplete: bool = False,
     acceptances: Sequence[Accepted] = (),
@@ -161,6 +176,7 @@ def build_results(
              counts: records, frames, frames_bad, frames_lost, splices, retaken; missing ones are 0.
              provenance: simulated, plan_sha256, frame_sha256, session_sha256, software and more.
              decision: the entry "decision" of the manifest's campaign, None for the non-binary rule.
+             assumptions: what the campaign takes for granted.
              splices: where the run was gone on with (``Splice``).   incomplete: the run has not ended, so that nothing
              is judged.   acceptances: those of the session; of a run that has not ended none counts.
     Raises:  InputError B-FIT-010 if the document would not be valid, naming the first wrong field; FitError B-FIT-041
@@ -180,6 +196,7 @@ def build_results(
         "estimates": [_unjudged(entry) for entry in entries] if incomplete else entries,
         "quality": {name: int(counts.get(name, 0)) for name in Quality.model_fields},
         "provenance": dict(provenance),
+        "assumptions": [{**asdict(taken), "quantities": list(taken.quantities)} for taken in assumptions],
         "notes": [*([INCOMPLETE] if incomplete else []), *lost, *noted, *analysis.notes],
     }
     if splices:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from bench.commands.console import console
+from bench.model.assumptions import assumptions_of
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import ExitStatus, InputError, InputErrors
 from bench.model.shipped import find_shipped
@@ -55,6 +56,7 @@ def check(request: Request) -> int:
     report = _examined(plan, request.out) if request.live else None
     if request.json:
         document = {"sequence": plan.name, "station": plan.station_name, "plan_sha256": plan.sha256, **asdict(summary)}
+        document["assumptions"] = [asdict(taken) for taken in assumptions_of(plan.campaign)]
         live = {} if report is None else {"preflight": report.event().document()}
         sys.stdout.write(json.dumps({**document, **live}, indent=1) + "\n")
     else:
@@ -86,6 +88,8 @@ def _print(out: Console, plan: Plan, summary: Summary, plot: Path | None, report
         out.print(f"  hazard       {hazard}")
     if plot is not None:
         out.print(f"  timetable    {plot}")
+    for taken in assumptions_of(plan.campaign):
+        out.print(f"  unseen       {taken.taken_for_granted} {taken.unseen} {taken.shown_by}")
     out.print("no mistake found")
     if report is not None:
         from bench.commands.doctor import print_preflight

@@ -45,6 +45,7 @@ class AnalysisDeclaration:
     must state of the unit, and of each kind of channel.   ``main``: quantities that are shown while it is recorded.
     ``standards``: roles of the standards whose relative error enters a quantity one to one, by quantity.
     ``problems``: function that says of each record why the analysis leaves it out; "" for what holds for all records.
+    ``assumptions``: function that names what its data cannot show, from the section "campaign" of a plan.
     """
 
     name: str
@@ -65,6 +66,7 @@ class AnalysisDeclaration:
     main: tuple[str, ...] = ()
     standards: Mapping[str, str] = field(default_factory=dict)
     problems: str = ""
+    assumptions: str = ""
 
 
 class ChannelKind(StrictModel):

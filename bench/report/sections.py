@@ -30,7 +30,7 @@ from bench.report.run_tables import (
     summary_table,
 )
 from bench.report.tables import Table, analysis_tables, on_uncertainty, pairs_table, sentence
-from bench.report.verdict_tables import doubt_paragraphs, verdict_table
+from bench.report.verdict_tables import assumption_table, doubt_paragraphs, verdict_table
 
 _ROLES = ("prepared", "checked", "approved")
 _LINES = ("name", "date", "signature")
@@ -81,6 +81,7 @@ def _on_results(model: ReportModel, words: Texts) -> Iterator[Section]:
     yield chapter("others", plots.bias_picture(model, words), *tables, other_table(model, words))
     coverage = (coverage_table(model, words), components_table(model, words))
     yield chapter("uncertainty", *coverage, *analysis_tables(budgets))
+    yield chapter("assumptions", assumption_table(model, words))
     yield chapter("explanations", *analysis_tables(others))
 
 

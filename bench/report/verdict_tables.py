@@ -1,4 +1,4 @@
-"""Tables of the verdicts: each judged value with its limit."""
+"""Tables of the verdicts: each judged value with its limit; what casts doubt, and what no data can show."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from bench.report.model import ReportModel
 from bench.report.tables import Table, sentence
 
 _HEADERS = ("quantity", "channel", "judged", "worst", "limit", "unit", "conformance", "verdicts")
+_ASSUMED = ("taken_for_granted", "unseen", "effect", "shown_by")
 _CHANNEL = 1  # its column
 _NO_CHANNEL = "–"
 
@@ -38,6 +39,14 @@ def doubt_paragraphs(model: ReportModel, words: Texts) -> tuple[str, ...]:
     """Return what is not sound and why, and what that means for the numbers; () without doubt."""
     lines = doubt_lines(model.results.get("estimates", ()))
     return (*map(sentence, lines), words("doubt.means")) if lines else ()
+
+
+def assumption_table(model: ReportModel, words: Texts) -> Table | None:
+    """Return what the data cannot show: each assumption with the size that passes unseen; None if none is named."""
+    taken = model.results.get("assumptions", ())
+    rows = tuple(tuple(sentence(entry[name]) for name in _ASSUMED) for entry in taken)
+    headers = tuple(words(f"column.{name}") for name in _ASSUMED)
+    return Table(words("assumptions.table"), headers, rows, prose=True) if rows else None
 
 
 def verdict_table(model: ReportModel, words: Texts) -> Table | None:

@@ -27,6 +27,7 @@ from bench.analysis import (
 )
 from bench.frame import CommandLayout, parse_frame
 from bench.model import events
+from bench.model.assumptions import assumptions_of
 from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.events import Environment, Event, Phase, Preflight, Prompt, Retake
@@ -131,6 +132,7 @@ def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str
     decision = manifest["campaign"].get("decision")
     document = build_results(
         manifest["session"], analysis, counts, provenance, decision,
+        assumptions=assumptions_of(manifest["campaign"]),
         splices=splice_documents(view.splices), incomplete=view.incomplete, acceptances=view.acceptances,
     )  # fmt: skip
     return document, analysis

@@ -18,7 +18,7 @@ _WIDER = 1.2  # than in the right world: the product was told
 class Switch:
     """One respect in which a world is wrong, and the sizes that are tried.
 
-    ``assumption``: the code of what the report names for it (``bench.analysis.assumptions``), where no data can show it.
+    ``assumption``: the code of the assumption that the report names, where no data can show it.
     """
 
     name: str

@@ -112,6 +112,16 @@ def test_a_table_that_leads_stands_before_the_verdicts_and_once() -> None:
     assert Report(model).html().count("Units tested") == 1
 
 
+def test_what_no_data_can_show_is_a_chapter_of_its_own() -> None:
+    taken = {"code": "calibrator_gain", "taken_for_granted": "The gain is right.", "unseen": "Any size.",
+             "effect": "One to one.", "shown_by": "A check standard.", "quantities": []}  # fmt: skip
+    model = model_of(wrong("cpu", 0.0, "U-1"))
+    assert "assumptions" not in {section.name for section in sections_of(model, WORDS)}
+    named = replace(model, results={**model.results, "assumptions": [taken]})
+    (section,) = [section for section in sections_of(named, WORDS) if section.name == "assumptions"]
+    assert section.tables[0].rows == (("The gain is right.", "Any size.", "One to one.", "A check standard."),)
+
+
 def test_a_short_cell_of_words_is_not_broken() -> None:
     words = Table("T", "", ["a", "b"], [["x" * 50, "not tested"]], prose=True)
     assert '<td class="short">not tested</td>' in Report(model_of(tables=(words,))).html()

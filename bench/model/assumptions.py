@@ -1,0 +1,40 @@
+"""What no data of a campaign can show, by name: the assumption, the size that passes unseen, and what would show it.
+
+An effect that changes every reading as the wanted quantity would leaves no residual. No evidence is possible, so it is
+said, before the campaign by ``bench check`` and after it in results.json and the report.
+
+Source: docs/decisions/0025-doubt.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from bench.model.systems import analysis_declaration, named
+
+
+@dataclass(frozen=True)
+class Assumption:
+    """One thing that is taken for granted, in short sentences with numbers and units.
+
+    ``unseen``: size that leaves no trace in this campaign.   ``effect``: what it does to which number.   ``shown_by``:
+    measurement that would show it.   ``quantities``: the estimates it bears on; none named is every one.
+    """
+
+    code: str
+    taken_for_granted: str
+    unseen: str
+    effect: str
+    shown_by: str
+    quantities: tuple[str, ...] = ()
+
+
+def assumptions_of(campaign: Mapping[str, Any]) -> list[Assumption]:
+    """Return what a campaign takes for granted, by the section "campaign" of its plan or manifest.
+
+    Empty for a campaign that only records.
+    """
+    declared = analysis_declaration(str(campaign.get("analysis", "none")))
+    return list(named(declared.assumptions)(campaign)) if declared is not None and declared.assumptions else []
