@@ -11,7 +11,6 @@ import argparse
 import multiprocessing
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
@@ -19,8 +18,9 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
-from soak_blocks import ROWS, Block, Failure, add_block, in_blocks, read_blocks, seeds_left, soaked_block
-from soak_campaign import ROOT, SHORT
+from block_rows import ROOT, add_row, in_blocks, read_rows, revision_of, seeds_left
+from soak_blocks import ROWS, Block, Failure, soaked_block
+from soak_campaign import SHORT
 from soak_hourly import ALLOCATOR
 from soak_shrink import write_test
 
@@ -35,20 +35,25 @@ def main(words: Sequence[str]) -> int:
     parser.add_argument("count", type=int, help="seeds, from 0 on, that shall stand in the file")
     parser.add_argument("campaign", nargs="?", default=SHORT, help="a sequence; without one the short campaign")
     asked = parser.parse_args(words)
-    blocks = planned(seeds_left(read_blocks(), asked.campaign, asked.count), asked.campaign)
+    blocks = planned(seeds_left(done(asked.campaign), asked.count), asked.campaign)
     rows: list[Block] = []
     status = 0
     try:
         for block, failures in soaked(asked.campaign, blocks):
-            add_block(block)
+            add_row(block, ROWS)
             rows.append(block)
             print(told(block), flush=True)
             status = max([status, *(kept(block, failure) for failure in failures)])
     except KeyboardInterrupt:
         print("stopped; the same command goes on from here")
         return STOPPED
-    print(summary(read_blocks(), asked.campaign, rows))
+    print(summary(read_rows(Block, ROWS), asked.campaign, rows))
     return status
+
+
+def done(campaign: str) -> list[range]:
+    """Return the seeds of a campaign that stand in the file."""
+    return [block.seeds for block in read_rows(Block, ROWS) if block.campaign == campaign]
 
 
 def planned(seeds: Sequence[int], campaign: str) -> list[range]:
@@ -59,7 +64,7 @@ def planned(seeds: Sequence[int], campaign: str) -> list[range]:
 
 def soaked(campaign: str, blocks: Sequence[range]) -> Iterator[tuple[Block, list[Failure]]]:
     """Yield each block and its failures as soon as it is done."""
-    revision = revision_now()
+    revision = revision_of(JUDGED)
     if campaign != SHORT:
         os.environ.update(ALLOCATOR)
     spawn = multiprocessing.get_context("spawn")
@@ -77,15 +82,6 @@ def soaked(campaign: str, blocks: Sequence[range]) -> Iterator[tuple[Block, list
 def quiet_end() -> None:
     """Die of Ctrl-C without a word: the row of an unfinished block is not written."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
-def revision_now() -> str:
-    """Return the revision of what is judged, with ``+`` if files differ from it."""
-
-    def git(*words: str) -> str:
-        return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
-
-    return git("rev-parse", "--short=9", "HEAD") + ("+" if git("status", "--porcelain", "--", *JUDGED) else "")
 
 
 def kept(block: Block, failure: Failure) -> int:

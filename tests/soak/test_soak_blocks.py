@@ -11,10 +11,11 @@ from typing import Any
 import pytest
 import soak_blocks
 import soak_campaign
+from block_rows import add_row, in_blocks, read_rows, seeds_left
 from fault_schedule import TimedFault
 from hypothesis import given
 from hypothesis import strategies as st
-from soak_blocks import Block, add_block, in_blocks, read_blocks, seeds_left, soaked_block
+from soak_blocks import Block, soaked_block
 from soak_campaign import ROOT, SHORT, Campaign, Soaked
 from soak_shrink import shortest, write_test, written_test
 
@@ -41,16 +42,16 @@ def test_no_fault_of_a_shortest_list_can_be_left_out(noise: list[bool]) -> None:
 def test_rows_are_read_as_they_were_added(tmp_path: Path) -> None:
     rows = [block(0, 99), block(100, 100, "scale_factor_38h")]
     for row in rows:
-        add_block(row, tmp_path / "blocks.csv")
-    assert read_blocks(tmp_path / "blocks.csv") == rows
-    assert read_blocks(tmp_path / "none.csv") == []
+        add_row(row, tmp_path / "blocks.csv")
+    assert read_rows(Block, tmp_path / "blocks.csv") == rows
+    assert read_rows(Block, tmp_path / "none.csv") == []
 
 
 def test_what_stands_in_a_row_is_not_soaked_again() -> None:
-    left = seeds_left([block(0, 3), block(8, 9), block(0, 19, "scale_factor_38h")], SHORT, 15)
+    left = seeds_left([range(4), range(8, 10)], 15)
     assert left == [4, 5, 6, 7, 10, 11, 12, 13, 14]
     assert in_blocks(left, 3) == [range(4, 7), range(7, 8), range(10, 13), range(13, 15)]
-    assert seeds_left([block(0, 14)], SHORT, 15) == []
+    assert seeds_left([range(15)], 15) == []
 
 
 @pytest.fixture

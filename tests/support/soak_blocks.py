@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
 import os
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 from fault_schedule import TimedFault
@@ -50,47 +49,6 @@ class Failure:
     seed: int
     violations: tuple[str, ...]
     test: str
-
-
-def read_blocks(path: Path = ROWS) -> list[Block]:
-    """Return all rows there are."""
-    if not path.exists():
-        return []
-    kinds = {"int": int, "float": float, "str": str}
-    with path.open(encoding="utf-8", newline="") as stream:
-        return [
-            Block(**{field.name: kinds[str(field.type)](row[field.name]) for field in fields(Block)})
-            for row in csv.DictReader(stream)
-        ]
-
-
-def add_block(block: Block, path: Path = ROWS) -> None:
-    """Write one more row, which stays there whatever happens next."""
-    new = not path.exists()
-    with path.open("a", encoding="utf-8", newline="") as stream:
-        writer = csv.DictWriter(stream, [field.name for field in fields(Block)], lineterminator="\n")
-        if new:
-            writer.writeheader()
-        writer.writerow(asdict(block))
-        stream.flush()
-        os.fsync(stream.fileno())
-
-
-def seeds_left(blocks: Sequence[Block], campaign: str, count: int) -> list[int]:
-    """Return which of the first ``count`` seeds stand in no row of a campaign."""
-    done = {seed for block in blocks if block.campaign == campaign for seed in block.seeds}
-    return [seed for seed in range(count) if seed not in done]
-
-
-def in_blocks(seeds: Sequence[int], most: int) -> list[range]:
-    """Return seeds as ranges of ``most`` at the most, without the gaps between them."""
-    found: list[range] = []
-    for seed in seeds:
-        if found and found[-1].stop == seed and len(found[-1]) < most:
-            found[-1] = range(found[-1].start, seed + 1)
-        else:
-            found.append(range(seed, seed + 1))
-    return found
 
 
 def soaked_block(name: str, seeds: range, revision: str) -> tuple[Block, list[Failure]]:

@@ -73,8 +73,33 @@ def off_by(entry: Any, truth: float) -> float:
 
 
 def is_visible(noise_free: Seen) -> bool:
-    """Return whether a violation leaves a trace that could be seen: the norm of what it puts into the residuals."""
-    return math.sqrt(noise_free.chi2) >= max(10.0, 3.0 * (2.0 * noise_free.dof) ** 0.25)
+    """Return whether a violation leaves a trace that could be seen."""
+    return trace_of(noise_free) >= least_trace(noise_free)
+
+
+def trace_of(noise_free: Seen) -> float:
+    """Return the norm of what a violation puts into the whitened residuals, repeats and checks included."""
+    return math.sqrt(noise_free.chi2)
+
+
+def least_trace(noise_free: Seen) -> float:
+    """Return the trace from which on a violation counts as visible."""
+    return max(10.0, 3.0 * (2.0 * noise_free.dof) ** 0.25)
+
+
+def worst_bias(noise_free: Seen, right: Seen) -> dict[str, float]:
+    """Return by quantity how far a violation alone puts the worst estimate off, in the uncertainties of a right world.
+
+    An estimate that is refused has no value and is left out.
+    """
+    expanded = {_name(entry): entry["expanded_uncertainty"] for entry in right.entries}
+    worst: dict[str, float] = {}
+    for entry, truth in zip(noise_free.entries, noise_free.truths, strict=True):
+        unit = expanded.get(_name(entry))
+        if entry["value"] is not None and unit:
+            off = abs(entry["value"] - truth) / unit
+            worst[entry["quantity"]] = max(off, worst.get(entry["quantity"], 0.0))
+    return worst
 
 
 def _name(entry: Any) -> tuple[Any, ...]:
