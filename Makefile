@@ -14,7 +14,7 @@ export OMP_NUM_THREADS ?= 1
 # Hundreds of processes are started by the tests: they read compiled modules, whatever the machine says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test mutants sweep faults doubt soak compare pictures structure ways validate bench lint wheel lock
+.PHONY: demo test mutants sweep faults doubt published soak compare pictures structure ways validate bench lint wheel lock
 
 demo: $(VENV)/.kernel
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
@@ -37,6 +37,11 @@ faults: $(VENV)/.dev
 # Wrong worlds of all systems and 500 right ones of each; what stands in tests/doubt/rows.csv is not done again.
 doubt: $(VENV)/.dev
 	$(PY) tests/doubt/run.py
+
+# Right worlds of all published sequences, seeds 1 to 20; what is recorded below the folder KEEP is fitted again.
+KEEP ?= sessions/published
+published: $(VENV)/.dev
+	$(PY) tests/doubt/published.py $(KEEP)
 
 # N seeds in all, 10,000 of the short campaign or CAMPAIGN=scale_factor_38h N=10; what stands in tests/soak/blocks.csv is
 # not done again, so it can be stopped at any time.
