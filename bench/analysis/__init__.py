@@ -13,6 +13,13 @@ from bench.analysis.analysis import (
     declared_analysis,
     no_result,
 )
+from bench.analysis.check_standard import (
+    OF_UNIT,
+    compensation_of_unit,
+    of_check_standard,
+    of_serial,
+    without_check_standard,
+)
 from bench.analysis.coefficients import (
     Source,
     UnitUnderTest,
@@ -53,6 +60,7 @@ __all__ = [
     "DOUBTFUL",
     "INCOMPLETE",
     "LEAST_MOVE",
+    "OF_UNIT",
     "REFUSED",
     "UNIT",
     "Acceptances",
@@ -90,6 +98,7 @@ __all__ = [
     "cell",
     "check_form",
     "check_method",
+    "compensation_of_unit",
     "count_problem",
     "curve",
     "decimals_for",
@@ -104,6 +113,8 @@ __all__ = [
     "link_checks",
     "no_result",
     "number",
+    "of_check_standard",
+    "of_serial",
     "picture",
     "results_json",
     "results_schema",
@@ -120,4 +131,5 @@ __all__ = [
     "validate_coefficients",
     "validate_results",
     "with_uncertainty",
+    "without_check_standard",
 ]

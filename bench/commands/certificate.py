@@ -11,7 +11,7 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import doubt_lines, is_sound, results_json, validate_results
+from bench.analysis import doubt_lines, is_sound, results_json, validate_results, without_check_standard
 from bench.commands.console import console
 from bench.model.clock import NS, WallClock
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
@@ -111,7 +111,7 @@ def _calibration(request: Request, laboratory: Laboratory) -> Calibration:
             next_step="have the standards calibrated and measure again",
         )
     return Calibration(
-        results=stored,
+        results=without_check_standard(stored, view.manifest["campaign"]),
         manifest=view.manifest,
         laboratory=laboratory,
         hashes={"session": view.session_sha256, **digests},

@@ -32,7 +32,7 @@ def channel_numbers(raw: int | str | list[int | str]) -> list[int]:
 
 
 def declared_channels(document: Document[Sequence], findings: Findings) -> dict[int, Channel]:
-    """Return all channels of a sequence by number; mistakes go to ``findings`` (B-PLAN-020, -021, -022)."""
+    """Return all channels of a sequence by number; mistakes go to ``findings`` (B-PLAN-020, -021, -022, -099)."""
     channels: dict[int, Channel] = {}
     for index, group in enumerate(document.model.channels):
         where = document.where(("channels", index, "numbers"))
@@ -46,7 +46,18 @@ def declared_channels(document: Document[Sequence], findings: Findings) -> dict[
             if number in channels:
                 findings.add("B-PLAN-021", where, f"channel {number} is declared twice", "keep one of them")
             channels[number] = Channel(number, group.kind, levels, index)
+    _check_standard(document, channels, findings)
     return channels
+
+
+def _check_standard(document: Document[Sequence], channels: dict[int, Channel], findings: Findings) -> None:
+    """Note a check standard on a channel that the campaign does not measure (B-PLAN-099)."""
+    named = document.model.check_standard
+    if named is not None and not (named.channel in channels and channels[named.channel].levels):
+        where = document.where(("check_standard", "channel"))
+        measured = ", ".join(str(number) for number, channel in sorted(channels.items()) if channel.levels)
+        message = f"the check standard is on channel {named.channel}, which this campaign does not measure"
+        findings.add("B-PLAN-099", where, message, f"name one of the channels with levels: {measured or 'none'}")
 
 
 def _levels(document: Document[Sequence], index: int, findings: Findings) -> tuple[Quantity, ...]:
@@ -156,6 +167,8 @@ def unit_constants(model: Sequence, serial: str) -> dict[str, Any]:
                 constants |= system.unit.constants(model.uut)
         if model.uut.limits:
             constants["limits"] = {name: _limit(text) for name, text in model.uut.limits.items()}
+    if model.check_standard is not None:
+        constants["check_standard"] = model.check_standard.model_dump()
     if model.site is not None:
         constants["site"] = _site(model.site)
     return constants

@@ -39,6 +39,9 @@ def summary_table(model: ReportModel, words: Texts) -> Table | None:
         "bad": quality.get("frames_bad", model.counts.bad),
         "dropped": max((int(row.get("dropped") or 0) for row in estimates), default=0),
     }
+    check = model.campaign.get("check_standard")
+    if check is not None:
+        lines["check_standard"] = words("summary.of_check", **check)
     lines |= {name: quality[name] for name in ("retaken", "splices") if quality.get(name)}
     named = {words(f"summary.{name}"): value for name, value in lines.items() if value != ""}
     return pairs_table(words("summary.table"), (words("column.item"), words("column.value")), named)

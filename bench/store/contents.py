@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import is_sound
+from bench.analysis import is_sound, of_check_standard, of_serial, without_check_standard
 from bench.model.clock import NS
 from bench.model.systems import analysis_declaration
 from bench.store.errors import StoreError
@@ -30,7 +30,6 @@ _STORED = (
     "quantity", "unit", "conditions", "value", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "n",
     "dropped", "limit", "verdict",
 )  # fmt: skip
-OF_UNIT = ":"  # between the name of a session and the serial number of one of its units
 _PPM = 1e6
 _GENERATOR_LIMIT = 3e-6  # rectangular; where the register states nothing (AF-converter paper, section 4.1)
 
@@ -80,7 +79,7 @@ def started_utc_ns(session: str) -> int | None:
 def contents_of(document: Mapping[str, Any], manifest: Mapping[str, Any], started_ns: int | None) -> list[Contents]:
     """Return rows of a session for each of its units. Raises: StoreError B-STORE-008: what they do not say."""
     try:
-        return [_contents(of_unit, manifest, started_ns) for of_unit in documents_of_units(document)]
+        return [_contents(of_unit, manifest, started_ns) for of_unit in documents_of_units(document, manifest)]
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise StoreError(
             "B-STORE-008",
@@ -180,16 +179,20 @@ def _change_limits(manifest: Mapping[str, Any]) -> dict[tuple[str, Any], float]:
     }
 
 
-def documents_of_units(document: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Return one document per unit if every estimate names its unit (condition ``unit``), else the document itself.
+def documents_of_units(document: Mapping[str, Any], manifest: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """Return one document per unit if every estimate names its unit (condition ``unit``), else the document itself;
+    a check standard is a unit of its own.
 
     The serial number is the unit's, the condition is gone: the same unit in another session has the same parameters.
     """
+    campaign = manifest["campaign"]
+    checked, document = of_check_standard(document, campaign), without_check_standard(document, campaign)
+    further = [] if checked is None else [checked]
     estimates = document["estimates"]
     serials = dict.fromkeys(estimate["conditions"].get("unit") for estimate in estimates)
     if not serials or not all(isinstance(serial, str) for serial in serials):
-        return [document]
-    return [_of(document, str(serial)) for serial in serials]
+        return [document, *further]
+    return [*(_of(document, str(serial)) for serial in serials), *further]
 
 
 def _of(document: Mapping[str, Any], serial: str) -> Mapping[str, Any]:
@@ -198,14 +201,7 @@ def _of(document: Mapping[str, Any], serial: str) -> Mapping[str, Any]:
         for estimate in document["estimates"]
         if estimate["conditions"]["unit"] == serial
     ]
-    provenance = document["provenance"]
-    return {
-        **document,
-        "session": f"{document['session']}{OF_UNIT}{serial}",
-        "uut": {**document["uut"], "serial": serial},
-        "provenance": {**provenance, "session_sha256": f"{provenance['session_sha256']}{OF_UNIT}{serial}"},
-        "estimates": estimates,
-    }
+    return of_serial(document, serial, estimates)
 
 
 def shared_components(standards: Mapping[str, Mapping[str, Any]], campaign: str) -> list[dict[str, Any]]:

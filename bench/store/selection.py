@@ -9,7 +9,7 @@ from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, Select, and_, func, or_, select
 
-from bench.store.contents import OF_UNIT
+from bench.analysis import OF_UNIT
 from bench.store.errors import StoreError
 from bench.store.tables import calibrations, estimates, parameters, report_revisions, result_sets
 

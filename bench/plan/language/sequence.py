@@ -47,6 +47,14 @@ class UnitUnderTest(StrictModel):
     )
 
 
+class CheckStandard(StrictModel):
+    """A unit of known history on a channel of its own: its results are charted and are not those of the unit."""
+
+    model: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,39}$")]
+    serial: Title
+    channel: int = Field(ge=1)
+
+
 class Site(StrictModel):
     """Where the bench stands: what the Earth does to gyroscopes and accelerometers there."""
 
@@ -111,6 +119,7 @@ class Sequence(StrictModel):
     duration: Annotated[float, *quantity("s", 0.0)] | None = Field(None, description="the plan must last exactly this")
     records: int | None = Field(None, ge=0, description="the campaign must hold exactly this many records")
     uut: UnitUnderTest | None = None
+    check_standard: CheckStandard | None = Field(None, description="measured in every campaign beside the unit")
     site: Site | None = Field(None, description="where the bench stands, for the analyses of inertial sensors")
     unit_commands: dict[Name, UnitCommand] = Field(default_factory=dict)
     parameters: dict[Name, Scalar | list[Scalar]] = Field({}, description="what --set may change")

@@ -1,0 +1,65 @@
+"""A check standard: a unit of known history on a channel of its own, measured in every campaign beside the unit.
+
+What no data of one campaign can show, a common gain of the calibrator above all, moves the check standard too. So its
+results are a calibration of their own, which the history charts, and belong to nothing that is said of the unit.
+
+Source: ISO/IEC 17025:2017, 7.7.1; docs/decisions/0025-doubt.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+from bench.analysis.analysis import Analysis
+
+OF_UNIT = ":"  # between the name of a session and the serial number of one of its units
+
+
+def without_check_standard(document: Mapping[str, Any], campaign: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return results.json of the unit under test alone; ``campaign``: that section of the manifest."""
+    channel = check_channel(campaign)
+    if channel is None:
+        return document
+    return {**document, "estimates": [entry for entry in document["estimates"] if not _is_of(entry, channel)]}
+
+
+def of_check_standard(document: Mapping[str, Any], campaign: Mapping[str, Any]) -> Mapping[str, Any] | None:
+    """Return results.json of the check standard alone, as a session of its own; None if the campaign has none."""
+    channel = check_channel(campaign)
+    if channel is None:
+        return None
+    named = campaign["check_standard"]
+    of_it = [entry for entry in document["estimates"] if _is_of(entry, channel)]
+    return of_serial({**document, "uut": {**document["uut"], "model": named["model"]}}, named["serial"], of_it)
+
+
+def of_serial(document: Mapping[str, Any], serial: str, estimates: list[Any]) -> Mapping[str, Any]:
+    """Return results.json of one of several units of a session."""
+    provenance = document["provenance"]
+    return {
+        **document,
+        "session": f"{document['session']}{OF_UNIT}{serial}",
+        "uut": {**document["uut"], "serial": serial},
+        "provenance": {**provenance, "session_sha256": f"{provenance['session_sha256']}{OF_UNIT}{serial}"},
+        "estimates": estimates,
+    }
+
+
+def compensation_of_unit(analysis: Analysis, campaign: Mapping[str, Any]) -> Analysis:
+    """Return an analysis without what compensates the check standard."""
+    channel = check_channel(campaign)
+    if channel is None:
+        return analysis
+    return replace(analysis, compensation=[part for part in analysis.compensation if part["channel"] != channel])
+
+
+def check_channel(campaign: Mapping[str, Any]) -> int | None:
+    """Return the channel of the check standard, None for a campaign without one."""
+    named = campaign.get("check_standard")
+    return None if named is None else int(named["channel"])
+
+
+def _is_of(entry: Mapping[str, Any], channel: int) -> bool:
+    return bool(entry["conditions"].get("channel") == channel)
