@@ -154,9 +154,10 @@ def doubt_lines(entries: Iterable[Mapping[str, Any]]) -> list[str]:
     lines = []
     for quality, code in sorted(by_kind, key=lambda kind: kind[0] != REFUSED):
         sentences = by_kind[quality, code]
-        more = f" So at {len(sentences) - 1} more places." if len(sentences) > 1 else ""
+        others = len(sentences) - 1
+        more = f" So at {others} more {'place' if others == 1 else 'places'}." if others else ""
         count = taken_in[quality, code]
-        lines.append(
-            f"{quality.upper()}, {count} estimates: {max(sentences, key=sentences.__getitem__)}{more} [{code}]"
-        )
+        estimates = "estimate" if count == 1 else "estimates"
+        worst = max(sentences, key=sentences.__getitem__)
+        lines.append(f"{quality.upper()}, {count} {estimates}: {worst}{more} [{code}]")
     return lines

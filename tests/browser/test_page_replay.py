@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
@@ -132,3 +133,26 @@ def test_whole_campaigns_are_drawn_at_once(browser: Browser, server: PageServer,
     shutil.rmtree(server.out / name)
     assert min(first) < FIRST_PLOT_MS
     assert max(map(min, zip(*zoomed, strict=True))) < ZOOM_MS
+
+
+def test_what_is_not_sound_stands_before_everything_else(browser: Browser, server: PageServer, finished: str) -> None:
+    folder = server.out / finished
+    doubted = folder.with_name(finished.replace("SIM-1", "SIM-2"))
+    shutil.copytree(folder, doubted)
+    results = json.loads((folder / "results.json").read_text())
+    reason = {"code": "lack_of_fit", "sentence": "The levels are not on a line.", "figure": 9.0}
+    results["estimates"][1] |= {
+        "quality": "doubtful", "reasons": [reason], "std_uncertainty": None, "coverage_factor": None,
+        "expanded_uncertainty": None, "dof": None, "conformance_probability": None, "verdict": "indeterminate",
+    }  # fmt: skip
+    (doubted / "results.json").write_text(json.dumps(results))
+    with visiting(browser, server, "viewer") as visitor:
+        page = visitor.open_run(doubted.name)
+        until(page, lambda: page.is_visible("#estimates-doubt"), "the doubt")
+        assert page.inner_text("#estimates-doubt").startswith("DOUBTFUL, 1 estimate: The levels are not on a line.")
+        said, first = page.locator("#estimates-doubt").bounding_box(), page.locator("#graphs").bounding_box()
+        assert said is not None
+        assert first is not None
+        assert said["y"] < first["y"]
+        assert "doubtful" in page.locator("#estimates tbody tr").nth(1).inner_text()
+        assert not any("doubtful" in row for row in page.locator("#estimates tbody tr").all_inner_texts()[2:])

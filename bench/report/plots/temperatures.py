@@ -10,6 +10,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bench.analysis import is_sound
 from bench.model.texts import Texts
 from bench.report.estimate_tables import readable
 from bench.report.model import Picture, ReportModel
@@ -73,7 +74,8 @@ def _picture(model: ReportModel, words: Texts, name: str, series: Sequence[_Seri
     middle_degC = (max(warmth) + min(warmth)) / 2.0
     scale, unit = readable(everything)
     with drawing():
-        titles = [channel_title(words, *channel) for channel in channels]
+        doubted = {row["conditions"]["channel"] for row in everything if not is_sound(row)}
+        titles = [_title(words, channel, channel[0] in doubted) for channel in channels]
         figure, panels = panels_of(titles, legend_rows=int(len(series) > 1))
         for (number, _), axes in zip(channels, panels, strict=True):
             for curve in series:
@@ -86,6 +88,11 @@ def _picture(model: ReportModel, words: Texts, name: str, series: Sequence[_Seri
             legend_of(figure, panels)
         svg = inline_svg(figure, name)
     return Picture(name, svg, words(f"{name}.caption"), words(f"{name}.description"))
+
+
+def _title(words: Texts, channel: tuple[Any, Any], doubted: bool) -> str:
+    title = channel_title(words, *channel)
+    return words("channel.doubtful", title=title) if doubted else title
 
 
 def _at_temperatures(rows: Sequence[Row]) -> list[Row]:

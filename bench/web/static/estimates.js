@@ -61,13 +61,13 @@ export function showEstimates(everything = false) {
   if (shown !== undefined && estimates === shown && !everything) return;
   shown = estimates ?? null;
   const rows = estimates?.rows ?? [];
+  const doubt = estimates?.doubt ?? [];
+  byId("estimates-doubt").hidden = !doubt.length;
+  say(byId("estimates-doubt"), doubt.join("\n"));
   byId("estimates-card").hidden = !estimates;
   if (!estimates) return;
   const when = stamp(estimates.t_utc_s, page.state.started_utc_s);
   say(byId("estimates-when"), t(estimates.final ? "estimate.of-session" : "estimate.when", { time: when, records: estimates.records ?? "\u2013" }));
-  const doubt = estimates.doubt ?? [];
-  byId("estimates-doubt").hidden = !doubt.length;
-  say(byId("estimates-doubt"), doubt.join("\n"));
   const columns = [["quantity", "fixed"], ["conditions", ""], ["value", "number"], ["uncertainty", "number"], ["unit", "fixed"], ["course", ""]]
     .map(([name, look]) => ({ head: t(`estimate.${name}`), class: look }));
   const keys = new Set();
