@@ -47,12 +47,14 @@ def of_serial(document: Mapping[str, Any], serial: str, estimates: list[Any]) ->
     }
 
 
-def compensation_of_unit(analysis: Analysis, campaign: Mapping[str, Any]) -> Analysis:
-    """Return an analysis without what compensates the check standard."""
+def compensation_of_unit(analysis: Analysis, campaign: Mapping[str, Any]) -> tuple[Analysis, Mapping[str, Any]]:
+    """Return an analysis without what compensates the check standard, and the campaign without its channel."""
     channel = check_channel(campaign)
     if channel is None:
-        return analysis
-    return replace(analysis, compensation=[part for part in analysis.compensation if part["channel"] != channel])
+        return analysis, campaign
+    channels = [entry for entry in campaign.get("channels", ()) if entry["number"] != channel]
+    compensation = [part for part in analysis.compensation if part["channel"] != channel]
+    return replace(analysis, compensation=compensation), {**campaign, "channels": channels}
 
 
 def check_channel(campaign: Mapping[str, Any]) -> int | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from bench.analysis import Analysis, compensation_of_unit, results_json, sound_compensation
+from bench.analysis import Analysis, compensation_of_unit, results_json, sound_compensation, without_check_standard
 from bench.model.declaration import CoefficientsDeclaration
 from bench.model.errors import InputError
 from bench.model.systems import named, system_of_analysis, systems
@@ -70,7 +70,8 @@ def coefficients_of_session(
     ``campaign``: that section of the manifest. Raises: InputError B-COEF-004, B-COEF-006.
     """
     system = system_of_analysis(analysis.campaign)
-    analysis = compensation_of_unit(sound_compensation(analysis, results), campaign)
+    results = without_check_standard(results, campaign)
+    analysis, campaign = compensation_of_unit(sound_compensation(analysis, results), campaign)
     if not analysis.compensation or system is None or system.coefficients is None:
         return None
     module: CoefficientsModule = named(system.coefficients.module)

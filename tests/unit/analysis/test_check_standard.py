@@ -47,7 +47,9 @@ def test_the_history_keeps_it_as_a_unit_of_its_own() -> None:
 def test_what_is_said_of_the_unit_leaves_it_out() -> None:
     parts = [{"channel": 1}, {"channel": 8}, {"channel": None}]
     analysis = Analysis("scale_factor", "gls", {}, [], compensation=parts)
-    assert compensation_of_unit(analysis, CAMPAIGN).compensation == [{"channel": 1}, {"channel": None}]
+    of_unit, campaign = compensation_of_unit(analysis, {**CAMPAIGN, "channels": [{"number": 1}, {"number": 8}]})
+    assert of_unit.compensation == [{"channel": 1}, {"channel": None}]
+    assert campaign["channels"] == [{"number": 1}]
     kept = without_check_standard(document(), CAMPAIGN)["estimates"]
     assert [one["conditions"]["channel"] for one in kept] == [1, 2]
 
@@ -55,7 +57,7 @@ def test_what_is_said_of_the_unit_leaves_it_out() -> None:
 def test_a_campaign_without_one_is_left_as_it_is() -> None:
     plain = document()
     analysis = Analysis("scale_factor", "gls", {}, [], compensation=[{"channel": 8}])
-    assert compensation_of_unit(analysis, {}) is analysis
+    assert compensation_of_unit(analysis, {})[0] is analysis
     assert without_check_standard(plain, {}) is plain
     assert of_check_standard(plain, {}) is None
 
