@@ -14,7 +14,7 @@ from bench.analysis import Table
 from bench.model import events
 from bench.model.clock import NS
 from bench.model.errors import InputError
-from bench.model.events import Control, End, Event, Guard, Link, Phase, Preflight
+from bench.model.events import Control, End, Event, Guard, Link, Phase, Preflight, Settled
 from bench.model.units import hours
 from bench.model.yamlio import parse_yaml
 from bench.plan import StationFile
@@ -67,6 +67,33 @@ def happening_tables(view: Events) -> list[Table]:
             prose=True,
         )
     ]
+
+
+def settling_tables(view: Events) -> list[Table]:
+    """Return how settled the temperature was at the end of each soak; none for a run without a soak."""
+    found = view.events_of(Settled)
+    if not found:
+        return []
+    start_ns = _start_ns(view)
+    return [
+        Table(
+            "Settling",
+            "Every sample of the time for which the temperature must be stable; chance that it leaves its band again "
+            "within as long, as these samples have it. Time since the run began.",
+            ["time", "set", "samples", "mean, degC", "slope, degC/min", "spread, degC", "chance to leave", "found"],
+            [[_since(t_ns, start_ns), *_settled_cells(event)] for t_ns, event in found],
+        )
+    ]
+
+
+def _settled_cells(event: Settled) -> list[Any]:
+    numbers = (
+        "–" if value is None else format(value, form)
+        for value, form in ((event.mean_degC, ".3f"), (event.slope_degC_min, "+.4f"), (event.spread_degC, ".3f"))
+    )
+    chance = "not known" if event.chance is None else f"{100.0 * event.chance:.1f} %"
+    set_to = f"{event.target_degC:g} degC within {event.within_degC:g} degC for {event.for_s:g} s"
+    return [set_to, event.samples, *numbers, chance, "stable" if event.stable else "NOT stable"]
 
 
 def preflight_table(event: Preflight) -> Table:

@@ -44,6 +44,7 @@ from bench.session.happenings import (
     length_s,
     preflight_table,
     punctuality,
+    settling_tables,
     splice_documents,
     splice_tables,
     surroundings,
@@ -52,8 +53,8 @@ from bench.session.happenings import (
 E = TypeVar("E", bound=Event)
 SOFTWARE = f"inertial-bench {__version__}"
 KEPT_EVENTS = (
-    "environment", "prompt", "phase", "slip", "overrun", "late", "retake", "skip", "error", "end", "reading", "hold",
-    "release", "resume", "reentry", "link", "interlock", "alarm", "guard", "preflight", "verdict", "config",
+    "environment", "prompt", "phase", "slip", "overrun", "late", "settled", "retake", "skip", "error", "end", "reading",
+    "hold", "release", "resume", "reentry", "link", "interlock", "alarm", "guard", "preflight", "verdict", "config",
     "clock_step", "control", "surroundings", "exchange",
 )  # fmt: skip
 BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
@@ -257,7 +258,7 @@ def _story(view: SessionView) -> RunStory:
 
 def _about_the_run(view: SessionView) -> list[Table]:
     looked_at = [preflight_table(event) for _, event in view.events_of(Preflight)]
-    return [*happening_tables(view), *splice_tables(view.splices), *looked_at]
+    return [*happening_tables(view), *settling_tables(view), *splice_tables(view.splices), *looked_at]
 
 
 def temperature_trace(view: SessionView) -> TemperatureTrace:

@@ -372,8 +372,8 @@ MUTANTS = [
     Mutant(
         "soak that is never late",
         "bench/run/steps/soak.py",
-        "    if not watch.stable:\n        _late",
-        "    if watch.readings and not watch.readings:\n        _late",
+        "        if not stable:\n            stable, window = _late",
+        "        if window is None:\n            stable, window = _late",
         ["tests/runs/test_campaign_faults.py::test_a_chamber_that_never_settles_is_held_for_and_then_given_up"],
     ),
     Mutant(

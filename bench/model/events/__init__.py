@@ -18,6 +18,7 @@ from bench.model.events.course import (
     Resume,
     Retake,
     Safe,
+    Settled,
     Skip,
     Slip,
     by_instrument,
@@ -54,6 +55,6 @@ __all__ = [
     "OPERATOR", "Alarm", "Answer", "ClockStep", "Closed", "Config", "Control", "Disk", "End", "Environment", "Error",
     "Event", "Exchange", "Gap", "Guard", "Hold", "HoldAlarm", "Inhibit", "Interlock", "Late", "Link", "Notify",
     "Overrun", "Phase", "Preflight", "Prompt", "PromptAlarm", "Reading", "Record", "Reentry", "Release", "Resume",
-    "Retake", "Safe", "Severity", "Skip", "Slip", "StimulusAlarm", "Surroundings", "Verdict", "by_instrument",
-    "event_of",
+    "Retake", "Safe", "Settled", "Severity", "Skip", "Slip", "StimulusAlarm", "Surroundings", "Verdict",
+    "by_instrument", "event_of",
 ]  # fmt: skip

@@ -174,6 +174,33 @@ class Gap(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Settled(Event):
+    """How settled the temperature was at the end of a soak of the chamber ``role``: every sample of the last ``for_s``.
+
+    ``chance``: that it leaves its band within as long again, as the samples have it; null if too few tell. Null for
+    what no sample says.
+    """
+
+    kind: ClassVar[str] = "settled"
+    step: int
+    role: str
+    target_degC: float
+    within_degC: float
+    for_s: float
+    stable: bool
+    samples: int
+    mean_degC: float | None
+    slope_degC_min: float | None
+    spread_degC: float | None
+    chance: float | None
+
+    def _words(self) -> str:
+        chance = "not known" if self.chance is None else f"{100.0 * self.chance:.1f} %"
+        found = "stable" if self.stable else "NOT stable"
+        return f"{found} at {self.target_degC:g} degC; chance that it leaves its band: {chance}"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Reentry(Event):
     """The temperature is back at what a step needs; ``soaked``: by a soak of its whole slot."""
 

@@ -20,6 +20,7 @@ from bench.model.events.course import (
     Resume,
     Retake,
     Safe,
+    Settled,
     Skip,
     Slip,
 )
@@ -55,7 +56,7 @@ _CLASSES: Mapping[str, type[Event]] = {
     for model in (
         Alarm, Answer, ClockStep, Closed, Config, Control, Disk, End, Environment, Error, Exchange, Gap, Guard, Hold,
         Inhibit, Interlock, Late, Link, Notify, Overrun, Phase, Preflight, Prompt, Reading, Record, Reentry, Release,
-        Resume, Retake, Safe, Skip, Slip, Surroundings, Verdict,
+        Resume, Retake, Safe, Settled, Skip, Slip, Surroundings, Verdict,
     )
 }  # fmt: skip
 _ALARMS: Mapping[object, type[Alarm]] = {"hold": HoldAlarm, "stimulus": StimulusAlarm, "prompt": PromptAlarm}

@@ -21,6 +21,7 @@ from bench.model.clock import NS, Clock, Periodic, VirtualClock, to_ns
 from bench.run.links.port import InstrumentLink, PortThread, descriptor_of
 from bench.run.links.reader import LinkReader
 from bench.run.links.status import LinkStatus, status_of
+from bench.run.links.thermometer import TEMPERATURE, thermometer
 from bench.run.stop import StopSwitch, guarded, unforeseen
 
 VIRTUAL_POLL_S = 1.0
@@ -38,7 +39,6 @@ ALIVE_NS = NS // 5
 SWITCH_S = 0.0005  # a thread that decodes lets one that reads go on within this time
 STATUS_WAIT_S = 0.1
 
-TEMPERATURE = "unit_temperature"
 STALE_S = 10.0  # housekeeping comes ten times a second; older temperatures say nothing about now
 
 
@@ -345,11 +345,8 @@ class Acquisition:
 
         NaN before the first frame and when the newest is older than ``STALE_S``.
         """
-        for reader in self.readers.values():
-            for message in reader.definition.layout.messages:
-                if TEMPERATURE in message.by_name:
-                    return self._newest_degC(reader, message.name)
-        return math.nan
+        reader, message = thermometer(self.readers)
+        return math.nan if reader is None else self._newest_degC(reader, message)
 
     def _newest_degC(self, reader: LinkReader, message: str) -> float:
         with self.lock:

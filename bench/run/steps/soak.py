@@ -1,55 +1,73 @@
-"""The soak step: ramp the chamber, wait out the slot, and judge by the unit's own temperature."""
+"""The soak step: ramp the chamber, wait out the slot, and judge by every sample of the temperature at its end."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from contextlib import nullcontext
+from typing import TypeAlias
 
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.maths.settling import Window, window_of
 from bench.model.clock import NS, to_ns
 from bench.model.errors import InstrumentError, RunError
-from bench.model.events import Error, Late, Slip
+from bench.model.events import Error, Late, Settled, Slip
 from bench.plan import PlannedSoak
 from bench.run.context import RunContext
+from bench.run.links.thermometer import hearing
 
 POLL_S = 60.0
-LEAST_POLL_S = 1.0
-READINGS = 4  # at least, over the time for which the temperature must be stable
+AIR_POLL_S, LEAST_POLL_S = 5.0, 1.0  # the chamber answers in tens of milliseconds and has other things to do
+AIR_READINGS = 60  # in the window
+MOST_CHANCE = 0.05  # of leaving the band again within as long as it was watched
+_LONGEST_GAP = 0.25  # of the window, without a sample
+Times: TypeAlias = NDArray[np.int64]
+Temperatures: TypeAlias = NDArray[np.float64]
 
 
-@dataclass
 class Stability:
-    """Decides from (time, temperature) whether a temperature has stayed within its band long enough."""
+    """Decides from all samples of the last ``for_s`` seconds whether a temperature has settled in its band."""
 
-    target_degC: float
-    within_degC: float
-    for_s: float
-    readings: list[tuple[int, float]] = field(default_factory=list)
+    def __init__(self, target_degC: float, within_degC: float, for_s: float) -> None:
+        self.target_degC, self.within_degC, self.for_s = target_degC, within_degC, for_s
+        self._heard: list[tuple[Times, Temperatures]] = []
 
-    def add(self, t_ns: int, temperature_degC: float) -> None:
-        """Add a reading and forget those older than needed."""
-        self.readings.append((t_ns, temperature_degC))
-        while len(self.readings) > 1 and self.readings[1][0] <= t_ns - to_ns(self.for_s):
-            self.readings.pop(0)
-
-    @property
-    def poll_s(self) -> float:
-        """Time between two readings of the temperature, second."""
-        return min(POLL_S, max(LEAST_POLL_S, self.for_s / READINGS))
+    def add(self, t_ns: Times, degC: Temperatures) -> None:
+        """Add samples, (n,); those without a temperature count as not there. Any thread."""
+        known = np.isfinite(degC)
+        if known.any():
+            self._heard.append((t_ns[known], degC[known]))
 
     @property
-    def stable(self) -> bool:
-        """All readings of the last ``for_s`` seconds are within the band (a NaN is not)."""
-        if not self.readings or self.readings[-1][0] - self.readings[0][0] < to_ns(self.for_s):
-            return False
-        return all(abs(value - self.target_degC) <= self.within_degC for _, value in self.readings)
+    def last_degC(self) -> float:
+        """The newest sample; NaN if there is none."""
+        return float(self._heard[-1][1][-1]) if self._heard else math.nan
 
-    @property
-    def slope_degC_min(self) -> float:
-        """Slope over the readings kept, degC/min; NaN with fewer than two moments."""
-        if not self.readings or self.readings[0][0] == self.readings[-1][0]:
-            return math.nan
-        (t0, first), (t1, last) = self.readings[0], self.readings[-1]
-        return (last - first) / ((t1 - t0) / NS / 60.0)
+    def judged(self, now_ns: int) -> tuple[bool, Window | None]:
+        """Return whether it has settled, and what the samples of the window say; None without a sample.
+
+        Settled: the window is covered without a long gap, every sample is within the band, and by all of them it stays
+        there as long again, but for a chance of ``MOST_CHANCE``.
+        """
+        heard = self._heard
+        if not heard:
+            return False, None
+        begin_ns = min(now_ns - to_ns(self.for_s), int(heard[-1][0][-1]))
+        while heard[0][0][-1] < begin_ns:
+            heard.pop(0)
+        t_ns, degC = (np.concatenate(parts) for parts in zip(*heard, strict=True))
+        t_ns, degC = t_ns[t_ns >= begin_ns], degC[t_ns >= begin_ns]
+        low, high = self.target_degC - self.within_degC, self.target_degC + self.within_degC
+        window = window_of((t_ns - now_ns) / NS, degC, low, high)
+        covered = self._is_covered(t_ns, now_ns)
+        within = bool(((degC >= low) & (degC <= high)).all())
+        return covered and within and (window.chance is None or window.chance <= MOST_CHANCE), window
+
+    def _is_covered(self, t_ns: Times, now_ns: int) -> bool:
+        longest_ns = to_ns(max(_LONGEST_GAP * self.for_s, 2.0 * LEAST_POLL_S))
+        gaps_ns = np.diff(t_ns, append=now_ns)
+        return bool(t_ns[0] <= now_ns - to_ns(self.for_s) + longest_ns and (gaps_ns <= longest_ns).all())
 
 
 def soak(context: RunContext, step: PlannedSoak) -> None:
@@ -64,56 +82,110 @@ def soak(context: RunContext, step: PlannedSoak) -> None:
         chamber.set_temperature(step.temperature_degC, step.ramp_degC_min)  # type: ignore[attr-defined]
         chamber.run()  # type: ignore[attr-defined]
     watch = Stability(step.temperature_degC, step.within_degC, step.for_s)
-    end_s = step.at_s + step.duration_s
-    moment_s = step.at_s
-    while not watch.readings or moment_s < end_s:
-        moment_s = min(end_s, moment_s + watch.poll_s)
+    of_unit = step.sensor == "unit"
+    with hearing(context.acquisition, watch.add) if of_unit else nullcontext():
+        end_s = step.at_s + step.duration_s
+        _wait_out(context, step, watch, end_s)
+        stable, window = watch.judged(context.clock.now_ns())
+        if not stable:
+            stable, window = _late(context, step, watch, window)
+    context.settled = stable
+    context.event(_settled(step, stable, window))
+
+
+def _wait_out(context: RunContext, step: PlannedSoak, watch: Stability, end_s: float) -> None:
+    """Wait until the end of the slot; look as often as the window needs once it has begun."""
+    moment_s, window_s = step.at_s, end_s - step.for_s
+    looked = False
+    while not looked or moment_s < end_s:
+        poll_s = POLL_S if moment_s + POLL_S < window_s else _poll_s(step)
+        moment_s = min(end_s, moment_s + poll_s)
         context.timeline.wait_until(moment_s)
-        watch.add(context.clock.now_ns(), _sensor(context, step))
-    if not watch.stable:
-        _late(context, step, watch)
-    context.settled = watch.stable
+        _look(context, step, watch)
+        looked = True
 
 
-def _sensor(context: RunContext, step: PlannedSoak) -> float:
+def _poll_s(step: PlannedSoak) -> float:
+    """Return the time between two looks: of the unit every sample is heard all the same."""
     if step.sensor == "unit":
-        return context.unit_temperature_degC
+        return min(POLL_S, max(LEAST_POLL_S, step.for_s / 4.0))
+    return min(AIR_POLL_S, max(LEAST_POLL_S, step.for_s / AIR_READINGS))
+
+
+def _look(context: RunContext, step: PlannedSoak, watch: Stability) -> None:
+    """Take in what the unit has said until now, or ask the chamber."""
+    if step.sensor == "unit":
+        context.acquisition.unit_temperature_degC()
+        return
     try:
         with context.in_use.take(step.role):
-            return float(context.instruments[step.role].measure_air())  # type: ignore[attr-defined]
+            degC = float(context.instruments[step.role].measure_air())  # type: ignore[attr-defined]
     except InstrumentError as error:  # no reading is not a stable temperature, and no reason to end a run
         context.event(Error(code=error.code, text=str(error), where=error.where, step=step.number))
-        return math.nan
+        return
+    watch.add(np.array([context.clock.now_ns()]), np.array([degC]))
 
 
-def _late(context: RunContext, step: PlannedSoak, watch: Stability) -> None:
-    last = watch.readings[-1][1]
+def _late(
+    context: RunContext, step: PlannedSoak, watch: Stability, window: Window | None
+) -> tuple[bool, Window | None]:
+    """Say so, and wait on if the step says so; return what was found then. Raises: RunError B-RUN-031."""
     context.event(
         Late(
             step=step.number,
             policy=step.late,
-            last_degC=last,
-            slope_degC_min=watch.slope_degC_min,
+            last_degC=watch.last_degC,
+            slope_degC_min=math.nan if window is None else window.slope_degC_min,
             role=step.role,
             target_degC=watch.target_degC,
         )
     )
-    if step.late == "skip":
-        return
-    waited_s = 0.0
-    while step.late == "hold" and waited_s < step.hold_limit_s and not watch.stable:
-        context.timeline.add_slip(to_ns(watch.poll_s))
+    stable, waited_s, poll_s = False, 0.0, _poll_s(step)
+    while step.late == "hold" and waited_s < step.hold_limit_s and not stable:
+        context.timeline.add_slip(to_ns(poll_s))
         context.timeline.wait_until(step.at_s + step.duration_s)
-        waited_s += watch.poll_s
-        watch.add(context.clock.now_ns(), _sensor(context, step))
-    if watch.stable:
+        waited_s += poll_s
+        _look(context, step, watch)
+        stable, window = watch.judged(context.clock.now_ns())
+    if stable:
         context.event(Slip(step=step.number, seconds=waited_s, reason="soak"))
-        return
-    last, slope = watch.readings[-1][1], watch.slope_degC_min
-    raise RunError(
-        "B-RUN-031",
-        f"{watch.target_degC:g} degC not reached within {watch.within_degC:g} degC in "
-        f"{step.duration_s + waited_s:.0f} s (last {last:.2f} degC, {slope:+.3f} degC/min)",
-        where=step.role,
-        next_step="the outputs are off; check the chamber, then start again",
+    elif step.late != "skip":
+        raise RunError(
+            "B-RUN-031",
+            f"{watch.target_degC:g} degC not reached within {watch.within_degC:g} degC in "
+            f"{step.duration_s + waited_s:.0f} s ({_found(watch, window)})",
+            where=step.role,
+            next_step="the outputs are off; check the chamber, then start again",
+        )
+    return stable, window
+
+
+def _found(watch: Stability, window: Window | None) -> str:
+    """Return what the temperature did, in words."""
+    if window is None:
+        return "no temperature came"
+    said = f"last {watch.last_degC:.2f} degC, {window.slope_degC_min:+.3f} degC/min"
+    if window.chance is None or window.chance >= 1.0:
+        return said
+    return (
+        f"{said}; chance that it leaves its band again {100.0 * window.chance:.0f} %, not {100.0 * MOST_CHANCE:.0f} %"
+    )
+
+
+def _settled(step: PlannedSoak, stable: bool, window: Window | None) -> Settled:
+    def known(value: float) -> float | None:
+        return value if math.isfinite(value) else None
+
+    return Settled(
+        step=step.number,
+        role=step.role,
+        target_degC=step.temperature_degC,
+        within_degC=step.within_degC,
+        for_s=step.for_s,
+        stable=stable,
+        samples=0 if window is None else window.samples,
+        mean_degC=None if window is None else window.mean_degC,
+        slope_degC_min=None if window is None else known(window.slope_degC_min),
+        spread_degC=None if window is None else window.spread_degC,
+        chance=None if window is None else window.chance,
     )

@@ -27,8 +27,9 @@ from bench.record import RecordRow
 from bench.run.bench.safety import hurried
 from bench.run.context import RunContext
 from bench.run.guard.health import CHAMBER_AIR
-from bench.run.links.acquisition import STALE_S, TEMPERATURE
+from bench.run.links.acquisition import STALE_S
 from bench.run.links.reader import LinkReader
+from bench.run.links.thermometer import TEMPERATURE
 
 KEPT_FRAMES = 200_000  # of the newest frames: more than any record that pulses are timed in has
 COUNTS = ("npp", "ppp")
