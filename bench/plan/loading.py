@@ -54,14 +54,16 @@ def split_overrides(
 def apply_parameters(document: Document[Sequence], given: Mapping[str, str], findings: Findings) -> dict[str, Any]:
     """Return parameters of the sequence with the given ones in place; each must be of the sort of the one it replaces.
 
-    A list is given with commas. One of another sort is noted (B-PLAN-005) and the shipped value stays.
+    A list is given with commas, an empty one by nothing. One of another sort is noted (B-PLAN-005) and the shipped
+    value stays.
     """
     parameters: dict[str, Any] = dict(document.model.parameters)
     for key, text in given.items():
         shipped = parameters[key]
         try:
             many = isinstance(shipped, list)
-            parameters[key] = [_like(shipped[0], part) for part in text.split(",")] if many else _like(shipped, text)
+            parts = text.split(",") if many and text else []
+            parameters[key] = [_like(shipped[0], part) for part in parts] if many else _like(shipped, text)
         except (ValueError, IndexError) as error:
             findings.add("B-PLAN-005", f"--set {key}", f"{text!r} cannot replace {shipped!r}: {error}")
     return parameters

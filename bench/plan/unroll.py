@@ -27,12 +27,13 @@ class Unroller:
         self._calls: list[str] = []
         self._turns = 0
         self._unused = set(plan.document.model.procedures)
+        self._left_out = False  # a loop over an empty list
 
     def report_unused(self) -> None:
         """A procedure that nothing calls is a mistake: nothing in it was checked (B-PLAN-038)."""
         for name in sorted(self._unused):
-            if self._plan.findings and len(re.findall(rf"\b{name}\b", self._document.text)) > 1:
-                continue  # what would have used it may be what is wrong
+            if (self._plan.findings or self._left_out) and len(re.findall(rf"\b{name}\b", self._document.text)) > 1:
+                continue  # what would have used it may be what is wrong, or what is left out
             self._plan.fail(
                 "B-PLAN-038", ("procedures", name), f"procedure {name!r} is never used", "use it or remove it"
             )
@@ -62,7 +63,9 @@ class Unroller:
             leaves.expand_entry(self._plan, entry, here, scope)
 
     def _loop(self, step: ForStep, path: Path, scope: Scope) -> None:
-        for index, value in enumerate(self._values(step.in_, (*path, "in"), scope)):
+        values = self._values(step.in_, (*path, "in"), scope)
+        self._left_out |= not values
+        for index, value in enumerate(values):
             self._turns += 1
             if self._turns > MAX_STEPS:
                 self._plan.too_many(path)

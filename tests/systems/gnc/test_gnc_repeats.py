@@ -19,3 +19,12 @@ def test_an_item_is_repeated(item: str, turns: int) -> None:
         sum(isinstance(step, PlannedCommand) and step.item == name for step in found.steps) for found in (shipped, plan)
     )
     assert often == turns * once > 0
+
+
+@pytest.mark.parametrize("item", ["loopback", "cpu", "timer", "memory", "imu", "gps", "ad"])
+def test_an_item_is_left_out_by_name(item: str) -> None:
+    plan = checked_plan("gnc_unit_test", None, ["units=GNC-01", f"{item}_turns="])
+    asked = {step.item for step in plan.steps if isinstance(step, PlannedCommand)}
+    name = "io" if item == "loopback" else item
+    assert name not in asked
+    assert len(asked) > 5
