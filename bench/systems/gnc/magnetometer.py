@@ -17,7 +17,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Estimates, Figure, Material, Table, check_method, curve, estimate, no_result
+from bench.analysis import (
+    Analysis,
+    Estimates,
+    Evidence,
+    Figure,
+    Floats,
+    Material,
+    Table,
+    check_method,
+    curve,
+    estimate,
+    no_result,
+)
 from bench.model.errors import BenchError, FitError
 from bench.systems.gnc.coefficients import magnetometer_section
 from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
@@ -28,6 +40,13 @@ from bench.systems.gnc.estimators.magnetometer.plane import (
     PlaneComparison,
     compare_methods,
     roll_deg,
+)
+from bench.systems.gnc.estimators.magnetometer.wander import Wander
+from bench.systems.gnc.field_evidence import (
+    plausible_plane,
+    plausible_sphere,
+    section_evidence,
+    surface_evidence,
 )
 from bench.systems.gnc.limits import limits_of, table_3
 from bench.systems.gnc.rows import (
@@ -47,7 +66,6 @@ if TYPE_CHECKING:
 
 METHODS: tuple[str, ...] = (ELLIPSE, EXTREMES)
 NON_MAGNETIC = "non_magnetic"
-_MOST_MISFIT = 3.0  # reduced chi-square of the shape above which the figure must be looked at
 _PARAMETERS = (("mag_offset", "gauss", "x"), ("mag_offset", "gauss", "y"), ("mag_gain", "1", None),
                ("mag_angle", "deg", None), ("mag_radius", "gauss", None))  # fmt: skip
 _ATTITUDES = "attitudes"
@@ -91,6 +109,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         method=method,
         uut=dict(material.campaign["uut"]),
         estimates=[*estimates, *sphere.estimates],
+        evidence=[*_evidence(fits, sphere), *sphere.evidence],
         notes=[
             *_notes(fits, material),
             *sphere.notes,
@@ -108,11 +127,26 @@ def _estimates(row: SampledRow, fit: PlaneComparison, several: bool) -> Estimate
     entries = []
     for method, parameters in fit.by_method.items():
         place: dict[str, Any] = {"kind": "magnetometer", "method": method} | ({"record": row.number} if several else {})
-        values = zip(_PARAMETERS, parameters.values, parameters.std, strict=True)
-        for (quantity, unit, axis), value, std in values:
+        counted = {"n": int((~fit.ellipse.odd).sum()), "dropped": int(fit.ellipse.odd.sum())}
+        values = zip(_PARAMETERS, parameters.values, parameters.std, parameters.dof, strict=True)
+        for (quantity, unit, axis), value, std, dof in values:
             about = place | ({} if axis is None else {"axis": axis})
-            entries.append(estimate(quantity, unit, value, std, about, n=len(row.samples)))
+            entries.append(estimate(quantity, unit, value, std, about, dof=dof, **counted))
     return entries
+
+
+def _evidence(fits: Sequence[tuple[SampledRow, PlaneComparison]], sphere: _Sphere) -> list[Evidence]:
+    """Return what every check says of the turns, those that found nothing included."""
+    found = []
+    for row, fit in fits:
+        about = {"record": row.number} if len(fits) > 1 else {}
+        turn = row.values("magnetometer")
+        kept = turn[~fit.ellipse.odd, :2]
+        found += surface_evidence(fit.ellipse.quadric, kept, (), f"the readings of record {row.number}", about)
+        found += plausible_plane(fit.ellipse, about)
+        if sphere.fit is not None:
+            found.append(section_evidence(fit.ellipse, sphere.fit, turn, {}))
+    return found
 
 
 def _table(fit: PlaneComparison) -> Table:
@@ -176,11 +210,9 @@ def _notes(fits: Sequence[tuple[SampledRow, PlaneComparison]], material: Materia
             f"Record {row.number}: {phases} phases, largest part of the turn without a reading "
             f"{ellipse.largest_gap_deg:.1f} deg, noise {1e3 * ellipse.noise:.3f} mgauss."
         )
-        if ellipse.shape_misfit > _MOST_MISFIT:
-            sentences.append(
-                f"Record {row.number}: the readings are not on an ellipse (reduced chi-square "
-                f"{ellipse.shape_misfit:.1f}): the field changed or the table is magnetic."
-            )
+        sentences += _noise_notes(
+            f"Record {row.number}", ellipse.quadric.wander, int(ellipse.odd.sum()), ellipse.odd.size
+        )
     return sentences
 
 
@@ -188,7 +220,9 @@ def _notes(fits: Sequence[tuple[SampledRow, PlaneComparison]], material: Materia
 class _Sphere:
     """Result of the records in many attitudes; all empty where there are none of them."""
 
+    fit: EllipsoidFit | None = None
     estimates: Estimates = field(default_factory=list)
+    evidence: list[Evidence] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
     figures: list[Figure] = field(default_factory=list)
@@ -204,28 +238,65 @@ def _sphere_of(rows: Sequence[SampledRow]) -> _Sphere:
         return _Sphere(
             notes=["A turn about Z determines X and Y only; offset and gain of Z need records in many attitudes."]
         )
-    readings = np.concatenate([row.values("magnetometer") for row in rows])
-    chosen = readings[:: max(1, -(-len(readings) // _MOST_SAMPLES))]
+    chosen, begins = _chosen([row.values("magnetometer") for row in rows])
     try:
-        fit = fit_ellipsoid(chosen)
+        fit = fit_ellipsoid(chosen, begins=begins)
     except FitError as error:
         return _Sphere(missing=[f"hard and soft iron of the magnetometer: {error.message} ({error.code})"])
     notes = [f"Hard and soft iron: {sentence}." for sentence in fit.coverage.sentences]
-    return _Sphere(_sphere_estimates(fit, len(chosen)), notes, [], [_sphere_figure(fit, chosen)])
+    notes += _noise_notes("The attitudes", fit.quadric.wander, int(fit.odd.sum()), fit.odd.size)
+    places = np.searchsorted(np.flatnonzero(~fit.odd), begins).tolist()
+    return _Sphere(
+        fit=fit,
+        estimates=_sphere_estimates(fit),
+        evidence=[
+            *surface_evidence(fit.quadric, chosen[~fit.odd], places, "the readings of the attitudes", {}),
+            *plausible_sphere(fit),
+        ],
+        notes=notes,
+        figures=[_sphere_figure(fit, chosen[~fit.odd])],
+    )
 
 
-def _sphere_estimates(fit: EllipsoidFit, n: int) -> Estimates:
+def _chosen(records: Sequence[Floats]) -> tuple[Floats, list[int]]:
+    """Return readings of all records, (n, 3), thinned alike where they are many, and the first of each record."""
+    every = max(1, -(-sum(map(len, records)) // _MOST_SAMPLES))
+    thinned = [readings[::every] for readings in records]
+    begins = np.cumsum([0, *(len(readings) for readings in thinned)])
+    return np.concatenate(thinned), begins[:-1].tolist()
+
+
+def _noise_notes(what: str, wander: Wander, odd: int, count: int) -> list[str]:
+    """Return what was left out, and what noise that wanders did to the intervals."""
+    notes = []
+    if odd:
+        notes.append(f"{what}: {odd} of {count} readings lie off the surface of all others and were left out.")
+    if wander.blocks:
+        notes.append(
+            f"{what}: noise is not independent from reading to reading; the intervals come from the scatter of "
+            f"{wander.blocks} blocks of readings and are {wander.factor:.2g} times as wide as independent noise would "
+            "make them."
+        )
+    return notes
+
+
+def _sphere_estimates(fit: EllipsoidFit) -> Estimates:
     kind = {"kind": "magnetometer", "method": "ellipsoid"}
+    n, dropped = int((~fit.odd).sum()), int(fit.odd.sum())
     std = np.sqrt(np.diag(fit.hard_iron_covariance))
     entries = [
-        estimate("mag_hard_iron", "gauss", float(fit.hard_iron[k]), float(std[k]), kind | {"axis": axis}, n=n)
+        estimate(
+            "mag_hard_iron", "gauss", fit.hard_iron[k], std[k], kind | {"axis": axis}, n=n, dropped=dropped,
+            dof=fit.hard_iron_dof[k],
+        )
         for k, axis in enumerate(AXES)
-    ]
+    ]  # fmt: skip
     for row, name in enumerate(AXES):
         for column in range(row + 1):
             value, step = float(fit.symmetric[row, column]), float(fit.symmetric_std[row, column])
             place = kind | {"row": name, "column": AXES[column]}
-            entries.append(estimate("mag_soft_iron", "1", value, step, place, n=n))
+            dof = float(fit.symmetric_dof[row, column])
+            entries.append(estimate("mag_soft_iron", "1", value, step, place, n=n, dropped=dropped, dof=dof))
     return entries
 
 

@@ -11,6 +11,7 @@ from scipy import optimize, stats
 
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.magnetometer.ellipse import PARAMETERS, PlaneParameters, corrected, fit_ellipse
+from bench.systems.gnc.estimators.magnetometer.misshape import misshape
 from bench.systems.gnc.estimators.magnetometer.plane import (
     ELLIPSE,
     EXTREMES,
@@ -142,8 +143,8 @@ def test_a_field_that_wanders_widens_the_intervals() -> None:
     x, y = sim.turned(unit, sim.Turn(clock=1e-5), rng)
     drift = 1e-3 * np.sin(np.arange(x.size) / x.size * 9.0)
     still, moving = fit_ellipse(x, y), fit_ellipse(x + drift, y)
-    assert still.wander < 2.2
-    assert moving.wander > 10.0
+    assert still.quadric.wander.blocks == 0
+    assert moving.quadric.wander.factor > 3.0
     assert moving.parameters.std[0] > 20.0 * still.parameters.std[0]
     assert abs(moving.parameters.offset[0] - unit.offset[0]) < 3.0 * moving.parameters.std[0]
 
@@ -153,9 +154,12 @@ def test_points_that_are_no_ellipse_are_noticed() -> None:
     x, y = sim.turned(sim.PlaneUnit(), sim.Turn(clock=1e-5), rng)
     angle = np.arctan2(y, x)
     wave = 2e-4 * np.cos(4 * angle)
-    bent = fit_ellipse(x + wave * np.cos(angle), y + wave * np.sin(angle))
-    assert fit_ellipse(x, y).shape_misfit < 2.5
-    assert bent.shape_misfit > 10.0
+    points = np.column_stack((x, y))
+    bent = points + np.column_stack((wave * np.cos(angle), wave * np.sin(angle)))
+    assert misshape(fit_ellipse(x, y).quadric, points).probability > 1e-3
+    seen = misshape(fit_ellipse(*bent.T).quadric, bent)
+    assert seen.probability < 1e-12
+    assert seen.size == pytest.approx(2e-4 / 2**0.5, rel=0.1)
 
 
 @pytest.mark.parametrize(("turn_deg", "gap"), [(290.0, "70"), (180.0, "180")])

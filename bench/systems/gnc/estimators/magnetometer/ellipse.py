@@ -9,18 +9,18 @@ alpha after zero and gain. Least squares: ``bench.systems.gnc.estimators.magneto
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.errors import FitError
+from bench.systems.gnc.estimators.magnetometer.odd_readings import odd_readings
 from bench.systems.gnc.estimators.magnetometer.quadric import Quadric, fit_quadric
 
 Array = NDArray[np.float64]
 LARGEST_GAP_deg = 60.0  # of the turn without a reading
 PARAMETERS = ("offset_x", "offset_y", "gain", "alpha_deg", "radius")
-_SECTORS = 36
 _STEP = 1e-6
 
 
@@ -32,6 +32,7 @@ class PlaneParameters:
         offset: (2,).   gain: K_y.   alpha_deg: non-orthogonality.   radius: field in the plane, sensitivity of axis X.
         covariance: (5, 5) in the order of ``PARAMETERS``, alpha in degrees.
         bias: (5,) expected error of the method itself, not taken off and not in ``covariance``; 0 for least squares.
+        dof: (5,) degrees of freedom behind ``covariance``.
     """
 
     offset: Array
@@ -40,6 +41,7 @@ class PlaneParameters:
     radius: float
     covariance: Array
     bias: Array
+    dof: Array = field(default_factory=lambda: np.full(5, np.inf))
 
     @property
     def values(self) -> Array:
@@ -66,21 +68,25 @@ class EllipseFit:
     """Least-squares ellipse.
 
     Attributes:
-        parameters: PlaneParameters.   noise: standard deviation of the orthogonal distances, unit of the readings.
-        phase_deg: angle of the corrected components of each reading, (n,), -180 to 180.
+        parameters: PlaneParameters.   quadric: the curve, its residuals and how their noise wanders.
+        odd: (n,) readings that were left out: off the ellipse of the others, one among a thousand.
+        phase_deg: angle of the corrected components of each reading kept, (m,), -180 to 180.
         largest_gap_deg: largest part of the turn without a reading.   phases: distinct phases, readings nearer to each
             other than the noise counted once; 0 where the turn has
-            no gap.   shape_misfit: reduced chi-square of the mean distances in 36 sectors;
-            far above 1 the points are not on an ellipse.   wander: see ``estimators.magnetometer.quadric.Quadric``.
+            no gap.
     """
 
     parameters: PlaneParameters
-    noise: float
+    quadric: Quadric
+    odd: NDArray[np.bool_]
     phase_deg: Array
     largest_gap_deg: float
     phases: int
-    shape_misfit: float
-    wander: float
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the orthogonal distances, unit of the readings."""
+        return self.quadric.noise
 
 
 def corrected(values: Array, x_out: Array, y_out: Array) -> tuple[Array, Array]:
@@ -100,8 +106,10 @@ def fit_ellipse(x_out: Array, y_out: Array) -> EllipseFit:
     Source:  see the head of this file; covariance by first derivatives, JCGM 102:2011 section 6.2.
     """
     points = np.column_stack((x_out, y_out)).astype(np.float64)
+    odd = odd_readings(points)
+    points = points[~odd]
     quadric = fit_quadric(points)
-    values = _values(np.concatenate((quadric.centre, quadric.shape[np.triu_indices(2)])))
+    values = parameters_of(np.concatenate((quadric.centre, quadric.shape[np.triu_indices(2)])))
     x, y = corrected(values, points[:, 0], points[:, 1])
     phase_deg = np.rad2deg(np.arctan2(y, x))
     gap_deg, at_deg = _largest_gap(phase_deg)
@@ -120,20 +128,20 @@ def fit_ellipse(x_out: Array, y_out: Array) -> EllipseFit:
         radius=float(values[4]),
         covariance=slope @ quadric.covariance @ slope.T,
         bias=np.zeros(5),
+        dof=quadric.uncertainty.dof(slope),
     )
     return EllipseFit(
         parameters=parameters,
-        noise=quadric.noise,
+        quadric=quadric,
+        odd=odd,
         phase_deg=phase_deg,
         largest_gap_deg=gap_deg,
         phases=_distinct(phase_deg, np.rad2deg(quadric.noise / parameters.radius)),
-        shape_misfit=_shape_misfit(phase_deg, quadric.distance, quadric.noise),
-        wander=quadric.wander,
     )
 
 
-def _values(place: Array) -> Array:
-    """Parameters from the centre and the upper triangle (w00, w01, w11) of the quadric."""
+def parameters_of(place: Array) -> Array:
+    """Return the five parameters, (5,), from the centre and the upper triangle (w00, w01, w11) of a quadric."""
     w00, w01, w11 = place[2:]
     length = np.hypot(w01, w11)
     alpha = np.arctan2(-w01, w11)
@@ -145,7 +153,9 @@ def _derivative(quadric: Quadric) -> Array:
     """(5, 5) derivatives of the parameters with respect to those of the quadric, by central differences."""
     place = np.concatenate((quadric.centre, quadric.shape[np.triu_indices(2)]))
     steps = _STEP * np.concatenate((np.full(2, 1.0 / quadric.shape[0, 0]), np.full(3, quadric.shape[0, 0])))
-    columns = [(_values(place + step) - _values(place - step)) / (2.0 * step.sum()) for step in np.diag(steps)]
+    columns = [
+        (parameters_of(place + step) - parameters_of(place - step)) / (2.0 * step.sum()) for step in np.diag(steps)
+    ]
     return np.column_stack(columns)
 
 
@@ -166,15 +176,3 @@ def _distinct(phase_deg: Array, noise_deg: float) -> int:
     ordered = np.sort(phase_deg)
     gaps = np.diff(np.concatenate((ordered, [ordered[0] + 360.0])))
     return int((gaps > 10.0 * noise_deg).sum())
-
-
-def _shape_misfit(phase_deg: Array, distance: Array, noise: float) -> float:
-    """Return mean distances in sectors of the turn against what their noise allows, 1 for points on an ellipse."""
-    sector = ((phase_deg + 180.0) / 360.0 * _SECTORS).astype(np.int64) % _SECTORS
-    counts = np.bincount(sector, minlength=_SECTORS)
-    sums = np.bincount(sector, weights=distance, minlength=_SECTORS)
-    filled = counts > 0
-    if noise == 0.0 or filled.sum() <= len(PARAMETERS):
-        return 1.0
-    square = np.square(sums[filled]) / counts[filled] / noise**2
-    return float(square.sum() / (filled.sum() - len(PARAMETERS)))

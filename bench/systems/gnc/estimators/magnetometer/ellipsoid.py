@@ -16,12 +16,14 @@ Lachapelle, J. Sensors 2010, 967245 (model of hard and soft iron); Golub and Van
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.errors import FitError
+from bench.systems.gnc.estimators.magnetometer.odd_readings import odd_readings
 from bench.systems.gnc.estimators.magnetometer.quadric import Quadric, fit_quadric
 
 Array = NDArray[np.float64]
@@ -42,7 +44,8 @@ class EllipsoidFit:
     Attributes:
         hard_iron: (3,), unit of the readings.   hard_iron_covariance: (3, 3).
         symmetric, triangular: (3, 3) soft iron, two roots of the same ellipsoid; triangular is upper triangular.
-        symmetric_std, triangular_std: (3, 3) standard uncertainties of their elements.
+        symmetric_std, triangular_std: (3, 3) standard uncertainties of their elements.   hard_iron_dof (3,),
+            symmetric_dof (3, 3), triangular_dof (3, 3): degrees of freedom behind them.
         norm: size of u, unit of the readings: as given, or the mean radius for which the correction keeps volumes.
         noise: standard deviation of the orthogonal distances.   worst_std: see ``LARGEST_STD``.   wander: see
         ``estimators.magnetometer.quadric.Quadric``.   coverage: of the sphere; its sentences belong into a report.
@@ -50,51 +53,66 @@ class EllipsoidFit:
 
     hard_iron: Array
     hard_iron_covariance: Array
+    hard_iron_dof: Array
     symmetric: Array
     symmetric_std: Array
+    symmetric_dof: Array
     triangular: Array
     triangular_std: Array
+    triangular_dof: Array
     norm: float
-    noise: float
     worst_std: float
-    wander: float
+    quadric: Quadric
     coverage: SphereCoverage
+    odd: NDArray[np.bool_]
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the orthogonal distances, unit of the readings."""
+        return self.quadric.noise
 
     def corrected(self, field: Array, *, triangular: bool = False) -> Array:
         """Return readings (n, 3) without hard and soft iron, unit of ``norm``."""
         return np.asarray((field - self.hard_iron) @ (self.triangular if triangular else self.symmetric).T)
 
 
-def fit_ellipsoid(field: Array, norm: float | None = None) -> EllipsoidFit:
+def fit_ellipsoid(field: Array, norm: float | None = None, begins: Sequence[int] = ()) -> EllipsoidFit:
     """Hard iron, soft iron and their uncertainty from readings in many directions.
 
     Args:    field: (n, 3), same unit and like noise on all axes, gaps left out.   norm: size of the field if it is
              known; without it only ratios of sensitivities are determined, and the correction keeps volumes.
-    Returns: EllipsoidFit.
+             begins: first reading of each record, if there are several.
+    Returns: EllipsoidFit; a reading among a thousand that no ellipsoid of the others explains is left out.
     Raises:  FitError B-FIT-090 for too few readings or no closed surface; B-FIT-091 if the readings do not determine
              the ellipsoid or leave its size in some direction uncertain by more than 1 %, naming the direction.
     Source:  see the head of this file; covariance by first derivatives, JCGM 102:2011 section 6.2.
     """
     field = np.asarray(field, np.float64)
-    coverage = sphere_coverage(field)
+    odd = odd_readings(field) if len(field) else np.zeros(0, np.bool_)
+    kept = np.flatnonzero(~odd)
+    coverage = sphere_coverage(field[kept])
     _require_coverage(coverage)
-    quadric = fit_quadric(field)
+    quadric = fit_quadric(field[kept], np.searchsorted(kept, np.asarray(begins, np.intp)).tolist())
     worst_std = _worst_std(quadric)
     roots = np.concatenate([root.ravel() for root in _roots(quadric.shape, norm)])
     slope = _derivative(quadric.shape, norm)
     std = np.sqrt(np.einsum("rp,pq,rq->r", slope, quadric.covariance[3:, 3:], slope))
+    dof = quadric.uncertainty.dof(np.block([[np.eye(3), np.zeros((3, 6))], [np.zeros((18, 3)), slope]]))
     return EllipsoidFit(
         hard_iron=quadric.centre,
         hard_iron_covariance=quadric.covariance[:3, :3],
+        hard_iron_dof=dof[:3],
         symmetric=roots[:9].reshape(3, 3),
         symmetric_std=std[:9].reshape(3, 3),
+        symmetric_dof=dof[3:12].reshape(3, 3),
         triangular=roots[9:].reshape(3, 3),
         triangular_std=std[9:].reshape(3, 3),
+        triangular_dof=dof[12:].reshape(3, 3),
         norm=_norm(quadric.shape, norm),
-        noise=quadric.noise,
         worst_std=worst_std,
-        wander=quadric.wander,
+        quadric=quadric,
         coverage=coverage,
+        odd=odd,
     )
 
 

@@ -65,6 +65,7 @@ def compare_methods(x_out: Array, y_out: Array) -> PlaneComparison:
     Source:  see the head of this file.
     """
     ellipse = fit_ellipse(x_out, y_out)
+    x_out, y_out = x_out[~ellipse.odd], y_out[~ellipse.odd]
     extremes = fit_extremes(x_out, y_out, ellipse)
     both = {EXTREMES: extremes.parameters, ELLIPSE: ellipse.parameters}
     rolls = {name: roll_deg(*parameters.corrected(x_out, y_out)) for name, parameters in both.items()}

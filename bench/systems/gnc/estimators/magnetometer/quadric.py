@@ -11,21 +11,21 @@ Recognition 34 (2001) 2283 (orthogonal distance as residual).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import optimize, stats
+from scipy import optimize
 
 from bench.model.errors import FitError
+from bench.systems.gnc.estimators.magnetometer.wander import Uncertainty, Wander, uncertainty
 
 Array = NDArray[np.float64]
-BLOCKS = 20  # parts of the record, in order of time, whose pulls on the parameters are compared
 _FOOT_STEPS = 60
 _FOOT_TOLERANCE = 1e-9  # steps square themselves, so the next would be below rounding
 _MOST_STEPS = 200
 _SAME = 1e-12  # scatter of readings that differ by rounding only
-_SUSPICION = 0.999  # the scatter between blocks counts only where white noise would hardly bring it
 
 
 @dataclass(frozen=True)
@@ -34,28 +34,43 @@ class Quadric:
 
     Attributes:
         centre: (d,), unit of the points.   shape: (d, d), upper triangular, positive diagonal, 1 / unit.
-        covariance: (p, p) of centre, then of the upper triangle row by row; p = d + d (d + 1) / 2.
+        Parameters: centre, then the upper triangle row by row; p = d + d (d + 1) / 2.
         distance: signed orthogonal distance of each point, (n,), positive outside.   noise: its standard deviation
-            with n - p degrees of freedom.   wander: mean square of the pulls of ``BLOCKS`` parts of the record,
-            1 for white noise; the covariance has been widened by it where chance does not explain it.
+            with n - p degrees of freedom.   jacobian: (n, p) derivatives of ``distance``, parameters in these units.
+            uncertainty: of the parameters, see ``estimators.magnetometer.wander``.
     """
 
     centre: Array
     shape: Array
-    covariance: Array
     distance: Array
-    noise: float
-    wander: float
+    jacobian: Array
+    uncertainty: Uncertainty
+
+    @property
+    def covariance(self) -> Array:
+        """(p, p) of the parameters."""
+        return self.uncertainty.covariance
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of ``distance``, with n - p degrees of freedom."""
+        return self.uncertainty.noise
+
+    @property
+    def wander(self) -> Wander:
+        """How the noise wanders from reading to reading."""
+        return self.uncertainty.wander
 
     def corrected(self, points: Array) -> Array:
         """Return points on a circle or sphere of radius 1 about the origin, the shape of ``points`` (n, d)."""
         return np.asarray((points - self.centre) @ self.shape.T)
 
 
-def fit_quadric(points: Array) -> Quadric:
-    """Least squares of the orthogonal distances, noise alike on all axes and independent from point to point.
+def fit_quadric(points: Array, begins: Sequence[int] = ()) -> Quadric:
+    """Least squares of the orthogonal distances, noise alike on all axes.
 
-    Args:    points: (n, d), d = 2 or 3, any unit; rows with NaN must be left out before.
+    Args:    points: (n, d), d = 2 or 3, any unit, in order of time; rows with NaN must be left out before.
+             begins: first point of each record, if there are several.
     Returns: Quadric.
     Raises:  FitError B-FIT-090 if there are too few points or no closed quadric passes through them.
     Source:  see the head of this file.
@@ -85,15 +100,14 @@ def fit_quadric(points: Array) -> Quadric:
     centre, shape = _split(solution.x, dimensions)
     distance, jacobian = both.at(solution.x)
     sign = np.sign(np.diag(shape))
-    covariance, noise, wander = _uncertainty(jacobian, distance)
     factor = np.concatenate((np.full(dimensions, scale), sign[np.triu_indices(dimensions)[0]] / scale))
+    distance, jacobian = scale * distance, scale * jacobian / factor
     return Quadric(
         centre=middle + scale * centre,
         shape=sign[:, None] * shape / scale,
-        covariance=covariance * np.outer(factor, factor),
-        distance=distance * scale,
-        noise=noise * scale,
-        wander=wander,
+        distance=distance,
+        jacobian=jacobian,
+        uncertainty=uncertainty(jacobian, distance, begins),
     )
 
 
@@ -170,27 +184,6 @@ def _feet(local: Array, axes: Array) -> Array:
             break
     foot = squares * local / np.maximum(t[:, None] + squares, 1e-300)
     return np.asarray(foot / np.linalg.norm(foot / axes, axis=1)[:, None])
-
-
-def _uncertainty(jacobian: Array, distance: Array) -> tuple[Array, float, float]:
-    """Return covariance of the parameters, noise of the distances, mean square pull of the blocks."""
-    count, parameters = jacobian.shape
-    noise = float(np.sqrt(distance @ distance / (count - parameters)))
-    normal = np.linalg.pinv(jacobian.T @ jacobian, rcond=1e-15, hermitian=True)
-    covariance: Array = np.asarray(noise**2 * normal, np.float64)
-    blocks = min(BLOCKS, count // (4 * parameters))
-    if blocks < 5 or noise == 0.0:
-        return covariance, noise, 1.0
-    pulls = np.array([
-        part.T @ rest
-        for part, rest in zip(np.array_split(jacobian, blocks), np.array_split(distance, blocks), strict=True)
-    ]) @ normal  # fmt: skip
-    ratio = np.square(pulls).sum(axis=0) / np.maximum(np.diag(covariance), 1e-300) * blocks / (blocks - 1)
-    wander = float(ratio.mean())
-    if wander > stats.chi2.ppf(_SUSPICION, blocks - 1) / (blocks - 1):
-        widening = np.sqrt(np.maximum(ratio, 1.0))
-        covariance = covariance * np.outer(widening, widening)
-    return covariance, noise, wander
 
 
 def _no_quadric(reason: str) -> FitError:

@@ -1,0 +1,135 @@
+"""What the readings of a magnetometer say against its ellipse and ellipsoid.
+
+The Earth's field has a size, noise is shorter than the record, the surface is a quadric, and a turn about one axis is
+a section of the surface that all attitudes give.
+Source: docs/decisions/0025-doubt.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from bench.analysis import Evidence, Floats
+from bench.maths.verdict import coverage_factor
+from bench.systems.gnc.estimators.magnetometer.ellipse import EllipseFit
+from bench.systems.gnc.estimators.magnetometer.ellipsoid import EllipsoidFit
+from bench.systems.gnc.estimators.magnetometer.misshape import misshape
+from bench.systems.gnc.estimators.magnetometer.quadric import Quadric
+from bench.systems.gnc.estimators.magnetometer.section import section_of
+
+PLANE = ("mag_offset", "mag_gain", "mag_angle", "mag_radius", "mag_roll_error")
+SPHERE = ("mag_hard_iron", "mag_soft_iron")
+_FIELD_gauss = (0.15, 0.8)  # of the Earth 0.22 to 0.67 at the ground, and a scale that is off
+_LARGEST_IRON = 5.0  # fields
+_LARGEST_DISTORTION = 0.3  # of an axis: soft iron and differences of scale
+_SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
+_ROUNDING = 1e-18  # variance, gauss^2
+
+
+def surface_evidence(
+    quadric: Quadric, points: Floats, begins: Sequence[int], what: str, about: Mapping[str, Any]
+) -> list[Evidence]:
+    """Return what the residuals of a curve or surface say: noise longer than the record tells, another shape.
+
+    ``points``: those of the fit.   ``what``: the readings in words.   ``about``: conditions of its estimates.
+    """
+    quantities = PLANE if points.shape[1] == 2 else SPHERE
+    wander, bent = quadric.wander, misshape(quadric, points, begins)
+    longer = (
+        f"The noise of {what} lasts longer than the readings can tell: blocks of a seventh and a fourteenth of them "
+        f"still pull like their neighbours ({wander.together:.1f} standard deviations). Look for a field that "
+        "changes (steel, motors, currents near the table), and read longer."
+    )
+    shape = (
+        f"{what[0].upper()}{what[1:]} do not lie on an ellipse or ellipsoid: they leave it by {1e3 * bent.size:.3g} "
+        f"mgauss (RMS, third and fourth order), which moves the result by {bent.move:.3g} times its expanded "
+        "uncertainty. Look for an axis that saturates or is not linear, and for steel that turns with the unit."
+    )
+    return [
+        Evidence(
+            "field_wanders",
+            longer,
+            wander.together,
+            max(wander.probability, _SMALLEST),
+            math.inf if wander.is_endless else 0.0,
+            quantities,
+            about,
+        ),
+        Evidence("not_an_ellipsoid", shape, 1e3 * bent.size, bent.probability, bent.move, quantities, about),
+    ]
+
+
+def plausible_plane(fit: EllipseFit, about: Mapping[str, Any]) -> list[Evidence]:
+    """Return what no magnetometer in the Earth's field shows in a turn; empty where all is as it may be."""
+    found = fit.parameters
+    reasons = _field(found.radius, 0.0) + _iron(float(np.abs(found.offset).max()), found.radius)
+    reasons += _distortion(max(abs(found.gain - 1.0), abs(float(np.sin(np.deg2rad(found.alpha_deg))))))
+    return [Evidence(code, text, figure, 0.0, quantities=PLANE, conditions=about) for code, text, figure in reasons]
+
+
+def plausible_sphere(fit: EllipsoidFit) -> list[Evidence]:
+    """Return what no magnetometer in the Earth's field shows in many attitudes; empty where all is as it may be."""
+    reasons = _field(fit.norm, _FIELD_gauss[0]) + _iron(float(np.abs(fit.hard_iron).max()), fit.norm)
+    reasons += _distortion(float(np.abs(fit.symmetric - np.eye(3)).max()))
+    return [Evidence(code, text, figure, 0.0, quantities=SPHERE) for code, text, figure in reasons]
+
+
+def _field(size_gauss: float, least_gauss: float) -> list[tuple[str, str, float]]:
+    if least_gauss <= size_gauss <= _FIELD_gauss[1]:
+        return []
+    text = (
+        f"A field of {size_gauss:.3g} gauss is not the Earth's ({_FIELD_gauss[0]:g} to {_FIELD_gauss[1]:g} gauss). "
+        "Check the scale of the sensor in the frame and what is magnetic near the table."
+    )
+    return [("implausible_field", text, size_gauss)]
+
+
+def _iron(iron_gauss: float, field_gauss: float) -> list[tuple[str, str, float]]:
+    if iron_gauss <= _LARGEST_IRON * field_gauss:
+        return []
+    text = (
+        f"A hard iron of {iron_gauss:.3g} gauss is more than {_LARGEST_IRON:g} times the field. Demagnetise the unit "
+        "or check the sensor."
+    )
+    return [("implausible_iron", text, iron_gauss)]
+
+
+def _distortion(part: float) -> list[tuple[str, str, float]]:
+    if part <= _LARGEST_DISTORTION:
+        return []
+    text = (
+        f"Axes that differ by {100 * part:.0f} % are beyond what scale and soft iron do ({100 * _LARGEST_DISTORTION:g} "
+        "%). Check the scale of each axis and whether one of them answers at all."
+    )
+    return [("implausible_soft_iron", text, 100 * part)]
+
+
+def section_evidence(plane: EllipseFit, sphere: EllipsoidFit, turn: Floats, about: Mapping[str, Any]) -> Evidence:
+    """Return whether the ellipse of a turn is the section of the ellipsoid at its readings ``turn`` (n, 3).
+
+    The size of the field is left out: it may change from record to record, which moves neither iron nor gain.
+    """
+    there = section_of(sphere.quadric, turn[~plane.odd])
+    apart = (plane.parameters.values - there.values)[:4]
+    variance = np.diag(plane.parameters.covariance)[:4]
+    score = np.abs(apart) / np.sqrt(np.maximum(variance + np.diag(there.covariance)[:4], _ROUNDING))
+    score = np.nan_to_num(score, nan=np.inf)  # a plane beside the ellipsoid
+    dof = np.minimum(plane.parameters.dof, there.dof)[:4]
+    probability = float(min(1.0, 2.0 * score.size * special.stdtr(dof, -score).min()))
+    least = np.minimum(variance, np.diag(there.covariance)[:4])
+    move = float(
+        np.nan_to_num(np.abs(apart) / (coverage_factor() * np.sqrt(np.maximum(least, _ROUNDING))), nan=np.inf).max()
+    )
+    text = (
+        f"The turn about z and the attitudes do not agree on offset, gain and angle: they are {score.max():.1f} "
+        f"standard uncertainties apart, {move:.3g} times an expanded uncertainty. The field or the unit changed "
+        "between the records; take all of them again in one go."
+    )
+    return Evidence(
+        "turn_against_attitudes", text, float(score.max()), max(probability, _SMALLEST), move, (*PLANE, *SPHERE), about
+    )
