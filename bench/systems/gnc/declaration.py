@@ -6,6 +6,7 @@ from bench.model.declaration import AnalysisDeclaration, CoefficientsDeclaration
 from bench.systems.gnc.sections import ModuleUnit, SensorColumn, SensorLog
 
 _HERE = "bench.systems.gnc"
+_TAKEN = f"{_HERE}.assumptions"
 _POSE = ("item", "mounting", "outer_deg", "middle_deg", "inner_deg")
 _ITEMS = ("supply", "identify", "cpu", "timer", "memory", "imu", "gps", "ad", "io", "spi", "sci", "can")
 _DIMENSIONS = {
@@ -47,14 +48,24 @@ DECLARATION = System(
             items=_ITEMS,
             page="docs/gnc-module.md",
         ),
-        AnalysisDeclaration("imu_calibration", f"{_HERE}.calibration.analysis", ("least_squares",), "samples", _POSE),
-        AnalysisDeclaration("imu_bias", f"{_HERE}.bias", ("ten_second_means",), "samples", _POSE),
+        AnalysisDeclaration(
+            "imu_calibration",
+            f"{_HERE}.calibration.analysis",
+            ("least_squares",),
+            "samples",
+            _POSE,
+            assumptions=f"{_TAKEN}:of_calibration",
+        ),
+        AnalysisDeclaration(
+            "imu_bias", f"{_HERE}.bias", ("ten_second_means",), "samples", _POSE, assumptions=f"{_TAKEN}:of_bias"
+        ),
         AnalysisDeclaration(
             "magnetometer",
             f"{_HERE}.magnetometer",
             ("ellipse", "extremes"),
             made_of="samples",
             conditions=(*_POSE, "rate_deg_s"),
+            assumptions=f"{_TAKEN}:of_magnetometer",
         ),
         AnalysisDeclaration("imu_six_position", f"{_HERE}.logs.six_position", ("least_squares",), "logs"),
         AnalysisDeclaration("imu_multi_position", f"{_HERE}.logs.multi_position", ("norm",), "logs"),

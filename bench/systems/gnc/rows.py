@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from bench.analysis import CONTINUES, Floats, Material, Table
 from bench.model.errors import FitError
+from bench.systems.gnc.estimators.bad_samples import bad_samples, bridged
 from bench.systems.gnc.estimators.clocks import UnitClock, power_ons, unit_clock, unwrapped_ticks_s
 from bench.systems.gnc.estimators.earth_rate import Pose, Site
 from bench.systems.gnc.estimators.records import tick_seconds
@@ -201,6 +202,27 @@ def usable(rows: Sequence[CheckedRow]) -> tuple[list[SampledRow], list[str]]:
     """Return the records that may be used, and a sentence for each that may not."""
     refused = [f"record {seen.row.number} ({seen.row.item}): {seen.reason}" for seen in rows if seen.reason]
     return [seen.row for seen in rows if not seen.reason], refused
+
+
+def without_bad_samples(rows: Sequence[SampledRow], kinds: Sequence[str]) -> tuple[list[SampledRow], list[str]]:
+    """Return the records with the mean of the neighbours for each sample that stands alone, and a sentence for each."""
+    mended, notes = [], []
+    for row in rows:
+        columns = dict(row.samples.columns)
+        for kind in kinds:
+            raw, (step, _, unit) = columns[SENSORS[kind]], row.samples.scales[SENSORS[kind]]
+            values = raw.astype(np.float64)
+            bad = bad_samples(values, 1.0)
+            bridge = bridged(values, bad)
+            columns[SENSORS[kind]] = np.rint(bridge).astype(raw.dtype)
+            notes += [
+                f"Record {row.number} ({row.item}): {kind} {AXES[axis]}, sample {place}, stands alone by "
+                f"{step * (values[place, axis] - bridge[place, axis]):+.4g} {unit}; the mean of its neighbours "
+                "was taken."
+                for place, axis in zip(*np.nonzero(bad), strict=True)
+            ]
+        mended.append(replace(row, samples=replace(row.samples, columns=columns)))
+    return mended, notes
 
 
 def _check(row: SampledRow, kinds: Sequence[str], limits: Mapping[str, float], due_Hz: float | None) -> SampleChecks:

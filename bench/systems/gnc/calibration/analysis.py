@@ -14,6 +14,7 @@ import numpy as np
 
 from bench.analysis import Analysis, Estimates, Floats, Material, check_method, estimate
 from bench.model.errors import FitError
+from bench.systems.gnc.calibration.evidence import evidence
 from bench.systems.gnc.calibration.report import (
     calibration_notes,
     matrix_table,
@@ -40,6 +41,7 @@ from bench.systems.gnc.rows import (
     site_of,
     temperature_span,
     usable,
+    without_bad_samples,
 )
 
 METHODS: tuple[str, ...] = ("least_squares",)
@@ -55,6 +57,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     rows, empty = sampled_rows(material, ("position", "rotation"))
     looked_at = checked(rows, ("gyro", "accelerometer"), material.campaign)
     good, refused = usable(looked_at)
+    good, odd = without_bad_samples(good, ("gyro", "accelerometer"))
     parts = calibrate(Calibration(sets_of(good), clock_of(good), power_on_of(good)), material)
     if parts.accelerometer is None and parts.gyro is None and parts.refused:
         raise parts.refused[0]
@@ -65,7 +68,8 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         method=method,
         uut=dict(material.campaign["uut"]),
         estimates=estimates,
-        notes=[*calibration_notes(parts), *check_notes(looked_at)],
+        evidence=evidence(parts, looked_at),
+        notes=[*calibration_notes(parts), *odd, *check_notes(looked_at)],
         missing=[*empty, *refused, *parts.missing],
         figures=[*position_figure(parts), *rotation_figures(parts)],
         tables=[*matrix_table(parts), table_3(estimates, material.campaign), check_table(looked_at)],

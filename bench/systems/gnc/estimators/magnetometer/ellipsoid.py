@@ -240,9 +240,18 @@ def _require_coverage(coverage: SphereCoverage) -> None:
         f"the readings do not determine an ellipsoid: they say too little about the direction "
         f"{_direction_name(coverage.weakest)} (separation {coverage.separation:.2g}, limit {LEAST_SEPARATION:g}; "
         f"{coverage.above_noise:.1f} times the noise, limit {LEAST_ABOVE_NOISE:g})",
-        next_step="turn the unit about further axes so that each of its axes points along and against the field, or "
-        "evaluate a turn about one axis as an ellipse",
+        next_step=_SCATTERED if coverage.separation >= LEAST_SEPARATION else _FURTHER,
     )
+
+
+_FURTHER = (
+    "turn the unit about further axes so that each of its axes points along and against the field, or evaluate a turn "
+    "about one axis as an ellipse"
+)
+_SCATTERED = (
+    "the directions are enough, but the readings scatter about every ellipsoid: look for a field that changes (steel, "
+    "motors, currents near the table) and for an axis that saturates"
+)
 
 
 def _direction_name(direction: Array) -> str:

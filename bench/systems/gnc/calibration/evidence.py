@@ -1,0 +1,117 @@
+"""What the records of a calibration say against its matrices and biases.
+
+Every sensor answers mainly to its own axis, the equations that are more than needed hold within the noise, the second
+set of records finds what the first one found, and a sensor that has noise elsewhere does not stand still.
+Source: docs/decisions/0025-doubt.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import special
+
+from bench.analysis import Evidence
+from bench.maths.verdict import coverage_factor
+from bench.systems.gnc.calibration.sets import Calibration
+from bench.systems.gnc.estimators.sample_checks import FROZEN
+from bench.systems.gnc.estimators.triad import AXES, TriadFit
+from bench.systems.gnc.rows import CheckedRow
+
+_PLAUSIBLE = 0.1  # scale-factor error and coupling
+_NOISE_DOF = {"accel": 60.0, "gyro": 15.0}  # of noise inside of and between the records, at least
+_SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
+_NAMES = {"accel": "accelerometers", "gyro": "gyros"}
+
+
+def evidence(parts: Calibration, checked: Sequence[CheckedRow]) -> list[Evidence]:
+    """Return what every check says of both triads, those that found nothing included."""
+    found = []
+    gyro = None if parts.gyro is None else parts.gyro.triad
+    gyro_check = None if parts.gyro_check is None else parts.gyro_check.triad
+    for prefix, fit, check in (
+        ("accel", parts.accelerometer, parts.accelerometer_check),
+        ("gyro", gyro, gyro_check),
+    ):
+        if fit is not None:
+            found += [*_plausible(prefix, fit), *_lack_of_fit(prefix, fit, "")]
+        if fit is not None and check is not None:
+            found += [*_lack_of_fit(prefix, check, "second set of "), _repeats(prefix, fit, check)]
+    return [*found, *_stands_still(checked)]
+
+
+def _of(prefix: str) -> tuple[str, ...]:
+    return tuple(f"{prefix}_{name}" for name in ("matrix", "bias", "scale_error", "cross_coupling"))
+
+
+def _all_of(prefix: str) -> tuple[str, ...]:
+    return (*_of(prefix), f"{prefix}_coupling_compensated")
+
+
+def _plausible(prefix: str, fit: TriadFit) -> list[Evidence]:
+    """Return a refusal where a sensor does not answer mainly to its own axis."""
+    off = np.abs(fit.sensitivity - np.eye(3))
+    worst = float(off.max())
+    if worst <= _PLAUSIBLE:
+        return []
+    row, column = np.unravel_index(int(np.argmax(off)), off.shape)
+    text = (
+        f"Sensor {AXES[row]} of the {_NAMES[prefix]} answers to axis {AXES[column]} with "
+        f"{fit.sensitivity[row, column]:.3g} instead of {float(row == column):g}, {100 * worst:.0f} % off (plausible: "
+        f"{100 * _PLAUSIBLE:g} %). Check axes, signs, mounting and the poses that the records name."
+    )
+    return [Evidence("implausible_axis", text, worst, 0.0, quantities=_all_of(prefix), refuses=True)]
+
+
+def _lack_of_fit(prefix: str, fit: TriadFit, which: str) -> list[Evidence]:
+    """Return whether the equations beyond those needed hold within noise, resolution and tilt."""
+    if fit.residual_dof <= 0:
+        return []
+    ratio = fit.chi2 / fit.residual_dof
+    probability = float(special.fdtrc(fit.residual_dof, _NOISE_DOF[prefix], ratio))
+    text = (
+        f"The {which}{_NAMES[prefix]} do not obey their equations (reduced chi-square {ratio:.3g} with "
+        f"{fit.residual_dof} degrees of freedom). Look for a pose or a turn that is not the one named, a sensor that "
+        "is not linear, and a unit that moved or warmed up."
+    )
+    quantities = (f"{prefix}_coupling_compensated",) if which else _of(prefix)
+    return [Evidence("lack_of_fit", text, ratio, max(probability, _SMALLEST), math.inf, quantities)]
+
+
+def _repeats(prefix: str, fit: TriadFit, check: TriadFit) -> Evidence:
+    """Return whether the second set, after compensation by the first, shows scale factors of one and no coupling."""
+    left = check.matrix - np.eye(3)
+    score = np.abs(left) / np.sqrt(np.maximum(check.matrix_std**2 + fit.matrix_std**2, _SMALLEST))
+    probability = 2.0 * score.size * float(special.stdtr(min(fit.dof, check.dof), -score.max()))
+    move = float(np.max(np.abs(left) / np.maximum(coverage_factor() * fit.matrix_std, _SMALLEST)))
+    row, column = np.unravel_index(int(np.argmax(score)), score.shape)
+    text = (
+        f"Both sets of the {_NAMES[prefix]} do not agree: sensor {AXES[row]}, axis {AXES[column]} differs by "
+        f"{1e6 * left[row, column]:+.0f} ppm, {score.max():.1f} standard uncertainties. The unit or its mounting "
+        "changed between the sets; look at its temperature and take both again."
+    )
+    bounded = min(1.0, max(probability, _SMALLEST))
+    return Evidence("sets_differ", text, float(score.max()), bounded, move, _of(prefix))
+
+
+def _stands_still(checked: Sequence[CheckedRow]) -> list[Evidence]:
+    """Return each sensor that stands still through a record and has noise in another one of the same kind."""
+    found = []
+    for item, prefix in (("position", "accel"), ("rotation", "gyro")):
+        rows = [seen for seen in checked if seen.row.item == item]
+        for axis in AXES:
+            channel = f"{'accelerometer' if prefix == 'accel' else 'gyro'} {axis}"
+            still = [seen.row.number for seen in rows if _frozen(seen, channel)]
+            if 0 < len(still) < len(rows):
+                text = (
+                    f"The {channel} stands still through record {', '.join(map(str, still))} and has noise in the "
+                    "others: it hung. Take these records again."
+                )
+                found.append(Evidence("stands_still", text, float(len(still)), 0.0, quantities=_all_of(prefix)))
+    return found
+
+
+def _frozen(seen: CheckedRow, channel: str) -> bool:
+    return any(finding.kind == FROZEN and finding.channel == channel for finding in seen.checks.findings)

@@ -1,0 +1,256 @@
+"""Wrong worlds of a GNC module's calibration: what the models say is not so, in one respect and by a stated size.
+
+Inputs, sensors and noise are written here from their definitions, with the attitude of ``imu_material``; nothing of the
+product or its simulators makes them. One world is two sets of positions and turns, a turn in the Earth's field and
+seven attitudes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import gnc_wrong_worlds as worlds
+import imu_material as imu
+import numpy as np
+from doubt_classes import Seen, Switch
+from gnc_wrong_worlds import FIELD_gauss, World
+from scipy import linalg
+
+from bench.analysis import Material, build_results
+from bench.model.errors import FitError
+from bench.model.ports import RecordWindow
+from bench.model.quality import Quality
+from bench.record import RecordRow, Samples
+from bench.systems.gnc.calibration.analysis import analyse as analyse_calibration
+from bench.systems.gnc.magnetometer import analyse as analyse_magnetometer
+
+SYSTEM = "gnc"
+PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
+RATE_Hz, REST_s, TURN_s, SPIN_s, CONE_s = 200.0, 4.0, 10.0, 10.0, 4.0
+RATE_deg_s = 370.0
+POSE = {"middle": -37.5, "outer": -20.0}  # inner axis along that of the Earth
+MAG_NOISE_gauss = 5e-4
+HARD_gauss = np.array([0.05, -0.1, 0.2])
+IRON = np.array([[1.05, 0.03, -0.02], [0.01, 0.96, 0.04], [-0.03, 0.0, 1.02]])
+CONES_deg = (50.0, 20.0, -10.0, -35.0, -60.0, -85.0, 70.0)
+FINE, FREE = 1e-9, 1e-3  # step of the output, and part of the noise that is left, in a noise-free world
+TRIADS = ("accel_matrix", "accel_bias", "accel_scale_error", "accel_cross_coupling",
+          "gyro_matrix", "gyro_bias", "gyro_scale_error", "gyro_cross_coupling")  # fmt: skip
+FIELDS = ("mag_offset", "mag_gain", "mag_angle", "mag_hard_iron", "mag_soft_iron")
+
+
+SWITCHES = (
+    Switch("gravity_wrong", worlds.GravityWrong, (1e-6, 1e-4, 1e-2), "local_gravity"),
+    Switch("table_turns_more", worlds.TableTurnsMore, (1e-6, 1e-4, 1e-2), "table_angle"),
+    Switch("mounted_askew", worlds.MountedAskew, (1e-4, 1e-2, 1.0), "mounting"),
+    Switch("one_turn_short", worlds.OneTurnShort, (1e-3, 0.1, 10.0), "table_angle"),
+    Switch("one_pose_tilted", worlds.OnePoseTilted, (1e-4, 2e-2, 2.0), "mounting"),
+    Switch("upside_down", worlds.UpsideDown, (1.0, 2.0, 12.0)),
+    Switch("even_order", worlds.EvenOrder, (1e-5, 3e-4, 1e-2)),
+    Switch("bias_step", worlds.BiasStep, (1e-5, 3e-4, 1e-2)),
+    Switch("bumped_at_rest", worlds.BumpedAtRest, (1e-5, 1e-3, 1e-1)),
+    Switch("gyro_asymmetry", worlds.GyroAsymmetry, (1e-6, 1e-4, 1e-2)),
+    Switch("gyro_bias_step", worlds.GyroBiasStep, (1e-4, 1e-2, 1.0)),
+    Switch("scale_changes", worlds.ScaleChanges, (1e-5, 3e-4, 1e-2)),
+    Switch("bad_samples", worlds.BadSamples, (1e-2, 1.0, 30.0)),
+    Switch("hung_axis", worlds.HungAxis, (1.0, 2.0, 4.0)),
+    Switch("bad_reading", worlds.BadReading, (2e-3, 3e-2, 0.7)),
+    Switch("field_wanders", worlds.FieldWanders, (1e-5, 1e-4, 1e-3)),
+    Switch("field_steps", worlds.FieldSteps, (1e-5, 1e-3, 1e-1)),
+    Switch("field_drifts", worlds.FieldDrifts, (1e-5, 1e-3, 1e-1)),
+    Switch("axis_saturates", worlds.AxisSaturates, (1e-5, 1e-3, 1e-1)),
+    Switch("steel_on_the_table", worlds.SteelOnTheTable, (1e-5, 1e-3, 1e-1), "magnetic_surroundings"),
+)
+
+
+SIGMA = {
+    "accel": imu.Unit().vrw_g_rtHz * RATE_Hz**0.5,
+    "gyro": imu.Unit().arw_deg_s_rtHz * RATE_Hz**0.5,
+    "mag": MAG_NOISE_gauss,
+}  # of one sample
+
+
+@dataclass
+class Bench:
+    """Makes the records of one campaign; ``stated``: what kind each shows, and its input by the conditions, (n, 3)."""
+
+    rng: np.random.Generator
+    world: World
+    noisy: bool
+    unit: imu.Unit = field(default_factory=imu.Unit)
+    rows: list[RecordRow] = field(default_factory=list)
+    stated: list[tuple[str, Any]] = field(default_factory=list)
+    t_s: float = 100.0
+
+    def number(self, kind: str) -> int:
+        """Return how many records of a kind there are."""
+        return sum(before == kind for before, _ in self.stated)
+
+    def position(self, up: str) -> None:
+        outer, middle, inner = imu.POSES[up]
+        number, n = self.number("accel"), round(REST_s * RATE_Hz)
+        stated = imu.to_local(outer, middle, inner, "x").T @ np.array([0.0, 0.0, imu.SITE["gravity_m_s2"] / 9.80665])
+        force = np.tile(self.world.gravity_g(stated, number), (n, 1))
+        output = self.world.accelerometer(force @ self.unit.accel_S.T + self.unit.accel_bias_g, force, number)
+        about = {"item": "position", "up": up, "mounting": "x"}
+        about |= {"outer_deg": outer, "middle_deg": middle, "inner_deg": inner}
+        self.add("accel", output, number, np.tile(stated, (n, 1)), about)
+
+    def turn(self, axis: str, turn_deg: float) -> None:
+        number, n = self.number("gyro"), round(TURN_s * RATE_Hz)
+        true = self.rates(axis, self.world.turned_deg(turn_deg, number), n)
+        output = self.world.gyro((true + self.unit.gyro_bias_deg_s) @ self.unit.gyro_S.T, true, number)
+        about = {"item": "rotation", "axis": axis, "turn_deg": turn_deg, "turned": "inner", "mounting": axis}
+        about |= {"outer_deg": POSE["outer"], "middle_deg": POSE["middle"], "inner_deg": 0.0}
+        self.add("gyro", output, number, self.rates(axis, turn_deg, n), about)
+
+    def rates(self, axis: str, turn_deg: float, n: int) -> Any:
+        """Return rates in body axes, (n, 3), of three turns within 5 s after 1 s of rest."""
+        angle = np.interp(np.arange(n + 1) / RATE_Hz, [1.0, 6.0], [0.0, turn_deg])
+        rates = np.zeros((n, 3))
+        rates[:, "xyz".index(axis)] = np.diff(angle) * RATE_Hz
+        middle = (angle[1:] + angle[:-1]) / 2.0
+        return rates + imu.seen_while_turned(imu.earth_rate(), POSE["outer"], POSE["middle"], middle, axis)
+
+    def magnetic(self, item: str, height_deg: float, seconds: float) -> None:
+        """Turn about z with the field at an angle above the plane of the turn."""
+        number, n = self.number("mag"), round(seconds * RATE_Hz)
+        angle = np.deg2rad(RATE_deg_s * np.arange(n) / RATE_Hz + 40.0 * number)
+        flat, height = np.cos(np.deg2rad(height_deg)), np.sin(np.deg2rad(height_deg))
+        stated = FIELD_gauss * np.column_stack((flat * np.cos(angle), -flat * np.sin(angle), 0.0 * angle + height))
+        seen = self.world.field_gauss(stated, number, self.rng) @ IRON.T + HARD_gauss
+        about = {"item": item, "table": "non_magnetic", "rate_deg_s": RATE_deg_s, "mounting": "z"}
+        about |= {"outer_deg": 90.0, "middle_deg": height_deg, "inner_deg": 0.0}
+        self.add("mag", self.world.magnetometer(seen, number), number, stated, about)
+
+    def add(self, kind: str, output: Any, number: int, stated: Any, about: Mapping[str, Any]) -> None:
+        """Add a record of one sensor with noise; the others show nothing but theirs."""
+        n, columns, scales = len(output), {"temperature": np.full(len(output), 2500, np.int16)}, dict(imu.SCALES)
+        for name, sigma in SIGMA.items():
+            clean = output if name == kind else np.zeros((n, 3))
+            seen = clean + self.rng.normal(0.0, sigma if self.noisy else FREE * sigma, (n, 3))
+            seen = self.world.read(kind, seen, number) if name == kind else seen
+            step = imu.SCALES[name][0] if self.noisy else FINE
+            scales[name] = (step, *imu.SCALES[name][1:])
+            columns[name] = np.rint(seen / step).astype(np.int64)
+        columns["tick"] = ((np.arange(n) * 5000 + round(self.t_s * 1e6)) % (1 << 32)).astype(np.uint32)
+        counter = round(self.t_s * RATE_Hz) + np.arange(n, dtype=np.int64)
+        t_ns = ((self.t_s + np.arange(n) / RATE_Hz) * 1e9).astype(np.int64)
+        span = int(counter[0]), n, int(t_ns[0]), int(t_ns[-1])
+        window = RecordWindow(len(self.rows) + 1, "rs422", *span, dict(about))
+        samples = Samples(columns, counter, t_ns, scales)
+        self.rows.append(RecordRow(window, {}, n, 0, 0, Quality.GOOD, samples=samples))
+        self.stated.append((kind, stated))
+        self.t_s += n / RATE_Hz + 5.0
+
+    def material(self, analysis: str, kinds: tuple[str, ...]) -> Material:
+        """What an analysis sees; without noise no step and no range of the output is declared."""
+        rows = [row for row, (kind, _) in zip(self.rows, self.stated, strict=True) if kind in kinds]
+        campaign = {"analysis": analysis, "uut": {"model": "GNC", "serial": "GNC-07"}, "site": imu.SITE}
+        return Material(rows, campaign | ({"imu": imu.IMU} if self.noisy else {}), {})
+
+
+def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = False) -> Seen:
+    """Return what one campaign states and its truth; without a switch that of the same seed in a right world."""
+    world = World() if switch is None else switch.world(size)
+    bench = Bench(np.random.default_rng(seed), world, not noise_free)
+    for _ in range(2):
+        for up in imu.POSES:
+            bench.position(up)
+        for axis in "xyz":
+            for sign in (1.0, -1.0):
+                bench.turn(axis, sign * 1080.0)
+    bench.magnetic("magnetometer", 0.0, SPIN_s)
+    for height_deg in CONES_deg:
+        bench.magnetic("attitudes", height_deg, CONE_s)
+    entries: list[Any] = []
+    fitted: dict[tuple[Any, ...], Any] = {}
+    for analyse, name, kinds, quantities in (
+        (analyse_calibration, "imu_calibration", ("accel", "gyro"), TRIADS),
+        (analyse_magnetometer, "magnetometer", ("mag",), FIELDS),
+    ):
+        try:
+            analysis = analyse(bench.material(name, kinds))
+        except FitError:
+            continue  # refused: promised and not there
+        fitted |= {place_of(entry): entry["value"] for entry in analysis.estimates}
+        document = build_results("doubt", analysis, {"records": len(bench.rows)}, PROVENANCE)
+        entries += [entry for entry in document["estimates"] if entry["quantity"] in quantities]
+    chi2, dof = trace(bench, fitted)
+    return Seen(entries, [truth(bench.unit, entry) for entry in entries], chi2, dof, PROMISED)
+
+
+def place_of(entry: Any) -> tuple[Any, ...]:
+    """Return what tells an estimate from the others."""
+    about = entry["conditions"]
+    return entry["quantity"], about.get("method"), *(about[name] for name in ("row", "column", "axis") if name in about)
+
+
+def truth(unit: imu.Unit, entry: Any) -> float:
+    """Return the true value of an estimate."""
+    quantity, about = entry["quantity"], entry["conditions"]
+    found = truths(unit)[quantity]
+    if "row" in about:
+        return float(found["xyz".index(about["row"]), "xyz".index(about["column"])])
+    return float(found["xyz".index(about["axis"])] if "axis" in about else found)
+
+
+def truths(unit: imu.Unit) -> dict[str, Any]:
+    """Return the true values by quantity: of the unit, and of the section z = 0 of the field's ellipsoid."""
+    found: dict[str, Any] = {}
+    for name, matrix in (("accel", unit.accel_S), ("gyro", unit.gyro_S)):
+        found[f"{name}_matrix"] = np.linalg.inv(matrix)
+        found[f"{name}_scale_error"] = 1e6 * (np.diag(matrix) - 1.0)
+        found[f"{name}_cross_coupling"] = matrix
+    found["accel_bias"] = -np.linalg.inv(unit.accel_S) @ unit.accel_bias_g
+    found["gyro_bias"] = 3600.0 * unit.gyro_bias_deg_s
+    found["mag_hard_iron"] = HARD_gauss
+    square = np.linalg.inv(IRON @ IRON.T)
+    found["mag_soft_iron"] = linalg.sqrtm(square / np.linalg.det(square) ** (1.0 / 3.0))
+    turn = np.linalg.inv(IRON[:2, :2] @ IRON[:2, :2].T)  # x and y of a field in the plane
+    found["mag_offset"] = HARD_gauss[:2]
+    found["mag_gain"] = np.sqrt(turn[1, 1] / turn[0, 0])
+    found["mag_angle"] = np.rad2deg(np.arcsin(-turn[0, 1] / np.sqrt(turn[0, 0] * turn[1, 1])))
+    return found
+
+
+def trace(bench: Bench, values: Mapping[tuple[Any, ...], Any]) -> tuple[float, int]:
+    """Return chi-square and degrees of freedom of what the estimates leave over, in the noise of the right world.
+
+    Of each record: the means of its halves (of positions), the integrals of its rest and of its movement (of turns),
+    the size of the corrected field in each of 40 parts, and the sample that is furthest from its neighbours.
+    """
+    chi2, dof = 0.0, 0
+    for row, (kind, stated) in zip(bench.rows, bench.stated, strict=True):
+        left = left_over(kind, row.samples.scaled(kind), stated, values, row.window.conditions["item"])
+        if left is None:
+            continue
+        sigma, parts = SIGMA[kind], 40 if kind == "mag" else 2
+        for part in np.array_split(left, parts):
+            chi2 += float(np.sum(part.sum(axis=0) ** 2)) / len(part) / sigma**2
+            dof += left.shape[1]
+        spike = np.abs(left[1:-1] - (left[2:] + left[:-2]) / 2.0).max(axis=0) / sigma / 1.5**0.5
+        chi2 += float(np.sum(spike**2)) * (bench.noisy is False)
+    return chi2, max(dof - 33, 1)
+
+
+def left_over(kind: str, output: Any, stated: Any, values: Mapping[tuple[Any, ...], Any], item: str) -> Any:
+    """Return what the estimates leave of a record, (n, 1) or (n, 3); None where there are none or they say nothing."""
+    try:
+        if kind == "mag":
+            hard = np.array([values["mag_hard_iron", "ellipsoid", axis] for axis in "xyz"])
+            soft = np.array([[values["mag_soft_iron", "ellipsoid", *sorted((a, b), reverse=True)] for b in "xyz"]
+                             for a in "xyz"])  # fmt: skip
+            size = np.linalg.norm((output - hard) @ soft.T, axis=1)[:, None]
+            return size - (size.mean() if item == "magnetometer" else FIELD_gauss * np.linalg.det(IRON) ** (1.0 / 3.0))
+        matrix = np.array([[values[f"{kind}_matrix", None, a, b] for b in "xyz"] for a in "xyz"])
+        factor, sign = (1.0, 1.0) if kind == "accel" else (3600.0, -1.0)
+        bias = np.array([values[f"{kind}_bias", None, axis] for axis in "xyz"]) / factor
+    except KeyError:
+        return None
+    return output @ matrix.T + sign * bias - stated
+
+
+PROMISED = 2 * (9 + 3 + 3 + 6) + 2 * 4 + 3 + 6
