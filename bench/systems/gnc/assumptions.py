@@ -40,8 +40,9 @@ def _gravity(campaign: Mapping[str, Any]) -> Assumption:
     return Assumption(
         "local_gravity",
         f"Local gravity is {stated}.",
-        "Any error of it: all positions change alike. A formula of latitude and height without a survey is off by tens of ppm.",
-        "Scale factors of the accelerometers are off by the same part: 100 ppm of gravity is 100 ppm, or 0.1 mg at 1 g.",
+        "Any error of it: all positions change alike. A formula of latitude and height without a survey is off by tens "
+        "of ppm.",
+        "Scale factors of the accelerometers are off by the same part: 100 ppm of gravity is 100 ppm, 0.1 mg at 1 g.",
         "A gravimeter, or a unit with known scale factors in the same positions.",
         _ACCEL,
     )
@@ -72,8 +73,8 @@ def _mounting(campaign: Mapping[str, Any]) -> Assumption:
         "mounting",
         granted,
         unseen,
-        f"Couplings are off by the tilt in radians: 1 arcmin is {1e6 * math.radians(1.0 / 60.0):.0f} ppm. Scale factors "
-        "are off by half its square.",
+        f"Couplings are off by the tilt in radians: 1 arcmin is {1e6 * math.radians(1.0 / 60.0):.0f} ppm. Scale "
+        "factors are off by half its square.",
         "The same positions with the unit turned by 180 deg on its plate, or an autocollimator on a face of the unit.",
         (*_ACCEL, *_GYRO),
     )
