@@ -70,6 +70,10 @@ def sound_compensation(analysis: Analysis, results: Mapping[str, Any]) -> Analys
 
 
 def _goes_with(parameter: Mapping[str, Any], entry: Mapping[str, Any], named: Collection[str]) -> bool:
+    """Return whether a coefficient rests on an estimate; a section of several holds all of its kind and method."""
+    if "parameter" not in parameter:
+        about = {"kind": parameter["section"], "method": parameter.get("method")}
+        return all(entry["conditions"].get(key, value) == value for key, value in about.items())
     name = parameter["parameter"]
     same = entry["conditions"].items()
     return name not in named or (
@@ -87,7 +91,7 @@ def _accepted(analysis: Analysis, results: Mapping[str, Any]) -> list[str]:
         if entry is not None:
             who = entry["acceptance"]
             said.append(
-                f"{_of(parameter)}{parameter['parameter']} is {DOUBTFUL} ({entry['reasons'][0]['sentence']}); "
+                f"{_of(parameter)}{_name(parameter)} is {DOUBTFUL} ({entry['reasons'][0]['sentence']}); "
                 f"its value without an uncertainty was accepted by {who['by']}: {who['reason']}"
             )
     return said
@@ -97,8 +101,12 @@ def _of(parameter: Mapping[str, Any]) -> str:
     return "" if parameter.get("channel") is None else f"channel {parameter['channel']}: "
 
 
+def _name(parameter: Mapping[str, Any]) -> str:
+    return str(parameter["parameter"] if "parameter" in parameter else parameter["section"])
+
+
 def _refusal(parameter: Mapping[str, Any], entry: Mapping[str, Any]) -> str:
-    what = f"{_of(parameter)}no coefficients of {parameter['parameter']}"
+    what = f"{_of(parameter)}no coefficients of {_name(parameter)}"
     return f"{what}, {entry['quality']}: {entry['reasons'][0]['sentence']}"
 
 

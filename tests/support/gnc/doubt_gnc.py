@@ -28,7 +28,7 @@ from bench.systems.gnc.magnetometer import analyse as analyse_magnetometer
 
 SYSTEM = "gnc"
 PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
-RATE_Hz, REST_s, TURN_s, SPIN_s, CONE_s = 200.0, 4.0, 10.0, 10.0, 4.0
+RATE_Hz, REST_s, TURN_s, SPIN_s, CONE_s = 200.0, 3.0, 8.0, 8.0, 3.0
 RATE_deg_s = 370.0
 POSE = {"middle": -37.5, "outer": -20.0}  # inner axis along that of the Earth
 MAG_NOISE_gauss = 5e-4

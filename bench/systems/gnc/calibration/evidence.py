@@ -18,15 +18,17 @@ from bench.maths.verdict import coverage_factor
 from bench.systems.gnc.calibration.sets import Calibration
 from bench.systems.gnc.estimators.sample_checks import FROZEN
 from bench.systems.gnc.estimators.triad import AXES, TriadFit
+from bench.systems.gnc.limits import Limits
 from bench.systems.gnc.rows import CheckedRow
 
 _PLAUSIBLE = 0.1  # scale-factor error and coupling
-_NOISE_DOF = {"accel": 60.0, "gyro": 15.0}  # of noise inside of and between the records, at least
+_NOISE_DOF = 15.0  # of noise inside of and between the records, at least
 _SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
+_UNITS = {"accel": "g", "gyro": "deg/s"}
 _NAMES = {"accel": "accelerometers", "gyro": "gyros"}
 
 
-def evidence(parts: Calibration, checked: Sequence[CheckedRow]) -> list[Evidence]:
+def evidence(parts: Calibration, checked: Sequence[CheckedRow], limits: Limits) -> list[Evidence]:
     """Return what every check says of both triads, those that found nothing included."""
     found = []
     gyro = None if parts.gyro is None else parts.gyro.triad
@@ -36,9 +38,12 @@ def evidence(parts: Calibration, checked: Sequence[CheckedRow]) -> list[Evidence
         ("gyro", gyro, gyro_check),
     ):
         if fit is not None:
-            found += [*_plausible(prefix, fit), *_lack_of_fit(prefix, fit, "")]
+            found += [*_plausible(prefix, fit), *_lack_of_fit(prefix, fit, limits[f"{prefix}_bias_stability"], "")]
         if fit is not None and check is not None:
-            found += [*_lack_of_fit(prefix, check, "second set of "), _repeats(prefix, fit, check)]
+            found += [
+                *_lack_of_fit(prefix, check, limits[f"{prefix}_bias_stability"], "second set of "),
+                _repeats(prefix, fit, check),
+            ]
     return [*found, *_stands_still(checked)]
 
 
@@ -65,16 +70,24 @@ def _plausible(prefix: str, fit: TriadFit) -> list[Evidence]:
     return [Evidence("implausible_axis", text, worst, 0.0, quantities=_all_of(prefix), refuses=True)]
 
 
-def _lack_of_fit(prefix: str, fit: TriadFit, which: str) -> list[Evidence]:
-    """Return whether the equations beyond those needed hold within noise, resolution and tilt."""
+def _lack_of_fit(prefix: str, fit: TriadFit, stability: float, which: str) -> list[Evidence]:
+    """Return whether the equations beyond those needed hold within the noise and what the bias may wander.
+
+    From pose to pose a bias wanders more than the noise inside of the records tells; the intervals are widened for it.
+    Beyond the bias stability of the specification (``stability``, unit of the residuals) it is no bias.
+    """
     if fit.residual_dof <= 0:
         return []
     ratio = fit.chi2 / fit.residual_dof
-    probability = float(special.fdtrc(fit.residual_dof, _NOISE_DOF[prefix], ratio))
+    wander = float(np.sum(fit.residual**2)) / stability**2
+    probability = max(
+        float(special.fdtrc(fit.residual_dof, _NOISE_DOF, ratio)), float(special.chdtrc(fit.residual_dof, wander))
+    )
     text = (
-        f"The {which}{_NAMES[prefix]} do not obey their equations (reduced chi-square {ratio:.3g} with "
-        f"{fit.residual_dof} degrees of freedom). Look for a pose or a turn that is not the one named, a sensor that "
-        "is not linear, and a unit that moved or warmed up."
+        f"The {which}{_NAMES[prefix]} do not obey their equations: residuals of "
+        f"{float(np.sqrt(np.mean(fit.residual**2))):.3g} {_UNITS[prefix]} (RMS; bias stability {stability:.3g} "
+        f"{_UNITS[prefix]}). Look for a pose or a turn that is not the one named, a sensor that is not linear, and a "
+        "unit that moved or warmed up."
     )
     quantities = (f"{prefix}_coupling_compensated",) if which else _of(prefix)
     return [Evidence("lack_of_fit", text, ratio, max(probability, _SMALLEST), math.inf, quantities)]

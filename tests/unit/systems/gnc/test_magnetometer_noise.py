@@ -50,7 +50,7 @@ def test_few_intervals_cover(same_over: int) -> None:
 
 
 @pytest.mark.sweep
-@pytest.mark.parametrize("same_over", [1, 100, 400])
+@pytest.mark.parametrize("same_over", [1, 100])
 def test_intervals_cover_in_two_thousand_campaigns(same_over: int) -> None:
     """The 99.9 % interval of each count contains 95 %, by the exact binomial distribution."""
     counts, runs = covered(same_over, 2000, 12)

@@ -171,9 +171,12 @@ def uncertainty(jacobian: Array, residual: Array, begins: Sequence[int] = ()) ->
     if probability > _SUSPICION:
         return Uncertainty(white.covariance, noise, Wander(0, 1.0, probability, both), count - size, root, None)
     alone = [pulls < _ALONE for pulls in together]
-    chosen = next((blocks for at, blocks in enumerate(lengths) if all(alone[at:])), lengths[-1])
-    wander = Wander(len(chosen.pull), float(np.sqrt(chosen.scatter)), probability, both)
-    return Uncertainty(noise**2 * root @ chosen.covariance @ root.T, noise, wander, count - size, root, chosen)
+    at = next((at for at in range(len(lengths)) if all(alone[at:])), len(lengths) - 1)
+    chosen, growth = lengths[at], 1.0
+    if at:  # noise of length L leaves L / 3B of its variance out of blocks of length B, twice that out of B / 2
+        growth += max(0.0, 1.0 - lengths[at - 1].scatter / chosen.scatter)
+    wander = Wander(len(chosen.pull), float(np.sqrt(growth * chosen.scatter)), probability, both)
+    return Uncertainty(growth * noise**2 * root @ chosen.covariance @ root.T, noise, wander, count - size, root, chosen)
 
 
 def _edges(count: int, begins: Sequence[int]) -> NDArray[np.intp]:
