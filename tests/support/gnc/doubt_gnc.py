@@ -61,6 +61,7 @@ SWITCHES = (
     Switch("field_steps", worlds.FieldSteps, (1e-5, 1e-3, 1e-1)),
     Switch("field_drifts", worlds.FieldDrifts, (1e-5, 1e-3, 1e-1)),
     Switch("axis_saturates", worlds.AxisSaturates, (1e-5, 1e-3, 1e-1)),
+    Switch("magnetised_between", worlds.MagnetisedBetween, (1e-6, 1e-3, 1e-1)),
     Switch("steel_on_the_table", worlds.SteelOnTheTable, (1e-5, 1e-3, 1e-1), "magnetic_surroundings"),
 )
 
@@ -152,10 +153,9 @@ class Bench:
         return Material(rows, campaign | ({"imu": imu.IMU} if self.noisy else {}), {})
 
 
-def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = False) -> Seen:
-    """Return what one campaign states and its truth; without a switch that of the same seed in a right world."""
-    world = World() if switch is None else switch.world(size)
-    bench = Bench(np.random.default_rng(seed), world, not noise_free)
+def recorded(seed: int, world: World, *, noisy: bool = True) -> Bench:
+    """Return the records of one campaign."""
+    bench = Bench(np.random.default_rng(seed), world, noisy)
     for _ in range(2):
         for up in imu.POSES:
             bench.position(up)
@@ -165,6 +165,12 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
     bench.magnetic("magnetometer", 0.0, SPIN_s)
     for height_deg in CONES_deg:
         bench.magnetic("attitudes", height_deg, CONE_s)
+    return bench
+
+
+def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = False) -> Seen:
+    """Return what one campaign states and its truth; without a switch that of the same seed in a right world."""
+    bench = recorded(seed, World() if switch is None else switch.world(size), noisy=not noise_free)
     entries: list[Any] = []
     fitted: dict[tuple[Any, ...], Any] = {}
     for analyse, name, kinds, quantities in (

@@ -169,6 +169,13 @@ class AxisSaturates(World):
         return output_gauss - self.size * output_gauss**3 / FIELD_gauss**2
 
 
+class MagnetisedBetween(World):
+    """The unit is magnetised between the turn and the attitudes."""
+
+    def magnetometer(self, output_gauss: Any, record: int) -> Any:
+        return output_gauss + self.size * (record == 0) * np.array([1.0, 0.5, 0.0])
+
+
 class SteelOnTheTable(World):
     """Magnetised along the field as it lies in the unit: an induced field of third order in the direction."""
 

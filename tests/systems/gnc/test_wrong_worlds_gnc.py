@@ -10,9 +10,12 @@ from functools import cache
 import doubt_gnc as gnc
 import pytest
 from doubt_classes import DOUBTED, REFUSED, WRONG, Seen, is_visible, sorted_classes
+from gnc_wrong_worlds import BiasStep
 
-from bench.analysis import is_sound
+from bench.analysis import build_results, is_sound
 from bench.model.assumptions import assumptions_of
+from bench.session.coefficients import coefficients_of_session
+from bench.systems.gnc.calibration.analysis import analyse
 
 SIZES = {f"{switch.name}-{size:g}": (switch, size) for switch in gnc.SWITCHES for size in switch.sizes}
 SWITCHES = {switch.name: switch for switch in gnc.SWITCHES}
@@ -50,6 +53,7 @@ def test_nothing_that_can_be_seen_is_confidently_wrong(name: str) -> None:
         ("scale_changes", 3e-4, DOUBTED, 21, "sets_differ"),
         ("hung_axis", 1.0, DOUBTED, 21, "stands_still"),
         ("field_drifts", 1e-3, DOUBTED, 9, "field_wanders"),
+        ("magnetised_between", 1e-3, DOUBTED, 17, "turn_against_attitudes"),
         ("axis_saturates", 1e-3, DOUBTED, 9, "not_an_ellipsoid"),
     ],
 )
@@ -79,6 +83,17 @@ def test_right_worlds_are_doubted_once_in_five_hundred() -> None:
     doubted = [seed for seed in range(500) if not all(map(is_sound, gnc.seen(seed, None, 0.0).entries))]
     print(f"seeds 0 to 499: doubted {doubted}")
     assert len(doubted) <= 5
+
+
+def test_coefficients_hold_sound_sections_alone() -> None:
+    """Accelerometers whose bias steps by 10 mg: their section is left out and named, that of the gyros stays."""
+    material = gnc.recorded(3, BiasStep(1e-2)).material("imu_calibration", ("accel", "gyro"))
+    analysis = analyse(material)
+    results = build_results("session", analysis, {"records": len(material.rows)}, gnc.PROVENANCE)
+    written = coefficients_of_session(analysis, results, material.campaign)
+    assert written is not None
+    assert [part["section"] for part in written.document["sections"]] == ["gyro"]
+    assert any("no coefficients of accelerometer" in text for text in written.document["sources"][0]["missing"])
 
 
 def test_what_no_data_can_show_is_named() -> None:

@@ -7,13 +7,16 @@ import pytest
 from scipy import linalg, stats
 
 from bench.systems.gnc.estimators.magnetometer import wander
+from bench.systems.gnc.estimators.magnetometer.ellipse import fit_ellipse
 from bench.systems.gnc.estimators.magnetometer.ellipsoid import EllipsoidFit, fit_ellipsoid
 from bench.systems.gnc.estimators.magnetometer.odd_readings import odd_readings
+from bench.systems.gnc.field_evidence import plausible_plane, plausible_sphere
 
 IRON = np.array([[1.05, 0.03, -0.02], [0.01, 0.96, 0.04], [-0.03, 0.0, 1.02]])
 OFFSET_gauss = np.array([0.05, -0.1, 0.2])
 FIELD_gauss, NOISE_gauss, READINGS = 0.5, 0.5e-3, 4000
 SOFT = linalg.sqrtm(np.linalg.inv(IRON @ IRON.T))
+TURN = np.linspace(0.0, 40.0, 3000)
 UPPER = np.triu_indices(3)
 
 
@@ -103,6 +106,29 @@ def test_many_odd_readings_are_not_left_out() -> None:
     field[400:] = readings(rng)[400:]
     field[0] += 0.05
     assert odd_readings(field).sum() == 1
+
+
+@pytest.mark.parametrize(
+    ("scale", "iron_gauss", "code"),
+    [
+        ((3.0, 3.0, 3.0), 0.0, "implausible_field"),
+        ((0.2, 0.2, 0.2), 0.0, "implausible_field"),
+        ((1.0, 1.0, 1.0), 4.0, "implausible_iron"),
+        ((0.7, 1.4, 1.0), 0.0, "implausible_soft_iron"),
+    ],
+)
+def test_what_the_field_of_the_earth_does_not_show(
+    scale: tuple[float, float, float], iron_gauss: float, code: str
+) -> None:
+    rng = np.random.default_rng(18)
+    field = readings(rng)
+    assert plausible_sphere(fit_ellipsoid(field)) == []
+    assert [seen.code for seen in plausible_sphere(fit_ellipsoid(field * scale + iron_gauss))] == [code]
+    turn = 0.4 * np.column_stack((np.cos(TURN), np.sin(TURN))) + rng.normal(0.0, NOISE_gauss, (TURN.size, 2))
+    assert plausible_plane(fit_ellipse(*turn.T), {}) == []
+    if scale[0] > 0.5:  # in a plane the field may be small
+        codes = [seen.code for seen in plausible_plane(fit_ellipse(*(turn * scale[:2] + iron_gauss).T), {})]
+        assert codes == [code]
 
 
 def test_noise_alone_is_never_odd() -> None:
