@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -229,6 +230,14 @@ def variance_covariance(factors: Int64, differences: Int64, interval_s: float) -
     Returns: VarianceCovariance.
     Source:  Isserlis' theorem for Gaussian noise.
     """
+    return _covariance_of(tuple(factors.tolist()), tuple(differences.tolist()), interval_s)
+
+
+@lru_cache(maxsize=8)  # outputs of one record have it in common
+def _covariance_of(
+    of_factors: tuple[int, ...], of_differences: tuple[int, ...], interval_s: float
+) -> VarianceCovariance:
+    factors, differences = np.array(of_factors), np.array(of_differences)
     size, kinds = factors.size, len(SCATTERING)
     angle = _angle_covariance(interval_s, (_REACH + 2) * 2 * int(factors.max()))
     products, ramp = np.empty((size, size, kinds, kinds)), np.empty((size, size, kinds))

@@ -10,6 +10,7 @@ from bench.analysis import Analysis, Material, check_method, no_result
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import COMPENSATORS
 from bench.systems.lock_in.estimates import exponent_estimates, record_estimates, requirement_of
+from bench.systems.lock_in.evidence import evidence
 from bench.systems.lock_in.figures import campaign_figures
 from bench.systems.lock_in.notes import notes
 from bench.systems.lock_in.records import flagged, laser_records, none_usable, not_recorded
@@ -55,6 +56,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         method=method,
         uut=dict(material.campaign["uut"]),
         estimates=[*estimates, *exponent_estimates(results, method)],
+        evidence=evidence(results),
         notes=[*no_result(missing), *notes(results, requirement, method)],
         missing=missing,
         figures=[*campaign_figures(results, requirement, method), *turnaround_figures(results)],

@@ -16,10 +16,15 @@ from bench.analysis import Floats
 from bench.model.errors import FitError
 from bench.systems.lock_in.estimators.edges import edge_levels
 from bench.systems.lock_in.estimators.global_constants import GlobalConstants, global_constants
-from bench.systems.lock_in.estimators.random_walk import CycleIncrements, cycle_increments, net_angle
+from bench.systems.lock_in.estimators.random_walk import (
+    CycleIncrements,
+    cycle_increments,
+    net_angle,
+    odd_steps,
+)
 from bench.systems.lock_in.estimators.single_turnarounds import dither_shape, fresnel, parabolas
 from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds, turnarounds
-from bench.systems.lock_in.records import Bools, Events, Stretch
+from bench.systems.lock_in.records import Bools, Events, Int64, Stretch
 
 Compensator = Callable[[Turnarounds], Jumps]
 RAW, GLOBAL = "raw", "global_constants"
@@ -31,6 +36,7 @@ _LOCAL: Mapping[str, Compensator] = {
 }
 COMPENSATORS: tuple[str, ...] = (GLOBAL, *_LOCAL)
 _FEWEST_PICKOFFS = 3  # a dither period and a half
+_MOST_ODD = 1e-3  # of the half periods of a stretch
 _SHOWN = 400  # turnarounds of the figures that show single ones
 
 
@@ -59,6 +65,7 @@ class Compensated:
     ``constants``: of the global fit, one per stretch.   ``refused``: method to reason.   ``counts``: why turnarounds
     were not used.   ``swing_rad``: mean peak-to-peak phase of a dither period, from the counted levels.
     ``dither_scatter``: of its amplitude from turnaround to turnaround, relative, from the curvatures.
+    ``odd_s``: when the count went odd, from the beginning of its stretch; few are left out (``odd_left_out``).
     """
 
     interval_s: float
@@ -78,6 +85,8 @@ class Compensated:
     seconds: float = 0.0
     swing_rad: float = 0.0
     dither_scatter: float | None = None
+    odd_s: list[float] = field(default_factory=list)
+    odd_left_out: bool = True
 
 
 @dataclass(frozen=True)
@@ -92,6 +101,8 @@ class _Counted:
     repaired: int
     breaks: int
     seconds: float
+    odd: Int64
+    odd_s: list[float]
 
 
 @dataclass(frozen=True)
@@ -136,27 +147,41 @@ def _counted(stretch: Stretch, clock_Hz: float) -> _Counted:
     edges = edge_levels(stretch.ticks, stretch.rising, stretch.cosine)
     turns = turnarounds(edges, stretch.pickoff_ticks, stretch.pickoff_rising, clock_Hz)
     half_cycles = max(1, stretch.pickoff_ticks.size - 1)
+    psi_rad = net_angle(edges, stretch.pickoff_ticks)
+    odd = odd_steps(psi_rad, stretch.pickoff_rising, turns.regular)
     inside = (edges.tick >= stretch.pickoff_ticks[0]) & (edges.tick <= stretch.pickoff_ticks[-1])
     return _Counted(
         turns=turns,
-        psi_rad=net_angle(edges, stretch.pickoff_ticks),
+        psi_rad=psi_rad,
         pickoff_rising=stretch.pickoff_rising,
         swing_rad=float(np.pi * np.count_nonzero(inside) / half_cycles),
         edges=int(edges.tick.size),
         repaired=edges.repaired,
         breaks=int(edges.breaks.size),
         seconds=float(edges.tick[-1] - edges.tick[0]) / clock_Hz,
+        odd=odd,
+        odd_s=((stretch.pickoff_ticks[odd] - edges.tick[0]) / clock_Hz).tolist(),
     )
 
 
 def _part(counted: _Counted) -> _Part:
     turns, psi_rad, rising = counted.turns, counted.psi_rad, counted.pickoff_rising
+    if left_out(counted.odd, turns.usable.size):
+        psi_rad[counted.odd + 1] = np.nan  # the steps to it and from it are not known
     jumps, constants, refused = _all_jumps(turns)
     increments = {RAW: cycle_increments(psi_rad, rising, turns)}
     for name, jump in jumps.items():
         taken_off = replace(jump, dpsi_rad=np.nan_to_num(jump.dpsi_rad))  # nothing where nothing could be estimated
         increments[name] = cycle_increments(psi_rad, rising, turns, taken_off)
     return _Part(counted, jumps, constants, increments, refused)
+
+
+def left_out(odd: Int64, of: int) -> bool:
+    """Return whether odd half periods are few enough to be left out: one in a thousand, and one at least.
+
+    Two in succession are one: what happens at the pick-off's edge is in the steps to it and from it.
+    """
+    return int(np.count_nonzero(np.diff(odd, prepend=-2) > 1)) <= max(1.0, _MOST_ODD * of)
 
 
 def _all_jumps(turns: Turnarounds) -> tuple[dict[str, Jumps], GlobalConstants | None, dict[str, str]]:
@@ -198,6 +223,8 @@ def _joined(parts: Sequence[_Part]) -> Compensated:
         joined.repaired += part.counted.repaired
         joined.breaks += part.counted.breaks
         joined.seconds += part.counted.seconds
+        joined.odd_s += part.counted.odd_s
+        joined.odd_left_out &= left_out(part.counted.odd, part.turns.usable.size)
     return joined
 
 

@@ -13,6 +13,7 @@ DECLARATION = System(
             ("global_constants", "fresnel", "dither_shape_16", "dither_shape", "parabolas"),
             made_of="samples",
             conditions=("path_length_m", "clock_Hz"),
+            assumptions="bench.systems.lock_in.assumptions:assumptions",
             limits={"alignment_error": Limit("deg", above_zero=True), "alignment_time": Limit("s", above_zero=True)},
         ),
     ),

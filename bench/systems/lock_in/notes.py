@@ -16,7 +16,6 @@ from bench.systems.lock_in.tables import LABELS
 _NEAR_90_DEG = 10.0
 _SENSOR_OFF = 0.03  # of the dither amplitude; its sensor is good to 1 %
 _MODEL_OFF = 0.03  # of the RMS jump; simulated lasers with one backscatter leave below 0.007
-_LEAST_SCATTER = 0.02  # of the dither's amplitude; with less the jumps are no random walk (docs/ring-laser.md)
 _MOST_UNUSED = 0.05  # of the turnarounds
 _PROBABILITY = 1e-4  # of a false note per record and constant
 
@@ -28,10 +27,10 @@ def notes(results: Sequence[LaserResult], requirement: Requirement, judged: str)
         *_better(results, judged),
         *_condition(results),
         *_model(results),
-        *_repeating(results),
         *_off(results),
         *_standing(requirement),
         *_losses(results),
+        *_left_out(results),
     ]
 
 
@@ -96,20 +95,6 @@ def _model(results: Sequence[LaserResult]) -> list[str]:
             notes.append(
                 f"{laser.name}: {moved} between blocks of the record by more than the uncertainties explain; each "
                 "block is compensated with its own constants."
-            )
-    return notes
-
-
-def _repeating(results: Sequence[LaserResult]) -> list[str]:
-    """Dithers whose jumps follow one another too regularly for a random walk."""
-    notes = []
-    for laser in results:
-        scatter = laser.found.dither_scatter
-        if scatter is not None and scatter < _LEAST_SCATTER:
-            notes.append(
-                f"{laser.name}: the dither's amplitude scatters by {100 * scatter:.2f} %. Below "
-                f"{100 * _LEAST_SCATTER:g} % the errors of turnarounds follow one another (dynamic lock-in): what is "
-                "not compensated is no random walk, equation (6) does not hold, and part of the input rate may be lost."
             )
     return notes
 
@@ -192,4 +177,20 @@ def _losses(results: Sequence[LaserResult]) -> list[str]:
         refused = ", ".join(LABELS.get(name, name) for name in laser.missing if name != GLOBAL)
         if refused:
             notes.append(f"{laser.name}: no result by {refused}.")
+    return notes
+
+
+def _left_out(results: Sequence[LaserResult]) -> list[str]:
+    """Single bad readings that no result rests on."""
+    notes = []
+    for laser in results:
+        odd_s, repeated = laser.found.odd_s, laser.events.repeated
+        if odd_s and laser.found.odd_left_out:
+            times = ", ".join(f"{time_s:.3f} s" for time_s in odd_s[:5])
+            notes.append(
+                f"{laser.name}: left out, as the count is unlike all others round it: {len(odd_s)} half periods of the "
+                f"dither (at {times})."
+            )
+        if repeated:
+            notes.append(f"{laser.name}: left out, as they repeat an earlier one edge by edge: {repeated} blocks.")
     return notes

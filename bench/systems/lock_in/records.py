@@ -32,6 +32,8 @@ _DITHER = "dither_amplitude_deg/s"
 COLUMNS = ("tick", "clock", "dropped", "edges", "events")
 _LEVEL, _COSINE, _CHANNEL, _SHIFT = np.uint32(1), np.uint32(2), np.uint32(4), np.uint32(3)
 _BYTES = 4  # of an event
+_STAMPS = 10_000  # of each stretch that tell the step of the time stamps
+_UNLIKE = 100  # edges of a block that never come the same way twice
 _BLOCKS = 100  # of the tagger that are decoded at once
 
 
@@ -152,7 +154,8 @@ class Events:
 
     ``clock_Hz``: of the tagger, nominal.   ``lost_blocks``: that never arrived or arrived damaged.   ``lost_edges``:
     that the tagger itself dropped.   ``torn``: blocks left out because edges are missing in them.   ``dark``: blocks
-    without any edge: there was no beat.
+    without any edge: there was no beat.   ``repeated``: blocks left out because they are those of another one, edge by
+    edge.   ``step_ticks``: of which all time stamps are multiples.
     """
 
     clock_Hz: float
@@ -161,6 +164,8 @@ class Events:
     lost_edges: int
     torn: int
     dark: int = 0
+    repeated: int = 0
+    step_ticks: int = 1
 
 
 def record_events(row: RecordRow) -> Events:
@@ -208,7 +213,8 @@ def _events(samples: Samples, clock_Hz: float, lost_blocks: int) -> Events:
     whole = (more == 0) & (sizes == _BYTES * edges)
     whole[0] &= bool(dropped[0] == 0)  # nobody knows in which block the earlier ones were lost
     dark = whole & (edges == 0)
-    torn, whole = ~whole, whole & ~dark
+    again = _repeated(blobs) & whole & (edges >= _UNLIKE)
+    torn, whole = ~whole, whole & ~dark & ~again
     joint = (np.diff(samples.counter) == 1) & (np.diff(tick) > 0) & whole[1:] & whole[:-1]
     starts = np.flatnonzero(np.concatenate(([True], ~joint)))
     ends = np.concatenate((starts[1:], [tick.size]))
@@ -217,7 +223,22 @@ def _events(samples: Samples, clock_Hz: float, lost_blocks: int) -> Events:
         for a, b in zip(starts.tolist(), ends.tolist(), strict=True)
         if whole[a]
     )
-    return Events(clock_Hz, stretches, lost_blocks, int(more[more > 0].sum()), int(torn.sum()), int(dark.sum()))
+    return Events(
+        clock_Hz, stretches, lost_blocks, int(more[more > 0].sum()), int(torn.sum()), int(dark.sum()),
+        int(again.sum()), _step_ticks(stretches),
+    )  # fmt: skip
+
+
+def _repeated(blobs: Any) -> Bools:
+    """Return which blocks are the same as an earlier one: no beat does that."""
+    first: dict[bytes, int] = {}
+    return np.array([first.setdefault(blob, at) != at for at, blob in enumerate(blobs)], np.bool_)
+
+
+def _step_ticks(stretches: Sequence[Stretch]) -> int:
+    """Return the largest number of ticks that all time stamps are multiples of, from their first."""
+    steps = [int(np.gcd.reduce(np.diff(stretch.ticks[:_STAMPS]))) for stretch in stretches if stretch.ticks.size > 1]
+    return max(1, int(np.gcd.reduce(steps))) if steps else 1
 
 
 def _stretch(tick: Int64, edges: Int64, blobs: list[bytes]) -> Stretch:

@@ -30,6 +30,8 @@ class GlobalConstants:
             (-pi, pi]; with standard uncertainties.
         block_time_s: middle of each block from the first turnaround, (b,); with the constants of each block.
         residual_jump_rad: step at the zero-rate instant that the crossings still show, (n,): what the model lacks.
+        score, information: what each usable turnaround says against the constants of its time, (u, 2), and with what
+            weight, (u, 2, 2); ``information`` times a change of (kc, ks) is the score that it explains.
     """
 
     jumps: Jumps
@@ -43,6 +45,8 @@ class GlobalConstants:
     block_beta_rad: Array
     block_beta_std_rad: Array
     residual_jump_rad: Array
+    score: Array
+    information: Array
 
 
 @dataclass(frozen=True)
@@ -105,6 +109,7 @@ def global_constants(turns: Turnarounds, block_s: float = 5.0) -> GlobalConstant
     whole = _constants(fit.projected, np.zeros_like(block), 1).polar()
     kappa, kappa_std, beta, beta_std = _constants(fit.projected, block, middle_s.size).polar()
     steps = _steps_left(fit.projection, fit.left, time_s, fit.motion)
+    lock_in = fit.projected[:, :, :2]
     return GlobalConstants(
         jumps=jumps_of("global_constants", turns.usable, fit.step, fit.motion, fit.left),
         kappa_rad_s=float(whole[0][0]),
@@ -117,6 +122,8 @@ def global_constants(turns: Turnarounds, block_s: float = 5.0) -> GlobalConstant
         block_beta_rad=beta,
         block_beta_std_rad=beta_std,
         residual_jump_rad=spread(turns.usable, steps),
+        score=np.asarray(np.einsum("ukp,uk->up", lock_in, fit.left)),
+        information=np.asarray(lock_in.transpose(0, 2, 1) @ lock_in),
     )
 
 

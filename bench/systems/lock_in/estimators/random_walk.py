@@ -5,6 +5,7 @@ The angle is a count, latched where the dither angle is zero.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +27,8 @@ _SHORTEST_PERIODS = 5
 _LONGEST_SHARE = 20
 _FEWEST_TIMES = 4
 _PER_OCTAVE = 2
-_TERMS = ("quantisation_noise", "white_noise")
+_ROUND_STEPS, _ODD_SCATTERS, _ODD_rad = 11, 12.0, 0.3
+TERMS = ("quantisation_noise", "white_noise")
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,29 @@ def net_angle(edges: EdgeLevels, pickoff_tick: Int64) -> Array:
     torn = np.searchsorted(pickoff, edges.tick[edges.breaks])
     psi[torn[torn < psi.size]] = np.nan
     return psi
+
+
+def odd_steps(psi_rad: Array, pickoff_rising: ArrayLike, regular: ArrayLike) -> Int64:
+    """Return half periods whose net phase is unlike that of their neighbours, as where the count lost a turn.
+
+    A step of the phase from pick-off to pick-off is odd if it is off the median of the 11 round it by more than 12
+    times their scatter (from the median), and by 0.3 rad at least. Lock-in alone never reaches 2 times.
+
+    Args:    psi_rad: of ``net_angle``, (n + 1,).   pickoff_rising: (n + 1,).   regular: half periods that count, (n,).
+    Returns: places, ascending.
+    Source:  median absolute deviation; Huber, Robust Statistics, section 5.
+    """
+    upward, step = np.asarray(pickoff_rising, bool)[:-1], np.where(regular, np.diff(psi_rad), np.nan)
+    known = np.flatnonzero(np.isfinite(step))
+    if known.size <= _ROUND_STEPS:
+        return known[:0]
+    step, upward = step[known], upward[known]
+    for sense in (upward, ~upward):  # a late pick-off adds to one sense what it takes off the other
+        step[sense] -= np.median(step[sense]) if sense.any() else 0.0
+    padded = np.pad(step, _ROUND_STEPS // 2, mode="reflect")
+    off = np.abs(step - np.median(np.lib.stride_tricks.sliding_window_view(padded, _ROUND_STEPS), axis=1))
+    odd = known[off > max(_ODD_rad, _ODD_SCATTERS * 1.4826 * float(np.median(off)))]
+    return np.asarray(odd, np.int64)
 
 
 def cycle_increments(
@@ -136,7 +161,9 @@ def lock_in_rate_deg_s(kappa_rad_s: float, path_length_m: float) -> float:
     return float(np.rad2deg(kappa_rad_s / gyro_gain(path_length_m)))
 
 
-def random_walk(increment_rad: Array, interval_s: float, path_length_m: float) -> RandomWalk:
+def random_walk(
+    increment_rad: Array, interval_s: float, path_length_m: float, terms: Sequence[str] = TERMS
+) -> RandomWalk:
     """N and Q from the phase that each dither period adds, over averaging times of 5 periods to a 20th of the record.
 
     Short times tell Q from N: over ten records of 20 s the walk of the uncompensated gyroscope scattered by 1.5 %, and
@@ -144,7 +171,7 @@ def random_walk(increment_rad: Array, interval_s: float, path_length_m: float) -
     need not be known.
 
     Args:    increment_rad: (c,), of ``cycle_increments``; NaN is a gap.   interval_s: dither period.
-             path_length_m: perimeter of the ring.
+             path_length_m: perimeter of the ring.   terms: of ``bench.maths.allan_terms``, these two or more.
     Raises:  FitError B-FIT-099 for a record too short for four averaging times, 0.6 s at 400 Hz.
     Source:  IEEE Std 952-1997 annex C, equations C.7 to C.17 (N, Q).
     """
@@ -160,8 +187,8 @@ def random_walk(increment_rad: Array, interval_s: float, path_length_m: float) -
         )
     rate = np.rad2deg(increment_rad / gyro_gain(path_length_m)) * 3600.0 / interval_s
     measured = allan_deviation(rate, interval_s, factors=factors.astype(int).tolist())
-    curve = _sharpened(measured, fit_noise_terms(measured, _TERMS)["white_noise"].coefficient)
-    fit = fit_noise_terms(curve, _TERMS)
+    curve = _sharpened(measured, fit_noise_terms(measured, terms)["white_noise"].coefficient)
+    fit = fit_noise_terms(curve, terms)
     walk, quantum = fit["white_noise"], fit["quantisation_noise"]
     return RandomWalk(
         n_deg_rth=walk.coefficient / 60.0,  # deg/h times the root of a second

@@ -189,8 +189,8 @@ def test_a_second_backscatter_is_seen_in_what_the_fit_leaves() -> None:
 def test_a_dither_that_hardly_scatters_is_told(whole: Any) -> None:
     edges = simulated_edges(laser(0.28, dither_noise=0.0), 1.2, np.random.default_rng(SEED + 3))
     analysis = analyse(material(row_of(edges, SLOW_HZ, path_length_m=0.28)))
-    assert any("dynamic lock-in" in one for one in analysis.notes)
-    assert not any("dynamic lock-in" in one for one in whole.notes)
+    assert any("dynamic lock-in" in check.sentence for check in analysis.evidence)
+    assert not any("dynamic lock-in" in check.sentence for check in whole.evidence)
 
 
 def test_turnarounds_that_cannot_be_compensated_are_told(whole: Any) -> None:

@@ -1,0 +1,102 @@
+"""Whether the output of a gyroscope is a random walk all along: no wander of the rate, no line, no change of its size.
+
+A random walk's increments are white, so in a cosine transform each coefficient is independent of all others and of the
+same variance; quantisation adds to the high frequencies alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, special
+
+Array = NDArray[np.float64]
+_SLOWEST = 6  # coefficients of the cosine transform, three cycles of the record: below what the Allan deviation sees
+_BAND = 10  # part of all coefficients that random walk fills alone
+_ROUND = 50  # coefficients on each side of one, that it is held against
+_FEWEST = 200  # increments
+_PERIODS = 5  # in a sum, the shortest averaging time of the Allan deviation
+
+
+@dataclass(frozen=True)
+class Unsteady:
+    """``probability``: of increments at least as odd if they are a random walk and quantisation.   ``figure``: how odd.
+
+    ``left``: the increments without what is odd, as long as before.
+    """
+
+    probability: float
+    figure: float
+    left: Array
+
+
+def wander(increment: Array) -> Unsteady:
+    """Return whether the rate drifts or wanders slowly: a ramp, a step, a bias that is not stable.
+
+    Args:    increment: of successive periods, (c,), NaN in gaps; at least 200 are known.
+    Returns: Unsteady; ``figure``: power of the six slowest coefficients over that of the band above.
+    Source:  F-test of independent normal coefficients of the discrete cosine transform.
+    """
+    known, wave = _waves(increment)
+    slow, band = wave[1 : 1 + _SLOWEST], wave[1 + _SLOWEST : max(wave.size // _BAND, 5 * _SLOWEST)]
+    ratio = float(np.mean(slow**2) / np.mean(band**2))
+    wave[1 + _SLOWEST :] = 0.0
+    return Unsteady(float(special.fdtrc(_SLOWEST, band.size, ratio)), ratio, _without(increment, known, wave))
+
+
+def line(increment: Array) -> Unsteady:
+    """Return whether the rate swings at one frequency, as on a base that vibrates.
+
+    Args:    increment: as of ``wander``.
+    Returns: Unsteady; ``figure``: power of the strongest pair of coefficients over that of those round it.
+    Source:  F-test against the neighbourhood; Bonferroni over all frequencies.
+    """
+    known, wave = _waves(increment)
+    power = wave[1:-1:2][: (wave.size - 1) // 2] ** 2 + wave[2::2][: (wave.size - 1) // 2] ** 2
+    total = np.concatenate(([0.0], np.cumsum(power)))
+    at = np.arange(power.size)
+    low, high = np.maximum(at - _ROUND // 2, 0), np.minimum(at + _ROUND // 2 + 1, power.size)
+    near = (total[high] - total[low] - power) / (high - low - 1)
+    odds = special.fdtrc(2, 2 * (high - low - 1), power / near)
+    strongest = int(np.argmin(odds))
+    kept = slice(max(2 * strongest - 1, 1), 2 * strongest + 5)  # a frequency between two leaks into both
+    only = np.zeros_like(wave)
+    only[kept] = wave[kept]
+    probability = min(1.0, float(odds[strongest]) * power.size)
+    return Unsteady(probability, float(power[strongest] / near[strongest]), _without(increment, known, only))
+
+
+def change(increment: Array) -> tuple[float, float]:
+    """Return the probability of halves at least as unlike in size, and the scatter of the second over the first.
+
+    Args:    increment: as of ``wander``.
+    Source:  F-test of two variances, of sums over five periods, which quantisation does not fill.
+    """
+    halves = []
+    for half in np.array_split(increment[np.isfinite(increment)], 2):
+        sums = half[: half.size // _PERIODS * _PERIODS].reshape(-1, _PERIODS).sum(axis=1)
+        halves.append(np.diff(sums)[::2])  # a rate that changes slowly is in none of them
+    ratio = float(np.mean(halves[1] ** 2) / np.mean(halves[0] ** 2))
+    tails = special.fdtrc(halves[1].size, halves[0].size, ratio), special.fdtr(halves[1].size, halves[0].size, ratio)
+    return min(1.0, 2.0 * float(min(tails))), float(np.sqrt(ratio))
+
+
+def enough(increment: Array) -> bool:
+    """Return whether there are increments enough to say anything.
+
+    Source: none; bookkeeping.
+    """
+    return int(np.isfinite(increment).sum()) >= _FEWEST
+
+
+def _waves(increment: Array) -> tuple[NDArray[np.bool_], Array]:
+    known = np.isfinite(increment)
+    return known, np.asarray(fft.dct(increment[known] - increment[known].mean(), norm="ortho"))
+
+
+def _without(increment: Array, known: NDArray[np.bool_], wave: Array) -> Array:
+    left = increment.copy()
+    left[known] -= fft.idct(wave, norm="ortho")
+    return left

@@ -1,0 +1,190 @@
+"""What the records of ring lasers say against their own results, record by record.
+
+The constants must be the same in every group of turnarounds, the output must be a random walk all along, and the walk
+before compensation must be the one that the constants make. Nothing of a laser's truth is needed for that.
+Source: docs/decisions/0025-doubt.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from bench.analysis import Evidence, Floats
+from bench.maths.allan_terms import TERMS
+from bench.maths.verdict import coverage_factor
+from bench.model.errors import FitError
+from bench.systems.lock_in.compensation import GLOBAL, RAW
+from bench.systems.lock_in.estimators.constancy import constancy, parts_of, runs
+from bench.systems.lock_in.estimators.global_constants import GlobalConstants
+from bench.systems.lock_in.estimators.random_walk import RandomWalk, random_walk
+from bench.systems.lock_in.estimators.steadiness import change, enough, line, wander
+from bench.systems.lock_in.plausibility import CONSTANTS, RATIOS, WALKS, implausible
+from bench.systems.lock_in.result import LaserResult, walk_std_deg_rth
+from bench.systems.lock_in.tables import LABELS
+
+_TIMES, _SWINGS, _PHASES = 4, 4, 8  # groups of turnarounds
+_LOOKED_AT = 1e-3  # far above the level of any campaign, so that the fits cost nothing in a right world
+_SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
+
+
+def evidence(results: Sequence[LaserResult]) -> list[Evidence]:
+    """Return what every check says of the estimates, those that found nothing included."""
+    heard: list[Evidence] = []
+    for laser in results:
+        heard += [*implausible(laser), *_constants(laser), *_against_theory(laser)]
+        for method, walk in laser.walks.items():
+            heard += _output(laser, method, walk)
+    return heard
+
+
+def _place(laser: LaserResult) -> dict[str, Any]:
+    return laser.record.place(laser.clock_Hz)
+
+
+def _constants(laser: LaserResult) -> Iterator[Evidence]:
+    """Yield whether the two constants are the same in every group of turnarounds, stretch by stretch."""
+    place = _place(laser)
+    for fit in laser.found.constants:
+        groups = _groups(fit)
+        for name, words in _GROUPS.items():
+            seen = constancy(fit, groups[name])
+            moves = [seen.kappa_moves * _rate(laser), math.degrees(seen.beta_moves_rad)]
+            sentence = (
+                f"The lock-in of {laser.name} differs {words} (F {seen.figure:.3g}): rate or phase is not one "
+                "constant, or the crossings hold something else. Look at dither, comparators and temperature."
+            )
+            yield Evidence(
+                f"lock_in_by_{name}", sentence, seen.figure, max(seen.probability, _SMALLEST), _in_U(laser, moves),
+                CONSTANTS, place,
+            )  # fmt: skip
+        probability, factor = runs(fit)
+        sentence = (
+            f"What the turnarounds of {laser.name} leave follows in runs: the uncertainty of the constants would be "
+            f"{factor:.2g} times as large."
+        )
+        yield Evidence(
+            "lock_in_in_runs",
+            sentence,
+            factor,
+            max(probability, _SMALLEST),
+            abs(factor - 1.0),
+            CONSTANTS,
+            _place(laser),
+        )
+
+
+_GROUPS = {
+    "time": "from one part of the record to the next",
+    "sense": "between maxima and minima of the angle",
+    "phase": "with the phase at which the angle turns",
+    "swing": "with the amplitude of the dither",
+}
+
+
+def _groups(fit: GlobalConstants) -> dict[str, Any]:
+    jumps = fit.jumps
+    used = np.flatnonzero(np.isfinite(jumps.dpsi_rad))
+    return {
+        "time": parts_of(used.astype(np.float64), _TIMES),
+        "sense": used % 2,
+        "phase": parts_of(np.mod(jumps.psi0_rad[used], math.tau), _PHASES),
+        "swing": parts_of(jumps.curvature_rad_s2[used], _SWINGS),
+    }
+
+
+def _rate(laser: LaserResult) -> float:
+    return math.nan if laser.lock_in_deg_s is None else laser.lock_in_deg_s.value
+
+
+def _in_U(laser: LaserResult, moves: Sequence[float]) -> float:
+    """Return the larger of two changes, of lock-in rate and backscatter phase, in their expanded uncertainties."""
+    stated = (laser.lock_in_deg_s, laser.backscatter_deg)
+    pairs = zip(moves, stated, strict=True)
+    return max(abs(move) / (coverage_factor() * known.std) for move, known in pairs if known is not None)
+
+
+def _output(laser: LaserResult, method: str, walk: RandomWalk) -> Iterator[Evidence]:
+    """Yield whether one output is a random walk all along; ``walk``: what was fitted to it."""
+    increment = laser.found.increments[method]
+    if not enough(increment):
+        return
+    of_it = f"The output of {laser.name} ({LABELS[method]})"
+    checks: tuple[tuple[str, Callable[[Floats], Any], str], ...] = (
+        ("rate_wanders", wander, "wanders slowly, {figure:.3g} times as much as its random walk: the rate drifted or "
+         "stepped. Keep the base still and the temperature steady."),
+        ("line_in_rate", line, "swings at one frequency, {figure:.3g} times above its noise. Look for vibration of the "
+         "base and for a dither in step with the clock."),
+    )  # fmt: skip
+    for code, check, words in checks:
+        seen = check(increment)
+        move = _move(laser, walk, seen.left) if seen.probability < _LOOKED_AT else 0.0
+        sentence = f"{of_it} {words.format(figure=seen.figure)}"
+        yield from _of_walk(laser, method, code, sentence, seen.figure, seen.probability, move)
+    probability, ratio = change(increment)
+    move = abs((1.0 + ratio) / math.sqrt(2.0 * (1.0 + ratio**2)) - 1.0) * walk.n_deg_rth / _U(walk)
+    sentence = (
+        f"{of_it} scatters {ratio:.2f} times as much in the second half as in the first: it is not one random walk."
+    )
+    yield from _of_walk(laser, method, "walk_changes", sentence, ratio, probability, move)
+    yield from _misfit(laser, method, walk, of_it)
+
+
+def _misfit(laser: LaserResult, method: str, walk: RandomWalk, of_it: str) -> Iterator[Evidence]:
+    """Yield whether more noise than random walk and quantisation is there: all five terms are the rival."""
+    probability = float(special.chdtrc(walk.dof, walk.chi2))
+    move = 0.0
+    if probability < _LOOKED_AT:
+        move = _move(laser, walk, laser.found.increments[method], TERMS)
+    sentence = (
+        f"{of_it} has an Allan deviation that is not that of random walk and quantisation (chi-squared {walk.chi2:.3g} "
+        f"for {walk.dof}): with bias instability, rate random walk and a ramp the random walk is another one."
+    )
+    yield from _of_walk(laser, method, "allan_misfit", sentence, walk.chi2 / max(walk.dof, 1), probability, move)
+
+
+def _move(laser: LaserResult, walk: RandomWalk, increment: Floats, terms: Sequence[str] | None = None) -> float:
+    """Return by how much of its expanded uncertainty a random walk goes if it is of other increments or terms."""
+    words = {} if terms is None else {"terms": tuple(terms)}
+    try:
+        again = random_walk(increment, laser.found.interval_s, laser.record.path_length_m, **words)
+    except FitError:
+        return math.inf
+    return abs(again.n_deg_rth - walk.n_deg_rth) / _U(walk)
+
+
+def _U(walk: RandomWalk) -> float:
+    return coverage_factor() * walk_std_deg_rth(walk)
+
+
+def _of_walk(
+    laser: LaserResult, method: str, code: str, sentence: str, figure: float, probability: float, move: float
+) -> Iterator[Evidence]:
+    """Yield a check of one output; what casts doubt on the walk before compensation does so on every ratio to it."""
+    place, chance = _place(laser), max(probability, _SMALLEST)
+    yield Evidence(code, sentence, figure, chance, move, WALKS, place | {"method": method})
+    if method == RAW:
+        yield Evidence(code, sentence, figure, chance, move, RATIOS, place)
+
+
+def _against_theory(laser: LaserResult) -> Iterator[Evidence]:
+    """Yield whether the walk before compensation is the one that lock-in makes by equation (6)."""
+    walk, behind, expected = laser.walks.get(RAW), laser.walks.get(GLOBAL), laser.expected_deg_rth
+    if walk is None or behind is None or expected is None or not walk.n_deg_rth > 0.0:
+        return
+    theory = math.hypot(expected, behind.n_deg_rth)
+    dof = 0.5 * (walk.n_deg_rth / walk_std_deg_rth(walk)) ** 2
+    square = dof * (walk.n_deg_rth / theory) ** 2
+    probability = min(1.0, 2.0 * float(min(special.chdtr(dof, square), special.chdtrc(dof, square))))
+    sentence = (
+        f"The random walk of {laser.name} before compensation is {walk.n_deg_rth / theory:.3g} times the one that its "
+        "lock-in makes by equation (6): something else adds to it, or the jumps are not independent."
+    )
+    yield from _of_walk(
+        laser, RAW, "walk_unlike_lock_in", sentence, walk.n_deg_rth / theory, probability,
+        abs(walk.n_deg_rth - theory) / _U(walk),
+    )  # fmt: skip

@@ -1,0 +1,126 @@
+"""Records of wrong ring lasers: no number that looks sound, and none lost in a right one.
+
+Crossings are made from the physics alone (``laser_physics``); nothing of the product or its simulators makes them.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import doubt_lock_in as worlds
+import numpy as np
+import pytest
+from doubt_classes import DOUBTED, REFUSED, WRONG, Seen, Switch, is_visible, sorted_classes
+
+from bench.analysis import Evidence, is_sound
+from bench.analysis.doubt import weigh
+from bench.systems.lock_in.analysis import analyse
+from bench.systems.lock_in.evidence import evidence
+from bench.systems.lock_in.plausibility import CONSTANTS
+
+GROSS = [(switch, size) for switch in worlds.SWITCHES for size in switch.sizes[1:]]
+NAMES = [f"{switch.name}-{size:g}" for switch, size in GROSS]
+OF_CONSTANTS, OF_WALKS, ALL = 2, 6, 8  # estimates of a record that are judged
+
+
+@cache
+def right_world(seed: int) -> Seen:
+    return worlds.seen(seed, None, 0.0)
+
+
+@cache
+def wrong_world(name: str, size: float, seed: int = 0) -> Seen:
+    return worlds.seen(seed, switch_of(name), size)
+
+
+def switch_of(name: str) -> Switch:
+    return next(switch for switch in worlds.SWITCHES if switch.name == name)
+
+
+def codes(seen: Seen) -> set[str]:
+    return {reason["code"] for entry in seen.entries for reason in entry["reasons"]}
+
+
+@pytest.mark.parametrize(("switch", "size"), GROSS, ids=NAMES)
+def test_nothing_that_can_be_seen_is_confidently_wrong(switch: Switch, size: float) -> None:
+    wrong = sorted_classes(wrong_world(switch.name, size), right_world(0))[WRONG]
+    assert wrong == 0 or not is_visible(worlds.seen(0, switch, size, noise_free=True))
+    assert wrong == 0 or switch.assumption
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "doubted", "code"),
+    [
+        ("wrong_path", 0.3, ALL, "dither_disagrees"),
+        ("wrong_clock", 0.3, ALL, "dither_disagrees"),
+        ("second_harmonic", 0.5, OF_CONSTANTS, "lock_in_by_phase"),
+        ("phase_steps", 60.0, OF_CONSTANTS, "lock_in_by_time"),
+        ("phase_of_sides", 60.0, OF_CONSTANTS, "lock_in_by_sense"),
+        ("phase_steps", 5.0, OF_CONSTANTS, "lock_in_in_runs"),
+        ("rate_ramp", 2.0, 4, "rate_wanders"),
+        ("rate_step", 100.0, OF_WALKS, "allan_misfit"),
+        ("vibration", 1.0, OF_WALKS, "line_in_rate"),
+        ("comparator_offset", 0.5, OF_CONSTANTS, "lock_in_by_phase"),
+        ("regular_dither", 20.0, ALL, "dither_too_regular"),
+        ("regular_dither", 20.0, ALL, "walk_unlike_lock_in"),
+        ("bent_dither", 1e-2, OF_CONSTANTS, "lock_in_by_sense"),
+        ("lost_pairs", 50.0, OF_WALKS, "count_odd"),
+        ("stuck_bits", 64.0, ALL, "coarse_time_stamps"),
+        ("repeated_blocks", 50.0, ALL, "repeated_blocks"),
+    ],
+)
+def test_what_is_wrong_is_named(name: str, size: float, doubted: int, code: str) -> None:
+    wrong = wrong_world(name, size)
+    classes = sorted_classes(wrong, right_world(0))
+    assert classes[DOUBTED] + classes[REFUSED] >= doubted
+    assert code in codes(wrong)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_right_world_is_not_doubted(seed: int) -> None:
+    assert [entry["reasons"] for entry in right_world(seed).entries if not is_sound(entry)] == []
+
+
+def test_a_turn_that_the_count_lost_is_left_out_and_named() -> None:
+    campaign = worlds.simulated(0, worlds.LostPairs(1.0))
+    analysis = analyse(campaign.material)
+    assert any("left out, as the count is unlike all others round it" in note for note in analysis.notes)
+    wrong = wrong_world("lost_pairs", 1.0)
+    assert all(is_sound(entry) for entry in wrong.entries)
+    for entry, before in zip(wrong.entries, right_world(0).entries, strict=True):
+        assert abs(entry["value"] - before["value"]) < 0.3 * before["expanded_uncertainty"]
+
+
+def test_a_block_that_came_twice_is_left_out() -> None:
+    wrong = wrong_world("repeated_blocks", 1.0)
+    assert all(is_sound(entry) for entry in wrong.entries)
+    assert sorted_classes(wrong, right_world(0))[WRONG] == 0
+
+
+def test_jumps_that_are_no_longer_small_are_refused() -> None:
+    strong = worlds.World(lock_in_deg_s=3.0)
+    (seen,) = [
+        check for check in analyse(worlds.simulated(0, strong).material).evidence if check.code == "implausible_lock_in"
+    ]
+    assert seen.refuses
+    assert seen.quantities == CONSTANTS
+
+
+def test_a_walk_that_grows_is_doubted() -> None:
+    """Quantum noise ten times as large in the last tenth: the mean of both halves is another one."""
+    (laser,) = [worlds._result(worlds.simulated(0, worlds.World()))]
+    increment = laser.found.increments["global_constants"]
+    late = np.arange(increment.size) > 0.9 * increment.size
+    increment[late] += 10.0 * np.nanstd(increment) * np.random.default_rng(1).standard_normal(int(late.sum()))
+    found = [check for check in weigh(evidence([laser])).against if check.code == "walk_changes"]
+    assert [check.conditions["method"] for check in found] == ["global_constants"]
+
+
+def test_every_check_is_heard_in_a_right_world_too() -> None:
+    """The level of a campaign is set by the number of its checks, those that found nothing included."""
+    heard: list[Evidence] = analyse(worlds.simulated(0, worlds.World()).material).evidence
+    per_output = {"rate_wanders", "line_in_rate", "walk_changes", "allan_misfit"}
+    count: dict[str, Any] = {code: sum(check.code == code for check in heard) for code in per_output}
+    assert count == dict.fromkeys(per_output, 7)  # six outputs, and the ratios to the first of them
+    assert all(check.probability > 0.0 for check in heard)
