@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
+from scipy import optimize, special
 
 from bench.model.errors import FitError
 
@@ -26,6 +26,9 @@ Int64 = NDArray[np.int64]
 
 WHITE_ANGLE, FLICKER_ANGLE, WHITE_RATE, FLICKER_RATE, RANDOM_WALK = 2, 1, 0, -1, -2
 _FEWEST_AVERAGES = 30  # fewer do not tell one power law from the next
+_MIXED, _POWERS, _WHITE = (WHITE_ANGLE, WHITE_RATE, FLICKER_RATE, RANDOM_WALK), (-2.0, -1.0, 0.0, 1.0), 1
+_FEWEST_CURVE = 6  # averaging times that tell four power laws
+_REWEIGHTINGS, _MORE = 4, 0.5
 _CORRELATED = 3  # averages over which differences are correlated, flicker noise nearly
 
 
@@ -39,7 +42,8 @@ class AllanDeviation:
         deviation: (k,), unit of the rate.   low, high: confidence limits, (k,).
         differences: that the deviation is made of, (k,).   dof: equivalent degrees of freedom, (k,).
         exponents: power of frequency in the rate's spectrum that was found at each averaging time, (k,): 2 white
-            noise of the angle, 1 its flicker noise, 0 white noise of the rate, -1 flicker noise, -2 random walk.
+            noise of the angle, 1 its flicker noise, 0 white noise of the rate, -1 flicker noise, -2 random walk. Where
+            fewer than 30 averages fit, that of the largest part of what the whole curve shows.
     """
 
     interval_s: float
@@ -87,6 +91,8 @@ def allan_deviation(
         degrees_of_freedom(int(m), int(count), int(alpha), modified=modified)
         for m, count, alpha in zip(used, differences, exponents, strict=True)
     ])  # fmt: skip
+    if not modified:
+        exponents, dof = _at_few_averages(rate.size, used, variance, differences, exponents, dof)
     deviation = np.sqrt(variance)
     low, high = confidence_limits(deviation, dof, probability)
     return AllanDeviation(
@@ -176,6 +182,55 @@ def _exponent(averages: Array, otherwise: int) -> int:
     return otherwise
 
 
+def _at_few_averages(
+    samples: int, factors: Int64, variance: Array, differences: Int64, exponents: Int64, dof: Array
+) -> tuple[Int64, Array]:
+    """Return exponents and degrees of freedom, those of few averages from the noise that all averaging times show.
+
+    Fewer than 30 averages do not tell their own power law, and that of shorter times need not go on: quantisation ends
+    in random walk. So powers of the averaging time are fitted to the whole curve, and the degrees of freedom are those
+    of the mixture. A rate random walk that only begins there is counted with half of its standard uncertainty on top.
+    """
+    few = samples // factors < _FEWEST_AVERAGES
+    if not few.any() or factors.size < _FEWEST_CURVE:
+        return exponents, dof
+    shares = _shares(factors.astype(np.float64), variance, dof)
+    exponents, dof = exponents.copy(), dof.copy()
+    for at in np.flatnonzero(few):
+        exponents[at] = _MIXED[int(np.argmax(shares[at]))]
+        dof[at] = _mixed_dof(int(factors[at]), int(differences[at]), shares[at])
+    return exponents, dof
+
+
+def _shares(factor: Array, variance: Array, dof: Array) -> Array:
+    """Return part of each power law in the Allan variances, (k, 4)."""
+    laws = np.column_stack([factor**power for power in _POWERS])
+    model, squares = variance, np.zeros(len(_POWERS))
+    for _ in range(_REWEIGHTINGS):
+        weight = np.sqrt(dof / 2.0) / model
+        scaled = laws * weight[:, None]
+        length = np.linalg.norm(scaled, axis=0)
+        squares = optimize.nnls(scaled / length, variance * weight)[0] / length
+        model = laws @ squares
+        if not (model > 0.0).all():
+            return np.tile(np.eye(len(_POWERS))[_WHITE], (factor.size, 1))
+    unit = scaled / length
+    squares[-1] += _MORE * float(np.sqrt(np.linalg.inv(unit.T @ unit)[-1, -1])) / length[-1]
+    parts = laws * squares
+    return np.asarray(parts / parts.sum(axis=1, keepdims=True))
+
+
+def _mixed_dof(factor: int, differences: int, share: Array) -> float:
+    """Return degrees of freedom of an Allan variance of several power laws; ``share`` of each in it, (4,)."""
+    length = min(differences, _CORRELATED * factor)
+    lags = np.arange(-factor, length + factor + 1)
+    covariance = np.zeros(length + 1)
+    for exponent, part in zip(_MIXED, share.tolist(), strict=True):
+        of_one = _difference_covariance(lags, factor, exponent)[factor : factor + length + 1]
+        covariance += part * of_one / of_one[0]
+    return _equivalent(covariance, differences)
+
+
 def degrees_of_freedom(factor: int, differences: int, exponent: int, *, modified: bool = False) -> float:
     """Return equivalent chi-squared degrees of freedom of an overlapping (or modified) Allan variance.
 
@@ -194,6 +249,12 @@ def degrees_of_freedom(factor: int, differences: int, exponent: int, *, modified
         covariance = _moving_sum(_moving_sum(covariance, factor), factor)[1 : length + 2]
     else:
         covariance = covariance[factor : factor + length + 1]
+    return _equivalent(covariance, differences)
+
+
+def _equivalent(covariance: Array, differences: int) -> float:
+    """Return degrees of freedom of a mean square of differences whose covariances at lags 0 to l are these."""
+    length = covariance.size - 1
     shared = np.square(covariance / covariance[0])
     weight = 2.0 * (1.0 - np.arange(length + 1) / differences)
     weight[0] = 1.0

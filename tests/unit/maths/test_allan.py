@@ -7,9 +7,10 @@ from collections.abc import Callable
 import allantools
 import numpy as np
 import pytest
-from allan_simulation import kasdin
+from allan_simulation import kasdin, record
 
 from bench.maths.allan import allan_deviation, confidence_limits, degrees_of_freedom
+from bench.maths.allan_terms import allan_variance_of
 from bench.model.errors import FitError
 
 NBS_9_RATES = np.array([892.0, 809.0, 823.0, 798.0, 671.0, 644.0, 883.0, 903.0, 677.0])
@@ -197,3 +198,19 @@ def test_intervals_cover_and_the_noise_is_recognised(exponent: int) -> None:
     assert recognised > 0.55
     nearest = np.mean([np.abs(curve.exponents - exponent) <= 1 for curve in curves])
     assert nearest > 0.98
+
+
+@pytest.mark.parametrize(
+    "terms",
+    [{"quantisation_noise": 10.0, "white_noise": 1.0}, {"quantisation_noise": 30.0, "random_walk": 0.02}],
+    ids=["into random walk", "into rate random walk"],
+)
+def test_intervals_of_few_averages_know_that_noise_goes_on_otherwise(terms: dict[str, float]) -> None:
+    """100 records that begin with quantisation, seed 5. With the power law of shorter times 43 to 74 % were inside."""
+    rng, factors = np.random.default_rng(5), [1, 2, 4, 8, 16, 32, 64, 128, 204, 256, 341]
+    curves = [allan_deviation(record(rng, 1024, 1.0, **terms), 1.0, factors=factors) for _ in range(100)]
+    few = 1024 // curves[0].factors < 30
+    truth = np.sqrt(sum(size**2 * allan_variance_of(name, curves[0].tau_s) for name, size in terms.items()))
+    inside = np.mean([(curve.low < truth) & (truth < curve.high) for curve in curves], axis=0)[few]
+    print(f"{terms}: {inside}")
+    assert inside.min() >= 0.88
