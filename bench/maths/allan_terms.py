@@ -48,13 +48,15 @@ _SECOND_DIFFERENCE = ((0, 1.0), (1, -2.0), (2, 1.0))
 class NoiseTerm:
     """One coefficient, in the unit of the rate and a power of the second (``UNITS``).
 
-    ``std_uncertainty`` is NaN where the coefficient is 0; ``upper_limit`` is not exceeded with 95 % confidence,
-    whatever the other terms are; ``significant``: without the term the fit is worse than chance explains.
+    ``std_uncertainty`` is NaN where the coefficient is 0; ``free_std``: the same with every other term free, also those
+    that were fitted as 0; ``upper_limit`` is not exceeded with 95 % confidence, whatever the other terms are;
+    ``significant``: without the term the fit is worse than chance explains.
     """
 
     name: str
     coefficient: float
     std_uncertainty: float
+    free_std: float
     upper_limit: float
     significant: bool
 
@@ -180,17 +182,20 @@ def _require(curve: AllanDeviation, terms: Sequence[str]) -> None:
 
 def _term(problem: _Problem, place: int, squares: Array, covariance: Array, chi2: float) -> NoiseTerm:
     square = float(squares[place])
-    coefficient, spread = float(np.sqrt(square)), float("nan")
+    coefficient, spread, free = float(np.sqrt(square)), float("nan"), float("nan")
     if square > 0.0:
         present = np.flatnonzero(squares > 0.0)
         names = [problem.terms[k] for k in present]
         fit = solve(problem.design[:, present], problem.variance, covariance, names)
         spread = float(np.sqrt(fit.covariance.diagonal()[present == place][0])) / (2.0 * coefficient)
+        whole = solve(problem.design, problem.variance, covariance, problem.terms)
+        free = float(np.sqrt(whole.covariance[place, place])) / (2.0 * coefficient)
     without = problem.nonnegative(covariance, without=place)[1]
     return NoiseTerm(
         name=problem.terms[place],
         coefficient=coefficient,
         std_uncertainty=spread,
+        free_std=free,
         upper_limit=float(np.sqrt(_highest(problem, place, squares))),
         significant=without - chi2 > _SIGNIFICANT,
     )

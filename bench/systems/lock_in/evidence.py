@@ -28,6 +28,7 @@ from bench.systems.lock_in.result import LaserResult, walk_std_deg_rth
 from bench.systems.lock_in.tables import LABELS
 
 _TIMES, _SWINGS, _PHASES = 4, 4, 8  # groups of turnarounds
+_TAIL = 60  # degrees of freedom of an F-test: variances are no normal variables, so a chi-squared is too short
 _LOOKED_AT = 1e-3  # far above the level of any campaign, so that the fits cost nothing in a right world
 _SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
 
@@ -136,7 +137,7 @@ def _output(laser: LaserResult, method: str, walk: RandomWalk) -> Iterator[Evide
 
 def _misfit(laser: LaserResult, method: str, walk: RandomWalk, of_it: str) -> Iterator[Evidence]:
     """Yield whether more noise than random walk and quantisation is there: all five terms are the rival."""
-    probability = float(special.chdtrc(walk.dof, walk.chi2))
+    probability = float(special.fdtrc(walk.dof, _TAIL, walk.chi2 / max(walk.dof, 1)))
     move = 0.0
     if probability < _LOOKED_AT:
         move = _move(laser, walk, laser.found.increments[method], TERMS)

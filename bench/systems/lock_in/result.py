@@ -17,9 +17,11 @@ from bench.systems.lock_in.records import Events, LaserRecord, record_events
 
 _ONE_SIDED = 1.645  # 95 % of a normal distribution lie below
 _PROBABILITY = 1e-4  # that a record without any other noise is called off
-# The fit's shapes are of first order in the jumps. Measured for jumps of 0.07 to 0.14 rad, backscatter phases of 0, 40
-# and 90 deg: its lock-in rate is off by up to 0.1 of the jump squared, its backscatter phase by 0.05 rad of it.
-_RATE_OFF, _PHASE_OFF_rad = 0.1, 0.05
+# The fit's shapes are of first order in the jumps. By exact integration without noise (backscatter phases of 0 to 165
+# deg by 15, jumps of 0.11 to 0.14 rad, 15 and 28 cm) its rate is off by these parts of the largest jump squared,
+# constant, by cos 2 beta and by cos 4 beta, and its phase by -0.046 sin 2 beta, to what is left below.
+_RATE_OFF, _PHASE_OFF_rad = (-0.0275, 0.0723, -0.0043), -0.046
+_RATE_LEFT, _PHASE_LEFT_rad = 0.01, 0.01
 _PARTS = 24  # of a turn of the phase, in which what is left is averaged
 
 
@@ -103,8 +105,12 @@ class LaserResult:
         both = _weighted([(fit.kappa_rad_s, fit.kappa_std_rad_s) for fit in self.found.constants])
         if both is None:
             return None
-        factor, left_out = math.degrees(1.0 / self.gain), _RATE_OFF * self._jump_squared / math.sqrt(3.0)
-        return Measured(factor * both.value, factor * math.hypot(both.std, left_out * both.value))
+        twice_rad = 2.0 * self.found.constants[0].beta_rad
+        parts = (1.0, math.cos(twice_rad), math.cos(2.0 * twice_rad))
+        off = self._jump_squared * math.fsum(part * size for part, size in zip(parts, _RATE_OFF, strict=True))
+        factor = math.degrees(1.0 / self.gain) / (1.0 + off)
+        left = _RATE_LEFT * self._jump_squared / math.sqrt(3.0)
+        return Measured(factor * both.value, factor * math.hypot(both.std, left * both.value))
 
     @property
     def _jump_squared(self) -> float:
@@ -122,8 +128,10 @@ class LaserResult:
         both = _weighted(turned)
         if both is None:
             return None
-        std_rad = math.hypot(both.std, _PHASE_OFF_rad * self._jump_squared / math.sqrt(3.0))
-        return Measured(math.degrees(math.remainder(about + both.value, math.tau)), math.degrees(std_rad))
+        phase_rad = about + both.value
+        phase_rad -= self._jump_squared * _PHASE_OFF_rad * math.sin(2.0 * phase_rad)
+        std_rad = math.hypot(both.std, _PHASE_LEFT_rad * self._jump_squared / math.sqrt(3.0))
+        return Measured(math.degrees(math.remainder(phase_rad, math.tau)), math.degrees(std_rad))
 
     @property
     def expected_deg_rth(self) -> float | None:

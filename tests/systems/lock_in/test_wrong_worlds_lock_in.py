@@ -5,6 +5,7 @@ Crossings are made from the physics alone (``laser_physics``); nothing of the pr
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -60,7 +61,7 @@ def test_nothing_that_can_be_seen_is_confidently_wrong(switch: Switch, size: flo
         ("phase_steps", 5.0, OF_CONSTANTS, "lock_in_in_runs"),
         ("rate_ramp", 2.0, 4, "rate_wanders"),
         ("rate_step", 100.0, OF_WALKS, "allan_misfit"),
-        ("vibration", 1.0, OF_WALKS, "line_in_rate"),
+        ("vibration", 0.03, 4, "line_in_rate"),
         ("comparator_offset", 0.5, OF_CONSTANTS, "lock_in_by_phase"),
         ("regular_dither", 20.0, ALL, "dither_too_regular"),
         ("regular_dither", 20.0, ALL, "walk_unlike_lock_in"),
@@ -124,3 +125,19 @@ def test_every_check_is_heard_in_a_right_world_too() -> None:
     count: dict[str, Any] = {code: sum(check.code == code for check in heard) for code in per_output}
     assert count == dict.fromkeys(per_output, 7)  # six outputs, and the ratios to the first of them
     assert all(check.probability > 0.0 for check in heard)
+
+
+def test_a_lock_in_that_goes_with_the_swing_of_the_dither_is_doubted() -> None:
+    laser = worlds._result(worlds.simulated(0, worlds.World()))
+    (fit,) = laser.found.constants
+    used = np.isfinite(fit.jumps.dpsi_rad)
+    wide = fit.jumps.curvature_rad_s2[used] > np.quantile(fit.jumps.curvature_rad_s2[used], 0.75)
+    share = np.where(wide, 0.2, -0.05)  # of kappa, a mean of next to nothing
+    laser.found.constants[0] = replace(fit, score=fit.score + share[:, None] * (fit.information @ _constants(fit)))
+    found = {check.code: check for check in evidence([laser])}
+    assert found["lock_in_by_swing"].probability < 1e-6
+    assert found["lock_in_by_time"].probability > 1e-4
+
+
+def _constants(fit: Any) -> Any:
+    return fit.kappa_rad_s * np.array([np.cos(fit.beta_rad), np.sin(fit.beta_rad)])

@@ -192,7 +192,7 @@ def random_walk(
     walk, quantum = fit["white_noise"], fit["quantisation_noise"]
     return RandomWalk(
         n_deg_rth=walk.coefficient / 60.0,  # deg/h times the root of a second
-        n_std_deg_rth=walk.std_uncertainty / 60.0,
+        n_std_deg_rth=walk.free_std / 60.0,  # a quantisation that was fitted as 0 need not be 0
         n_upper_deg_rth=walk.upper_limit / 60.0,
         q_deg=quantum.coefficient / 3600.0,
         q_std_deg=quantum.std_uncertainty / 3600.0,

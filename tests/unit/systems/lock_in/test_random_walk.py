@@ -18,6 +18,7 @@ from bench.systems.lock_in.estimators.random_walk import (
 
 PERIOD_s = 1.0 / 400.0
 MIL_deg = 0.05625
+_RUNS = 24
 
 
 def increments(walk_rad: float, quantum_rad: float, halves: int, seed: int) -> np.ndarray:
@@ -34,10 +35,10 @@ def increments(walk_rad: float, quantum_rad: float, halves: int, seed: int) -> n
     [(0.02, 0.0, 0.02, 0.03), (0.02, 0.02, 0.02, 0.04), (2e-3, 0.02, 0.04, 0.08)],
 )
 def test_walk_and_quantisation_are_told_apart(walk_rad: float, quantum_rad: float, bias: float, scatter: float) -> None:
-    runs = [random_walk(increments(walk_rad, quantum_rad, 8_000, seed), PERIOD_s, 0.28) for seed in range(8)]
+    runs = [random_walk(increments(walk_rad, quantum_rad, 8_000, seed), PERIOD_s, 0.28) for seed in range(_RUNS)]
     truth = np.rad2deg(walk_rad * np.sqrt(2.0 / PERIOD_s) / gyro_gain(0.28)) * 60.0
     walks = np.array([run.n_deg_rth for run in runs]) / truth
-    assert abs(walks.mean() - 1.0) < bias + 3.0 * scatter / np.sqrt(8.0)
+    assert abs(walks.mean() - 1.0) < bias + 3.0 * scatter / np.sqrt(_RUNS)
     assert walks.std() < 1.8 * scatter
     stated = np.nanmean([run.n_std_deg_rth for run in runs]) / truth
     assert 0.5 * walks.std() < stated < 2.0 * walks.std()
