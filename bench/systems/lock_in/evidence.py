@@ -19,7 +19,7 @@ from bench.maths.allan_terms import TERMS
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import GLOBAL, RAW
-from bench.systems.lock_in.estimators.constancy import constancy, parts_of, runs
+from bench.systems.lock_in.estimators.constancy import Constancy, constancy, parts_of, runs
 from bench.systems.lock_in.estimators.global_constants import GlobalConstants
 from bench.systems.lock_in.estimators.random_walk import RandomWalk, random_walk
 from bench.systems.lock_in.estimators.steadiness import change, enough, line, wander
@@ -28,6 +28,7 @@ from bench.systems.lock_in.result import LaserResult, walk_std_deg_rth
 from bench.systems.lock_in.tables import LABELS
 
 _TIMES, _SWINGS, _PHASES = 4, 4, 8  # groups of turnarounds
+_FIRST_ORDER = 0.1  # of the largest jump squared: of the rate, relative, and of the phase, rad
 _TAIL = 60  # degrees of freedom of an F-test: variances are no normal variables, so a chi-squared is too short
 _LOOKED_AT = 1e-3  # far above the level of any campaign, so that the fits cost nothing in a right world
 _SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
@@ -54,7 +55,7 @@ def _constants(laser: LaserResult) -> Iterator[Evidence]:
         groups = _groups(fit)
         for name, words in _GROUPS.items():
             seen = constancy(fit, groups[name])
-            moves = [seen.kappa_moves * _rate(laser), math.degrees(seen.beta_moves_rad)]
+            moves = _beyond_first_order(laser, seen)
             sentence = (
                 f"The lock-in of {laser.name} differs {words} (F {seen.figure:.3g}): rate or phase is not one "
                 "constant, or the crossings hold something else. Look at dither, comparators and temperature."
@@ -98,8 +99,14 @@ def _groups(fit: GlobalConstants) -> dict[str, Any]:
     }
 
 
-def _rate(laser: LaserResult) -> float:
-    return math.nan if laser.lock_in_deg_s is None else laser.lock_in_deg_s.value
+def _beyond_first_order(laser: LaserResult, seen: Constancy) -> tuple[float, float]:
+    """Return by how much lock-in rate, deg/s, and backscatter phase, degree, move beyond what the fit's shapes, of
+    first order in the jumps, leave in a right laser: groups then differ and nothing is wrong.
+    """
+    rate = math.nan if laser.lock_in_deg_s is None else laser.lock_in_deg_s.value
+    left = _FIRST_ORDER * laser.jump_squared
+    kappa, beta_rad = (max(0.0, abs(move) - left) for move in (seen.kappa_moves, seen.beta_moves_rad))
+    return kappa * rate, math.degrees(beta_rad)
 
 
 def _in_U(laser: LaserResult, moves: Sequence[float]) -> float:

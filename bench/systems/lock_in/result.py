@@ -107,13 +107,13 @@ class LaserResult:
             return None
         twice_rad = 2.0 * self.found.constants[0].beta_rad
         parts = (1.0, math.cos(twice_rad), math.cos(2.0 * twice_rad))
-        off = self._jump_squared * math.fsum(part * size for part, size in zip(parts, _RATE_OFF, strict=True))
+        off = self.jump_squared * math.fsum(part * size for part, size in zip(parts, _RATE_OFF, strict=True))
         factor = math.degrees(1.0 / self.gain) / (1.0 + off)
-        left = _RATE_LEFT * self._jump_squared / math.sqrt(3.0)
+        left = _RATE_LEFT * self.jump_squared / math.sqrt(3.0)
         return Measured(factor * both.value, factor * math.hypot(both.std, left * both.value))
 
     @property
-    def _jump_squared(self) -> float:
+    def jump_squared(self) -> float:
         """Square of the largest jump of a turnaround, rad^2: twice the mean square."""
         return 2.0 * float(np.nanmean(np.square(self.found.constants[0].jumps.dpsi_rad)))
 
@@ -129,8 +129,8 @@ class LaserResult:
         if both is None:
             return None
         phase_rad = about + both.value
-        phase_rad -= self._jump_squared * _PHASE_OFF_rad * math.sin(2.0 * phase_rad)
-        std_rad = math.hypot(both.std, _PHASE_LEFT_rad * self._jump_squared / math.sqrt(3.0))
+        phase_rad -= self.jump_squared * _PHASE_OFF_rad * math.sin(2.0 * phase_rad)
+        std_rad = math.hypot(both.std, _PHASE_LEFT_rad * self.jump_squared / math.sqrt(3.0))
         return Measured(math.degrees(math.remainder(phase_rad, math.tau)), math.degrees(std_rad))
 
     @property
