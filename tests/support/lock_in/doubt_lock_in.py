@@ -274,7 +274,8 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
     pairs = [(entry, campaign.truths.get(_key(entry))) for entry in document["estimates"]]
     pairs = [(entry, truth) for entry, truth in pairs if truth is not None and entry["quantity"] in QUANTITIES]
     chi2, dof = _trace(campaign) if noise_free else (0.0, 0)
-    return Seen([entry for entry, _ in pairs], [float(truth) for _, truth in pairs], chi2, dof, _PROMISED)
+    entries = [entry | {"conditions": {"method": _key(entry)[1]}} for entry, _ in pairs]  # one record: no other place
+    return Seen(entries, [float(truth) for _, truth in pairs], chi2, dof, _PROMISED)
 
 
 def _key(entry: Any) -> tuple[str, str]:
