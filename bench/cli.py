@@ -23,8 +23,9 @@ app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
-    help="Controller of an unattended calibration bench. Exit status: 0 pass, 1 a verdict fails, 2 bad input, "
-    "3 ended safely after a fault, 4 ended safely by the operator, 5 session damaged, 70 internal error.",
+    help="Controller of an unattended calibration bench. Exit status: 0 every verdict passes and every "
+    "estimate is sound, 1 a verdict fails or is indeterminate or an estimate is doubtful, refused or missing, "
+    "2 bad input, 3 ended safely after a fault, 4 ended safely by the operator, 5 session damaged, 70 internal error.",
 )
 app.add_typer(history_app, name="history")
 

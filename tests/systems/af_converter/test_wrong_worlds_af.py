@@ -5,16 +5,19 @@ Counts are made from the physics alone (``doubt_scale_factor``); nothing of the 
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from functools import cache
 
 import doubt_scale_factor as worlds
 import fit_simulation as sim
+import numpy as np
 import pytest
 from doubt_classes import CLASSES, DOUBTED, REFUSED, RIGHT, WRONG, Seen, Switch, is_visible, sorted_classes
+from scipy import special
 
 from bench.analysis import Material, build_results, is_sound
 from bench.session.coefficients import coefficients_of_session
+from bench.systems.af_converter.estimators.pulses import count_step
 from bench.systems.af_converter.scale_factor.analysis import analyse
 
 SHORT, FULL = range(1), range(10)
@@ -69,6 +72,32 @@ def test_what_is_wrong_is_named(name: str, size: float, left: str, codes: set[st
     wrong = worlds.seen(1, switch, size)
     assert sorted_classes(wrong, right_world(1))[left] >= 9
     assert codes <= {reason["code"] for entry in wrong.entries for reason in entry["reasons"]}
+
+
+@pytest.mark.parametrize(("seed", "size"), [(8, 8.0), (6, 4096.0)])
+def test_counts_in_steps_are_named_where_chance_lets_them_fit_a_line(seed: int, size: float) -> None:
+    """Of all groups of ten campaigns these lay within 5 and 2,000 U of the truth with a chi-square like any other."""
+    wrong = worlds.seen(seed, Switch("stuck_bits", worlds.StuckBits, (size,)), size)
+    assert sorted_classes(wrong, right_world(seed))[WRONG] == 0
+    named = [entry for entry in wrong.entries if "counts_in_steps" in {reason["code"] for reason in entry["reasons"]}]
+    assert {entry["conditions"]["channel"] for entry in named} == {worlds.WRONG}
+    assert len(named) == 3 * len(sim.TEMPERATURES_degC) + 6
+
+
+def test_right_counts_agree_in_a_step_as_seldom_as_whole_numbers() -> None:
+    """Five of the counts of a group: four differences are all even, or multiples of three, four ..., in 8.2 %."""
+    rng, counts = np.random.default_rng(1), defaultdict(list)
+    for seed in range(50):
+        for row in sim.simulate(seed, sim.Switches()).rows:
+            at = row.window.conditions
+            if at["polarity"]:
+                pulses = row.sums["npp"] + row.sums["ppp"]
+                counts[seed, at["channel"], at["temperature_degC"]].append(pulses[at["channel"] - 1])
+    seen = [count_step(rng.choice(group, 5, replace=False)) for group in counts.values() for _ in range(10)]
+    share = np.mean([step > 1 for step, _ in seen])
+    print(f"steps above 1: {100 * share:.1f} % of {len(seen)}")
+    assert share == pytest.approx(special.zeta(4, 2), abs=0.015)
+    assert all(np.mean([chance <= level for _, chance in seen]) < 1.2 * level for level in (0.006, 0.02, 0.09))
 
 
 def test_one_bad_record_is_left_out_and_named() -> None:

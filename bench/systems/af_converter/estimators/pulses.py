@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import special
 
 from bench.systems.af_converter.estimators.readings import clock_ratio, count_noise
 
@@ -128,3 +129,15 @@ def _pulses(name: str, sums: Sequence[Mapping[str, Any]], timing: Sequence[Mappi
         key: np.array([record.get(f"{name}.{key}", empty) for record in timing], dtype=np.int64) for key in TIMING
     }
     return Pulses(count, **columns)
+
+
+def count_step(counts: Array) -> tuple[int, float]:
+    """Return the largest step of which counts are multiples, apart from a remainder that all share.
+
+    Args:    counts: of gates that differ, (m,); zeros and counts that occur twice say nothing.
+    Returns: the step, 1 for single pulses, and the probability of one as large by chance.
+    Source:  d whole numbers are all multiples of k with probability k^-d; sum over all k from the step on.
+    """
+    differences = np.diff(np.unique(counts[counts > 0])).astype(np.int64)
+    step = max(1, int(np.gcd.reduce(differences)))
+    return step, 1.0 if step == 1 else min(1.0, float(special.zeta(max(differences.size, 2), step)))

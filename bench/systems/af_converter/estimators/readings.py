@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from bench.model.errors import FitError
 
 Array = NDArray[np.float64]
+QUANTISATION = "quantisation of the counts"
 
 
 def clock_ratio(af_count: Array, gate_s: Array, af_clock_Hz: float) -> Array:
@@ -148,7 +149,7 @@ def walk_A2(rows: Readings, converter: Converter) -> Array:
 def noise_parts(rows: Readings, converter: Converter) -> dict[str, Array]:
     """Independent part of the covariance by name, each (m, m), ampere squared."""
     return {
-        "quantisation of the counts": np.diag(quantisation_A2(rows, converter)),
+        QUANTISATION: np.diag(quantisation_A2(rows, converter)),
         "quantisation of the AF clock count": np.diag(clock_A2(rows, converter)),
         "white noise of the converter": np.diag(white_A2(rows, converter)),
         "random walk of the bias": walk_A2(rows, converter),

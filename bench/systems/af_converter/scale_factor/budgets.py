@@ -17,7 +17,12 @@ from bench.maths.budget import Budget, Component, combine_all
 from bench.maths.monte_carlo import Distribution, check_interval, propagate
 from bench.systems.af_converter.budget_tables import budget_table, correlation_table, figures, summary_table
 from bench.systems.af_converter.constants import Campaign, Standards
-from bench.systems.af_converter.estimators.readings import calibrator_effects, count_noise, specification
+from bench.systems.af_converter.estimators.readings import (
+    QUANTISATION,
+    calibrator_effects,
+    count_noise,
+    specification,
+)
 from bench.systems.af_converter.estimators.scale_factor import Referral
 from bench.systems.af_converter.estimators.scale_factor_trials import TrialModel
 from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit
@@ -120,7 +125,7 @@ def _noise(visit: GroupFit, index: int, campaign: Campaign) -> list[Component]:
     gate_s = float(np.median(rows.gate_s))
     clock_ppm = float(np.median(count_noise(rows.af_count))) * _PPM
     of_one_row = {
-        "quantisation of the counts": (converter.k0_C / gate_s / np.sqrt(6.0) * _nA, "nA", _COUNTING),
+        QUANTISATION: (converter.k0_C / gate_s / np.sqrt(6.0) * _nA, "nA", _COUNTING),
         "quantisation of the AF clock count": (clock_ppm, "ppm", _COUNTING),
         "white noise of the converter": (converter.white_A_rtHz / np.sqrt(2.0 * gate_s) * _nA, "nA", _DECLARED),
         "random walk of the bias": (converter.walk_A_rth * _nA, "nA", f"{_DECLARED}; after 1 h"),

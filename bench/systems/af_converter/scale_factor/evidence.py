@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from bench.analysis import Estimates, Evidence
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.constants import Campaign, Standards
-from bench.systems.af_converter.estimators.readings import pulse_currents_A
+from bench.systems.af_converter.estimators.pulses import count_step
+from bench.systems.af_converter.estimators.readings import QUANTISATION, pulse_currents_A
 from bench.systems.af_converter.group_fit import (
     CLOCK_STEADY,
     SCALE_FACTORS,
@@ -46,6 +47,7 @@ def evidence(
     return [
         *(seen for visit in fitted.groups for seen in _plausible(visit, campaign)),
         *straight,
+        *(_whole_counts(visit) for visit in fitted.groups),
         *common_step(fitted, entries),
     ]
 
@@ -119,6 +121,24 @@ def _straight(visit: GroupFit, fitted: Fitted, campaign: Campaign, standards: St
     return Evidence(
         "lack_of_fit", sentence, fit.reduced_chi2, max(probability, _SMALLEST), move, SCALE_FACTORS, _about(visit)
     )
+
+
+def _whole_counts(visit: GroupFit) -> Evidence:
+    """Return whether the counts of a visit are single pulses, or go in steps of several of them.
+
+    A step of g moves each reading by as much of a pulse as chance does by one: standard deviation g / sqrt(12).
+    """
+    fit, rows = visit.fit, visit.group.closed
+    step, probability = count_step(np.concatenate([rows.n_count, rows.p_count]))
+    contrast = np.array([1.0, -1.0])
+    std_ppm = np.sqrt([*np.diag(fit.covariance_ppm2), contrast @ fit.covariance_ppm2 @ contrast])
+    of_one_ppm = fit.parts_ppm[QUANTISATION] * np.sqrt(6.0 / 12.0)
+    move = step * float(np.max([*of_one_ppm, np.hypot(*of_one_ppm)] / std_ppm))
+    sentence = (
+        f"The counts of {place_name(visit.group.place)} go in steps of {step} pulses, so that the result may be "
+        f"{move:.3g} times its expanded uncertainty off. Check the counters and the frame of the unit."
+    )
+    return Evidence("counts_in_steps", sentence, float(step), probability, move, SCALE_FACTORS, _about(visit))
 
 
 def _carried(

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from bench.analysis import Table
 from bench.systems.af_converter.constants import Campaign, Standards
@@ -23,27 +22,12 @@ from bench.systems.af_converter.groups import LONGEST_REACH_s, place_name
 if TYPE_CHECKING:
     from bench.record import RecordRow
 
-_CHI2_PROBABILITY = 1e-4  # of a false note per group; a campaign has about 50 groups
-
 
 def notes(fitted: Fitted, campaign: Campaign, standards: Standards, rows: Sequence[RecordRow]) -> list[str]:
-    """All notes but those on missing groups: chi-square, records left out, and what the uncertainties do not hold."""
-    notes = list(standards.notes) + _chi_square(fitted) + _extrapolation(fitted, campaign)
+    """All notes but those on missing groups: records left out, and what the uncertainties do not hold."""
+    notes = list(standards.notes) + _extrapolation(fitted, campaign)
     notes += _records(fitted, rows) + _temperature(fitted, campaign)
     notes.append("The bias is diagnostic: it comes from one open record and never enters the compensation.")
-    return notes
-
-
-def _chi_square(fitted: Fitted) -> list[str]:
-    notes = []
-    for visit in fitted.groups:
-        fit = visit.fit
-        if np.isfinite(fit.chi2) and fit.dof and special.chdtrc(fit.dof, fit.chi2) < _CHI2_PROBABILITY:
-            name = place_name(visit.group.place)
-            notes.append(
-                f"{name[0].upper()}{name[1:]}: reduced chi-square {fit.reduced_chi2:.2f}; the residuals exceed the "
-                "declared uncertainties."
-            )
     return notes
 
 

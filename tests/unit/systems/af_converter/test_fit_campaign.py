@@ -8,7 +8,8 @@ import fit_simulation as sim
 import numpy as np
 import pytest
 
-from bench.analysis import Analysis, Material, analyse
+from bench.analysis import Analysis, Evidence, Material, analyse
+from bench.analysis.doubt import weigh
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 
@@ -185,12 +186,18 @@ def test_change_against_a_previous_calibration_is_judged(campaign: sim.Simulated
         assert one["std_uncertainty"] == pytest.approx(np.sqrt(2.0) * then["std_uncertainty"])  # both in full
 
 
-def test_chi_square_that_exceeds_the_declared_uncertainties_is_noted(campaign: sim.SimulatedCampaign) -> None:
+def lack_of_fit(analysis: Analysis) -> list[Evidence]:
+    """Return which groups do not lie on a straight line."""
+    weighed = weigh(analysis.evidence)
+    return [check for check in (*weighed.against, *weighed.noted) if check.code == "lack_of_fit"]
+
+
+def test_rows_off_the_straight_line_are_evidence(campaign: sim.SimulatedCampaign) -> None:
     """Two rows, since one alone would be left out."""
     for row, part, current_A in ((campaign.rows[7], 200e-6, 1e-3), (campaign.rows[9], -200e-6, 10e-3)):
         row.sums["npp"] = row.sums["npp"] * (1 + part)
         assert row.window.conditions["current_A"] == current_A
-    assert any("Channel 1 at -10 degC: reduced chi-square" in note for note in run(campaign).notes)
+    assert [check.conditions for check in lack_of_fit(run(campaign))] == [{"channel": 1, "temperature_degC": -10.0}]
 
 
 def test_traceability_and_drift_of_the_calibrator_are_added_when_stated(campaign: sim.SimulatedCampaign) -> None:
@@ -273,10 +280,10 @@ def test_more_noise_than_declared_shows_in_chi_square() -> None:
     assert 0.8 < chi2[2e-9] < 1.2
     assert chi2[20e-9] > 1.5
     noisy = sim.simulate(SEED, sim.Switches(white_A_rtHz=20e-9), kinds)
-    assert any("the residuals exceed the declared uncertainties" in note for note in run(noisy).notes)
+    assert lack_of_fit(run(noisy))
     for channel in noisy.campaign["channels"]:
         channel["noise"]["white_A_rtHz"] = 20e-9
-    assert not any("the residuals exceed" in note for note in run(noisy).notes)
+    assert not lack_of_fit(run(noisy))
 
 
 def test_record_of_an_undeclared_channel_is_named(campaign: sim.SimulatedCampaign) -> None:
