@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from bench.model.errors import FitError
+from bench.systems.af_converter.assumptions import CLOCK_STEADY
 from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.estimators.readings import (
     Bias,
@@ -34,7 +35,6 @@ SCALE_FACTORS = (*QUANTITIES, "dsf_asymmetry")
 ODD = "unlike all others of its group"
 _SLOPE_ppm_degC = 100.0  # standard; larger than that of any converter, while nobody knows it
 _NO_CHANCE = 1e-9  # of a chi-square: something is wrong with the group
-CLOCK_STEADY = 5e-6  # relative, within a visit of half an hour: a bad oscillator moves less
 _LIKELY = 1e-3  # of that of the others, if one row alone is wrong
 
 

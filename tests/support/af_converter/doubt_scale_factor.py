@@ -117,17 +117,17 @@ class ClockSteps(_Wrong):
 
 SWITCHES = (
     Switch("swapped_leads", SwappedLeads, (0.25, 0.5, 1.0)),
-    Switch("soft_saturation", SoftSaturation, (1e-5, 1e-4, 1e-3)),
+    Switch("soft_saturation", SoftSaturation, (1e-5, 1e-4, 1e-3), "converter_linearity"),
     Switch("clipped", Clipped, (1e-5, 1e-3, 1e-1)),
-    Switch("calibrator_step", CalibratorStep, (1e-6, 1e-5, 1e-3)),
-    Switch("calibrator_drift", CalibratorDrift, (3e-6, 3e-5, 3e-3)),
+    Switch("calibrator_step", CalibratorStep, (1e-6, 1e-5, 1e-3), "calibrator_drift"),
+    Switch("calibrator_drift", CalibratorDrift, (3e-6, 3e-5, 3e-3), "calibrator_drift"),
     Switch("even_order", EvenOrder, (1e-5, 1e-4, 1e-3)),
     Switch("one_bad_record", OneBadRecord, (1e-5, 1e-4, 1e-2)),
     Switch("stuck_bits", StuckBits, (8.0, 256.0, 4096.0)),
     Switch("first_of_a_range", DielectricTail, (1e-5, 1e-4, 1e-3)),
     Switch("one_polarity_lost", OnePolarityRelay, (1e-5, 1e-4, 1e-3)),
-    Switch("sensor_gain", SensorGain, (1e-3, 1e-2, 1e-1)),
-    Switch("clock_misread", ClockSteps, (1e-6, 1e-5, 1e-3)),
+    Switch("sensor_gain", SensorGain, (1e-3, 1e-2, 1e-1), "temperature_sensor_gain"),
+    Switch("clock_misread", ClockSteps, (1e-6, 1e-5, 1e-3), "clock_counts"),
 )
 
 

@@ -16,6 +16,7 @@ from doubt_classes import CLASSES, DOUBTED, REFUSED, RIGHT, WRONG, Seen, Switch,
 from scipy import special
 
 from bench.analysis import Material, build_results, is_sound
+from bench.model.assumptions import assumptions_of
 from bench.session.coefficients import coefficients_of_session
 from bench.systems.af_converter.estimators.pulses import count_step
 from bench.systems.af_converter.scale_factor.analysis import analyse
@@ -154,3 +155,12 @@ def test_a_level_as_small_as_the_bias_is_followed(monkeypatch: pytest.MonkeyPatc
     seen = worlds.seen(4, None, 0.0)
     codes = {reason["code"] for entry in seen.entries for reason in entry["reasons"]}
     assert not codes & {"swapped_leads", "stimulus_not_followed"}
+
+
+def test_what_a_switch_hides_is_named_with_a_size() -> None:
+    """By ``bench check`` before the campaign and by the report after it."""
+    taken = {assumption.code: assumption for assumption in assumptions_of(sim.simulate(1).campaign)}
+    assert {switch.assumption for switch in worlds.SWITCHES} - {""} <= taken.keys()
+    assert set(taken) >= {"calibrator_gain", "open_route_leakage", "generator_frequency"}
+    assert "less than 5 ppm" in taken["clock_counts"].unseen
+    assert all(any(figure.isdigit() for figure in assumption.effect) for assumption in taken.values())

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from bench.analysis import Estimates, Evidence
 from bench.maths.verdict import coverage_factor
+from bench.systems.af_converter.assumptions import CLOCK_STEADY
 from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.estimators.pulses import count_step
 from bench.systems.af_converter.estimators.readings import QUANTISATION, pulse_currents_A
 from bench.systems.af_converter.group_fit import (
-    CLOCK_STEADY,
     SCALE_FACTORS,
     Fitted,
     GroupFit,
