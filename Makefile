@@ -14,7 +14,7 @@ export OMP_NUM_THREADS ?= 1
 # Hundreds of processes are started by the tests: they read compiled modules, whatever the machine says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test mutants sweep faults doubt published soak compare pictures structure ways validate bench lint wheel lock
+.PHONY: demo test mutants sweep faults doubt published coverage soak compare pictures structure ways validate bench lint wheel lock
 
 demo: $(VENV)/.kernel
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
@@ -42,6 +42,10 @@ doubt: $(VENV)/.dev
 KEEP ?= sessions/published
 published: $(VENV)/.dev
 	$(PY) tests/doubt/published.py $(KEEP)
+
+# Intervals against the truth, 2,000 campaigns of each kind; what stands in tests/coverage/rows.csv is not done again.
+coverage: $(VENV)/.dev
+	$(PY) tests/coverage/run.py
 
 # N seeds in all, 10,000 of the short campaign or CAMPAIGN=scale_factor_38h N=10; what stands in tests/soak/blocks.csv is
 # not done again, so it can be stopped at any time.
