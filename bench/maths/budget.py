@@ -8,7 +8,7 @@ Source: JCGM 100:2008 sections 5.1, 5.2 and annex G.4 (Welch-Satterthwaite); JCG
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -94,12 +94,24 @@ def combine_all(results: Mapping[str, Sequence[Component]]) -> Budgets:
     return Budgets(budgets, _correlation(list(budgets.values())))
 
 
+def effective_dof(variance: float, parts: Iterable[tuple[float, float]]) -> float:
+    """Return the effective degrees of freedom of a combined variance.
+
+    Args:    variance: of the result, all parts together.   parts: (variance, degrees of freedom) of independent parts;
+             those with infinitely many may be left out.
+    Returns: degrees of freedom, infinite if no part has finitely many.
+    Source:  Welch and Satterthwaite, JCGM 100:2008 equation (G.2b).
+    """
+    spread = math.fsum(part**2 / dof for part, dof in parts)
+    return variance**2 / spread if spread else math.inf
+
+
 def _budget(components: tuple[Component, ...]) -> Budget:
     """Return the budget of independent errors; effective degrees of freedom after Welch and Satterthwaite."""
     variances = [component.contribution**2 for component in components]
     variance = math.fsum(variances)
-    spread = math.fsum(part**2 / component.dof for part, component in zip(variances, components, strict=True))
-    return Budget(components, math.sqrt(variance), variance**2 / spread if spread else math.inf)
+    parts = zip(variances, (component.dof for component in components), strict=True)
+    return Budget(components, math.sqrt(variance), effective_dof(variance, parts))
 
 
 def _check_common(result: str, components: Sequence[Component], dof: dict[str, float]) -> None:

@@ -81,6 +81,9 @@ class Standard(StrictModel):
     uncertainty: list[RangeUncertainty] = Field(default_factory=list)
     corrections: list[RangeCorrection] = Field(default_factory=list)
     traceability: Share | None = Field(None, description="uncertainty of the calibrator's own calibration, 95 %")
+    degrees_of_freedom: Annotated[float, Field(ge=1.0)] | None = Field(
+        None, description="of the uncertainties that the certificate states; they are taken as exact without it"
+    )
     drift: Share | None = Field(None, description="change over a campaign that must be expected, 95 %")
     stated: dict[Name, Stated] = Field(
         default_factory=dict, description="what else the certificate says, by name, each with its unit"
@@ -382,6 +385,8 @@ def _standard(driver: str, standard: Standard) -> dict[str, Any]:
     }
     if standard.traceability is not None:
         entry["traceability_relative"] = standard.traceability
+    if standard.degrees_of_freedom is not None:
+        entry["dof"] = standard.degrees_of_freedom
     if standard.drift is not None:
         entry["drift_relative"] = standard.drift
     if standard.stated:

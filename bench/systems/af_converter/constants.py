@@ -98,7 +98,8 @@ class Campaign(_Tolerant):
 class Standards:
     """Uncertainties (standard, relative or ampere) and corrections of the standards that matter here.
 
-    ``drift``: of the calibrator over the campaign; ``drift_source`` says who knows it.
+    ``drift``: of the calibrator over the campaign; ``drift_source`` says who knows it. ``calibrator_dof``,
+    ``generator_dof``: degrees of freedom of what their certificates state.
     """
 
     ranges: Mapping[float, RangeSpecification]
@@ -107,6 +108,8 @@ class Standards:
     function_generator: float
     notes: tuple[str, ...] = field(default=())
     drift_source: str = "standards register"
+    calibrator_dof: float = math.inf
+    generator_dof: float = math.inf
 
     @property
     def common_relative_ppm(self) -> float:
@@ -171,7 +174,8 @@ def read_standards(standards: Mapping[str, Mapping[str, Any]]) -> Standards:
         notes.append("The uncertainty of the calibrator is relative to its own calibration; that one is not included.")
     if drift is None:
         notes.append(DRIFT_UNKNOWN)
-    return Standards(ranges, traceability, drift, generator, tuple(notes))
+    degrees = read_dof(standards, CALIBRATOR), read_dof(standards, FUNCTION_GENERATOR)
+    return Standards(ranges, traceability, drift, generator, tuple(notes), "standards register", *degrees)
 
 
 def read_generator(standards: Mapping[str, Mapping[str, Any]]) -> float:
@@ -188,6 +192,21 @@ def read_generator(standards: Mapping[str, Mapping[str, Any]]) -> float:
 def read_traceability(standards: Mapping[str, Mapping[str, Any]], role: str) -> float | None:
     """Relative standard uncertainty of a standard's own calibration, None if the register does not state it."""
     return _half(standards[role], "traceability_relative")
+
+
+def read_dof(standards: Mapping[str, Mapping[str, Any]], role: str) -> float:
+    """Return degrees of freedom of what a standard's certificate states; infinite where the register states none.
+
+    Raises: FitError B-FIT-009 for fewer than one, or what is no number.
+    """
+    stated = standards.get(role, {}).get("dof")
+    try:
+        degrees = math.inf if stated is None else float(stated)
+        if not degrees >= 1.0:
+            raise ValueError(f"{degrees:g} degrees of freedom, at least 1 is due")
+    except (TypeError, ValueError) as error:
+        raise _register_error(role, error) from error
+    return degrees
 
 
 def _half(entry: Mapping[str, Any], key: str) -> float | None:

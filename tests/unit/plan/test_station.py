@@ -111,6 +111,16 @@ def probe(due: str = "2000-11-01", r0: str = "100.0123 ohm") -> tuple[str, str]:
     return LINKS, PROBE.format(due=due, r0=r0) + LINKS
 
 
+def test_degrees_of_freedom_of_a_certificate_are_stated_or_absent(tmp_path: Path) -> None:
+    make_bench(tmp_path, station=("certificate: SIM-0001", "certificate: SIM-0001\n      degrees_of_freedom: 12"))
+    register = load_station(tmp_path / "stations" / "af_bench_sim.yaml").standards()
+    assert register["calibrator"]["dof"] == 12.0
+    assert "dof" not in register["switch"]
+    make_bench(tmp_path / "b", station=("certificate: SIM-0001", "certificate: SIM-0001\n      degrees_of_freedom: 0"))
+    with pytest.raises(InputErrors):
+        load_station(tmp_path / "b" / "stations" / "af_bench_sim.yaml")
+
+
 def test_the_manifest_has_what_the_certificate_states(tmp_path: Path) -> None:
     make_bench(tmp_path, station=probe())
     entry = load_station(tmp_path / "stations" / "af_bench_sim.yaml").standards()["reference_probe"]

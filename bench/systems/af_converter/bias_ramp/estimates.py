@@ -18,7 +18,7 @@ from bench.systems.af_converter.coefficients import compensation_entry
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG, width_at
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
-from bench.systems.af_converter.estimators.oscillator import OscillatorFit
+from bench.systems.af_converter.estimators.oscillator import GENERATOR, OscillatorFit
 
 STEP_degC = 15.0  # between the temperatures of the estimates, counted from the reference temperature
 DSF_STD = 400e-6  # of a converter whose scale factor is not calibrated (design: drawn with 400 ppm)
@@ -153,14 +153,17 @@ def master_clock_estimates(fit: OscillatorFit, at_degC: Sequence[float], dropped
     """master_clock_error at temperatures, and its coefficients _tc0 ... about the reference temperature."""
     counts = {"n": fit.n_used, "dropped": fit.n_dropped + dropped}
     name = "master_clock_error"
-    entries = [
-        estimate(name, "ppm", fit.value_ppm(at), fit.std_ppm(at), {"temperature_degC": at}, **counts) for at in at_degC
-    ]
+    entries = []
+    for at in at_degC:
+        std = fit.std_ppm(at)
+        dof = fit.dof(std, fit.components_ppm(at)[GENERATOR])
+        entries.append(estimate(name, "ppm", fit.value_ppm(at), std, {"temperature_degC": at}, **counts, dof=dof))
     reference = {"reference_temperature_degC": fit.reference_degC}
     for order, value in enumerate(fit.coefficients_ppm):
         unit = "ppm" + ("", "/degC")[order] if order < 2 else f"ppm/degC{order}"
         std = fit.coefficient_std_ppm(order)
-        entries.append(estimate(f"{name}_tc{order}", unit, float(value), std, reference, **counts))
+        dof = fit.dof(std, fit.coefficient_components_ppm(order)[GENERATOR])
+        entries.append(estimate(f"{name}_tc{order}", unit, float(value), std, reference, **counts, dof=dof))
     return entries
 
 

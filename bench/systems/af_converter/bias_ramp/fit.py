@@ -5,7 +5,7 @@ master oscillator over temperature from the same windows.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bench.analysis import Floats, Trace
 from bench.model.errors import FitError
 from bench.systems.af_converter.bias_ramp.records import ChannelReadings, RampRecords
-from bench.systems.af_converter.constants import Campaign, read_generator
+from bench.systems.af_converter.constants import FUNCTION_GENERATOR, Campaign, read_dof, read_generator
 from bench.systems.af_converter.estimators.hysteresis.fit import (
     HALF_WIDTH,
     LAG,
@@ -185,7 +185,7 @@ def fit_master_clock(
     """Cubic of dMSTR about the reference temperature. Raises FitError B-FIT-026 if the windows do not determine it."""
     pulses = records.pulses
     length_s = (pulses.frames + pulses.lost) * pulses.frame_s
-    return fit_oscillator(
+    fit = fit_oscillator(
         OscillatorWindows(
             times_s=records.start_s + length_s / 2.0,
             gate_s=pulses.gate_s,
@@ -199,3 +199,4 @@ def fit_master_clock(
         generator_std=read_generator(standards),
         sensor_std_degC=campaign.sensor_std_degC,
     )
+    return replace(fit, generator_dof=read_dof(standards, FUNCTION_GENERATOR))

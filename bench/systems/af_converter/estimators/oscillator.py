@@ -5,11 +5,13 @@ Source: AF-converter paper section 4.1 (1 + dMSTR = f_FG t_INT0 / n_FG; generato
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.maths.budget import effective_dof
 from bench.maths.least_squares import solve
 from bench.model.errors import FitError
 from bench.systems.af_converter.estimators.gates import Whitener, series_covariance
@@ -59,6 +61,7 @@ class OscillatorFit:
     autocorrelation: float
     next_order_sigma: float
     span_degC: tuple[float, float]
+    generator_dof: float = math.inf  # of the generator's certificate
 
     @property
     def rms_ppm(self) -> float:
@@ -92,6 +95,10 @@ class OscillatorFit:
     def std_ppm(self, temperature_degC: float) -> float:
         """Return standard uncertainty of ``value_ppm``, everything included."""
         return float(np.linalg.norm(list(self.components_ppm(temperature_degC).values())))
+
+    def dof(self, std_ppm: float, generator_ppm: float) -> float:
+        """Return degrees of freedom of a result to which the generator brings a standard uncertainty."""
+        return effective_dof(std_ppm**2, [(generator_ppm**2, self.generator_dof)])
 
     def coefficient_components_ppm(self, order: int) -> dict[str, float]:
         """Independent parts of the standard uncertainty of the coefficient of x^order, ppm/degC^order, by name."""

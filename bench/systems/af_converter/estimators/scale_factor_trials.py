@@ -7,6 +7,7 @@ Source: JCGM 101:2008 section 5; docs/decisions/0004 (model) and 0008 (distribut
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -41,7 +42,8 @@ _SMALLEST_VARIANCE_A2 = 1e-36  # keeps the Cholesky factor where noise is declar
 class TrialModel:
     """A group of rows with all that is uncertain about it.
 
-    ``common_relative``: standard uncertainties of further relative errors of the calibrator (traceability, drift);
+    ``common_relative``: further relative errors of the calibrator (traceability, drift), each with its standard
+    uncertainty and degrees of freedom; ``standard_dof``: those of its ranges. Such errors are drawn from Student's t.
     ``sensor_std_degC``: of the unit's temperature sensor.
     """
 
@@ -50,7 +52,8 @@ class TrialModel:
     standard: Mapping[float, RangeSpecification]
     referral: Referral
     method: str = "gls"
-    common_relative: tuple[float, ...] = ()
+    common_relative: tuple[tuple[float, float], ...] = ()
+    standard_dof: float = math.inf
     sensor_std_degC: float = 0.0
 
     def draw(self, generator: Generator, trials: int) -> Array:
@@ -64,7 +67,7 @@ class TrialModel:
         rows = self.rows.take(usable_rows(self.rows))
         counted_A = pulse_currents_A(rows, self.converter)
         n_A, p_A = _counted(generator, trials, rows, self.converter, counted_A)
-        reference_A = _reference(generator, trials, rows, self.standard, self.common_relative)
+        reference_A = _reference(generator, trials, rows, self)
         response_A_degC = thermal_response_A_degC(*counted_A, self.referral)
         warmth = rows.unit_temperature_degC - self.referral.to_degC + _interpolated(generator, trials, rows)
         readings_A = reference_A - (n_A - p_A) - response_A_degC * warmth
@@ -111,21 +114,34 @@ def _reference(
     generator: Generator,
     trials: int,
     rows: Readings,
-    standard: Mapping[float, RangeSpecification],
-    common_relative: tuple[float, ...],
+    model: TrialModel,
 ) -> Array:
     """Current of the calibrator (trials, m): common gain, one offset per range, one linearity error per level."""
+    standard = model.standard
     effects = [
         rows.level_A * np.array([specification(standard, float(range_A)).relative / 2.0 for range_A in rows.range_A])
     ]
-    effects += [rows.level_A * std for std in common_relative]
+    effects += [rows.level_A * std for std, _ in model.common_relative]
     for full_A in np.unique(rows.range_A):
         sigma_A = specification(standard, float(full_A)).floor_A / 2.0
         inside = rows.range_A == full_A
         levels_A = np.unique(rows.level_A[inside & (rows.level_A > 0)])
         effects += [sigma_A * inside, *(sigma_A * (inside & (rows.level_A == level_A)) for level_A in levels_A)]
-    error_A = generator.standard_normal((trials, len(effects))) @ np.array(effects)
+    dof = np.full(len(effects), model.standard_dof)
+    dof[1 : 1 + len(model.common_relative)] = [of for _, of in model.common_relative]
+    error_A = _student_t(generator, trials, dof) @ np.array(effects)
     return np.asarray(reference_current_A(rows, standard) + rows.polarity * error_A)
+
+
+def _student_t(generator: Generator, trials: int, dof: Array) -> Array:
+    """Return draws of Student's t, (trials, k), for degrees of freedom (k,); normal where they are infinite.
+
+    Source: JCGM 101:2008 section 6.4.9.
+    """
+    drawn = generator.standard_normal((trials, dof.size))
+    finite = np.isfinite(dof)
+    drawn[:, finite] *= np.sqrt(dof[finite] / generator.chisquare(dof[finite], (trials, int(finite.sum()))))
+    return np.asarray(drawn)
 
 
 def _interpolated(generator: Generator, trials: int, rows: Readings) -> Array:

@@ -20,14 +20,15 @@ class TemperaturePolynomial:
     """value(T) = c0 + c1 (T - T_ref) + c2 (T - T_ref)^2, as far as the temperatures determine it.
 
     ``coefficients`` (d + 1,) in the unit of the values over degC^k; ``covariance`` (d + 1, d + 1) of the noise and of
-    what the values share; ``operator`` (d + 1, k) makes the coefficients of the values; ``residual`` (k,) value minus
-    polynomial.
+    what the values share, of which ``effects`` (d + 1, j) are one sigma each; ``operator`` (d + 1, k) makes the
+    coefficients of the values; ``residual`` (k,) value minus polynomial.
     """
 
     reference_degC: float
     coefficients: Array
     covariance: Array
     operator: Array
+    effects: Array
     residual: Array
 
     def slope(self, temperature_degC: float) -> float:
@@ -66,5 +67,6 @@ def fit_temperature(
         coefficients=fit.parameters,
         covariance=fit.covariance + effects @ effects.T,
         operator=fit.operator,
+        effects=effects,
         residual=fit.residual,
     )

@@ -7,6 +7,7 @@ fit. What channels share carries one label in all budgets (docs/decisions/0008-u
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -104,12 +105,14 @@ def components_of(
     slopes = fitted.slopes_ppm_degC(visit.group.channel, visit.fit.unit_temperature_degC)
     trace_ppm, drift_ppm = (standards.traceability or 0.0) * _PPM, (standards.drift or 0.0) * _PPM
     sensor_degC = campaign.sensor_std_degC
-    effect_ppm = float(visit.fit.gain_ppm[index])
+    effect_ppm, dof = float(visit.fit.gain_ppm[index]), standards.calibrator_dof
     return [
         *_noise(visit, index, campaign),
         *_range_errors(visit, index, standards),
-        _effect("calibrator gain, common to all rows", gain_ppm, "ppm", effect_ppm, _REGISTER, common="gain"),
-        _effect("calibrator traceability", trace_ppm, "ppm", trace_ppm, _REGISTER, common="traceability"),
+        _effect(
+            "calibrator gain, common to all rows", gain_ppm, "ppm", effect_ppm, _REGISTER, common="gain", dof=dof
+        ),
+        _effect("calibrator traceability", trace_ppm, "ppm", trace_ppm, _REGISTER, common="traceability", dof=dof),
         _effect(
             "calibrator drift over the campaign", drift_ppm, "ppm", drift_ppm, standards.drift_source, common="drift"
         ),
@@ -145,18 +148,26 @@ def _range_errors(visit: GroupFit, index: int, standards: Standards) -> list[Com
     effects = calibrator_effects(visit.group.closed, standards.ranges)
     u_A = dict(zip(effects.labels, np.abs(effects.matrix).max(axis=0), strict=True))
     return [
-        _effect(f"calibrator {label}", float(u_A[label]) * _nA, "nA", float(effect_ppm[index]), _REGISTER, common=label)
+        _effect(
+            f"calibrator {label}",
+            float(u_A[label]) * _nA,
+            "nA",
+            float(effect_ppm[index]),
+            _REGISTER,
+            common=label,
+            dof=standards.calibrator_dof,
+        )
         for label, effect_ppm in visit.fit.shared_ppm.items()
     ]
 
 
 def _effect(
     name: str, u: float, unit: str, contribution_ppm: float, source: str, *, distribution: str = "normal",
-    common: str = "",
+    common: str = "", dof: float = math.inf,
 ) -> Component:  # fmt: skip
     """Return a component from what it is in its own unit and what the fit makes of it."""
     sensitivity = contribution_ppm / u if u else 0.0
-    return Component(name, u, unit, sensitivity, distribution=distribution, source=source, common=common)
+    return Component(name, u, unit, sensitivity, distribution=distribution, source=source, common=common, dof=dof)
 
 
 def _side_by_side(quantity: str, budgets: Mapping[str, Budget]) -> Table:
@@ -186,8 +197,12 @@ def trials_of(visit: GroupFit, fitted: Fitted, campaign: Campaign, standards: St
         standard=standards.ranges,
         referral=Referral(at_degC, fitted.slopes_ppm_degC(visit.group.channel, at_degC)),
         method=method,
-        common_relative=(standards.traceability or 0.0, standards.drift or 0.0),
+        common_relative=(
+            (standards.traceability or 0.0, standards.calibrator_dof),
+            (standards.drift or 0.0, math.inf),
+        ),
         sensor_std_degC=campaign.sensor_std_degC,
+        standard_dof=standards.calibrator_dof,
     )
     return propagate(lambda generator, trials: model.draw(generator, trials)[:, 0], _SEED, TRIALS)
 

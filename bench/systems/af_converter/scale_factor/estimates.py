@@ -6,12 +6,14 @@ before; a scale-factor error itself has no limit.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bench.analysis import Estimate, Estimates, count_problem, estimate
+from bench.maths.budget import effective_dof
 from bench.systems.af_converter.coefficients import UNITS
 from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.estimators.readings import clock_ratio, count_noise, master_clock_error
@@ -35,6 +37,17 @@ def sensor_effect_ppm(visit: GroupFit, fitted: Fitted, campaign: Campaign) -> np
     return np.array(slopes) * campaign.sensor_std_degC
 
 
+def calibrator_parts_ppm(visit: GroupFit, standards: Standards, index: int) -> list[float]:
+    """Return what the calibrator's certificate brings to DSF_N (index 0) or DSF_P (1), part by part, standard, ppm."""
+    of_ranges = [float(effect_ppm[index]) for effect_ppm in visit.fit.shared_ppm.values()]
+    return [*of_ranges, float(visit.fit.gain_ppm[index]), (standards.traceability or 0.0) * _PPM]
+
+
+def calibrator_dof(std_ppm: float, parts_ppm: Iterable[float], standards: Standards) -> float:
+    """Return effective degrees of freedom of a result to which the calibrator's certificate brings some parts."""
+    return effective_dof(std_ppm**2, ((part**2, standards.calibrator_dof) for part in parts_ppm))
+
+
 def scale_factor_std_ppm(visit: GroupFit, standards: Standards, index: int) -> float:
     """Standard uncertainty of DSF_N (index 0) or DSF_P (1) with the calibrator's gain, without the sensor's part."""
     variance = (
@@ -54,12 +67,15 @@ def scale_factor_estimates(visit: GroupFit, fitted: Fitted, campaign: Campaign, 
     entries = []
     for index, quantity in enumerate(QUANTITIES):
         std_ppm = float(np.hypot(scale_factor_std_ppm(visit, standards, index), sensor_ppm[index]))
-        entries.append(estimate(quantity, "ppm", fit.dsf_ppm[index], std_ppm, conditions, **counted))
+        dof = calibrator_dof(std_ppm, calibrator_parts_ppm(visit, standards, index), standards)
+        entries.append(estimate(quantity, "ppm", fit.dsf_ppm[index], std_ppm, conditions, dof=dof, **counted))
     contrast = np.array([1.0, -1.0])
     common_ppm = [fit.gain_ppm, sensor_ppm, fit.drift_ppm_s * fitted.drift_ppm_s(standards)]
     variance = contrast @ fit.covariance_ppm2 @ contrast + sum((contrast @ part) ** 2 for part in common_ppm)
-    value_ppm = float(contrast @ fit.dsf_ppm)
-    entries.append(estimate("dsf_asymmetry", "ppm", value_ppm, float(np.sqrt(variance)), conditions, **counted))
+    value_ppm, std_ppm = float(contrast @ fit.dsf_ppm), float(np.sqrt(variance))
+    parts_ppm = [float(contrast @ part) for part in (*fit.shared_ppm.values(), fit.gain_ppm)]
+    dof = calibrator_dof(std_ppm, parts_ppm, standards)
+    entries.append(estimate("dsf_asymmetry", "ppm", value_ppm, std_ppm, conditions, dof=dof, **counted))
     return entries
 
 
@@ -96,11 +112,14 @@ def residual_estimates(fitted: Fitted, campaign: Campaign, standards: Standards)
             continue
         limit = campaign.channel(channel).stability_limit_ppm
         for visit, value_ppm in zip(visits, polynomial.residual, strict=True):
-            std_ppm = scale_factor_std_ppm(visit, standards, QUANTITIES.index(quantity))
+            index = QUANTITIES.index(quantity)
+            std_ppm = scale_factor_std_ppm(visit, standards, index)
+            dof = calibrator_dof(std_ppm, calibrator_parts_ppm(visit, standards, index), standards)
             conditions = conditions_of(visit.group, visit.fit.unit_temperature_degC, campaign)
             counted = {"n": visit.fit.n, "dropped": visit.group.dropped + visit.fit.dropped}
+            name = f"{quantity}_residual"
             entries.append(
-                estimate(f"{quantity}_residual", "ppm", float(value_ppm), std_ppm, conditions, limit=limit, **counted)
+                estimate(name, "ppm", float(value_ppm), std_ppm, conditions, limit=limit, dof=dof, **counted)
             )
     return entries
 
@@ -118,9 +137,10 @@ def change_estimates(estimates: Iterable[Estimate], campaign: Campaign) -> Estim
             continue
         limit = campaign.channel(now["conditions"]["channel"]).stability_limit_ppm
         std_ppm = float(np.hypot(now["std_uncertainty"], then["std_uncertainty"]))
+        dof = effective_dof(std_ppm**2, ((of["std_uncertainty"] ** 2, of.get("dof", math.inf)) for of in (now, then)))
         change_ppm = now["value"] - then["value"]
         name = f"{now['quantity']}_change"
-        entries.append(estimate(name, "ppm", change_ppm, std_ppm, now["conditions"], n=now["n"], limit=limit))
+        entries.append(estimate(name, "ppm", change_ppm, std_ppm, now["conditions"], n=now["n"], limit=limit, dof=dof))
     return entries
 
 
@@ -151,20 +171,24 @@ def clock_estimates(rows: Iterable[RecordRow], campaign: Campaign, standards: St
         if warmth:
             conditions["unit_temperature_degC"] = float(np.mean(warmth))
         ratio = clock_ratio(af_count, gate_s, campaign.af_clock_Hz) - 1.0
-        entries += _clock("clock_ratio_error", ratio, count_noise(af_count), 0.0, conditions)
+        entries += _clock("clock_ratio_error", ratio, count_noise(af_count), 0.0, math.inf, conditions)
         master = master_clock_error(fg_count, gate_s, campaign.fg_Hz)
-        entries += _clock("master_clock_error", master, count_noise(fg_count), standards.function_generator, conditions)
+        common = standards.function_generator, standards.generator_dof
+        entries += _clock("master_clock_error", master, count_noise(fg_count), *common, conditions)
     return entries
 
 
-def _clock(quantity: str, values: Any, noise: Any, common: float, conditions: dict[str, Any]) -> Estimates:
+def _clock(
+    quantity: str, values: Any, noise: Any, common: float, common_dof: float, conditions: dict[str, Any]
+) -> Estimates:
     seen = np.isfinite(values)
     n = int(seen.sum())
     if n == 0:
         return []
     std = float(np.hypot(np.mean(noise[seen]), common))
     value_ppm, std_ppm = float(np.mean(values[seen])) * _PPM, std * _PPM
-    return [estimate(quantity, "ppm", value_ppm, std_ppm, conditions, n=n, dropped=int((~seen).sum()))]
+    dof = effective_dof(std**2, [(common**2, common_dof)])
+    return [estimate(quantity, "ppm", value_ppm, std_ppm, conditions, n=n, dropped=int((~seen).sum()), dof=dof)]
 
 
 def coefficient_estimates(fitted: Fitted, campaign: Campaign, standards: Standards) -> Estimates:
@@ -179,10 +203,13 @@ def coefficient_estimates(fitted: Fitted, campaign: Campaign, standards: Standar
         }
         for order, value in enumerate(polynomial.coefficients):
             std = float(np.hypot(polynomial.std_uncertainty(order), _sensor_effect(polynomial, order, campaign)))
+            parts = polynomial.effects[order].tolist()
             if quantity in QUANTITIES:
                 std = float(np.hypot(std, _standard_ppm(order, polynomial, visits, fitted, standards)))
+                parts += [] if order else [(standards.traceability or 0.0) * _PPM]
+            dof = calibrator_dof(std, parts, standards)
             unit = UNITS[quantity] + ("", "/degC", "/degC2")[order]
-            entries.append(estimate(f"{quantity}_tc{order}", unit, value, std, conditions, n=len(visits)))
+            entries.append(estimate(f"{quantity}_tc{order}", unit, value, std, conditions, n=len(visits), dof=dof))
     return entries
 
 

@@ -7,9 +7,11 @@ from typing import Any
 import fit_simulation as sim
 import numpy as np
 import pytest
+from scipy import special
 
 from bench.analysis import Material, analyse
 from bench.maths.budget import combine_all
+from bench.model.errors import FitError
 from bench.systems.af_converter.constants import Campaign, Standards, read_campaign, read_standards
 from bench.systems.af_converter.group_fit import Fitted, fit_groups
 from bench.systems.af_converter.groups import campaign_rows, group_rows
@@ -58,6 +60,53 @@ def test_budgets_have_the_totals_of_the_results(method: str) -> None:
             assert budget.std_uncertainty == pytest.approx(entry["std_uncertainty"], rel=1e-12)
             assert budget.coverage_factor == entry["coverage_factor"]
             assert budget.expanded_uncertainty == pytest.approx(entry["expanded_uncertainty"], rel=1e-12)
+
+
+@pytest.mark.parametrize("degrees", [3.0, 8.0])
+def test_degrees_of_freedom_of_the_certificate_reach_every_total(degrees: float) -> None:
+    """The gain of 10 ppm makes most of U: by hand, 10 and 5 ppm of 3 degrees in the combined u; the budget agrees."""
+    campaign = sim.simulate(SEED)
+    section, register = sections(campaign)
+    plain = analyse(Material(campaign.rows, section, register))
+    register["calibrator"] = register["calibrator"] | {"dof": degrees}
+    analysis = analyse(Material(campaign.rows, section, register))
+    constants, standards = read_campaign(section), read_standards(register)
+    groups = fit_groups(group_rows(campaign_rows(campaign.rows), constants.master_Hz), constants, standards, "gls")
+    one = groups.groups[0]
+    budget = combine_all({"": components_of(one, 0, groups, constants, standards)}).budgets[""]
+    entry, before = next(pair for pair in zip(analysis.estimates, plain.estimates, strict=True))
+    assert entry["quantity"] == "dsf_n"
+    assert entry["std_uncertainty"] == before["std_uncertainty"]
+    assert "dof" not in before
+    assert entry["dof"] == pytest.approx(budget.dof, rel=1e-9)
+    by_hand = entry["std_uncertainty"] ** 4 / ((10.0**4 + 5.0**4) / degrees)
+    assert entry["dof"] == pytest.approx(by_hand, rel=0.02)  # the offsets of the ranges bring the rest
+    assert entry["coverage_factor"] == pytest.approx(special.stdtrit(entry["dof"], 0.975))
+    finite = {one["quantity"] for one in analysis.estimates if "dof" in one}
+    assert finite == {
+        *("dsf_n", "dsf_p", "dsf_asymmetry", "dsf_n_residual", "dsf_p_residual"),
+        *(f"dsf_{side}_tc{order}" for side in "np" for order in range(3)),
+    }
+    (table,) = [table for table in analysis.tables if table.title == "Monte Carlo check of dsf_n"]
+    assert "differs" not in {row[-1] for row in table.rows} or degrees < 5.0
+
+
+def test_degrees_of_freedom_below_one_are_refused() -> None:
+    campaign = sim.simulate(SEED)
+    section, register = sections(campaign)
+    register["calibrator"] = register["calibrator"] | {"dof": 0.5}
+    with pytest.raises(FitError, match="at least 1 is due"):
+        analyse(Material(campaign.rows, section, register))
+
+
+def test_degrees_of_freedom_of_the_generator_reach_the_master_clock() -> None:
+    campaign = sim.simulate(SEED)
+    section, register = sections(campaign)
+    register["function_generator"] = {"uncertainty": [{"relative": 2e-6}], "dof": 4.0}
+    entries = analyse(Material(campaign.rows, section, register)).estimates
+    assert {one["quantity"] for one in entries if "dof" in one} == {"master_clock_error"}
+    entry = next(one for one in entries if one["quantity"] == "master_clock_error")
+    assert entry["dof"] == pytest.approx(4.0, rel=1e-2)
 
 
 def test_components_are_shown_with_the_uncertainty_of_one_reading() -> None:
