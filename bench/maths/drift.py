@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.maths.least_squares import solve
+from bench.maths.least_squares import LinearFit, solve
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 
@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
 NO_STANDARD = -1
 _LEAST_OWN = 1e-4  # part of a variance that is always taken as the calibration's own, however much a standard claims
+_AS_STATED = 1e-3  # of the degrees of freedom
+_MOST_STEPS = 40
 _MEAN_RANGE = 1.128  # mean range of two readings of a normal distribution, in standard deviations (d2)
 _RANGE_LIMIT = 3.267  # upper limit of the moving range over its mean (D4)
 
@@ -23,8 +25,9 @@ _RANGE_LIMIT = 3.267  # upper limit of the moving range over its mean (D4)
 class DriftLine:
     """Straight line through the calibrations of one parameter, ``value = mean + rate (t - t_mean)``.
 
-    ``covariance`` of (mean, rate) holds as stated by the calibrations; ``birge_ratio`` = sqrt(chi2 / dof), NaN without
-    a degree of freedom, says whether they scatter more than they state.
+    ``chi2`` is that of the calibrations as they stand: it says whether they scatter more than they state.
+    ``between_std``: what each calibration then has beside its own uncertainty, 0 if they do not. ``covariance`` of
+    (mean, rate) holds that too.
     """
 
     t_mean: float  # years
@@ -34,45 +37,47 @@ class DriftLine:
     residual: Array  # (m,) value - line, in the order of the readings
     chi2: float
     dof: int
+    between_std: float
 
     @property
-    def birge_ratio(self) -> float:
-        """Scatter of the calibrations over what they state; 1 if the stated uncertainties are true."""
-        return float(np.sqrt(self.chi2 / self.dof)) if self.dof else float("nan")
+    def factor(self) -> float:
+        """Two-sided 95 % factor: of Student's t where the scatter is estimated from the calibrations themselves."""
+        return coverage_factor(self.dof) if self.between_std else coverage_factor()
 
     @property
     def rate_std(self) -> float:
-        """Standard uncertainty of the rate, per year, enlarged by the Birge ratio where that is above 1."""
-        enlarged = max(1.0, self.birge_ratio) if self.dof else 1.0
-        return float(np.sqrt(self.covariance[1, 1])) * enlarged
+        """Standard uncertainty of the rate, per year."""
+        return float(np.sqrt(self.covariance[1, 1]))
 
     @property
     def rate_expanded(self) -> float:
         """Half-width of the 95 % interval of the rate, per year."""
-        return coverage_factor() * self.rate_std
+        return self.factor * self.rate_std
 
     def at(self, t: Array) -> Array:
         """Return the line at times, (k,), years."""
         return np.asarray(self.mean + self.rate * (t - self.t_mean))
 
     def std_at(self, t: Array) -> Array:
-        """Return standard uncertainty of the line at times, (k,), years; enlarged like the rate."""
+        """Return standard uncertainty of the line at times, (k,), years."""
         later = t - self.t_mean
         variance = self.covariance[0, 0] + 2.0 * later * self.covariance[0, 1] + later**2 * self.covariance[1, 1]
-        return np.asarray(np.sqrt(variance) * (max(1.0, self.birge_ratio) if self.dof else 1.0))
+        return np.asarray(np.sqrt(variance))
 
 
 def fit_drift_line(t: Array, value: Array, std: Array, shared: Array, standard: Labels) -> DriftLine:
     """Fit a drift line by generalised least squares, the error of a shared standard being common to its calibrations.
 
-    Two calibrations with the same certificate have the covariance ``shared_i shared_j``; all else is independent.
+    Two calibrations with the same certificate have the covariance ``shared_i shared_j``; all else is independent. Where
+    they scatter more than they state, each has a random effect of its own, so large that chi-square is what it must be.
 
     Args:    t: (m,), years.   value, std: (m,) and standard uncertainties, > 0.
              shared: (m,) standard uncertainty that comes from the standard, part of ``std``.
              standard: (m,) label of the standard's certificate, NO_STANDARD where nothing is shared.
     Returns: DriftLine in the unit of ``value`` and years.
     Raises:  FitError B-FIT-001 if all calibrations were made at one time; B-FIT-002 if an uncertainty is not positive.
-    Source:  Golub and Van Loan, Matrix Computations, section 6.1; Birge, Phys. Rev. 40 (1932) 207, for the ratio.
+    Source:  Golub and Van Loan, Matrix Computations, section 6.1; R. C. Paule, J. Mandel, J. Res. NBS 87 (1982) 377,
+             for the random effect, by Newton's method: 1 / chi-square is all but straight in its variance.
     """
     if not (std > 0.0).all():
         raise FitError(
@@ -80,22 +85,37 @@ def fit_drift_line(t: Array, value: Array, std: Array, shared: Array, standard: 
             "a calibration states an uncertainty that is not positive, so it has no weight",
             next_step="check the uncertainties of these estimates with 'bench history show'",
         )
-    own = np.sqrt(np.maximum(std**2 - shared**2, _LEAST_OWN * std**2))
-    t_mean = float(np.average(t, weights=std**-2.0))
-    readings = np.column_stack([np.ones_like(t), t - t_mean, value]) / own[:, None]
-    white = _whitened(readings, shared / own, standard)
-    turned, triangle = np.linalg.qr(white[:, :2])
-    fitted = solve(triangle, turned.T @ white[:, 2], np.eye(2), ["value", "rate"])
-    left = white[:, 2] - white[:, :2] @ fitted.parameters
+    own2 = np.maximum(std**2 - shared**2, _LEAST_OWN * std**2)
+    t_mean, dof = float(np.average(t, weights=std**-2.0)), t.size - 2
+    readings = np.column_stack([np.ones_like(t), t - t_mean, value])
+    between2, chi2 = 0.0, float("nan")
+    for _ in range(_MOST_STEPS):
+        own = np.sqrt(own2 + between2)
+        fitted, left = _line(readings, own, shared, standard)
+        excess = float(left @ left) - dof
+        chi2 = excess + dof if between2 == 0.0 else chi2
+        if dof < 1 or excess <= _AS_STATED * dof:
+            break
+        pull = _whitened(left[:, None], shared / own, standard)[:, 0] / own
+        between2 += (excess + dof) / dof * excess / float(pull @ pull)
     return DriftLine(
         t_mean=t_mean,
         mean=float(fitted.parameters[0]),
         rate=float(fitted.parameters[1]),
         covariance=fitted.covariance,
         residual=value - fitted.parameters[0] - fitted.parameters[1] * (t - t_mean),
-        chi2=float(left @ left),
-        dof=t.size - 2,
+        chi2=chi2,
+        dof=dof,
+        between_std=float(np.sqrt(between2)),
     )
+
+
+def _line(readings: Array, own: Array, shared: Array, standard: Labels) -> tuple[LinearFit, Array]:
+    """Return value and rate of columns (1, t, value), and the residual made white."""
+    white = _whitened(readings / own[:, None], shared / own, standard)
+    turned, triangle = np.linalg.qr(white[:, :2])
+    fitted = solve(triangle, turned.T @ white[:, 2], np.eye(2), ["value", "rate"])
+    return fitted, white[:, 2] - white[:, :2] @ fitted.parameters
 
 
 def _whitened(rows: Array, shared: Array, standard: Labels) -> Array:

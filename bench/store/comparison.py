@@ -55,6 +55,7 @@ class ParameterHistory:
             "en_above_1": int((np.abs(en) > 1.0).sum()),
             "rate_per_year": None if line is None else line.rate,
             "rate_expanded_uncertainty": None if line is None else line.rate_expanded,
+            "between_calibrations_std": None if line is None else line.between_std,
             "reduced_chi2": line.chi2 / line.dof if line and line.dof else None,
             "control_sigma": None if chart is None else chart.sigma,
             "control_limits_2_sigma": None if chart is None else list(chart.warning),

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.maths.drift import days_to_limit
+from bench.maths.verdict import coverage_factor
 from bench.model.clock import NS
 from bench.store.comparison import Comparison, ParameterHistory
 from bench.store.reading import utc_text
@@ -83,7 +84,7 @@ def _days_left(members: list[ParameterHistory], most_days: int) -> NDArray[np.in
     value, std = (np.array([getattr(history, name)[-1] for history in members]) for name in ("value", "std"))
     lines = [history.line if _tells_drift(history, most_days) else None for history in members]
     rate = np.array([line.rate if line else np.nan for line in lines]) / _DAYS_PER_YEAR
-    rate_std = np.array([line.rate_std if line else np.nan for line in lines]) / _DAYS_PER_YEAR
+    rate_std = np.array([line.rate_expanded if line else np.nan for line in lines]) / coverage_factor() / _DAYS_PER_YEAR
     limit, change_limit = (
         np.array([getattr(history, name) for history in members]) for name in ("limit", "change_limit")
     )

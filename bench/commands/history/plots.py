@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.maths.verdict import coverage_factor
 from bench.model.errors import InputError
 from bench.report import plots
 from bench.session.output import writing
@@ -51,7 +50,7 @@ def _panel(history: ParameterHistory) -> plots.Panel:
         expanded=scale * history.factor * history.std,
         line_year=at + _EPOCH_YEAR,
         line=scale * history.line.at(at) if history.line else empty,
-        line_expanded=scale * coverage_factor() * history.line.std_at(at) if history.line else empty,
+        line_expanded=scale * history.line.factor * history.line.std_at(at) if history.line else empty,
         action_sigma=3.0 * scale * history.chart.sigma if history.chart else math.nan,
         limit=scale * history.limit,
         outside=np.isin(history.rows, history.outside),
