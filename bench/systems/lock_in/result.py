@@ -21,7 +21,7 @@ _PROBABILITY = 1e-4  # that a record without any other noise is called off
 # deg by 15, jumps of 0.11 to 0.14 rad, 15 and 28 cm) its rate is off by these parts of the largest jump squared,
 # constant, by cos 2 beta and by cos 4 beta, and its phase by -0.046 sin 2 beta, to what is left below.
 _RATE_OFF, _PHASE_OFF_rad = (-0.0275, 0.0723, -0.0043), -0.046
-_RATE_LEFT, _PHASE_LEFT_rad = 0.01, 0.01
+_LEFT, _LEFT_MORE = 0.01, 0.12  # of the jump squared, and of its fourth power (jumps of 0.37 rad, 5 cm)
 _PARTS = 24  # of a turn of the phase, in which what is left is averaged
 
 
@@ -109,13 +109,17 @@ class LaserResult:
         parts = (1.0, math.cos(twice_rad), math.cos(2.0 * twice_rad))
         off = self.jump_squared * math.fsum(part * size for part, size in zip(parts, _RATE_OFF, strict=True))
         factor = math.degrees(1.0 / self.gain) / (1.0 + off)
-        left = _RATE_LEFT * self.jump_squared / math.sqrt(3.0)
-        return Measured(factor * both.value, factor * math.hypot(both.std, left * both.value))
+        return Measured(factor * both.value, factor * math.hypot(both.std, self._left * both.value))
 
     @property
     def jump_squared(self) -> float:
         """Square of the largest jump of a turnaround, rad^2: twice the mean square."""
         return 2.0 * float(np.nanmean(np.square(self.found.constants[0].jumps.dpsi_rad)))
+
+    @property
+    def _left(self) -> float:
+        """Standard uncertainty of what the corrections leave: of the rate, relative, and of the phase, rad."""
+        return (_LEFT + _LEFT_MORE * self.jump_squared) * self.jump_squared / math.sqrt(3.0)
 
     @property
     def backscatter_deg(self) -> Measured | None:
@@ -130,7 +134,7 @@ class LaserResult:
             return None
         phase_rad = about + both.value
         phase_rad -= self.jump_squared * _PHASE_OFF_rad * math.sin(2.0 * phase_rad)
-        std_rad = math.hypot(both.std, _PHASE_LEFT_rad * self.jump_squared / math.sqrt(3.0))
+        std_rad = math.hypot(both.std, self._left)
         return Measured(math.degrees(math.remainder(phase_rad, math.tau)), math.degrees(std_rad))
 
     @property
