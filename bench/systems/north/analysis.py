@@ -18,6 +18,7 @@ from bench.model.errors import FitError
 from bench.systems.north.accuracy import Accuracy, accuracies
 from bench.systems.north.declaration import DECLARATION
 from bench.systems.north.estimators.eight_samples import IndexCalibration
+from bench.systems.north.evidence import evidence
 from bench.systems.north.figures import error_figures, signal_figures
 from bench.systems.north.notes import north_notes
 from bench.systems.north.sets import COSINE, SENSES, SINE, TEST, north_sets
@@ -45,11 +46,13 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             next_step="give the records 'samples: true' for likelihood, read both lock-ins for the other methods",
         )
     accuracy = accuracies(solution, limit_deg)
+    estimates = _estimates(solution, method, accuracy, limit_deg)
     return Analysis(
         campaign="fog_north",
         method=method,
         uut=dict(material.campaign["uut"]),
-        estimates=_estimates(solution, method, accuracy, limit_deg),
+        estimates=estimates,
+        evidence=evidence(solution, estimates),
         notes=north_notes(solution, method, accuracy),
         missing=solution.missing,
         figures=[*signal_figures(solution), *error_figures(solution, method, limit_deg)],

@@ -14,6 +14,7 @@ DECLARATION = System(
             made_of="samples",
             conditions=("item", "head_deg", "index", "repeat", "rate_deg_s"),
             limits={"azimuth_error": Limit("deg", above_zero=True)},
+            assumptions="bench.systems.north.assumptions:assumptions",
         ),
     ),
 )
