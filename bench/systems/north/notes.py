@@ -99,9 +99,14 @@ def _unsteady(solution: Solution) -> list[str]:
     ratio = float(np.sum(along**2) / np.sum(across**2)) if np.any(across) else math.inf
     if not ratio > _MOST_UNSTEADY:
         return []
+    of_noise = (
+        "its uncertainty is that of the noise across the signal"
+        if solution.unsteady
+        else "its uncertainty takes it for noise, for there are too few sets to tell them apart"
+    )
     return [
         f"The amplitude changes between index positions ({math.sqrt(ratio):.2g} times as much as its noise): "
-        f"{LEAST_SQUARES} is not touched by that, but its uncertainty takes it for noise and is too large."
+        f"{LEAST_SQUARES} is not touched by that; {of_noise}."
     ]
 
 

@@ -19,6 +19,7 @@ _FEWEST = 4
 _MOST_RATE = 0.05  # of the stated rate; a serial line hands samples over in blocks
 _LOCK_INS = (LEAST_SQUARES, QUADRANT, LITERAL)
 _BY_LOCK_INS = ("azimuth", "azimuth_error", "azimuth_rms_error", "index_placement")
+_OF_NOISE = ("azimuth", "azimuth_error", "noise", "azimuth_bound")
 
 Pairs = list[tuple[NorthSet, LikelihoodNorth]]
 
@@ -55,7 +56,7 @@ def _noise(pairs: Pairs) -> Iterator[Evidence]:
     )
     about = {"item": item, "head_deg": head_deg} | ({"place": place_name} if place_name else {})
     probability = min(1.0, max(chance * len(places), 1e-300))
-    yield Evidence("noise_changes", sentence, pooled, probability, pooled - 1.0, ("azimuth", "azimuth_error"), about)
+    yield Evidence("noise_changes", sentence, pooled, probability, pooled - 1.0, _OF_NOISE, about)
 
 
 def _amplitude(pairs: Pairs, solution: Solution, width_deg: float) -> Iterator[Evidence]:

@@ -52,7 +52,7 @@ def _rival(code: str, words: str, size_deg: float, probability: float, ratio: fl
 
 
 def _gain(errors: Errors, columns: Floats) -> tuple[float, float, int]:
-    """Return what columns beside the mean take off chi-square, the largest change they make, degrees, and their rank."""
+    """Return what columns beside the mean take off chi-square, the change they make in deg, their rank."""
     root = np.sqrt(errors.weights)
     centred = columns - np.average(columns, axis=0, weights=errors.weights)
     _, left = errors.common_error()

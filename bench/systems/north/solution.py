@@ -40,6 +40,8 @@ class Azimuths:
 
     def dof_of_mean(self, n: int) -> float:
         """Effective degrees of freedom of a mean of ``n``. Source: JCGM 100:2008, equation (G.2b)."""
+        if self.common_dof == self.dof:  # both of one estimate of the noise
+            return self.dof
         parts = ((self.noise_deg / math.sqrt(n), self.dof), (self.common_deg, self.common_dof))
         whole = sum(std**2 for std, _ in parts) ** 2
         share = sum(std**4 / dof for std, dof in parts)
@@ -83,7 +85,8 @@ class Solution:
     samples that can be used.   ``u1_V``, ``u2_V``: (n, 4), as a table that turns counter-clockwise would give them.
     ``calibrations``: by sense of rotation.   ``raw``: fits of the waveforms.   ``failures``: of the literal formulas,
     by name, (n,) counts.   ``swing_deg``: RMS of the table about a steady rotation: where its period fits the turn, the
-    index passes early or late by as much, and otherwise after each start.
+    index passes early or late by as much, and otherwise after each start.   ``unsteady``: the amplitude changes
+    between index positions, so that the noise of least squares is that across the signal alone.
     """
 
     sets: Sequence[NorthSet]
@@ -95,6 +98,7 @@ class Solution:
     u2_V: Floats
     raw: Sequence[LikelihoodNorth | None] = ()
     swing_deg: float = 0.0
+    unsteady: bool = False
     calibrations: Mapping[int, IndexCalibration] = field(default_factory=dict)
     by_method: dict[str, Azimuths] = field(default_factory=dict)
     failures: Mapping[str, Floats] = field(default_factory=dict)

@@ -9,10 +9,16 @@ from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
+from scipy import special
 
 from bench.analysis import Floats
 from bench.model.errors import FitError
-from bench.systems.north.estimators.eight_samples import IndexCalibration, calibrate_index, eight_sample_north
+from bench.systems.north.estimators.eight_samples import (
+    IndexCalibration,
+    alternating,
+    calibrate_index,
+    eight_sample_north,
+)
 from bench.systems.north.estimators.formulas import literal_north, quadrant_north
 from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north
 from bench.systems.north.estimators.phasors import heading_deg, oriented, phase_deg, tilt_correction_deg, wrapped_deg
@@ -31,6 +37,8 @@ from bench.systems.north.solution import (
 
 Found = tuple[Floats, Floats, float]  # apparent azimuth (n,), standard uncertainty (n,), degrees of freedom of one
 HARMONICS = (2, 3, 4, 5)
+_UNSTEADY = 0.01  # chance that white noise of the lock-ins is taken for an amplitude that changes
+_MORE_THAN_NOISE = 0.05  # chance that noise is taken for a method that goes wrong
 _LEAST = 2  # errors from which a scatter is judged
 
 
@@ -52,9 +60,9 @@ def solve(sets: Sequence[NorthSet], site: Site) -> Solution:
         raise _nothing_usable(sets)
     _tilts(solution)
     _calibrate(solution)
-    apparent = _by_eight_samples(solution) | {LIKELIHOOD: _by_waveform(solution)}
+    apparent = _across(solution, _by_eight_samples(solution)) | {LIKELIHOOD: _by_waveform(solution)}
     solution.by_method = {method: _azimuths(solution, method, *apparent[method]) for method in METHODS}
-    for method in (QUADRANT, LITERAL):
+    for method in (QUADRANT, LITERAL, *([LEAST_SQUARES] if solution.unsteady else [])):
         solution.by_method[method] = _widened(solution, method)
     solution.missing = _missing(solution)
     return solution
@@ -182,27 +190,75 @@ def _by_eight_samples(solution: Solution) -> dict[str, Found]:
     return {method: (at_deg[method], std_deg[method], dof) for method in METHODS}
 
 
+def _across(solution: Solution, apparent: dict[str, Found]) -> dict[str, Found]:
+    """Take the noise of least squares across the signal alone, where the rest says that the amplitude changes.
+
+    Source: F test of the three other degrees of freedom of each set against the one across, over all sets.
+    """
+    across_deg, rest_deg2 = (np.full(len(solution.sets), math.nan) for _ in range(2))
+    fitted = 0
+    for sense in (1, -1):
+        index = solution.calibrations.get(sense)
+        f2_deg, f5_deg, gains = (0.0, 0.0, None) if index is None else (index.f2_deg, index.f5_deg, index.gains)
+        use: Flags = (solution.sense == sense) & np.isfinite(apparent[LEAST_SQUARES][0])
+        if use.any():
+            parts = alternating(solution.u1_V[use], solution.u2_V[use], gains=gains, f2_deg=f2_deg, f5_deg=f5_deg)
+            across_deg[use], rank = _without_twice(parts[0], apparent[LEAST_SQUARES][0][use])
+            rest_deg2[use], fitted = parts[1], fitted + rank
+    sets = int(np.isfinite(across_deg).sum())
+    if sets - fitted < _LEAST:
+        return apparent
+    noise_deg2 = float(np.nansum(across_deg**2)) / (sets - fitted)
+    ratio = float(np.nanmean(rest_deg2)) / noise_deg2 if noise_deg2 > 0.0 else 0.0
+    solution.unsteady = bool(special.fdtrc(3.0 * sets, float(sets - fitted), ratio) < _UNSTEADY)
+    if not solution.unsteady:
+        return apparent
+    each_deg = np.where(np.isfinite(across_deg), math.sqrt(noise_deg2), math.nan)
+    return apparent | {LEAST_SQUARES: (apparent[LEAST_SQUARES][0], each_deg, 1.0 - fitted / sets)}
+
+
+def _without_twice(part_deg: Floats, heading_deg: Floats) -> tuple[Floats, int]:
+    """Return a part of each set without what goes with twice the heading, and how many parameters that has."""
+    twice = 2.0 * np.deg2rad(heading_deg)
+    columns = np.column_stack((np.cos(twice), np.sin(twice)))
+    values, _, rank, _ = np.linalg.lstsq(columns, part_deg, rcond=1e-6)
+    return part_deg - columns @ values, int(rank)
+
+
 def _azimuths(solution: Solution, method: str, at_deg: Floats, std_deg: Floats, dof: float) -> Azimuths:
     """Noise is pooled over all sets: eight samples of one set have few degrees of freedom."""
     azimuth_deg = wrapped_deg(at_deg + solution.tilt_deg)
     seen = std_deg[np.isfinite(std_deg)]
     noise_deg = float(np.sqrt(np.mean(seen**2))) if seen.size else math.nan
+    dof *= max(1, seen.size)
     common = (
         [(calibration.std_deg(method), calibration.dof) for calibration in solution.calibrations.values()]
         if method != LIKELIHOOD
         else []
     )
-    return Azimuths(azimuth_deg, noise_deg, dof * max(1, seen.size), *max(common, default=(0.0, math.inf)))
+    if method == LEAST_SQUARES and solution.unsteady:  # the mean placement is as uncertain as a mean of so many sets
+        common = [(noise_deg / math.sqrt(index.sets), dof) for index in solution.calibrations.values()]
+    return Azimuths(azimuth_deg, noise_deg, dof, *max(common, default=(0.0, math.inf)))
 
 
 def _widened(solution: Solution, method: str) -> Azimuths:
-    """The paper's formulas are known to go wrong by more than noise: their own errors at the known azimuths count."""
+    """Take the errors at the known azimuths where they say that a method goes wrong by more than noise.
+
+    A branch of the printed formulas is wrong at every repeat of a heading, and gains that were calibrated while the
+    amplitude changed turn all repeats alike; what the quadrants make of such an amplitude is new in every set.
+    Source: F test of the mean square error against noise and calibration.
+    """
     azimuths, error_deg = solution.by_method[method], solution.error_deg(method)
     count = int(np.isfinite(error_deg).sum())
-    rms_deg = solution.rms_deg(method)
-    if count < _LEAST or not rms_deg > azimuths.noise_deg:
+    due_deg2 = azimuths.noise_deg**2 + azimuths.common_deg**2
+    if count < _LEAST or not due_deg2 > 0.0:
         return azimuths
-    return replace(azimuths, noise_deg=rms_deg, dof=float(count))
+    square_deg2 = solution.rms_deg(method) ** 2
+    if special.fdtrc(float(count), azimuths.dof, square_deg2 / due_deg2) > _MORE_THAN_NOISE:
+        return azimuths
+    if method == QUADRANT:
+        return replace(azimuths, noise_deg=math.sqrt(square_deg2 - azimuths.common_deg**2), dof=float(count))
+    return replace(azimuths, common_deg=math.sqrt(square_deg2 - azimuths.noise_deg**2), common_dof=float(count))
 
 
 def _missing(solution: Solution) -> list[str]:

@@ -64,6 +64,34 @@ def eight_sample_north(
     return North(METHOD, phi_deg, np.asarray(std_deg), DOF, phasor, noise, first.mean(-1), second.mean(-1))
 
 
+def alternating(
+    u1: ArrayLike, u2: ArrayLike, *, gains: tuple[float, float] | None = None, f2_deg: float = 0.0, f5_deg: float = 0.0
+) -> tuple[Array, Array]:
+    """Return what an amplitude that changes from position to position leaves alone of the noise, and the rest.
+
+    Every position has the full phasor of its own. Its part across the mean phasor does not feel the amplitude, and the
+    part of that which changes sign from position to position feels neither an offset nor a slow turn of the phase.
+    Gains and placements that are not those of the calibration are in it: they go with twice the phase.
+
+    Args:    as ``eight_sample_north``.
+    Returns: that part, (...), degrees: its standard deviation is the standard uncertainty of phi; mean square of the
+             other three degrees of freedom, in its square.
+    Raises:  FitError B-FIT-110 for another shape, B-FIT-111 if the pulses are 90 degrees or more off.
+    Source:  discrete Fourier transform of four phasors: component 0 is the signal, 1 and 3 hold offsets and drifts.
+    """
+    first, second = eight(u1, u2)
+    from_1, from_2 = _unmixed(gains or (1.0, 1.0), f2_deg, f5_deg)
+    turned = (from_1 * first + from_2 * second) * TURNS
+    mean = turned.mean(-1)
+    about: Complex = turned * np.conj(mean)[..., None]
+    half = np.asarray(about @ np.array([0.5, -0.5, 0.5, -0.5]))
+    opposite = np.asarray(about @ (0.5 * TURNS))  # turns with the index; the offsets turn against it
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale = np.rad2deg(0.5) / np.square(np.abs(mean))
+        rest_deg2 = (np.square(half.real) + np.square(np.abs(opposite))) * np.square(scale) / 3.0
+        return np.asarray(half.imag * scale), np.asarray(rest_deg2)
+
+
 def check_placement(f2_deg: float, f5_deg: float) -> None:
     """Refuse index pulses that no longer tell the sine from the cosine.
 
