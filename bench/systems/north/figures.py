@@ -114,8 +114,10 @@ def _residual(solution: Solution) -> list[Figure]:
         waveform = waveform_of(north_set)
         if waveform is not None and fit is not None:
             turn = np.deg2rad(waveform.theta_deg + float(fit.phi_deg))
-            left_V.append(waveform.u_V - float(fit.offset_V) - float(fit.amplitude) * np.sin(turn))
-            angle_deg.append(waveform.theta_deg)
+            beside_V = waveform.u_V - float(fit.offset_V) - float(fit.amplitude) * np.sin(turn)
+            kept = np.isfinite(beside_V)
+            left_V.append(beside_V[kept])
+            angle_deg.append(waveform.theta_deg[kept])
     if not left_V:
         return []
     at_deg, mean_V, scatter_V, count = _folded(np.concatenate(angle_deg), np.concatenate(left_V))

@@ -24,7 +24,7 @@ def north_notes(solution: Solution, method: str, accuracy: list[Accuracy]) -> li
     """Return all of them."""
     notes = [
         *_bounded(solution), *_uncertainty(solution, method, accuracy), *_doubts(solution, method),
-        *_formulas(accuracy), *_whiteness(solution),
+        *_formulas(accuracy), *_whiteness(solution), *_left_out(solution),
     ]  # fmt: skip
     return notes + [f"Missing: {sentence}." for sentence in solution.missing]
 
@@ -143,4 +143,13 @@ def _whiteness(solution: Solution) -> list[str]:
     return [
         f"The noise of {widened} of {len(solution.sets)} waveforms is not white: the uncertainty by {LIKELIHOOD} is "
         "widened, the bound is not."
+    ]
+
+
+def _left_out(solution: Solution) -> list[str]:
+    return [
+        f"{north_set.name}: {int(north_set.left_out.sum())} of {north_set.left_out.size} samples are unlike all others "
+        "and left out."
+        for north_set in solution.sets
+        if north_set.left_out is not None
     ]

@@ -41,7 +41,7 @@ class NorthSet:
     where there is none.   ``rate_deg_s``: of the table, counter-clockwise from above positive.   ``tilt_mrad``: of the
     rotation axis about the sensing axis at encoder zero and about the direction 90 degrees clockwise of it; None if
     nobody measured it.   ``faults``: why the eight samples must not be used, by sentence.   ``raw_faults``: the same
-    for the raw waveform.
+    for the raw waveform.   ``left_out``: (n,) samples of its waveform unlike all others, None for none.
     """
 
     item: str
@@ -55,6 +55,7 @@ class NorthSet:
     tilt_mrad: tuple[float, float] | None = None
     faults: list[str] = field(default_factory=list)
     raw_faults: list[str] = field(default_factory=list)
+    left_out: NDArray[np.bool_] | None = None
     begin_s: float = math.inf
     end_s: float = -math.inf
 
@@ -251,8 +252,9 @@ def waveform_of(north_set: NorthSet) -> Waveform | None:
     if north_set.raw_faults:
         return None
     samples = [(index, row.samples) for index, row in sorted(north_set.rows.items()) if row.samples is not None]
+    u_V = np.concatenate([each.scaled("output") for _, each in samples])
     return Waveform(
-        u_V=np.concatenate([each.scaled("output") for _, each in samples]),
+        u_V=u_V if north_set.left_out is None else np.where(north_set.left_out, math.nan, u_V),
         theta_deg=np.concatenate([each.scaled("encoder") for _, each in samples]),
         record=np.concatenate([np.full(len(each), index, np.int64) for index, each in samples]),
         rate_Hz=float(np.mean([_rate_Hz(each, north_set.rate_deg_s) for _, each in samples])),

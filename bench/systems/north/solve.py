@@ -22,6 +22,7 @@ from bench.systems.north.estimators.eight_samples import (
 from bench.systems.north.estimators.formulas import literal_north, quadrant_north
 from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north
 from bench.systems.north.estimators.phasors import heading_deg, oriented, phase_deg, tilt_correction_deg, wrapped_deg
+from bench.systems.north.screening import far_samples, screen
 from bench.systems.north.sets import CALIBRATION, SEARCH, NorthSet, waveform_of
 from bench.systems.north.solution import (
     LEAST_SQUARES,
@@ -47,6 +48,7 @@ def solve(sets: Sequence[NorthSet], site: Site) -> Solution:
 
     Raises: FitError B-FOG-004 if there is no set that can be used.
     """
+    screen(sets)
     turned = [oriented(north_set.u1_V, north_set.u2_V, north_set.sense) for north_set in sets]
     u1_V, u2_V = (np.stack([pair[number] for pair in turned]) for number in (0, 1))
     good = np.array([not north_set.faults for north_set in sets])
@@ -104,6 +106,10 @@ def _raw(north_set: NorthSet) -> LikelihoodNorth | None:
         return None
     try:
         likelihood = likelihood_north(waveform.u_V, waveform.theta_deg, harmonics=HARMONICS)
+        north_set.left_out = far_samples(waveform, likelihood, HARMONICS)
+        if north_set.left_out is not None:
+            u_V = np.where(north_set.left_out, math.nan, waveform.u_V)
+            likelihood = likelihood_north(u_V, waveform.theta_deg, harmonics=HARMONICS)
     except FitError as error:
         north_set.raw_faults.append(f"{error.message} ({error.code})")
         return None

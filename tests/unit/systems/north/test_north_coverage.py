@@ -31,4 +31,4 @@ def test_intervals_cover_2000_campaigns(kind: str) -> None:
     hits, _ = coverage.covered(kind, 2000, PAPER_V, PLAN, 12)
     assert holds_95(hits["least_squares"], 2000)
     assert hits["literal"] == 2000  # half a turn is in it
-    assert holds_95(hits["quadrant"], 2000) if kind == "constant" else hits["quadrant"] > 1900
+    assert hits["quadrant"] >= 1900  # no less than 95 %; wide where it feels the amplitude

@@ -1,0 +1,99 @@
+"""North finders of wrong worlds: no number that looks sound, and none lost in a right one.
+
+Samples and readings are made from the physics alone (``doubt_north``); nothing of the product or its simulators makes
+them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from functools import cache
+
+import doubt_north as worlds
+import pytest
+from doubt_classes import CLASSES, DOUBTED, REFUSED, WRONG, Seen, Switch, is_visible, sorted_classes
+
+from bench.analysis import is_sound
+from bench.model.assumptions import assumptions_of
+
+SHORT, FULL = range(1), range(10)
+SIZES = [(switch, size) for switch in worlds.SWITCHES for size in switch.sizes]
+NAMES = [f"{switch.name}-{size:g}" for switch, size in SIZES]
+
+
+@cache
+def right_world(seed: int) -> Seen:
+    return worlds.seen(seed, None, 0.0)
+
+
+def switch_of(name: str) -> Switch:
+    return next(switch for switch in worlds.SWITCHES if switch.name == name)
+
+
+def classes(switch: Switch, size: float, seeds: range) -> Counter[str]:
+    """Return how many estimates are in each class over all seeds."""
+    counted: Counter[str] = Counter()
+    for seed in seeds:
+        counted += sorted_classes(worlds.seen(seed, switch, size), right_world(seed))
+    print(f"{switch.name} {size:g}, seeds {seeds}: " + ", ".join(f"{counted[name]} {name}" for name in CLASSES))
+    return counted
+
+
+def hidden(switch: Switch, size: float) -> bool:
+    """Return whether no analysis could see it: without noise it leaves nothing in residuals and repeats."""
+    return not is_visible(worlds.seen(0, switch, size, noise_free=True))
+
+
+@pytest.mark.parametrize(("switch", "size"), [(one, one.sizes[-1]) for one in worlds.SWITCHES],
+                         ids=[one.name for one in worlds.SWITCHES])  # fmt: skip
+def test_nothing_that_can_be_seen_is_confidently_wrong(switch: Switch, size: float) -> None:
+    """The gross ones; every size is in the long form."""
+    assert classes(switch, size, SHORT)[WRONG] == 0 or (hidden(switch, size) and switch.assumption)
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize(("switch", "size"), SIZES, ids=NAMES)
+def test_nothing_that_can_be_seen_is_confidently_wrong_in_ten_campaigns(switch: Switch, size: float) -> None:
+    assert classes(switch, size, FULL)[WRONG] == 0 or (hidden(switch, size) and switch.assumption)
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "left", "codes"),
+    [
+        ("once_per_turn", 0.1, DOUBTED, {"known_azimuths_apart", "once_per_turn"}),
+        ("modulated", 0.1, DOUBTED, {"known_azimuths_apart", "twice_per_turn"}),
+        ("field_motor", 0.1, DOUBTED, {"amplitude_at_place"}),
+        ("mark_wrong", 5.0, DOUBTED, {"methods_apart", "all_azimuths_off"}),
+        ("bench_turns", 10.0, DOUBTED, {"north_drifts"}),
+        ("bench_knocked", 10.0, DOUBTED, {"north_steps"}),
+        ("restless", 5.0, DOUBTED, {"repeats_apart"}),
+        ("delay_after_move", 10.0, DOUBTED, {"methods_step"}),
+        ("noisy_field", 10.0, DOUBTED, {"noise_changes"}),
+        ("rate_stated", 2.0, REFUSED, set()),
+    ],
+)
+def test_what_is_wrong_is_named(name: str, size: float, left: str, codes: set[str]) -> None:
+    wrong = worlds.seen(1, switch_of(name), size)
+    assert sorted_classes(wrong, right_world(1))[left] >= (5 if name == "field_motor" else 2)
+    assert codes <= {reason["code"] for entry in wrong.entries for reason in entry["reasons"]}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_right_world_is_not_doubted(seed: int) -> None:
+    assert [entry["reasons"] for entry in right_world(seed).entries if not is_sound(entry)] == []
+
+
+@pytest.mark.sweep
+def test_right_worlds_are_doubted_once_in_five_hundred() -> None:
+    """Designed for 0.2 % of campaigns, so five of 500 are as many as chance brings (0.4 %)."""
+    doubted = [
+        seed for seed in range(500) if not all(is_sound(entry) for entry in worlds.seen(seed, None, 0.0).entries)
+    ]
+    print(f"seeds 0 to 499: doubted {doubted}")
+    assert len(doubted) <= 5
+
+
+def test_every_hidden_switch_is_named_by_an_assumption() -> None:
+    site = {"latitude_deg": 37.0, "azimuth_deg": 20.0, "azimuth_std_deg": 0.02}
+    named = {one.code for one in assumptions_of({"analysis": "fog_north", "site": site})}
+    assert {switch.assumption for switch in worlds.SWITCHES} - {""} <= named
