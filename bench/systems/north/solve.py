@@ -163,7 +163,24 @@ def _by_waveform(solution: Solution) -> Found:
     """By likelihood; the encoder angle carries the sense of rotation by itself."""
     phi_deg = np.array([math.nan if waveform is None else float(waveform.phi_deg) for waveform in solution.raw])
     std_deg = np.array([math.nan if waveform is None else float(waveform.std_deg) for waveform in solution.raw])
-    return heading_deg(phi_deg, 1), std_deg, math.inf
+    share, dof = _of_turns([waveform for waveform in solution.raw if waveform is not None])
+    return heading_deg(phi_deg, 1), std_deg * share, dof
+
+
+def _of_turns(raw: Sequence[LikelihoodNorth]) -> tuple[float, float]:
+    """Return noise across the signal over that of all samples, and its degrees of freedom for one set.
+
+    What an amplitude that changes leaves in the samples does not turn north: where all turns together scatter less
+    than white noise would, their scatter is the uncertainty. Source: chi-square test of the variance of the turns.
+    """
+    judged = [each for each in raw if math.isfinite(float(each.whiteness)) and not each.widened]
+    dof = float(sum(int(each.turns) - 1 for each in judged))
+    if not judged or len(judged) < len(raw):
+        return 1.0, math.inf
+    ratio = sum(float(each.whiteness) * (int(each.turns) - 1) for each in judged) / dof
+    if special.chdtr(dof, ratio * dof) > _UNSTEADY:
+        return 1.0, math.inf
+    return math.sqrt(ratio), dof / len(judged)
 
 
 def _by_eight_samples(solution: Solution) -> dict[str, Found]:

@@ -77,7 +77,8 @@ class LikelihoodNorth:
         phasor: amplitude exp(i phi), V.   noise_V: standard deviation of one sample.   offset_V: constant part.
         harmonics: amplitude times exp(i phase) of each order asked for, V, (..., h).
         bound_deg: Cramer-Rao bound at this amplitude and noise.   whiteness: variance of the turns over that of white
-            noise, NaN for fewer than five turns.   widened: where the turns' scatter is the uncertainty.
+            noise, NaN for fewer than five turns.   turns: their number.   widened: where their scatter is the
+            uncertainty.
         samples, dropped: used, and left out because a value is NaN.
     """
 
@@ -90,6 +91,7 @@ class LikelihoodNorth:
     harmonics: Complex
     bound_deg: Array
     whiteness: Array
+    turns: NDArray[np.int64]
     widened: NDArray[np.bool_]
     samples: NDArray[np.int64]
     dropped: NDArray[np.int64]
@@ -124,6 +126,7 @@ class _Record:
     offset: float
     harmonics: Complex
     whiteness: float
+    turns: int
     widened: bool
     samples: int
     dropped: int
@@ -165,6 +168,7 @@ def likelihood_north(u_V: ArrayLike, theta_deg: ArrayLike, *, harmonics: Sequenc
         harmonics=np.array([fit.harmonics for fit in fits]).reshape(*shape, len(harmonics)),
         bound_deg=bound_deg,
         whiteness=column("whiteness"),
+        turns=column("turns").astype(np.int64),
         widened=column("widened").astype(bool),
         samples=samples.astype(np.int64),
         dropped=column("dropped").astype(np.int64),
@@ -189,7 +193,7 @@ def _fit(u: Array, theta_deg: Array, turning: _Turning | None, orders: tuple[int
     if widened:
         std, dof = std * float(np.sqrt(ratio)), float(turns - 1)
     harmonics = np.asarray(values[3:].reshape(-1, 2) @ np.array([1.0, 1.0j]))
-    return _Record(phasor, std, dof, noise, float(values[2]), harmonics, ratio, widened, u.size, dropped)
+    return _Record(phasor, std, dof, noise, float(values[2]), harmonics, ratio, turns, widened, u.size, dropped)
 
 
 def _turning(theta_deg: Array, orders: tuple[int, ...]) -> _Turning:
