@@ -78,7 +78,15 @@ def _amplitude(pairs: Pairs, solution: Solution, width_deg: float) -> Iterator[E
         "uncertainties): something beside the Earth's rotation turns with the table there, and turns north as well."
     )
     move = math.degrees(beyond) / width_deg
-    yield Evidence("amplitude_at_place", sentence, share, probability, move, ("azimuth", "scale"), {"item": SEARCH})
+    yield Evidence(
+        "amplitude_at_place",
+        sentence,
+        share,
+        probability,
+        move,
+        ("azimuth", "scale", "azimuth_bound"),
+        {"item": SEARCH},
+    )
 
 
 def _rate(solution: Solution) -> Iterator[Evidence]:

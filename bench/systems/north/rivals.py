@@ -16,7 +16,7 @@ import numpy as np
 from bench.analysis import Evidence, Floats
 from bench.systems.north.errors_at_known import Errors, f_test
 
-OF_ALL = ("index_placement", "scale")  # what hangs on the azimuths as well
+OF_ALL = ("index_placement", "scale", "azimuth_bound")  # what hangs on the azimuths as well
 _LIST = 4
 _FEWEST_TO_STEP = 4
 
