@@ -61,7 +61,10 @@ def _accuracy(solution: Solution, method: str, limit_deg: float) -> Accuracy:
     gross = int(np.sum(np.abs(errors_deg) > _HALF_TURN_deg))
     time_s = math.inf if gross else _time_s(solution, method, limit_deg)  # no time turns a wrong branch
     rms_deg, calibrated = solution.rms_deg(method), bool(solution.calibrations) and method != LIKELIHOOD
-    shared_deg = solution.by_method[method].common_deg if calibrated else solution.site.azimuth_std_deg
+    shared_deg = solution.site.azimuth_std_deg
+    if calibrated:  # a wrong branch is not shared by all azimuths
+        placed_deg = max(index.std_deg(method) for index in solution.calibrations.values())
+        shared_deg = min(placed_deg, solution.by_method[method].common_deg)
     return Accuracy(
         method, errors_deg.size, rms_deg, rms_std_deg(rms_deg, scatter_deg, shared_deg, errors_deg.size),
         float(np.max(np.abs(errors_deg))), mean_deg, scatter_deg, ratio, gross, time_s,

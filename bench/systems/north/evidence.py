@@ -131,12 +131,15 @@ def _two_methods(solution: Solution) -> Iterator[Evidence]:
     )
     yield Evidence("methods_apart", sentence, score, probability, abs(mean_deg), ("index_placement",))
     if apart_deg.size >= _FEWEST_DIFFERENCES:
-        yield _methods_step(apart_deg, noise_deg, by_samples.dof)
+        yield _methods_step(apart_deg, math.hypot(math.sqrt(2.0) * solution.swing_deg, LEAST_deg))
 
 
-def _methods_step(apart_deg: Floats, noise_deg: float, dof: float) -> Evidence:
-    step_deg, gain, where = best_step(apart_deg, np.full(apart_deg.size, noise_deg**-2))
-    probability = float(special.fdtrc(1.0, dof, gain)) * (apart_deg.size - 1)
+def _methods_step(apart_deg: Floats, start_deg: float) -> Evidence:
+    """Hold the step against the scatter of the differences themselves: both methods have most of their noise alike."""
+    step_deg, gain, where = best_step(apart_deg, np.ones(apart_deg.size))
+    dof = apart_deg.size - 2.0
+    rest = max(0.0, float(np.var(apart_deg)) * apart_deg.size - gain) / dof + start_deg**2
+    probability = float(special.fdtrc(1.0, dof, gain / rest)) * (apart_deg.size - 1)
     sentence = (
         f"From set {where + 1} of {apart_deg.size} on (calibration not counted), {LEAST_SQUARES} finds north "
         f"{step_deg:+.3g} deg further from {LIKELIHOOD} than before: reference or delay of a lock-in has changed."

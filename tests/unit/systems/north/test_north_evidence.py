@@ -42,7 +42,7 @@ def material_of(world: worlds.World, seed: int = SEED) -> Any:
         (worlds.FieldMotor, "amplitude_at_place", 1e-3, 6e-2),
         (worlds.MarkWrong, "all_azimuths_off", 0.02, 2.0),
         (worlds.EncoderSlips, "methods_apart", 0.05, 4.0),
-        (worlds.DelayAfterMove, "methods_step", 0.1, 4.0),
+        (worlds.DelayAfterMove, "methods_step", 1e-3, 4.0),
         (worlds.BenchTurns, "north_drifts", 0.1, 6.0),
         (worlds.BenchKnocked, "north_steps", 0.1, 4.0),
         (worlds.Restless, "repeats_apart", 0.05, 2.0),
