@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bench.analysis import results_json
 from bench.commands.console import console
-from bench.commands.tables import print_results
+from bench.commands.tables import print_results, verdict_status
 from bench.model.errors import ExitStatus
 from bench.session.fitted import FROM_CACHE, Fitted, Shown
 from bench.session.output import write_file
@@ -17,7 +17,8 @@ from bench.session.output import write_file
 def fit(folder: Path, method: str | None, as_json: bool, make_up: Sequence[Path] = (), fresh: bool = False) -> int:
     """Print the results of a session by a method, together with sessions that make up for it.
 
-    ``fresh``: compute them though they are kept. Nothing is written into the session.
+    ``fresh``: compute them though they are kept. Nothing is written into the session. The exit status is that of the
+    run: 1 if a verdict fails or is indeterminate, or a result is missing.
     """
     fitted = Fitted(folder, method, make_up, fresh=fresh)
     shown = fitted.shown
@@ -29,7 +30,7 @@ def fit(folder: Path, method: str | None, as_json: bool, make_up: Sequence[Path]
             console().print(remark)
     if fitted.from_cache:
         console(stderr=as_json).print(FROM_CACHE)
-    return _status(shown)
+    return _status(shown) or _judged(shown)
 
 
 def report(folder: Path, pdf: bool = False, fresh: bool = False) -> int:
@@ -49,3 +50,9 @@ def report(folder: Path, pdf: bool = False, fresh: bool = False) -> int:
 
 def _status(shown: Shown) -> int:
     return ExitStatus.SESSION_DAMAGED if shown.damaged else ExitStatus.PASS
+
+
+def _judged(shown: Shown) -> int:
+    """Nothing is judged, and nothing missing yet, while the run has not ended."""
+    done = not shown.results.get("incomplete")
+    return verdict_status(shown.results, shown.analysis.missing) if done else ExitStatus.PASS

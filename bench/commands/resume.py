@@ -13,8 +13,7 @@ from bench.analysis import results_json
 from bench.commands.conducting import conduct_watched
 from bench.commands.console import console
 from bench.commands.control import release
-from bench.commands.run import verdict_status
-from bench.commands.tables import print_results, print_without_results, print_written
+from bench.commands.tables import print_results, print_without_results, print_written, verdict_status
 from bench.model.clock import Clock, VirtualClock, WallClock
 from bench.model.errors import BenchError, ExitStatus, FitError, InputError
 from bench.model.shipped import find_shipped

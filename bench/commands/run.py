@@ -5,10 +5,8 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
@@ -16,8 +14,7 @@ from bench.analysis import results_json
 from bench.commands.check import checked_plan
 from bench.commands.conducting import conduct_watched
 from bench.commands.console import console
-from bench.commands.tables import print_results, print_without_results, print_written
-from bench.maths.verdict import passed
+from bench.commands.tables import print_results, print_without_results, print_written, verdict_status
 from bench.model.clock import Clock, VirtualClock, WallClock
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.events import event_of
@@ -118,9 +115,3 @@ def view_of(plan: Plan, done: Conducted) -> SessionView:
         texts=plan.texts,
         utc_offset_ns=done.utc_offset_ns,
     )
-
-
-def verdict_status(results: Mapping[str, Any], missing: Sequence[str]) -> int:
-    """Return 1 if a verdict fails or is indeterminate or a result that the records promise is missing, else 0."""
-    well = passed(estimate["verdict"] for estimate in results["estimates"])
-    return ExitStatus.PASS if well and not missing else ExitStatus.VERDICT_FAIL

@@ -19,7 +19,7 @@ from rich.text import Text
 
 from bench import analysis
 from bench.analysis import Analysis, doubt_lines, stated_value
-from bench.maths.verdict import WORST_FIRST, worst
+from bench.maths.verdict import WORST_FIRST, passed, worst
 from bench.model.errors import ExitStatus, FitError
 
 if TYPE_CHECKING:
@@ -92,6 +92,12 @@ def print_without_results(error: FitError, folder: Path, out: Console, errors: C
         f"'bench recover {folder}' says which records are not valid and can write a sequence for them"
     )
     return ExitStatus.VERDICT_FAIL
+
+
+def verdict_status(results: Mapping[str, Any], missing: Sequence[str]) -> int:
+    """Return 1 if a verdict fails or is indeterminate or a result that the records promise is missing, else 0."""
+    well = passed(estimate["verdict"] for estimate in results["estimates"])
+    return ExitStatus.PASS if well and not missing else ExitStatus.VERDICT_FAIL
 
 
 def _print_verdicts(out: Console, estimates: Sequence[Estimate]) -> None:

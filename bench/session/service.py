@@ -20,6 +20,7 @@ from bench.plan import steps_of
 from bench.record import OPEN_MARKER, RecordRow
 from bench.replay import IMPORT, Replayed, moved_rows, replay_rows, replay_series
 from bench.session.acceptances import known_acceptances
+from bench.session.complete import check_complete
 from bench.session.record_states import condition_key, measuring, row_problem
 from bench.session.view import SessionView, analyse_view, happened
 
@@ -32,13 +33,15 @@ def analysed(
 ) -> tuple[dict[str, Any], Analysis, SessionView]:
     """Return results, analysis and view of a session, together with the sessions that make up for it.
 
-    Raises: InputError B-CLI-008 if the sequence of the session asks for no analysis; those of ``read_view``.
+    Raises: InputError B-CLI-008 if the sequence of the session asks for no analysis; those of ``read_view`` and
+            ``check_complete``.
     """
     view = read_view(folder, strict=strict)
     if make_up:
         view = merged(view, [read_view(other) for other in make_up])
     if not view.has_analysis:
         raise InputError("B-CLI-008", "the sequence of this session asks for no analysis", where=str(folder))
+    check_complete(view.manifest, view.rows, view.events)
     results, analysis = analyse_view(view, method)
     return results, analysis, view
 

@@ -20,6 +20,7 @@ from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, main_of
 import bench.commands.run as run_command
 import bench.session.finish as finish_command
 from bench.commands import conducting
+from bench.commands.tables import verdict_status
 from bench.model.errors import ExitStatus
 from bench.session.service import read_view
 from bench.session.view import analyse_view
@@ -59,8 +60,8 @@ def test_0_a_sequence_without_analysis(tmp_path: Path, inside: Inside) -> None:
 def test_1_a_verdict_fails(golden: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     view = read_view(golden)
     results, analysis = analyse_view(view)
-    assert run_command.verdict_status(results, analysis.missing) == ExitStatus.PASS
-    assert run_command.verdict_status(results, ["channel 2 at 25 degC"]) == ExitStatus.VERDICT_FAIL
+    assert verdict_status(results, analysis.missing) == ExitStatus.PASS
+    assert verdict_status(results, ["channel 2 at 25 degC"]) == ExitStatus.VERDICT_FAIL
     results["estimates"][3]["verdict"] = "fail"
     monkeypatch.setattr(finish_command, "analyse_view", lambda view: (results, analysis))
     monkeypatch.setattr(finish_command, "report_html", lambda *_: "")
@@ -69,7 +70,7 @@ def test_1_a_verdict_fails(golden: Path, monkeypatch: pytest.MonkeyPatch, tmp_pa
     assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.VERDICT_FAIL
     for verdict, status in (("conditional_fail", ExitStatus.VERDICT_FAIL), ("conditional_pass", ExitStatus.PASS)):
         conditional = {"estimates": [{"verdict": one} for one in ("pass", verdict, "none")]}
-        assert run_command.verdict_status(conditional, ()) == status
+        assert verdict_status(conditional, ()) == status
 
 
 # --- 2 -------------------------------------------------------------------------------------------------------------

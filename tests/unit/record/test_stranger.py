@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,14 +10,14 @@ from typing import Any
 import numpy as np
 import pytest
 from record_frames import AF_CLOCK, FRAME_NS, constant_stream, housekeeping
-from record_sample import NS, ROOT, frame
+from record_sample import NS, frame
+from stranger_page import documented_campaign, documented_standards, documented_writer
 
 from bench.analysis import Material, analyse
 from bench.model.errors import SessionDamaged
 from bench.record import SessionReader
 from bench.replay import replay_rows
 
-DOCUMENT = ROOT / "docs" / "session-format.md"
 SECONDS = 10
 RECORD_FRAMES = SECONDS * 100
 K0_C = 1.25e-6
@@ -28,24 +26,8 @@ BIAS_A = 3e-8
 LEVELS_A = (1e-3, 1e-2, 1e-1)
 
 
-def documented_writer(**edits: str) -> Callable[..., None]:
-    """``write_session`` of the document, its text changed as told."""
-    (block,) = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)
-    for old, new in edits.items():
-        assert old in block
-        block = block.replace(old, new)
-    space: dict[str, Any] = {}
-    exec(compile(block, str(DOCUMENT), "exec"), space)
-    return space["write_session"]
-
-
-def documented_json(number: int) -> dict[str, Any]:
-    blocks = re.findall(r"```json\n(.*?)```", DOCUMENT.read_text(encoding="utf-8"), re.DOTALL)
-    return json.loads(blocks[number])
-
-
 def manifest() -> dict[str, Any]:
-    campaign, standards = documented_json(0), documented_json(1)
+    campaign, standards = documented_campaign("scale_factor"), documented_standards()
     campaign["channels"][0]["levels_A"] = list(LEVELS_A)
     standards["calibrator"]["uncertainty"] = [
         {"range_A": 2.2 * level, "relative": 2e-5, "floor_A": 1e-9} for level in LEVELS_A

@@ -1,0 +1,116 @@
+"""A session of each system, written from docs/session-format.md alone, through ``bench fit``; and what it may not lack.
+
+Physics, frames and readings are made by the tests themselves.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from stranger_af import TRUTH_ppm, converter_session
+from stranger_page import Session
+
+from bench.commands.fit import fit
+from bench.model.errors import BenchError, ExitStatus
+
+Estimates = list[dict[str, Any]]
+
+
+def fitted(session: Session, folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, Estimates]:
+    """Exit status and estimates of ``bench fit --json``."""
+    status = fit(session.write(folder), None, as_json=True, fresh=True)
+    found: Estimates = json.loads(capsys.readouterr().out)["estimates"]
+    return status, found
+
+
+def held(found: Estimates, truth: Mapping[str, float], **conditions: Any) -> None:
+    """Each quantity is there, sound, and its interval holds the truth."""
+    for quantity, true in truth.items():
+        entries = [
+            entry
+            for entry in found
+            if entry["quantity"] == quantity and conditions.items() <= entry["conditions"].items()
+        ]
+        assert entries, quantity
+        for entry in entries:
+            assert entry["quality"] == "sound", entry
+            assert abs(entry["value"] - true) <= entry["expanded_uncertainty"], entry
+
+
+def test_scale_factor(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, found = fitted(converter_session("scale_factor"), tmp_path, capsys)
+    held(found, TRUTH_ppm)
+    assert status == ExitStatus.PASS
+
+
+def test_swapped_leads_are_refused_with_that_word(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, found = fitted(converter_session("scale_factor", swapped=True), tmp_path, capsys)
+    assert status == ExitStatus.VERDICT_FAIL
+    for entry in found:
+        if entry["quantity"] in TRUTH_ppm:
+            assert (entry["quality"], entry["value"]) == ("refused", None)
+            assert "swapped_leads" in [reason["code"] for reason in entry["reasons"]]
+
+
+def test_dmm_method(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, found = fitted(converter_session("dmm_method"), tmp_path, capsys)
+    held(found, TRUTH_ppm)
+
+
+SESSIONS: Mapping[str, Callable[[], Session]] = {
+    "scale_factor": cache(lambda: converter_session("scale_factor")),
+    "dmm_method": cache(lambda: converter_session("dmm_method")),
+}
+_EVERY = (
+    "session", "simulated", "plan_sha256", "links", "measurement_link", "planned", "planned.prepare_s",
+    "standards", "campaign.analysis", "campaign.uut", "campaign.uut.model", "campaign.uut.serial",
+)  # fmt: skip
+_RECORD = tuple(
+    f"record.{name}" for name in ("number", "link", "first_counter", "frames", "t_start_ns", "t_end_ns", "conditions")
+)
+_POINTS = ("channel", "temperature_degC", "current_A", "polarity", "range_A")
+_CONVERTER = (
+    "manifest.campaign.af_clock_Hz", "manifest.campaign.master_Hz", "manifest.campaign.channels",
+    *(f"manifest.campaign.channels.0.{name}" for name in ("number", "kind", "k0_C", "full_scale_A",
+      "sensor_full_scale", "sensor_unit", "noise", "noise.white_A_rtHz", "noise.walk_A_rth")),
+    *(f"record.conditions.{name}" for name in _POINTS),
+)  # fmt: skip
+NEEDED: Mapping[str, Sequence[str]] = {
+    "scale_factor": (*(f"manifest.{key}" for key in _EVERY), *_RECORD, *_CONVERTER, "manifest.standards.calibrator"),
+    "dmm_method": (
+        *_CONVERTER, "manifest.standards.dmm", "manifest.standards.dmm.uncertainty",
+        *(f"reading.{name}" for name in ("role", "name", "value", "conditions")),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("analysis", "key"), [(name, key) for name, keys in NEEDED.items() for key in keys])
+def test_a_session_that_lacks_what_is_needed_is_refused_in_one_sentence(
+    tmp_path: Path, analysis: str, key: str
+) -> None:
+    session = SESSIONS[analysis]().without(key.split("."))
+    with pytest.raises(BenchError, match="B-") as refused:
+        fit(session.write(tmp_path), None, as_json=True, fresh=True)
+    assert refused.value.exit_status in (ExitStatus.BAD_INPUT, ExitStatus.SESSION_DAMAGED)
+    assert key.rsplit(".", maxsplit=1)[-1] in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "code"),
+    [
+        ("manifest.planned", "B-RPL-004"),
+        ("manifest.campaign.uut", "B-RPL-004"),
+        ("record.conditions.polarity", "B-RPL-005"),
+        ("reading.value", "B-RPL-003"),
+    ],
+)
+def test_what_is_missing_has_a_code(tmp_path: Path, key: str, code: str) -> None:
+    session = SESSIONS["dmm_method"]().without(key.split("."))
+    with pytest.raises(BenchError) as refused:
+        fit(session.write(tmp_path), None, as_json=True, fresh=True)
+    assert refused.value.code == code
