@@ -39,7 +39,7 @@ class AnalysisDeclaration:
     """One analysis.
 
     ``module``: it has ``METHODS`` and ``analyse``.   ``conditions``: what each measuring record must state;
-    ``conditions_of_open``: what one with an open input must, None for the same.   ``words``: what a condition may be.
+    ``fields``: of its samples.   ``conditions_of_open``: what one with an open input must, None for the same.   ``words``: what a condition may be.
     ``reading``: action whose readings it needs.   ``items``: test items it judges, ``page`` describes them.
     ``beside``: link whose samples it needs beside those recorded.   ``of_unit``, ``of_channel``: what the data sheet
     must state of the unit, and of each kind of channel.   ``main``: quantities that are shown while it is recorded.
@@ -53,6 +53,7 @@ class AnalysisDeclaration:
     methods: tuple[str, ...]
     made_of: MadeOf
     conditions: tuple[str, ...] = ()
+    fields: tuple[str, ...] = ()
     conditions_of_open: tuple[str, ...] | None = None
     words: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     rule: Rule | None = None

@@ -59,13 +59,14 @@ class _Manifest(_Tolerant):
 def check_complete(manifest: Mapping[str, Any], rows: Iterable[RecordRow], events: Iterable[tuple[int, Event]]) -> None:
     """Refuse a session that lacks what every analysis needs, or the conditions of its own.
 
-    Raises: InputError B-RPL-004 (manifest), B-RPL-005 (conditions of a record); SessionDamaged B-RPL-003 (an event).
+    Raises: InputError B-RPL-004 (manifest), B-RPL-005 (conditions of a record), B-RPL-006 (fields of its samples);
+            SessionDamaged B-RPL-003 (an event).
     """
     _check_manifest(manifest)
     declared = analysis_declaration(manifest["campaign"]["analysis"])
     if declared is not None:
         for row in rows:
-            _check_conditions(declared, row)
+            _check_record(declared, row)
     for t_ns, event in events:
         _check_event(t_ns, event)
 
@@ -83,7 +84,7 @@ def _check_manifest(manifest: Mapping[str, Any]) -> None:
         ) from error
 
 
-def _check_conditions(declared: AnalysisDeclaration, row: RecordRow) -> None:
+def _check_record(declared: AnalysisDeclaration, row: RecordRow) -> None:
     """A record that states none of the conditions is not meant for the analysis."""
     stated = row.window.conditions
     asked = declared.conditions
@@ -94,6 +95,13 @@ def _check_conditions(declared: AnalysisDeclaration, row: RecordRow) -> None:
         raise InputError(
             "B-RPL-005",
             f"the analysis {declared.name} asks for the condition {', '.join(missing)}, which the record does not have",
+            where=f"record {row.window.number}",
+            next_step=_PAGE,
+        )
+    if not missing and row.samples is not None and (lacking := set(declared.fields) - set(row.samples.columns)):
+        raise InputError(
+            "B-RPL-006",
+            f"its frames carry no {', '.join(sorted(lacking))}, which the analysis {declared.name} reads",
             where=f"record {row.window.number}",
             next_step=_PAGE,
         )

@@ -124,6 +124,15 @@ class Session:
         assert gone, path
         return other
 
+    def renamed(self, link: str, field: str) -> Session:
+        """The same session whose frame definition has another name for a field."""
+        other = object.__new__(Session)
+        other.__dict__ = dict(self.__dict__)
+        text = self.texts[self.links[link]]
+        assert re.search(rf"\b{field}\b", text)
+        other.texts = self.texts | {self.links[link]: re.sub(rf"\b{field}\b", f"my_{field}", text)}
+        return other
+
     def write(self, folder: Path) -> Path:
         """Write the session with the documented writer."""
         said = [

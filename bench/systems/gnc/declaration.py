@@ -8,6 +8,7 @@ from bench.systems.gnc.sections import ModuleUnit, SensorColumn, SensorLog
 _HERE = "bench.systems.gnc"
 _TAKEN = f"{_HERE}.assumptions"
 _POSE = ("item", "mounting", "outer_deg", "middle_deg", "inner_deg")
+_TRIADS = ("tick", "gyro", "accel", "temperature")
 _ITEMS = ("supply", "identify", "cpu", "timer", "memory", "imu", "gps", "ad", "io", "spi", "sci", "can")
 _DIMENSIONS = {
     "width": "m",
@@ -52,12 +53,19 @@ DECLARATION = System(
             "imu_calibration",
             f"{_HERE}.calibration.analysis",
             ("least_squares",),
-            "samples",
-            _POSE,
+            made_of="samples",
+            conditions=_POSE,
+            fields=_TRIADS,
             assumptions=f"{_TAKEN}:of_calibration",
         ),
         AnalysisDeclaration(
-            "imu_bias", f"{_HERE}.bias", ("ten_second_means",), "samples", _POSE, assumptions=f"{_TAKEN}:of_bias"
+            "imu_bias",
+            f"{_HERE}.bias",
+            ("ten_second_means",),
+            made_of="samples",
+            conditions=_POSE,
+            fields=_TRIADS,
+            assumptions=f"{_TAKEN}:of_bias",
         ),
         AnalysisDeclaration(
             "magnetometer",
@@ -66,6 +74,7 @@ DECLARATION = System(
             made_of="samples",
             conditions=(*_POSE, "rate_deg_s"),
             assumptions=f"{_TAKEN}:of_magnetometer",
+            fields=("tick", "mag", "temperature"),
         ),
         AnalysisDeclaration("imu_six_position", f"{_HERE}.logs.six_position", ("least_squares",), "logs"),
         AnalysisDeclaration("imu_multi_position", f"{_HERE}.logs.multi_position", ("norm",), "logs"),

@@ -13,6 +13,7 @@ DECLARATION = System(
             ("least_squares", "likelihood", "quadrant", "literal"),
             made_of="samples",
             conditions=("item", "head_deg", "index", "repeat", "rate_deg_s"),
+            fields=("output", "encoder"),
             limits={"azimuth_error": Limit("deg", above_zero=True)},
             assumptions="bench.systems.north.assumptions:assumptions",
         ),

@@ -154,7 +154,7 @@ def _fill(north_set: NorthSet, samples: Mapping[tuple[int, str], Reading]) -> No
             if not isinstance(value, Mapping):
                 north_set.faults.append(f"no reading of {role} at index position {k}")
                 continue
-            into[k - 1] = float(value["x_V"])
+            into[k - 1] = _stated(value, role, "x_V")
             north_set.faults += [
                 f"{role} at index position {k}: {fault}" for fault in _wrong(value, north_set.rate_deg_s)
             ]
@@ -170,6 +170,18 @@ def _fill(north_set: NorthSet, samples: Mapping[tuple[int, str], Reading]) -> No
             if (lost_s := _lost_s(row)) > MOST_LOST_s:
                 lost = f"{lost_s:.2f} s of samples lost at index position {k}"
                 north_set.faults.append(f"{lost} (the gyroscope may have been off)")
+
+
+def _stated(value: Mapping[str, Any], role: str, name: str) -> float:
+    """Return a number of a reading. Raises: FitError B-FOG-002 if the reading has none of this name."""
+    try:
+        return float(value[name])
+    except (KeyError, TypeError, ValueError) as error:
+        raise FitError(
+            "B-FOG-002",
+            f"a reading of {role} has no number {name!r}",
+            next_step="docs/session-format.md lists what a reading needs",
+        ) from error
 
 
 def _lost_s(row: RecordRow) -> float:
@@ -202,7 +214,7 @@ def _tilt(north_set: NorthSet, readings: Iterable[Reading]) -> tuple[float, floa
     if not near:
         return None
     value = min(near, key=lambda reading: abs(reading.t_s - middle_s)).value
-    return float(value["x_mrad"]), float(value["y_mrad"])
+    return _stated(value, LEVEL, "x_mrad"), _stated(value, LEVEL, "y_mrad")
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from stranger_af import TRUTH_ppm, converter_session
+from stranger_north import SOUGHT_deg, north_session
 from stranger_page import Session
 
 from bench.commands.fit import fit
@@ -62,9 +63,18 @@ def test_dmm_method(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     held(found, TRUTH_ppm)
 
 
+def test_north(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, found = fitted(SESSIONS["fog_north"](), tmp_path, capsys)
+    for method in ("least_squares", "likelihood"):
+        held(found, {"azimuth": SOUGHT_deg}, item="search", method=method)
+    held(found, {"azimuth_error": 0.0}, item="test")
+    assert status == ExitStatus.PASS
+
+
 SESSIONS: Mapping[str, Callable[[], Session]] = {
     "scale_factor": cache(lambda: converter_session("scale_factor")),
     "dmm_method": cache(lambda: converter_session("dmm_method")),
+    "fog_north": cache(north_session),
 }
 _EVERY = (
     "session", "simulated", "plan_sha256", "links", "measurement_link", "planned", "planned.prepare_s",
@@ -85,6 +95,11 @@ NEEDED: Mapping[str, Sequence[str]] = {
     "dmm_method": (
         *_CONVERTER, "manifest.standards.dmm", "manifest.standards.dmm.uncertainty",
         *(f"reading.{name}" for name in ("role", "name", "value", "conditions")),
+    ),
+    "fog_north": (
+        *(f"manifest.campaign.site.{name}" for name in ("latitude_deg", "azimuth_deg")),
+        *(f"record.conditions.{name}" for name in ("item", "head_deg", "index", "repeat", "rate_deg_s")),
+        *(f"reading.value.{name}" for name in ("x_V", "x_mrad", "y_mrad")),
     ),
 }  # fmt: skip
 
@@ -114,3 +129,14 @@ def test_what_is_missing_has_a_code(tmp_path: Path, key: str, code: str) -> None
     with pytest.raises(BenchError) as refused:
         fit(session.write(tmp_path), None, as_json=True, fresh=True)
     assert refused.value.code == code
+
+
+FIELDS: Mapping[str, tuple[str, Sequence[str]]] = {"fog_north": ("fog", ("output", "encoder"))}
+
+
+@pytest.mark.parametrize(("analysis", "field"), [(name, field) for name, (_, of) in FIELDS.items() for field in of])
+def test_samples_without_a_field_are_refused(tmp_path: Path, analysis: str, field: str) -> None:
+    session = SESSIONS[analysis]().renamed(FIELDS[analysis][0], field)
+    with pytest.raises(BenchError, match=field) as refused:
+        fit(session.write(tmp_path), None, as_json=True, fresh=True)
+    assert refused.value.code in ("B-RPL-006", "B-RLG-002", "B-SYNC-002")
