@@ -38,8 +38,9 @@ class Rule:
 class AnalysisDeclaration:
     """One analysis.
 
-    ``module``: it has ``METHODS`` and ``analyse``.   ``conditions``: what each measuring record must state;
-    ``fields``: of its samples.   ``conditions_of_open``: what one with an open input must, None for the same.   ``words``: what a condition may be.
+    ``module``: it has ``METHODS`` and ``analyse``.   ``conditions``: what each measuring record must state; ``fields``:
+    of its samples; ``conditions_of_open``: what one with an open input must, None for the same.   ``words``: what a
+    condition may be.
     ``reading``: action whose readings it needs.   ``items``: test items it judges, ``page`` describes them.
     ``beside``: link whose samples it needs beside those recorded.   ``of_unit``, ``of_channel``: what the data sheet
     must state of the unit, and of each kind of channel.   ``main``: quantities that are shown while it is recorded.

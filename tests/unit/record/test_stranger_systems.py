@@ -11,8 +11,22 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from stranger_af import TRUTH_ppm, converter_session
+from stranger_gnc import (
+    ACCEL_S,
+    GYRO_S,
+    MAGNETIC,
+    ACCEL_BIAS_g,
+    GYRO_BIAS_deg_s,
+    bias_session,
+    calibration_session,
+    earth_at_rest,
+    indicated_bias,
+    magnetometer_session,
+    short_bias_session,
+)
 from stranger_north import SOUGHT_deg, north_session
 from stranger_page import Session
 
@@ -31,6 +45,12 @@ def fitted(session: Session, folder: Path, capsys: pytest.CaptureFixture[str]) -
 
 def held(found: Estimates, truth: Mapping[str, float], **conditions: Any) -> None:
     """Each quantity is there, sound, and its interval holds the truth."""
+    assert max(errors_in_U(found, truth, **conditions)) <= 1.0
+
+
+def errors_in_U(found: Estimates, truth: Mapping[str, float], **conditions: Any) -> list[float]:
+    """How far each of these estimates is from its truth, in its expanded uncertainty."""
+    errors = []
     for quantity, true in truth.items():
         entries = [
             entry
@@ -38,9 +58,9 @@ def held(found: Estimates, truth: Mapping[str, float], **conditions: Any) -> Non
             if entry["quantity"] == quantity and conditions.items() <= entry["conditions"].items()
         ]
         assert entries, quantity
-        for entry in entries:
-            assert entry["quality"] == "sound", entry
-            assert abs(entry["value"] - true) <= entry["expanded_uncertainty"], entry
+        assert {entry["quality"] for entry in entries} == {"sound"}, entries
+        errors += [abs(entry["value"] - true) / entry["expanded_uncertainty"] for entry in entries]
+    return errors
 
 
 def test_scale_factor(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -71,10 +91,57 @@ def test_north(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert status == ExitStatus.PASS
 
 
+def mostly_held(errors: Sequence[float]) -> None:
+    """Of many intervals of 95 % one in ten may miss, none by more than half of itself."""
+    assert np.mean(np.asarray(errors) > 1.0) <= 0.1, errors
+    assert max(errors) < 1.5, errors
+
+
+def test_imu_calibration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, found = fitted(SESSIONS["imu_calibration"](), tmp_path, capsys)
+    errors = []
+    for prefix, matrix in (("gyro", GYRO_S), ("accel", ACCEL_S)):
+        inverse = np.linalg.inv(matrix)
+        for row, name in enumerate("xyz"):
+            for column, other in enumerate("xyz"):
+                errors += errors_in_U(found, {f"{prefix}_matrix": inverse[row, column]}, row=name, column=other)
+    for k, axis in enumerate("xyz"):
+        biases = {"gyro_bias": 3600.0 * GYRO_BIAS_deg_s[k], "accel_bias": ACCEL_BIAS_g[k]}
+        errors += errors_in_U(found, biases, axis=axis)
+    mostly_held(errors)
+
+
+def test_imu_bias(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, found = fitted(bias_session(), tmp_path, capsys)
+    gyro_deg_h, errors = 3600.0 * indicated_bias(earth_at_rest()), []
+    for k, axis in enumerate("xyz"):
+        truth = {
+            "gyro_bias": gyro_deg_h[k],
+            "gyro_bias_stability": 3600.0 * 5e-3 / 10.0**0.5,
+            "accel_bias_stability": 0.5 / 10.0**0.5,
+            "gyro_bias_repeatability": 3600.0 * 5e-3 / 600.0**0.5,
+        }
+        if axis != "x":  # the axis of the flip, which does not reverse it
+            truth["accel_bias"] = float(ACCEL_S[k] @ ACCEL_BIAS_g)
+        errors += errors_in_U(found, truth, axis=axis)
+    mostly_held(errors)
+
+
+def test_magnetometer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, found = fitted(SESSIONS["magnetometer"](), tmp_path, capsys)
+    for axis in "xy":
+        held(found, {"mag_offset": MAGNETIC[axis]}, axis=axis, method="ellipse")
+    truth = {"mag_gain": "gain", "mag_angle": "angle_deg", "mag_radius": "radius"}
+    held(found, {name: MAGNETIC[key] for name, key in truth.items()}, method="ellipse")
+
+
 SESSIONS: Mapping[str, Callable[[], Session]] = {
     "scale_factor": cache(lambda: converter_session("scale_factor")),
     "dmm_method": cache(lambda: converter_session("dmm_method")),
     "fog_north": cache(north_session),
+    "imu_calibration": cache(calibration_session),
+    "imu_bias": cache(short_bias_session),
+    "magnetometer": cache(magnetometer_session),
 }
 _EVERY = (
     "session", "simulated", "plan_sha256", "links", "measurement_link", "planned", "planned.prepare_s",
@@ -84,6 +151,7 @@ _RECORD = tuple(
     f"record.{name}" for name in ("number", "link", "first_counter", "frames", "t_start_ns", "t_end_ns", "conditions")
 )
 _POINTS = ("channel", "temperature_degC", "current_A", "polarity", "range_A")
+_POSE = tuple(f"record.conditions.{name}" for name in ("item", "mounting", "outer_deg", "middle_deg", "inner_deg"))
 _CONVERTER = (
     "manifest.campaign.af_clock_Hz", "manifest.campaign.master_Hz", "manifest.campaign.channels",
     *(f"manifest.campaign.channels.0.{name}" for name in ("number", "kind", "k0_C", "full_scale_A",
@@ -101,6 +169,12 @@ NEEDED: Mapping[str, Sequence[str]] = {
         *(f"record.conditions.{name}" for name in ("item", "head_deg", "index", "repeat", "rate_deg_s")),
         *(f"reading.value.{name}" for name in ("x_V", "x_mrad", "y_mrad")),
     ),
+    "imu_calibration": (
+        *(f"manifest.campaign.site.{name}" for name in ("latitude_deg", "azimuth_deg", "gravity_m_s2")),
+        *_POSE, *(f"record.conditions.{name}" for name in ("up", "axis", "turn_deg")),
+    ),
+    "imu_bias": ("manifest.campaign.site.latitude_deg", "manifest.campaign.site.azimuth_deg", _POSE[1]),
+    "magnetometer": (*_POSE, "record.conditions.rate_deg_s"),
 }  # fmt: skip
 
 
@@ -131,7 +205,11 @@ def test_what_is_missing_has_a_code(tmp_path: Path, key: str, code: str) -> None
     assert refused.value.code == code
 
 
-FIELDS: Mapping[str, tuple[str, Sequence[str]]] = {"fog_north": ("fog", ("output", "encoder"))}
+FIELDS: Mapping[str, tuple[str, Sequence[str]]] = {
+    "fog_north": ("fog", ("output", "encoder")),
+    "imu_calibration": ("rs422", ("tick", "gyro", "accel", "temperature")),
+    "magnetometer": ("rs422", ("tick", "mag", "temperature")),
+}
 
 
 @pytest.mark.parametrize(("analysis", "field"), [(name, field) for name, (_, of) in FIELDS.items() for field in of])
