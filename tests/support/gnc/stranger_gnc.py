@@ -15,6 +15,7 @@ ACCEL_S = np.array([[0.99, 2e-3, 3e-3], [-4e-3, 1.008, 1e-3], [1e-3, -2e-3, 1.01
 GYRO_BIAS_deg_s = np.array([0.1, -0.07, 0.05])  # rate = K output - bias
 ACCEL_BIAS_g = np.array([-0.01, 0.006, -0.012])  # acceleration = K output + bias
 MAGNETIC = {"x": 0.05, "y": -0.03, "gain": 1.04, "angle_deg": 1.5, "radius": 0.3}  # gauss
+STEPS_deg_s = (0.0, 0.004, -0.003, 0.006, 0.001, -0.005)  # of six windows
 UPS = {
     "+x": (0.0, -90.0, 0.0), "-x": (0.0, 90.0, 0.0), "+y": (0.0, 0.0, 90.0), "-y": (0.0, 0.0, -90.0),
     "+z": (0.0, 0.0, 0.0), "-z": (0.0, 0.0, 180.0),
@@ -47,7 +48,7 @@ class Table:
         text = shipped("gnc_422").replace("rate: 200 Hz", f"rate: {rate_Hz} Hz")
         self.session = Session(self.campaign, {"rs422": text})
         self.rate_Hz, self.t_s, self.counter = rate_Hz, 1.0, 0
-        self.rng = np.random.default_rng(5)
+        self.rng, self.step_deg_s = np.random.default_rng(5), 0.0  # by which the bias of all gyros is another one
 
     def body(self, vector: Any, pose: Pose, mounting: str, inner_deg: Any = 0.0) -> Any:
         """A vector of the local axes as the body sees it, (n, 3), its inner axis turned on by some angles (n,)."""
@@ -72,7 +73,7 @@ class Table:
     def recorded(self, rate: Any, force: Any, field: Any, conditions: Mapping[str, Any]) -> None:
         """True inputs, deg/s, g and gauss, through the sensors, with white noise."""
         n, density = len(rate), self.rate_Hz**0.5
-        gyro = (rate + GYRO_BIAS_deg_s) @ GYRO_S.T + self.rng.normal(0.0, 5e-3 * density, (n, 3))
+        gyro = (rate + GYRO_BIAS_deg_s + self.step_deg_s) @ GYRO_S.T + self.rng.normal(0.0, 5e-3 * density, (n, 3))
         accel = (force - ACCEL_BIAS_g) @ ACCEL_S.T + self.rng.normal(0.0, 5e-4 * density, (n, 3))
         body = np.zeros(n, STREAM)
         body["head"], body["length"], body["count"] = (1, 1, 16, 9, 2, 0x22), 47, 1
@@ -118,7 +119,7 @@ def bias_session() -> Session:
     for inner_deg in (0.0, 180.0):
         table.record(180.0, (0.0, 0.0, inner_deg), item="flip")
     table.record(3600.0, (0.0, 0.0, 0.0), item="stability")
-    for _ in range(6):
+    for table.step_deg_s in STEPS_deg_s:
         table.record(600.0, (0.0, 0.0, 0.0), item="repeatability")
         table.t_s += 700.0
     return table.session

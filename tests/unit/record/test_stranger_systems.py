@@ -20,6 +20,7 @@ from stranger_gnc import (
     MAGNETIC,
     ACCEL_BIAS_g,
     GYRO_BIAS_deg_s,
+    STEPS_deg_s,
     bias_session,
     calibration_session,
     earth_at_rest,
@@ -29,6 +30,8 @@ from stranger_gnc import (
 )
 from stranger_north import SOUGHT_deg, north_session
 from stranger_page import Session
+from stranger_sync import OFFSET_s, sync_session
+from stranger_tests import SUPPLY_A, SUPPLY_V, WIDTH_m, module_session
 
 from bench.commands.fit import fit
 from bench.model.errors import BenchError, ExitStatus
@@ -119,7 +122,7 @@ def test_imu_bias(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
             "gyro_bias": gyro_deg_h[k],
             "gyro_bias_stability": 3600.0 * 5e-3 / 10.0**0.5,
             "accel_bias_stability": 0.5 / 10.0**0.5,
-            "gyro_bias_repeatability": 3600.0 * 5e-3 / 600.0**0.5,
+            "gyro_bias_repeatability": 3600.0 * GYRO_S[k].sum() * np.std(STEPS_deg_s, ddof=1),
         }
         if axis != "x":  # the axis of the flip, which does not reverse it
             truth["accel_bias"] = float(ACCEL_S[k] @ ACCEL_BIAS_g)
@@ -135,6 +138,25 @@ def test_magnetometer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     held(found, {name: MAGNETIC[key] for name, key in truth.items()}, method="ellipse")
 
 
+@pytest.mark.parametrize("dead_line", [False, True])
+def test_unit_tests(tmp_path: Path, capsys: pytest.CaptureFixture[str], dead_line: bool) -> None:
+    status, found = fitted(module_session(dead_line), tmp_path, capsys)
+    wrong = {entry["quantity"]: entry["value"] for entry in found if entry["quantity"].endswith("_wrong")}
+    assert wrong.pop("io_wrong") == float(dead_line)
+    assert len(wrong) == 12
+    assert set(wrong.values()) == {0.0}
+    assert status == (ExitStatus.VERDICT_FAIL if dead_line else ExitStatus.PASS)
+    values = {entry["quantity"]: entry["value"] for entry in found}
+    measured = {"supply_voltage": SUPPLY_V, "supply_current": SUPPLY_A, "width": WIDTH_m, "gps_latitude": 37.5}
+    assert {name: values[name] for name in measured} == pytest.approx(measured)
+
+
+def test_time_offset(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, found = fitted(SESSIONS["time_sync"](), tmp_path, capsys)
+    held(found, {"time_offset": OFFSET_s, "time_offset_from_stamps": OFFSET_s})
+    assert status == ExitStatus.PASS
+
+
 SESSIONS: Mapping[str, Callable[[], Session]] = {
     "scale_factor": cache(lambda: converter_session("scale_factor")),
     "dmm_method": cache(lambda: converter_session("dmm_method")),
@@ -142,6 +164,8 @@ SESSIONS: Mapping[str, Callable[[], Session]] = {
     "imu_calibration": cache(calibration_session),
     "imu_bias": cache(short_bias_session),
     "magnetometer": cache(magnetometer_session),
+    "gnc_unit_test": cache(module_session),
+    "time_sync": cache(sync_session),
 }
 _EVERY = (
     "session", "simulated", "plan_sha256", "links", "measurement_link", "planned", "planned.prepare_s",
@@ -152,6 +176,10 @@ _RECORD = tuple(
 )
 _POINTS = ("channel", "temperature_degC", "current_A", "polarity", "range_A")
 _POSE = tuple(f"record.conditions.{name}" for name in ("item", "mounting", "outer_deg", "middle_deg", "inner_deg"))
+_EXCHANGE = (
+    "step", "item", "name", "sequence", "attempts", "begin_ns", "end_ns", "status", "refused", "sent", "received",
+    "conditions",
+)  # fmt: skip
 _CONVERTER = (
     "manifest.campaign.af_clock_Hz", "manifest.campaign.master_Hz", "manifest.campaign.channels",
     *(f"manifest.campaign.channels.0.{name}" for name in ("number", "kind", "k0_C", "full_scale_A",
@@ -174,6 +202,16 @@ NEEDED: Mapping[str, Sequence[str]] = {
         *_POSE, *(f"record.conditions.{name}" for name in ("up", "axis", "turn_deg")),
     ),
     "imu_bias": ("manifest.campaign.site.latitude_deg", "manifest.campaign.site.azimuth_deg", _POSE[1]),
+    "gnc_unit_test": (
+        *(f"exchange.{name}" for name in _EXCHANGE),
+        *(f"prompt.{name}" for name in ("step", "value", "unit", "low", "high")),
+    ),
+    "time_sync": (
+        *(f"record.conditions.{name}" for name in ("item", "manoeuvre")),
+        *(f"manifest.campaign.latency.{name}" for name in ("egi_s", "imu_s", "std_s")),
+        *(f"manifest.campaign.egi.{name}" for name in ("velocity_m_s", "level_deg", "heading_deg", "wander_s")),
+        *(f"manifest.campaign.inertial.{name}" for name in ("accel_bias_g", "gyro_bias_deg_s")),
+    ),
     "magnetometer": (*_POSE, "record.conditions.rate_deg_s"),
 }  # fmt: skip
 
