@@ -44,7 +44,7 @@ def requirement_of(campaign: Mapping[str, Any]) -> Requirement:
     except KeyError as error:
         raise FitError(
             "B-RLG-005",
-            "the campaign does not state the latitude of the site, which the alignment time depends on",
+            "the campaign does not state 'latitude_deg' of the site, which the alignment time depends on",
             where="manifest: campaign.site",
             next_step="give 'latitude' in the section 'site' of the sequence",
         ) from error

@@ -11,11 +11,11 @@ import numpy as np
 from stranger_page import Session, documented_campaign, packed, shipped
 
 OFFSET_s, IMU_LATENCY_s, EGI_LATENCY_s = 0.0137, 0.0008, 0.008
-SECONDS, IMU_s, EGI_s = 40.0, 0.005, 0.02
+SECONDS, IMU_s, EGI_s = 20.0, 0.005, 0.02
 _LATITUDE, _LONGITUDE, _SPEED_m_s = np.radians(37.5), np.radians(126.95), 100.0
 _EARTH_rad_s, _A_m, _F = 7.292115e-5, 6_378_137.0, 1.0 / 298.257223563
 _E2 = _F * (2.0 - _F)
-_TURN_s, _RATE = (14.0, 26.0), np.radians(90.0) / 12.0
+_TURN_s, _RATE = (5.0, 13.0), np.radians(90.0) / 8.0
 IMU = np.dtype(
     [
         ("counter", "<u4"), ("tick", "<u8"), ("delta_angle", "<i4", 3), ("delta_velocity", "<i4", 3),

@@ -28,6 +28,7 @@ from stranger_gnc import (
     magnetometer_session,
     short_bias_session,
 )
+from stranger_laser import BACKSCATTER_deg, LOCK_IN_deg_s, laser_session, random_walk_deg_rth
 from stranger_north import SOUGHT_deg, north_session
 from stranger_page import Session
 from stranger_sync import OFFSET_s, sync_session
@@ -157,6 +158,13 @@ def test_time_offset(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert status == ExitStatus.PASS
 
 
+def test_ring_laser(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, found = fitted(SESSIONS["rlg_lock_in"](), tmp_path, capsys)
+    held(found, {"lock_in_rate": LOCK_IN_deg_s, "backscatter_phase": BACKSCATTER_deg})
+    held(found, {"angle_random_walk": random_walk_deg_rth()}, method="raw")
+    assert status == ExitStatus.PASS
+
+
 SESSIONS: Mapping[str, Callable[[], Session]] = {
     "scale_factor": cache(lambda: converter_session("scale_factor")),
     "dmm_method": cache(lambda: converter_session("dmm_method")),
@@ -166,6 +174,7 @@ SESSIONS: Mapping[str, Callable[[], Session]] = {
     "magnetometer": cache(magnetometer_session),
     "gnc_unit_test": cache(module_session),
     "time_sync": cache(sync_session),
+    "rlg_lock_in": cache(laser_session),
 }
 _EVERY = (
     "session", "simulated", "plan_sha256", "links", "measurement_link", "planned", "planned.prepare_s",
@@ -205,6 +214,9 @@ NEEDED: Mapping[str, Sequence[str]] = {
     "gnc_unit_test": (
         *(f"exchange.{name}" for name in _EXCHANGE),
         *(f"prompt.{name}" for name in ("step", "value", "unit", "low", "high")),
+    ),
+    "rlg_lock_in": (
+        "manifest.campaign.site.latitude_deg", "record.conditions.path_length_m", "record.conditions.clock_Hz",
     ),
     "time_sync": (
         *(f"record.conditions.{name}" for name in ("item", "manoeuvre")),
@@ -247,6 +259,8 @@ FIELDS: Mapping[str, tuple[str, Sequence[str]]] = {
     "fog_north": ("fog", ("output", "encoder")),
     "imu_calibration": ("rs422", ("tick", "gyro", "accel", "temperature")),
     "magnetometer": ("rs422", ("tick", "mag", "temperature")),
+    "time_sync": ("imu", ("delta_angle", "delta_velocity")),
+    "rlg_lock_in": ("edges", ("dropped",)),
 }
 
 
