@@ -31,6 +31,7 @@ from stranger_gnc import (
 from stranger_laser import BACKSCATTER_deg, LOCK_IN_deg_s, laser_session, random_walk_deg_rth
 from stranger_north import SOUGHT_deg, north_session
 from stranger_page import Session
+from stranger_ramp import BIAS_A, WIDTH_A, LAG_s, PLAY_degC, SLOPE_A_degC, ramp_session
 from stranger_sync import OFFSET_s, sync_session
 from stranger_tests import SUPPLY_A, SUPPLY_V, WIDTH_m, module_session
 
@@ -85,6 +86,14 @@ def test_swapped_leads_are_refused_with_that_word(tmp_path: Path, capsys: pytest
 def test_dmm_method(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     _, found = fitted(converter_session("dmm_method"), tmp_path, capsys)
     held(found, TRUTH_ppm)
+
+
+def test_bias_ramp(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, found = fitted(SESSIONS["bias_ramp"](), tmp_path, capsys)
+    held(found, {"bias_tc1": SLOPE_A_degC, "hysteresis_width": WIDTH_A, "thermal_lag": LAG_s / 60.0})
+    held(found, {"bias": BIAS_A}, temperature_degC=20.0)
+    held(found, {"play_half_width": PLAY_degC})
+    assert status == ExitStatus.PASS
 
 
 def test_north(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -168,6 +177,7 @@ def test_ring_laser(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
 SESSIONS: Mapping[str, Callable[[], Session]] = {
     "scale_factor": cache(lambda: converter_session("scale_factor")),
     "dmm_method": cache(lambda: converter_session("dmm_method")),
+    "bias_ramp": cache(ramp_session),
     "fog_north": cache(north_session),
     "imu_calibration": cache(calibration_session),
     "imu_bias": cache(short_bias_session),
@@ -189,17 +199,21 @@ _EXCHANGE = (
     "step", "item", "name", "sequence", "attempts", "begin_ns", "end_ns", "status", "refused", "sent", "received",
     "conditions",
 )  # fmt: skip
-_CONVERTER = (
+_CONSTANTS = (
     "manifest.campaign.af_clock_Hz", "manifest.campaign.master_Hz", "manifest.campaign.channels",
     *(f"manifest.campaign.channels.0.{name}" for name in ("number", "kind", "k0_C", "full_scale_A",
       "sensor_full_scale", "sensor_unit", "noise", "noise.white_A_rtHz", "noise.walk_A_rth")),
-    *(f"record.conditions.{name}" for name in _POINTS),
 )  # fmt: skip
+_CONVERTER = (*_CONSTANTS, *(f"record.conditions.{name}" for name in _POINTS))
 NEEDED: Mapping[str, Sequence[str]] = {
     "scale_factor": (*(f"manifest.{key}" for key in _EVERY), *_RECORD, *_CONVERTER, "manifest.standards.calibrator"),
     "dmm_method": (
         *_CONVERTER, "manifest.standards.dmm", "manifest.standards.dmm.uncertainty",
         *(f"reading.{name}" for name in ("role", "name", "value", "conditions")),
+    ),
+    "bias_ramp": (
+        *_CONSTANTS, "record.conditions.route", "record.conditions.branch", "environment.air_degC",
+        "environment.unit_degC",
     ),
     "fog_north": (
         *(f"manifest.campaign.site.{name}" for name in ("latitude_deg", "azimuth_deg")),
