@@ -6,6 +6,7 @@ Physics, frames and readings are made by the tests themselves.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -30,7 +31,7 @@ from stranger_gnc import (
 )
 from stranger_laser import BACKSCATTER_deg, LOCK_IN_deg_s, laser_session, random_walk_deg_rth
 from stranger_north import SOUGHT_deg, north_session
-from stranger_page import Session
+from stranger_page import DOCUMENT, Session
 from stranger_ramp import BIAS_A, WIDTH_A, LAG_s, PLAY_degC, SLOPE_A_degC, ramp_session
 from stranger_sync import OFFSET_s, sync_session
 from stranger_tests import SUPPLY_A, SUPPLY_V, WIDTH_m, module_session
@@ -240,6 +241,13 @@ NEEDED: Mapping[str, Sequence[str]] = {
     ),
     "magnetometer": (*_POSE, "record.conditions.rate_deg_s"),
 }  # fmt: skip
+
+
+def test_the_page_names_all_that_is_needed() -> None:
+    page = DOCUMENT.read_text(encoding="utf-8")
+    keys = {key.split(".")[-1] for keys in NEEDED.values() for key in keys}
+    fields = {field for _, names in FIELDS.values() for field in names}
+    assert {name for name in keys | fields if not re.search(rf"[`.\"]{name}[`\"]", page)} == set()
 
 
 @pytest.mark.parametrize(("analysis", "key"), [(name, key) for name, keys in NEEDED.items() for key in keys])
