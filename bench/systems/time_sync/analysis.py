@@ -9,6 +9,7 @@ from bench.analysis import Analysis, Material, check_method, no_result
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimates import SyncResult, sync_estimates
 from bench.systems.time_sync.estimators.kalman.consistency import observability
+from bench.systems.time_sync.evidence import evidence, held
 from bench.systems.time_sync.figures import figures
 from bench.systems.time_sync.filtering import METHODS as _METHODS
 from bench.systems.time_sync.filtering import Filtered, filtered
@@ -38,11 +39,14 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     image, missing = _image(taken, filtering)
     seen = observability(filtering.run.covariance, filtering.run.first_covariance)
     result = SyncResult(taken.manoeuvre, ready, clocks, filtering, seen, image, demands, method)
+    held_against = held(result, densities, spread)
     return Analysis(
         campaign="time_sync",
         method=method,
         uut=dict(material.campaign["uut"]),
         estimates=sync_estimates(result),
+        evidence=evidence(result, held_against, taken),
+        groups=[{"reduced_chi2": held_against.fit.chi2 / held_against.fit.dof, "dof": held_against.fit.dof}],
         notes=[*no_result(missing), *notes(result)],
         missing=missing,
         figures=figures(result),

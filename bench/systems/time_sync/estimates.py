@@ -68,7 +68,7 @@ def _epoch_s(at_s: float) -> float:
 def _offset(result: SyncResult, name: str) -> Estimates:
     offset, ready = result.found.offsets[name], result.ready
     place: dict[str, Any] = {"method": name, "at_s": _epoch_s(result.found.at_s), "observable": offset.seen}
-    counted = {"n": result.found.samples, "dropped": ready.lost_egi + ready.unsound_egi}
+    counted = {"n": result.found.samples, "dropped": ready.lost_egi + ready.unsound_egi + ready.odd_egi}
     dof = dof_of(offset)
     interval_s = coverage_factor(dof) * offset.std_s
     limit_s = result.demands.uncertainty_s if name == result.method else None

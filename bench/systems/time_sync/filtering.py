@@ -76,11 +76,13 @@ class Offset:
 class Filtered:
     """Result of all filters.
 
-    ``run``: groups in the order of ``GROUPS``, one lane each.   ``offsets``: by method.   ``shift_s``: of the EGI's
-    tags, taken out beforehand; what the filter says is on top of it.   ``at_s``: time of the inertial unit.
+    ``run``: groups in the order of ``GROUPS``, one lane each.   ``egi``: solutions as the filters took them.
+    ``offsets``: by method.   ``shift_s``: of the EGI's tags, taken out beforehand; what the filter says is on top of
+    it.   ``at_s``: time of the inertial unit.
     """
 
     run: FilterRun
+    egi: EgiSamples
     offsets: dict[str, Offset]
     shift_s: float
     at_s: float
@@ -127,7 +129,7 @@ def filtered(
         name: _offset(run, name, clocks.coarse_s, drift_std, middle_s, trial_s)
         for name, trial_s in zip(METHODS, trials_s, strict=True)
     }
-    return Filtered(run, offsets, clocks.coarse_s, middle_s, int(egi.t_s.size))
+    return Filtered(run, egi, offsets, clocks.coarse_s, middle_s, int(egi.t_s.size))
 
 
 def _moved_by_offset(imu: ImuSamples, egi: EgiSamples) -> tuple[float, float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from bench.maths.geodesy import TangentFrame, body_to_level
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.kalman.setup import ImuSamples
+from bench.systems.time_sync.estimators.odd_readings import odd_readings
 from bench.systems.time_sync.records import Recording, Stream
 
 Array = NDArray[np.float64]
@@ -20,6 +21,7 @@ LEAST_s = 15.0  # of a recording
 _LEAST_SHARE = 0.5  # of the recording that must be in one piece
 _LEAST_EGI = 200
 _NAVIGATING = 3  # mode of the EGI: GPS and inertial
+_MOVED_m = 1e-3  # between two solutions: a vehicle that does so is not where it was
 _EVEN_s = 1e-4  # scatter of time tags about a steady clock up to which they are taken as steady
 
 
@@ -56,7 +58,9 @@ class Prepared:
     """Samples that the filter takes in, and counts of those left out on the way.
 
     ``filled``: samples of the inertial unit made up.   ``lost_egi``, ``unsound_egi``: solutions that are missing or not
-    used.   ``lost_imu``: samples that are missing.   ``notes``: sentences about it.
+    used.   ``lost_imu``: samples that are missing.   ``odd_egi``, ``odd_imu``: single ones that were left out because
+    they are unlike their neighbours.   ``stuck_egi``: solutions that repeat the one before while the vehicle moves.
+    ``notes``: sentences about it.
     """
 
     imu: ImuSamples
@@ -65,6 +69,9 @@ class Prepared:
     lost_imu: int
     lost_egi: int
     unsound_egi: int
+    odd_egi: int = 0
+    odd_imu: int = 0
+    stuck_egi: int = 0
     notes: list[str] = field(default_factory=list)
 
     @property
@@ -86,8 +93,9 @@ def prepared(taken: Recording) -> Prepared:
     notes: list[str] = []
     sound = taken.imu.part(taken.imu.columns["status"] == 0)
     piece = _longest_piece(sound, notes)
-    imu = _filled(piece)
-    egi = _egi(taken.egi)
+    even = _without_odd_increments(piece, notes)
+    imu = _filled(even)
+    egi, odd_egi = _without_odd_solutions(_egi(taken.egi), taken.egi, notes)
     navigating = int(np.count_nonzero(_navigating(taken.egi)))
     return Prepared(
         imu=imu,
@@ -96,6 +104,9 @@ def prepared(taken: Recording) -> Prepared:
         lost_imu=taken.imu.lost + len(taken.imu) - len(sound),
         lost_egi=taken.egi.lost,
         unsound_egi=len(taken.egi) - navigating,
+        odd_egi=odd_egi,
+        odd_imu=len(piece) - len(even),
+        stuck_egi=_stuck(egi),
         notes=notes,
     )
 
@@ -158,6 +169,41 @@ def _filled(imu: Stream) -> ImuSamples:
 
 def _navigating(egi: Stream) -> Bools:
     return np.asarray((egi.columns["status"] == 0) & (egi.columns["mode"] == _NAVIGATING))
+
+
+def _without_odd_increments(imu: Stream, notes: list[str]) -> Stream:
+    """Return samples without single ones that are unlike their neighbours; what is missing is filled in."""
+    values = np.concatenate((imu.columns["delta_velocity"], imu.columns["delta_angle"]), axis=1)
+    odd = odd_readings(values, imu.counter)
+    if not odd.size:
+        return imu
+    notes.append(_left_out(odd.size, "samples of the inertial unit", float(imu.tick_s[odd[0]] - imu.tick_s[0])))
+    keep = np.ones(len(imu), bool)
+    keep[odd] = False
+    return imu.part(keep)
+
+
+def _without_odd_solutions(egi: EgiSamples, stream: Stream, notes: list[str]) -> tuple[EgiSamples, int]:
+    """Return solutions without single ones that are unlike their neighbours, and how many these are."""
+    counter = stream.counter[_navigating(stream)]
+    odd = odd_readings(np.concatenate((egi.p, egi.v, egi.C.reshape(-1, 9)), axis=1), counter)
+    if not odd.size:
+        return egi, 0
+    notes.append(_left_out(odd.size, "solutions of the EGI", float(egi.t_s[odd[0]] - egi.t_s[0])))
+    keep = np.ones(egi.t_s.size, bool)
+    keep[odd] = False
+    return replace(egi, t_s=egi.t_s[keep], p=egi.p[keep], v=egi.v[keep], C=egi.C[keep]), int(odd.size)
+
+
+def _left_out(count: int, kind: str, after_s: float) -> str:
+    return f"Left out as unlike their neighbours: {count} {kind}, the first {after_s:.3f} s after the first one."
+
+
+def _stuck(egi: EgiSamples) -> int:
+    """Return how many solutions repeat the one before bit by bit, although they say that the vehicle moves."""
+    same = np.all(egi.p[1:] == egi.p[:-1], axis=1) & np.all(egi.v[1:] == egi.v[:-1], axis=1)
+    moved_m = np.linalg.norm(egi.v[1:], axis=1) * np.diff(egi.t_s)
+    return int(np.count_nonzero(same & (moved_m > _MOVED_m)))
 
 
 def _egi(egi: Stream) -> EgiSamples:

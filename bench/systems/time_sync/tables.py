@@ -180,5 +180,7 @@ def _received(result: SyncResult) -> Table:
         ["solutions of the EGI used", result.found.samples],
         ["lost", ready.lost_egi],
         ["not used: aligning, without GPS or not sound", ready.unsound_egi],
+        ["left out: single solutions unlike their neighbours", ready.odd_egi],
+        ["left out and filled in: single samples of the inertial unit unlike their neighbours", ready.odd_imu],
     ]
     return Table("What was received", f"Manoeuvre: {result.manoeuvre or 'not stated'}.", ["what", "number"], rows)

@@ -1,264 +1,175 @@
-"""Wrong worlds of a time offset: what the model says of two units on one vehicle is not so, by a stated size.
-
-A physics of its own, which shares no line with the product or its simulators: a vehicle above a plane that turns with
-the Earth, increments by Simpson's rule, errors of both units as their makers state them, frames by their stamps.
-"""
+"""Wrong worlds of a time offset: what the model says of two units on one vehicle is not so, by a stated size."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from doubt_classes import Seen, Switch
-from scipy.spatial.transform import Rotation
+from sync_physics import DRIFT, IMU_CLOCK, LONG_s, OFFSET_s, Recording, Solutions, World, in_body, motion
 
-from bench.analysis import Material, build_results
-from bench.model.ports import RecordWindow
-from bench.model.quality import Quality
-from bench.record import RecordRow, Samples
+from bench.analysis import build_results
 from bench.systems.time_sync.analysis import analyse
 
 Array = Any
 SYSTEM = "time_sync"
 PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
-LATITUDE, LONGITUDE = np.radians(37.5), np.radians(126.95)
-LONG_s, TURN_s, RATE_deg_s, SPEED_m_s, HEIGHT_m = 20.0, (6.0, 14.0), 11.25, 100.0, 3000.0
-IMU_s, EGI_s = 0.025, 0.08  # of their own clocks
-EGI_LATENCY_s, IMU_LATENCY_s, JITTER_s, TAG_s = 8e-3, 0.8e-3, 3e-4, 1e-5
-OFFSET_s, DRIFT, IMU_CLOCK = 13.7e-3, 3e-6, 8e-6
-G_m_s2, EARTH_rad_s, RADIUS_m = 9.7803253359, 7.292115e-5, 6_371_000.0
-CAMPAIGN: Mapping[str, Any] = {
-    "analysis": "time_sync",
-    "uut": {"model": "EGI-IMU", "serial": "PAIR-1"},
-    "latency": {"egi_s": EGI_LATENCY_s, "imu_s": IMU_LATENCY_s, "std_s": 1e-3},
-    "inertial": {"accel_bias_g": 200e-6, "velocity_walk_g_rtHz": 20e-6, "gyro_bias_deg_s": 1.0 / 3600.0,
-                 "angle_walk_deg_rth": 0.07},
-    "egi": {"velocity_m_s": 0.017, "level_deg": 0.0013, "heading_deg": 0.0144, "wander_s": 20.0,
-            "heading_wander_s": 100.0},
-}  # fmt: skip
-POSITION_m = 0.3
-SCALES = {"tick": (1e-7, 0.0, "s"), "delta_angle": (1e-9, 0.0, "rad"), "delta_velocity": (1e-8, 0.0, "m/s")}
-FIRST_TICK = 3_500_098_765
 JUDGED = ("time_offset", "time_offset_from_stamps", "time_offset_drift", "clock_rate")
 
 
-@dataclass
-class Solutions:
-    """What an EGI is about to send: true time of validity (n,), position m, velocity m/s, heading, roll, pitch rad."""
-
-    valid_s: Array
-    position_m: Array
-    velocity_m_s: Array
-    tilt_rad: Array  # rotation vector in the plane that turns the true attitude into the stated one
-    stamp_s: Array  # true time of arrival
-    tick_s: Array  # of its own clock
-
-
-@dataclass(frozen=True)
-class World:
-    """A right world. The methods are where a wrong one departs from it."""
-
-    size: float = 0.0
+class OldSolutions(World):
+    """The EGI tags its solutions too late: a constant latency that nobody stated."""
 
     def age_s(self, t_s: Array) -> tuple[Array, Array, Array]:
-        """How much older than its tag position, velocity and attitude of a solution are."""
-        none = np.zeros_like(t_s)
-        return none, none, none
+        age = np.full_like(t_s, self.size)
+        return age, age, age
 
-    def sent(self, solutions: Solutions) -> None:
-        """Change what the EGI sends."""
 
-    def increments(self, dv: Array, dtheta: Array, t_s: Array) -> None:
-        """Change what the inertial unit sends."""
-
-    def lever_m(self) -> Array:
-        """From the inertial unit to where the EGI's solution is, body axes."""
-        return np.zeros(3)
-
-    def errors(self) -> float:
-        """How many times as large as stated the EGI's errors are."""
-        return 1.0
+class StatedLatency(World):
+    """The EGI waits longer before it sends than its maker says."""
 
     def egi_arrival_s(self, t_s: Array) -> Array:
-        """Additional delay on the line."""
-        return np.zeros_like(t_s)
+        return np.full_like(t_s, self.size)
 
 
-def motion(t_s: Array) -> tuple[Array, Array, Array]:
-    """Return position (n, 3), velocity (n, 3) and heading (n,): straight north, a right turn, straight."""
-    begin, end = TURN_s
-    rate = np.radians(RATE_deg_s)
-    turned = np.clip(t_s, begin, end) - begin
-    yaw = rate * turned
-    before, after = np.minimum(t_s, begin), np.maximum(t_s - end, 0.0)
-    last = rate * (end - begin)
-    north = SPEED_m_s * (before + np.sin(yaw) / rate + after * np.cos(last))
-    east = SPEED_m_s * ((1.0 - np.cos(yaw)) / rate + after * np.sin(last))
-    velocity = SPEED_m_s * np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(t_s)], axis=1)
-    return np.stack([north, east, np.full_like(t_s, -HEIGHT_m)], axis=1), velocity, yaw
+class AgeSteps(World):
+    """In the middle of the turn the EGI begins to send older solutions."""
+
+    def age_s(self, t_s: Array) -> tuple[Array, Array, Array]:
+        age = self.size * (t_s > 0.5 * LONG_s)
+        return age, age, age
 
 
-def felt(t_s: Array) -> tuple[Array, Array]:
-    """Return specific force (n, 3) m/s2 and rate (n, 3) rad/s along the body's axes."""
-    position, velocity, yaw = motion(t_s)
-    turning = np.where((t_s > TURN_s[0]) & (t_s < TURN_s[1]), np.radians(RATE_deg_s), 0.0)
-    up = np.array([0.0, 0.0, 1.0])
-    earth = EARTH_rad_s * np.array([np.cos(LATITUDE), 0.0, -np.sin(LATITUDE)])
-    sine2 = np.sin(LATITUDE) ** 2
-    g0 = G_m_s2 * (1.0 + 0.00193185265241 * sine2) / np.sqrt(1.0 - 0.00669437999013 * sine2)
-    gravity = g0 * up + g0 / RADIUS_m * position * np.array([-1.0, -1.0, 2.0])
-    acceleration = np.cross(turning[:, None] * up, velocity)
-    force = acceleration - gravity + 2.0 * np.cross(earth, velocity)
-    rate = earth + turning[:, None] * up
-    return _in_body(force, yaw), _in_body(rate, yaw)
+class AgeDrifts(World):
+    """Solutions become older all the time, by ``size`` in a second."""
+
+    def age_s(self, t_s: Array) -> tuple[Array, Array, Array]:
+        age = self.size * (t_s - 0.5 * LONG_s)
+        return age, age, age
 
 
-def _in_body(vector: Array, yaw: Array) -> Array:
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    forward, right = cosine * vector[:, 0] + sine * vector[:, 1], cosine * vector[:, 1] - sine * vector[:, 0]
-    return np.stack([forward, right, vector[:, 2]], axis=1)
+class OldVelocity(World):
+    """Velocity is smoothed in the EGI: older than position and attitude."""
+
+    def age_s(self, t_s: Array) -> tuple[Array, Array, Array]:
+        none = np.zeros_like(t_s)
+        return none, np.full_like(t_s, self.size), none
 
 
-def integrals(edges_s: Array) -> tuple[Array, Array]:
-    """Return what the body feels, integrated between consecutive times (n + 1,) by Simpson's rule: (n, 3) twice."""
-    cut = np.union1d(edges_s, [at for at in TURN_s if edges_s[0] < at < edges_s[-1]])
-    inside = 1e-9
-    parts = [felt(at) for at in (cut[:-1] + inside, 0.5 * (cut[:-1] + cut[1:]), cut[1:] - inside)]
-    steps = np.diff(cut)[:, None] / 6.0
-    begins = np.searchsorted(cut, edges_s[:-1])
-    return tuple(  # type: ignore[return-value]
-        np.add.reduceat(steps * (first + 4.0 * middle + last), begins, axis=0)
-        for first, middle, last in zip(*parts, strict=True)
-    )
+class LeverArm(World):
+    """The EGI sits off the inertial unit, forward and to the right."""
+
+    def lever_m(self) -> Array:
+        return self.size * np.array([1.0, 0.5, 0.0])
 
 
-def wander(rng: np.random.Generator, count: int, time_s: float) -> Array:
-    """Return errors of unit variance that are alike for some time, (count, 3)."""
-    kept = np.exp(-EGI_s / time_s)
-    white = rng.standard_normal((count, 3))
-    out = np.empty_like(white)
-    out[0] = white[0]
-    for k in range(1, count):
-        out[k] = kept * out[k - 1] + np.sqrt(1.0 - kept**2) * white[k]
-    return out
+class Axes(World):
+    """The axes of the EGI are turned against those of the inertial unit, about all three, in degrees."""
+
+    def sent(self, solutions: Solutions) -> None:
+        _, _, yaw = motion(solutions.valid_s)
+        body = np.radians(self.size) * np.array([1.0, 1.0, 1.0]) * np.ones((len(yaw), 1))
+        solutions.tilt_rad += in_body(body, -yaw)
 
 
-@dataclass(frozen=True)
-class Recording:
-    """One drive of both units: ``seed`` draws, ``world`` what is wrong, ``noise`` False without errors of any unit."""
-
-    seed: int
-    world: World = field(default_factory=World)
-    noise: bool = True
-
-    def material(self) -> Material:
-        """As the analysis takes it."""
-        imu, egi = self._imu(), self._egi()
-        conditions = {"item": "time_sync", "manoeuvre": "turn", "phase": "all"}
-        count = len(imu.counter)
-        window = RecordWindow(1, "imu", int(imu.counter[0]), count, int(imu.t_ns[0]), int(imu.t_ns[-1]), conditions)
-        row = RecordRow(window, {}, count, 0, 0, Quality.GOOD, samples=imu, beside={"egi": egi})
-        return Material([row], CAMPAIGN, {})
-
-    def _imu(self) -> Samples:
-        own_s = np.arange(round(LONG_s / IMU_s) + 1) * IMU_s
-        t_s = own_s / (1.0 + IMU_CLOCK)
-        dv, dtheta = integrals(t_s)
-        rng = np.random.default_rng([self.seed, 1])
-        for column, walk, bias in (
-            (dv, 20e-6 * 9.80665, 200e-6 * 9.80665),
-            (dtheta, np.radians(0.07) / 60.0, np.radians(1.0) / 3600.0),
-        ):
-            errors = bias * IMU_s * rng.standard_normal(3) + walk * np.sqrt(IMU_s) * rng.standard_normal(column.shape)
-            column += self.noise * errors
-        self.world.increments(dv, dtheta, t_s[1:])
-        columns = {
-            "tick": self._ticks(own_s[1:], rng),
-            "delta_angle": np.rint(dtheta / 1e-9).astype(np.int32),
-            "delta_velocity": np.rint(dv / 1e-8).astype(np.int32),
-            "status": np.zeros(len(dv), np.uint16),
-        }
-        arrived_s = t_s[1:] + IMU_LATENCY_s
-        return Samples(columns, 70_000 + np.arange(len(dv)), self._stamps(arrived_s, rng), _scales(columns))
-
-    def _egi(self) -> Samples:
-        own_s = 0.1137 + np.arange(round((LONG_s - 0.2) / EGI_s)) * EGI_s
-        of_imu_s = own_s - OFFSET_s - DRIFT * (own_s - 0.5 * LONG_s)
-        t_s = of_imu_s / (1.0 + IMU_CLOCK)
-        ages = self.world.age_s(t_s)
-        position, velocity, yaw = (motion(t_s - age)[part] for part, age in enumerate(ages))
-        lever = _in_body(self.world.lever_m() * np.ones((len(t_s), 1)), -yaw)
-        turning = np.where((t_s > TURN_s[0]) & (t_s < TURN_s[1]), np.radians(RATE_deg_s), 0.0)
-        position = position + lever
-        velocity = velocity + np.cross(turning[:, None] * np.array([0.0, 0.0, 1.0]), lever)
-        rng = np.random.default_rng([self.seed, 2])
-        size = self.noise * self.world.errors()
-        position += size * POSITION_m * wander(rng, len(t_s), 20.0)
-        velocity += size * 0.017 * wander(rng, len(t_s), 20.0)
-        tilt = np.radians([0.0013, 0.0013, 0.0]) * rng.standard_normal(3) * np.ones((len(t_s), 1))
-        tilt[:, 2] = np.radians(0.0144) * wander(rng, len(t_s), 100.0)[:, 2]
-        stamp_s = t_s + EGI_LATENCY_s + self.world.egi_arrival_s(t_s)
-        sent = Solutions(t_s, position, velocity, size * tilt, stamp_s, own_s)
-        self.world.sent(sent)
-        return self._solutions(sent, yaw, rng)
-
-    def _solutions(self, sent: Solutions, yaw: Array, rng: np.random.Generator) -> Samples:
-        latitude, longitude, height_m, to_level = on_the_ellipsoid(sent.position_m)
-        turn = Rotation.from_rotvec(sent.tilt_rad) * Rotation.from_euler("Z", yaw[:, None])
-        attitude = (Rotation.from_matrix(to_level) * turn).as_euler("ZYX", degrees=True)[:, ::-1]
-        columns = {
-            "tick": self._ticks(sent.tick_s, rng),
-            "latitude": np.degrees(latitude), "longitude": np.degrees(longitude), "height": height_m,
-            "velocity": np.einsum("nij,nj->ni", to_level, sent.velocity_m_s), "attitude": attitude,
-            "position_sigma": np.full(len(yaw), POSITION_m), "mode": np.full(len(yaw), 3, np.uint16),
-            "status": np.zeros(len(yaw), np.uint16),
-        }  # fmt: skip
-        return Samples(columns, 17_500 + np.arange(len(yaw)), self._stamps(sent.stamp_s, rng), _scales(columns))
-
-    def _ticks(self, own_s: Array, rng: np.random.Generator) -> Array:
-        noise_s = self.noise * TAG_s * rng.standard_normal(own_s.size)
-        return np.rint((own_s + noise_s) * 1e7).astype(np.uint64) + np.uint64(FIRST_TICK)
-
-    def _stamps(self, arrived_s: Array, rng: np.random.Generator) -> Array:
-        late_s = rng.exponential(JITTER_s, arrived_s.size) * (1.0 if self.noise else 1e-3)
-        return np.rint((np.maximum.accumulate(arrived_s + late_s) + 300.0) * 1e9).astype(np.int64)
+class GyroScale(World):
+    def increments(self, dv: Array, dtheta: Array, t_s: Array) -> None:
+        dtheta *= 1.0 + self.size
 
 
-def _scales(columns: Mapping[str, Array]) -> dict[str, tuple[float, float, str]]:
-    return {name: SCALES.get(name, (1.0, 0.0, "")) for name in columns}
+class AccelerometerScale(World):
+    def increments(self, dv: Array, dtheta: Array, t_s: Array) -> None:
+        dv *= 1.0 + self.size
 
 
-def on_the_ellipsoid(plane_m: Array) -> tuple[Array, Array, Array, Array]:
-    """Return latitude, longitude (rad), height (m) of points (n, 3) of the plane, and (n, 3, 3) from it to level axes.
+class OneBadSolution(World):
+    """One position is off, as a frame is that got past its check."""
 
-    Newton's steps on the ellipsoid's own equations, begun at the origin.
-    """
-    a, e2 = 6_378_137.0, 2.0 / 298.257223563 - 1.0 / 298.257223563**2
-    out = _to_earth(np.full(1, LATITUDE), np.full(1, LONGITUDE))[0].T
-    x = _earth_fixed(np.full(1, LATITUDE), np.full(1, LONGITUDE), np.zeros(1), a, e2) + plane_m @ out.T
-    longitude = np.arctan2(x[:, 1], x[:, 0])
-    ring = np.hypot(x[:, 0], x[:, 1])
-    latitude = np.full(len(x), LATITUDE)
-    for _ in range(6):
-        normal = a / np.sqrt(1.0 - e2 * np.sin(latitude) ** 2)
-        latitude = np.arctan2(x[:, 2] + e2 * normal * np.sin(latitude), ring)
-    normal = a / np.sqrt(1.0 - e2 * np.sin(latitude) ** 2)
-    height = ring / np.cos(latitude) - normal
-    return latitude, longitude, height, _to_earth(latitude, longitude) @ out
+    def sent(self, solutions: Solutions) -> None:
+        solutions.position_m[230] += self.size
 
 
-def _earth_fixed(latitude: Array, longitude: Array, height: Array, a: float, e2: float) -> Array:
-    normal = a / np.sqrt(1.0 - e2 * np.sin(latitude) ** 2)
-    ring = (normal + height) * np.cos(latitude)
-    up = (normal * (1.0 - e2) + height) * np.sin(latitude)
-    return np.stack([ring * np.cos(longitude), ring * np.sin(longitude), up], axis=-1)
+class BadBurst(World):
+    """For half a second the EGI has lost its satellites, and says nothing about it."""
+
+    def sent(self, solutions: Solutions) -> None:
+        solutions.position_m[200:211] += self.size * np.array([1.0, -1.0, 0.0])
 
 
-def _to_earth(latitude: Array, longitude: Array) -> Array:
-    """Return rows north, east, down in Earth-fixed axes, (n, 3, 3)."""
-    sine, cosine, zero = np.sin(latitude), np.cos(latitude), np.zeros_like(latitude)
-    north = np.stack([-sine * np.cos(longitude), -sine * np.sin(longitude), cosine], axis=-1)
-    east = np.stack([-np.sin(longitude), np.cos(longitude), zero], axis=-1)
-    return np.stack([north, east, np.cross(north, east)], axis=1)
+class FrozenSolutions(World):
+    """The EGI sends the same solution again and again, for a part of the recording in the turn."""
+
+    def sent(self, solutions: Solutions) -> None:
+        first = len(solutions.valid_s) // 2
+        frozen = slice(first, first + max(2, round(self.size * len(solutions.valid_s))))
+        for values in (solutions.position_m, solutions.velocity_m_s, solutions.tilt_rad):
+            values[frozen] = values[first]
+
+
+class OneBadIncrement(World):
+    def increments(self, dv: Array, dtheta: Array, t_s: Array) -> None:
+        dv[350, 1] += self.size
+
+
+class LineFills(World):
+    """The line from the EGI is too slow: each frame waits longer than the one before, by ``size`` in a second."""
+
+    def egi_arrival_s(self, t_s: Array) -> Array:
+        return self.size * t_s
+
+
+class LineSwitches(World):
+    """In the middle the frames of the EGI begin to take another way."""
+
+    def egi_arrival_s(self, t_s: Array) -> Array:
+        return self.size * (t_s > 0.5 * LONG_s)
+
+
+class LargerErrors(World):
+    """The EGI is of a worse class than the sequence says."""
+
+    def errors(self) -> float:
+        return self.size
+
+
+SWITCHES = (
+    Switch("solutions_older_than_tags", OldSolutions, (1e-3, 5e-3, 3e-2), "latency_as_stated"),
+    Switch("latency_not_as_stated", StatedLatency, (1e-3, 5e-3, 3e-2), "latency_as_stated"),
+    Switch("age_steps", AgeSteps, (3e-4, 3e-3, 3e-2), "one_offset"),
+    Switch("age_drifts", AgeDrifts, (1e-5, 1e-4, 1e-3), "one_offset"),
+    Switch("velocity_older", OldVelocity, (1e-3, 1e-2, 1e-1), "one_age"),
+    Switch("lever_arm", LeverArm, (0.1, 1.0, 10.0), "one_place"),
+    Switch("axes_turned", Axes, (1e-3, 1e-2, 1e-1), "same_axes"),
+    Switch("gyro_scale", GyroScale, (1e-5, 1e-4, 1e-3), "scales_of_inertial_unit"),
+    Switch("accelerometer_scale", AccelerometerScale, (1e-4, 1e-3, 1e-2), "scales_of_inertial_unit"),
+    Switch("one_bad_solution", OneBadSolution, (0.1, 10.0, 1e4)),
+    Switch("bad_burst", BadBurst, (0.1, 3.0, 100.0)),
+    Switch("frozen_solutions", FrozenSolutions, (0.001, 0.01, 0.1)),
+    Switch("one_bad_increment", OneBadIncrement, (1e-3, 1e-1, 10.0)),
+    Switch("line_fills", LineFills, (1e-6, 1e-4, 1e-2), "steady_delay"),
+    Switch("line_switches", LineSwitches, (1e-4, 1e-3, 1e-2), "steady_delay"),
+    Switch("larger_errors", LargerErrors, (1.3, 2.0, 5.0), "errors_as_stated"),
+)
+
+
+def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = False) -> Seen:
+    """Return what one recording states and its truth; without a switch that of the same seed in a right world."""
+    world = World() if switch is None else switch.world(size)
+    analysis = analyse(Recording(seed, world, not noise_free).material())
+    document = build_results("doubt", analysis, {"records": 1}, PROVENANCE)
+    wanted = [entry for entry in document["estimates"] if entry["quantity"] in JUDGED]
+    (fit,) = analysis.groups
+    chi2, dof = fit["reduced_chi2"] * fit["dof"], fit["dof"]
+    for entry in analysis.estimates:
+        if entry["quantity"] == "stamps_difference":
+            chi2, dof = chi2 + (entry["value"] / entry["std_uncertainty"]) ** 2, dof + 1
+    return Seen(wanted, [truth_of(entry) for entry in wanted], chi2, dof, 6)
+
+
+def truth_of(entry: Any) -> float:
+    """Return what an estimate should be: clock of the EGI minus that of the inertial unit, and rates of clocks."""
+    if entry["quantity"] == "time_offset_drift":
+        return 1e6 * DRIFT / (1.0 - DRIFT)
+    if entry["quantity"] == "clock_rate":
+        return 1e6 * IMU_CLOCK if entry["conditions"]["link"] == "imu" else 1e6 * (IMU_CLOCK + DRIFT)
+    return OFFSET_s

@@ -27,7 +27,7 @@ from bench.systems.time_sync.estimators.stamp_grid import Grid, grid_line
 Array = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 _BLOCKS = 24
-_LEAST = 200  # frames
+LEAST_FRAMES = 200
 _STEP = 0.02  # of the interval: a clock that jumps by more was set, or started again
 _SCATTERS = 10.0
 _LOWEST = 2.0  # noise of the tags at the lowest delays, in standard deviations
@@ -76,10 +76,10 @@ def port_clock(device_s: Array, counter: Int64, received_s: Array, step_s: float
     Raises:  FitError B-SYNC-009 for fewer than 200 frames, or without a span.
     Source:  see the head of this file.
     """
-    if device_s.size < _LEAST or not device_s[-1] > device_s[0]:
+    if device_s.size < LEAST_FRAMES or not device_s[-1] > device_s[0]:
         raise FitError(
             "B-SYNC-009",
-            f"{device_s.size} frames do not tell the clock of a unit, {_LEAST} in order of time are the least",
+            f"{device_s.size} frames do not tell the clock of a unit, {LEAST_FRAMES} in order of time are the least",
             next_step="record longer; look at the link's lost frames in the report",
         )
     at_s = 0.5 * float(device_s[0] + device_s[-1])

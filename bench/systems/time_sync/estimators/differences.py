@@ -1,0 +1,266 @@
+"""Solutions of an EGI against the unaided integration of the inertial unit, as a linear model with known noise.
+
+The filter takes one solution after the other and forgets; here all differences of a recording stand side by side, as
+means over blocks of about a second, with what each unknown of the filter would make of them and with the covariance of
+the errors that the makers of both units state. So residuals can be held against it, and what else could be true.
+
+Source: error model of a strapdown system as in ``kalman.covariance``; generalised least squares, Aitken (1935);
+Gauss-Markov errors and their means, Brown and Hwang (2012), section 4.6.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.maths.strapdown import Track, navigate
+from bench.maths.strapdown_earth import earth_rate
+from bench.systems.time_sync.estimators.kalman.covariance import first_model, refresh_model, skew
+from bench.systems.time_sync.estimators.kalman.innovation import rotation_between
+from bench.systems.time_sync.estimators.kalman.setup import FilterSetup, ImuDensities, ImuSamples
+from bench.systems.time_sync.estimators.kalman.stream import filled_noise
+from bench.systems.time_sync.estimators.kalman.trials import EgiSpread
+
+Array = NDArray[np.float64]
+STATES = 15  # errors of position, velocity and attitude at the begin, biases of accelerometers and gyros
+_SEEN = 9  # position, velocity, attitude
+_BLOCK_s = 1.0
+_FEWEST, _MOST = 12, 60  # blocks
+_NODE_s = 0.1  # steps of the error model
+_KICKS = 3  # of the walks, in a block
+_DOUBT = 10.0  # a motion counts as seen where its square is above this many times that of its noise
+_FLOOR = np.repeat([1e-3, 1e-4, 1e-6], 3)  # m, m/s, rad: arithmetic and resolution
+
+
+@dataclass(frozen=True)
+class Solved:
+    """Solutions of an EGI in one frame: tags by the clock of the inertial unit (m,), ``p``, ``v`` (m, 3), ``C``."""
+
+    t_s: Array
+    p: Array
+    v: Array
+    C: Array
+    latitude_deg: float
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Stated errors, one sigma.   ``drift_std``: of the tags against each other, s/s.   ``tag_std_s``: white."""
+
+    imu: ImuDensities
+    egi: EgiSpread
+    drift_std: float
+    tag_std_s: float
+
+
+@dataclass(frozen=True)
+class Guess:
+    """About which the model is linear: offset and biases (m/s2, rad/s; (3,) each)."""
+
+    offset_s: float
+    accel_bias: Array
+    gyro_bias: Array
+
+
+@dataclass(frozen=True)
+class Differences:
+    """Means over b blocks of prediction minus solution, position m, velocity m/s, attitude rad.
+
+    ``at_s``: middles (b,).   ``y``: (b, 9).   ``states``: (b, 9, 15) what errors of the states make of them.
+    ``motion``: (b, 9) what a second of offset makes.   ``others``: (b, 9, k) what else could be true, by name.
+    ``covariance``: (9 b, 9 b).
+    """
+
+    at_s: Array
+    y: Array
+    states: Array
+    motion: Array
+    others: Mapping[str, Array]
+    covariance: Array
+
+
+def differences(imu: ImuSamples, egi: Solved, guess: Guess, noise: Noise) -> Differences:
+    """Hold solutions against the integration from the first of them on.
+
+    Args:    imu: one lane.   egi: solutions inside its samples.   guess: offset and biases nearby.   noise: as stated.
+    Source:  see the head of this file.
+    """
+    valid_s = egi.t_s - guess.offset_s
+    start = max(int(np.searchsorted(imu.t_s, valid_s[0])), 0)
+    use = (valid_s >= imu.t_s[start]) & (valid_s <= imu.t_s[-1])
+    egi = Solved(egi.t_s[use], egi.p[use], egi.v[use], egi.C[use], egi.latitude_deg)
+    valid_s = valid_s[use]
+    path = _Path(imu, egi, guess, noise.imu, start)
+    track = path.at(valid_s)
+    turned = rotation_between(np.moveaxis(track.C, 0, -1), np.moveaxis(egi.C, 0, -1)).T
+    y = np.concatenate((track.p - egi.p, track.v - egi.v, turned), axis=1)
+    blocks = _Blocks(valid_s)
+    transition, rate, acceleration = (
+        path.between(values, valid_s) for values in (path.X, path.rate, path.acceleration)
+    )
+    motion = np.concatenate((track.v, acceleration, rate), axis=1)
+    mean = {name: blocks.mean(column) for name, column in _others(valid_s, track.C, rate, motion, transition).items()}
+    states, mean_motion = blocks.mean(transition[:, :_SEEN, :STATES]), blocks.mean(motion)
+    covariance = blocks.covariance(noise.egi) + path.walked(blocks, noise.imu)
+    drifted = (noise.drift_std * (blocks.at_s - valid_s.mean())[:, None] * mean_motion).ravel()
+    covariance += np.outer(drifted, drifted)
+    tags = (noise.tag_std_s / np.sqrt(blocks.count))[:, None] * mean_motion
+    for block, tag in enumerate(tags):
+        part = slice(_SEEN * block, _SEEN * (block + 1))
+        covariance[part, part] += np.outer(tag, tag)
+    return Differences(blocks.at_s, blocks.mean(y), states, mean_motion, mean, covariance)
+
+
+def _others(at_s: Array, C: Array, rate: Array, motion: Array, transition: Array) -> dict[str, Array]:
+    """Return what else could be true of each solution, (m, 9, k) by name."""
+    lever, axes, ages = np.zeros((len(C), _SEEN, 3)), np.zeros((len(C), _SEEN, 3)), np.zeros((len(C), _SEEN, 2))
+    lever[:, :3], lever[:, 3:6] = C, skew(rate) @ C
+    axes[:, 6:] = C
+    drifting = motion * (at_s - at_s.mean())[:, None]
+    ages[:, :3, 0], ages[:, 3:6, 1] = motion[:, :3], motion[:, 3:6]
+    return {
+        "lever_arm": lever,
+        "axes_turned": axes,
+        "ages_differ": ages,
+        "offset_drifts": drifting[..., None],
+        "gyro_scale": transition[:, :_SEEN, STATES : STATES + 1],
+        "accelerometer_scale": transition[:, :_SEEN, STATES + 1 : STATES + 2],
+    }
+
+
+class _Path:
+    """Integration of the inertial unit, and the error model along it at nodes."""
+
+    def __init__(self, imu: ImuSamples, egi: Solved, guess: Guess, densities: ImuDensities, start: int) -> None:
+        t_s = imu.t_s[start + 1 :]
+        dt = np.diff(imu.t_s[start:])[:, None]
+        dv = imu.dv[start + 1 :, 0] - guess.accel_bias * dt
+        dtheta = imu.dtheta[start + 1 :, 0] - guess.gyro_bias * dt
+        first_p = egi.p[0] + egi.v[0] * (imu.t_s[start] - egi.t_s[0] + guess.offset_s)
+        walked = navigate(t_s, dv, dtheta, first_p, egi.v[0], egi.C[0], egi.latitude_deg, begin_s=float(imu.t_s[start]))
+        begin = [values[None] for values in (first_p, egi.v[0], egi.C[0])]
+        p, v, C = (np.concatenate((one, rest)) for one, rest in zip(begin, (walked.p, walked.v, walked.C), strict=True))
+        self._track = Track(imu.t_s[start:], p, v, C)
+        stride = max(1, round(_NODE_s / float(np.median(dt))))
+        self._node = np.append(np.arange(0, len(C) - 1, stride), len(C) - 1)
+        self.t_s = self._track.t_s[self._node]
+        steps_s = np.diff(self.t_s)[:, None]
+        middle = 0.5 * (C[1:] + C[:-1])
+        self._force = self._over_nodes(np.einsum("nij,nj->ni", middle, dv)) / steps_s
+        turning = self._over_nodes(np.einsum("nij,nj->ni", middle, dtheta)) / steps_s
+        rate = turning - earth_rate(egi.latitude_deg)
+        self._turning = rate * _shown(rate, densities.angle_walk**2 / steps_s)
+        acceleration = np.diff(v[self._node], axis=0) / steps_s
+        acceleration *= _shown(acceleration, densities.velocity_walk**2 / steps_s)
+        self._filled = filled_noise(imu)[start:][self._node]
+        self.rate, self.acceleration = _at_nodes(self._turning), _at_nodes(acceleration)
+        self.X = self._transitions(C, egi.latitude_deg)
+
+    def _over_nodes(self, increments: Array) -> Array:
+        return np.asarray(np.add.reduceat(increments, self._node[:-1], axis=0))
+
+    def _transitions(self, C: Array, latitude_deg: float) -> Array:
+        """Return errors at the nodes by errors at the begin, and by 1 of both scales: (nodes, 15, 17)."""
+        F = first_model(FilterSetup((False,), ((1.0, 1.0, 1.0),), latitude_deg))
+        out = np.zeros((self._node.size, STATES, STATES + 2))
+        out[0, :, :STATES] = np.eye(STATES)
+        for k, dt in enumerate(np.diff(self.t_s)):
+            refresh_model(F, self._force[k : k + 1], C[(self._node[k] + self._node[k + 1]) // 2][None])
+            step = F[0, :STATES, :STATES] * dt
+            out[k + 1] = out[k] + step @ (out[k] + 0.5 * (step @ out[k]))
+            out[k + 1, 6:9, STATES] += self._turning[k] * dt
+            out[k + 1, 3:6, STATES + 1] += self._force[k] * dt
+        return out
+
+    def at(self, t_s: Array) -> Track:
+        """Return the integration at other times."""
+        track = self._track
+        return Track(t_s, *(_linear(t_s, track.t_s, values) for values in (track.p, track.v, track.C)))
+
+    def between(self, at_nodes: Array, t_s: Array) -> Array:
+        """Return values of the nodes at other times."""
+        return _linear(t_s, self.t_s, at_nodes)
+
+    def walked(self, blocks: _Blocks, imu: ImuDensities) -> Array:
+        """Return the covariance (9 b, 9 b) that the walks of the inertial unit leave in the blocks."""
+        count = _KICKS * blocks.at_s.size
+        edges_s = np.linspace(self.t_s[0], self.t_s[-1], count + 1)
+        kicked = np.clip(np.searchsorted(self.t_s, 0.5 * (edges_s[1:] + edges_s[:-1])), 0, self.t_s.size - 1)
+        variance = np.diff(edges_s)[:, None] * np.repeat([imu.velocity_walk, imu.angle_walk], 3) ** 2
+        variance = variance + np.diff(_linear(edges_s, self.t_s, self._filled), axis=0)
+        inverse = np.linalg.inv(self.X[kicked][:, :, :STATES])[:, :, 3:9] * np.sqrt(variance)[:, None, :]
+        rows = blocks.later(self.between(self.X[:, :_SEEN, :STATES], blocks.t_s), self.t_s[kicked])
+        response = np.einsum("kbij,kjl->bikl", rows, inverse, optimize=True)
+        flat = response.reshape(blocks.at_s.size * _SEEN, -1)
+        return np.asarray(flat @ flat.T)
+
+
+class _Blocks:
+    """Times (m,) in blocks of equal length, without those that hold none."""
+
+    def __init__(self, t_s: Array) -> None:
+        self.t_s = t_s
+        span_s = float(t_s[-1] - t_s[0])
+        number = int(np.clip(span_s / _BLOCK_s, _FEWEST, _MOST))
+        of = np.minimum(((t_s - t_s[0]) / span_s * number).astype(np.int64), number - 1)
+        self._first = np.unique(of, return_index=True)[1]
+        self.count = np.diff(np.append(self._first, t_s.size))
+        self._length_s = span_s / number
+        self.at_s = self.mean(t_s)
+
+    def mean(self, values: Array) -> Array:
+        """Return means of values (m, ...) over the blocks, (b, ...)."""
+        shape = (-1, *(1,) * (values.ndim - 1))
+        return np.asarray(np.add.reduceat(values, self._first, axis=0) / self.count.reshape(shape))
+
+    def later(self, rows: Array, from_s: Array) -> Array:
+        """Return means over the blocks of rows (m, ...), zero up to each time: (k, b, ...)."""
+        sums = np.concatenate((np.zeros((1, *rows.shape[1:])), np.cumsum(rows, axis=0)))
+        ends = np.append(self._first[1:], self.t_s.size)
+        begins = np.maximum(self._first, np.searchsorted(self.t_s, from_s)[:, None])
+        begins = np.minimum(begins, ends)
+        shape = (1, -1, *(1,) * (rows.ndim - 1))
+        return np.asarray((sums[ends] - sums[begins]) / self.count.reshape(shape))
+
+    def covariance(self, egi: EgiSpread) -> Array:
+        """Return what the stated errors of an EGI leave in the blocks, (9 b, 9 b)."""
+        out = np.zeros((self.at_s.size, _SEEN, self.at_s.size, _SEEN))
+        wander, heading = self._alike(egi.wander_s), self._alike(egi.heading_wander_s)
+        for axis in range(3):
+            out[:, axis, :, axis] = egi.position_m**2 * wander
+            out[:, 3 + axis, :, 3 + axis] = egi.velocity_m_s**2 * wander
+        for axis in (6, 7):
+            out[:, axis, :, axis] = math.radians(egi.level_deg) ** 2
+        out[:, 8, :, 8] = math.radians(egi.heading_deg) ** 2 * heading
+        flat = out.reshape(self.at_s.size * _SEEN, -1)
+        return np.asarray(flat + np.diag(np.tile(_FLOOR**2, self.at_s.size)))
+
+    def _alike(self, time_s: float) -> Array:
+        """Return covariance of the means of an error of unit variance that wanders and returns, (b, b)."""
+        part = self._length_s / time_s
+        out = np.exp(-np.abs(self.at_s[:, None] - self.at_s) / time_s) * (math.sinh(0.5 * part) / (0.5 * part)) ** 2
+        np.fill_diagonal(out, 2.0 / part * (1.0 + math.expm1(-part) / part))
+        return np.asarray(out)
+
+
+def _shown(motion: Array, variance: Array) -> Array:
+    """Return the share of motions (n, 3) that is not their noise, (n, 1): what is made of noise fits its own errors."""
+    square, doubt = np.sum(motion**2, axis=1, keepdims=True), _DOUBT * 3.0 * variance
+    return np.asarray(np.maximum(0.0, 1.0 - doubt / np.maximum(square, doubt)))
+
+
+def _at_nodes(between: Array) -> Array:
+    """Return values at the nodes from those between them."""
+    return np.concatenate((between[:1], 0.5 * (between[1:] + between[:-1]), between[-1:]))
+
+
+def _linear(at_s: Array, t_s: Array, values: Array) -> Array:
+    """Return values (n, ...) at other times by lines between them, (m, ...)."""
+    before = np.clip(np.searchsorted(t_s, at_s, side="right") - 1, 0, t_s.size - 2)
+    part = (at_s - t_s[before]) / (t_s[before + 1] - t_s[before])
+    shape = (-1, *(1,) * (values.ndim - 1))
+    return np.asarray(values[before] + part.reshape(shape) * (values[before + 1] - values[before]))
