@@ -84,6 +84,7 @@ DECLARATION = System(
             made_of="samples",
             conditions=("item", "manoeuvre"),
             beside="egi",
+            assumptions="bench.systems.time_sync.assumptions:assumptions",
             limits={
                 "time_offset_uncertainty": Limit("s", above_zero=True),
                 "stamps_difference": Limit("s", above_zero=True),

@@ -86,14 +86,14 @@ class OneBadSolution(World):
     """One position is off, as a frame is that got past its check."""
 
     def sent(self, solutions: Solutions) -> None:
-        solutions.position_m[230] += self.size
+        solutions.position_m[120] += self.size
 
 
 class BadBurst(World):
     """For half a second the EGI has lost its satellites, and says nothing about it."""
 
     def sent(self, solutions: Solutions) -> None:
-        solutions.position_m[200:211] += self.size * np.array([1.0, -1.0, 0.0])
+        solutions.position_m[100:107] += self.size * np.array([1.0, -1.0, 0.0])
 
 
 class FrozenSolutions(World):

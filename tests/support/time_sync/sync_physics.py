@@ -21,7 +21,7 @@ from bench.record import RecordRow, Samples
 Array = Any
 LATITUDE, LONGITUDE = np.radians(37.5), np.radians(126.95)
 LONG_s, TURN_s, RATE_deg_s, SPEED_m_s, HEIGHT_m = 20.0, (6.0, 14.0), 11.25, 100.0, 3000.0
-IMU_s, EGI_s = 0.025, 0.048  # of their own clocks
+IMU_s, EGI_s = 0.025, 0.08  # of their own clocks
 EGI_LATENCY_s, IMU_LATENCY_s, JITTER_s, TAG_s = 8e-3, 0.8e-3, 3e-4, 1e-5
 OFFSET_s, DRIFT, IMU_CLOCK = 13.7e-3, 3e-6, 8e-6
 G_m_s2, EARTH_rad_s, RADIUS_m = 9.7803253359, 7.292115e-5, 6_371_000.0
