@@ -98,7 +98,7 @@ def _of_mounting(worse: float, tilted: float) -> list[Assumption]:
             "one_place",
             "Both units are at one place, or the EGI's solution is for that of the inertial unit.",
             f"A lever arm of {_LEVER_m * worse:.2f} m, {_TURN}.",
-            "A lever arm of 1 m moves the offset of the tight filter by 2.2 ms, and biases of accelerometers by 30 ug.",
+            "A lever arm of 1 m moves the offset of the tight filter by 1.9 ms, and biases of accelerometers by 22 ug.",
             "A tape measure; the lever arm entered into the EGI.",
             _OFFSETS,
         ),
@@ -106,8 +106,8 @@ def _of_mounting(worse: float, tilted: float) -> list[Assumption]:
             "same_axes",
             "The axes of both units are parallel.",
             f"Axes {_AXES_deg * tilted:.3f} deg apart, {_TURN}.",
-            "For each 0.01 deg biases of accelerometers move by 10 ug, those of gyros by 0.8 deg/h, the time offset by "
-            "0.1 ms.",
+            "For each 0.01 deg biases of accelerometers move by 8 ug, those of gyros by 0.6 deg/h, the time offset by "
+            "0.05 ms.",
             "Both units at rest in two headings: the angles between them must stay.",
             (*_OFFSETS, "accel_bias"),
         ),
@@ -115,8 +115,8 @@ def _of_mounting(worse: float, tilted: float) -> list[Assumption]:
             "scales_of_inertial_unit",
             "Gyros and accelerometers of the inertial unit have their stated scales.",
             f"{1e6 * _GYRO:.0f} ppm of the gyros, {1e6 * _ACCELEROMETER:.0f} ppm of the accelerometers, {_TURN}.",
-            "For each 1,000 ppm biases of accelerometers move by 40 ug, that of the gyro about the axis of the turn by "
-            "5 deg/h; the time offset by 0.1 ms.",
+            "For each 1,000 ppm biases of accelerometers move by 30 ug, that of the gyro about the axis of the turn by "
+            "3.6 deg/h; the time offset by 0.1 ms.",
             "A turn to the right and one to the left in the same recording.",
             (*_OFFSETS, "gyro_bias", "accel_bias"),
         ),
