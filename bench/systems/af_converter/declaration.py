@@ -127,6 +127,7 @@ DECLARATION = System(
             ("joint", "as_printed"),
             reading="measure_current",
             main=_MAIN,
+            assumptions=f"{_HERE}.dmm_method.assumptions:assumptions",
             **_AT_ONE_TEMPERATURE,
             **_DATA_SHEET,
         ),

@@ -30,6 +30,7 @@ from bench.systems.af_converter.dmm_method.estimates import (
     scale_factor_estimates,
     shift_estimates,
 )
+from bench.systems.af_converter.dmm_method.evidence import evidence, without_odd_level
 from bench.systems.af_converter.dmm_method.readings import MeterLog
 from bench.systems.af_converter.estimators.dmm_method import METHODS as FIT_METHODS
 from bench.systems.af_converter.estimators.dmm_method import fit_dmm_method
@@ -68,7 +69,8 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
     for fitted in fits:
         entries += scale_factor_estimates(fitted, constants) + bias_estimates(fitted, constants)
         entries += leakage_estimates(fitted, constants)
-    entries += shift_estimates(fits, [group for group in groups if group.repeat], log, constants, register)
+    repeats = [group for group in groups if group.repeat]
+    entries += shift_estimates(fits, repeats, log, constants, register)
     first_visits = [row for row in chosen if not row.window.conditions.get("repeat")]
     missing = missing_groups(first_visits, {fitted.group.place for fitted in fits}, refused, constants)
     return Analysis(
@@ -76,6 +78,7 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
         method=method,
         uut=dict(constants.uut),
         estimates=entries,
+        evidence=evidence(fits, repeats, entries, constants, register, method),
         components=budget(fits, constants),
         groups=[_quality(fitted, constants) for fitted in fits],
         notes=[
@@ -113,8 +116,12 @@ def _fit_one(
 ) -> DmmFit:  # fmt: skip
     require_closed(group)
     meter = log.meter(group.numbers)
-    fit = fit_dmm_method(group.closed, meter, campaign.converter(group.channel), register, method, traceability)
-    return DmmFit(group, meter, fit)
+    converter = campaign.converter(group.channel)
+    fit = fit_dmm_method(group.closed, meter, converter, register, method, traceability)
+    even, meter = without_odd_level(group, meter, converter, register, fit)
+    if even is not group:
+        fit = fit_dmm_method(even.closed, meter, converter, register, method, traceability)
+    return DmmFit(even, meter, fit)
 
 
 def _quality(fitted: DmmFit, campaign: Campaign) -> dict[str, Any]:
@@ -133,8 +140,9 @@ def notes(
     """Return all notes but those on missing groups."""
     sentences = _refusal(fits) + [_assumption(name, estimates) for name in _TESTS]
     left_out: Counter[str] = Counter()
+    fitted_groups = {fitted.group.place: fitted.group for fitted in fits}
     for group in groups:
-        left_out.update(group.left_out)
+        left_out.update(fitted_groups.get(group.place, group).left_out)
     sentences += [f"{count} records left out of the fits: {reason}." for reason, count in sorted(left_out.items())]
     without = sum(int(np.count_nonzero(np.isnan(fitted.meter.current_A))) for fitted in fits)
     if without:

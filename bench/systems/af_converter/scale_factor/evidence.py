@@ -1,42 +1,34 @@
 """What the data of a scale-factor campaign say against its model, group by group.
 
-Each counter must be moved by the stimulus of its own polarity, a scale-factor error must be one that a converter can
-have, and the levels must lie on one straight line within their uncertainties: a line that is carried by one level is
-not that of the converter.
+What cannot be is told by ``plausible``. The levels must lie on one straight line within their uncertainties: a line
+that is carried by one level is not that of the converter.
 Source: docs/decisions/0025-doubt.md.
 """
 
 from __future__ import annotations
-
-import math
-from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis import Estimates, Evidence
 from bench.maths.verdict import coverage_factor
-from bench.systems.af_converter.assumptions import CLOCK_STEADY
 from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.estimators.pulses import count_step
-from bench.systems.af_converter.estimators.readings import QUANTISATION, pulse_currents_A
+from bench.systems.af_converter.estimators.readings import QUANTISATION
 from bench.systems.af_converter.group_fit import (
     SCALE_FACTORS,
     Fitted,
     GroupFit,
-    clock_spread,
     probability_of,
     refit,
 )
 from bench.systems.af_converter.groups import place_name
+from bench.systems.af_converter.plausible import about, plausible
 from bench.systems.af_converter.scale_factor.common_step import common_step
 
 Array = NDArray[np.float64]
-_FOLLOWS = 0.5  # of the level: a counter that moves less does not follow the stimulus
-_NEARLY_ALL = 0.9
 _LOOKED_AT = 1e-3  # far above the level of any campaign, so that the refits cost nothing in a right world
 _SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
-_PPM = 1e6
 
 
 def evidence(
@@ -45,7 +37,7 @@ def evidence(
     """Return what every check says of the estimates, those that found nothing included."""
     straight = [_straight(visit, fitted, campaign, standards, method) for visit in fitted.groups]
     return [
-        *(seen for visit in fitted.groups for seen in _plausible(visit, campaign)),
+        *(seen for visit in fitted.groups for seen in plausible(visit.group, visit.fit.dsf_ppm, campaign)),
         *straight,
         *(_whole_counts(visit) for visit in fitted.groups),
         *common_step(fitted, entries),
@@ -53,59 +45,7 @@ def evidence(
 
 
 def _about(visit: GroupFit) -> dict[str, float]:
-    return {"channel": visit.group.channel, "temperature_degC": visit.group.temperature_degC}
-
-
-def _plausible(visit: GroupFit, campaign: Campaign) -> Iterator[Evidence]:
-    """Yield what cannot be: a counter that follows the other polarity or none, an error beyond the declared bound."""
-    where = place_name(visit.group.place)
-    follows = _followed(visit, campaign)
-    against, beside = float(np.mean(follows < -_FOLLOWS)), float(np.mean(follows <= _FOLLOWS))
-    if against > _NEARLY_ALL:
-        sentence = (
-            f"The leads of {where} are swapped: {100 * against:.0f} % of the levels drive the counter of the other "
-            "polarity. Check the wiring of the channel and take it again."
-        )
-        yield _refusal("swapped_leads", sentence, against, visit)
-    elif beside > 0.0:
-        sentence = (
-            f"The counters of {where} do not follow the stimulus at {100 * beside:.0f} % of the levels. Check the "
-            "route and the counters of the channel and take it again."
-        )
-        yield _refusal("stimulus_not_followed", sentence, beside, visit)
-    elif (spread := clock_spread(visit.group, campaign)) > CLOCK_STEADY:
-        sentence = (
-            f"The clocks of {where} change by {_PPM * spread:.3g} ppm against each other between records, as no clock "
-            "does. Check the AF clock and the master clock of the unit and take the channel again."
-        )
-        yield Evidence("clock_unsteady", sentence, _PPM * spread, 0.0, math.inf, SCALE_FACTORS, _about(visit))
-    else:
-        bound_ppm = _PPM * campaign.channel(visit.group.channel).plausible_error
-        worst_ppm = float(np.abs(visit.fit.dsf_ppm).max())
-        if worst_ppm > bound_ppm:
-            sentence = (
-                f"A scale-factor error of {worst_ppm:,.0f} ppm at {where} is beyond what is plausible "
-                f"({bound_ppm:,.0f} ppm). Check charge per pulse, full scale and route of the channel."
-            )
-            yield _refusal("implausible_scale_factor", sentence, worst_ppm, visit)
-
-
-def _followed(visit: GroupFit, campaign: Campaign) -> Array:
-    """Return what each level drives beyond the zeros, (l,), relative to it: 1 for its own counter, -1 for the other.
-
-    A level that is no larger than the bias of the converter drives no less than the others, once the bias is off.
-    """
-    rows = visit.group.closed
-    n_A, p_A = pulse_currents_A(rows, campaign.converter(visit.group.channel))
-    levels, driven_A = rows.level_A > 0, n_A - p_A
-    bias_A = float(driven_A[~levels].mean()) if not levels.all() else 0.0
-    return np.asarray((rows.polarity * (driven_A - bias_A))[levels] / rows.level_A[levels])
-
-
-def _refusal(code: str, sentence: str, figure: float, visit: GroupFit) -> Evidence:
-    return Evidence(
-        code, sentence, figure, 0.0, quantities=(*SCALE_FACTORS, "bias"), conditions=_about(visit), refuses=True
-    )
+    return about(visit.group)
 
 
 def _straight(visit: GroupFit, fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> Evidence:

@@ -1,0 +1,201 @@
+"""What the data of a DMM campaign say against its model, group by group, and what the points taken again say.
+
+What cannot be is told by ``plausible``. Half differences and half sums of all levels must lie on one straight line
+within the uncertainties of meter and counts, and a line that is carried by one level is not that of the converter. A
+point that is taken again must show the same unit against the same meter.
+Source: docs/decisions/0025-doubt.md; docs/decisions/0007-dmm-method.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from bench.analysis import Estimates, Evidence
+from bench.maths.verdict import coverage_factor
+from bench.model.errors import FitError
+from bench.systems.af_converter.constants import Campaign
+from bench.systems.af_converter.dmm_method.estimates import DmmFit
+from bench.systems.af_converter.estimators.dmm_method import DmmScaleFactor, Meter, fit_dmm_method
+from bench.systems.af_converter.estimators.readings import Converter, RangeSpecification
+from bench.systems.af_converter.group_fit import ODD, SCALE_FACTORS
+from bench.systems.af_converter.groups import Group, place_name
+from bench.systems.af_converter.plausible import about, plausible
+
+Array = NDArray[np.float64]
+Register = Mapping[float, RangeSpecification]
+QUANTITIES = (*SCALE_FACTORS, "dsf_mean")
+_NO_CHANCE = 1e-9  # of a chi-square: something is wrong with the group
+_LIKELY = 1e-3  # of that of the others, if one level alone is wrong
+_LOOKED_AT = 1e-3  # far above the level of any campaign, so that the refits cost nothing in a right world
+_ANY_GAIN = 1e-2  # relative, of a range of which nothing is known
+_GAINED = 6.6  # of chi-square with one more unknown: once in a hundred
+_SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
+
+
+def evidence(
+    fits: Sequence[DmmFit], repeats: Sequence[Group], entries: Estimates, campaign: Campaign, register: Register,
+    method: str,
+) -> list[Evidence]:  # fmt: skip
+    """Return what every check says of the estimates, those that found nothing included."""
+    return [
+        *(seen for fitted in fits for seen in plausible(fitted.group, _values_ppm(fitted.fit), campaign)),
+        *(_straight(fitted, campaign, register, method) for fitted in fits),
+        *(_range_off(fits, campaign, register) if method == "joint" else ()),
+        *_taken_again(fits, repeats, entries),
+    ]
+
+
+def without_odd_level(
+    group: Group, meter: Meter, converter: Converter, register: Register, fit: DmmScaleFactor
+) -> tuple[Group, Meter]:
+    """Leave out the one level that is unlike all others: with it the rows cannot fit, without it they do.
+
+    Not the largest one, for there it may be the converter, and none if there are several such levels.
+    """
+    if probability_of(fit) >= _NO_CHANCE:
+        return group, meter
+    level_A = group.closed.level_A
+    found = [
+        level
+        for level in np.unique(level_A[(level_A > 0) & (level_A < level_A.max())])
+        if (other := _refit(group, meter, level_A != level, converter, register)) and probability_of(other) > _LIKELY
+    ]
+    if len(found) != 1:
+        return group, meter
+    for row in np.flatnonzero(level_A == found[0])[::-1]:
+        group = group.without(int(row), ODD)
+    return group, meter.take(level_A != found[0])
+
+
+def probability_of(fit: DmmScaleFactor) -> float:
+    """Return the probability of a chi-square at least as large; 1 where it says nothing."""
+    return float(special.chdtrc(fit.dof, fit.chi2)) if math.isfinite(fit.chi2) and fit.dof else 1.0
+
+
+def _values_ppm(fit: DmmScaleFactor) -> Array:
+    return np.array([fit.value_ppm[name] for name in ("dsf_n", "dsf_p", "dsf_mean") if name in fit.value_ppm])
+
+
+def _refit(
+    group: Group, meter: Meter, kept: NDArray[np.bool_], converter: Converter, register: Register
+) -> DmmScaleFactor | None:
+    try:
+        return fit_dmm_method(group.closed.take(kept), meter.take(kept), converter, register)
+    except FitError:
+        return None
+
+
+def _straight(fitted: DmmFit, campaign: Campaign, register: Register, method: str) -> Evidence:
+    """Return whether the levels lie on a straight line, and how far one level carries the result."""
+    fit, probability = fitted.fit, probability_of(fitted.fit)
+    looked_at = method == "joint" and probability < _LOOKED_AT
+    level_A, move = _carried(fitted, campaign, register) if looked_at else (0.0, 0.0)
+    reduced = fit.chi2 / fit.dof if fit.dof else math.nan
+    sentence = (
+        f"The levels of {place_name(fitted.group.place)} are not on a straight line (reduced chi-square "
+        f"{reduced:.3g}): without {1e3 * level_A:g} mA the result moves by {move:.3g} times its expanded uncertainty. "
+        "Look for saturation, a bad reading or a range of the meter that is off."
+    )
+    figure = reduced if math.isfinite(reduced) else None
+    return Evidence("lack_of_fit", sentence, figure, max(probability, _SMALLEST), move, QUANTITIES, about(fitted.group))
+
+
+def _carried(fitted: DmmFit, campaign: Campaign, register: Register) -> tuple[float, float]:
+    """Return the level without which the result moves most, ampere, and by how much of its expanded uncertainty."""
+    group, converter = fitted.group, campaign.converter(fitted.group.channel)
+    moves: list[tuple[float, float]] = []
+    for level_A in np.unique(group.closed.level_A[group.closed.level_A > 0]):
+        other = _refit(group, fitted.meter, group.closed.level_A != level_A, converter, register)
+        if other is not None:
+            moves.append((float(level_A), _moved(fitted, other)))
+    return max(moves, key=lambda pair: pair[1], default=(0.0, math.inf))
+
+
+def _range_off(fits: Sequence[DmmFit], campaign: Campaign, register: Register) -> Iterator[Evidence]:
+    """Yield whether all channels lie on straight lines once the gain of one range of the meter is anything.
+
+    One channel alone is no evidence against the meter: there it may be the converter.
+    """
+    ranges_A = sorted({float(range_A) for fitted in fits for range_A in np.unique(fitted.meter.range_A)})
+    for range_A in ranges_A:
+        free = {full: replace(entry, relative=_ANY_GAIN) if _same(full, range_A) else entry
+                for full, entry in register.items()}  # fmt: skip
+        gained, moves = [], []
+        for fitted in fits:
+            every = np.ones(fitted.meter.range_A.size, bool)
+            other = _refit(fitted.group, fitted.meter, every, campaign.converter(fitted.group.channel), free)
+            gained.append(fitted.fit.chi2 - other.chi2 if other is not None else 0.0)
+            moves.append(_moved(fitted, other) if other is not None else 0.0)
+        several = sum(gain > _GAINED for gain in gained) > 1
+        # the gain of a range is the same in all channels: their gains of chi-square are not independent
+        probability = min(1.0, len(fits) * float(special.chdtrc(1, max(gained)))) if several else 1.0
+        sentence = (
+            f"All channels say that the range of {1e3 * range_A:g} mA of the meter is off by more than its "
+            f"specification: without its gain results move by up to {max(moves):.3g} times their expanded uncertainty. "
+            "Have the meter calibrated."
+        )
+        yield Evidence("meter_range_off", sentence, 1e3 * range_A, max(probability, _SMALLEST), max(moves), QUANTITIES)
+
+
+def _same(one_A: float, other_A: float) -> bool:
+    return abs(one_A - other_A) <= 1e-6 * other_A
+
+
+def _moved(fitted: DmmFit, other: DmmScaleFactor) -> float:
+    """Return by how much another fit of a group moves its result, in expanded uncertainties."""
+    fit = fitted.fit
+    moved = max(abs(other.value_ppm[name] - value) / fit.std_ppm[name] for name, value in fit.value_ppm.items())
+    return moved / coverage_factor()
+
+
+def _taken_again(fits: Sequence[DmmFit], repeats: Sequence[Group], entries: Estimates) -> Iterator[Evidence]:
+    """Yield by how much a channel that was taken again is another against the meter.
+
+    Half the sum over both polarities of a level, which the bias does not enter, weighted over the levels. A drift is
+    in the difference of both polarities by as much of it as lies between their records.
+    """
+    first = {fitted.group.place[:2]: fitted for fitted in fits}
+    for again in repeats:
+        fitted = first.get(again.place[:2])
+        levels: dict[float, list[tuple[float, float]]] = {}
+        for entry in entries:
+            at = entry["conditions"]
+            if (
+                entry["quantity"] == "repeat_shift"
+                and (at["channel"], at["temperature_degC"], at["repeat"]) == again.place
+            ):
+                levels.setdefault(at["current_A"], []).append((entry["value"], entry["std_uncertainty"]))
+        pairs = np.array([np.mean(both, axis=0) for both in levels.values() if len(both) == 2]).reshape(-1, 2)
+        if fitted is None or not len(pairs):
+            continue
+        weights = 2.0 / pairs[:, 1] ** 2
+        shift_ppm, std_ppm = float(np.average(pairs[:, 0], weights=weights)), float(np.sum(weights) ** -0.5)
+        sentence = (
+            f"{place_name(fitted.group.place)} has changed by {shift_ppm:+.3g} ppm against the meter when it was taken "
+            "again. Look at the temperatures of both, let the meter warm up, and repeat the campaign."
+        )
+        probability = max(2.0 * float(special.ndtr(-abs(shift_ppm) / std_ppm)), _SMALLEST)
+        for quantities, moved_ppm in (
+            (("dsf_n", "dsf_p", "dsf_mean"), abs(shift_ppm)),
+            (("dsf_asymmetry",), abs(shift_ppm) * _between_polarities(fitted.group, again)),
+        ):
+            move = moved_ppm / (coverage_factor() * _smallest_ppm(fits, quantities))
+            yield Evidence("not_repeated", sentence, shift_ppm, probability, move, quantities)
+
+
+def _between_polarities(first: Group, again: Group) -> float:
+    """Return the time between both polarities of a group, of that until it was taken again."""
+    rows = first.closed
+    between_s = rows.time_s[rows.polarity < 0].mean() - rows.time_s[rows.polarity > 0].mean()
+    return abs(float(between_s / (again.closed.time_s.mean() - rows.time_s.mean())))
+
+
+def _smallest_ppm(fits: Sequence[DmmFit], quantities: Sequence[str]) -> float:
+    known = [fitted.fit.std_ppm[name] for fitted in fits for name in quantities if name in fitted.fit.std_ppm]
+    return min(known, default=math.inf)
