@@ -14,7 +14,7 @@ from bench.maths.verdict import coverage_factor
 from bench.systems.time_sync.estimators.kalman.consistency import Observability
 from bench.systems.time_sync.estimators.kalman.setup import NIS_BLOCKS, STANDARD_GRAVITY_m_s2
 from bench.systems.time_sync.estimators.sar.response import Response
-from bench.systems.time_sync.filtering import COMPENSATED, GROUPS, METHODS, NONE, TRIALS, Filtered, Offset, ratio_of
+from bench.systems.time_sync.filtering import COMPENSATED, GROUPS, METHODS, NONE, Filtered, Offset, ratio_of
 from bench.systems.time_sync.image import Image
 from bench.systems.time_sync.limits import DIFFERENCE, UNCERTAINTY, Demands
 from bench.systems.time_sync.records import Clocks
@@ -69,24 +69,18 @@ def _offset(result: SyncResult, name: str) -> Estimates:
     offset, ready = result.found.offsets[name], result.ready
     place: dict[str, Any] = {"method": name, "at_s": _epoch_s(result.found.at_s), "observable": offset.seen}
     counted = {"n": result.found.samples, "dropped": ready.lost_egi + ready.unsound_egi + ready.odd_egi}
-    dof = dof_of(offset)
-    interval_s = coverage_factor(dof) * offset.std_s
+    interval_s = coverage_factor() * offset.std_s
     limit_s = result.demands.uncertainty_s if name == result.method else None
     # an offset that the motion did not show can miss a limit, it cannot keep one: its interval is what was assumed
     judged = limit_s if limit_s is not None and (offset.seen or interval_s > limit_s) else None
     last = result.seen.associated[-1, GROUPS.index(name)]
     about = {"method": name}
     return [
-        estimate("time_offset", "s", offset.offset_s, offset.std_s, place, dof=dof, **counted),
+        estimate("time_offset", "s", offset.offset_s, offset.std_s, place, **counted),
         estimate(UNCERTAINTY, "s", interval_s, 0.0, about, limit=judged, **counted),
         estimate("observability", "1", offset.normalised, 0.0, about | {"of": "variance of the offset"}, **counted),
         estimate("observability", "1", float(last), 0.0, about | {"of": "associated eigenvalue"}, **counted),
     ]
-
-
-def dof_of(offset: Offset) -> float:
-    """Effective degrees of freedom: those of the trials, by Welch and Satterthwaite (JCGM 100:2008 annex G.4)."""
-    return TRIALS * (offset.std_s / offset.trial_std_s) ** 4 if offset.trial_std_s > 0.0 else math.inf
 
 
 def _stamps(result: SyncResult) -> Estimates:

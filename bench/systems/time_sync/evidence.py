@@ -19,10 +19,9 @@ from scipy import special, stats
 
 from bench.analysis import Evidence
 from bench.maths.verdict import coverage_factor
-from bench.systems.time_sync.estimates import SyncResult, dof_of
+from bench.systems.time_sync.estimates import SyncResult
 from bench.systems.time_sync.estimators.differences import Differences, Guess, Noise, Solved, differences
-from bench.systems.time_sync.estimators.kalman.setup import ImuDensities
-from bench.systems.time_sync.estimators.kalman.trials import EgiSpread
+from bench.systems.time_sync.estimators.kalman.setup import EgiSpread, ImuDensities
 from bench.systems.time_sync.estimators.odd_readings import MOST
 from bench.systems.time_sync.estimators.port_clocks import LEAST_FRAMES, PortClock, port_clock
 from bench.systems.time_sync.estimators.rivals import OneMotion, Rival, one_motion
@@ -93,7 +92,7 @@ def _move(result: SyncResult, offset_s: float) -> float:
     moves = []
     for name in METHODS:
         offset = result.found.offsets[name]
-        moves.append(abs(offset_s - offset.offset_s) / (coverage_factor(dof_of(offset)) * offset.std_s))
+        moves.append(abs(offset_s - offset.offset_s) / (coverage_factor() * offset.std_s))
     return max(moves)
 
 
@@ -151,7 +150,7 @@ def _rival(result: SyncResult, seen: Held, rival: Rival) -> Iterator[Evidence]:
 def _smallest(result: SyncResult) -> float:
     """Return the smaller expanded uncertainty of both filters, s."""
     offsets = [result.found.offsets[name] for name in METHODS]
-    return min(coverage_factor(dof_of(offset)) * offset.std_s for offset in offsets)
+    return min(coverage_factor() * offset.std_s for offset in offsets)
 
 
 def _against_stamps(result: SyncResult) -> Iterator[Evidence]:
@@ -169,8 +168,8 @@ def _against_stamps(result: SyncResult) -> Iterator[Evidence]:
             f"{1e3 * coverage_factor() * std_s:.3f} ms are due: a latency is not as stated, or the solutions "
             "are older than their tags."
         )
-        probability = max(2.0 * float(special.stdtr(dof_of(offset), -abs(apart_s) / std_s)), _SMALLEST)
-        interval_s = coverage_factor(dof_of(offset)) * offset.std_s
+        probability = max(2.0 * float(special.ndtr(-abs(apart_s) / std_s)), _SMALLEST)
+        interval_s = coverage_factor() * offset.std_s
         yield Evidence("stamps_disagree", sentence, 1e3 * apart_s, probability, abs(apart_s) / interval_s, OFFSETS,
                        {"method": name})  # fmt: skip
         of_stamps = abs(apart_s) / (coverage_factor() * clocks.difference.std_s)

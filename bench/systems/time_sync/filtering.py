@@ -2,8 +2,8 @@
 
 The offset is constant in the filter. What the receive stamps say of the drift of both clocks is taken out of the EGI's
 tags beforehand, about the middle of the recording; how uncertain that is goes into the interval by as much as the
-filter learnt the offset away from the middle. What errors of the EGI and of the inertial unit do to the estimate is
-measured by trials on the same path, for the covariance of the filter takes them for white noise.
+filter learnt the offset away from the middle. The covariance of the filter takes errors of the EGI for white noise;
+what they really leave is the covariance of the same gains under the errors that are stated.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from bench.systems.time_sync.estimators.kalman.setup import (
     LOOSE,
     OFFSET,
     TIGHT,
+    EgiSpread,
     FilterRun,
     FilterSetup,
     ImuDensities,
     ImuSamples,
 )
-from bench.systems.time_sync.estimators.kalman.trials import EgiSpread, EgiTrials, imu_trials, stand_in
 from bench.systems.time_sync.records import Clocks
 from bench.systems.time_sync.samples import EgiSamples, Prepared
 
@@ -37,10 +37,7 @@ GROUPS = (AUGMENTED_LOOSE, AUGMENTED_TIGHT, NONE)
 METHODS = GROUPS[:2]
 OFFSET_STD_s = 0.03  # what is known of an offset beforehand
 SEEN = 0.5  # variance of the offset, of that at first: above, the motion has not shown it
-TRIALS = 40
-_SEED = 3
 _KEPT = 1500  # epochs
-_LAST_OF = 50  # solutions of a trial, of which the last is kept
 _BEFORE_RADAR_s = 0.1
 _LEAST_SHARE = 0.5  # of the inertial unit's time that solutions must cover
 _MISFIT = 25.0  # mean normalised innovation squared: five times what the filter believes is another motion
@@ -53,17 +50,18 @@ class Offset:
     """Offset by one filter, in the middle of the recording.
 
     ``offset_s``, ``std_s``: with everything that makes it uncertain.   ``filter_std_s``: by the covariance of the
-    filter alone.   ``trial_std_s``: of the trials.   ``prior_std_s``: of what was assumed beforehand and still counts.
-    ``inflation``: by which the innovations are larger than they should be, 1 at the least.   ``drift_std_s``: part of
-    the drift.   ``lever_s``: from the middle of the recording to when the filter learnt it.   ``normalised``: variance
-    at the end, of that at first.   ``seen``: False if the motion does not show the offset.
+    filter alone.   ``error_std_s``: what the stated errors of both units leave.   ``prior_std_s``: of what was assumed
+    beforehand and still counts.   ``inflation``: by which the innovations are larger than they should be, 1 at the
+    least.   ``drift_std_s``: part of the drift.   ``lever_s``: from the middle of the recording to when the filter
+    learnt it.   ``normalised``: variance at the end, of that at first.   ``seen``: False if the motion does not show
+    the offset.
     """
 
     method: str
     offset_s: float
     std_s: float
     filter_std_s: float
-    trial_std_s: float
+    error_std_s: float
     prior_std_s: float
     inflation: float
     drift_std_s: float
@@ -117,18 +115,15 @@ def filtered(
         velocity_sigma_m_s=math.hypot(standard.velocity_sigma_m_s, velocity_m_s),
         attitude_sigma_deg=math.hypot(standard.attitude_sigma_deg, attitude_deg),
         imu=imu,
+        egi=spread,
         keep_every=max(1, egi.t_s.size // _KEPT),
         fine_from_s=hold_s,
         hold_position_from_s=hold_s,
     )
     run = run_filter(ready.imu, egi, setup)
     _check_fit(run)
-    trials_s = _trials_s(ready.imu, egi, setup, spread, [float(run.offset_s[-1, group, 0]) for group in range(2)])
     drift_std = clocks.difference.drift_std
-    offsets = {
-        name: _offset(run, name, clocks.coarse_s, drift_std, middle_s, trial_s)
-        for name, trial_s in zip(METHODS, trials_s, strict=True)
-    }
+    offsets = {name: _offset(run, name, clocks.coarse_s, drift_std, middle_s) for name in METHODS}
     return Filtered(run, egi, offsets, clocks.coarse_s, middle_s, int(egi.t_s.size))
 
 
@@ -161,22 +156,7 @@ def _in_step(ready: Prepared, clocks: Clocks, middle_s: float) -> EgiSamples:
     return replace(egi, t_s=tags_s[inside], p=egi.p[inside], v=egi.v[inside], C=egi.C[inside], groups=len(GROUPS))
 
 
-def _trials_s(
-    imu: ImuSamples, egi: EgiSamples, setup: FilterSetup, spread: EgiSpread, offsets_s: list[float]
-) -> list[float]:
-    """Root mean square error of the offset over the trials, of each method."""
-    rng = np.random.default_rng(_SEED)
-    count = len(METHODS)
-    truth = stand_in(imu, (egi.p[0], egi.v[0], egi.C[0]), egi.frame.latitude_deg)
-    offset_s = float(np.mean(offsets_s))
-    lanes = EgiTrials(egi.t_s, offset_s, truth, spread, (count, TRIALS), rng)
-    again = replace(setup, augmented=setup.augmented[:count], sigma_r=setup.sigma_r[:count], offset0_s=offset_s,
-                    keep_every=_LAST_OF, fine_from_s=math.inf)  # fmt: skip
-    run = run_filter(imu_trials(imu, truth, setup.imu, TRIALS, rng), lanes, again)
-    return [float(np.sqrt(np.mean((run.offset_s[-1, group] - offset_s) ** 2))) for group in range(count)]
-
-
-def _offset(run: FilterRun, name: str, coarse_s: float, drift_std: float, middle_s: float, trial_s: float) -> Offset:
+def _offset(run: FilterRun, name: str, coarse_s: float, drift_std: float, middle_s: float) -> Offset:
     group = GROUPS.index(name)
     std_s = run.sigma[:, group, OFFSET]
     first_std_s = math.sqrt(float(run.first_covariance[group, OFFSET, OFFSET]))
@@ -186,10 +166,11 @@ def _offset(run: FilterRun, name: str, coarse_s: float, drift_std: float, middle
     lever_s = _learnt_s(run.t_s, std_s, first_std_s) - middle_s
     drift_std_s = abs(lever_s) * drift_std
     prior_std_s = first_std_s * (normalised if seen else 1.0)  # of an estimate that is drawn to what was assumed
-    trials_s = inflation * trial_s
-    total_s = math.hypot(trials_s, prior_std_s, drift_std_s)
+    real = np.zeros_like(run.first_covariance) if run.real_covariance is None else run.real_covariance
+    error_std_s = inflation * math.sqrt(float(real[group, OFFSET, OFFSET]))
+    total_s = math.hypot(error_std_s, prior_std_s, drift_std_s)
     offset_s = float(run.offset_s[-1, group, 0]) + coarse_s
-    return Offset(name, offset_s, total_s, float(std_s[-1]), trials_s, prior_std_s, inflation, drift_std_s, lever_s,
+    return Offset(name, offset_s, total_s, float(std_s[-1]), error_std_s, prior_std_s, inflation, drift_std_s, lever_s,
                   normalised, seen)  # fmt: skip
 
 

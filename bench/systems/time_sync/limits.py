@@ -10,8 +10,7 @@ from typing import Any
 from bench.analysis import stated_limits
 from bench.model.errors import FitError
 from bench.systems.time_sync.declaration import DECLARATION
-from bench.systems.time_sync.estimators.kalman.setup import ImuDensities
-from bench.systems.time_sync.estimators.kalman.trials import EgiSpread
+from bench.systems.time_sync.estimators.kalman.setup import EgiSpread, ImuDensities
 
 UNCERTAINTY, DIFFERENCE = "time_offset_uncertainty", "stamps_difference"
 SPECIFIED_s: Mapping[str, float] = {UNCERTAINTY: 2e-3, DIFFERENCE: 5e-3}

@@ -52,7 +52,7 @@ def _clocks(result: SyncResult) -> list[str]:
             f"The bench reads its ports each {1e3 * clocks.imu.grid_s:g} ms: the place within such a step is told by "
             "the jitter of the frames, taken as exponential."
         )
-    if result.chosen.drift_std_s > 0.5 * result.chosen.trial_std_s:
+    if result.chosen.drift_std_s > 0.5 * result.chosen.error_std_s:
         notes.append(
             "Much of the interval is that of the drift between both clocks, which short recordings tell badly: record "
             "longer, or nearer to the manoeuvre."

@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.analysis import Table, number, with_uncertainty
 from bench.maths.verdict import coverage_factor
-from bench.systems.time_sync.estimates import SyncResult, dof_of
+from bench.systems.time_sync.estimates import SyncResult
 from bench.systems.time_sync.estimators.kalman.setup import LOOSE, NIS_BLOCKS, TIGHT, STANDARD_GRAVITY_m_s2
 from bench.systems.time_sync.filtering import (
     AUGMENTED_LOOSE,
@@ -18,7 +18,6 @@ from bench.systems.time_sync.filtering import (
     GROUPS,
     METHODS,
     NONE,
-    TRIALS,
     outside_of,
     ratio_of,
 )
@@ -40,7 +39,7 @@ def _result(result: SyncResult) -> Table:
     rows: list[list[Any]] = []
     for name in METHODS:
         offset = result.found.offsets[name]
-        interval_s = coverage_factor(dof_of(offset)) * offset.std_s
+        interval_s = coverage_factor() * offset.std_s
         said = with_uncertainty(_MS * offset.offset_s, _MS * interval_s) if offset.seen else "not observable"
         rows.append([f"filter, {LABELS[name]}", said, "judged" if name == result.method else "–"])
     clocks = result.clocks
@@ -65,7 +64,7 @@ def _filters(result: SyncResult) -> Table:
     for name in METHODS:
         offset, group = result.found.offsets[name], GROUPS.index(name)
         rows.append([
-            LABELS[name], number(_MS * offset.filter_std_s, 4), number(_MS * offset.trial_std_s, 4),
+            LABELS[name], number(_MS * offset.filter_std_s, 4), number(_MS * offset.error_std_s, 4),
             number(offset.inflation, 2), number(_MS * offset.prior_std_s, 4), number(_MS * offset.drift_std_s, 4),
             number(_MS * offset.std_s, 4), f"{offset.normalised:.2g}",
             f"{float(result.seen.associated[-1, group]):.2g}", "yes" if offset.seen else "no",
@@ -73,12 +72,12 @@ def _filters(result: SyncResult) -> Table:
     caption = (
         f"Standard uncertainties. Loose: {_noise(LOOSE)} in the measurements, tight: {_noise(TIGHT)}. The filter takes "
         "errors of the EGI for white, which they are not, so what it believes is not the interval: that is made of "
-        f"{TRIALS} trials with further errors of both units (widened by NIS where innovations are too large), of what "
-        "was assumed beforehand and still counts, and of the drift. Variance: of the offset at the end over that at "
+        "what the stated errors of both units leave (widened by NIS where innovations are too large), of what was "
+        "assumed beforehand and still counts, and of the drift. Variance: of the offset at the end over that at "
         "first."
     )
-    headers = ["filter", "filter believes, ms", "trials, ms", "NIS factor", "beforehand, ms", "drift, ms", "all, ms",
-               "variance", "eigenvalue", "observable"]  # fmt: skip
+    headers = ["filter", "filter believes, ms", "stated errors, ms", "NIS factor", "beforehand, ms", "drift, ms",
+               "all, ms", "variance", "eigenvalue", "observable"]  # fmt: skip
     return Table("Uncertainty and observability", caption, headers, rows)
 
 

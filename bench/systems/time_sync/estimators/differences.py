@@ -21,9 +21,8 @@ from bench.maths.strapdown import Track, navigate
 from bench.maths.strapdown_earth import earth_rate
 from bench.systems.time_sync.estimators.kalman.covariance import first_model, refresh_model, skew
 from bench.systems.time_sync.estimators.kalman.innovation import rotation_between
-from bench.systems.time_sync.estimators.kalman.setup import FilterSetup, ImuDensities, ImuSamples
+from bench.systems.time_sync.estimators.kalman.setup import EgiSpread, FilterSetup, ImuDensities, ImuSamples
 from bench.systems.time_sync.estimators.kalman.stream import filled_noise
-from bench.systems.time_sync.estimators.kalman.trials import EgiSpread
 
 Array = NDArray[np.float64]
 STATES = 15  # errors of position, velocity and attitude at the begin, biases of accelerometers and gyros

@@ -34,9 +34,8 @@ FILTERED: dict[Any, time_sync_filter.Filtered] = {}
 
 
 @pytest.fixture(autouse=True)
-def few_trials(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Enough for the arithmetic, coverage is for the sweep; what was filtered once is not filtered again."""
-    monkeypatch.setattr(time_sync_filter, "TRIALS", 12)
+def filtered_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was filtered once is not filtered again."""
     monkeypatch.setattr(time_sync_analysis, "filtered", remembered)
 
 
@@ -222,7 +221,6 @@ OFFSETS_s = (-0.02, 0.0, 0.01, 0.0137, 0.02, 0.03)
 def test_offsets_are_recovered_and_intervals_hold(monkeypatch: pytest.MonkeyPatch) -> None:
     """Eight seeds for each offset, other clocks each time: mean, RMS, and what the stated intervals of 95 % cover."""
     monkeypatch.setattr(time_sync_analysis, "filtered", time_sync_filter.filtered)
-    monkeypatch.setattr(time_sync_filter, "TRIALS", 40)
     within: dict[str, list[bool]] = {}
     for k, offset_s in enumerate(OFFSETS_s):
         off_s: dict[str, list[float]] = {method: [] for method in METHODS}

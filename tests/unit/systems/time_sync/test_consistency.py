@@ -79,7 +79,7 @@ def test_a_filter_whose_assumptions_hold_is_consistent() -> None:
 
 def test_a_filter_that_knows_too_much_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     propagate = sync_filter.propagate
-    monkeypatch.setattr(sync_filter, "propagate", lambda P, F, dt, noise: propagate(P, F, dt, 0.0 * noise))
+    monkeypatch.setattr(sync_filter, "propagate", lambda P, phi, noise: propagate(P, phi, 0.0 * noise))
     with pytest.raises(AssertionError):
         consistent(*matched())
 

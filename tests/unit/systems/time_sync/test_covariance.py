@@ -9,7 +9,7 @@ from sync_flights import LaneOffsets, turning
 
 from bench.maths.strapdown import navigate, small_rotation
 from bench.maths.strapdown_earth import earth_rate
-from bench.systems.time_sync.estimators.kalman.covariance import first_model, propagate, refresh_model, skew
+from bench.systems.time_sync.estimators.kalman.covariance import first_model, propagate, refresh_model, skew, transition
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
 from bench.systems.time_sync.estimators.kalman.innovation import rotation_between
 from bench.systems.time_sync.estimators.kalman.setup import OFFSET, STATES, FilterSetup, ImuDensities, ImuSamples
@@ -54,7 +54,7 @@ def test_error_model_is_that_of_the_mechanisation() -> None:
         # with the offset, which does not change, an error has the covariance that the error itself becomes
         P = np.zeros((1, STATES, STATES))
         P[0, :, OFFSET], P[0, OFFSET] = error, error
-        modelled = propagate(P, F, span_s, np.zeros(STATES))[0, :9, OFFSET]
+        modelled = propagate(P, transition(F, span_s), np.zeros(STATES))[0, :9, OFFSET]
         limit = 2e-3 * np.abs(due) + 2.0 * (third @ error)[:9] + np.repeat([2e-12, 2e-13, 2e-15], 3)
         assert np.all(np.abs(modelled - due) <= limit), (error, modelled, due)
 

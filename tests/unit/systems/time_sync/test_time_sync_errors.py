@@ -12,9 +12,8 @@ from time_sync_material import Pair, campaign
 
 from bench.analysis import Material, analyse
 from bench.model.errors import BenchError
-from bench.systems.time_sync import filtering
 from bench.systems.time_sync.declaration import DECLARATION
-from bench.systems.time_sync.estimators.kalman.trials import EgiSpread
+from bench.systems.time_sync.estimators.kalman.setup import EgiSpread
 from bench.systems.time_sync.estimators.sar.image import point_targets
 from bench.systems.time_sync.estimators.sar.pulses import Pulses
 from bench.systems.time_sync.limits import SPECIFIED_s, demands_of, densities_of, latency_of, spread_of
@@ -184,8 +183,7 @@ def test_two_flights_in_one_recording() -> None:
     assert "do not fit one motion" in message
 
 
-def test_a_gap_near_the_end_is_cut_and_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(filtering, "TRIALS", 2)
+def test_a_gap_near_the_end_is_cut_and_told() -> None:
     found = analyse(material(holes(3200)))
     assert any("only the longest piece of 16.0 s of 17.0 s is analysed" in note for note in found.notes)
 

@@ -52,12 +52,17 @@ def refresh_model(F: Array, force: Array, C: Array) -> None:
     F[:, 6:9, 12:15] = -C
 
 
-def propagate(P: Array, F: Array, dt: float, noise: Array) -> Array:
-    """Return covariance ``dt`` seconds later; ``noise`` (16,): variance each state gains in that time."""
+def transition(F: Array, dt: float) -> Array:
+    """Return what errors become within ``dt`` seconds, (G, 16, 16), to second order."""
     step = F * dt
     phi = 0.5 * np.matmul(step, step)
     phi += step
     phi += np.eye(STATES)
+    return np.asarray(phi)
+
+
+def propagate(P: Array, phi: Array, noise: Array) -> Array:
+    """Return covariance after a transition; ``noise`` (16,): variance that each state gains in that time."""
     out: Array = np.matmul(np.matmul(phi, P), phi.transpose(0, 2, 1))
     out[:, range(STATES), range(STATES)] += noise
     return out

@@ -22,9 +22,11 @@ from bench.systems.time_sync.estimators.kalman.covariance import (
     measurement_rows,
     propagate,
     refresh_model,
+    transition,
     update,
 )
 from bench.systems.time_sync.estimators.kalman.innovation import EgiSample, History, NisSums, innovation, motion_noise
+from bench.systems.time_sync.estimators.kalman.real_covariance import RealCovariance
 from bench.systems.time_sync.estimators.kalman.setup import OFFSET, EgiSource, FilterRun, FilterSetup, ImuSource
 from bench.systems.time_sync.estimators.kalman.stream import Keeping, egi_samples, filled_noise, first_sample, imu_steps
 
@@ -44,6 +46,8 @@ class _Filter:
         self._history = History(imu.t_s, setup.reach_s, groups, runs)
         self._offset_s = np.full((groups, runs), setup.offset0_s)
         self._P, self._F = first_covariance(setup), first_model(setup)
+        self._real = RealCovariance(groups, setup.egi, setup.imu) if setup.egi is not None else None
+        self._before_s = 0.0
         self._mean_C = np.zeros((groups, 3, 3))
         sigma_r = np.array(setup.sigma_r) * (1.0, 1.0, np.pi / 180.0)
         self._R = np.repeat(sigma_r**2, 3, axis=1)
@@ -55,6 +59,7 @@ class _Filter:
 
     def begin(self, sample: EgiSample) -> None:
         """Start from a sample, carried on to the IMU sample of the start."""
+        self._before_s = sample.t_s
         since_s = self._t_s[self._j] - sample.t_s + self._setup.offset0_s
         self.ins.p[...], self.ins.v[...], self.ins.C[...] = sample.p + since_s * sample.v, sample.v, sample.C
         self._mean_C[...] = self.ins.C.mean(axis=-1).transpose(2, 0, 1)
@@ -73,11 +78,19 @@ class _Filter:
     def egi(self, sample: EgiSample) -> None:
         """Take one EGI sample in, keep the epoch if it is its turn."""
         self._propagate()
+        if self._real is not None:
+            self._real.wander(sample.t_s - self._before_s)
+        self._before_s = sample.t_s
         if sample.usable.any():
             self._correct(sample)
         self._seen += 1
         if self._seen % self._setup.keep_every == 0:
             self._keeping.epoch(float(self._t_s[self._j]), self.ins, self._offset_s, self._P, self._nis)
+
+    @property
+    def real_covariance(self) -> Array | None:
+        """Return that of the errors that the stated ones of the EGI leave, (G, 16, 16), None if none are stated."""
+        return None if self._real is None else self._real.of_filter
 
     def _propagate(self) -> None:
         """Bring the covariance to the newest IMU sample, by the means of force and attitude since."""
@@ -91,7 +104,10 @@ class _Filter:
         noise[3:6] = self._setup.imu.velocity_walk**2 * dt
         noise[6:9] = self._setup.imu.angle_walk**2 * dt
         noise[3:9] += self._filled[self._j] - self._filled[self._at]
-        self._P = propagate(self._P, self._F, dt, noise)
+        phi = transition(self._F, dt)
+        self._P = propagate(self._P, phi, noise)
+        if self._real is not None:
+            self._real.propagate(phi, noise)
         self._at = self._j
 
     def _correct(self, sample: EgiSample) -> None:
@@ -104,6 +120,8 @@ class _Filter:
         K *= sample.usable[:, None, None]
         self._nis.add(dz, S, sample.usable)
         self._P = update(self._P, K, H, R)
+        if self._real is not None:
+            self._real.update(K, H)
         self._feed_back(np.ascontiguousarray(np.matmul(K, dz).transpose(1, 0, 2)))
 
     def _feed_back(self, dx: Array) -> None:
@@ -145,7 +163,7 @@ def run_filter(imu: ImuSource, egi: EgiSource, setup: FilterSetup) -> FilterRun:
     samples = egi_samples(egi, first)
     work.begin(next(samples))
     _go_through(work, imu, samples, setup.look_ahead_s, start)
-    return keeping.result()
+    return keeping.result(work.real_covariance)
 
 
 def _go_through(work: _Filter, imu: ImuSource, samples: Iterator[EgiSample], look_ahead_s: float, start: int) -> None:

@@ -114,6 +114,24 @@ class ImuDensities:
         return accel, float(np.deg2rad(self.gyro_bias_deg_h) / 3600.0)
 
 
+@dataclass(frozen=True)
+class EgiSpread:
+    """Errors of an EGI, one sigma per axis.
+
+    ``position_m``, ``velocity_m_s``: wander and return with the time constant ``wander_s``.   ``heading_deg``: does so
+    with ``heading_wander_s``, for a manoeuvre shows the unit its heading while it lasts.   ``level_deg``: roll and
+    pitch, constant. The defaults but the position are those of a navigation-grade unit with GPS (0.003 deg/h, 25 ug,
+    paper's Table 1).
+    """
+
+    position_m: float = 0.3
+    velocity_m_s: float = 0.017
+    level_deg: float = 0.0013
+    heading_deg: float = 0.0144
+    wander_s: float = 20.0
+    heading_wander_s: float = 100.0
+
+
 TIGHT = (1.0, 0.05, 0.01)  # measurement noise: position m, velocity m/s, attitude deg
 LOOSE = (10.0, 2.0, 0.05)
 
@@ -130,7 +148,8 @@ class FilterSetup:
         position_sigma_m, velocity_sigma_m_s, attitude_sigma_deg: first uncertainties per axis. The state begins at the
             first EGI sample, so its position is off by -v T_d too: a position sigma below v T_d (1 m) makes the filter
             take that for knowledge about the offset.
-        imu: errors of the IMU.
+        imu: errors of the IMU.   egi: real errors of the EGI, of which the filter knows nothing; None if nobody asks
+            what they do.
         look_ahead_s: the filter uses a sample tagged t once the IMU has come to t + look_ahead_s; offsets down to
             -look_ahead_s are then interpolated, beyond it extrapolated.
         reach_s: how old a sample may be: offsets up to here are interpolated.
@@ -149,6 +168,7 @@ class FilterSetup:
     velocity_sigma_m_s: float = 0.1
     attitude_sigma_deg: float = 0.05
     imu: ImuDensities = ImuDensities()
+    egi: EgiSpread | None = None
     look_ahead_s: float = 0.05
     reach_s: float = 0.6
     keep_every: int = 1
@@ -187,6 +207,7 @@ class FilterRun:
             since the kept epoch before; NaN where there was none.   nis_outside: (m, G, 4) share of them outside
             their 95 % interval.   nis_count: (m, G, 4) how many they were.   nis_dof: (4,) expected mean.
         fine: every IMU sample of the end, or None.
+        real_covariance: (G, 16, 16) of the errors at the end with the real errors of the EGI, None without them.
     """
 
     t_s: Array
@@ -203,6 +224,7 @@ class FilterRun:
     nis_count: Array
     nis_dof: Array
     fine: FineTrack | None
+    real_covariance: Array | None = None
 
     @property
     def sigma(self) -> Array:

@@ -103,12 +103,12 @@ class Keeping:
         k, self._fine = self._fine, self._fine + 1
         self._fine_p[k], self._fine_v[k], self._fine_C[k] = (lanes_first(x) for x in (ins.p, ins.v, ins.C))
 
-    def result(self) -> FilterRun:
-        """Return what was kept."""
+    def result(self, real_covariance: Array | None) -> FilterRun:
+        """Return what was kept; ``real_covariance``: at the end (``FilterRun``)."""
         k, q = slice(self._count), slice(self._fine)
         fine = FineTrack(self._fine_t_s[q], self._fine_p[q], self._fine_v[q], self._fine_C[q])
         return FilterRun(
             self._t_s[k], self._p[k], self._v[k], self._C[k], self._accel[k], self._gyro[k], self._offset[k],
             self._covariance[k], self._first, self._nis[k], self._outside[k], self._nis_count[k], NIS_DOF.copy(),
-            fine if self._fine_t_s.size else None,
+            fine if self._fine_t_s.size else None, real_covariance,
         )  # fmt: skip
