@@ -60,6 +60,12 @@ def test_what_is_grossly_wrong_is_doubted_and_named(name: str) -> None:
     assert GROSS[name] <= codes_of(wrong)
 
 
+def test_an_offset_beyond_what_was_looked_for_is_refused() -> None:
+    wrong = worlds.seen(0, BY_NAME["solutions_older_than_tags"], 0.2)
+    assert sorted_classes(wrong, right_world(0))[REFUSED] == 2
+    assert "implausible_offset" in codes_of(wrong)
+
+
 @pytest.mark.sweep
 @pytest.mark.parametrize(("name", "size"), [(switch.name, size) for switch in worlds.SWITCHES for size in switch.sizes])
 def test_nothing_that_can_be_seen_is_confidently_wrong_in_ten_recordings(name: str, size: float) -> None:
