@@ -5,6 +5,8 @@ The tests of a mutant take a few seconds at most; that others catch it too does 
 
 from __future__ import annotations
 
+import csv
+from pathlib import Path
 from typing import NamedTuple
 
 
@@ -385,84 +387,14 @@ MUTANTS = [
     ),
 ]
 
-# Evidence that is not heard, as if its threshold were never reached: by the test that then finds too little.
-_AF = "tests/systems/af_converter/test_wrong_worlds"
-_NORTH = "tests/unit/systems/north/test_north_evidence.py"
-EVIDENCE = {
-    f"{_AF}_af.py::test_what_is_wrong_is_named": (
-        "lack_of_fit",
-        "swapped_leads",
-        "implausible_scale_factor",
-        "common_step",
-        "clock_unsteady",
-    ),
-    f"{_AF}_af.py::test_counts_in_steps_are_named_where_chance_lets_them_fit_a_line": ("counts_in_steps",),
-    f"{_AF}_dmm.py::test_what_is_wrong_is_named": (
-        "stimulus_not_followed",
-        "not_repeated",
-        "meter_range_off",
-    ),
-    f"{_AF}_log.py::test_hysteresis_of_three_plays_is_doubted": ("rival_second_thermal_lag",),
-    f"{_AF}_log.py::test_a_step_midway_is_doubted_in_every_number_that_it_moves": ("rival_step",),
-    f"{_AF}_ramp.py::test_hysteresis_of_three_plays_is_doubted_and_the_rival_has_the_width": (
-        "rival_several_play_operators",
-    ),
-    "tests/systems/gnc/test_wrong_worlds_gnc.py::test_what_is_wrong_is_named": (
-        "stands_still",
-        "turn_against_attitudes",
-        "sets_differ",
-        "not_an_ellipsoid",
-        "implausible_axis",
-        "field_wanders",
-    ),
-    "tests/systems/lock_in/test_wrong_worlds_lock_in.py::test_what_is_wrong_is_named": (
-        "walk_unlike_lock_in",
-        "rate_wanders",
-        "lock_in_in_runs",
-        "line_in_rate",
-        "allan_misfit",
-    ),
-    "tests/systems/lock_in/test_wrong_worlds_lock_in.py::test_a_walk_that_grows_is_doubted": ("walk_changes",),
-    "tests/systems/north/test_wrong_worlds_north.py::test_what_is_wrong_is_named": (
-        "twice_per_turn",
-        "repeats_apart",
-        "once_per_turn",
-        "north_steps",
-        "north_drifts",
-        "noise_changes",
-        "methods_step",
-        "methods_apart",
-        "known_azimuths_apart",
-        "amplitude_at_place",
-        "all_azimuths_off",
-    ),
-    "tests/systems/time_sync/test_wrong_worlds_time_sync.py::test_what_is_grossly_wrong_is_doubted_and_named": (
-        "stamps_disagree",
-        "offset_steps",
-        "stuck_solutions",
-        "offset_drifts",
-        "misfit",
-        "lever_arm",
-        "gyro_scale",
-        "delays_unsteady",
-        "axes_turned",
-        "ages_differ",
-        "accelerometer_scale",
-    ),
-    "tests/systems/time_sync/test_wrong_worlds_time_sync.py::test_an_offset_beyond_what_was_looked_for_is_refused": (
-        "implausible_offset",
-    ),
-    f"{_NORTH}::test_a_sense_that_is_stated_wrong_refuses_what_the_lock_ins_say": ("rate_not_as_stated",),
-    f"{_NORTH}::test_a_signal_that_drowns_is_refused": ("no_signal",),
-}
+# Evidence that is not heard, as if its threshold were never reached; evidence.csv: the test that then finds too little.
 MUTANTS += [
     Mutant(
-        f"evidence {code} is not heard",
+        f"evidence {row['code']} is not heard",
         "bench/analysis/doubt.py",
         "    heard = list(evidence)\n",
-        f"    heard = [seen for seen in evidence if seen.code != {code!r}]\n",
-        [test],
+        f"    heard = [seen for seen in evidence if seen.code != {row['code']!r}]\n",
+        [row["test"]],
     )
-    for test, codes in EVIDENCE.items()
-    for code in codes
+    for row in csv.DictReader(Path(__file__).with_name("evidence.csv").read_text(encoding="utf-8").splitlines())
 ]
