@@ -26,6 +26,7 @@ from bench.systems.gnc.estimators.bias_stability import (
 )
 from bench.systems.gnc.estimators.earth_rate import body_to_table, earth_rate_body_deg_s, earth_rate_covariance
 from bench.systems.gnc.limits import Limits, limits_of, table_3
+from bench.systems.gnc.rest_evidence import evidence
 from bench.systems.gnc.rows import AXES, SampledRow, check_notes, check_table, checked, sampled_rows, site_of, usable
 
 METHODS: tuple[str, ...] = ("ten_second_means",)
@@ -63,7 +64,8 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     good, refused = usable(looked_at)
     by_item = {item: [row for row in good if row.item == item] for item in ITEMS}
     missing += refused + [f"{item}: no record" for item in ITEMS if not by_item[item]]
-    stabilities, entries = _stability(by_item["stability"], limits_of(material.campaign), missing)
+    limits = limits_of(material.campaign)
+    stabilities, entries = _stability(by_item["stability"], limits, missing)
     notes = list(_NOTES)
     estimates = _bias(by_item["bias"], material, missing) + _flip(by_item["flip"], material, missing, notes) + entries
     estimates += _repeatability(by_item["repeatability"], missing)
@@ -76,6 +78,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         missing=missing,
         figures=_figures(stabilities),
         tables=[*_tables(estimates), table_3(estimates, material.campaign), check_table(looked_at)],
+        evidence=evidence(good, limits),
     )
 
 

@@ -64,6 +64,11 @@ class NormFit:
         """(n, 3) calibrated specific force, unit of gravity."""
         return np.asarray((indicated - self.zero) @ self.matrix.T)
 
+    def jacobian(self, indicated: Array) -> Array:
+        """(n, 9) change of the length of the calibrated force with each parameter of ``covariance``."""
+        parameters = np.concatenate([self.matrix[_ROWS, _COLUMNS], self.zero])
+        return _jacobian(parameters, indicated)
+
 
 def fit_multi_position(mean: Array, gravity: float) -> NormFit:
     """Fit scale, misalignment and zero to n >= 10 poses by Levenberg and Marquardt's method.

@@ -104,7 +104,7 @@ def check_samples(
     for name, values in flat.items():
         limit = limits.get(name, limits.get(name.rpartition(" ")[0], math.inf))
         findings += _saturated(name, values, limit) or _piled_up(name, values)
-        findings += _frozen(name, values)
+        findings += frozen_runs(name, values)
     findings += _repeated(flat, counter)
     ticks = None
     if tick_s is not None:
@@ -214,8 +214,13 @@ def _piled_up(name: str, values: Column) -> list[Finding]:
     return findings
 
 
-def _frozen(name: str, values: Column) -> list[Finding]:
-    """Runs of equal values that noise does not explain, or a channel that never moves."""
+def frozen_runs(name: str, values: Column) -> list[Finding]:
+    """Find runs of equal values that noise does not explain, or a channel that never moves.
+
+    Args:    name: of the channel.   values: (n,) as read, in any unit.
+    Returns: one finding, or none.
+    Source:  see the head of this file.
+    """
     if values.size > 2 and (values == values[0]).all():
         return [Finding(FROZEN, name, values.size, 0, f"{name}: all {values.size} samples are the same")]
     longest = longest_equal_run([value_likelihood(values)], values.size)

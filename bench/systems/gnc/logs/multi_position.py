@@ -14,6 +14,7 @@ from bench.model.errors import FitError
 from bench.systems.gnc.estimators.clocks import check_ticks
 from bench.systems.gnc.estimators.multi_position import NormFit, fit_multi_position
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals, static_intervals
+from bench.systems.gnc.logs.evidence import of_rests, stuck_sensors
 from bench.systems.gnc.logs.log import ImuLog, imu_log
 from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2
 
@@ -32,6 +33,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     means = rests.means(log.accel)
     gravity, unit = _gravity(log)
     fit = fit_multi_position(means, gravity)
+    middle_s = (rests.begin + rests.end).astype(np.float64) / (2.0 * log.rate_Hz)
     return Analysis(
         campaign="imu_multi_position",
         method=method,
@@ -40,6 +42,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         notes=_notes(log, rests),
         tables=[_table(fit, unit), _rest_table(rests, log)],
         figures=[_residual_figure(fit, unit), _rest_figure(rests, log)],
+        evidence=[
+            *stuck_sensors({"accelerometer": [log.accel]}, {"accelerometer": ()}),
+            *of_rests(fit, means, middle_s),
+        ],
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from bench.analysis import (
     Analysis,
     Estimates,
+    Evidence,
     Floats,
     Material,
     Table,
@@ -28,6 +29,7 @@ from bench.systems.gnc.estimators.rotation_inputs import Declared
 from bench.systems.gnc.estimators.rotations import fit_turns_from_rest
 from bench.systems.gnc.estimators.six_position import fit_six_position
 from bench.systems.gnc.estimators.triad import TriadFit
+from bench.systems.gnc.logs.evidence import own_axes, stuck_sensors
 from bench.systems.gnc.logs.log import ImuLog, imu_log
 from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2
 
@@ -69,7 +71,24 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         ],
         missing=missing,
         tables=_tables(accelerometer, gyro, unit),
+        evidence=_evidence(log, positions, rotations, accelerometer, gyro),
     )
+
+
+def _evidence(
+    log: ImuLog,
+    positions: list[Mapping[str, Any]],
+    rotations: list[Mapping[str, Any]],
+    accelerometer: TriadFit,
+    gyro: TriadFit | None,
+) -> list[Evidence]:
+    stretches = {"accelerometer": [log.accel[log.rows(stretch)] for stretch in positions]}
+    found = own_axes("accel", "accelerometers", accelerometer)
+    if gyro is not None and log.gyro is not None:
+        stretches["gyro"] = [log.gyro[log.rows(stretch)] for stretch in (*positions, *rotations)]
+        found += own_axes("gyro", "gyros", gyro)
+    quantities = {"accelerometer": ("accel_matrix", "accel_bias"), "gyro": ("gyro_matrix", "gyro_bias")}
+    return [*found, *stuck_sensors(stretches, quantities)]
 
 
 def _force_unit(log: ImuLog) -> str:

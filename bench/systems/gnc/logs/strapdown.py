@@ -17,6 +17,7 @@ from bench.systems.gnc.estimators.clocks import SampleStamps, sample_stamps
 from bench.systems.gnc.estimators.multi_position import fit_multi_position
 from bench.systems.gnc.estimators.rest_drift import LATITUDE_deg, drift_at_rest, random_walk
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals, STEADY_deg_s, find_rests
+from bench.systems.gnc.logs.evidence import stuck_sensors
 from bench.systems.gnc.logs.log import ImuLog, imu_log
 from bench.systems.gnc.logs.strapdown_report import Found, estimates_of, figures_of, notes_of, tables_of
 
@@ -54,6 +55,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         missing=list(result.missing),
         tables=tables_of(result),
         figures=figures_of(result),
+        evidence=stuck_sensors({"accelerometer": [log.accel], "gyro": [log.gyro]}, {"accelerometer": (), "gyro": ()}),
     )
 
 
