@@ -36,6 +36,12 @@ class TemperaturePolynomial:
         powers = self.coefficients[1:] * np.arange(1, self.coefficients.size)
         return float(np.polynomial.polynomial.polyval(temperature_degC - self.reference_degC, powers))
 
+    def slope_std(self, temperature_degC: float) -> float:
+        """Return standard uncertainty of ``slope``, unit of the values per degC."""
+        order = np.arange(1, self.coefficients.size)
+        gradient = order * (temperature_degC - self.reference_degC) ** (order - 1)
+        return float(np.sqrt(gradient @ self.covariance[1:, 1:] @ gradient))
+
     def std_uncertainty(self, order: int) -> float:
         """Return standard uncertainty of the coefficient of (T - T_ref)^order."""
         return float(np.sqrt(self.covariance[order, order]))

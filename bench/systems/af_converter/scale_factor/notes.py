@@ -12,21 +12,24 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis import Table
+from bench.analysis import LEAST_MOVE, Table
+from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.estimators.readings import Readings
 from bench.systems.af_converter.estimators.scale_factor import ScaleFactor
 from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, refit
-from bench.systems.af_converter.groups import LONGEST_REACH_s, place_name
+from bench.systems.af_converter.groups import Group, LONGEST_REACH_s, place_name
 
 if TYPE_CHECKING:
     from bench.record import RecordRow
+
+_FEWEST = 5  # records that tell a change of temperature
 
 
 def notes(fitted: Fitted, campaign: Campaign, standards: Standards, rows: Sequence[RecordRow]) -> list[str]:
     """All notes but those on missing groups: records left out, and what the uncertainties do not hold."""
     notes = list(standards.notes) + _extrapolation(fitted, campaign)
-    notes += _records(fitted, rows) + _temperature(fitted, campaign)
+    notes += _records(fitted, rows) + _temperature(fitted, campaign) + _short_soak(fitted)
     notes.append("The bias is diagnostic: it comes from one open record and never enters the compensation.")
     return notes
 
@@ -89,6 +92,40 @@ def _temperature(fitted: Fitted, campaign: Campaign) -> list[str]:
             "No verdict where there are no more temperatures than coefficients: nothing is left over to judge."
         )
     return notes
+
+
+def _short_soak(fitted: Fitted) -> list[str]:
+    """Say where the unit was still warming up: its converter may lag behind the sensor by what changes in a visit.
+
+    Of a temperature coefficient the part counts that is beyond its own uncertainty.
+    """
+    worst, note = LEAST_MOVE, ""
+    for visit in fitted.groups:
+        change_degC, at_degC = _warming_degC(visit.group), visit.group.unit_temperature_degC
+        for index, quantity in enumerate(QUANTITIES):
+            polynomial = fitted.polynomials.get((quantity, visit.group.channel))
+            if polynomial is None:
+                continue
+            least = abs(polynomial.slope(at_degC)) - coverage_factor() * polynomial.slope_std(at_degC)
+            moved_ppm = max(least, 0.0) * abs(change_degC)
+            share = moved_ppm / (coverage_factor() * float(np.sqrt(visit.fit.covariance_ppm2[index, index])))
+            if share > worst:
+                worst = share
+                note = (
+                    f"A soak was short: the unit's temperature changes by {change_degC:+.2g} degC while "
+                    f"{place_name(visit.group.place)} is measured. Rows are referred by the sensor; a converter that "
+                    f"lags behind it by as much is off by {moved_ppm:.2g} ppm, {share:.2g} times its uncertainty."
+                )
+    return [note] if note else []
+
+
+def _warming_degC(group: Group) -> float:
+    """Return the change of the unit's temperature over a visit, by a straight line through its records."""
+    time_s = np.concatenate([group.closed.time_s, group.opened.time_s])
+    if time_s.size < _FEWEST or np.ptp(time_s) <= 0.0:
+        return 0.0
+    warmth_degC = np.concatenate([group.closed.unit_temperature_degC, group.opened.unit_temperature_degC])
+    return float(np.polyfit((time_s - time_s.mean()) / np.ptp(time_s), warmth_degC, 1)[0])
 
 
 def zero_gain_table(fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> list[Table]:

@@ -247,6 +247,14 @@ def test_sensor_is_in_the_table_and_its_absence_in_the_notes(campaign: sim.Simul
     assert not any("sensor is not stated" in note for note in stated.notes)
 
 
+def test_a_unit_that_still_warms_while_it_is_measured_is_told(campaign: sim.SimulatedCampaign) -> None:
+    """The first visit of a temperature ends 0.4 degC warmer than it begins; one that has settled is not mentioned."""
+    (note,) = [note for note in run(campaign).notes if note.startswith("A soak was short")]
+    assert "changes by +0." in note
+    settled = sim.simulate(SEED, sim.Switches(lag=False))
+    assert not any(note.startswith("A soak was short") for note in run(settled).notes)
+
+
 @TRIALS
 @pytest.mark.usefixtures("_no_budgets")
 def test_declared_drift_of_the_calibrator_is_in_the_coefficient(trials: int, margin: float) -> None:
