@@ -122,11 +122,12 @@ def _output(laser: LaserResult, method: str, walk: RandomWalk) -> Iterator[Evide
     if not enough(increment):
         return
     of_it = f"The output of {laser.name} ({LABELS[method]})"
+    ticks = laser.found.interval_s * laser.clock_Hz
     checks: tuple[tuple[str, Callable[[Floats], Any], str], ...] = (
         ("rate_wanders", wander, "wanders slowly, {figure:.3g} times as much as its random walk: the rate drifted or "
          "stepped. Keep the base still and the temperature steady."),
-        ("line_in_rate", line, "swings at one frequency, {figure:.3g} times above its noise. Look for vibration of the "
-         "base and for a dither in step with the clock."),
+        ("line_in_rate", lambda values: line(values, ticks), "swings at one frequency, {figure:.3g} times above its "
+         "noise. Look for vibration of the base."),
     )  # fmt: skip
     for code, check, words in checks:
         seen = check(increment)

@@ -16,6 +16,8 @@ Array = NDArray[np.float64]
 _SLOWEST = 6  # coefficients of the cosine transform, three cycles of the record: below what the Allan deviation sees
 _BAND = 10  # part of all coefficients that random walk fills alone
 _ROUND = 50  # coefficients on each side of one, that it is held against
+_HARMONICS = 3  # of the rounding error, whose powers fall with the square of their number
+_BESIDE = 4  # pairs, by which the frequency of the dither is not known better
 _FEWEST = 200  # increments
 _PERIODS = 5  # in a sum, the shortest averaging time of the Allan deviation
 
@@ -46,12 +48,16 @@ def wander(increment: Array) -> Unsteady:
     return Unsteady(float(special.fdtrc(_SLOWEST, band.size, ratio)), ratio, _without(increment, known, wave))
 
 
-def line(increment: Array) -> Unsteady:
+def line(increment: Array, ticks: float = 0.0) -> Unsteady:
     """Return whether the rate swings at one frequency, as on a base that vibrates.
 
-    Args:    increment: as of ``wander``.
+    Where a dither of steady frequency beats with the ticks of the clock, the rounding of the time stamps makes lines of
+    its own: quantisation, known beforehand, and not looked at.
+
+    Args:    increment: as of ``wander``.   ticks: of the clock in a period of the dither; 0 if they are not known.
     Returns: Unsteady; ``figure``: power of the strongest pair of coefficients over that of those round it.
-    Source:  F-test against the neighbourhood; Bonferroni over all frequencies.
+    Source:  F-test against the neighbourhood; Bonferroni over all frequencies; the rounding error of a phase that
+             advances steadily is periodic with its fraction of a tick (Widrow and Kollar, Quantization Noise, 2008).
     """
     known, wave = _waves(increment)
     power = wave[1:-1:2][: (wave.size - 1) // 2] ** 2 + wave[2::2][: (wave.size - 1) // 2] ** 2
@@ -60,6 +66,7 @@ def line(increment: Array) -> Unsteady:
     low, high = np.maximum(at - _ROUND // 2, 0), np.minimum(at + _ROUND // 2 + 1, power.size)
     near = (total[high] - total[low] - power) / (high - low - 1)
     odds = special.fdtrc(2, 2 * (high - low - 1), power / near)
+    odds[_beats(ticks, power.size)] = 1.0
     strongest = int(np.argmin(odds))
     kept = slice(max(2 * strongest - 1, 1), 2 * strongest + 5)  # a frequency between two leaks into both
     only = np.zeros_like(wave)
@@ -89,6 +96,14 @@ def enough(increment: Array) -> bool:
     Source: none; bookkeeping.
     """
     return int(np.isfinite(increment).sum()) >= _FEWEST
+
+
+def _beats(ticks: float, size: int) -> NDArray[np.bool_]:
+    """Return the pairs of coefficients next to a beat of dither and clock, (size,)."""
+    beat = np.mod(ticks * np.arange(1, _HARMONICS + 1), 1.0)
+    place = 2.0 * size * np.minimum(beat, 1.0 - beat)
+    near: NDArray[np.bool_] = np.abs(np.arange(size)[:, None] - place).min(axis=1) <= _BESIDE
+    return near if ticks else np.zeros(size, np.bool_)
 
 
 def _waves(increment: Array) -> tuple[NDArray[np.bool_], Array]:

@@ -106,3 +106,24 @@ def test_a_turn_that_is_lost_is_odd_and_a_late_pick_off_is_not() -> None:
     late[201:] += 2.0 * np.pi
     assert odd_steps(late, rising, np.ones(400, bool)).tolist() == [200]
     assert odd_steps(late, rising, np.arange(400) != 200).tolist() == []
+
+
+TICKS = 49962.8048  # of a 20 MHz clock in a period of 2.498 ms
+
+
+def with_rounded_stamps(seed: int, vibration: float = 0.0) -> Any:
+    """White noise and stamps that are rounded to ticks, of a steady dither whose comparator jitters by 0.2 ticks."""
+    draw, when = np.random.default_rng(seed), np.arange(8001)
+    stamp = when * TICKS + 0.3 + 0.2 * draw.standard_normal(when.size)
+    moved = 0.3 * draw.standard_normal(8000) + vibration * np.sin(0.7 * when[1:])
+    return moved + np.diff(np.rint(stamp) - stamp)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_beat_of_clock_and_dither_is_no_line_of_the_rate(seed: int) -> None:
+    assert line(with_rounded_stamps(seed)).probability < 1e-9
+    assert line(with_rounded_stamps(seed), TICKS).probability > 1e-3
+
+
+def test_a_vibration_beside_the_beat_is_seen() -> None:
+    assert line(with_rounded_stamps(0, 0.1), TICKS).probability < 1e-9
