@@ -112,9 +112,9 @@ TICKS = 49962.8048  # of a 20 MHz clock in a period of 2.498 ms
 
 
 def with_rounded_stamps(seed: int, vibration: float = 0.0) -> Any:
-    """White noise and stamps that are rounded to ticks, of a steady dither whose comparator jitters by 0.2 ticks."""
+    """White noise and stamps that are rounded to ticks, of a steady dither whose comparator jitters by 0.1 ticks."""
     draw, when = np.random.default_rng(seed), np.arange(8001)
-    stamp = when * TICKS + 0.3 + 0.2 * draw.standard_normal(when.size)
+    stamp = when * TICKS + 0.3 + 0.1 * draw.standard_normal(when.size)
     moved = 0.3 * draw.standard_normal(8000) + vibration * np.sin(0.7 * when[1:])
     return moved + np.diff(np.rint(stamp) - stamp)
 
