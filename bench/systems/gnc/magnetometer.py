@@ -1,9 +1,6 @@
 """Calibration of the magnetometer: of the axes across the roll axis by the paper's extremes and by least squares, hard
 and soft iron from records in many attitudes, and the roll angle that the module returns over the link.
 
-The module answers with its roll angle and the field as it corrects it now. Its own correction is undone, so that the
-coefficients of this session can be tried on the same answers: readings that took no part in the fit.
-
 Source: GNC-module paper section 4.2 2) and equations (5) to (9) as corrected in ``estimators.magnetometer``; figure 7,
 at whose plane it stops: ``estimators.magnetometer.ellipsoid``.
 """
@@ -11,7 +8,7 @@ at whose plane it stops: ``estimators.magnetometer.ellipsoid``.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +27,7 @@ from bench.analysis import (
     estimate,
     no_result,
 )
-from bench.model.errors import BenchError, FitError
+from bench.model.errors import FitError
 from bench.systems.gnc.coefficients import magnetometer_section
 from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
 from bench.systems.gnc.estimators.magnetometer.ellipsoid import EllipsoidFit, fit_ellipsoid
@@ -39,7 +36,7 @@ from bench.systems.gnc.estimators.magnetometer.plane import (
     EXTREMES,
     PlaneComparison,
     compare_methods,
-    roll_deg,
+    widened,
 )
 from bench.systems.gnc.estimators.magnetometer.wander import Wander
 from bench.systems.gnc.field_evidence import (
@@ -49,6 +46,7 @@ from bench.systems.gnc.field_evidence import (
     surface_evidence,
 )
 from bench.systems.gnc.limits import limits_of, table_3
+from bench.systems.gnc.roll_angle import roll_estimates
 from bench.systems.gnc.rows import (
     AXES,
     SampledRow,
@@ -62,7 +60,7 @@ from bench.systems.gnc.rows import (
 )
 
 if TYPE_CHECKING:
-    from bench.analysis import Exchange
+    pass
 
 METHODS: tuple[str, ...] = (ELLIPSE, EXTREMES)
 NON_MAGNETIC = "non_magnetic"
@@ -71,10 +69,6 @@ _PARAMETERS = (("mag_offset", "gauss", "x"), ("mag_offset", "gauss", "y"), ("mag
 _ATTITUDES = "attitudes"
 _MOST_SAMPLES = 20_000  # an even choice of more says nothing that these do not
 _CIRCLE_SAMPLES = 2_000
-ROLL, SET, RETURNED = "roll", "set_magnetometer", "returned"
-_LEAST = 3  # angles that leave something over beside the direction of the field
-_STEP_deg, _STEP_gauss = 0.01 / 12.0**0.5, 120e-6 / 12.0**0.5
-_NONE: Mapping[str, Any] = {"offset": [0.0, 0.0, 0.0], "gain": 1.0, "sin_alpha": 0.0}
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -100,10 +94,11 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         raise refused[0] if refused else no_records(("magnetometer",))
     sphere = _sphere_of(good)
     missing += sphere.missing
+    fits = [(row, widened(fit, sphere.wander, sphere.wander_dof)) for row, fit in fits]
     parameters = fits[0][1].by_method[method]
     estimates = [entry for row, fit in fits for entry in _estimates(row, fit, len(fits) > 1)]
     limit_deg, noise_deg = limits_of(material.campaign)["roll_error"], fits[0][1].roll[method].noise_deg
-    estimates += _roll_estimates(material, fits[0][1].by_method, method, limit_deg, noise_deg)
+    estimates += roll_estimates(material, fits[0][1].by_method, method, limit_deg, noise_deg)
     return Analysis(
         campaign="magnetometer",
         method=method,
@@ -218,14 +213,30 @@ def _notes(fits: Sequence[tuple[SampledRow, PlaneComparison]], material: Materia
 
 @dataclass(frozen=True)
 class _Sphere:
-    """Result of the records in many attitudes; all empty where there are none of them."""
+    """Result of the records in many attitudes; all empty where there are none of them.
+
+    ``wander``, ``wander_dof``: of a sum of readings of the records, as ``widened`` takes them.
+    """
 
     fit: EllipsoidFit | None = None
+    every: int = 1  # reading of the records that was taken
     estimates: Estimates = field(default_factory=list)
     evidence: list[Evidence] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
     figures: list[Figure] = field(default_factory=list)
+
+    @property
+    def wander(self) -> float:
+        """Variance of a sum of readings over that of independent noise; 1 where nothing is known of it."""
+        if self.fit is None or not self.fit.quadric.wander.blocks:
+            return 1.0
+        return 1.0 + self.every * (max(self.fit.quadric.wander.factor, 1.0) ** 2 - 1.0)
+
+    @property
+    def wander_dof(self) -> float:
+        """Degrees of freedom behind it."""
+        return math.inf if self.fit is None else float(self.fit.hard_iron_dof.min())
 
 
 def _sphere_of(rows: Sequence[SampledRow]) -> _Sphere:
@@ -238,7 +249,7 @@ def _sphere_of(rows: Sequence[SampledRow]) -> _Sphere:
         return _Sphere(
             notes=["A turn about Z determines X and Y only; offset and gain of Z need records in many attitudes."]
         )
-    chosen, begins = _chosen([row.values("magnetometer") for row in rows])
+    chosen, begins, every = _chosen([row.values("magnetometer") for row in rows])
     try:
         fit = fit_ellipsoid(chosen, begins=begins)
     except FitError as error:
@@ -248,6 +259,7 @@ def _sphere_of(rows: Sequence[SampledRow]) -> _Sphere:
     places = np.searchsorted(np.flatnonzero(~fit.odd), begins).tolist()
     return _Sphere(
         fit=fit,
+        every=every,
         estimates=_sphere_estimates(fit),
         evidence=[
             *surface_evidence(fit.quadric, chosen[~fit.odd], places, "the readings of the attitudes", {}),
@@ -258,12 +270,14 @@ def _sphere_of(rows: Sequence[SampledRow]) -> _Sphere:
     )
 
 
-def _chosen(records: Sequence[Floats]) -> tuple[Floats, list[int]]:
-    """Return readings of all records, (n, 3), thinned alike where they are many, and the first of each record."""
+def _chosen(records: Sequence[Floats]) -> tuple[Floats, list[int], int]:
+    """Return readings of all records, (n, 3), thinned alike where they are many, the first of each record, and the
+    number of readings from one that was taken to the next.
+    """
     every = max(1, -(-sum(map(len, records)) // _MOST_SAMPLES))
     thinned = [readings[::every] for readings in records]
     begins = np.cumsum([0, *(len(readings) for readings in thinned)])
-    return np.concatenate(thinned), begins[:-1].tolist()
+    return np.concatenate(thinned), begins[:-1].tolist(), every
 
 
 def _noise_notes(what: str, wander: Wander, odd: int, count: int) -> list[str]:
@@ -309,78 +323,3 @@ def _sphere_figure(fit: EllipsoidFit, readings: np.ndarray[Any, np.dtype[np.floa
     caption = f"As read and without hard and soft iron; {1e3 * fit.noise:.2f} mgauss of noise are left."
     parts = [curve("before", number, before, "points"), curve("after", number, after, "points")]
     return Figure(title, caption, "reading, in the order of the records", "field, mgauss", parts)
-
-
-@dataclass(frozen=True)
-class _RollAnswer:
-    """``roll_deg``: as returned.   ``x``, ``y``: field before any correction, gauss.   ``size``: of the corrected one.
-    ``table_deg``: of the table, NaN if the step does not say.
-    """
-
-    roll_deg: float
-    x: float
-    y: float
-    size: float
-    table_deg: float
-
-
-def _roll_estimates(
-    material: Material, methods: Mapping[str, PlaneParameters], chosen: str, limit_deg: float, noise_deg: float
-) -> Estimates:
-    """mag_roll as returned, and mag_roll_error against the table by method; a limit judges that of ``chosen``.
-
-    The direction of the field is not known, so one angle common to all answers is taken off. Each answer is a single
-    reading: ``noise_deg``, the standard deviation of its angle by the noise of the sensor, is the larger part of the
-    uncertainty. That of the coefficients is not in it: the error that they leave is what is shown.
-    """
-    answers = _answers(material)
-    entries = [
-        estimate("mag_roll", "deg", answer.roll_deg, _STEP_deg, {"kind": "magnetometer", "answer": number}, n=1)
-        for number, answer in enumerate(answers, 1)
-    ]
-    placed = [answer for answer in answers if math.isfinite(answer.table_deg)]
-    if len(placed) < _LEAST:
-        return entries
-    rolls = {RETURNED: np.array([answer.roll_deg for answer in placed])}
-    x, y = np.array([answer.x for answer in placed]), np.array([answer.y for answer in placed])
-    rolls |= {name: roll_deg(*parameters.corrected(x, y)) for name, parameters in methods.items()}
-    table = np.array([answer.table_deg for answer in placed])
-    step_deg = math.degrees(_STEP_gauss / float(np.mean([answer.size for answer in placed])))
-    std_deg = math.hypot(step_deg, noise_deg)
-    for name, angles in rolls.items():
-        apart = np.exp(1j * np.radians(angles - table))
-        error = np.degrees(np.angle(apart / np.mean(apart)))
-        for answer, value in zip(placed, error, strict=True):
-            place = {"kind": "magnetometer", "method": name, "roll_deg": answer.table_deg}
-            limit = limit_deg if name == chosen and math.isfinite(limit_deg) else None
-            entries.append(estimate("mag_roll_error", "deg", float(value), std_deg, place, n=1, limit=limit))
-    return entries
-
-
-def _answers(material: Material) -> list[_RollAnswer]:
-    """Return the answers in their order, each with the correction that was in force."""
-    answers, now = [], _NONE
-    for exchange in material.exchanges:
-        if exchange.status != 0 or exchange.name not in (ROLL, SET) or exchange.name not in material.layouts:
-            continue
-        layout = material.layouts[exchange.name]
-        try:
-            if exchange.name == SET:
-                now = layout.request.decode(exchange.sent)
-            else:
-                answers.append(_answer(exchange, layout.decode(exchange.received), now))
-        except BenchError:
-            continue  # an answer of another length says nothing about a roll angle
-    return answers
-
-
-def _answer(exchange: Exchange, fields: Mapping[str, Any], now: Mapping[str, Any]) -> _RollAnswer:
-    x, y = float(fields["mag"][0]), float(fields["mag"][1])
-    sine = float(now["sin_alpha"])
-    return _RollAnswer(
-        roll_deg=float(fields["roll"]),
-        x=x * math.sqrt(1.0 - sine**2) + y * sine + float(now["offset"][0]),
-        y=y / float(now["gain"]) + float(now["offset"][1]),
-        size=max(math.hypot(x, y), _STEP_gauss),
-        table_deg=float(exchange.conditions.get("roll_deg", math.nan)),
-    )

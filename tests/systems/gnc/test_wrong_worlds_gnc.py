@@ -65,6 +65,12 @@ def test_what_is_wrong_is_named(name: str, size: float, left: str, least: int, c
     assert code in codes(wrong)
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_one_turn_in_a_field_that_wanders_has_the_noise_of_all_attitudes(seed: int) -> None:
+    """By its own readings alone it would take the wandering for an offset in four of these six."""
+    assert sorted_classes(gnc.seen(seed, SWITCHES["field_wanders"], 1e-4), right_world(seed))[WRONG] == 0
+
+
 @pytest.mark.parametrize(("name", "size"), [("bad_samples", 30.0), ("bad_reading", 0.7)])
 def test_one_bad_sample_costs_nothing(name: str, size: float) -> None:
     counted = sorted_classes(wrong_world(name, size), right_world(1))

@@ -16,7 +16,7 @@ Statistics (2003), section 2.2: F_max(m) = prod F_i(m); JCGM 100:2008 section 5.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,13 +70,42 @@ def compare_methods(x_out: Array, y_out: Array) -> PlaneComparison:
     both = {EXTREMES: extremes.parameters, ELLIPSE: ellipse.parameters}
     rolls = {name: roll_deg(*parameters.corrected(x_out, y_out)) for name, parameters in both.items()}
     difference = (rolls[EXTREMES] - rolls[ELLIPSE] + 180.0) % 360.0 - 180.0
-    apart = extremes.parameters.values - ellipse.parameters.values
+    largest = (float(np.sqrt(np.mean(difference**2))), float(np.abs(difference).max()))
+    return _compared(ellipse, extremes, largest)
+
+
+def widened(seen: PlaneComparison, wander: float, dof: float) -> PlaneComparison:
+    """Return the same fits with the noise that other records of the same field were found to have.
+
+    Few turns cannot tell a field that wanders from an offset. The extremes go with the offset of the ellipse.
+
+    Args:    wander: variance of a sum of readings over that of independent noise, >= 1, at the rate of these readings.
+             dof: degrees of freedom behind it.
+    Returns: PlaneComparison; as it was where its own readings wander more.
+    Source:  variance of a sum of correlated readings (``estimators.magnetometer.wander``).
+    """
+    own = seen.ellipse.quadric.wander.factor**2 if seen.ellipse.quadric.wander.blocks else 1.0
+    if wander <= own:
+        return seen
+    was, of_extremes = seen.ellipse.parameters, seen.extremes.parameters
+    both_dof = np.minimum(was.dof, dof)
+    wider = replace(was, covariance=was.covariance * wander / own, dof=both_dof)
+    added = replace(
+        of_extremes, covariance=of_extremes.covariance + was.covariance * (wander - 1.0) / own, dof=both_dof
+    )
+    ellipse, extremes = replace(seen.ellipse, parameters=wider), replace(seen.extremes, parameters=added)
+    return _compared(ellipse, extremes, seen.roll_difference_deg)
+
+
+def _compared(ellipse: EllipseFit, extremes: ExtremesFit, roll_difference_deg: tuple[float, float]) -> PlaneComparison:
+    both = {EXTREMES: extremes.parameters, ELLIPSE: ellipse.parameters}
     return PlaneComparison(
         ellipse=ellipse,
         extremes=extremes,
         roll={name: roll_uncertainty(parameters, ellipse.noise) for name, parameters in both.items()},
-        roll_difference_deg=(float(np.sqrt(np.mean(difference**2))), float(np.abs(difference).max())),
-        score=apart / np.hypot(extremes.parameters.std, ellipse.parameters.std),
+        roll_difference_deg=roll_difference_deg,
+        score=(extremes.parameters.values - ellipse.parameters.values)
+        / np.hypot(extremes.parameters.std, ellipse.parameters.std),
     )
 
 

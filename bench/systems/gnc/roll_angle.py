@@ -1,0 +1,102 @@
+"""Roll angle that a module returns over the link, against the table and against other coefficients.
+
+The module answers with its roll angle and the field as it corrects it now. Its own correction is undone, so that the
+coefficients of this session can be tried on the same answers: readings that took no part in the fit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bench.analysis import Estimates, Material, estimate
+from bench.model.errors import BenchError
+from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
+from bench.systems.gnc.estimators.magnetometer.plane import roll_deg
+
+if TYPE_CHECKING:
+    from bench.analysis import Exchange
+
+ROLL, SET, RETURNED = "roll", "set_magnetometer", "returned"
+_LEAST = 3  # angles that leave something over beside the direction of the field
+_STEP_deg, _STEP_gauss = 0.01 / 12.0**0.5, 120e-6 / 12.0**0.5
+_NONE: Mapping[str, Any] = {"offset": [0.0, 0.0, 0.0], "gain": 1.0, "sin_alpha": 0.0}
+
+
+@dataclass(frozen=True)
+class _RollAnswer:
+    """``roll_deg``: as returned.   ``x``, ``y``: field before any correction, gauss.   ``size``: of the corrected one.
+    ``table_deg``: of the table, NaN if the step does not say.
+    """
+
+    roll_deg: float
+    x: float
+    y: float
+    size: float
+    table_deg: float
+
+
+def roll_estimates(
+    material: Material, methods: Mapping[str, PlaneParameters], chosen: str, limit_deg: float, noise_deg: float
+) -> Estimates:
+    """mag_roll as returned, and mag_roll_error against the table by method; a limit judges that of ``chosen``.
+
+    The direction of the field is not known, so one angle common to all answers is taken off. Each answer is a single
+    reading: ``noise_deg``, the standard deviation of its angle by the noise of the sensor, is the larger part of the
+    uncertainty. That of the coefficients is not in it: the error that they leave is what is shown.
+    """
+    answers = _answers(material)
+    entries = [
+        estimate("mag_roll", "deg", answer.roll_deg, _STEP_deg, {"kind": "magnetometer", "answer": number}, n=1)
+        for number, answer in enumerate(answers, 1)
+    ]
+    placed = [answer for answer in answers if math.isfinite(answer.table_deg)]
+    if len(placed) < _LEAST:
+        return entries
+    rolls = {RETURNED: np.array([answer.roll_deg for answer in placed])}
+    x, y = np.array([answer.x for answer in placed]), np.array([answer.y for answer in placed])
+    rolls |= {name: roll_deg(*parameters.corrected(x, y)) for name, parameters in methods.items()}
+    table = np.array([answer.table_deg for answer in placed])
+    step_deg = math.degrees(_STEP_gauss / float(np.mean([answer.size for answer in placed])))
+    std_deg = math.hypot(step_deg, noise_deg)
+    for name, angles in rolls.items():
+        apart = np.exp(1j * np.radians(angles - table))
+        error = np.degrees(np.angle(apart / np.mean(apart)))
+        for answer, value in zip(placed, error, strict=True):
+            place = {"kind": "magnetometer", "method": name, "roll_deg": answer.table_deg}
+            limit = limit_deg if name == chosen and math.isfinite(limit_deg) else None
+            entries.append(estimate("mag_roll_error", "deg", float(value), std_deg, place, n=1, limit=limit))
+    return entries
+
+
+def _answers(material: Material) -> list[_RollAnswer]:
+    """Return the answers in their order, each with the correction that was in force."""
+    answers, now = [], _NONE
+    for exchange in material.exchanges:
+        if exchange.status != 0 or exchange.name not in (ROLL, SET) or exchange.name not in material.layouts:
+            continue
+        layout = material.layouts[exchange.name]
+        try:
+            if exchange.name == SET:
+                now = layout.request.decode(exchange.sent)
+            else:
+                answers.append(_answer(exchange, layout.decode(exchange.received), now))
+        except BenchError:
+            continue  # an answer of another length says nothing about a roll angle
+    return answers
+
+
+def _answer(exchange: Exchange, fields: Mapping[str, Any], now: Mapping[str, Any]) -> _RollAnswer:
+    x, y = float(fields["mag"][0]), float(fields["mag"][1])
+    sine = float(now["sin_alpha"])
+    return _RollAnswer(
+        roll_deg=float(fields["roll"]),
+        x=x * math.sqrt(1.0 - sine**2) + y * sine + float(now["offset"][0]),
+        y=y / float(now["gain"]) + float(now["offset"][1]),
+        size=max(math.hypot(x, y), _STEP_gauss),
+        table_deg=float(exchange.conditions.get("roll_deg", math.nan)),
+    )
