@@ -60,6 +60,10 @@ def test_what_is_grossly_wrong_is_doubted_and_named(name: str) -> None:
     assert GROSS[name] <= codes_of(wrong)
 
 
+def test_a_scale_of_the_accelerometers_is_named_where_it_moves_the_offset() -> None:
+    assert {"accelerometer_scale", "misfit"} <= codes_of(worlds.seen(2, BY_NAME["accelerometer_scale"], 1e-3))
+
+
 def test_an_offset_beyond_what_was_looked_for_is_refused() -> None:
     wrong = worlds.seen(0, BY_NAME["solutions_older_than_tags"], 0.2)
     assert sorted_classes(wrong, right_world(0))[REFUSED] == 2
