@@ -78,6 +78,13 @@ def test_a_range_that_is_off_is_not_told_by_one_channel() -> None:
     assert "meter_range_off" not in codes_of(worlds.seen(1, BY_NAME["soft_saturation"], 1e-3))
 
 
+def test_a_range_that_moves_one_channel_alone_is_doubted_there() -> None:
+    """No single level carries the line: without the gain of the range it moves by 2.4 times its uncertainty."""
+    wrong = worlds.seen(3, BY_NAME["meter_range"], 1e-4)
+    assert sorted_classes(wrong, right_world(3))[WRONG] == 0
+    assert codes_of(wrong) == {"lack_of_fit"}
+
+
 @pytest.mark.parametrize("seed", range(20))
 def test_a_right_world_is_not_doubted(seed: int) -> None:
     seen = right_world(seed)

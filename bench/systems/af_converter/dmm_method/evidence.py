@@ -95,26 +95,42 @@ def _straight(fitted: DmmFit, campaign: Campaign, register: Register, method: st
     """Return whether the levels lie on a straight line, and how far one level carries the result."""
     fit, probability = fitted.fit, probability_of(fitted.fit)
     looked_at = method == "joint" and probability < _LOOKED_AT
-    level_A, move = _carried(fitted, campaign, register) if looked_at else (0.0, 0.0)
+    without, move = _carried(fitted, campaign, register) if looked_at else ("any level", 0.0)
     reduced = fit.chi2 / fit.dof if fit.dof else math.nan
     sentence = (
         f"The levels of {place_name(fitted.group.place)} are not on a straight line (reduced chi-square "
-        f"{reduced:.3g}): without {1e3 * level_A:g} mA the result moves by {move:.3g} times its expanded uncertainty. "
+        f"{reduced:.3g}): without {without} the result moves by {move:.3g} times its expanded uncertainty. "
         "Look for saturation, a bad reading or a range of the meter that is off."
     )
     figure = reduced if math.isfinite(reduced) else None
     return Evidence("lack_of_fit", sentence, figure, max(probability, _SMALLEST), move, QUANTITIES, about(fitted.group))
 
 
-def _carried(fitted: DmmFit, campaign: Campaign, register: Register) -> tuple[float, float]:
-    """Return the level without which the result moves most, ampere, and by how much of its expanded uncertainty."""
+def _carried(fitted: DmmFit, campaign: Campaign, register: Register) -> tuple[str, float]:
+    """Return the level or range without which the result moves most, and by how much of its expanded uncertainty.
+
+    A range without its gain counts where the line is a better one then.
+    """
     group, converter = fitted.group, campaign.converter(fitted.group.channel)
-    moves: list[tuple[float, float]] = []
+    moves: list[tuple[str, float]] = []
     for level_A in np.unique(group.closed.level_A[group.closed.level_A > 0]):
         other = _refit(group, fitted.meter, group.closed.level_A != level_A, converter, register)
         if other is not None:
-            moves.append((float(level_A), _moved(fitted, other)))
-    return max(moves, key=lambda pair: pair[1], default=(0.0, math.inf))
+            moves.append((f"{1e3 * level_A:g} mA", _moved(fitted, other)))
+    for range_A in np.unique(fitted.meter.range_A):
+        gained, moved = _without_gain(fitted, float(range_A), campaign, register)
+        if gained > _GAINED:
+            moves.append((f"the gain of the range of {1e3 * range_A:g} mA", moved))
+    return max(moves, key=lambda pair: pair[1], default=("any level", math.inf))
+
+
+def _without_gain(fitted: DmmFit, range_A: float, campaign: Campaign, register: Register) -> tuple[float, float]:
+    """Return what chi-square gains where the gain of a range is anything, and by how much the result moves then."""
+    free = {full: replace(entry, relative=_ANY_GAIN) if _same(full, range_A) else entry
+            for full, entry in register.items()}  # fmt: skip
+    every = np.ones(fitted.meter.range_A.size, bool)
+    other = _refit(fitted.group, fitted.meter, every, campaign.converter(fitted.group.channel), free)
+    return (0.0, 0.0) if other is None else (fitted.fit.chi2 - other.chi2, _moved(fitted, other))
 
 
 def _range_off(fits: Sequence[DmmFit], campaign: Campaign, register: Register) -> Iterator[Evidence]:
@@ -124,14 +140,7 @@ def _range_off(fits: Sequence[DmmFit], campaign: Campaign, register: Register) -
     """
     ranges_A = sorted({float(range_A) for fitted in fits for range_A in np.unique(fitted.meter.range_A)})
     for range_A in ranges_A:
-        free = {full: replace(entry, relative=_ANY_GAIN) if _same(full, range_A) else entry
-                for full, entry in register.items()}  # fmt: skip
-        gained, moves = [], []
-        for fitted in fits:
-            every = np.ones(fitted.meter.range_A.size, bool)
-            other = _refit(fitted.group, fitted.meter, every, campaign.converter(fitted.group.channel), free)
-            gained.append(fitted.fit.chi2 - other.chi2 if other is not None else 0.0)
-            moves.append(_moved(fitted, other) if other is not None else 0.0)
+        gained, moves = zip(*(_without_gain(fitted, range_A, campaign, register) for fitted in fits), strict=True)
         several = sum(gain > _GAINED for gain in gained) > 1
         # the gain of a range is the same in all channels: their gains of chi-square are not independent
         probability = min(1.0, len(fits) * float(special.chdtrc(1, max(gained)))) if several else 1.0
