@@ -35,6 +35,8 @@ _DIMENSIONS = {
     "accel_bias_stability": "g",
     "gyro_cross_coupling": "1",
     "accel_cross_coupling": "1",
+    "gyro_scale_repeatability": "1",
+    "accel_scale_repeatability": "1",
     "roll_error": "deg",
 }
 

@@ -163,12 +163,12 @@ def _estimates(parts: Calibration, limits: Limits) -> Estimates:
         estimates += _triad_estimates(parts.accelerometer, _ACCELEROMETER, count)
         if parts.accelerometer_check is not None:
             both = parts.accelerometer_check, parts.accelerometer
-            estimates += _checked_coupling(*both, _ACCELEROMETER, limits["accel_cross_coupling"])
+            estimates += _checked(*both, _ACCELEROMETER, limits)
     if parts.gyro is not None:
         estimates += _triad_estimates(parts.gyro.triad, _GYRO, sum(parts.gyro.used.values()))
         if parts.gyro_check is not None:
             both = parts.gyro_check.triad, parts.gyro.triad
-            estimates += _checked_coupling(*both, _GYRO, limits["gyro_cross_coupling"])
+            estimates += _checked(*both, _GYRO, limits)
     return estimates
 
 
@@ -181,6 +181,9 @@ def _compensation(parts: Calibration) -> list[dict[str, Any]]:
         span = temperature_span(list(parts.sets.rotations.values()))
         sections.append(triad_section(_GYRO.kind, parts.gyro.triad, span))
     return sections
+
+
+_OF_TWO = 2.0**0.5  # from the difference of two values to their standard deviation
 
 
 @dataclass(frozen=True)
@@ -218,14 +221,26 @@ def _triad_estimates(fit: TriadFit, triad: _Triad, count: int) -> Estimates:
     return entries + _coupling(fit, triad, f"{triad.prefix}_cross_coupling", None, common)
 
 
-def _checked_coupling(check: TriadFit, calibration: TriadFit, triad: _Triad, limit: float) -> Estimates:
-    """Coupling that an independent set of records shows after compensation, against the limit of the specification.
+def _checked(check: TriadFit, calibration: TriadFit, triad: _Triad, limits: Limits) -> Estimates:
+    """Coupling and scale factors that an independent set of records shows after compensation, against their limits.
 
-    Its uncertainty is that of the check; the error of the calibration itself is what is being looked for.
+    The uncertainty of the coupling is that of the check; the error of the calibration itself is what is being looked
+    for. The repeatability is the standard deviation of the scale factors of both sets, with the sign of the change.
     """
     count = check.residual_dof + 12
     common: dict[str, Any] = {"n": count, "dof": min(check.dof, calibration.dof)}
-    return _coupling(check, triad, f"{triad.prefix}_coupling_compensated", limit, common)
+    entries = _coupling(
+        check, triad, f"{triad.prefix}_coupling_compensated", limits[f"{triad.prefix}_cross_coupling"], common
+    )
+    quantity = f"{triad.prefix}_scale_repeatability"
+    for row, name in enumerate(AXES):
+        change = check.matrix[row, row] - 1.0
+        std = np.hypot(check.matrix_std[row, row], calibration.matrix_std[row, row])
+        place = {"kind": triad.kind, "axis": name}
+        entries.append(
+            estimate(quantity, "1", change / _OF_TWO, std / _OF_TWO, place, limit=limits[quantity], **common)
+        )
+    return entries
 
 
 def _coupling(fit: TriadFit, triad: _Triad, quantity: str, limit: float | None, common: dict[str, Any]) -> Estimates:

@@ -52,7 +52,11 @@ def _of(prefix: str) -> tuple[str, ...]:
 
 
 def _all_of(prefix: str) -> tuple[str, ...]:
-    return (*_of(prefix), f"{prefix}_coupling_compensated")
+    return (*_of(prefix), *_of_both_sets(prefix))
+
+
+def _of_both_sets(prefix: str) -> tuple[str, ...]:
+    return f"{prefix}_coupling_compensated", f"{prefix}_scale_repeatability"
 
 
 def _plausible(prefix: str, fit: TriadFit) -> list[Evidence]:
@@ -89,7 +93,7 @@ def _lack_of_fit(prefix: str, fit: TriadFit, stability: float, which: str) -> li
         f"{_UNITS[prefix]}). Look for a pose or a turn that is not the one named, a sensor that is not linear, and a "
         "unit that moved or warmed up."
     )
-    quantities = (f"{prefix}_coupling_compensated",) if which else _of(prefix)
+    quantities = _of_both_sets(prefix) if which else (*_of(prefix), f"{prefix}_scale_repeatability")
     return [Evidence("lack_of_fit", text, ratio, max(probability, _SMALLEST), math.inf, quantities)]
 
 

@@ -49,9 +49,23 @@ def test_coupling_is_judged_after_compensation_by_the_second_set(twice) -> None:
     rows = {row[0]: row[-1] for row in twice.tables[2].rows}
     assert rows["gyro: coupling after compensation"] == "PASS"
     assert rows["gyro: range"] == rows["position, 1 sigma"] == "not tested"
-    assert sum(verdict == "PASS" for verdict in rows.values()) == 2
+    for kind, row in (("accel", "accelerometer"), ("gyro", "gyro")):
+        again = [one for one in twice.estimates if one["quantity"] == f"{kind}_scale_repeatability"]
+        assert len(again) == 3
+        assert all(abs(one["value"]) < 2.0 * one["expanded_uncertainty"] < 1e-3 for one in again)
+        assert rows[f"{row}: scale-factor repeatability, 1 sigma"] == "PASS"
+    assert sum(verdict == "PASS" for verdict in rows.values()) == 4
     assert twice.missing == []
     build_results("one", twice, {}, PROVENANCE)
+
+
+def test_a_scale_factor_that_changes_between_the_sets_is_told_by_its_size() -> None:
+    rig = calibration(Rig(SEED), rest_s=10.0)
+    rig.unit = replace(rig.unit, gyro_S=rig.unit.gyro_S * np.array([1.002, 1.0, 1.0]))
+    analysis = analyse(calibration(rig, rest_s=10.0).material("imu_calibration"))
+    changed = [one for one in analysis.estimates if one["quantity"] == "gyro_scale_repeatability"]
+    assert changed[0]["value"] == pytest.approx(-2e-3 / 2.0**0.5, rel=0.05)
+    assert [one["verdict"] for one in changed] == ["fail", "pass", "pass"]
 
 
 def test_a_unit_that_changes_between_the_sets_fails_the_check() -> None:
