@@ -14,7 +14,7 @@ from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import COMPENSATORS, RAW
 from bench.systems.lock_in.declaration import DECLARATION
 from bench.systems.lock_in.estimators.random_walk import RandomWalk, alignment_time_s, path_exponent
-from bench.systems.lock_in.result import LaserResult, Measured, squared, walk_std_deg_rth
+from bench.systems.lock_in.result import LaserResult, Measured, squared, walk_dof, walk_std_deg_rth
 
 NATO_MIL_DEG = 360.0 / 6400.0
 ARW_UNIT, ARCSEC = "deg/h^0.5", 3600.0
@@ -69,11 +69,11 @@ def _of_method(
     place = laser.record.place(laser.clock_Hz) | {"method": method}
     used = laser.found.turnarounds if method == RAW else laser.found.used[method]
     counted = {"n": used, "dropped": laser.found.turnarounds - used}
-    time = alignment_s(walk, requirement)
+    time, dof = alignment_s(walk, requirement), walk_dof(walk)
     entries = [
-        estimate("angle_random_walk", ARW_UNIT, walk.n_deg_rth, walk_std_deg_rth(walk), place, **counted),
+        estimate("angle_random_walk", ARW_UNIT, walk.n_deg_rth, walk_std_deg_rth(walk), place, dof=dof, **counted),
         estimate("quantisation_noise", "arcsec", ARCSEC * walk.q_deg, ARCSEC * walk.q_std_deg, place, **counted),
-        estimate("alignment_time", "s", time.value, time.std, place, limit=limit_s, **counted),
+        estimate("alignment_time", "s", time.value, time.std, place, limit=limit_s, dof=dof, **counted),
     ]
     ratio = None if method == RAW else laser.ratio(method)
     if ratio is not None:

@@ -24,7 +24,7 @@ from bench.systems.lock_in.estimators.global_constants import GlobalConstants
 from bench.systems.lock_in.estimators.random_walk import RandomWalk, random_walk
 from bench.systems.lock_in.estimators.steadiness import change, enough, line, wander
 from bench.systems.lock_in.plausibility import CONSTANTS, RATIOS, WALKS, implausible
-from bench.systems.lock_in.result import LaserResult, walk_std_deg_rth
+from bench.systems.lock_in.result import LaserResult, walk_dof, walk_std_deg_rth
 from bench.systems.lock_in.tables import LABELS
 
 _TIMES, _SWINGS, _PHASES = 4, 4, 8  # groups of turnarounds
@@ -186,7 +186,7 @@ def _against_theory(laser: LaserResult) -> Iterator[Evidence]:
     if walk is None or behind is None or expected is None or not walk.n_deg_rth > 0.0:
         return
     theory = math.hypot(expected, behind.n_deg_rth)
-    dof = 0.5 * (walk.n_deg_rth / walk_std_deg_rth(walk)) ** 2
+    dof = walk_dof(walk)
     square = dof * (walk.n_deg_rth / theory) ** 2
     probability = min(1.0, 2.0 * float(min(special.chdtr(dof, square), special.chdtrc(dof, square))))
     sentence = (

@@ -16,6 +16,7 @@ from bench.systems.lock_in.estimators.random_walk import RandomWalk, expected_ra
 from bench.systems.lock_in.records import Events, LaserRecord, record_events
 
 _ONE_SIDED = 1.645  # 95 % of a normal distribution lie below
+_FEWEST_DOF = 4.0  # of a walk that quantisation hides
 _PROBABILITY = 1e-4  # that a record without any other noise is called off
 # The fit's shapes are of first order in the jumps. By exact integration without noise (backscatter phases of 0 to 165
 # deg by 15, jumps of 0.11 to 0.14 rad, 15 and 28 cm) its rate is off by these parts of the largest jump squared,
@@ -55,6 +56,14 @@ def walk_std_deg_rth(walk: RandomWalk) -> float:
     """
     known = math.isfinite(walk.n_std_deg_rth)
     return misfit(walk) * (walk.n_std_deg_rth if known else walk.n_upper_deg_rth / _ONE_SIDED)
+
+
+def walk_dof(walk: RandomWalk) -> float:
+    """Return degrees of freedom of a random walk: a size is the root of a variance, and its uncertainty goes with it.
+
+    Source: variance of a chi-squared, 2 / dof of its square; that of its root is 1 / (2 dof).
+    """
+    return max(_FEWEST_DOF, 0.5 * (walk.n_deg_rth / walk_std_deg_rth(walk)) ** 2)
 
 
 @dataclass(frozen=True)
