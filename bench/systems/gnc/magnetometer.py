@@ -81,20 +81,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     looked_at = checked(rows, ("magnetometer",), material.campaign)
     good, bad = usable(looked_at)
     missing += bad
-    fits: list[tuple[SampledRow, PlaneComparison]] = []
-    refused: list[FitError] = []
-    for row in (row for row in good if row.item != _ATTITUDES):
-        field = row.values("magnetometer")
-        try:
-            fits.append((row, compare_methods(field[:, 0], field[:, 1])))
-        except FitError as error:
-            refused.append(error)
-            missing.append(f"record {row.number}: {error.message} ({error.code})")
-    if not fits:
-        raise refused[0] if refused else no_records(("magnetometer",))
+    turns = _turns(good, missing)
     sphere = _sphere_of(good)
     missing += sphere.missing
-    fits = [(row, widened(fit, sphere.wander, sphere.wander_dof)) for row, fit in fits]
+    fits = [(row, widened(fit, sphere.wander, sphere.wander_dof)) for row, fit in turns]
     parameters = fits[0][1].by_method[method]
     estimates = [entry for row, fit in fits for entry in _estimates(row, fit, len(fits) > 1)]
     limit_deg, noise_deg = limits_of(material.campaign)["roll_error"], fits[0][1].roll[method].noise_deg
@@ -116,6 +106,25 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         tables=[_table(fits[0][1]), table_3(estimates, material.campaign), check_table(looked_at)],
         compensation=[magnetometer_section(method, parameters, temperature_span([fits[0][0]]))],
     )
+
+
+def _turns(rows: Sequence[SampledRow], missing: list[str]) -> list[tuple[SampledRow, PlaneComparison]]:
+    """Return both methods on each turn about the roll axis; one that determines no ellipse is named as missing.
+
+    Raises: FitError of the first turn if none does, B-GNC-003 if there is none.
+    """
+    fits: list[tuple[SampledRow, PlaneComparison]] = []
+    refused: list[FitError] = []
+    for row in (row for row in rows if row.item != _ATTITUDES):
+        field = row.values("magnetometer")
+        try:
+            fits.append((row, compare_methods(field[:, 0], field[:, 1])))
+        except FitError as error:
+            refused.append(error)
+            missing.append(f"record {row.number}: {error.message} ({error.code})")
+    if not fits:
+        raise refused[0] if refused else no_records(("magnetometer",))
+    return fits
 
 
 def _estimates(row: SampledRow, fit: PlaneComparison, several: bool) -> Estimates:
