@@ -117,9 +117,9 @@ def _still() -> Assumption:
 def _surroundings() -> Assumption:
     return Assumption(
         "magnetic_surroundings",
-        "Nothing magnetic turns with the unit, and the field is the same wherever the unit is turned.",
-        "Iron and magnets on the moving part of the table, of any size; a gradient below the noise over the way of the "
-        "unit.",
+        "Nothing magnetic turns with the unit, and the field is the same wherever and as long as the unit is turned.",
+        "Iron and magnets on the moving part of the table, of any size; a gradient over the way of the unit, a drift "
+        "or a wandering below the noise.",
         "They are taken for hard and soft iron of the unit: 1 mgauss of a magnetised screw is 1 mgauss of offset, and "
         "steel that adds 0.2 % to the field is 0.2 % of gain, or 0.1 deg of angle.",
         "The same campaign with the unit turned by 180 deg on its plate, and a scalar magnetometer along its way.",

@@ -94,7 +94,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         method=method,
         uut=dict(material.campaign["uut"]),
         estimates=[*estimates, *sphere.estimates],
-        evidence=[*_evidence(fits, sphere), *sphere.evidence],
+        evidence=[*_evidence(turns, sphere), *sphere.evidence],
         notes=[
             *_notes(fits, material),
             *sphere.notes,
@@ -140,7 +140,7 @@ def _estimates(row: SampledRow, fit: PlaneComparison, several: bool) -> Estimate
 
 
 def _evidence(fits: Sequence[tuple[SampledRow, PlaneComparison]], sphere: _Sphere) -> list[Evidence]:
-    """Return what every check says of the turns, those that found nothing included."""
+    """Return what every check says of the turns by their own noise, those that found nothing included."""
     found = []
     for row, fit in fits:
         about = {"record": row.number} if len(fits) > 1 else {}
