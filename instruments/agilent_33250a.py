@@ -1,7 +1,7 @@
 """Agilent 33250A function generator: the 10 MHz square wave that times the unit's master clock.
 
-Source: 33250A User's Guide, remote interface (FUNCtion, FREQuency, VOLTage, OUTPut:LOAD, SYSTem:ERRor?) and
-specifications (square 1 uHz to 80 MHz; 20 mVpp to 20 Vpp into an open circuit). The load setting doubles the amplitude
+Source: 33250A User's Guide, remote interface (FUNCtion, FREQuency, VOLTage, OUTPut:LOAD, OUTPut:POLarity, BURSt,
+SWEep, AM, FM, FSKey, SYSTem:ERRor?) and specifications (square 1 uHz to 80 MHz; 20 mVpp to 20 Vpp into an open circuit). The load setting doubles the amplitude
 when it is wrong; this driver always says high impedance, so amplitudes are those at an open output.
 """
 
@@ -14,6 +14,8 @@ from instruments.values import OVERLOAD_FROM, exponent_form
 
 _FREQUENCY_STEP_HZ = 1e-6
 _AMPLITUDE_STEP_V = 1e-3
+_DUTY_STEP_PERCENT = 0.1
+_LEFT_OVER = ("BURS:STAT", "SWE:STAT", "AM:STAT", "FM:STAT", "FSK:STAT")  # of the last user
 
 
 class Agilent33250A(ScpiInstrument):
@@ -26,16 +28,23 @@ class Agilent33250A(ScpiInstrument):
     def square(self, frequency: float, amplitude: float) -> None:
         """Set a square wave: ``frequency`` hertz with every digit, ``amplitude`` volt peak to peak, no offset.
 
+        What another user left is set first, in an order that is never a conflict (-221): burst, sweep and modulation
+        off, the offset before the amplitude, the duty cycle before a frequency that would not have it.
+
         Raises: InstrumentError B-INST-008, B-INST-005, B-INST-011.
         """
         frequency, amplitude = self.checked("square", frequency=frequency, amplitude=amplitude)
         self.kept = ()
+        for left_over in _LEFT_OVER:
+            self.set(f"{left_over} OFF", self.switch(f"{left_over}?", 0))
+        self.set("VOLT:OFFS 0", self.number("VOLT:OFFS?", 0.0, _AMPLITUDE_STEP_V))
         self.set("FUNC SQU", self.word("FUNC?", "SQU"))
         self.set("OUTP:LOAD INF", either(self._load_is_infinite, True))
+        self.set("OUTP:POL NORM", self.word("OUTP:POL?", "NORM"))
+        self.set("FUNC:SQU:DCYC 50", self.number("FUNC:SQU:DCYC?", 50.0, _DUTY_STEP_PERCENT))
         self.set(f"FREQ {exponent_form(frequency)}", self.number("FREQ?", frequency, _FREQUENCY_STEP_HZ))
         self.set("VOLT:UNIT VPP", self.word("VOLT:UNIT?", "VPP"))
         self.set(f"VOLT {exponent_form(amplitude)}", self.number("VOLT?", amplitude, _AMPLITUDE_STEP_V))
-        self.set("VOLT:OFFS 0", self.number("VOLT:OFFS?", 0.0, _AMPLITUDE_STEP_V))
         self.keep(
             Setting("FREQ?", frequency, _FREQUENCY_STEP_HZ, "Hz"), Setting("VOLT?", amplitude, _AMPLITUDE_STEP_V, "V")
         )

@@ -1,7 +1,8 @@
 """Simulated Agilent 33250A function generator; the output of the first one goes to the unit's
 function-generator input.
 
-Source: 33250A User's Guide (remote interface, ranges of square waves, load and amplitude). The unit's input has a high
+Source: 33250A User's Guide (remote interface; ranges of square waves, load and amplitude; burst, sweep and modulation end
+each other). The unit's input has a high
 impedance: with the load setting at 50 ohm its amplitude is twice the programmed one.
 """
 
@@ -9,11 +10,16 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+import numpy as np
+
 from sim_instruments.bus.scpi import OUT_OF_RANGE, SETTINGS_CONFLICT, Answers, ScpiDevice, ScpiError, command, words
 
 FREQUENCY_ERROR_PPM = 3.0
 UNIT_THRESHOLD_VPP = 0.5  # smaller signals are not counted by the unit
 INFINITE_OHM = 9.9e37
+BURST_HZ, SWEEP_HZ, FSK_HZ = 100.0, 550.0, 100.0  # after *RST: trigger period, mean of 100 Hz to 1 kHz, hop
+_MODULATED = 0.99  # cycles of a modulated square that the unit's threshold counts
+_MODES = ("BURS", "SWE", "AM", "FM", "FSK")
 _HIGHEST_HZ = {"SIN": 80e6, "SQU": 80e6, "RAMP": 1e6, "PULS": 50e6, "NOIS": 80e6, "DC": 80e6}
 
 
@@ -27,8 +33,15 @@ class Agilent33250A(ScpiDevice):
         "[:SOURce]:VOLTage?": lambda self: f"{self.amplitude_V:+.13E}",
         "[:SOURce]:VOLTage:OFFSet?": lambda self: f"{self.offset_V:+.13E}",
         "[:SOURce]:VOLTage:UNIT?": lambda self: self.amplitude_unit,
+        "[:SOURce]:FUNCtion:SQUare:DCYCle?": lambda self: f"{self.duty_percent:+.13E}",
+        "[:SOURce]:BURSt:STATe?": lambda self: str(int(self.mode == "BURS")),
+        "[:SOURce]:SWEep:STATe?": lambda self: str(int(self.mode == "SWE")),
+        "[:SOURce]:AM:STATe?": lambda self: str(int(self.mode == "AM")),
+        "[:SOURce]:FM:STATe?": lambda self: str(int(self.mode == "FM")),
+        "[:SOURce]:FSKey:STATe?": lambda self: str(int(self.mode == "FSK")),
+        ":OUTPut:POLarity?": lambda self: self.polarity,
         ":OUTPut:LOAD?": lambda self: f"{self.load_ohm:+.13E}",
-        ":OUTPut?": lambda self: "1" if self.on else "0",
+        ":OUTPut[:STATe]?": lambda self: "1" if self.on else "0",
     }
 
     def __init__(self, *arguments: Any) -> None:
@@ -41,13 +54,34 @@ class Agilent33250A(ScpiDevice):
         self.function, self.frequency_Hz = "SIN", 1e3
         self.amplitude_V, self.offset_V, self.amplitude_unit = 0.1, 0.0, "VPP"
         self.load_ohm, self.on = 50.0, False
+        self.mode, self.polarity, self.duty_percent = "", "NORM", 50.0
+        self._apply()
+
+    def left_by_another(self, draw: np.random.Generator) -> None:
+        self.mode = str(draw.choice(["", *_MODES]))
+        self.function = str(draw.choice(["SIN", "SQU", "RAMP", "PULS"]))
+        self.frequency_Hz = float(round(10.0 ** draw.uniform(-3.0, 5.9), 6))
+        self.load_ohm = float(draw.choice([50.0, 75.0, 1e4, INFINITE_OHM]))
+        self.amplitude_V = float(draw.uniform(0.02, 0.5)) * self._largest_V()
+        room_V = (self._largest_V() - self.amplitude_V) / 2.0
+        self.offset_V = float(draw.uniform(-room_V, room_V))
+        self.polarity, self.duty_percent = str(draw.choice(["NORM", "INV"])), float(draw.uniform(20.0, 80.0))
+        self.on = bool(draw.integers(2))
+        super().left_by_another(draw)
         self._apply()
 
     @property
     def true_frequency_Hz(self) -> float:
-        """Frequency at the output terminal, hertz; 0 when it is off or not periodic."""
+        """Pulses per second at the output terminal, hertz; 0 when it is off or not periodic.
+
+        A burst is one cycle at a time, by its internal trigger; a sweep and keyed frequencies have their mean.
+        """
         if not self.on or self.function in ("DC", "NOIS"):
             return 0.0
+        if self.mode in _MODES:
+            return {"BURS": BURST_HZ, "SWE": SWEEP_HZ, "FSK": (self.frequency_Hz + FSK_HZ) / 2.0}.get(
+                self.mode, self.frequency_Hz * _MODULATED
+            )
         return self.frequency_Hz * (1.0 + self.error_ppm * 1e-6)
 
     @property
@@ -77,12 +111,12 @@ class Agilent33250A(ScpiDevice):
 
     @command("[:SOURce]:FREQuency")
     def _set_frequency(self, text: str) -> None:
-        self.frequency_Hz = round(self.number(text, 1e-6, _HIGHEST_HZ[self.function]), 6)
+        self.frequency_Hz = round(self.number(text, 1e-6, _HIGHEST_HZ[self.function], "Hz"), 6)
         self._apply()
 
     @command("[:SOURce]:VOLTage")
     def _set_amplitude(self, text: str) -> None:
-        amplitude_V = self.number(text, self._largest_V() / 1000.0, self._largest_V())
+        amplitude_V = self.number(text.upper().removesuffix("PP"), self._largest_V() / 1000.0, self._largest_V(), "V")
         if amplitude_V / 2 + abs(self.offset_V) > self._largest_V() / 2:
             raise ScpiError(*SETTINGS_CONFLICT)
         self.amplitude_V = round(amplitude_V, 4)
@@ -91,7 +125,46 @@ class Agilent33250A(ScpiDevice):
     @command("[:SOURce]:VOLTage:OFFSet")
     def _set_offset(self, text: str) -> None:
         room_V = (self._largest_V() - self.amplitude_V) / 2
-        self.offset_V = self.number(text, -room_V, room_V)
+        self.offset_V = self.number(text, -room_V, room_V, "V")
+
+    @command("[:SOURce]:FUNCtion:SQUare:DCYCle")
+    def _set_duty(self, text: str) -> None:
+        low, high = (
+            (20.0, 80.0) if self.frequency_Hz <= 25e6 else (40.0, 60.0) if self.frequency_Hz <= 50e6 else (50.0, 50.0)
+        )
+        self.duty_percent = self.number(text, low, high)
+
+    def _switch_mode(self, mode: str, text: str) -> None:
+        """One of burst, sweep and modulation at a time: each that is switched on ends the one before."""
+        if self.boolean(text):
+            self.mode = mode
+        elif self.mode == mode:
+            self.mode = ""
+        self._apply()
+
+    @command("[:SOURce]:BURSt:STATe")
+    def _set_burst(self, text: str) -> None:
+        self._switch_mode("BURS", text)
+
+    @command("[:SOURce]:SWEep:STATe")
+    def _set_sweep(self, text: str) -> None:
+        self._switch_mode("SWE", text)
+
+    @command("[:SOURce]:AM:STATe")
+    def _set_am(self, text: str) -> None:
+        self._switch_mode("AM", text)
+
+    @command("[:SOURce]:FM:STATe")
+    def _set_fm(self, text: str) -> None:
+        self._switch_mode("FM", text)
+
+    @command("[:SOURce]:FSKey:STATe")
+    def _set_fsk(self, text: str) -> None:
+        self._switch_mode("FSK", text)
+
+    @command(":OUTPut:POLarity")
+    def _set_polarity(self, text: str) -> None:
+        self.polarity = self.word(text, "NORMal", "INVerted")
 
     @command("[:SOURce]:VOLTage:UNIT")
     def _set_unit(self, text: str) -> None:
@@ -111,13 +184,13 @@ class Agilent33250A(ScpiDevice):
     @command(":OUTPut:LOAD")
     def _set_load(self, text: str) -> None:
         """The amplitude at the old load stays what the terminal really gives: the displayed value changes with it."""
-        load_ohm = self.number(text, 1.0, 1e4, INF=INFINITE_OHM, INFINITY=INFINITE_OHM, MAX=INFINITE_OHM)
+        load_ohm = self.number(text, 1.0, 1e4, "Ohm", INF=INFINITE_OHM, INFINITY=INFINITE_OHM, MAX=INFINITE_OHM)
         open_V = self.open_amplitude_V
         self.load_ohm = load_ohm
         self.amplitude_V = open_V * (1.0 if load_ohm == INFINITE_OHM else load_ohm / (load_ohm + 50.0))
         self._apply()
 
-    @command(":OUTPut")
+    @command(":OUTPut[:STATe]")
     def _set_output(self, text: str) -> None:
         self.on = self.boolean(text)
         self._apply()

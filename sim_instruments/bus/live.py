@@ -67,6 +67,10 @@ class LiveDevice(Device):
         """Carry out one message; called with the world's lock held."""
         raise NotImplementedError
 
+    def left_by_another(self, draw: np.random.Generator) -> None:
+        """Leave the instrument as its last user may have: any legal setting, errors queued, half a command."""
+        self._partial += b"VO"[: int(draw.integers(3))]
+
     def on_clear(self) -> None:
         """Device clear (SDC): forget a half-made command; replies are dropped already."""
 

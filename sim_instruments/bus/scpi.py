@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, ClassVar, TypeVar
 
+import numpy as np
+
 from bench.model.clock import NS
 from sim_instruments.bus.live import LiveDevice
 
@@ -21,9 +23,15 @@ QUEUE_OVERFLOW = (-350, "Queue overflow")
 QUERY_INTERRUPTED = (-410, "Query INTERRUPTED")
 QUERY_UNTERMINATED = (-420, "Query UNTERMINATED")
 
+INVALID_SUFFIX = (-131, "Invalid suffix")
+SUFFIX_NOT_ALLOWED = (-138, "Suffix not allowed")
+
 ERROR_AVAILABLE = 4
 EVENT_SUMMARY = 32
 _EVENT_BIT = {1: 32, 2: 16, 3: 8, 4: 4}  # hundreds of a SCPI error number -> bit of the event status register
+
+_NUMBER = re.compile(r"([+-]?(?:\d+\.?\d*|\.\d+)(?:E[+-]?\d+)?)\s*([A-Z%]*)")
+_MULTIPLIERS = {"": 1.0, "G": 1e9, "MA": 1e6, "K": 1e3, "M": 1e-3, "U": 1e-6, "N": 1e-9, "P": 1e-12}
 
 Method = TypeVar("Method", bound=Callable[..., Any])
 Answers = Mapping[str, Callable[[Any], str]]
@@ -48,7 +56,10 @@ def command(pattern: str) -> Callable[[Method], Method]:
 
 
 def _expression(pattern: str) -> str:
-    """Return the expression of a header pattern: short and long form of each node, optional nodes in brackets."""
+    """Return the expression of a header pattern: short and long form of each node, optional nodes in brackets.
+
+    Source: SCPI-99 vol. 1, 6.2.5 (forms of a node) and 6.2.5.2 (a numeric suffix that is left out is 1).
+    """
     if pattern.startswith("*"):
         return re.escape(pattern)
     parts = []
@@ -58,8 +69,8 @@ def _expression(pattern: str) -> str:
             continue
         name, digits = re.fullmatch(r"([A-Za-z]+)(\d*)", node.strip("[]:")).groups()  # type: ignore[union-attr]
         short = "".join(letter for letter in name if letter.isupper())
-        suffix = f"(?:{digits})?" if digits in ("", "1") else digits
-        text = f":(?:{short}|{name.upper()}){suffix or '1?'}"
+        suffix = "1?" if digits in ("", "1") else digits  # a node without a suffix is the first one
+        text = f":(?:{short}|{name.upper()}){suffix}"
         parts.append(f"(?:{text})?" if node.startswith("[") else text)
     return "".join(parts)
 
@@ -70,6 +81,20 @@ def words(text: str) -> list[str]:
     return [part.strip() for part in parts]
 
 
+def _multiplier(suffix: str, unit: str) -> float:
+    """Return what the suffix of a number multiplies it by. Raises: ScpiError for a suffix that is not of the unit.
+
+    Source: IEEE 488.2-1992, 7.7.3 (MA is mega, but for hertz and ohm, where M is).
+    """
+    if not suffix:
+        return 1.0
+    if not unit:
+        raise ScpiError(*SUFFIX_NOT_ALLOWED)
+    if not suffix.endswith(unit) or (prefix := suffix.removesuffix(unit)) not in _MULTIPLIERS:
+        raise ScpiError(*INVALID_SUFFIX)
+    return 1e6 if prefix == "M" and unit in ("HZ", "OHM") else _MULTIPLIERS[prefix]
+
+
 class ScpiDevice(LiveDevice):
     """A SCPI instrument: one reply per message, real error queue, ``*OPC?`` waits for what is pending.
 
@@ -78,6 +103,7 @@ class ScpiDevice(LiveDevice):
 
     answers: ClassVar[Answers] = {}
     no_error = '+0,"No error"'
+    scpi_version = "1999.0"
     error_format = '{0:+d},"{1}"'
     queue_length = 20
 
@@ -93,6 +119,11 @@ class ScpiDevice(LiveDevice):
         self._reply_after_s = 0.0
         self.reset()
 
+    def left_by_another(self, draw: np.random.Generator) -> None:
+        for _ in range(int(draw.integers(self.queue_length + 2))):
+            self.error(*UNDEFINED_HEADER)
+        super().left_by_another(draw)
+
     # --- for models --------------------------------------------------------------------------------------------
 
     def reset(self) -> None:
@@ -106,18 +137,23 @@ class ScpiDevice(LiveDevice):
         else:
             self.errors.append((number, text))
 
-    def number(self, text: str, low: float, high: float, **names: float) -> float:
-        """Return a numeric parameter inside [low, high]; MIN, MAX and the given names stand for values."""
+    def number(self, text: str, low: float, high: float, unit: str = "", **names: float) -> float:
+        """Return a numeric parameter inside [low, high]; MIN, MAX and the given names stand for values.
+
+        With a ``unit`` the number may carry it, with a multiplier before it: ``1 kHz``.
+        """
         word = text.strip().upper()
         named = {"MIN": low, "MINIMUM": low, "MAX": high, "MAXIMUM": high} | names
         if word in named:
             return named[word]
         if not word:
             raise ScpiError(*MISSING_PARAMETER)
-        try:
-            value = float(word)
-        except ValueError:
-            raise ScpiError(*BAD_NUMBER) from None
+        if word in ("NAN", "INF", "NINF", "INFINITY"):
+            raise ScpiError(*OUT_OF_RANGE)
+        match = _NUMBER.fullmatch(word)
+        if match is None:
+            raise ScpiError(*BAD_NUMBER)
+        value = float(match[1]) * _multiplier(match[2], unit.upper())
         if not low <= value <= high:
             raise ScpiError(*OUT_OF_RANGE)
         return value
@@ -267,4 +303,6 @@ _ANSWERS: Answers = {  # of every model
     "*ESE?": lambda self: str(self.event_enable),
     "*SRE?": lambda self: str(self.service_enable),
     "*TST?": lambda _: "0",
+    "*OPT?": lambda _: "0",
+    ":SYSTem:VERSion?": lambda self: self.scpi_version,
 }

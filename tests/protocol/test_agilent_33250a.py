@@ -9,9 +9,13 @@ from bench.model.errors import InstrumentError
 START = IDENTIFY["agilent_33250a"]
 
 
+LEFT_OVER = [b"BURS:STAT OFF", b"SWE:STAT OFF", b"AM:STAT OFF", b"FM:STAT OFF", b"FSK:STAT OFF", b"VOLT:OFFS 0"]
+
+
 def square(frequency: bytes, amplitude: bytes) -> list[tuple[bytes, bytes | None]]:
-    commands = [b"FUNC SQU", b"OUTP:LOAD INF", b"FREQ " + frequency, b"VOLT:UNIT VPP", b"VOLT " + amplitude]
-    return [pair for command in (*commands, b"VOLT:OFFS 0") for pair in after(command + b"\n")]
+    commands = [*LEFT_OVER, b"FUNC SQU", b"OUTP:LOAD INF", b"OUTP:POL NORM", b"FUNC:SQU:DCYC 50"]
+    commands += [b"FREQ " + frequency, b"VOLT:UNIT VPP", b"VOLT " + amplitude]
+    return [pair for command in commands for pair in after(command + b"\n")]
 
 
 def test_12345678_hz_is_sent_with_every_digit() -> None:
@@ -44,7 +48,8 @@ def test_output_on_is_refused_without_a_waveform() -> None:
 
 def test_errors_are_told() -> None:
     error = [(b"SYST:ERR?\n", b'-221,"Settings conflict"\n'), NO_ERROR]
-    script = [*START, (b"FUNC SQU\n", None), *error]
+    left_over = [pair for command in LEFT_OVER for pair in after(command + b"\n")]
+    script = [*START, *left_over, (b"FUNC SQU\n", None), *error]
     conflict = pytest.raises(InstrumentError, match="-221 Settings conflict")
     with scripted("agilent_33250a", script) as generator, conflict as caught:
         generator.square(1e7, 2.5)
