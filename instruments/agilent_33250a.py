@@ -1,8 +1,9 @@
 """Agilent 33250A function generator: the 10 MHz square wave that times the unit's master clock.
 
 Source: 33250A User's Guide, remote interface (FUNCtion, FREQuency, VOLTage, OUTPut:LOAD, OUTPut:POLarity, BURSt,
-SWEep, AM, FM, FSKey, SYSTem:ERRor?) and specifications (square 1 uHz to 80 MHz; 20 mVpp to 20 Vpp into an open circuit). The load setting doubles the amplitude
-when it is wrong; this driver always says high impedance, so amplitudes are those at an open output.
+SWEep, AM, FM, FSKey, SYSTem:ERRor?) and specifications (square 1 uHz to 80 MHz; 20 mVpp to 20 Vpp into an open
+circuit). The load setting doubles the amplitude when it is wrong; this driver always says high impedance, so
+amplitudes are those at an open output.
 """
 
 from __future__ import annotations

@@ -1,7 +1,11 @@
 """Agilent 53230A universal counter: frequency of input 1 against the external 10 MHz reference.
 
-Source: 53220A/53230A User's Guide (SENSe:FREQuency:GATE, SENSe:ROSCillator:SOURce, READ?; questionable status bit 10 =
-reference not usable). 9.91E37 is the answer without a signal. The 53131A has other gate commands and is not served.
+Its preparation resets it: sample and trigger counts, trigger source, input coupling and impedance of the last user
+would change what READ? answers, or whether it does.
+
+Source: 53220A/53230A User's Guide (SENSe:FREQuency:GATE, SENSe:ROSCillator:SOURce, READ?, *RST; questionable status
+bit 10 = reference not usable). 9.91E37 is the answer without a signal. The 53131A has other gate commands and is not
+served.
 """
 
 from __future__ import annotations
@@ -48,6 +52,7 @@ class Agilent53230A(ScpiInstrument):
         return abs(self.ask("FREQ:GATE:TIME?", read_number) - gate_s) <= _GATE_STEP_S
 
     def _prepare(self) -> None:
+        self.set("*RST")  # the counter drives nothing, and every measurement sets up itself
         self.set("ROSC:SOUR EXT", either(lambda: self.ask("ROSC:SOUR?", read_text), "EXT"))
 
     def _go_safe(self) -> None:

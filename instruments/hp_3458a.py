@@ -4,9 +4,10 @@ Not SCPI. The GPIB END line is off at power-on, so ``END ALWAYS`` is the first t
 A reading is triggered, then awaited by serial poll (bit 7, reading available), so no bus call blocks for the seconds a
 reading at 100 power-line cycles with autozero takes.
 
-Source: 3458A User's Guide (END, ERRSTR?, PRESET, STB?, TRIG; DCI ranges and maximum inputs). ``PRESET NORM`` leaves
-TARM AUTO, so one ``TRIG SGL`` gives one reading. Not confirmed on hardware: the serial poll bit with memory off,
-and constant 175 of ``CAL?`` as the temperature of the last ACAL DCV (as in public programs).
+Source: 3458A User's Guide (END, ERRSTR?, INBUF, PRESET, STB?, TRIG; DCI ranges and maximum inputs). ``PRESET NORM``
+leaves TARM AUTO, so one ``TRIG SGL`` gives one reading, and the input buffer off, with which the bus would be held
+until that reading is done (page 187): ``INBUF ON`` behind it. Not confirmed on hardware: the serial poll bit with
+memory off, and constant 175 of ``CAL?`` as the temperature of the last ACAL DCV (as in public programs).
 """
 
 from __future__ import annotations
@@ -95,7 +96,7 @@ class Hp3458A(BaseInstrument):
         return bool(self.bus.status_byte(self.timeout_s) & _READING_AVAILABLE)
 
     def _set_up(self, nominal_A: float) -> None:
-        for command in ("PRESET NORM", "END ALWAYS", f"DCI {exponent_form(nominal_A)}"):
+        for command in ("PRESET NORM", "INBUF ON", "END ALWAYS", f"DCI {exponent_form(nominal_A)}"):
             self.set(command)
         for command in ("NPLC 100", "NDIG 8", "AZERO ON", "TRIG HOLD"):
             self.set(command)

@@ -1,11 +1,12 @@
 """HP 6632B system supply (20 V, 5 A): power of the unit under test.
 
 Limits are set before the output can be switched on, the over-voltage trip before the voltage. A tripped protection
-stays latched; clearing it is a decision of a person (``OUTP:PROT:CLE`` by hand).
+stays latched while OUTP? says on; clearing it is a decision of a person (``OUTP:PROT:CLE`` by hand).
 
 Source: HP 6631B/6632B/6633B/6634B operating and programming guides (VOLTage, CURRent, VOLTage:PROTection,
-CURRent:PROTection:STATe, OUTPut, MEASure). The model ends at 20.475 V; a 28 V unit needs the 6633B. Not confirmed on
-hardware: programming ranges 20.475 V, 5.1188 A and 22 V over-voltage, and the read-back resolutions.
+CURRent:PROTection:STATe, OUTPut, OUTPut:PROTection:DELay, questionable status bits 0, 1, 4, 9, MEASure). The model ends
+at 20.475 V; a 28 V unit needs the 6633B. Not confirmed on hardware: programming ranges 20.475 V, 5.1188 A and 22 V
+over-voltage, and the read-back resolutions.
 """
 
 from __future__ import annotations
@@ -13,11 +14,13 @@ from __future__ import annotations
 from bench.model.ports import Effect, Parameter, action
 from instruments.commands import Setting
 from instruments.scpi import ScpiSupply
-from instruments.values import exponent_form, read_number
+from instruments.values import exponent_form, read_integer, read_number
 
 _VOLTAGE_STEP_V = 0.01
 _CURRENT_STEP_A = 0.005
 _TRIP_STEP_V = 0.15
+_DELAY_s, _DELAY_STEP_s = 0.08, 0.01  # from a change of the output until its protections act, as after *RST
+_PROTECTIONS = {1: "over-voltage", 2: "over-current", 16: "over-temperature", 512: "remote-inhibit"}
 
 
 class Hp6632B(ScpiSupply):
@@ -46,6 +49,7 @@ class Hp6632B(ScpiSupply):
         self.kept = ()
         self.set(f"CURR {exponent_form(limit)}", self.number("CURR?", limit, _CURRENT_STEP_A))
         self.set("CURR:PROT:STAT ON", self.switch("CURR:PROT:STAT?", 1))
+        self.set(f"OUTP:PROT:DEL {_DELAY_s:g}", self.number("OUTP:PROT:DEL?", _DELAY_s, _DELAY_STEP_s))
         self.set(f"VOLT:PROT {exponent_form(trip)}", self.number("VOLT:PROT?", trip, _TRIP_STEP_V))
         self.set(f"VOLT {exponent_form(voltage)}", self.number("VOLT?", voltage, _VOLTAGE_STEP_V))
         self.keep(
@@ -58,11 +62,16 @@ class Hp6632B(ScpiSupply):
     def output_on(self) -> None:
         """Set the output on, if limits and voltage still read back, and confirm it.
 
-        Raises: InstrumentError B-INST-010 before ``configure``, B-INST-011.
+        Raises: InstrumentError B-INST-010 before ``configure``, B-INST-011, B-INST-018 (a protection is latched).
         """
         self.require_kept("output_on", "limits were", "configure it first")
         self._recheck()
         self.switch_output_on()
+        latched = self.ask("STAT:QUES:COND?", read_integer)
+        if names := [name for bit, name in _PROTECTIONS.items() if latched & bit]:
+            self.switch_output_off()
+            message = f"{' and '.join(names)} latched: there is no voltage though OUTP? said on; the output is off"
+            raise self.error("B-INST-018", message, "find the cause, then clear it by hand (OUTP:PROT:CLE)")
 
     @action(bus_s=0.3, returns="V")
     def measure_voltage(self) -> float:

@@ -1,9 +1,9 @@
 """Simulated Agilent 33250A function generator; the output of the first one goes to the unit's
 function-generator input.
 
-Source: 33250A User's Guide (remote interface; ranges of square waves, load and amplitude; burst, sweep and modulation end
-each other). The unit's input has a high
-impedance: with the load setting at 50 ohm its amplitude is twice the programmed one.
+Source: 33250A User's Guide (remote interface; ranges of square waves, load and amplitude; burst, sweep and modulation
+end each other). The unit's input has a high impedance: with the load setting at 50 ohm its amplitude is twice the
+programmed one.
 """
 
 from __future__ import annotations
@@ -129,10 +129,8 @@ class Agilent33250A(ScpiDevice):
 
     @command("[:SOURce]:FUNCtion:SQUare:DCYCle")
     def _set_duty(self, text: str) -> None:
-        low, high = (
-            (20.0, 80.0) if self.frequency_Hz <= 25e6 else (40.0, 60.0) if self.frequency_Hz <= 50e6 else (50.0, 50.0)
-        )
-        self.duty_percent = self.number(text, low, high)
+        off_50 = 30.0 if self.frequency_Hz <= 25e6 else 10.0 if self.frequency_Hz <= 50e6 else 0.0
+        self.duty_percent = self.number(text, 50.0 - off_50, 50.0 + off_50)
 
     def _switch_mode(self, mode: str, text: str) -> None:
         """One of burst, sweep and modulation at a time: each that is switched on ends the one before."""

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+import numpy as np
+
 from sim_instruments.agilent_33250a import Agilent33250A
 from sim_instruments.bus.scpi import Answers, ScpiDevice, command, words
 from sim_instruments.faults.fault import Fault, becomes
@@ -18,6 +20,7 @@ REFERENCE_BIT = 1 << 10
 EXTERNAL_SIGMA, INTERNAL_SIGMA = 1e-9, 2e-7  # relative errors of the laboratory's 10 MHz and of the built-in crystal
 RESOLUTION_S = 2e-11  # one shot; the resolution of a frequency is this over the gate time
 _NO_SIGNAL_S = 1.0
+_MOST_READINGS = 1000
 
 
 class Agilent53230A(ScpiDevice):
@@ -33,6 +36,11 @@ class Agilent53230A(ScpiDevice):
     answers: ClassVar[Answers] = {
         "[:SENSe]:FUNCtion[:ON]?": lambda _: '"FREQ 1"',
         "[:SENSe]:FREQuency:GATE:TIME?": lambda self: f"{self.gate_s:+.15E}",
+        "[:SENSe]:FREQuency:GATE:SOURce?": lambda self: self.gate_source,
+        ":SAMPle:COUNt?": lambda self: f"{self.samples:+.14E}",
+        ":TRIGger:COUNt?": lambda self: f"{self.triggers:+.14E}",
+        ":TRIGger:SOURce?": lambda self: self.trigger_source,
+        ":INPut1:IMPedance?": lambda self: f"{self.impedance_ohm:+.14E}",
         "[:SENSe]:ROSCillator:SOURce?": lambda self: self.reference,
     }
 
@@ -44,7 +52,16 @@ class Agilent53230A(ScpiDevice):
 
     def reset(self) -> None:
         self.gate_s, self.gate_source, self.reference = 0.1, "TIME", "INT"
+        self.samples, self.triggers, self.trigger_source, self.impedance_ohm = 1, 1, "IMM", 1e6
         self._event = 0
+
+    def left_by_another(self, draw: np.random.Generator) -> None:
+        self.gate_s, self.gate_source = float(10.0 ** draw.uniform(-3.0, 1.0)), str(draw.choice(["TIME", "IMM", "EXT"]))
+        self.samples, self.triggers = int(draw.integers(1, 1000)), int(draw.integers(1, 10))
+        self.trigger_source = str(draw.choice(["IMM", "EXT", "BUS"]))
+        self.impedance_ohm = float(draw.choice([50.0, 1e6]))
+        self.reference = str(draw.choice(["INT", "EXT"]))
+        super().left_by_another(draw)
 
     def _measure(self) -> str:
         source = self.partner(Agilent33250A)
@@ -67,6 +84,7 @@ class Agilent53230A(ScpiDevice):
         if words(text):
             self.number(words(text)[0].strip(), 1e-3, 4e8)
         self.gate_s, self.gate_source = 0.1, "TIME"
+        self.samples, self.triggers, self.trigger_source = 1, 1, "IMM"
 
     @command("[:SENSe]:FREQuency:GATE:SOURce")
     def _set_gate_source(self, text: str) -> None:
@@ -74,7 +92,23 @@ class Agilent53230A(ScpiDevice):
 
     @command("[:SENSe]:FREQuency:GATE:TIME")
     def _set_gate(self, text: str) -> None:
-        self.gate_s = self.number(text, 1e-6, 1000.0)
+        self.gate_s = self.number(text, 1e-6, 1000.0, "s")
+
+    @command(":SAMPle:COUNt")
+    def _set_samples(self, text: str) -> None:
+        self.samples = int(self.number(text, 1, 1e6))
+
+    @command(":TRIGger:COUNt")
+    def _set_triggers(self, text: str) -> None:
+        self.triggers = int(self.number(text, 1, 1e6))
+
+    @command(":TRIGger:SOURce")
+    def _set_trigger_source(self, text: str) -> None:
+        self.trigger_source = self.word(text, "IMMediate", "EXTernal", "BUS")
+
+    @command(":INPut1:IMPedance")
+    def _set_impedance(self, text: str) -> None:
+        self.impedance_ohm = self.number(text, 50.0, 1e6, "Ohm")
 
     @command("[:SENSe]:ROSCillator:SOURce")
     def _set_reference(self, text: str) -> None:
@@ -94,8 +128,14 @@ class Agilent53230A(ScpiDevice):
         return str(value)
 
     @command(":READ?")
-    def _read(self, _: str) -> str:
-        return self._measure()
+    def _read(self, _: str) -> str | None:
+        if self.trigger_source != "IMM" or self.gate_source == "EXT":
+            return None  # it waits for a trigger that nobody gives
+        count = self.samples * self.triggers
+        if count == 1:
+            return self._measure()
+        self.reply_after(count * self.gate_s)
+        return ",".join(self._measure() for _ in range(min(count, _MOST_READINGS)))
 
     @command(":MEASure:FREQuency?")
     def _measure_frequency(self, text: str) -> str:

@@ -3,9 +3,9 @@
 Not SCPI. The END line is off at power-on, so a reply then ends by its line feed only. A reading of 100 power-line
 cycles with autozero takes 4 s.
 
-Source: 3458A User's Guide / operating manual (END, ERRSTR?, PRESET, TARM, TRIG, STB?, DCI ranges and overload).
-Placeholders: error numbers beyond the order of the error register's bits; only DCV and DCI exist here, and with DCV
-nothing is connected to the voltage terminals.
+Source: 3458A User's Guide / operating manual (END, ERRSTR?, INBUF, MATH, PRESET, TARM, TRIG, STB?, DCI ranges and
+overload). Placeholders: error numbers beyond the order of the error register's bits; only DCV and DCI exist here, and
+with DCV nothing is connected to the voltage terminals.
 """
 
 from __future__ import annotations
@@ -14,6 +14,9 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
+from bench.model.clock import to_ns
 from sim_instruments.bus.live import LiveDevice
 
 SYNTAX, UNDEFINED, RANGE = 103, 105, 106
@@ -23,6 +26,7 @@ OVERLOAD = 1e38
 CURRENT_RANGES_A = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
 VOLTAGE_RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)
 LINE_HZ = 50.0
+_SCALE = 0.5  # of MATH SCALE, as somebody may have left it
 INSIDE_DEGC, ACAL_DEGC = 37.2, 36.8
 # dc current, 1 year: 95 % of reading and of range; each range has its own shunt, so each draws its own errors
 ACCURACY = {
@@ -58,6 +62,8 @@ class Hp3458A(LiveDevice):
         self.function, self.range = "DCV", 10.0
         self.power_line_cycles, self.digits, self.autozero = 10.0, 7, True
         self.arm, self.trig = "AUTO", "AUTO"
+        self.buffered, self.scaled = False, False
+        self._done_ns = 0
 
     # --- measuring ---------------------------------------------------------------------------------------------
 
@@ -73,7 +79,7 @@ class Hp3458A(LiveDevice):
         else:
             true, limit = 0.0, self.range * 1.2
         noise = self._noise.normal(0.0, NOISE_PER_ROOT_CYCLE / max(self.power_line_cycles, 1e-4) ** 0.5)
-        value = true + self.error_A(true) + self.range * noise
+        value = (true + self.error_A(true) + self.range * noise) * (_SCALE if self.scaled else 1.0)
         if abs(true) > limit:
             value = OVERLOAD if true > 0 else -OVERLOAD
         self._answer(self.reading(f"{value: .8E}"), after_s=self.reading_s)
@@ -89,6 +95,20 @@ class Hp3458A(LiveDevice):
         step = round(abs(true_A) / self.range * LINEARITY_STEPS)
         linearity = self.world.rng("3458A linearity", number, step).normal(0.0, floor) if step else 0.0
         return float(true_A * gain + self.range * (zero + (linearity if true_A > 0 else -linearity)))
+
+    @property
+    def held_until_ns(self) -> int:
+        """With the input buffer off a triggering command is done when its reading is."""
+        return 0 if self.buffered else self._done_ns
+
+    def left_by_another(self, draw: np.random.Generator) -> None:
+        self.function, self.range = str(draw.choice(["DCV", "DCI"])), float(draw.choice(CURRENT_RANGES_A))
+        self.power_line_cycles, self.digits = float(draw.choice([0.0, 1.0, 10.0, 1000.0])), int(draw.integers(3, 9))
+        self.autozero, self.buffered, self.scaled = (bool(draw.integers(2)) for _ in range(3))
+        self.arm, self.trig = str(draw.choice(["AUTO", "HOLD"])), str(draw.choice(["AUTO", "HOLD", "SYN", "EXT"]))
+        self.end_mode = str(draw.choice(["OFF", "ON", "ALWAYS"]))
+        self.errors.extend([SYNTAX] * int(draw.integers(20)))
+        super().left_by_another(draw)
 
     def _answer(self, text: str, after_s: float = 0.0) -> None:
         self.reply(text + "\r", after_s=after_s, end=self.end_mode != "OFF")
@@ -177,6 +197,13 @@ class Hp3458A(LiveDevice):
             self.trig = "HOLD"
             if self.arm == "AUTO":
                 self._measure()
+                self._done_ns = self.now_ns + to_ns(self.reading_s)
+
+    def _set_buffer(self, words: list[str]) -> None:
+        self.buffered = self._word(words[0] or "ON", "OFF", "ON", "0", "1") in ("ON", "1")
+
+    def _set_math(self, words: list[str]) -> None:
+        self.scaled = self._word(words[0], "OFF", "SCALE") == "SCALE"
 
     def _set_range(self, words: list[str]) -> None:
         self._select(self.function, words)
@@ -207,6 +234,8 @@ _COMMANDS: dict[str, Callable[[Hp3458A, list[str]], None]] = {
     "AZERO": Hp3458A._set_autozero,
     "TARM": Hp3458A._set_arm,
     "TRIG": Hp3458A._set_trigger,
+    "INBUF": Hp3458A._set_buffer,
+    "MATH": Hp3458A._set_math,
     "TEMP?": lambda self, _: self._answer(f"{INSIDE_DEGC: .8E}"),
     "CAL?": lambda self, _: self._answer(f"{ACAL_DEGC: .8E}"),  # the only constant that is asked for: 175
     "ERRSTR?": Hp3458A._next_error,

@@ -12,6 +12,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+import numpy as np
+
 from sim_instruments.bus.scpi import Answers, ScpiDevice, command
 from sim_instruments.faults.fault import Fault
 
@@ -31,6 +33,7 @@ class Hp6632B(ScpiDevice):
         "[:SOURce]:VOLTage:PROTection[:LEVel]?": lambda self: f"{self.trip_V:.5E}",
         "[:SOURce]:CURRent:PROTection:STATe?": lambda self: "1" if self.over_current_trip else "0",
         ":OUTPut[:STATe]?": lambda self: "1" if self.on else "0",
+        ":OUTPut:PROTection:DELay?": lambda self: f"{self.delay_s:.5E}",
         ":STATus:QUEStionable:CONDition?": lambda self: str(_QUESTIONABLE.get(self.tripped, 0)),
     }
 
@@ -41,7 +44,15 @@ class Hp6632B(ScpiDevice):
 
     def reset(self) -> None:
         self.voltage_V, self.current_A, self.trip_V = 0.0, 0.512, HIGHEST_TRIP_V
-        self.over_current_trip, self.on, self.tripped = False, False, ""
+        self.over_current_trip, self.on, self.tripped, self.delay_s = False, False, "", 0.08
+        self._apply()
+
+    def left_by_another(self, draw: np.random.Generator) -> None:
+        self.voltage_V, self.trip_V = float(draw.uniform(0.0, HIGHEST_V)), float(draw.uniform(1.0, HIGHEST_TRIP_V))
+        self.current_A, self.delay_s = float(draw.uniform(0.0, HIGHEST_A)), float(draw.uniform(0.0, 30.0))
+        self.over_current_trip, self.on = bool(draw.integers(2)), bool(draw.integers(2))
+        self.tripped = str(draw.choice(["", "OV", "OC"]))
+        super().left_by_another(draw)
         self._apply()
 
     def outputs(self) -> dict[str, Any]:
@@ -88,17 +99,17 @@ class Hp6632B(ScpiDevice):
 
     @command("[:SOURce]:VOLTage[:LEVel]")
     def _set_voltage(self, text: str) -> None:
-        self.voltage_V = self.number(text, 0.0, HIGHEST_V)
+        self.voltage_V = self.number(text, 0.0, HIGHEST_V, "V")
         self._apply()
 
     @command("[:SOURce]:CURRent[:LEVel]")
     def _set_current(self, text: str) -> None:
-        self.current_A = self.number(text, 0.0, HIGHEST_A)
+        self.current_A = self.number(text, 0.0, HIGHEST_A, "A")
         self._apply()
 
     @command("[:SOURce]:VOLTage:PROTection[:LEVel]")
     def _set_trip(self, text: str) -> None:
-        self.trip_V = self.number(text, 0.0, HIGHEST_TRIP_V)
+        self.trip_V = self.number(text, 0.0, HIGHEST_TRIP_V, "V")
         self._apply()
 
     @command("[:SOURce]:CURRent:PROTection:STATe")
@@ -110,6 +121,10 @@ class Hp6632B(ScpiDevice):
     def _set_output(self, text: str) -> None:
         self.on = self.boolean(text)
         self._apply()
+
+    @command(":OUTPut:PROTection:DELay")
+    def _set_delay(self, text: str) -> None:
+        self.delay_s = self.number(text, 0.0, 2147483.647, "s")
 
     @command(":OUTPut:PROTection:CLEar")
     def _clear_protection(self, _: str) -> None:

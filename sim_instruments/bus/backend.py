@@ -149,6 +149,7 @@ class BenchVisaLibrary(SimVisaLibrary):
         if live is None:
             return super().write(session, data)
         opened, device = live
+        self._released(session, device)
         with self._bus(session, device):
             device.receive(bytes(data), bool(opened.attrs.get(ResourceAttribute.send_end_enabled, True)))
         return len(data), StatusCode.success
@@ -160,6 +161,7 @@ class BenchVisaLibrary(SimVisaLibrary):
             return super().read(session, count)
         opened, device = live
         self._locks.check(session, device)
+        self._released(session, device)
         deadline_ns = self._deadline_ns(session)
         reply = device.next_reply()
         if reply is None:
@@ -204,7 +206,17 @@ class BenchVisaLibrary(SimVisaLibrary):
         device = self._device(session)
         if device.faults.hang:
             self._time_out(self._deadline_ns(session))
+        self._released(session, device)
         return device
+
+    def _released(self, session: Any, device: LiveDevice) -> None:
+        """Wait until an instrument lets the bus go; VI_ERROR_TMO if that is too late."""
+        until_ns = device.held_until_ns
+        if until_ns > self._world.clock.now_ns():
+            deadline_ns = self._deadline_ns(session)
+            if until_ns > deadline_ns:
+                self._time_out(deadline_ns)
+            self._world.wait_until_ns(until_ns)
 
     def _deadline_ns(self, session: Any) -> int:
         timeout_ms = self._live[session][0].attrs.get(ResourceAttribute.timeout_value, _DEFAULT_TIMEOUT_MS)

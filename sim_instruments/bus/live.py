@@ -63,6 +63,11 @@ class LiveDevice(Device):
         self._partial = bytearray()
         self._replies: deque[Reply] = deque()
 
+    @property
+    def held_until_ns(self) -> int:
+        """Bench time until which the instrument holds the bus: a command is not taken before the one before is done."""
+        return 0
+
     def execute(self, message: str) -> None:
         """Carry out one message; called with the world's lock held."""
         raise NotImplementedError

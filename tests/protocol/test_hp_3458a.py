@@ -9,7 +9,9 @@ START = IDENTIFY["hp_3458a"]
 
 
 def configured(range_text: bytes) -> list[tuple[bytes, bytes | None]]:
-    commands = (b"PRESET NORM\n", b"END ALWAYS\n", b"DCI " + range_text + b"\n", b"NPLC 100\n", b"NDIG 8\n")
+    commands = (
+        b"PRESET NORM\n", b"INBUF ON\n", b"END ALWAYS\n", b"DCI " + range_text + b"\n", b"NPLC 100\n", b"NDIG 8\n",
+    )  # fmt: skip
     setting = [pair for command in (*commands, b"AZERO ON\n", b"TRIG HOLD\n") for pair in after(command, NO_ERROR)]
     return [*setting, (b"RANGE?\n", b" " + range_text + b"\r\n")]
 

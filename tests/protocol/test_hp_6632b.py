@@ -7,7 +7,10 @@ from scripted import refused, scripted
 from bench.model.errors import InstrumentError
 
 START = IDENTIFY["hp_6632b"]
-LIMITS = [*after(b"CURR 1.5E+00\n"), *after(b"CURR:PROT:STAT ON\n"), *after(b"VOLT:PROT 1.8E+01\n")]
+LIMITS = [
+    *after(b"CURR 1.5E+00\n"), *after(b"CURR:PROT:STAT ON\n"), *after(b"OUTP:PROT:DEL 0.08\n"),
+    *after(b"VOLT:PROT 1.8E+01\n"),
+]  # fmt: skip
 READ_BACK = [(b"CURR?\n", b"1.50000E+00\n"), (b"VOLT:PROT?\n", b"1.80000E+01\n"), (b"VOLT?\n", b"1.50000E+01\n")]
 CONFIGURED = [*START, *LIMITS, *after(b"VOLT 1.5E+01\n"), *READ_BACK]
 
@@ -15,13 +18,23 @@ CONFIGURED = [*START, *LIMITS, *after(b"VOLT 1.5E+01\n"), *READ_BACK]
 def test_limits_come_first_and_the_output_last() -> None:
     measured = [(b"MEAS:VOLT?\n", b"+1.49991E+01\n"), (b"MEAS:CURR?\n", b"+4.20000E-01\n")]
     off = [(b"OUTP OFF\n", None), NO_ERROR, (b"OUTP?\n", b"0\n")]
-    on = [*READ_BACK, *after(b"OUTP ON\n"), (b"OUTP?\n", b"1\n")]
+    on = [*READ_BACK, *after(b"OUTP ON\n"), (b"OUTP?\n", b"1\n"), (b"STAT:QUES:COND?\n", b"0\n")]
     with scripted("hp_6632b", [*CONFIGURED, *on, *measured, *off]) as supply:
         supply.configure(15.0, 1.5, 18.0)
         supply.output_on()
         assert supply.measure_voltage() == 14.9991
         assert supply.measure_current() == 0.42
         supply.output_off()
+
+
+@pytest.mark.parametrize(("condition", "name"), [(b"1", "over-voltage"), (b"3", "over-voltage and over-current")])
+def test_a_protection_that_somebody_left_latched_is_told(condition: bytes, name: str) -> None:
+    on = [*READ_BACK, *after(b"OUTP ON\n"), (b"OUTP?\n", b"1\n"), (b"STAT:QUES:COND?\n", condition + b"\n")]
+    off = [(b"OUTP OFF\n", None), NO_ERROR, (b"OUTP?\n", b"0\n")]
+    with scripted("hp_6632b", [*CONFIGURED, *on, *off]) as supply:
+        supply.configure(15.0, 1.5, 18.0)
+        with refused("B-INST-018", name):
+            supply.output_on()
 
 
 def test_output_on_is_refused_without_limits() -> None:

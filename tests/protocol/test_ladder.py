@@ -118,7 +118,8 @@ def test_nothing_is_asked_while_an_old_reply_may_still_come() -> None:
 
 CONFIGURE = {"voltage": 15.0, "current_limit": 1.5, "over_voltage": 18.0}
 REST = [
-    *after(b"CURR:PROT:STAT ON\n"), *after(b"VOLT:PROT 1.8E+01\n"), *after(b"VOLT 1.5E+01\n"),
+    *after(b"CURR:PROT:STAT ON\n"), *after(b"OUTP:PROT:DEL 0.08\n"),
+    *after(b"VOLT:PROT 1.8E+01\n"), *after(b"VOLT 1.5E+01\n"),
     (b"CURR?\n", b"1.5\n"), (b"VOLT:PROT?\n", b"18.0\n"), (b"VOLT?\n", b"15.0\n"),
 ]  # fmt: skip
 SET, SILENT_QUEUE = (b"CURR 1.5E+00\n", None), [(b"SYST:ERR?\n", TIMEOUT), *SILENT]
@@ -249,10 +250,12 @@ def test_a_chamber_operation_in_doubt_is_looked_at(looks: list[Any]) -> None:
 
 def test_the_set_up_of_a_meter_in_doubt_begins_again_from_its_preset() -> None:
     ok = (b"ERRSTR?\n", b'0,"NO ERROR"\r\n')
-    commands = [b"PRESET NORM", b"END ALWAYS", b"DCI 1.0E-01", b"NPLC 100", b"NDIG 8", b"AZERO ON", b"TRIG HOLD"]
+    commands = [
+        b"PRESET NORM", b"INBUF ON", b"END ALWAYS", b"DCI 1.0E-01", b"NPLC 100", b"NDIG 8", b"AZERO ON", b"TRIG HOLD",
+    ]  # fmt: skip
     whole = [pair for command in commands for pair in after(command + b"\n", ok)]
     lost = [(b"NPLC 100\n", None), (b"ERRSTR?\n", TIMEOUT), *SILENT]
-    script = [*IDENTIFY["hp_3458a"], *whole[:6], *lost, *whole, (b"RANGE?\n", b"1.0E-01\r\n")]
+    script = [*IDENTIFY["hp_3458a"], *whole[:8], *lost, *whole, (b"RANGE?\n", b"1.0E-01\r\n")]
     with scripted("hp_3458a", script) as meter:
         assert meter.configure_current(0.1) == 0.1
 

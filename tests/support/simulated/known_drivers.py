@@ -18,6 +18,8 @@ IDENTIFY = {
     "agilent_53230a": [
         (b"*IDN?\n", b"Agilent Technologies,53230A,MY50001234,02.05-1519\n"),
         NO_ERROR,
+        (b"*RST\n", None),
+        NO_ERROR,
         (b"ROSC:SOUR EXT\n", None),
         NO_ERROR,
     ],

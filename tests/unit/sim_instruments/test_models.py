@@ -121,7 +121,7 @@ def test_end_is_off_at_power_on_so_a_reply_never_ends(bench: Bench) -> None:
 
 def test_reading_of_100_cycles_with_autozero_takes_four_seconds(bench: Bench) -> None:
     dmm = bench["dmm"]
-    bench.send("dmm", "END ALWAYS", "PRESET NORM", "DCI 0.1", "NPLC 100", "NDIG 8", "AZERO ON", "TRIG HOLD")
+    bench.send("dmm", "PRESET NORM", "INBUF ON", "END ALWAYS", "DCI 0.1", "NPLC 100", "NDIG 8", "AZERO ON", "TRIG HOLD")
     assert dmm.read_stb() == 16
     began_ns = bench.clock.now_ns()
     bench.send("dmm", "TRIG SGL")
@@ -129,6 +129,15 @@ def test_reading_of_100_cycles_with_autozero_takes_four_seconds(bench: Bench) ->
     dmm.timeout = 10_000
     dmm.read()
     assert bench.clock.now_ns() - began_ns == pytest.approx(4e9, abs=1e7)
+
+
+def test_without_its_input_buffer_the_meter_holds_the_bus_until_its_reading_is_done(bench: Bench) -> None:
+    dmm = bench["dmm"]
+    bench.send("dmm", "PRESET NORM", "END ALWAYS", "DCI 0.1", "NPLC 100", "TRIG HOLD", "TRIG SGL")
+    dmm.timeout = 1000
+    with pytest.raises(VisaIOError) as caught:
+        dmm.read_stb()
+    assert caught.value.error_code == StatusCode.error_timeout
 
 
 def test_over_120_percent_of_range_is_overload(bench: Bench) -> None:
