@@ -19,7 +19,8 @@ from bench.model.errors import ExitStatus
 from bench.model.installed import KINDS, driver_packages, offers
 from bench.model.shipped import find_shipped
 from bench.model.systems import systems
-from bench.plan import Findings, check_station, load_station
+from bench.plan import Findings, Station, check_station, load_station
+from bench.run.bench.opener import missing_buses
 from bench.run.preflight import Finding, Report, Status, Surroundings, examine_machine
 from bench.run.provenance import software
 from bench.session.output import writing
@@ -84,10 +85,22 @@ def _of_station(path: Path) -> list[Finding]:
     check_station(loaded, mistakes)
     if not mistakes:
         text = f"{len(loaded.instruments)} instruments, {len(loaded.links)} links"
-        return [Finding("station file", Status.OK, text, "no mistake")]
+        return [Finding("station file", Status.OK, text, "no mistake"), *_buses(loaded)]
     return [
         Finding("station file", Status.FAIL, mistake.code, "no mistake", str(mistake)) for mistake in mistakes.sorted()
     ]
+
+
+def _buses(station: Station) -> list[Finding]:
+    """Return whether the VISA library is there, and what it needs for the interfaces of a real station."""
+    if station.file.world is not None:
+        return []
+    missing = {id(error): error for error in missing_buses(station).values()}
+    found = [
+        Finding("VISA library", Status.FAIL, error.code, "is there", f"{error.message}; {error.next_step}")
+        for error in missing.values()
+    ]
+    return found or [Finding("VISA library", Status.OK, station.file.visa, "is there")]
 
 
 def print_preflight(out: Console, report: Report, title: str = "Pre-flight") -> None:

@@ -42,6 +42,27 @@ def test_a_station_with_mistakes_is_an_error(tmp_path: Path, inside: Inside) -> 
     assert "B-RUN-080" in done.stderr
 
 
+def test_a_real_station_without_its_visa_library_fails(tmp_path: Path, inside: Inside) -> None:
+    text = (Path(__file__).resolve().parents[2] / STATION).read_text(encoding="utf-8")
+    world = text[text.index("world:") : text.index("instruments:")]
+    changes = {
+        "simulated: true": "simulated: false",
+        '"@bench"': '"@ivi"',
+        world: "",
+        "1999-": "2026-",
+        "2000-": "2030-",
+    }
+    changes |= {f"baud: {baud}": f"baud: {baud}, url: /dev/{baud}" for baud in (921600, 115200)}
+    for old, new in changes.items():
+        text = text.replace(old, new)
+    path = tmp_path / "station.yaml"
+    path.write_text(text, encoding="utf-8")
+    done = inside("doctor", "--station", str(path))
+    assert done.returncode == 2
+    assert done.stderr.count("B-RUN-002") == 1
+    assert "@ivi" in done.stderr
+
+
 def test_a_bundle_that_cannot_be_written(tmp_path: Path, inside: Inside) -> None:
     done = inside("doctor", "--bundle", str(tmp_path / "none" / "bundle.zip"))
     assert done.returncode == 2

@@ -17,7 +17,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import pyvisa
 import serial
+from pyvisa.constants import InterfaceType
 from pyvisa.resources import MessageBasedResource
+from pyvisa.rname import ResourceName
 from serial.tools import list_ports
 
 from bench.model.clock import Clock
@@ -109,6 +111,8 @@ def open_bench(
             next_step="use --clock wall, or a station with a simulated world",
         )
     world = _open_world(station, clock, seed) if station.file.world is not None else None
+    if world is None and (missing := missing_buses(station)):
+        raise next(iter(missing.values()))
     library = world.visa_library if world is not None else station.file.visa
     visa = open_visa(library)
     bench = OpenBench(station, {}, {}, world, visa.close)
@@ -135,10 +139,58 @@ def open_visa(library: str) -> pyvisa.ResourceManager:
     except (pyvisa.Error, OSError, ValueError) as error:
         raise InstrumentError(
             "B-RUN-002",
-            f"no VISA library is found: {' '.join(str(error).split())}",
+            f"no VISA library {library} is found: {' '.join(str(error).split())}",
             where=library,
-            next_step="install it, or change 'visa' in the station file",
+            next_step="install it, or change 'visa' in the station file ('@py' is installed with this software)",
         ) from error
+
+
+def missing_buses(station: Station) -> dict[str, InstrumentError]:
+    """Return by role why an instrument cannot be reached whatever its address says; one error for all of a kind.
+
+    The VISA library is not installed, or what it needs for a kind of interface is not. Nothing is sent or opened.
+    """
+    resources = {role: entry.resource for role, entry in station.instruments.items()}
+    library = station.file.visa
+    try:
+        open_visa(library).close()
+    except InstrumentError as error:
+        error.where = station.document.where(("visa",))
+        return dict.fromkeys(resources, error)
+    kinds: dict[str, list[str]] = {}
+    for role, resource in resources.items():
+        kinds.setdefault(_unserved(library, resource), []).append(role)
+    missing: dict[str, InstrumentError] = {}
+    for why, roles in kinds.items():
+        if why:
+            others = len(roles) - 1
+            of_all = f"{resources[roles[0]]}{f' and {others} more' if others else ''}"
+            message = f"the VISA library {library} cannot reach {of_all}: {why}"
+            next_step = "install it, or change 'visa' or the addresses in the station file"
+            where = station.document.where(("visa",))
+            unserved = InstrumentError("B-RUN-002", message, where=where, next_step=next_step)
+            missing |= dict.fromkeys(roles, unserved)
+    return missing
+
+
+def _unserved(library: str, resource: str) -> str:
+    """Return what the pure Python library lacks for the interface of an address; empty if nothing is known to lack."""
+    if not library.endswith("@py"):
+        return ""
+    from pyvisa_py.sessions import Session, UnavailableSession
+
+    importlib.import_module("pyvisa_py.highlevel")  # registers the kinds that it can serve
+    name = ResourceName.from_string(resource)
+    of_board = name.interface_type == "GPIB"  # of an instrument it says so when it is opened
+    try:
+        kind = Session.get_session_class(
+            InterfaceType[name.interface_type.lower()], "INTFC" if of_board else name.resource_class
+        )
+    except (KeyError, ValueError):
+        return f"{name.interface_type} {name.resource_class} is no kind that it knows"
+    if not issubclass(kind, UnavailableSession):
+        return ""
+    return " ".join(kind.session_issue.split()).partition(". ")[0].rstrip(".")
 
 
 def _open_world(station: Station, clock: Clock, seed: int) -> World:

@@ -18,8 +18,26 @@ ANSWER_S = 1.0
 
 
 def identities(context: PreflightContext) -> list[Finding]:
-    """Every instrument of the station says who it is; model and serial number are those of the station file."""
-    return [_identity(context, role) for role in context.station.instruments]
+    """Every instrument of the station says who it is; model and serial number are those of the station file.
+
+    What keeps several from being reached is one finding.
+    """
+    missing: dict[int, tuple[BenchError, list[str]]] = {}
+    for role in context.station.instruments:
+        if role in context.absent:
+            error = context.absent[role]
+            missing.setdefault(id(error), (error, []))[1].append(role)
+    shared = {role for _, roles in missing.values() if len(roles) > 1 for role in roles}
+    buses = [
+        Finding(f"bus of {len(roles)} instruments", Status.FAIL, error.code, "", _with_step(error), of_bench=True)
+        for error, roles in missing.values()
+        if len(roles) > 1
+    ]
+    return [*buses, *(_identity(context, role) for role in context.station.instruments if role not in shared)]
+
+
+def _with_step(error: BenchError) -> str:
+    return f"{error.message}; {error.next_step}"
 
 
 def _identity(context: PreflightContext, role: str) -> Finding:

@@ -19,7 +19,15 @@ from bench.model.clock import Clock
 from bench.model.errors import BenchError, InstrumentError
 from bench.model.ports import ByteLink, Instrument
 from bench.plan import Plan, Station
-from bench.run.bench.opener import OpenBench, open_bench, open_instrument, open_port, open_visa, unheard
+from bench.run.bench.opener import (
+    OpenBench,
+    missing_buses,
+    open_bench,
+    open_instrument,
+    open_port,
+    open_visa,
+    unheard,
+)
 from bench.run.guard.lock import BenchLock, bus_keys
 from bench.run.preflight import of_bench, of_instruments, of_machine
 from bench.run.preflight.context import Finding, Host, PreflightContext, Report, Status, Surroundings, told
@@ -239,13 +247,12 @@ def _opened(station: Station, clock: Clock) -> Iterator[Opened]:
                 open_link = partial(open_port, name, str(link.url), link.baud, exclusive=True)
                 links[name] = within(OPEN_LIMIT_S, open_link)
                 closers.append(links[name].close)
-        try:
+        absent.update(missing_buses(station))
+        reached = {role: entry for role, entry in station.instruments.items() if role not in absent}
+        if reached:
             visa = open_visa(station.file.visa)
-        except BenchError as error:
-            absent.update(dict.fromkeys(station.instruments, error))
-        else:
             closers.insert(0, visa.close)
-            for role, entry in station.instruments.items():
+            for role, entry in reached.items():
                 with _noted(absent, role):
                     instruments[role] = within(
                         OPEN_LIMIT_S, partial(open_instrument, visa, role, entry, clock, unheard)

@@ -10,12 +10,14 @@ from typing import Any
 import pytest
 import pyvisa
 import serial
+from pyvisa.constants import InterfaceType
+from pyvisa_py.sessions import Session, UnavailableSession
 
 from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import BenchError, ExitStatus
 from bench.plan import Plan, Station, compile_sequence, load_station
 from bench.run.bench import opener
-from bench.run.bench.opener import OpenBench, check_answers, open_bench, port_of
+from bench.run.bench.opener import OpenBench, check_answers, missing_buses, open_bench, port_of
 from bench.run.bench.transcript import HeldTranscript, new_folder
 from bench.run.control.operator import SimulatedOperator
 from bench.run.observers import Observers, Recorder
@@ -65,6 +67,7 @@ class Visa:
 @pytest.fixture
 def empty_bus(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(opener.pyvisa, "ResourceManager", lambda library: Visa())
+    monkeypatch.setattr(opener, "_unserved", lambda *_: "")  # whether linux-gpib is here
 
 
 @pytest.fixture
@@ -80,8 +83,28 @@ def test_a_resource_that_does_not_open(tmp_path: Path) -> None:
 
 
 def test_a_bench_without_a_visa_library(tmp_path: Path) -> None:
-    error = refusal(real(tmp_path, ('"@py"', '"@ivi"')))
-    assert (error.code, error.where) == ("B-RUN-002", "@ivi")
+    bench = real(tmp_path, ('"@py"', '"@ivi"'))
+    error = refusal(bench)
+    assert error.code == "B-RUN-002"
+    assert error.where.startswith(str(tmp_path / "station.yaml"))
+    assert "@ivi" in error.message
+    assert set(missing_buses(bench)) == set(bench.instruments)
+
+
+def test_a_kind_of_interface_without_its_library_is_one_error_for_all_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What linux-gpib would serve is named once; an instrument of the network beside it is not missing."""
+    session = type("Unavailable", (UnavailableSession,), {"session_issue": "install linux-gpib. It has more to say"})
+    monkeypatch.setitem(Session._session_classes, (InterfaceType.gpib, "INTFC"), session)
+    bench = real(tmp_path, ("GPIB0::22::INSTR", "TCPIP::127.0.0.1::hislip0::INSTR"))
+    missing = missing_buses(bench)
+    (lan,) = set(bench.instruments) - set(missing)
+    assert bench.instruments[lan].resource.startswith("TCPIP")
+    (error,) = {id(error): error for error in missing.values()}.values()
+    others = len(missing) - 1
+    assert error.message == f"the VISA library @py cannot reach GPIB0::4::INSTR and {others} more: install linux-gpib"
+    assert refusal(bench).message == error.message
 
 
 @pytest.mark.usefixtures("full_bus")

@@ -176,13 +176,17 @@ IDENTITIES = [f"identity of {role}" for role in served_plan().station.instrument
 
 
 def test_a_bench_without_a_visa_library_is_told_completely(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def missing(library: str) -> Any:
-        raise InstrumentError("B-RUN-002", "no VISA library is found", where=library)
+    """One line for all of them, with what to do, and none for each instrument."""
 
-    monkeypatch.setattr(surveying, "open_visa", missing)
+    def missing(station: Any) -> Any:
+        error = InstrumentError("B-RUN-002", "no VISA library is found", where="station.yaml", next_step="install it")
+        return dict.fromkeys(station.instruments, error)
+
+    monkeypatch.setattr(surveying, "missing_buses", missing)
     found = examine(served_plan(), clock_at_noon(), tmp_path, Machine())
-    assert [one.name for one in found.of(Status.FAIL)] == IDENTITIES
-    assert {one.value for one in found.of(Status.FAIL)} == {"B-RUN-002"}
+    (bus,) = found.of(Status.FAIL)
+    assert bus.name == f"bus of {len(IDENTITIES)} instruments"
+    assert (bus.value, bus.text) == ("B-RUN-002", "no VISA library is found; install it")
     refusal = found.refusal()
     assert refusal.code == "B-RUN-081"
 
