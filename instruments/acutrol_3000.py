@@ -6,11 +6,12 @@ public programs, which report commands that are not recognised; 100 ms in the fi
 ms are said to be the least). Angles in deg, not wrapped; rates in deg/s.
 
 Source: public Python, C# and ROS programs for this controller (:INT, :MODE, :DEM, :LIM, :READ, *STB?, words "Rate",
-"Position", "Fault", the order of :LIM:ABS?). The command manual itself leaves the error queue open. Not confirmed on
-hardware: the identity reply; numbers and end of the error queue; the words "Open", "Closed" and "Off"; that a demand
-reads back with ``:DEM:POS?`` and ``:DEM:RATE?``; that :INT, :LIM and :MODE are per axis; above all that a position
-demand beyond a turn is taken as turns (public programs stay below 180 deg): where it is not, the read-back or
-``in_position`` fails. An emergency stop within reach and the table's own limits stay the safety function.
+"Position", "Fault"); manual TM-8004-C 4.6.1 (order of :LIM:ABS?, with a trip of the tracking error behind that of
+speed) and 4.7 (:MODE? answers "P" too). The manual itself leaves the error queue open. Not confirmed on hardware: the
+identity reply; numbers and end of the error queue; the words "Open", "Closed" and "Off"; that a demand reads back with
+``:DEM:POS?`` and ``:DEM:RATE?``; that :INT, :LIM and :MODE are per axis; above all that a position demand beyond a turn
+is taken as turns: by 4.7.4 of the manual an axis without stops takes the shortest way, and then ``in_position`` never
+comes true. An emergency stop within reach and the table's own limits stay the safety function.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ _INTERLOCK_FAULT, _ERRORS_QUEUED = 1 << 0, 1 << 7
 _AT_REST_DEG_S = 0.01
 _THERE_DEG = 0.003
 _STEP = 1e-4  # of the read-back of limits and demands
-_ABSOLUTE_VALUES = 6  # rate, acceleration, jerk, lowest and highest position, speed of the trip
+_ABSOLUTE_VALUES = (6, 7)  # rate, acceleration, jerk, lowest and highest position, trips of speed and of tracking
 _STANDSTILL_S = 10.0
 _HURRIED_STANDSTILL_S = 1.0  # what still turns then is braked by the open interlock
 _BRAKED_S = 3.0
@@ -68,7 +69,7 @@ class Acutrol3000(BaseInstrument):
         if self._interlock(axis) == CLOSED:
             message = f"set_limits: the interlock of axis {axis} is closed; nothing was set"
             raise self.error("B-INST-017", message, "set the limits before close_interlock")
-        most_rate, most_acceleration, _, low, high, _ = self.ask(f":lim:abs? {axis}", _read_absolute)
+        most_rate, most_acceleration, _, low, high = self.ask(f":lim:abs? {axis}", _read_absolute)[:5]
         for name, value, most in (("rate", rate, most_rate), ("acceleration", acceleration, most_acceleration)):
             if value > most:
                 message = f"set_limits: {name} {value!r} is above {most!r}, the table's own limit of axis {axis}"
@@ -248,10 +249,15 @@ class Acutrol3000(BaseInstrument):
 
     def _mode(self, mode: str, word: str, axis: int) -> None:
         query = f":mode? {axis}"
-        self.set(f":mode:{mode} {axis}", self.word(query, word))
-        if (answer := self.ask(query, str.upper)) != word:
+        self.set(f":mode:{mode} {axis}", either(lambda: self._is_mode(self.ask(query, str.upper), word), True))
+        if not self._is_mode(answer := self.ask(query, str.upper), word):
             raise self.error("B-INST-011", f"{query!r} reads back {answer!r}, but {word!r} was set")
         self.seen[query] = word
+
+    @staticmethod
+    def _is_mode(answer: str, word: str) -> bool:
+        """Tell whether a mode reads back: the word or any beginning of it, as firmwares differ."""
+        return bool(answer) and word.startswith(answer)
 
     def _interlock(self, axis: int) -> str:
         return self.ask(f":int? {axis}", _read_interlock)
@@ -319,8 +325,8 @@ def _read_interlock(reply: str) -> str:
 
 def _read_absolute(reply: str) -> list[float]:
     values = [read_number(field.strip()) for field in reply.split(",")]
-    if len(values) != _ABSOLUTE_VALUES:
-        raise ValueError("rate, acceleration, jerk, lowest and highest position and trip speed are due")
+    if len(values) not in _ABSOLUTE_VALUES:
+        raise ValueError("rate, acceleration, jerk, lowest and highest position and one or two trips are due")
     return values
 
 

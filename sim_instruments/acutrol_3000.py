@@ -6,8 +6,9 @@ is braked to rest. Two commands within 40 ms are not understood. Motion is exact
 read-out has noise and steps.
 
 Source: public programs for this controller and its read-me (commands, reply words, "65" of ``*STB?`` at an interlock
-fault, 40 ms as least time over GPIB). Placeholders, not confirmed on hardware: identity, error numbers and texts, the
-table's own limits, deceleration without drive, resolution and noise of the read-out, position demands of many turns.
+fault, 40 ms as least time over GPIB); manual TM-8004-C 4.6.1 (seven limits) and 4.7 (":MODE?" answers "P").
+Placeholders, not confirmed on hardware: identity, error numbers and texts, the table's own limits, deceleration without
+drive, resolution and noise of the read-out, position demands of many turns.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ LEAST_NS = to_ns(0.04)
 BRAKE_DEG_S2 = 400.0
 POSITION_NOISE_DEG, RATE_NOISE_DEG_S = 1.0 / 3600.0, 3e-4
 ABSOLUTE = (
-    (400.0, 400.0, 1e5, -36000.0, 36000.0, 440.0),
-    (400.0, 400.0, 1e5, -36000.0, 36000.0, 440.0),
-    (1000.0, 1000.0, 1e5, -36000.0, 36000.0, 1100.0),
-)  # of each axis: rate, acceleration, jerk, lowest and highest position, trip speed
+    (400.0, 400.0, 1e5, -36000.0, 36000.0, 440.0, 5.0),
+    (400.0, 400.0, 1e5, -36000.0, 36000.0, 440.0, 5.0),
+    (1000.0, 1000.0, 1e5, -36000.0, 36000.0, 1100.0, 5.0),
+)  # of each axis: rate, acceleration, jerk, lowest and highest position, trips of speed and of tracking error
 NOT_RECOGNIZED = (101, "COMMAND NOT RECOGNIZED")
 BAD_ARGUMENT = (102, "ARGUMENT OUT OF RANGE")
 LIMIT_EXCEEDED = (103, "LIMIT EXCEEDED")
@@ -254,7 +255,7 @@ _COMMANDS: dict[tuple[str, bool], tuple[int, Callable[..., str | None]]] = {
     ("MODE:OFF", False): (1, lambda table, number: table._set_mode(number, "Off")),
     ("MODE:POSITION", False): (1, lambda table, number: table._set_mode(number, "Position")),
     ("MODE:RATE", False): (1, lambda table, number: table._set_mode(number, "Rate")),
-    ("MODE", True): (1, lambda table, number: table._axis(number).mode),
+    ("MODE", True): (1, lambda table, number: table._axis(number).mode[0]),
     ("DEMAND:POSITION", False): (2, lambda table, *given: table._demand("POSITION", *given)),
     ("DEMAND:RATE", False): (2, lambda table, *given: table._demand("RATE", *given)),
     ("DEMAND:POSITION", True): (1, lambda table, number: f"{table._axis(number).demands['POSITION']:.6f}"),

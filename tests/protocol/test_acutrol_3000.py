@@ -68,6 +68,32 @@ def resting(axis: int, at: str) -> Pairs:
 READY: Pairs = [*START, *limits(1), *limits(2), *limits(3), *closing()]
 
 
+@pytest.mark.parametrize("absolute", [ABSOLUTE, b"400.0, 500.0, 10000.0, -720.0, 720.0, 440.0, 5.0\n"])
+def test_limits_with_and_without_a_trip_of_the_tracking_error(absolute: bytes) -> None:
+    script = [(sent, absolute if reply == ABSOLUTE else reply) for sent, reply in [*START, *limits(1)]]
+    with scripted("acutrol_3000", script) as table:
+        table.set_limits(1, 300.0, 200.0)
+        assert table.window[1] == (-720.0, 720.0)
+
+
+def test_a_mode_may_read_back_as_its_first_letter() -> None:
+    short = {b"Off\n": b"O\n", b"Rate\n": b"R\n"}
+    with scripted("acutrol_3000", [(sent, short.get(reply, reply)) for sent, reply in READY]) as table:
+        for axis in (1, 2, 3):
+            table.set_limits(axis, 300.0, 200.0)
+        table.close_interlock()
+
+
+def test_another_mode_is_an_error() -> None:
+    wrong = [(sent, b"P\n" if reply == b"Rate\n" else reply) for sent, reply in READY]
+    last = next(number for number, (_, reply) in enumerate(wrong) if reply == b"P\n")
+    with scripted("acutrol_3000", wrong[: last + 1]) as table:
+        for axis in (1, 2, 3):
+            table.set_limits(axis, 300.0, 200.0)
+        with refused("B-INST-011", "'P'"):
+            table.close_interlock()
+
+
 def make_ready(table: Any) -> None:
     for axis in (1, 2, 3):
         table.set_limits(axis, 300.0, 200.0)

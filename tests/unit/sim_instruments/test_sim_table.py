@@ -55,7 +55,7 @@ def test_headers_may_be_cut_and_questions_joined(rig: TableRig) -> None:
     position, rate = map(float, rig.ask(":read:pos? 2;rate? 2").split(";"))
     assert rate == pytest.approx(7.5, abs=2e-3)
     assert position == pytest.approx(rig.angles()[1], abs=0.2)
-    assert rig.ask(":interlock? 2;:mode? 2") == "Closed;Rate"
+    assert rig.ask(":interlock? 2;:mode? 2") == "Closed;R"
 
 
 def test_a_mode_that_is_activated_obeys_the_demand_that_is_loaded(rig: TableRig) -> None:
