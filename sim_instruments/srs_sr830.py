@@ -4,7 +4,8 @@ Options: ``reference`` index_a or index_b, ``input`` fog or filter, ``divider`` 
 ``demodulation`` sine as the SR830, or square as a switching lock-in amplifier. On a bench without a signal there is no
 reference either. Its processing is in sim_instruments.synchronous_detection.
 
-Source: SR830 manual, remote programming, as quoted in public programs; the settings of ``*RST`` (time constant 100 ms,
+Source: SR830 manual, remote programming, as quoted in public programs (5-2: each answer of a chain has a terminator of
+its own, no space is needed behind a command; 5-15: SNAP?); the settings of ``*RST`` (time constant 100 ms,
 12 dB/oct, 1 V, internal reference). Placeholders, not confirmed on hardware: the input takes 1.41 V peak at high
 reserve, 30 times the sensitivity at normal and the sensitivity itself at low noise, but never more than that;
 there is no internal oscillator.
@@ -12,6 +13,7 @@ there is no internal oscillator.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -31,6 +33,15 @@ _MOST = {
     "OFSL": 3, "SYNC": 1, "OUTX": 1,
 }  # fmt: skip
 _AFTER_RESET = {"FMOD": 1, "HARM": 1, "RMOD": 1, "SENS": 26, "OFLT": 8, "OFSL": 1}
+_UNIT = re.compile(r"(\*?[A-Z]+)(\??)\s*(.*)")
+_OTHER = {
+    "SRAT": 14, "SEND": 1, "FPOP": 3, "TSTR": 1, "FAST": 2, "OVRM": 1, "KCLK": 1, "ALRM": 1, "LOCL": 2,
+    "*ESE": 255, "*SRE": 255, "*PSC": 1, "LIAE": 255, "ERRE": 255,
+}  # fmt: skip
+_DONE = ("APHS", "AGAN", "ARSV", "AOFF", "STRT", "PAUS", "REST", "TRIG", "SSET", "RSET")
+_AUX, _LOWEST_SINE_V, _HIGHEST_SINE_V, _HIGHEST_AUX_V = 4, 0.004, 5.0, 10.5
+_HIGHEST_HZ = 102e3
+_SNAPPED = range(2, 7)  # quantities of one SNAP?
 _EXECUTION_ERROR, _COMMAND_ERROR, _POWER_ON = 1 << 4, 1 << 5, 1 << 7
 _LEAST_PHASE_DEG, _MOST_PHASE_DEG = -360.0, 729.99
 _MOST_OFFSET = 105.0
@@ -46,6 +57,10 @@ class SrsSr830(LiveDevice):
         self._divider = float(self.options.get("divider", 1.0))
         self._offsets = {1: (0.0, 0), 2: (0.0, 0), 3: (0.0, 0)}
         self._set = dict.fromkeys(_MOST, 0) | _AFTER_RESET
+        self._other = dict.fromkeys(_OTHER, 0)
+        self._numbers = {"SLVL": 1.0, "FREQ": 1000.0}
+        self._aux_V = dict.fromkeys(range(1, _AUX + 1), 0.0)
+        self._displays = {1: (0, 0), 2: (0, 0)}  # X and Y
         self._phase_deg = 0.0
         self._events = _POWER_ON
         self._filter: BandPass | None = None
@@ -54,11 +69,13 @@ class SrsSr830(LiveDevice):
 
     def execute(self, message: str) -> None:
         self.processor.run_to(self.now_ns // SAMPLE_NS)
-        replies = []
         for unit in message.upper().split(";"):
-            word, _, text = unit.strip().partition(" ")
-            head, query, rest = word.partition("?")
-            arguments = [part.strip() for part in (rest + text).split(",") if part.strip()]
+            match = _UNIT.fullmatch(unit.strip())
+            if match is None:
+                self._events |= _COMMAND_ERROR if unit.strip() else 0
+                continue
+            head, query, text = match.groups()
+            arguments = [part.strip() for part in text.split(",") if part.strip()]
             try:
                 answer = self._ask(head, arguments) if query else self._order(head, arguments)
             except KeyError:
@@ -67,9 +84,7 @@ class SrsSr830(LiveDevice):
                 self._events |= _EXECUTION_ERROR
             else:
                 if answer is not None:
-                    replies.append(answer)
-        if replies:
-            self.reply(";".join(replies))
+                    self.reply(answer)  # each with a terminator of its own
 
     # --- signals -----------------------------------------------------------------------------------------------
 
@@ -119,8 +134,34 @@ class SrsSr830(LiveDevice):
             self._phase_deg = 0.0
         elif head == "*CLS":
             self._events = self.processor.status = 0
+        elif head in _DONE:
+            return
+        elif head in self._other:
+            self._other[head] = _choice(arguments, _OTHER[head], 0)
+        elif head in ("SLVL", "FREQ"):
+            self._number(head, float(arguments[0]))
+        elif head == "AUXV":
+            self._aux_V[_choice(arguments, _AUX, 1)] = _inside(float(arguments[1]), -_HIGHEST_AUX_V, _HIGHEST_AUX_V)
+        elif head == "DDEF":
+            shown = _choice(arguments[1:], 4, 0), _choice(arguments[2:], 2, 0)
+            self._displays[_choice(arguments, 2, 1)] = shown
         else:
             self._set[head] = _choice(arguments, _MOST[head], 1 if head == "HARM" else 0)
+        self._apply()
+
+    def _number(self, head: str, value: float) -> None:
+        if head == "FREQ" and self._set["FMOD"] == 0:
+            raise ValueError(value)  # an external reference has its own
+        low, high = (_LOWEST_SINE_V, _HIGHEST_SINE_V) if head == "SLVL" else (1e-3, _HIGHEST_HZ)
+        self._numbers[head] = _inside(value, low, high)
+
+    def left_by_another(self, draw: np.random.Generator) -> None:
+        self._set |= {name: int(draw.integers(1 if name == "HARM" else 0, most + 1)) for name, most in _MOST.items()}
+        self._set["OUTX"] = 1
+        self._phase_deg = float(draw.uniform(-180.0, 180.0))
+        self._offsets = {place: (float(draw.uniform(-_MOST_OFFSET, _MOST_OFFSET)), 2) for place in (1, 2, 3)}
+        self._events |= _EXECUTION_ERROR | _COMMAND_ERROR
+        super().left_by_another(draw)
         self._apply()
 
     def _offset(self, arguments: list[str]) -> None:
@@ -136,12 +177,25 @@ class SrsSr830(LiveDevice):
             "ERRS": lambda: "0",
             "LIAS": self._take_status,
             "PHAS": lambda: f"{self._phase_deg:.2f}",
-            "FREQ": lambda: f"{self.processor.frequency_Hz:.6g}",
-            "OUTP": lambda: self._told(int(arguments[0])),
-            "SNAP": lambda: ",".join(self._told(int(argument)) for argument in arguments),
+            "*STB": lambda: str(self.status_byte()),
+            "*TST": lambda: "0",
+            "FREQ": lambda: f"{self._numbers['FREQ'] if self._set['FMOD'] else self.processor.frequency_Hz:.6g}",
+            "SLVL": lambda: f"{self._numbers['SLVL']:.3f}",
+            "SPTS": lambda: "0",
+            "OUTP": lambda: self._told(_choice(arguments, 4, 1)),
+            "OUTR": lambda: self._told(9 + _choice(arguments, 2, 1)),
+            "OAUX": lambda: self._told(4 + _choice(arguments, _AUX, 1)),
+            "AUXV": lambda: f"{self._aux_V[_choice(arguments, _AUX, 1)]:.3f}",
+            "DDEF": lambda: "{},{}".format(*self._displays[_choice(arguments, 2, 1)]),
+            "SNAP": lambda: self._snapped([int(argument) for argument in arguments]),
             "OEXP": lambda: "{:.2f},{}".format(*self._offsets[int(arguments[0])]),
         }
-        return asked[head]() if head in asked else str(self._set[head])
+        return asked[head]() if head in asked else str((self._other | self._set)[head])
+
+    def _snapped(self, quantities: list[int]) -> str:
+        if len(quantities) not in _SNAPPED:
+            raise ValueError(quantities)
+        return ",".join(self._told(quantity) for quantity in quantities)
 
     def _told(self, quantity: int) -> str:
         x_V, y_V = (
@@ -149,8 +203,17 @@ class SrsSr830(LiveDevice):
             for place, volts in enumerate(self.processor.outputs_V, 1)
         )
         values = {1: x_V, 2: y_V, 3: float(np.hypot(x_V, y_V)), 4: float(np.degrees(np.arctan2(y_V, x_V)))}
-        value = (values | {9: self.processor.frequency_Hz})[quantity]
+        values |= dict.fromkeys(range(5, 9), 0.0)  # nothing is connected to the auxiliary inputs
+        values |= {9: self.processor.frequency_Hz, 10: self._displayed(1, values), 11: self._displayed(2, values)}
+        if quantity not in values:
+            raise ValueError(quantity)
+        value = values[quantity]
         return self.reading(f"{value:.6g}")
+
+    def _displayed(self, channel: int, values: dict[int, float]) -> float:
+        """Return what a display shows (DDEF): X or Y, R or theta; noise and auxiliary inputs read 0."""
+        shown = self._displays[channel][0]
+        return values[channel if shown == 0 else channel + 2] if shown < 2 else 0.0
 
     def _take_events(self) -> str:
         events, self._events = self._events, 0
@@ -165,6 +228,12 @@ def _choice(arguments: list[str], most: int, least: int) -> int:
     value = int(arguments[0])
     if not least <= value <= most:
         raise ValueError(arguments)
+    return value
+
+
+def _inside(value: float, low: float, high: float) -> float:
+    if not low <= value <= high:
+        raise ValueError(value)
     return value
 
 
