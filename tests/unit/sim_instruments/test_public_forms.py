@@ -70,8 +70,9 @@ def test_each_answer_of_a_chain_of_the_sr830_has_its_own_terminator(lock_in: Any
 @pytest.mark.parametrize(
     ("message", "reply"),
     [
-        ("SRAT 4;SRAT?", "4"), ("SLVL0.5;SLVL?", "0.500"), ("DDEF1,1,0;DDEF?1", "1,0"),
-        ("AUXV 2,-1.5;AUXV? 2", "-1.500"), ("FMOD 1;FREQ 137.5;FREQ?", "137.5"), ("OAUX?1", "0"), ("*STB?", "0"), ("HARM 2;HARM?", "2"),
+        ("SRAT 4;SRAT?", "4"), ("SLVL0.5;SLVL?", "0.500"), ("DDEF1,1,0;DDEF?1", "1,0"), ("*STB?", "0"),
+        ("AUXV 2,-1.5;AUXV? 2", "-1.500"), ("FMOD 1;FREQ 137.5;FREQ?", "137.5"), ("OAUX?1", "0"),
+        ("HARM 2;HARM?", "2"),
     ],
 )  # fmt: skip
 def test_settings_of_the_sr830_that_public_drivers_use(lock_in: Any, message: str, reply: str) -> None:
