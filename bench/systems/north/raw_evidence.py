@@ -1,4 +1,4 @@
-"""What the raw waveforms of a north finder say: noise and amplitude of every place."""
+"""What the raw waveforms of a north finder say: noise of every place, amplitude of every place, rate of the table."""
 
 from __future__ import annotations
 
@@ -13,9 +13,12 @@ from bench.analysis import Evidence
 from bench.systems.north.errors_at_known import t_test
 from bench.systems.north.estimators.likelihood import LikelihoodNorth
 from bench.systems.north.sets import SEARCH, TEST, NorthSet
-from bench.systems.north.solution import Solution
+from bench.systems.north.solution import LEAST_SQUARES, LITERAL, QUADRANT, Solution
 
 _FEWEST = 4
+_MOST_RATE = 0.05  # of the stated rate; a serial line hands samples over in blocks
+_LOCK_INS = (LEAST_SQUARES, QUADRANT, LITERAL)
+_BY_LOCK_INS = ("azimuth", "azimuth_error", "azimuth_rms_error", "index_placement")
 _OF_NOISE = ("azimuth", "azimuth_error", "noise", "azimuth_bound")
 
 Pairs = list[tuple[NorthSet, LikelihoodNorth]]
@@ -26,7 +29,7 @@ def raw_evidence(solution: Solution, widths_deg: Mapping[str, float]) -> list[Ev
     pairs = [(own, raw) for own, raw in zip(solution.sets, solution.raw, strict=True) if raw is not None]
     narrowest_deg = min(widths_deg.values(), default=math.inf) or 1e-9
     return [
-        *_noise(pairs), *_amplitude(pairs, solution, narrowest_deg),
+        *_noise(pairs), *_amplitude(pairs, solution, narrowest_deg), *_rate(solution),
     ]  # fmt: skip
 
 
@@ -84,3 +87,21 @@ def _amplitude(pairs: Pairs, solution: Solution, width_deg: float) -> Iterator[E
         ("azimuth", "scale", "azimuth_bound"),
         {"item": SEARCH},
     )
+
+
+def _rate(solution: Solution) -> Iterator[Evidence]:
+    """Yield a table that turns otherwise than stated: rate and sense decide what the lock-ins' phases mean."""
+    for own in solution.sets:
+        turned = own.turned_deg_s()
+        if not math.isfinite(turned) or abs(turned - own.rate_deg_s) <= _MOST_RATE * abs(own.rate_deg_s):
+            continue
+        sentence = (
+            f"By encoder and clock the table turned at {turned:.4g} deg/s in {own.name}, stated are "
+            f"{own.rate_deg_s:.4g} deg/s. Correct rate and sense of the sequence, or look at the encoder."
+        )
+        for method in _LOCK_INS:
+            yield Evidence(
+                "rate_not_as_stated", sentence, turned, 0.0, quantities=_BY_LOCK_INS, conditions={"method": method},
+                refuses=turned * own.rate_deg_s < 0.0,
+            )  # fmt: skip
+        return

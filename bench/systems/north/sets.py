@@ -64,6 +64,17 @@ class NorthSet:
         """+1 if the table turned counter-clockwise seen from above, -1 if clockwise."""
         return -1 if self.rate_deg_s < 0.0 else 1
 
+    def turned_deg_s(self) -> float:
+        """Return the rate of the table by encoder and clock over its longest record; NaN without samples."""
+        rows = [row for row in self.rows.values() if row.samples is not None and len(row.samples) > 1 and not row.lost]
+        if not rows:
+            return math.nan
+        row = max(rows, key=lambda row: row.frames)
+        assert row.samples is not None
+        theta_deg = np.unwrap(row.samples.scaled("encoder"), period=360.0)
+        seconds = 1e-9 * (row.window.t_end_ns - row.window.t_start_ns)
+        return float(theta_deg[-1] - theta_deg[0]) / seconds if seconds > 0.0 else math.nan
+
     @property
     def name(self) -> str:
         """How a sentence speaks of it."""

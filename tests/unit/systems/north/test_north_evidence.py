@@ -80,6 +80,22 @@ def test_a_rate_or_sense_that_is_stated_wrong_leaves_nothing_of_the_lock_ins(rat
         analyse(rig.material(), "least_squares")
 
 
+def test_lock_ins_that_tell_no_frequency_are_held_against_the_encoder() -> None:
+    rig = campaign(NorthRig(SEED, Gyro(noise_V=0.01)), (0.0, 90.0), 1)
+    for row in rig.rows:
+        row.window.conditions["rate_deg_s"] = 330.0
+    material = rig.material()
+    for reading in material.readings:
+        reading.value.pop("frequency_Hz", None)
+    document = build_results("one", analyse(material, "least_squares"), {}, PROVENANCE)
+    azimuths = {
+        entry["conditions"]["method"]: (entry["quality"], [reason["code"] for reason in entry["reasons"]])
+        for entry in document["estimates"]
+        if entry["quantity"] == "azimuth_error"
+    }
+    assert azimuths["least_squares"] == ("doubtful", ["rate_not_as_stated"])
+
+
 def test_a_signal_that_drowns_is_refused() -> None:
     assert "likelihood" in refused_for(campaign(NorthRig(SEED, Gyro(noise_V=100.0)), (0.0, 90.0), 1), "no_signal")
     assert refused_for(campaign(NorthRig(SEED, Gyro(noise_V=2.0)), (0.0, 90.0), 1), "no_signal") == set()
