@@ -33,7 +33,15 @@ def of_bias_ramp(campaign: Mapping[str, Any]) -> list[Assumption]:
         "A calibrated thermometer beside the sensor at both ends of the ramp.",
         ("bias", "play_half_width"),
     )
-    return [sensor, *_bias(campaign)]
+    shape = Assumption(
+        "shape_of_the_bias",
+        "Over temperature the bias is a cubic and one loop of one width, behind one lag, and steady otherwise.",
+        "Another shape, or a change in time, of up to a tenth of the loop's width passes.",
+        "A tenth of the loop in another shape moves width, half-width, lag and temperature coefficients by up to 4 U.",
+        "A second ramp at another rate, or one that turns back in its middle.",
+        ("bias", "hysteresis_width", "play_half_width", "thermal_lag"),
+    )
+    return [sensor, shape, *_bias(campaign)]
 
 
 def of_log(campaign: Mapping[str, Any]) -> list[Assumption]:

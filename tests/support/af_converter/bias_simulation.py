@@ -98,7 +98,10 @@ class Flow:
     walk_A: np.ndarray
 
 
-def flow(unit: Unit, rng: np.random.Generator, *, noise: bool = True, walk: bool = True) -> Flow:
+def flow(
+    unit: Unit, rng: np.random.Generator, *, noise: bool = True, walk: bool = True, added_A: np.ndarray | float = 0.0
+) -> Flow:
+    """``added_A``: a further bias at every step."""
     world = heat(unit.lag_s)
     x = world.unit_degC - REFERENCE_degC
     bias = np.polynomial.polynomial.polyval(x, unit.polynomial)
@@ -107,7 +110,7 @@ def flow(unit: Unit, rng: np.random.Generator, *, noise: bool = True, walk: bool
         bias = bias + h * (slack(world.unit_degC, unit.half_width_degC) - world.unit_degC)
     steps = rng.standard_normal((2, x.size))
     wander = np.cumsum(steps[0]) * WALK_A_rth * np.sqrt(STEP_s / 3600.0) * (noise and walk)
-    bias = bias + wander
+    bias = bias + wander + added_A
     current = -(bias[1:] + bias[:-1]) / 2.0 + steps[1, 1:] * WHITE_A_rtHz / np.sqrt(2.0 * STEP_s) * noise
     charge = np.concatenate(([0.0], np.cumsum(current) * STEP_s))
     return Flow(bias, charge, wander)
@@ -134,10 +137,10 @@ class Ramp:
 
 
 def ramp(seed: int, kind: str = "gyro", unit: Unit | None = None, *, noise: bool = True, walk: bool = True,
-         quantised: bool = True) -> Ramp:  # fmt: skip
+         quantised: bool = True, added_A: np.ndarray | float = 0.0) -> Ramp:  # fmt: skip
     rng = np.random.default_rng([seed, len(kind)])
     unit = unit or draw(rng, kind)
-    world, run = heat(unit.lag_s), flow(unit, rng, noise=noise, walk=walk)
+    world, run = heat(unit.lag_s), flow(unit, rng, noise=noise, walk=walk, added_A=added_A)
     phase = run.charge_C[world.windows] / (K0_C[unit.kind] * (1.0 + unit.dsf))
     if quantised:
         phase = np.trunc(phase + np.sign(phase[-1]) * rng.uniform())

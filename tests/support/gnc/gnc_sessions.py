@@ -22,7 +22,7 @@ from bench.session.view import KEPT_EVENTS, analyse_view
 
 SHORT = ("position=60 s", "check_position=20 s", "warm_up=5 min")
 HEAD_s = 1.0  # the second before the turn belongs to the record too
-TURN_s = 15.3  # rotations of the recorded units
+TURN_s = 21.3  # rotations of the recorded units, as shipped
 RECORDED = {"gnc_magnetometer": ()}  # settings, by sequence; those of a calibration without
 _SESSION = "session.pickle"
 Key = tuple[Any, ...]

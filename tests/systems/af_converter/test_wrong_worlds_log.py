@@ -59,6 +59,13 @@ def slack(temperature: np.ndarray, half_width: float) -> np.ndarray:
     return found
 
 
+def alike(seed: int, noise_s: float) -> np.ndarray:
+    """Noise of 0.3 ppm, one value a minute, that is alike for a time."""
+    kept = float(np.exp(-60.0 / noise_s))
+    steps = np.random.default_rng(seed).normal(0.0, 0.3, 960)
+    return lfilter([np.sqrt(1.0 - kept**2)], [1.0, -kept], steps)
+
+
 def test_hysteresis_of_three_plays_is_doubted() -> None:
     felt = lagging(log(0)["t_s"], LAG_s)
     _, results = analysed(log(0, ppm=20.0 / 3.0 * sum(slack(felt, half) for half in (0.3, 1.0, 2.5))))
@@ -72,15 +79,21 @@ def test_a_step_midway_is_doubted_in_every_number_that_it_moves() -> None:
         assert "A step at 8.8 h" in reasons(results, quantity)["rival_step"]
 
 
+@pytest.mark.parametrize("world", ["a bend at 30 degC", "a width that grows with the temperature"])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_misfit_that_the_noise_would_take_is_doubted(seed: int, world: str) -> None:
+    """The bend beside noise that is alike for 100 min."""
+    felt = lagging(log(seed)["t_s"], LAG_s)
+    bend = 3.0 * np.maximum(0.0, felt - 30.0) + alike(seed, 6000.0)
+    _, results = analysed(log(seed, ppm=bend if "bend" in world else 0.5 * (felt - 28.0) * slack(felt, 1.0)))
+    assert len(reasons(results, "up_minus_down_after_drift")["rival_finer_temperature"]) <= 200
+
+
 @pytest.mark.parametrize("noise_s", [0.0, 6000.0])
 @pytest.mark.parametrize("seed", range(2))
 def test_a_right_log_is_not_doubted(seed: int, noise_s: float) -> None:
     """With white noise alone, and with 0.3 ppm that are alike for 100 min beside it."""
-    slow: np.ndarray | float = 0.0
-    if noise_s:
-        kept = float(np.exp(-60.0 / noise_s))
-        steps = np.random.default_rng(seed).normal(0.0, 0.3, 960)
-        slow = lfilter([np.sqrt(1.0 - kept**2)], [1.0, -kept], steps)
+    slow = alike(seed, noise_s) if noise_s else 0.0
     assert unsound(analysed(log(seed, ppm=slow))[1]) == []
 
 

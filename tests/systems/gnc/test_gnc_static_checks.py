@@ -58,6 +58,8 @@ def test_a_unit_that_is_too_wide_fails_and_the_batch_goes_on(tmp_path: Path) -> 
     assert found["width_beyond_limits", "GNC-01"]["value"] == pytest.approx(0.001)
     assert found["width_beyond_limits", "GNC-01"]["verdict"] == "fail"
     assert found["width_beyond_limits", "GNC-02"]["verdict"] == "pass"
+    (size, *_) = next(table.rows for table in analysis.tables if table.title.startswith("Table 3"))
+    assert size[4:] == ["GNC-01", "FAIL"]
     assert found["cpu_wrong", "GNC-01"]["verdict"] == "pass"
     (prompt,) = [one for _, _, one in SessionReader(done.folder).events("prompt") if "GNC-01: width" in one["text"]]
     assert (prompt["quantity"], prompt["conditions"]["unit"]) == ("width", "GNC-01")

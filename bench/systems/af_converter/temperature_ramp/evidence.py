@@ -50,14 +50,16 @@ def evidence(fits: Sequence[ReadingFit], columns: RampColumns, blocks: Blocks, r
         joint: list[Evidence] = []
         if fit.joint is not None and not fit.joint.fit.beyond:
             joint = list(_of_joint(fit, fit.joint, columns, blocks, reference_degC))
-        least = max((seen.probability for seen in joint if seen.code == rivals.code_of(rivals.STEP)), default=0.0)
-        drift = list(_of_drift(fit, columns, blocks, reference_degC, least))
-        seen_twice = drift[0].probability  # a misplaced corner of the play looks like a step to the joint fit alone
-        found += drift
-        for seen in joint:
-            step = seen.code == rivals.code_of(rivals.STEP)
-            found.append(replace(seen, probability=max(seen.probability, seen_twice)) if step else seen)
+        drift = list(_of_drift(fit, columns, blocks, reference_degC))
+        # A misplaced corner of the play looks like a step to the joint fit alone, a lag like a bend to the drift model.
+        both = {seen.code: max(seen.probability, _of(joint, seen.code)) for seen in drift}
+        found += [replace(seen, probability=both.get(seen.code, seen.probability)) for seen in (*drift, *joint)]
     return found
+
+
+def _of(heard: Sequence[Evidence], code: str) -> float:
+    """Return the probability of one code, 0 where nothing of it was heard."""
+    return max((seen.probability for seen in heard if seen.code == code), default=0.0)
 
 
 def _noises(blocks: Blocks, fitted: CorrelatedNoise) -> list[rivals.Noise]:
@@ -137,7 +139,10 @@ def _compared(
     for name, model in others.items():
         base = rivals.beside(base, name, model.shape_column(*place))
     low_s, high_s = bounds.lag_s
-    listed = [rivals.steps(blocks.middle_s), rivals.second_lag(problem, place[0], (low_s, 2.0 * high_s))]
+    listed = [
+        *(rivals.steps(blocks.middle_s), rivals.second_lag(problem, place[0], (low_s, 2.0 * high_s))),
+        rivals.finer(problem.model.unit_degC(place[0]), problem.model.shape_column(*place)),
+    ]
     return rivals.compare(base, listed, noises), base
 
 
@@ -152,22 +157,19 @@ def _joint_moves(joint: RampHysteresis, shift: Mapping[str, float]) -> Moves:
     return moves
 
 
-def _of_drift(
-    fit: ReadingFit, columns: RampColumns, blocks: Blocks, reference_degC: float, least: float
-) -> Iterator[Evidence]:
-    """Yield the step beside the drift model.
+def _of_drift(fit: ReadingFit, columns: RampColumns, blocks: Blocks, reference_degC: float) -> Iterator[Evidence]:
+    """Yield what a step and a finer dependence on temperature gain beside the drift model.
 
-    ``least``: probability of a step beside the joint fit; lag and hysteresis, which the drift model does not know, may
-    look like a step to it alone.
+    Lag and hysteresis, which it does not know, may look like either to it alone.
     """
     temperature, branch = blocks.mean(columns.temperature_degC), blocks.mean(columns.branch / 2.0)
     design = drift_design(blocks, temperature, branch, reference_degC)
     base = rivals.Base(NAMES, design, fit.drift.residual, fit.drift.parameters)
-    for outcome in rivals.compare(base, [rivals.steps(blocks.middle_s)], _noises(blocks, fit.drift.noise)):
+    listed = [rivals.steps(blocks.middle_s), rivals.finer(temperature, branch)]
+    for outcome in rivals.compare(base, listed, _noises(blocks, fit.drift.noise)):
         left = fit.drift.estimate(BRANCH)[0] + outcome.shift[BRANCH]
         would_be = f"up minus down after drift would be about {left:.3g} {columns.unit}"
-        weighed = replace(outcome, probability=max(outcome.probability, least))
-        yield _seen(fit.name, weighed, _drift_moves(fit, outcome.shift), would_be)
+        yield _seen(fit.name, outcome, _drift_moves(fit, outcome.shift), would_be)
 
 
 def _drift_moves(fit: ReadingFit, shift: Mapping[str, float]) -> Moves:

@@ -11,6 +11,7 @@ from typing import Any
 
 from bench.analysis import UNIT, Analysis, Estimates, Material, check_method, estimate
 from bench.model.errors import FitError
+from bench.systems.gnc.limits import table_3
 from bench.systems.gnc.unit_test.report import folders_of, item_table, measured_table, title_of, unit_table, wrong_table
 from bench.systems.gnc.unit_test.units import NOT_TESTED, STATIC, SUPPLY, ItemResult, UnitResult, unit_results
 
@@ -34,11 +35,12 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             "the session holds no exchange of a test item and no supply reading",
             next_step="look at the session with 'bench recover'; a run that ended before the first test has none",
         )
+    estimates = [entry for unit in units for entry in _estimates(unit)]
     return Analysis(
         campaign="gnc_unit_test",
         method=method,
         uut=dict(material.campaign["uut"]),
-        estimates=[entry for unit in units for entry in _estimates(unit)],
+        estimates=estimates,
         notes=_notes(units),
         missing=_missing(units),
         tables=[
@@ -46,6 +48,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             item_table(units),
             *wrong_table(units),
             *measured_table(units),
+            table_3(estimates, material.campaign),
         ],
         attachments=folders_of(units, material),
     )

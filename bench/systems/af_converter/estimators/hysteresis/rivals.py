@@ -23,16 +23,19 @@ from bench.systems.af_converter.estimators.hysteresis.search import Place, Probl
 Array = NDArray[np.float64]
 Whiten = Callable[[Array], Array]
 STEP, SECOND_LAG, PLAYS, DRIFT = "a step", "a second thermal lag", "several play operators", "a linear drift"
+FINER = "a finer dependence on temperature"
 _CODES = {
     STEP: "rival_step",
     SECOND_LAG: "rival_second_thermal_lag",
     PLAYS: "rival_several_play_operators",
     DRIFT: "rival_linear_drift",
+    FINER: "rival_finer_temperature",
 }
 _STEPS = 1000  # places of a step, at most
 _EDGE = 0.02  # of the readings, at either end
 _LAGS = 8
 _PLAYS = (0.01, 0.03, 0.08, 0.15, 0.25)  # half-widths, in parts of the span of the temperature
+_HIGHER = (4, 5, 6)
 _RANK = 1e-9
 
 
@@ -138,6 +141,18 @@ def steps(middle_s: Array) -> Rival:
 def drift(middle_s: Array) -> Rival:
     """Return a linear drift in time. Args: middle_s: (m,). Source: see the module."""
     return Rival(DRIFT, [((middle_s - middle_s.mean()) / 3600.0)[:, None]], [0.0])
+
+
+def finer(temperature_degC: Array, beside: Array) -> Rival:
+    """Return what a cubic and one width leave out: the next orders, and a difference that changes over temperature.
+
+    Args:    temperature_degC: (m,).   beside: (m,), the column of the difference between the branches.
+    Source:  Legendre polynomials, orthogonal over the span; see the module.
+    """
+    low, high = float(temperature_degC.min()), float(temperature_degC.max())
+    x = (2.0 * temperature_degC - low - high) / (high - low)
+    higher = [np.polynomial.legendre.legval(x, np.eye(order + 1)[order]) for order in _HIGHER]
+    return Rival(FINER, [np.column_stack((*higher, beside * x))], [0.0])
 
 
 def second_lag(problem: Problem, lag_s: float, lags_s: tuple[float, float]) -> Rival:

@@ -1,0 +1,183 @@
+"""Wrong worlds of a bias ramp: what the model says of unit, chamber or sensor is not so.
+
+Heat, slack, walk and whole pulses are those of ``bias_simulation``; nothing of the product makes them. The wrong part
+is a charge beside that of the right world of the same seed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import bias_simulation as sim
+import numpy as np
+from doubt_classes import Seen, Switch
+
+from bench.analysis import Material, Trace, build_results
+from bench.model.errors import FitError
+from bench.systems.af_converter.bias_ramp.analysis import analyse
+
+SYSTEM = "bias_ramp"
+PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
+CHANNEL = 1
+_LAG_s = 1500.0
+_PROMISED = 7
+_HALVES = (0.4, 1.5, 3.5)  # of three operators, in parts of the half-width
+_DAY_h = 25.0
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Course:
+    """What a world adds to the right one: hours since the first window, temperatures every 2 s, and the unit."""
+
+    hours: Array
+    air_degC: Array
+    unit_degC: Array
+    unit: sim.Unit
+
+
+@dataclass(frozen=True)
+class World:
+    """A right world; a wrong one adds a current. ``size``: by how much, of the width of the loop where not said."""
+
+    size: float = 0.0
+
+    def added_A(self, at: Course) -> Array:
+        """Return the wrong part of the bias at every step."""
+        return np.zeros_like(at.hours)
+
+    def shown_degC(self, unit_degC: Array) -> Array:
+        """Return what the unit's own sensor shows."""
+        return unit_degC
+
+
+class SeveralPlays(World):
+    """A share of the loop is that of operators of other half-widths."""
+
+    def added_A(self, at: Course) -> Array:
+        return self.size * (_loop(at, _HALVES) - _loop(at, (1.0,)))
+
+
+class ManyPlays(World):
+    """A share of the loop has half-widths from 0.15 to 5 times as wide, fewer the wider."""
+
+    def added_A(self, at: Course) -> Array:
+        wide = np.geomspace(0.15, 5.0, 12)
+        weights = np.exp(-wide / 1.5)
+        spread = sum(w * _loop(at, (times,)) for w, times in zip(weights / weights.sum(), wide, strict=True))
+        return self.size * (spread - _loop(at, (1.0,)))
+
+
+class SecondLag(World):
+    """A share of the bias follows the air within 150 min."""
+
+    def added_A(self, at: Course) -> Array:
+        slow = sim.follow(at.air_degC, 9000.0)
+        return self.size * at.unit.polynomial[1] * (slow - at.unit_degC)
+
+
+class Step(World):
+    def added_A(self, at: Course) -> Array:
+        return self.size * at.unit.width_A * (at.hours > 0.6 * _DAY_h)
+
+
+class Drift(World):
+    def added_A(self, at: Course) -> Array:
+        return self.size * at.unit.width_A * (at.hours / _DAY_h - 0.5)
+
+
+class WidthOverTemperature(World):
+    def added_A(self, at: Course) -> Array:
+        return self.size * (at.unit_degC - sim.REFERENCE_degC) / 30.0 * _loop(at, (1.0,))
+
+
+class Bend(World):
+    """From 30 degC on the bias has another slope."""
+
+    def added_A(self, at: Course) -> Array:
+        return self.size * at.unit.polynomial[1] * np.maximum(at.unit_degC - 30.0, 0.0)
+
+
+class DailyRhythm(World):
+    """The bias follows the hour of the day, as mains or sunlight may make it."""
+
+    def added_A(self, at: Course) -> Array:
+        return self.size * at.unit.width_A * np.sin(2.0 * np.pi * at.hours / 24.0)
+
+
+class Relaxation(World):
+    """After each turn a part of the loop is lost within three hours."""
+
+    def added_A(self, at: Course) -> Array:
+        return self.size * (sim.follow(_loop(at, (1.0,)), 10_800.0) - _loop(at, (1.0,)))
+
+
+class SensorScale(World):
+    """The unit's own sensor errs by a share of its distance from 20 degC."""
+
+    def shown_degC(self, unit_degC: Array) -> Array:
+        return unit_degC + self.size * (unit_degC - sim.REFERENCE_degC)
+
+
+SWITCHES = (
+    Switch("several_plays", SeveralPlays, (0.01, 0.1, 1.0), "shape_of_the_bias"),
+    Switch("many_plays", ManyPlays, (0.01, 0.1, 1.0), "shape_of_the_bias"),
+    Switch("second_lag", SecondLag, (0.01, 0.1, 0.5), "shape_of_the_bias"),
+    Switch("step_of_bias", Step, (0.01, 0.1, 1.0), "shape_of_the_bias"),
+    Switch("drift_of_bias", Drift, (0.01, 0.1, 1.0), "shape_of_the_bias"),
+    Switch("width_over_temperature", WidthOverTemperature, (0.01, 0.1, 1.0), "shape_of_the_bias"),
+    Switch("bend", Bend, (0.01, 0.1, 1.0), "shape_of_the_bias"),
+    Switch("daily_rhythm", DailyRhythm, (0.01, 0.1, 1.0), "shape_of_the_bias"),
+    Switch("relaxation", Relaxation, (0.01, 0.1, 1.0), "shape_of_the_bias"),
+    Switch("sensor_scale", SensorScale, (1e-3, 1e-2, 1e-1), "temperature_sensor_gain"),
+)
+
+
+def _loop(at: Course, parts: tuple[float, ...]) -> Array:
+    """Half the loop of play operators of equal widths, their half-widths in parts of the unit's."""
+    found = np.zeros_like(at.hours)
+    for part in parts:
+        half = part * at.unit.half_width_degC
+        found += (sim.slack(at.unit_degC, half) - at.unit_degC) / (2.0 * half * len(parts))
+    return at.unit.width_A * found
+
+
+def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = False) -> Seen:
+    """Return what one ramp states and its truth; without a switch that of the same seed in a right world."""
+    world = World() if switch is None else switch.world(size)
+    ramp = _ramp(seed, world, noise_free=noise_free)
+    trace = Trace(ramp.trace_t_s, ramp.air_degC, world.shown_degC(ramp.sensor_degC))
+    shown = replace(ramp, sensor_degC=trace.unit_degC)
+    material = Material(sim.rows({CHANNEL: shown}), sim.campaign({CHANNEL: shown}), {"generator": {}}, trace)
+    try:
+        analysis = analyse(material)
+    except FitError:
+        return Seen([], [], np.inf, 1, _PROMISED)
+    document = build_results("doubt", analysis, {"records": len(ramp.start_s)}, PROVENANCE)
+    pairs = [(entry, _truth(entry, ramp)) for entry in document["estimates"]]
+    known = [(entry, truth) for entry, truth in pairs if truth is not None]
+    chi2 = sum(group["reduced_chi2"] * group["dof"] for group in analysis.groups)
+    dof = sum(group["dof"] for group in analysis.groups)
+    return Seen([entry for entry, _ in known], [truth for _, truth in known], chi2, dof, _PROMISED)
+
+
+def _ramp(seed: int, world: World, *, noise_free: bool) -> sim.Ramp:
+    heat, unit = sim.heat(_LAG_s), sim.draw(np.random.default_rng([seed, 1]), "gyro")
+    first = heat.windows[0]
+    course = Course((heat.t_s - heat.t_s[first]) / 3600.0, heat.air_degC, heat.unit_degC, unit)
+    return sim.ramp(seed, unit=unit, noise=not noise_free, quantised=not noise_free, added_A=world.added_A(course))
+
+
+def _truth(entry: Any, ramp: sim.Ramp) -> float | None:
+    """Truth of an estimate: the centre of the loop over the temperature of the unit, and its full width."""
+    about, quantity = entry["conditions"], entry["quantity"]
+    if about.get("channel") != CHANNEL:
+        return None
+    truths = {f"bias_tc{order}": ramp.truth(order) for order in (1, 2, 3)}
+    truths |= {"thermal_lag": _LAG_s / 60.0, "play_half_width": ramp.unit.half_width_degC}
+    if "reference_temperature_degC" in about:
+        truths["hysteresis_width"] = ramp.unit.width_A
+    if about.get("temperature_degC") == sim.REFERENCE_degC:
+        truths["bias"] = ramp.truth(0)
+    return truths.get(quantity)
