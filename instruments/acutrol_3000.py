@@ -1,17 +1,16 @@
 """Acutronic ACUTROL3000 controller of a three-axis turntable over GPIB: outer axis 1, middle axis 2, inner axis 3.
 
 A mode that is activated moves the table to whatever demand is loaded, so a demand is loaded and read back before its
-mode. ``*STB?`` clears what it tells: bit 0 interlock fault, bit 7 errors queued. Commands are kept 200 ms apart, as in
-public programs, which report commands that are not recognised; 100 ms in the first hurried attempt to make it safe (40
-ms are said to be the least). Angles in deg, not wrapped; rates in deg/s.
+mode. ``*STB?`` clears what it tells: bit 0 interlocks, bit 7 messages in the error queue. Commands are kept 200 ms
+apart, as in public programs, which report commands that are not recognised; 100 ms in the first hurried attempt to make
+it safe (40 ms are said to be the least). Angles in deg as the controller counts them, rates in deg/s. An axis without
+stops takes the shortest way to a demand (acutrol_axis.py).
 
-Source: public Python, C# and ROS programs for this controller (:INT, :MODE, :DEM, :LIM, :READ, *STB?, words "Rate",
-"Position", "Fault"); manual TM-8004-C 4.6.1 (order of :LIM:ABS?, with a trip of the tracking error behind that of
-speed) and 4.7 (:MODE? answers "P" too). The manual itself leaves the error queue open. Not confirmed on hardware: the
-identity reply; numbers and end of the error queue; the words "Open", "Closed" and "Off"; that a demand reads back with
-``:DEM:POS?`` and ``:DEM:RATE?``; that :INT, :LIM and :MODE are per axis; above all that a position demand beyond a turn
-is taken as turns: by 4.7.4 of the manual an axis without stops takes the shortest way, and then ``in_position`` never
-comes true. An emergency stop within reach and the table's own limits stay the safety function.
+Source: manual TM-8004-C: 3.10 (status byte), 4.2.26 (range of positions), 4.5 (interlocks), 4.6 (limits; a trip of the
+tracking error may stand behind that of speed), 4.7 (modes; :MODE? answers "P" too), 4.11.4 (messages of a queue, a null
+string when it is empty), 4.14.1 (format); public Python, C# and ROS programs for this controller (words "Rate",
+"Position", "Fault"). Not confirmed on hardware: the identity reply; the text of a message; the words "Open", "Closed"
+and "Off"; how :CONF:SCAL? answers. An emergency stop within reach and the table's own limits stay the safety function.
 """
 
 from __future__ import annotations
@@ -19,26 +18,29 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import Any
 
+from bench.model.clock import NS, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Effect, Parameter, action
-from instruments.base import BaseInstrument
-from instruments.bus import TIMED_OUT
-from instruments.commands import either
-from instruments.scpi import read_scpi_error
-from instruments.values import plain_form, read_integer, read_number
+from instruments.acutrol_axis import CLOSED, AxisRange, LongTurn, is_mode, read_absolute, read_interlock, read_scaling
+from instruments.base import STRANGER, BaseInstrument
+from instruments.commands import ReadBack, either
+from instruments.values import plain_form, read_integer, read_number, read_text
 
-OPEN, CLOSED, FAULT = "OPEN", "CLOSED", "FAULT"
 _AXES = (1, 2, 3)
 _INNER_FIRST = (3, 2, 1)  # the inner axis is the fast one
 _INTERLOCK_FAULT, _ERRORS_QUEUED = 1 << 0, 1 << 7
 _AT_REST_DEG_S = 0.01
 _THERE_DEG = 0.003
 _STEP = 1e-4  # of the read-back of limits and demands
-_ABSOLUTE_VALUES = (6, 7)  # rate, acceleration, jerk, lowest and highest position, trips of speed and of tracking
 _STANDSTILL_S = 10.0
 _HURRIED_STANDSTILL_S = 1.0  # what still turns then is braked by the open interlock
 _BRAKED_S = 3.0
 _LOOK_S = 0.2
+_LONG = (170.0, 14.0)  # a turn by more than this, deg, takes its caller up to so long, s
+_LONGEST_TURN_S = 8.0  # that a turn may keep its caller
+_ASTRAY_DEG = 75.0  # in a turn, from where it should be: half a turn would be miscounted
+_FIRST_LOOK_S, _LAST_LOOK_S = 0.3, 0.6  # behind full rate, and before the hand-over
+_LATE_S = 0.15  # of the hand-over; more, and the axis could not come to rest where it is sent
 _AXIS = Parameter("axis", choices=_AXES)
 _ANGLE = Parameter("angle", "deg", -3600.0, 3600.0)
 _RATE = Parameter("rate", "deg/s", 0.001, 1000.0)
@@ -55,11 +57,11 @@ class Acutrol3000(BaseInstrument):
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)
         self.limits: dict[int, tuple[float, float]] = {}  # deg/s and deg/s2 by axis, of this run
-        self.window: dict[int, tuple[float, float]] = {}  # lowest and highest position by axis, deg
+        self.ranges: dict[int, AxisRange] = {}  # positions by axis
         self.wanted: dict[int, float] = {}  # position demand by axis, deg; none for an axis in rate mode
         self.closed = False
 
-    @action(_AXIS, _RATE, _ACCELERATION, bus_s=3.5)
+    @action(_AXIS, _RATE, _ACCELERATION, bus_s=3.7)
     def set_limits(self, axis: int, rate: float, acceleration: float) -> None:
         """Set the most an axis may do in either mode, deg/s and deg/s2, and read it back; its interlock must be open.
 
@@ -69,7 +71,7 @@ class Acutrol3000(BaseInstrument):
         if self._interlock(axis) == CLOSED:
             message = f"set_limits: the interlock of axis {axis} is closed; nothing was set"
             raise self.error("B-INST-017", message, "set the limits before close_interlock")
-        most_rate, most_acceleration, _, low, high = self.ask(f":lim:abs? {axis}", _read_absolute)[:5]
+        most_rate, most_acceleration, _, low, high = self.ask(f":lim:abs? {axis}", read_absolute)[:5]
         for name, value, most in (("rate", rate, most_rate), ("acceleration", acceleration, most_acceleration)):
             if value > most:
                 message = f"set_limits: {name} {value!r} is above {most!r}, the table's own limit of axis {axis}"
@@ -78,7 +80,8 @@ class Acutrol3000(BaseInstrument):
         for mode in ("pos", "rate"):
             self._limit("rate", mode, axis, rate)
             self._limit("acc", mode, axis, acceleration)
-        self.limits[axis], self.window[axis] = (rate, acceleration), (low, high)
+        width, middle = self.ask(f":conf:scal? {axis}", read_scaling)
+        self.limits[axis], self.ranges[axis] = (rate, acceleration), AxisRange(width, middle, low, high)
 
     @action(effect=Effect.MOTION_ON, bus_s=10.0)
     def close_interlock(self) -> None:
@@ -118,24 +121,29 @@ class Acutrol3000(BaseInstrument):
         axis, angle, rate = self.checked("move", axis=axis, angle=angle, rate=rate)
         acceleration = self._limits_of("move", axis, rate)[1]
         here = self._here("move", axis)
-        turns = round((here - angle) / 360.0)
-        ways = (angle + 360.0 * count for count in (turns, turns - 1, turns + 1, 0))
-        low, high = self.window[axis]
-        target = next((way for way in ways if low <= way <= high), angle)
-        self._go("move", axis, target, rate, acceleration)
+        way = self.ranges[axis].shorter_way(here, angle)
+        self._go("move", axis, here + way, rate, acceleration)
 
-    @action(_AXIS, _ANGLE, _RATE, _ACCELERATION, effect=Effect.MOTION_ON, bus_s=3.5)
+    @action(_AXIS, _ANGLE, _RATE, _ACCELERATION, effect=Effect.MOTION_ON, bus_s=3.5, longer={"angle": _LONG})
     def turn(self, axis: int, angle: float, rate: float, acceleration: float) -> None:
-        """Set an axis turning by an angle (deg, signed, turns included) from its demand: trapezoid, exactly so far.
+        """Set an axis turning by an angle (deg, signed, turns included) from its demand, at most at ``rate``.
 
-        Raises: InstrumentError B-INST-008, B-INST-010 (no limits), B-INST-017 (interlock open, or an axis that turns
-                with no position demand), B-INST-005, B-INST-011.
+        What is less than half the range of the axis is one demand: a trapezoid. A longer turn runs at a rate until
+        135 deg are left, which keeps the caller up to 8 s; its turns are counted by the position on the way.
+
+        Raises: InstrumentError B-INST-008 (also for a turn that would take longer), B-INST-010 (no limits), B-INST-017
+                (interlock open, or an axis that turns with no position demand), B-INST-005, B-INST-011 (also for an
+                axis that is not where it should be on the way, or a hand-over that is late: it is stopped).
         """
         axis, angle, rate, acceleration = self.checked(
             "turn", axis=axis, angle=angle, rate=rate, acceleration=acceleration
         )
         self._limits_of("turn", axis, rate, acceleration)
-        self._go("turn", axis, self._here("turn", axis) + angle, rate, acceleration)
+        here = self._here("turn", axis)
+        if self.ranges[axis].at_once(angle):
+            self._go("turn", axis, here + angle, rate, acceleration)
+        else:
+            self._go_far(axis, here, LongTurn.of(angle, rate, acceleration))
 
     @action(_AXIS, Parameter("rate", "deg/s", -1000.0, 1000.0), effect=Effect.MOTION_ON, bus_s=2.0)
     def spin(self, axis: int, rate: float) -> None:
@@ -156,7 +164,7 @@ class Acutrol3000(BaseInstrument):
 
     @action(_AXIS, bus_s=0.5, returns="deg")
     def measure_position(self, axis: int) -> float:
-        """Measure the angle of an axis, deg, whole turns included."""
+        """Measure the angle of an axis, deg, within its range: one turn, as delivered."""
         (axis,) = self.checked("measure_position", axis=axis)
         return self.ask(f":read:pos? {axis}", read_number)
 
@@ -172,27 +180,38 @@ class Acutrol3000(BaseInstrument):
         self._ready()
         if not self.closed or not self._at_rest() or any(self._interlock(axis) != CLOSED for axis in _AXES):
             return False
-        return all(abs(self.measure_position(axis) - angle) <= _THERE_DEG for axis, angle in self.wanted.items())
+        return all(self._off(axis, angle) <= _THERE_DEG for axis, angle in self.wanted.items())
 
     def make_safe(self) -> None:
-        """Set the declared safe state; one that does not even say who it is gets the commands all the same."""
+        """Set the declared safe state; one that cannot be prepared gets the commands all the same."""
         try:
             super().make_safe()
         except InstrumentError as error:
-            if error.code == TIMED_OUT and self.identity is None:
+            if error.code not in STRANGER and self.identity is None:
                 with suppress(InstrumentError):
                     self._order_rest()
                     self._order_open()
             raise
 
     def drain_errors(self) -> list[str]:
-        """Get what the status byte tells, which that clears, and all queued errors, oldest first."""
+        """Get what the status byte tells, which that clears, and all queued messages, oldest first."""
         status = self.bus.query("*STB?", read_integer, self.timeout_s, repeatable=False)
         problems = ["interlock fault"] if status & _INTERLOCK_FAULT else []
         return problems + super().drain_errors() if status & _ERRORS_QUEUED else problems
 
+    def _prepare(self) -> None:
+        """Numbers in figures: the last user may have left them binary, and no other reply could be read then."""
+        self.set(":util:form float", either(self._in_figures, True))
+        if not self._in_figures():
+            raise self.error("B-INST-011", "':util:form?' reads back binary, but float was set")
+
+    def _in_figures(self) -> bool:
+        return self.ask(":util:form?", read_text).upper().startswith("F")
+
     def _next_error(self) -> str | None:
-        return self.bus.query(":query:error? 1", read_scpi_error, self.timeout_s, repeatable=False)
+        """Get the oldest message, in whatever words; the manual leaves them open."""
+        said = self.bus.query(":stat:msg? qerror", str.strip, self.timeout_s, repeatable=False)
+        return said.strip('"') or None
 
     def _limits_of(self, name: str, axis: int, rate: float, acceleration: float = 0.0) -> tuple[float, float]:
         if axis not in self.limits:
@@ -220,17 +239,66 @@ class Acutrol3000(BaseInstrument):
             raise self.error("B-INST-017", message, "stop the axis and settle before it")
         return self.measure_position(axis)
 
+    def _off(self, axis: int, angle: float) -> float:
+        """Return how far an axis is from an angle, deg; a turn of its range more or less is the same place."""
+        return abs(self.ranges[axis].apart(self.measure_position(axis), angle))
+
     def _go(self, name: str, axis: int, target: float, rate: float, acceleration: float) -> None:
-        low, high = self.window[axis]
-        if not low <= target <= high:
-            message = f"{name}: {target!r} deg is outside {low!r} to {high!r} deg of axis {axis}; nothing was moved"
-            raise self.error("B-INST-008", message, "correct the sequence")
+        known = self.ranges[axis]
+        if not known.holds(target):
+            message = f"{name}: {target!r} deg is outside {known.low!r} to {known.high!r} deg of axis {axis}"
+            raise self.error("B-INST-008", f"{message}; nothing was moved", "correct the sequence")
         self._limit("rate", "pos", axis, rate)
         self._limit("acc", "pos", axis, acceleration)
         self.wanted.pop(axis, None)
-        self._demand("pos", axis, target)
+        self._demand_position(axis, known.wrapped(target))
         self._mode("pos", "POSITION", axis)
+        self.wanted[axis] = known.wrapped(target)
+
+    def _go_far(self, axis: int, here: float, turn: LongTurn) -> None:
+        """A demand that is loaded is not obeyed in rate mode, so the last command of the turn is its mode alone."""
+        if turn.hand_over_s > _LONGEST_TURN_S:
+            message = f"turn: {turn.way!r} deg would keep the bench {turn.hand_over_s:.0f} s; nothing was moved"
+            raise self.error("B-INST-008", message, f"turn faster, or by less than half a turn; {_LONGEST_TURN_S:g} s")
+        target = self.ranges[axis].wrapped(here + turn.way)
+        self._limit("rate", "pos", axis, abs(turn.rate))
+        self._limit("acc", "pos", axis, turn.acceleration)
+        self._turn_at(axis, 0.0)
+        self._limit("acc", "rate", axis, turn.acceleration)
+        self._demand_position(axis, target)
+        try:
+            self._run_and_hand_over(axis, here, turn)
+        except InstrumentError:
+            with suppress(InstrumentError):
+                self._turn_at(axis, 0.0)
+                self._limit("acc", "rate", axis, self.limits[axis][1])
+            raise
         self.wanted[axis] = target
+        self._limit("acc", "rate", axis, self.limits[axis][1])
+
+    def _run_and_hand_over(self, axis: int, here: float, turn: LongTurn) -> None:
+        self.bus.write(f":dem:rate {axis},{plain_form(turn.rate)}", self.timeout_s)
+        began_ns = self.clock.now_ns()
+        self.check_errors(f":dem:rate {axis}")
+        due_ns = began_ns + to_ns(turn.hand_over_s)
+        for before_s in (turn.hand_over_s - turn.up_s - _FIRST_LOOK_S, _LAST_LOOK_S):
+            self.clock.sleep_until_ns(max(self.clock.now_ns(), due_ns - to_ns(before_s)))
+            position = self.measure_position(axis)
+            now_ns = self.clock.now_ns()
+            expected = turn.done((now_ns - began_ns) / NS)
+            astray = self.ranges[axis].apart(position, here + expected)
+            if abs(astray) > _ASTRAY_DEG:
+                message = f"turn: axis {axis} is {astray:.0f} deg from where it should be after {expected:.0f} deg"
+                raise self.error("B-INST-011", message, "look at the table: it slips, is blocked or is not driven")
+            due_ns = now_ns + to_ns(turn.left_s(expected + astray))
+        self.clock.sleep_until_ns(max(self.clock.now_ns(), due_ns))
+        self.bus.write(f":mode:pos {axis}", self.timeout_s)
+        late_s = (self.clock.now_ns() - due_ns) / NS
+        self.check_errors(f":mode:pos {axis}")
+        self._confirm_mode("POSITION", axis)
+        if late_s > _LATE_S:
+            message = f"turn: axis {axis} was handed over {late_s:.2f} s late; its turns cannot be counted any more"
+            raise self.error("B-INST-011", message, "look what held the controller up, then take the point again")
 
     def _turn_at(self, axis: int, rate: float) -> None:
         self.wanted.pop(axis, None)
@@ -243,24 +311,37 @@ class Acutrol3000(BaseInstrument):
         self.confirm(query, value, _STEP, unit)
 
     def _demand(self, what: str, axis: int, value: float) -> None:
-        query, unit = f":dem:{what}? {axis}", "deg" if what == "pos" else "deg/s"
+        query, unit = f":dem:{what}? {axis}", "deg/s"
         self.set(f":dem:{what} {axis},{plain_form(value)}", self.number(query, value, _STEP))
         self.confirm(query, value, _STEP, unit)
 
+    def _demand_position(self, axis: int, value: float) -> None:
+        """Load a position; it may read back a whole range apart, which is the same place."""
+        query, known, before = f":dem:pos? {axis}", self.ranges[axis], self.seen.get(f":dem:pos? {axis}")
+
+        def reading() -> float:
+            return value + known.apart(self.ask(query, read_number), value)
+
+        def as_before(found: float) -> bool:
+            return isinstance(before, float) and abs(known.apart(found, before)) <= _STEP
+
+        read_back = ReadBack(reading, lambda found: abs(found - value) <= _STEP, as_before)
+        self.set(f":dem:pos {axis},{plain_form(value)}", read_back)
+        self.agree(query, reading(), value, _STEP, "deg")
+
     def _mode(self, mode: str, word: str, axis: int) -> None:
         query = f":mode? {axis}"
-        self.set(f":mode:{mode} {axis}", either(lambda: self._is_mode(self.ask(query, str.upper), word), True))
-        if not self._is_mode(answer := self.ask(query, str.upper), word):
+        self.set(f":mode:{mode} {axis}", either(lambda: is_mode(self.ask(query, str.upper), word), True))
+        self._confirm_mode(word, axis)
+
+    def _confirm_mode(self, word: str, axis: int) -> None:
+        query = f":mode? {axis}"
+        if not is_mode(answer := self.ask(query, str.upper), word):
             raise self.error("B-INST-011", f"{query!r} reads back {answer!r}, but {word!r} was set")
         self.seen[query] = word
 
-    @staticmethod
-    def _is_mode(answer: str, word: str) -> bool:
-        """Tell whether a mode reads back: the word or any beginning of it, as firmwares differ."""
-        return bool(answer) and word.startswith(answer)
-
     def _interlock(self, axis: int) -> str:
-        return self.ask(f":int? {axis}", _read_interlock)
+        return self.ask(f":int? {axis}", read_interlock)
 
     def _confirm_closed(self, axis: int) -> None:
         if (state := self._interlock(axis)) != CLOSED:
@@ -279,7 +360,7 @@ class Acutrol3000(BaseInstrument):
                 self._confirm_closed(axis)
 
     def _forget(self) -> None:
-        self.limits, self.window, self.wanted, self.closed = {}, {}, {}, False
+        self.limits, self.ranges, self.wanted, self.closed = {}, {}, {}, False
 
     def _go_safe(self) -> None:
         self._rest_and_open(_HURRIED_STANDSTILL_S if self.bus.hurried else _STANDSTILL_S)
@@ -314,20 +395,6 @@ class Acutrol3000(BaseInstrument):
     def _order_open(self) -> None:
         for axis in _INNER_FIRST:
             self.bus.write(f":int:open {axis}", self.timeout_s)
-
-
-def _read_interlock(reply: str) -> str:
-    word = reply.upper()
-    if word not in (OPEN, CLOSED, FAULT):
-        raise ValueError("Open, Closed or Fault is due")
-    return word
-
-
-def _read_absolute(reply: str) -> list[float]:
-    values = [read_number(field.strip()) for field in reply.split(",")]
-    if len(values) not in _ABSOLUTE_VALUES:
-        raise ValueError("rate, acceleration, jerk, lowest and highest position and one or two trips are due")
-    return values
 
 
 DRIVER = Acutrol3000

@@ -98,6 +98,9 @@ class Agilent34970A(ScpiInstrument):
             raise self.bad_option(f"thermocouple {kind!r} is none of {', '.join(_THERMOCOUPLES)}, {_NONE}")
 
     def _prepare(self) -> None:
+        self.abort()  # a scan of somebody else would refuse what follows
+        self.set("TRIG:SOUR IMM;COUN 1")
+        self.set("FORM:READ:UNIT OFF;TIME OFF;CHAN OFF;ALAR OFF")
         channels = self._channel_list()
         if not self.options["channels"]:
             return

@@ -56,15 +56,21 @@ class AgilentE3631A(ScpiSupply):
             self.keep(Setting("CURR?", limit, _CURRENT_STEP_A, "A"), Setting("VOLT?", voltage, _VOLTAGE_STEP_V, "V"))
         self.configured = MappingProxyType({**self.configured, rail: self.kept})
 
-    @action(effect=Effect.POWER, bus_s=1.0)
+    @action(effect=Effect.POWER, bus_s=1.5)
     def output_on(self) -> None:
         """Set all outputs on, if what was set still reads back on the rails, and confirm it.
+
+        One switch serves all three: a rail that this run has not set is set to 0 V first.
 
         Raises: InstrumentError B-INST-010 before ``configure``, B-INST-011.
         """
         if not self.configured:
             raise self.error("B-INST-010", "output_on refused: no rail was set by this run", "configure it first")
         with self.bus.lock:
+            for rail in sorted(set(_RAILS) - set(self.configured)):
+                self._select(rail)
+                self.set("VOLT 0", self.number("VOLT?", 0.0, _VOLTAGE_STEP_V))
+                self.confirm("VOLT?", 0.0, _VOLTAGE_STEP_V, "V")
             for rail in self.configured:
                 self._select(rail)
                 self.confirm_kept()
@@ -77,6 +83,9 @@ class AgilentE3631A(ScpiSupply):
         with self.bus.lock:
             self._select(rail)
             return self.ask("MEAS:VOLT?", read_number)
+
+    def _prepare(self) -> None:
+        self.set("OUTP:TRAC OFF", self.switch("OUTP:TRAC?", 0))  # rail 3 would follow rail 2
 
     def _select(self, rail: int) -> None:
         if rail != self.selected:

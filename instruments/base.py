@@ -20,6 +20,9 @@ from instruments.commands import Commands
 from instruments.ladder import Ladder
 from instruments.values import read_text
 
+WRONG_MODEL, EXCHANGED = "B-INST-002", "B-INST-016"
+STRANGER = (WRONG_MODEL, EXCHANGED)
+
 
 class BaseInstrument(Commands):
     """Base of all drivers.
@@ -68,14 +71,7 @@ class BaseInstrument(Commands):
 
     def identify(self) -> Identity:
         """Get who is there, refuse another model, then prepare the session. Raises: InstrumentError B-INST-002."""
-        identity = self._ask_identity()
-        if not self._is_right_model(identity):  # it may be the reply to a question of a controller that is gone
-            self.bus.clear()
-            identity = self._ask_identity()
-        if not self._is_right_model(identity):
-            message = f"{identity.manufacturer} {identity.model} answers where {self.identity_pattern!r} is due"
-            raise self.error("B-INST-002", message, "correct the address in the station file; nothing was switched")
-        self.bus.echo = (self.identity_question, self._said)
+        identity = self._introduced()
         self.drain_errors()
         self.identity = identity
         try:
@@ -85,16 +81,36 @@ class BaseInstrument(Commands):
             raise
         return identity
 
+    def introduce(self) -> Identity:
+        """Get who is there and refuse another model; nothing is prepared: a first contact sends everything by hand.
+
+        Raises: InstrumentError B-INST-002.
+        """
+        self.identity = self._introduced()
+        return self.identity
+
+    def _introduced(self) -> Identity:
+        identity = self._ask_identity()
+        if not self._is_right_model(identity):  # it may be the reply to a question of a controller that is gone
+            self.bus.clear()
+            identity = self._ask_identity()
+        if not self._is_right_model(identity):
+            message = f"{identity.manufacturer} {identity.model} answers where {self.identity_pattern!r} is due"
+            raise self.error(WRONG_MODEL, message, "correct the address in the station file; nothing was switched")
+        self.bus.echo = (self.identity_question, self._said)
+        return identity
+
     def make_safe(self) -> None:
         """Set the declared safe state; idempotent. Raises: InstrumentError B-INST-009 if it cannot be confirmed.
 
-        One that does not answer is sent the command all the same: it may hear what it cannot confirm.
+        One that cannot be prepared or does not answer is sent the command all the same, unless another model answers.
         """
         try:
             self._ready()
             self._go_safe_somehow()
         except InstrumentError as error:
-            if error.code == TIMED_OUT and (command := self._safe_command()):
+            unheard = error.code == TIMED_OUT or (self.identity is None and error.code not in STRANGER)
+            if unheard and (command := self._safe_command()):
                 with suppress(InstrumentError):
                     self.bus.write(command, self.timeout_s)
             raise
@@ -179,7 +195,7 @@ class BaseInstrument(Commands):
             message = (
                 f"{identity.model} {identity.serial!r} answers after reopening, it was {known.model} {known.serial!r}"
             )
-            raise self.error("B-INST-016", message, "find out what was exchanged, then start again")
+            raise self.error(EXCHANGED, message, "find out what was exchanged, then start again")
         self.drain_errors()
         self._prepare()
         self._recheck()

@@ -10,7 +10,8 @@ static check goes by that, and ``OUT?`` confirms the value alone.
 
 Source: Fluke 5700A/5720A Series II Operators Manual, ch. 5 (5-13 responses, 5-14 input buffer of 128 bytes), command
 table 5-2. Not confirmed on hardware: the settling limit of 15 s, whether standby shorts or opens the loop, the fault
-numbers of a compliance trip, the resolution with which ``OUT?`` answers, the reply to ``RANGELCK?``, minutes of
+numbers of a compliance trip, the resolution with which ``OUT?`` answers, the replies to ``RANGELCK?``, ``CUR_POST?``
+and ``EXTGUARD?``, minutes of
 ``ONTIME?`` and days of ``CAL_DAYS? ZERO`` (as in public programs), 30 min of warm-up and 30 days between zeros.
 """
 
@@ -30,6 +31,7 @@ _SETTLE_LIMIT_S = 15.0
 _POLL_S = 0.25
 _INPUT_BUFFER_BYTES = 128
 _MINUTE_S = 60.0
+_TERMINALS = (("CUR_POST?", "NORMAL"), ("EXTGUARD?", "OFF"))
 _ZERO_LIMIT_DAYS = 30.0
 # full scale of each range (A) and its resolution (A)
 _RANGES_A = ((2.2e-4, 1e-10), (2.2e-3, 1e-9), (2.2e-2, 1e-8), (2.2e-1, 1e-7), (2.2, 1e-6))
@@ -143,6 +145,14 @@ class Fluke5720A(BaseInstrument):
             message = f"a command of {len(command)} bytes overruns the input buffer of {_INPUT_BUFFER_BYTES} bytes"
             raise self.error("B-INST-014", message, "send it in parts")
         return super().raw(command)
+
+    def _prepare(self) -> None:
+        """The current comes out of OUTPUT HI, the guard is inside: asked first, a run may be going on."""
+        for question, wanted in _TERMINALS:
+            if self.ask(question, read_text).upper() != wanted:
+                self.set(f"{question.rstrip('?')} {wanted}", self.word(question, wanted))
+                if (found := self.ask(question, read_text).upper()) != wanted:
+                    raise self.error("B-INST-011", f"{question!r} reads back {found!r}, but {wanted!r} was set")
 
     def _is_settled(self) -> bool:
         status = self._untripped_status()

@@ -58,7 +58,7 @@ class Hp6632B(ScpiSupply):
             Setting("VOLT?", voltage, _VOLTAGE_STEP_V, "V"),
         )
 
-    @action(effect=Effect.POWER, bus_s=0.3)
+    @action(effect=Effect.POWER, bus_s=0.5)
     def output_on(self) -> None:
         """Set the output on, if limits and voltage still read back, and confirm it.
 
@@ -67,6 +67,7 @@ class Hp6632B(ScpiSupply):
         self.require_kept("output_on", "limits were", "configure it first")
         self._recheck()
         self.switch_output_on()
+        self.clock.sleep(_DELAY_s + _DELAY_STEP_s)
         latched = self.ask("STAT:QUES:COND?", read_integer)
         if names := [name for bit, name in _PROTECTIONS.items() if latched & bit]:
             self.switch_output_off()

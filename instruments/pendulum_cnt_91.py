@@ -15,8 +15,9 @@ third comparator with each, blocks as in frames/time_tags.yaml, memory for 2 s, 
 INIT starts the stream and ABOR ends it; what is in the memory then can still be read, and block numbers run on.
 
 Source: CNT-90/91 Programmer's Handbook, May 2017 (INPut:LEVel: -5 to 5 V in steps of 2.5 mV, INPut:COUPling,
-INITiate, INITiate:CONTinuous, ABORt, STATus:OPERation:CONDition? bit 4 = measurement started, *IDN?); 8-72, 8-73 for
-the limits of its time stamps. Not confirmed on hardware: everything that is not of the handbook, and its coupling.
+INPut:SLOPe, INPut:IMPedance, INPut:ATTenuation, INPut:FILTer, INPut:LEVel:AUTO, INITiate, INITiate:CONTinuous, ABORt,
+STATus:OPERation:CONDition? bit 4 = measurement started, *IDN?); 8-72, 8-73 for the limits of its time stamps. Not
+confirmed on hardware: everything that is not of the handbook, and its coupling.
 """
 
 from __future__ import annotations
@@ -77,6 +78,11 @@ class PendulumCnt91(ScpiInstrument):
         self.set("INIT:CONT OFF", self.switch("INIT:CONT?", 0))
         for name in _INPUTS:
             self.set(f"{name}:COUP DC", self.word(f"{name}:COUP?", "DC"))
+            self.set(f"{name}:SLOP POS", self.word(f"{name}:SLOP?", "POS"))
+            self.set(f"{name}:IMP 1E6", self.number(f"{name}:IMP?", 1e6, 1.0))
+            self.set(f"{name}:ATT 1", self.number(f"{name}:ATT?", 1.0, 0.0))
+            for switch in ("FILT", "LEV:AUTO"):
+                self.set(f"{name}:{switch} OFF", self.switch(f"{name}:{switch}?", 0))
             level = self.number(f"{name}:LEV?", threshold, _LEVEL_STEP_V)
             self.set(f"{name}:LEV {exponent_form(threshold)}", level)
         self.set(f"STR:CLOC {exponent_form(clock)}", self.number("STR:CLOC?", clock, 0.0))

@@ -54,6 +54,19 @@ class Action:
     effect: Effect = Effect.NONE
     bus_s: float = 0.1  # longest time the call normally takes on the real bus, settling included
     returns: str = ""  # unit of the value returned, "" if none
+    longer: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def takes_s(self, arguments: Mapping[str, Any]) -> float:
+        """Return the longest time that a call with these arguments normally takes on the real bus, second.
+
+        ``longer``: above which magnitude of an argument it takes longer than ``bus_s``, and how long.
+        """
+        times_s = [self.bus_s]
+        for name, (magnitude, time_s) in self.longer.items():
+            value = arguments.get(name)
+            if isinstance(value, int | float) and abs(value) > magnitude:
+                times_s.append(time_s)
+        return max(times_s)
 
 
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -61,12 +74,16 @@ _DECLARATION = "_bench_action"
 
 
 def action(
-    *parameters: Parameter, effect: Effect = Effect.NONE, bus_s: float = 0.1, returns: str = ""
+    *parameters: Parameter,
+    effect: Effect = Effect.NONE,
+    bus_s: float = 0.1,
+    returns: str = "",
+    longer: Mapping[str, tuple[float, float]] | None = None,
 ) -> Callable[[_F], _F]:
     """Declare a driver method as an action of the sequence language; its name is the method's name."""
 
     def mark(method: _F) -> _F:
-        setattr(method, _DECLARATION, Action(method.__name__, parameters, effect, bus_s, returns))
+        setattr(method, _DECLARATION, Action(method.__name__, parameters, effect, bus_s, returns, longer or {}))
         return method
 
     return mark

@@ -61,7 +61,7 @@ def bus_s(step: Step, station: Station) -> float:
     action = declared_action(station, step.role, step.name)
     if action is None and isinstance(step, PlannedCall | PlannedVerify):
         return 0.0  # a call of nothing is a mistake of its own
-    return station.file.bus_time_factor * (DEFAULT_BUS_S if action is None else action.bus_s)
+    return station.file.bus_time_factor * (DEFAULT_BUS_S if action is None else action.takes_s(step.told()))
 
 
 def with_bus_time(steps: Iterable[Step], station: Station) -> tuple[Step, ...]:

@@ -234,10 +234,14 @@ class StationFile(StrictModel):
 
 @dataclass(frozen=True)
 class Station:
-    """A checked station. ``world_options`` are texts; an option of the world that is left alone is absent."""
+    """A checked station. ``world_options`` are texts; an option of the world that is left alone is absent.
+
+    ``path`` is the file it was read from: what is known of this bench alone lies beside it.
+    """
 
     document: Document[StationFile] = field(repr=False)
     world_options: Mapping[str, str]
+    path: Path = field(default_factory=Path, compare=False)
 
     @property
     def file(self) -> StationFile:
@@ -348,7 +352,7 @@ def load_station(path: Path) -> Station:
     document = load_yaml(path, StationFile)
     world = document.model.world
     options = {} if world is None else {k: option_text(v) for k, v in world.options.items() if v is not None}
-    return Station(document, options)
+    return Station(document, options, path)
 
 
 def wrong_option(name: str, text: str) -> str:

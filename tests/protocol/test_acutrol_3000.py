@@ -10,10 +10,12 @@ from known_drivers import IDENTIFY, MAKE_SAFE, after
 from scripted import CLEAR, SILENT, TIMEOUT, make, refused, scripted
 
 from bench.model.clock import NS
+from instruments.acutrol_axis import AxisRange
 
 START = IDENTIFY["acutrol_3000"]
 FINE = (b"*STB?\n", b"0\n")
-ABSOLUTE = b"400.0, 500.0, 10000.0, -720.0, 720.0, 440.0\n"
+ABSOLUTE = b"400.0, 500.0, 10000.0, -180.0, 180.0, 440.0\n"
+ONE_TURN = b"360.0,360.0,0.0,deg,NR2,NR2,NR2,NR2,NR2\n"
 Pairs = list[tuple[Any, Any]]
 
 
@@ -27,13 +29,14 @@ def interlock(axis: int, word: str) -> tuple[bytes, bytes]:
     return f":int? {axis}\n".encode(), f"{word}\n".encode()
 
 
-def limits(axis: int, rate: str = "300", acceleration: str = "200") -> Pairs:
+def limits(axis: int, absolute: bytes = ABSOLUTE, scaling: bytes = ONE_TURN) -> Pairs:
     """The exchange of set_limits."""
-    script: Pairs = [interlock(axis, "Open"), (f":lim:abs? {axis}\n".encode(), ABSOLUTE)]
+    rate, acceleration = "300", "200"
+    script: Pairs = [interlock(axis, "Open"), (f":lim:abs? {axis}\n".encode(), absolute)]
     for mode in ("pos", "rate"):
         script += put(f":lim:rate {mode},{axis},{rate}", f"{rate}.0", f":lim:rate? {mode},{axis}")
         script += put(f":lim:acc {mode},{axis},{acceleration}", f"{acceleration}.0", f":lim:acc? {mode},{axis}")
-    return script
+    return [*script, (f":conf:scal? {axis}\n".encode(), scaling)]
 
 
 def closing() -> Pairs:
@@ -68,12 +71,22 @@ def resting(axis: int, at: str) -> Pairs:
 READY: Pairs = [*START, *limits(1), *limits(2), *limits(3), *closing()]
 
 
-@pytest.mark.parametrize("absolute", [ABSOLUTE, b"400.0, 500.0, 10000.0, -720.0, 720.0, 440.0, 5.0\n"])
-def test_limits_with_and_without_a_trip_of_the_tracking_error(absolute: bytes) -> None:
-    script = [(sent, absolute if reply == ABSOLUTE else reply) for sent, reply in [*START, *limits(1)]]
-    with scripted("acutrol_3000", script) as table:
+@pytest.mark.parametrize("absolute", [ABSOLUTE, b"400.0, 500.0, 10000.0, -180.0, 180.0, 440.0, 5.0\n"])
+@pytest.mark.parametrize("scaling", [ONE_TURN, b"360,360,0\n", b'360.0, 360.0, 0.0, "Degrees"\n'])
+def test_limits_with_and_without_a_trip_of_the_tracking_error(absolute: bytes, scaling: bytes) -> None:
+    with scripted("acutrol_3000", [*START, *limits(1, absolute, scaling)]) as table:
         table.set_limits(1, 300.0, 200.0)
-        assert table.window[1] == (-720.0, 720.0)
+        assert table.ranges[1] == AxisRange(360.0, 0.0, -180.0, 180.0)
+
+
+@pytest.mark.parametrize("scaling", [b"6.2832,6.2832,0,rad\n", b"1,1,0,rev\n", b"360.0\n"])
+def test_an_axis_that_does_not_count_in_degrees_is_not_used(scaling: bytes) -> None:
+    asked = limits(1, scaling=scaling)[-1]
+    again = [(CLEAR, None), FINE, asked]
+    with scripted("acutrol_3000", [*START, *limits(1, scaling=scaling), *again, *again, (CLEAR, None)]) as table:
+        with refused("B-INST-004"):
+            table.set_limits(1, 300.0, 200.0)
+        assert not table.limits
 
 
 def test_a_mode_may_read_back_as_its_first_letter() -> None:
@@ -102,33 +115,57 @@ def make_ready(table: Any) -> None:
 
 def test_limits_then_interlock_then_motion() -> None:
     script = [*READY, interlock(3, "Closed"), *resting(3, "0.0003"), *motion(3, "90", "45", "200")]
-    script += [interlock(3, "Closed"), *motion(3, "-630", "270", "150")]
+    script += [interlock(3, "Closed"), *motion(3, "-70", "270", "150")]
     script += [interlock(3, "Closed"), *put(":dem:rate 3,-30", "-30.0", ":dem:rate? 3")]
     script += put(":mode:rate 3", "Rate", ":mode? 3")
     script += [*put(":dem:rate 3,0", "0.0", ":dem:rate? 3"), *put(":mode:rate 3", "Rate", ":mode? 3")]
     with scripted("acutrol_3000", script) as table:
         make_ready(table)
         table.move(3, 90.0, 45.0)
-        table.turn(3, -720.0, 270.0, 150.0)
+        table.turn(3, -160.0, 270.0, 150.0)
         table.spin(3, -30.0)
         table.stop(3)
+
+
+def limited(low: str, high: str) -> Pairs:
+    """A table ready to move whose first axis has stops."""
+    absolute = f"400.0, 500.0, 10000.0, {low}, {high}, 440.0\n".encode()
+    return [*START, *limits(1, absolute), *limits(2), *limits(3), *closing()]
 
 
 @pytest.mark.parametrize(
     ("here", "angle", "target"),
     [
-        ("350.0001", 0.0, "360"),
-        ("719.9998", 0.0, "720"),
-        ("-200", 170.0, "-190"),
-        ("700", 30.0, "390"),  # 750 would be outside
-        ("0", 180.0, "180"),
+        ("-9.9999", 0.0, "0"),
+        ("179.9998", 190.0, "-170"),  # the same place as 190, 10 deg on
+        ("-160", 170.0, "170"),  # through -180
+        ("0", 360.0, "0"),
     ],
 )
-def test_a_move_goes_the_shorter_way_inside_the_window_of_the_axis(here: str, angle: float, target: str) -> None:
+def test_a_move_goes_the_shorter_way_and_the_demand_is_inside_the_range(here: str, angle: float, target: str) -> None:
     script = [*READY, interlock(1, "Closed"), *resting(1, here), *motion(1, target, "10", "200")]
     with scripted("acutrol_3000", script) as table:
         make_ready(table)
         table.move(1, angle, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("here", "angle", "target"), [("-100", 130.0, "130"), ("100", 220.0, "-140"), ("0", 370.0, "10")]
+)
+def test_an_axis_with_stops_goes_the_way_that_they_leave(here: str, angle: float, target: str) -> None:
+    script = [*limited("-150", "150"), interlock(1, "Closed"), *resting(1, here), *motion(1, target, "10", "200")]
+    with scripted("acutrol_3000", script) as table:
+        make_ready(table)
+        table.move(1, angle, 10.0)
+
+
+def test_a_place_behind_the_stops_is_refused() -> None:
+    script = [*limited("-150", "150"), *[interlock(1, "Closed"), *resting(1, "0")] * 2]
+    with scripted("acutrol_3000", script) as table:
+        make_ready(table)
+        for go in (lambda: table.move(1, 170.0, 10.0), lambda: table.turn(1, 400.0, 10.0, 10.0)):
+            with refused("B-INST-008", "outside -150.0 to 150.0 deg of axis 1; nothing was moved"):
+                go()
 
 
 def test_commands_are_two_tenths_of_a_second_apart() -> None:
@@ -176,14 +213,6 @@ def test_the_tables_own_limits_are_above_those_of_the_run() -> None:
             table.set_limits(1, 400.0, 501.0)
 
 
-def test_a_target_outside_the_window_is_refused() -> None:
-    script = [*READY, interlock(2, "Closed"), *resting(2, "700.0")]
-    with scripted("acutrol_3000", script) as table:
-        make_ready(table)
-        with refused("B-INST-008", "1060.0 deg is outside -720.0 to 720.0"):
-            table.turn(2, 360.0, 10.0, 10.0)
-
-
 @pytest.mark.parametrize("word", ["Open", "Fault"])
 def test_an_open_interlock_is_no_place_to_move(word: str) -> None:
     script = [*READY, *[interlock(1, word)] * 3]
@@ -209,17 +238,25 @@ def test_a_spinning_axis_has_no_position_to_go_on_from() -> None:
             table.turn(3, 10.0, 10.0, 10.0)
 
 
-def test_an_interlock_that_does_not_close_or_a_demand_that_wraps_is_noticed() -> None:
+def test_an_interlock_that_does_not_close_or_another_demand_is_noticed() -> None:
     place = closing().index(interlock(2, "Closed"))
     script = [*START, *limits(1), *limits(2), *limits(3), *closing()[:place], interlock(2, "Open")]
     with scripted("acutrol_3000", script) as table, refused("B-INST-011", "interlock of axis 2 reads back open"):
         make_ready(table)
-    wrapped = [*motion(3, "450", "90", "90")[:-3][:-1], (b":dem:pos? 3\n", b"90.0\n")]
-    script = [*READY, interlock(3, "Closed"), *resting(3, "0.0"), *wrapped]
+    elsewhere = [*motion(3, "90", "90", "90")[:-4], (b":dem:pos? 3\n", b"91.0\n")]
+    script = [*READY, interlock(3, "Closed"), *resting(3, "0.0"), *elsewhere]
     with scripted("acutrol_3000", script) as table:
         make_ready(table)
-        with refused("B-INST-011", "reads back 90.0 deg, but 450.0 deg was set"):
-            table.turn(3, 450.0, 90.0, 90.0)
+        with refused("B-INST-011", "reads back 91.0 deg, but 90.0 deg was set"):
+            table.turn(3, 90.0, 90.0, 90.0)
+
+
+def test_a_demand_may_read_back_a_turn_apart() -> None:
+    apart = [(sent, b"-170\n" if sent == b":dem:pos? 3\n" else reply) for sent, reply in motion(3, "-170", "90", "90")]
+    apart = [(sent, b"190\n" if sent == b":dem:pos? 3\n" else reply) for sent, reply in apart]
+    with scripted("acutrol_3000", [*READY, interlock(3, "Closed"), *resting(3, "100.0"), *apart]) as table:
+        make_ready(table)
+        table.turn(3, 90.0, 90.0, 90.0)
 
 
 def test_limits_changed_by_somebody_else_keep_the_interlock_open() -> None:
@@ -230,11 +267,11 @@ def test_limits_changed_by_somebody_else_keep_the_interlock_open() -> None:
 
 
 def test_the_status_byte_is_cleared_by_reading_so_all_errors_are_read_at_once() -> None:
-    queue = [(b":query:error? 1\n", reply) for reply in (b"103,LIMIT EXCEEDED\n", b'12,"BAD"\n', b"0,NO ERROR\n")]
+    queue = [(b":stat:msg? qerror\n", reply) for reply in (b"103,LIMIT EXCEEDED\n", b'"12 BAD"\n', b"\n")]
     script = [*START, (b":dem:rate 1,0\n", None), (b"*STB?\n", b"193\n"), *queue]
     with (
         scripted("acutrol_3000", script) as table,
-        refused("B-INST-005", "interlock fault; 103 LIMIT EXCEEDED; 12 BAD"),
+        refused("B-INST-005", "interlock fault; 103,LIMIT EXCEEDED; 12 BAD"),
     ):
         table.stop(1)
 

@@ -18,7 +18,7 @@ def test_scan() -> None:
 
 
 def test_other_channels_and_thermocouples() -> None:
-    start = [*START[:2], *after(b"CONF:TEMP TC,K,(@203)\n"), *after(b"UNIT:TEMP C,(@203)\n")]
+    start = [*START[:8], *after(b"CONF:TEMP TC,K,(@203)\n"), *after(b"UNIT:TEMP C,(@203)\n")]
     script = [*start, *after(b"ROUT:SCAN (@203)\n"), *slow(b"READ?\n", b"+2.5E+01\n"), NO_ERROR]
     with scripted("agilent_34970a", script, channels=[203], thermocouple="K") as logger:
         assert logger.scan() == [25.0]
@@ -88,7 +88,7 @@ def test_a_channel_of_a_thermocouple_is_not_taken_for_a_resistance(thermocouple:
 
 def test_a_unit_without_thermocouples() -> None:
     """Nothing is configured for them, and there is nothing to scan."""
-    script = [*four_wires(START[:2]), *slow(b"READ?\n", b"+1.0E+02\n"), NO_ERROR]
+    script = [*four_wires(START[:8]), *slow(b"READ?\n", b"+1.0E+02\n"), NO_ERROR]
     with scripted("agilent_34970a", script, thermocouple="none", channels=[]) as logger:
         assert logger.measure_resistance(103, 100.0, 10) == 100.0
         with refused("B-INST-008"):

@@ -13,7 +13,9 @@ CONFIGURED = [*START, *RAIL_3, (b"CURR?\n", b"+5.00000000E-01\n"), (b"VOLT?\n", 
 
 def test_rails() -> None:
     measured = [*after(b"INST:NSEL 2\n"), (b"MEAS:VOLT?\n", b"+1.50012000E+01\n")]
-    on = [*after(b"INST:NSEL 3\n"), *CONFIGURED[-2:], *after(b"OUTP ON\n"), (b"OUTP?\n", b"1\n")]
+    nought = [*after(b"VOLT 0\n"), (b"VOLT?\n", b"+0.00000000E+00\n")]
+    others = [*after(b"INST:NSEL 1\n"), *nought, *after(b"INST:NSEL 2\n"), *nought]
+    on = [*others, *after(b"INST:NSEL 3\n"), *CONFIGURED[-2:], *after(b"OUTP ON\n"), (b"OUTP?\n", b"1\n")]
     with scripted("agilent_e3631a", [*CONFIGURED, *on, *measured]) as supply:
         supply.configure(3, -15.0, 0.5)
         supply.output_on()

@@ -21,7 +21,7 @@ from bench.model.units import parse_quantity
 
 MODULES = [module.name for module in pkgutil.iter_modules(instruments.__path__)]
 DRIVERS = [name for name in MODULES if hasattr(importlib.import_module(f"instruments.{name}"), "DRIVER")]
-SHARED = {"base", "bus", "commands", "ladder", "scpi", "values", "wire"}
+SHARED = {"acutrol_axis", "base", "bus", "commands", "ladder", "scpi", "values", "wire"}
 TOP = Path(__file__).parents[2]
 VERBS = ("Set", "Get", "Control", "Measure")
 QUESTIONS = ("*IDN?", "IDEN?", "END ALWAYS", "ID?", "OUTX 1", "V", "N1C1 RB I")  # who is there
@@ -56,7 +56,6 @@ CASES = [
 
 def test_the_walk_knows_every_driver() -> None:
     assert set(MODULES) - SHARED == set(DRIVERS) == set(IDENTIFY) == set(MAKE_SAFE)
-    assert len(DRIVERS) == 15
 
 
 def test_every_code_of_an_instrument_is_asserted() -> None:

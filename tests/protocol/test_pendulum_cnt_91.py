@@ -48,7 +48,8 @@ def configuring(level: bytes = b"0.0E+00", clock: bytes = b"1.0E+08") -> list[tu
     inputs = [
         pair
         for name in (b"INP", b"INP2")
-        for pair in (*after(name + b":COUP DC\n"), *after(name + b":LEV " + level + b"\n"))
+        for setting in (b"COUP DC", b"SLOP POS", b"IMP 1E6", b"ATT 1", b"FILT OFF", b"LEV:AUTO OFF", b"LEV " + level)
+        for pair in after(name + b":" + setting + b"\n")
     ]
     return [*START, *STOP, *after(b"INIT:CONT OFF\n"), *inputs, *after(b"STR:CLOC " + clock + b"\n")]
 

@@ -20,6 +20,7 @@ from bench.plan.step_kinds import PlannedCall, PlannedSend, PlannedSoak, Planned
 
 SOAK_ACTIONS = ("set_temperature", "run")
 _ALIKE = 1e-9  # of two numbers that went through different roundings
+PURE_NUMBER = "1"  # written without a unit, or with %, ppm
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,10 @@ class ActionCheck:
         return usable
 
     def _sort_is_right(self, step: Step, parameter: Parameter, value: Any, dimension: str) -> bool:
-        if parameter.dimension:
+        if parameter.dimension == PURE_NUMBER:
+            right = dimension == PURE_NUMBER or (not dimension and type(value) in (int, float))
+            due = "a number is due"
+        elif parameter.dimension:
             right = dimension == parameter.dimension
             due = f"a quantity in {parameter.dimension} is due"
         elif parameter.choices:
@@ -145,10 +149,8 @@ class ActionCheck:
                 source = f"station {self._station.name}" if (station_low[0], station_high[0]) != (low, high) else source
                 low, high = max(low, station_low[0]), min(high, station_high[0])
         if not low <= value <= high:
-            unit = parameter.dimension
-            message = (
-                f"{step.role}: {parameter.name} {value:g} {unit} is outside {low:g} to {high:g} {unit} of {source}"
-            )
+            unit = "" if parameter.dimension == PURE_NUMBER else f" {parameter.dimension}"
+            message = f"{step.role}: {parameter.name} {value:g}{unit} is outside {low:g} to {high:g}{unit} of {source}"
             self._outside(step, parameter, message)
         elif parameter.values and not any(math.isclose(value, setting, rel_tol=_ALIKE) for setting in parameter.values):
             nearest = min(parameter.values, key=lambda setting: abs(math.log(setting / value)))

@@ -1,0 +1,41 @@
+"""Each driver has a table of its commands, and its page in docs/instruments is written from it (``make manuals``)."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from bench.model.manual import manual_of, page
+
+TOP = Path(__file__).resolve().parents[2]
+DRIVERS = sorted(path.stem for path in (TOP / "instruments").glob("*.yaml"))
+
+
+def test_every_driver_has_a_table_and_every_page_a_driver() -> None:
+    drivers = [path.stem for path in (TOP / "instruments").glob("*.py") if "\nDRIVER = " in path.read_text("utf-8")]
+    assert sorted(drivers) == DRIVERS
+    assert sorted(path.stem for path in (TOP / "docs" / "instruments").glob("*.md")) == DRIVERS
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_the_page_is_that_of_the_table(driver: str) -> None:
+    manual = manual_of(driver)
+    assert manual is not None
+    assert (TOP / "docs" / "instruments" / f"{driver}.md").read_text("utf-8") == page(driver, manual)
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_the_table_makes_sense(driver: str) -> None:
+    manual = manual_of(driver)
+    assert manual is not None
+    for form, command in manual.commands.items():
+        assert any(key in command.source for key in manual.sources), form
+        if command.reply:
+            re.compile(command.reply)
+        if command.example:
+            assert manual.find(command.example) == form
+        if "?" in form:
+            assert command.reply, form
+            assert command.touch == "asks", form
