@@ -1,14 +1,16 @@
 """Simulated ACUTROL3000 controller with its three-axis table: outer axis 1, middle axis 2, inner axis 3.
 
 Headers may be cut to any beginning of their words (``:D:R 1,5`` is ``:DEMAND:RATE 1,5``). A demand is obeyed in its
-mode only; a mode that is activated obeys the demand that is loaded. A drive without a closed interlock, or in mode Off,
-is braked to rest. Two commands within 40 ms are not understood. Motion is exact (worlds.common.motion); only the
-read-out has noise and steps.
+mode only; a mode that is activated obeys the demand that is loaded. The axes have no stops: positions roll over after
+one turn, and a demand is reached the shortest way. A drive without a closed interlock, or in mode Off, is braked to
+rest. Two commands within 40 ms are not understood. Motion is exact (worlds.common.motion); only the read-out has noise
+and steps. Numbers are figures or binary, as the last user left them.
 
-Source: public programs for this controller and its read-me (commands, reply words, "65" of ``*STB?`` at an interlock
-fault, 40 ms as least time over GPIB); manual TM-8004-C 4.6.1 (seven limits) and 4.7 (":MODE?" answers "P").
-Placeholders, not confirmed on hardware: identity, error numbers and texts, the table's own limits, deceleration without
-drive, resolution and noise of the read-out, position demands of many turns.
+Source: manual TM-8004-C 2.6 and 4.14.1 (formats), 3.10 (status byte), 4.2.26 (range of positions), 4.3 (demands),
+4.6.1 (limits), 4.7 (modes, shortest way), 4.9.1 and 4.11.4 (errors and messages), 5.1.6 (what is out of range wraps);
+public programs for this controller and its read-me (reply words, "65" of ``*STB?`` at an interlock fault, 40 ms as
+least time over GPIB). Placeholders, not confirmed on hardware: identity, error numbers and texts, the table's own
+limits, deceleration without drive, resolution and noise of the read-out.
 """
 
 from __future__ import annotations
@@ -20,6 +22,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+import numpy as np
+
 from bench.model.clock import to_ns
 from sim_instruments.bus.live import LiveDevice
 from sim_instruments.faults.fault import Fault
@@ -28,16 +32,18 @@ from sim_instruments.worlds.common.motion import AxisMotion
 INTERLOCK_EVENT, ERROR_EVENT, SERVICE = 1, 128, 64
 LEAST_NS = to_ns(0.04)
 BRAKE_DEG_S2 = 400.0
+RANGE_DEG = 360.0
 POSITION_NOISE_DEG, RATE_NOISE_DEG_S = 1.0 / 3600.0, 3e-4
 ABSOLUTE = (
-    (400.0, 400.0, 1e5, -36000.0, 36000.0, 440.0, 5.0),
-    (400.0, 400.0, 1e5, -36000.0, 36000.0, 440.0, 5.0),
-    (1000.0, 1000.0, 1e5, -36000.0, 36000.0, 1100.0, 5.0),
-)  # of each axis: rate, acceleration, jerk, lowest and highest position, trips of speed and of tracking error
+    (400.0, 400.0, 1e5, 440.0, 5.0),
+    (400.0, 400.0, 1e5, 440.0, 5.0),
+    (1000.0, 1000.0, 1e5, 1100.0, 5.0),
+)  # of each axis: rate, acceleration, jerk, trips of speed and of tracking error
 NOT_RECOGNIZED = (101, "COMMAND NOT RECOGNIZED")
 BAD_ARGUMENT = (102, "ARGUMENT OUT OF RANGE")
 LIMIT_EXCEEDED = (103, "LIMIT EXCEEDED")
 INTERLOCK_FAULT = (104, "INTERLOCK FAULT")
+_TEXTS = {str(number): text for number, text in (NOT_RECOGNIZED, BAD_ARGUMENT, LIMIT_EXCEEDED, INTERLOCK_FAULT)}
 _QUEUE = 20
 _AXIS = ("AXIS", 1, len(ABSOLUTE))
 _UNIT = re.compile(r"(:?)([A-Z]+(?::[A-Z]+)*)(\??)(?:\s+(.*))?")
@@ -49,7 +55,10 @@ class TableError(Exception):
 
 @dataclass
 class Axis:
-    """One axis with its drive; ``offset_deg`` is how far from a position demand it comes to rest (a fault)."""
+    """One axis with its drive, its positions within ``range_deg`` around 0.
+
+    ``offset_deg`` is how far from a position demand it comes to rest (a fault).
+    """
 
     number: int
     motion: AxisMotion
@@ -57,13 +66,15 @@ class Axis:
     mode: str = "Off"
     demands: dict[str, float] = field(default_factory=lambda: {"POSITION": 0.0, "RATE": 0.0})
     limits: dict[tuple[str, str], float] = field(default_factory=dict)
+    range_deg: float = RANGE_DEG
     stalled: bool = False
     offset_deg: float = 0.0
 
     @property
     def absolute(self) -> tuple[float, ...]:
         """The limits nobody can exceed, in the order of ``:LIMIT:ABSOLUTE?``."""
-        return ABSOLUTE[self.number - 1]
+        caps = ABSOLUTE[self.number - 1]
+        return *caps[:3], -self.range_deg / 2.0, self.range_deg / 2.0, *caps[3:]
 
     def obey(self, now_ns: int) -> None:
         """Move from ``now_ns`` on as mode, demand, limits and faults say."""
@@ -72,9 +83,14 @@ class Axis:
         elif self.mode == "Rate":
             self.motion.run_at(self.demands["RATE"], self.limits["ACCELERATION", "RATE"], now_ns)
         else:
-            target_deg = self.demands["POSITION"] + self.offset_deg
+            here_deg = float(self.motion.angle_deg(now_ns))
+            way_deg = self.rolled_over(self.demands["POSITION"] + self.offset_deg - here_deg)
             limits = self.limits["RATE", "POSITION"], self.limits["ACCELERATION", "POSITION"]
-            self.motion.go_to(target_deg, *limits, now_ns)
+            self.motion.go_to(here_deg + way_deg, *limits, now_ns)
+
+    def rolled_over(self, angle_deg: float) -> float:
+        """Return an angle as the controller counts it."""
+        return math.remainder(angle_deg, self.range_deg)
 
 
 class Acutrol3000(LiveDevice):
@@ -92,7 +108,21 @@ class Acutrol3000(LiveDevice):
         self._errors: deque[tuple[int, str]] = deque(maxlen=_QUEUE)
         self._events = 0
         self._deaf_until_ns = -1
+        self._binary = False
         self._noise = self.rng("table encoders")
+
+    def left_by_another(self, draw: np.random.Generator) -> None:
+        self._binary = bool(draw.integers(2))
+        for axis in self.axes:
+            for what, mode in axis.limits:
+                axis.limits[what, mode] *= float(draw.uniform(0.01, 1.0))
+            axis.demands = {"POSITION": float(draw.uniform(-180.0, 180.0)), "RATE": float(draw.uniform(-3.0, 3.0))}
+            axis.mode = str(draw.choice(["Off", "Position", "Rate"]))
+            axis.interlock = str(draw.choice(["Open", "Open", "Closed", "Fault"]))
+            axis.obey(self.now_ns)
+        for _ in range(int(draw.integers(_QUEUE + 1))):
+            self._error(*NOT_RECOGNIZED)
+        super().left_by_another(draw)
 
     def outputs(self) -> dict[str, Any]:
         rates = [round(float(axis.motion.rate_deg_s(self.now_ns)), 3) for axis in self.axes]
@@ -219,11 +249,22 @@ class Acutrol3000(LiveDevice):
         axis, value = self._axis(number), _number(text)
         if what == "RATE" and abs(value) > axis.limits["RATE", "RATE"]:
             raise TableError(*LIMIT_EXCEEDED)
-        if what == "POSITION" and not axis.absolute[3] <= value <= axis.absolute[4]:
-            raise TableError(*LIMIT_EXCEEDED)
-        axis.demands[what] = value
+        axis.demands[what] = axis.rolled_over(value) if what == "POSITION" else value
         if axis.mode.upper() == what:
             axis.obey(self.now_ns)
+
+    def _choose_mode(self, number: str, word: str) -> None:
+        mode = next((mode for mode in ("Off", "Position", "Rate") if word and mode.upper().startswith(word)), None)
+        if mode is None:
+            raise TableError(*BAD_ARGUMENT)
+        self._set_mode(number, mode)
+
+    def _absolute(self, number: str) -> str:
+        return ",".join(self._formed(cap, 4) for cap in self._axis(number).absolute)
+
+    def _step(self, number: str, text: str) -> None:
+        axis = self._axis(number)
+        self._demand("POSITION", number, repr(axis.demands["POSITION"] + _number(text)))
 
     def _limit(self, what: str, mode: str, number: str, text: str) -> None:
         axis, value = self._axis(number), _number(text)
@@ -232,19 +273,34 @@ class Acutrol3000(LiveDevice):
         axis.limits[what, _mode(mode)] = value
 
     def _limit_of(self, what: str, mode: str, number: str) -> str:
-        return f"{self._axis(number).limits[what, _mode(mode)]:.4f}"
+        return self._formed(self._axis(number).limits[what, _mode(mode)], 4)
 
     def _read_position(self, number: str) -> str:
-        true_deg = float(self._axis(number).motion.angle_deg(self.now_ns))
-        return self.reading(f"{true_deg + self._noise.normal(0.0, POSITION_NOISE_DEG):.4f}")
+        axis = self._axis(number)
+        true_deg = float(axis.motion.angle_deg(self.now_ns))
+        shown_deg = axis.rolled_over(true_deg + self._noise.normal(0.0, POSITION_NOISE_DEG))
+        return self.reading(self._formed(shown_deg, 4))
 
     def _read_rate(self, number: str) -> str:
         true_deg_s = float(self._axis(number).motion.rate_deg_s(self.now_ns))
-        return self.reading(f"{true_deg_s + self._noise.normal(0.0, RATE_NOISE_DEG_S):.4f}")
+        return self.reading(self._formed(true_deg_s + self._noise.normal(0.0, RATE_NOISE_DEG_S), 4))
 
-    def _next_error(self, _: str) -> str:
-        number, text = self._errors.popleft() if self._errors else (0, "NO ERROR")
-        return f"{number},{text}"
+    def _formed(self, value: float, digits: int) -> str:
+        """Return a number in figures; as a block of four bytes, of which a bus of text shows the head alone."""
+        return "#14...." if self._binary else f"{value:.{digits}f}"
+
+    def _set_format(self, word: str) -> None:
+        if not word or not ("BINARY".startswith(word) or "FLOAT".startswith(word)):
+            raise TableError(*BAD_ARGUMENT)
+        self._binary = word[0] == "B"
+
+    def _scaling(self, number: str) -> str:
+        return f"{self._axis(number).range_deg:.4f},360.0000,0.0000,deg,NR2,NR2,NR2,NR2,NR2"
+
+    def _next_message(self, queue: str) -> str:
+        if queue != "QERROR":
+            raise TableError(*BAD_ARGUMENT)
+        return ",".join(map(str, self._errors.popleft())) if self._errors else ""
 
 
 _COMMANDS: dict[tuple[str, bool], tuple[int, Callable[..., str | None]]] = {
@@ -258,16 +314,23 @@ _COMMANDS: dict[tuple[str, bool], tuple[int, Callable[..., str | None]]] = {
     ("MODE", True): (1, lambda table, number: table._axis(number).mode[0]),
     ("DEMAND:POSITION", False): (2, lambda table, *given: table._demand("POSITION", *given)),
     ("DEMAND:RATE", False): (2, lambda table, *given: table._demand("RATE", *given)),
-    ("DEMAND:POSITION", True): (1, lambda table, number: f"{table._axis(number).demands['POSITION']:.6f}"),
-    ("DEMAND:RATE", True): (1, lambda table, number: f"{table._axis(number).demands['RATE']:.6f}"),
+    ("DEMAND:POSITION", True): (1, lambda table, number: table._formed(table._axis(number).demands["POSITION"], 6)),
+    ("DEMAND:RATE", True): (1, lambda table, number: table._formed(table._axis(number).demands["RATE"], 6)),
     ("LIMIT:RATE", False): (3, lambda table, *given: table._limit("RATE", *given)),
     ("LIMIT:ACCELERATION", False): (3, lambda table, *given: table._limit("ACCELERATION", *given)),
     ("LIMIT:RATE", True): (2, lambda table, mode, number: table._limit_of("RATE", mode, number)),
     ("LIMIT:ACCELERATION", True): (2, lambda table, mode, number: table._limit_of("ACCELERATION", mode, number)),
-    ("LIMIT:ABSOLUTE", True): (1, lambda table, number: ",".join(f"{cap:.4f}" for cap in table._axis(number).absolute)),
+    ("LIMIT:ABSOLUTE", True): (1, Acutrol3000._absolute),
     ("READ:POSITION", True): (1, Acutrol3000._read_position),
     ("READ:RATE", True): (1, Acutrol3000._read_rate),
-    ("QUERY:ERROR", True): (1, Acutrol3000._next_error),
+    ("DEMAND:DELTAPOSITION", False): (2, Acutrol3000._step),
+    ("QUERY:ERROR", True): (1, lambda table, code: _TEXTS.get(code, "UNKNOWN ERROR")),
+    ("STATUS:MSG", True): (1, Acutrol3000._next_message),
+    ("STATUS:MSGCLR", False): (1, lambda table, queue: table._errors.clear()),
+    ("UTILITY:FORMAT", False): (1, Acutrol3000._set_format),
+    ("UTILITY:FORMAT", True): (0, lambda table: "BINARY" if table._binary else "FLOAT"),
+    ("CONFIGURE:SCALING", True): (1, Acutrol3000._scaling),
+    ("MODE", False): (2, lambda table, number, word: table._choose_mode(number, word)),
 }  # fmt: skip
 
 

@@ -8,10 +8,12 @@ programmed one.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 
+from sim_instruments.bus.kept import Kept, number, switch, word
 from sim_instruments.bus.scpi import OUT_OF_RANGE, SETTINGS_CONFLICT, Answers, ScpiDevice, ScpiError, command, words
 
 FREQUENCY_ERROR_PPM = 3.0
@@ -32,6 +34,8 @@ class Agilent33250A(ScpiDevice):
         "[:SOURce]:FREQuency?": lambda self: f"{self.frequency_Hz:+.13E}",
         "[:SOURce]:VOLTage?": lambda self: f"{self.amplitude_V:+.13E}",
         "[:SOURce]:VOLTage:OFFSet?": lambda self: f"{self.offset_V:+.13E}",
+        "[:SOURce]:VOLTage:HIGH?": lambda self: f"{self.offset_V + self.amplitude_V / 2.0:+.13E}",
+        "[:SOURce]:VOLTage:LOW?": lambda self: f"{self.offset_V - self.amplitude_V / 2.0:+.13E}",
         "[:SOURce]:VOLTage:UNIT?": lambda self: self.amplitude_unit,
         "[:SOURce]:FUNCtion:SQUare:DCYCle?": lambda self: f"{self.duty_percent:+.13E}",
         "[:SOURce]:BURSt:STATe?": lambda self: str(int(self.mode == "BURS")),
@@ -42,6 +46,25 @@ class Agilent33250A(ScpiDevice):
         ":OUTPut:POLarity?": lambda self: self.polarity,
         ":OUTPut:LOAD?": lambda self: f"{self.load_ohm:+.13E}",
         ":OUTPut[:STATe]?": lambda self: "1" if self.on else "0",
+    }
+
+    kept: ClassVar[Mapping[str, Kept]] = {
+        ":OUTPut:SYNC[:STATe]": switch(True),
+        ":OUTPut:TRIGger[:STATe]": switch(False),
+        ":OUTPut:TRIGger:SLOPe": word("POSitive", "NEGative"),
+        "[:SOURce]:BURSt:MODE": word("TRIGgered", "GATed"),
+        "[:SOURce]:BURSt:NCYCles": number(1.0, 1.0, 1e6),
+        "[:SOURce]:BURSt:INTernal:PERiod": number(0.01, 1e-6, 500.0, "S"),
+        "[:SOURce]:BURSt:PHASe": number(0.0, -360.0, 360.0),
+        "[:SOURce]:BURSt:GATE:POLarity": word("NORMal", "INVerted"),
+        "[:SOURce]:PHASe": number(0.0, -360.0, 360.0),
+        "[:SOURce]:FUNCtion:RAMP:SYMMetry": number(100.0, 0.0, 100.0),
+        ":PULSe:PERiod": number(1e-3, 20e-9, 2000.0, "S"),
+        ":PULSe:WIDTh": number(100e-6, 8e-9, 2000.0, "S"),
+        ":PULSe:TRANsition": number(5e-9, 5e-9, 1e-3, "S"),
+        ":TRIGger:SOURce": word("IMMediate", "EXTernal", "BUS"),
+        ":TRIGger:SLOPe": word("POSitive", "NEGative"),
+        ":TRIGger:DELay": number(0.0, 0.0, 85.0, "S"),
     }
 
     def __init__(self, *arguments: Any) -> None:
@@ -126,6 +149,25 @@ class Agilent33250A(ScpiDevice):
     def _set_offset(self, text: str) -> None:
         room_V = (self._largest_V() - self.amplitude_V) / 2
         self.offset_V = self.number(text, -room_V, room_V, "V")
+
+    @command("[:SOURce]:VOLTage:HIGH")
+    def _set_high(self, text: str) -> None:
+        self._between(self.offset_V - self.amplitude_V / 2.0, self.number(text, -10.0, 10.0, "V"))
+
+    @command("[:SOURce]:VOLTage:LOW")
+    def _set_low(self, text: str) -> None:
+        self._between(self.number(text, -10.0, 10.0, "V"), self.offset_V + self.amplitude_V / 2.0)
+
+    def _between(self, low_V: float, high_V: float) -> None:
+        largest_V = self._largest_V()
+        if not largest_V / 1000.0 <= high_V - low_V or max(abs(low_V), abs(high_V)) > largest_V / 2.0:
+            raise ScpiError(*SETTINGS_CONFLICT)
+        self.amplitude_V, self.offset_V = round(high_V - low_V, 4), (high_V + low_V) / 2.0
+        self._apply()
+
+    @command(":SYSTem:BEEPer[:IMMediate]")
+    def _beep(self, _: str) -> None:
+        """Nobody hears it."""
 
     @command("[:SOURce]:FUNCtion:SQUare:DCYCle")
     def _set_duty(self, text: str) -> None:

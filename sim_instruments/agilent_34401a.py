@@ -1,14 +1,21 @@
 """Simulated HP/Agilent 34401A multimeter at the source that the world wires to it, else on rail 1 (+6 V output) of the
 auxiliary supply, or where the world says if there is none.
 
-Source: 34401A User's Guide (CONFigure, READ?, INITiate, FETCh?, NPLCycles, ZERO:AUTO, overload reading 9.9E37).
+Functions other than direct voltage and resistance see nothing at the terminals.
+
+Source: 34401A User's Guide (CONFigure, FUNCtion, RANGe, RESolution, READ?, INITiate, FETCh?, TRIGger, SAMPle,
+NPLCycles, ZERO:AUTO, overload reading 9.9E37).
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
+import numpy as np
+
 from sim_instruments.agilent_e3631a import AgilentE3631A
+from sim_instruments.bus.kept import Kept, number, switch
 from sim_instruments.bus.ohms import RESOLUTION, Ohmmeter, OhmsSetting
 from sim_instruments.bus.scpi import Answers, ScpiDevice, ScpiError, command, words
 
@@ -17,6 +24,19 @@ OVERLOAD = 9.9e37
 GAIN_SIGMA, OFFSET_SIGMA_V = 1e-5, 2e-5
 TWO_WIRE_OHM = 0.2
 LINE_HZ = 50.0
+CYCLES = (0.02, 0.2, 1.0, 10.0, 100.0)
+OPEN_INPUT = ("CONT", "DIOD")  # overload without anything at the terminals
+OTHERS = ("VOLT:AC", "VOLT:RAT", "CURR", "CURR:AC", "FREQ", "PER", *OPEN_INPUT)
+_FUNCTIONS = {"VOLT:DC": "VOLT", "CURR:DC": "CURR", "VOLT:DC:RAT": "VOLT:RAT"}  # other spellings
+NOT_FOR_READ = (-214, "Trigger deadlock")
+
+
+def _ranged(header: str, low: float, high: float, unit: str) -> dict[str, Kept]:
+    return {
+        f"[:SENSe]:{header}:RANGe": number(high / 10.0, low, high, unit),
+        f"[:SENSe]:{header}:RANGe:AUTO": switch(True),
+        f"[:SENSe]:{header}:RESolution": number(high * 1e-6, high * 1e-8, high, unit),
+    }
 
 
 class Agilent34401A(ScpiDevice):
@@ -27,8 +47,47 @@ class Agilent34401A(ScpiDevice):
 
     identity = "HEWLETT-PACKARD,34401A,0,11-5-2"
     answers: ClassVar[Answers] = {
-        "[:SENSe]:FRESistance:NPLCycles?": lambda self: f"{10.0 if self.ohms is None else self.ohms.cycles:+.8E}",
+        "[:SENSe]:FRESistance:NPLCycles?": lambda self: f"{self.ohms_cycles:+.8E}",
         "[:SENSe]:ZERO:AUTO?": lambda self: str(int(self.autozero)),
+        "[:SENSe]:VOLTage[:DC]:NPLCycles?": lambda self: f"{self.power_line_cycles:+.8E}",
+        "[:SENSe]:VOLTage[:DC]:RANGe?": lambda self: f"{self.range_V or 10.0:+.8E}",
+        "[:SENSe]:VOLTage[:DC]:RANGe:AUTO?": lambda self: str(int(self.range_V is None)),
+        "[:SENSe]:VOLTage[:DC]:RESolution?": lambda self: (
+            f"{RESOLUTION[self.power_line_cycles] * (self.range_V or 10.0):+.8E}"
+        ),
+        **{
+            f"[:SENSe]:{header}:{node}?": tell
+            for header in ("RESistance", "FRESistance")
+            for node, tell in (
+                ("RANGe", lambda self: f"{self.ohms_range_ohm:+.8E}"),
+                ("RANGe:AUTO", lambda self: str(int(self.ohms is None or self.ohms.range_ohm is None))),
+                ("RESolution", lambda self: f"{RESOLUTION[self.ohms_cycles] * self.ohms_range_ohm:+.8E}"),
+            )
+        },
+        "[:SENSe]:RESistance:NPLCycles?": lambda self: f"{self.ohms_cycles:+.8E}",
+        ":TRIGger:SOURce?": lambda self: self.source,
+        ":TRIGger:COUNt?": lambda self: f"{self.triggers:+.8E}",
+        ":SAMPle:COUNt?": lambda self: str(self.samples),
+        ":DATA:POINts?": lambda self: str(len(self._stored)),
+        ":ROUTe:TERMinals?": lambda self: "FRON",
+    }
+
+    kept: ClassVar[Mapping[str, Kept]] = {
+        **_ranged("VOLTage:AC", 0.1, 750.0, "V"),
+        **_ranged("CURRent[:DC]", 0.01, 3.0, "A"),
+        **_ranged("CURRent:AC", 1.0, 3.0, "A"),
+        **_ranged("FREQuency:VOLTage", 0.1, 750.0, "V"),
+        **_ranged("PERiod:VOLTage", 0.1, 750.0, "V"),
+        "[:SENSe]:CURRent[:DC]:NPLCycles": number(10.0, 0.02, 100.0),
+        "[:SENSe]:FREQuency:APERture": number(0.1, 0.01, 1.0, "S"),
+        "[:SENSe]:PERiod:APERture": number(0.1, 0.01, 1.0, "S"),
+        "[:SENSe]:DETector:BANDwidth": number(20.0, 3.0, 200.0),
+        ":INPut:IMPedance:AUTO": switch(False),
+        ":TRIGger:DELay": number(0.0, 0.0, 3600.0, "S"),
+        ":TRIGger:DELay:AUTO": switch(True),
+        ":DISPlay": switch(True),
+        ":DISPlay:TEXT": Kept("", text=True),
+        ":SYSTem:BEEPer:STATe": switch(True),
     }
 
     def __init__(self, *arguments: Any) -> None:
@@ -42,8 +101,31 @@ class Agilent34401A(ScpiDevice):
         self.range_V: float | None = None  # autorange
         self.power_line_cycles = 10.0
         self.ohms: OhmsSetting | None = None  # volts
-        self.autozero = True
-        self._last = ""
+        self.autozero, self.other = True, ""
+        self._stored: list[str] = []
+        self._at_once()
+
+    def _at_once(self) -> None:
+        """One reading by an internal trigger, as ``CONFigure`` leaves it."""
+        self.source, self.triggers, self.samples = "IMM", 1, 1
+
+    def left_by_another(self, draw: np.random.Generator) -> None:
+        self.range_V = float(draw.choice([0.1, 1.0, 10.0, 100.0, 1000.0]))
+        self.power_line_cycles = float(draw.choice([0.02, 0.2, 1.0, 10.0, 100.0]))
+        self.autozero = bool(draw.integers(2))
+        self.source, self.samples = str(draw.choice(["IMM", "BUS", "EXT"])), int(draw.integers(1, 5))
+        self.triggers, self.other = int(draw.integers(1, 4)), str(draw.choice(["", *OTHERS]))
+        super().left_by_another(draw)
+
+    @property
+    def ohms_range_ohm(self) -> float:
+        """Range of resistance, ohm; the one an automatic range begins with."""
+        return 1e3 if self.ohms is None else self.ohms.range_ohm or 1e3
+
+    @property
+    def ohms_cycles(self) -> float:
+        """Power-line cycles of a resistance."""
+        return 10.0 if self.ohms is None else self.ohms.cycles
 
     @property
     def reading_s(self) -> float:
@@ -58,7 +140,10 @@ class Agilent34401A(ScpiDevice):
         return float(supply.output(0)[0] if supply is not None else self.world.rail_V)
 
     def _measure(self) -> str:
-        self.reply_after(self.reading_s)
+        self.reply_after(self.reading_s * self.samples * self.triggers)
+        if self.other:
+            open_input = f"{OVERLOAD:+.8E}"
+            return self.reading(open_input if self.other in OPEN_INPUT else f"{0.0:+.8E}")
         if self.ohms is not None:
             return self.reading(self._ohmmeter.reading(self.ohms, self.world.terminals.source(self.role)))
         true_V = self._true_V()
@@ -71,15 +156,18 @@ class Agilent34401A(ScpiDevice):
         first = (words(text) or ["DEF"])[0].upper()
         self.range_V = None if first in ("DEF", "AUTO") else self._range(first)
         self.power_line_cycles = 10.0
-        self.ohms, self.autozero = None, True
+        self.ohms, self.autozero, self.other = None, True, ""
+        self._at_once()
 
     @command(":CONFigure:FRESistance")
     def _configure_four_wires(self, text: str) -> None:
-        self.ohms, self.autozero = self._ohmmeter.configured(4, words(text), 10.0), True
+        self.ohms, self.autozero, self.other = self._ohmmeter.configured(4, words(text), 10.0), True, ""
+        self._at_once()
 
     @command(":CONFigure:RESistance")
     def _configure_two_wires(self, text: str) -> None:
-        self.ohms, self.autozero = self._ohmmeter.configured(2, words(text), 10.0), True
+        self.ohms, self.autozero, self.other = self._ohmmeter.configured(2, words(text), 10.0), True, ""
+        self._at_once()
 
     def _range(self, text: str) -> float:
         largest_V = self.number(text, RANGES_V[0], RANGES_V[-1])
@@ -88,8 +176,9 @@ class Agilent34401A(ScpiDevice):
     @command("[:SENSe]:VOLTage[:DC]:NPLCycles")
     def _set_cycles(self, text: str) -> None:
         cycles = self.number(text, 0.02, 100.0)
-        self.power_line_cycles = next(c for c in (0.02, 0.2, 1.0, 10.0, 100.0) if cycles <= c)
+        self.power_line_cycles = next(c for c in CYCLES if cycles <= c)
 
+    @command("[:SENSe]:RESistance:NPLCycles")
     @command("[:SENSe]:FRESistance:NPLCycles")
     def _set_ohms_cycles(self, text: str) -> None:
         cycles = self._ohmmeter.cycles_of(text)
@@ -98,7 +187,7 @@ class Agilent34401A(ScpiDevice):
 
     @command("[:SENSe]:ZERO:AUTO")
     def _set_autozero(self, text: str) -> None:
-        on = self.word(text, "ON", "OFF", "ONCE") == "ON"
+        on = text.strip().upper() != "ONCE" and self.boolean(text)
         if self.ohms is None or self.ohms.wires == 2:
             self.autozero = on
 
@@ -109,32 +198,124 @@ class Agilent34401A(ScpiDevice):
             return f'"{self.ohms.name} {range_ohm:+.6E},{RESOLUTION[self.ohms.cycles] * range_ohm:+.6E}"'
         return f'"VOLT {self.range_V or 10.0:+.6E},+3.000000E-06"'
 
+    def _take(self) -> None:
+        self._stored = [self._measure() for _ in range(self.samples * self.triggers)]
+
     @command(":READ?")
-    def _read(self, _: str) -> str:
-        self._last = self._measure()
-        return self._last
+    def _read(self, _: str) -> str | None:
+        if self.source == "BUS":
+            raise ScpiError(*NOT_FOR_READ)
+        if self.source == "EXT":
+            return None  # it waits
+        self._take()
+        return ",".join(self._stored)
 
     @command(":MEASure:VOLTage[:DC]?")
-    def _measure_voltage(self, text: str) -> str:
+    def _measure_voltage(self, text: str) -> str | None:
         self._configure(text)
         return self._read("")
 
     @command(":MEASure:FRESistance?")
-    def _measure_four_wires(self, text: str) -> str:
+    def _measure_four_wires(self, text: str) -> str | None:
         self._configure_four_wires(text)
         return self._read("")
 
+    @command(":MEASure:RESistance?")
+    def _measure_two_wires(self, text: str) -> str | None:
+        self._configure_two_wires(text)
+        return self._read("")
+
+    def _measure_other(self, function: str) -> str | None:
+        self._at_once()
+        self.ohms, self.other = None, function
+        return self._read("")
+
+    @command(":MEASure:VOLTage:AC?")
+    def _measure_voltage_ac(self, _: str) -> str | None:
+        return self._measure_other("VOLT:AC")
+
+    @command(":MEASure:CURRent[:DC]?")
+    def _measure_current(self, _: str) -> str | None:
+        return self._measure_other("CURR")
+
+    @command(":MEASure:CURRent:AC?")
+    def _measure_current_ac(self, _: str) -> str | None:
+        return self._measure_other("CURR:AC")
+
+    @command("[:SENSe]:FUNCtion")
+    def _set_function(self, text: str) -> None:
+        name = text.strip("\"' ").upper()
+        name = _FUNCTIONS.get(name, name)
+        if name not in ("VOLT", "RES", "FRES", *OTHERS):
+            raise ScpiError(-224, "Illegal parameter value")
+        wires = {"RES": 2, "FRES": 4}.get(name)
+        self.ohms = None if wires is None else self._ohmmeter.configured(wires, (), 10.0)
+        self.other = name if name in OTHERS else ""
+
+    @command("[:SENSe]:FUNCtion?")
+    def _get_function(self, _: str) -> str:
+        return f'"{self.other or ("VOLT" if self.ohms is None else self.ohms.name)}"'
+
+    @command("[:SENSe]:VOLTage[:DC]:RANGe")
+    def _set_range(self, text: str) -> None:
+        self.range_V = self._range(text)
+
+    @command("[:SENSe]:VOLTage[:DC]:RANGe:AUTO")
+    def _set_autorange(self, text: str) -> None:
+        self.range_V = None if self.boolean(text) else self.range_V or 10.0
+
+    @command("[:SENSe]:VOLTage[:DC]:RESolution")
+    def _set_resolution(self, text: str) -> None:
+        share = self.number(text, 1e-9, 1000.0, "V") / (self.range_V or 10.0)
+        self.power_line_cycles = next((cycles for cycles in CYCLES if RESOLUTION[cycles] <= share), CYCLES[-1])
+
+    @command("[:SENSe]:RESistance:RANGe")
+    @command("[:SENSe]:FRESistance:RANGe")
+    def _set_ohms_range(self, text: str) -> None:
+        if self.ohms is not None:
+            self.ohms.range_ohm = self._ohmmeter.range_of(text.upper())
+
+    @command("[:SENSe]:RESistance:RESolution")
+    @command("[:SENSe]:FRESistance:RESolution")
+    def _set_ohms_resolution(self, text: str) -> None:
+        share = self.number(text, 1e-9, 1e6, "OHM") / self.ohms_range_ohm
+        if self.ohms is not None:
+            self.ohms.cycles = next((cycles for cycles in CYCLES if RESOLUTION[cycles] <= share), CYCLES[-1])
+
+    @command("[:SENSe]:RESistance:RANGe:AUTO")
+    @command("[:SENSe]:FRESistance:RANGe:AUTO")
+    def _set_ohms_autorange(self, text: str) -> None:
+        if self.ohms is not None:
+            self.ohms.range_ohm = None if self.boolean(text) else self.ohms.range_ohm or 1e3
+
+    @command(":TRIGger:SOURce")
+    def _set_source(self, text: str) -> None:
+        self.source = self.word(text, "IMMediate", "BUS", "EXTernal")
+
+    @command(":TRIGger:COUNt")
+    def _set_triggers(self, text: str) -> None:
+        self.triggers = int(self.number(text, 1, 50000, INF=50000, INFINITE=50000))
+
+    @command(":SAMPle:COUNt")
+    def _set_samples(self, text: str) -> None:
+        self.samples = int(self.number(text, 1, 50000))
+
+    @command(":SYSTem:BEEPer[:IMMediate]")
+    @command(":SYSTem:REMote")
+    def _remote(self, _: str) -> None:
+        """Nobody hears the beeper; on GPIB it is remote anyway."""
+
     @command(":INITiate")
     def _start(self, _: str) -> None:
-        self._last = self._measure()
-        self.busy(self.reading_s)
+        self._take()
+        self.busy(self.reading_s * len(self._stored))
 
     @command(":FETCh?")
     def _fetch(self, _: str) -> str:
-        if not self._last:
+        if not self._stored:
             raise ScpiError(-230, "Data stale")
         self._complete("")
-        return self._last
+        return ",".join(self._stored)
 
 
 SIMULATOR = Agilent34401A

@@ -5,14 +5,18 @@ configured measures its voltage (of a thermocouple 0.04 mV per degC against the 
 34901A: with four wires channel n (source leads) is paired with n+10 (sense leads), so that n is 1 to 10.
 
 Source: 34970A User's Guide (CONFigure:TEMPerature, CONFigure:FRESistance, FRESistance:NPLC, ROUTe:SCAN,
-ROUTe:CHANnel:DELay, READ?, UNIT:TEMPerature, channel lists; tutorial, four-wire multiplexers).
+ROUTe:CHANnel:DELay, TRIGger, FORMat:READing, READ?, UNIT:TEMPerature, channel lists; tutorial, four-wire multiplexers).
 Placeholder: number of the error of a channel that cannot have four wires.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from functools import partial
 from typing import Any
+
+import numpy as np
 
 from sim_instruments.bus.ohms import Ohmmeter, OhmsSetting
 from sim_instruments.bus.scpi import (
@@ -22,6 +26,7 @@ from sim_instruments.bus.scpi import (
     ScpiDevice,
     ScpiError,
     command,
+    header_expression,
     words,
 )
 
@@ -32,6 +37,7 @@ TWO_WIRE_OHM = 4.0
 CYCLES = (0.02, 0.2, 1.0, 2.0, 10.0, 20.0, 100.0, 200.0)
 CHANNELS, PAIRS = 20, 10  # of a 34901A
 NO_FOUR_WIRES = (308, "Channel not able to perform requested operation")
+_TOLD = ("UNIT", "TIME", "CHANnel", "ALARm")  # what may stand beside a reading
 _LIST = re.compile(r"\(@([\d,: ]*)\)")
 
 
@@ -50,6 +56,15 @@ class Agilent34970A(ScpiDevice):
         self.thermocouples: set[int] = set()
         self.ohms: dict[int, OhmsSetting] = {}
         self.delays_s: dict[int, float] = {}
+        self.source, self.count = "IMM", 1
+        self.told = dict.fromkeys(_TOLD, False)
+
+    def left_by_another(self, draw: np.random.Generator) -> None:
+        self.source, self.count = str(draw.choice(["IMM", "BUS", "EXT", "TIM"])), int(draw.integers(1, 6))
+        self.told = {name: bool(draw.integers(2)) for name in _TOLD}
+        self.scan_list = [int(channel) for channel in draw.choice(np.arange(101, 121), 3, replace=False)]
+        self.delays_s = dict.fromkeys(self.scan_list, float(draw.uniform(0.0, 2.0)))
+        super().left_by_another(draw)
 
     def _listed_channels(self, text: str) -> list[int]:
         match = _LIST.fullmatch(text.strip())
@@ -169,8 +184,31 @@ class Agilent34970A(ScpiDevice):
     def _read(self, _: str) -> str | None:
         if not self.scan_list:
             raise ScpiError(*SETTINGS_CONFLICT)
-        self.reply_after(sum(self._takes_s(channel) for channel in self.scan_list))
-        return ",".join(self._reading(channel) for channel in self.scan_list)
+        if self.source in ("BUS", "EXT"):
+            return None  # it waits for a trigger
+        self.reply_after(self.count * sum(self._takes_s(channel) for channel in self.scan_list))
+        return ",".join(self._formed(channel) for _ in range(self.count) for channel in self.scan_list)
+
+    def _formed(self, channel: int) -> str:
+        unit = " C" if channel in self.thermocouples else " VDC"
+        more = {"TIME": ",000000012.345", "CHANnel": f",{channel}", "ALARm": ",0"}
+        shown = self._reading(channel) + unit * self.told["UNIT"]
+        return shown + "".join(text for name, text in more.items() if self.told[name])
+
+    @command(":TRIGger:SOURce")
+    def _set_source(self, text: str) -> None:
+        self.source = self.word(text, "IMMediate", "BUS", "EXTernal", "TIMer", "ALARm1")
+
+    @command(":TRIGger:COUNt")
+    def _set_count(self, text: str) -> None:
+        self.count = int(self.number(text, 1, 50000))
+
+    def _declared(self) -> list[tuple[re.Pattern[str], Callable[[str], str | None]]]:
+        shown = [(header_expression(f":FORMat:READing:{name}"), partial(self._show, name)) for name in _TOLD]
+        return [*super()._declared(), *shown]
+
+    def _show(self, name: str, text: str) -> None:
+        self.told[name] = self.boolean(text)
 
     def _takes_s(self, channel: int) -> float:
         setting = self.ohms.get(channel)

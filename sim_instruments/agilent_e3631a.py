@@ -7,8 +7,11 @@ Source: E3631A User's Guide (INSTrument, VOLTage, CURRent, APPLy, MEASure, OUTPu
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
+
+import numpy as np
 
 from sim_instruments.bus.scpi import MISSING_PARAMETER, Answers, ScpiDevice, ScpiError, command, words
 
@@ -39,6 +42,7 @@ class AgilentE3631A(ScpiDevice):
         "[:SOURce]:VOLTage?": lambda self: f"{self.rails[self.selected].voltage_V:+.8E}",
         "[:SOURce]:CURRent?": lambda self: f"{self.rails[self.selected].current_A:+.8E}",
         ":OUTPut[:STATe]?": lambda self: "1" if self.on else "0",
+        ":OUTPut:TRACk[:STATe]?": lambda self: "1" if self.tracks else "0",
     }
 
     def __init__(self, *arguments: Any) -> None:
@@ -52,7 +56,16 @@ class AgilentE3631A(ScpiDevice):
             Rail("P25V", 0.0, 25.75, 1.03, 150.0, current_A=1.0),
             Rail("N25V", -25.75, 0.0, 1.03, 150.0, current_A=1.0),
         )
-        self.selected, self.on = 0, False
+        self.selected, self.on, self.tracks = 0, False, False
+
+    def left_by_another(self, draw: np.random.Generator) -> None:
+        for rail in self.rails:
+            rail.voltage_V, rail.current_A = (
+                float(draw.uniform(rail.low_V, rail.high_V)),
+                float(draw.uniform(0.01, 1.0)),
+            )
+        self.selected, self.on, self.tracks = int(draw.integers(3)), bool(draw.integers(2)), bool(draw.integers(2))
+        super().left_by_another(draw)
 
     def outputs(self) -> dict[str, Any]:
         return {"on": self.on, "voltages_V": [rail.voltage_V for rail in self.rails]}
@@ -78,6 +91,9 @@ class AgilentE3631A(ScpiDevice):
         voltage_V = self.number(voltage, rail.low_V, rail.high_V) if voltage else rail.voltage_V
         current_A = self.number(current, 0.0, rail.high_A) if current else rail.current_A
         rail.voltage_V, rail.current_A = voltage_V, current_A
+        if self.tracks and rail is not self.rails[0]:
+            for other in self.rails[1:]:
+                other.voltage_V = math.copysign(voltage_V, other.low_V + other.high_V)
 
     @command(":INSTrument:NSELect")
     def _select_number(self, text: str) -> None:
@@ -107,6 +123,10 @@ class AgilentE3631A(ScpiDevice):
         if not text:
             raise ScpiError(*MISSING_PARAMETER)
         self._limited(self.rails[self.selected], "", text)
+
+    @command(":OUTPut:TRACk[:STATe]")
+    def _set_tracking(self, text: str) -> None:
+        self.tracks = self.boolean(text)
 
     @command(":OUTPut[:STATe]")
     def _set_output(self, text: str) -> None:

@@ -158,6 +158,23 @@ class Fluke5720A(LiveDevice):
             "calibrator", (), "the calibrator's output goes off without a word; readback disagrees", drop),
     }  # fmt: skip
 
+    def left_by_another(self, draw: np.random.Generator) -> None:
+        self.unit = str(draw.choice(["A", "V"]))
+        self.range_index = int(draw.integers(len(CURRENT_RANGES)))
+        self.value = float(draw.uniform(0.0, 1.0)) * (
+            CURRENT_RANGES[self.range_index].full_scale_A if self.unit == "A" else 10.0
+        )
+        self.range_locked, self.external_guard = bool(draw.integers(2)), bool(draw.integers(2))
+        self.post = str(draw.choice(["NORMAL", "AUX"]))
+        if draw.integers(2):
+            self.limits["A"] = (-2.2, float(draw.uniform(1e-4, 2.2)))
+        if draw.integers(2):
+            self.operating = True
+            self._drive(range_changed=True)
+        for _ in range(int(draw.integers(QUEUE_LENGTH + 1))):
+            self._fault(702)
+        super().left_by_another(draw)
+
     def outputs(self) -> dict[str, Any]:
         return {"operating": self.operating, "set": self.value, "unit": self.unit}
 

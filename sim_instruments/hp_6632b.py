@@ -3,8 +3,9 @@
 The unit takes a constant current (linear regulators), as its world says; below its starting voltage, or when the
 current limit is lower than that, it is off.
 
-Source: HP 6631B-6634B operating and programming guides (ranges, VOLT:PROT, CURR:PROT:STAT, OUTP:PROT:CLE). Placeholder:
-protections act at once.
+Source: HP 6631B-6634B operating and programming guides (ranges, VOLT:PROT, CURR:PROT:STAT, OUTP:PROT:CLE;
+OUTP:PROT:DEL, the over-current trip waits so long after a change of the output). Placeholder: the over-voltage trip
+acts at once.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from sim_instruments.bus.kept import Kept, number, switch, word
 from sim_instruments.bus.scpi import Answers, ScpiDevice, command
 from sim_instruments.faults.fault import Fault
 
@@ -37,8 +39,25 @@ class Hp6632B(ScpiDevice):
         ":STATus:QUEStionable:CONDition?": lambda self: str(_QUESTIONABLE.get(self.tripped, 0)),
     }
 
+    kept: ClassVar[Mapping[str, Kept]] = {
+        ":SENSe:CURRent[:DC]:RANGe[:UPPer]": number(HIGHEST_A, 0.0, HIGHEST_A, "A"),
+        "[:SOURce]:CURRent:TRIGgered": number(0.0, 0.0, HIGHEST_A, "A"),
+        "[:SOURce]:VOLTage:TRIGgered": number(0.0, 0.0, HIGHEST_V, "V"),
+        "[:SOURce]:VOLTage:ALC:BANDwidth": number(15000.0, 15000.0, 60000.0),
+        "[:SOURce]:DIGital:DATA": number(0, 0.0, 7.0),
+        "[:SOURce]:DIGital:FUNCtion": word("RIDFi", "DIGio"),
+        ":DISPlay:MODE": word("NORMal", "TEXT"),
+        ":INITiate:CONTinuous:SEQuence1": switch(False),
+        ":OUTPut:DFI[:STATe]": switch(False),
+        ":OUTPut:DFI:SOURce": word("OFF", "QUEStionable", "OPERation", "ESB", "RQS"),
+        ":OUTPut:RI:MODE": word("OFF", "LATChing", "LIVE"),
+        ":SENSe:SWEep:TINTerval": number(15.6e-6, 15.6e-6, 31200.0, "S"),
+        ":SENSe:SWEep:POINts": number(2048, 1.0, 4096.0),
+        ":SENSe:WINDow[:TYPE]": word("HANNing", "RECTangular"),
+    }
+
     def __init__(self, *arguments: Any) -> None:
-        self.supplied_V = 0.0
+        self.supplied_V, self._changes = 0.0, 0
         super().__init__(*arguments)
         self._noise = self.world.rng("6632B readings")
 
@@ -51,7 +70,7 @@ class Hp6632B(ScpiDevice):
         self.voltage_V, self.trip_V = float(draw.uniform(0.0, HIGHEST_V)), float(draw.uniform(1.0, HIGHEST_TRIP_V))
         self.current_A, self.delay_s = float(draw.uniform(0.0, HIGHEST_A)), float(draw.uniform(0.0, 30.0))
         self.over_current_trip, self.on = bool(draw.integers(2)), bool(draw.integers(2))
-        self.tripped = str(draw.choice(["", "OV", "OC"]))
+        self.tripped = str(draw.choice(["", "OV", "OC"], p=[0.8, 0.1, 0.1]))
         super().left_by_another(draw)
         self._apply()
 
@@ -69,13 +88,25 @@ class Hp6632B(ScpiDevice):
             return self.voltage_V, load_A
         return start_V / 2, self.current_A  # the limit holds the voltage below the start of the unit
 
-    def _apply(self) -> None:
+    def _is_overloaded(self) -> bool:
         start_V, load_A = self.world.load
-        if self.on and not self.tripped:
-            if self.voltage_V > self.trip_V:
-                self.tripped = "OV"
-            elif self.over_current_trip and self.voltage_V >= start_V and self.current_A < load_A:
-                self.tripped = "OC"
+        limited = self.voltage_V >= start_V and self.current_A < load_A
+        return self.on and not self.tripped and self.over_current_trip and limited
+
+    def _trip_late(self, number: int) -> None:
+        """Act ``delay_s`` behind the change that brought the supply to its limit, unless it changed again."""
+        if number == self._changes and self._is_overloaded():
+            self.tripped = "OC"
+            self._apply()
+
+    def _apply(self) -> None:
+        start_V = self.world.load[0]
+        self._changes += 1
+        if self.on and not self.tripped and self.voltage_V > self.trip_V:
+            self.tripped = "OV"
+        if self._is_overloaded():
+            changes = self._changes
+            self.world.after(self.delay_s, lambda: self._trip_late(changes))
         voltage_V = self._load()[0]
         supplied_V = voltage_V if voltage_V >= start_V else 0.0
         if supplied_V != self.supplied_V:

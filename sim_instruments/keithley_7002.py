@@ -12,6 +12,8 @@ from __future__ import annotations
 import re
 from typing import Any
 
+import numpy as np
+
 from sim_instruments.bus.scpi import MISSING_PARAMETER, ScpiDevice, ScpiError, command
 
 ROWS, COLUMNS = 4, 10
@@ -37,6 +39,11 @@ class Keithley7002(ScpiDevice):
     def reset(self) -> None:
         if self._closed:
             self._move(set())
+
+    def left_by_another(self, draw: np.random.Generator) -> None:
+        super().left_by_another(draw)
+        points = {(self._slot, int(draw.integers(1, ROWS + 1)), int(draw.integers(1, COLUMNS + 1))) for _ in range(5)}
+        self._move(set(list(points)[: int(draw.integers(5))]))
 
     def outputs(self) -> dict[str, Any]:
         return {"closed": ["!".join(map(str, point)) for point in sorted(self._closed)]}

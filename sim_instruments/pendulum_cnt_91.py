@@ -7,19 +7,37 @@ no limit of edges per second but 6,000 in 10 ms, settings that can be changed on
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.clock import NS
-from sim_instruments.bus.scpi import OUT_OF_RANGE, SETTINGS_CONFLICT, Answers, ScpiDevice, ScpiError, command
+from sim_instruments.bus import kept as of_no_effect
+from sim_instruments.bus.scpi import (
+    OUT_OF_RANGE,
+    SETTINGS_CONFLICT,
+    Answers,
+    ScpiDevice,
+    ScpiError,
+    command,
+    header_expression,
+)
 from sim_instruments.bus.time_tag_blocks import TagBlocks
 
 CLOCKS_HZ = (10_000_000, 20_000_000, 50_000_000, 100_000_000)
 MEASUREMENT_STARTED = 16  # operation status
 INIT_IGNORED = (-213, "Init ignored")
 _PS = 10**12
+FILTER_PS = 1_600_000  # delay of the low-pass of 100 kHz
+_INPUT_WORDS = {
+    "SLOPe": ("POS", "NEG"), "IMPedance": ("1.0E+06", "5.0E+01"), "ATTenuation": ("1", "10"), "FILTer": ("0", "1"),
+    "LEVel:AUTO": ("0", "1"),
+}  # fmt: skip
+_INPUT = {node: words[0] for node, words in _INPUT_WORDS.items()}  # settings of an input after *RST, but for its level
 _LEVEL_STEP_V = 0.0025
 _SLICE_NS = NS  # events are asked for in such pieces, so that a long silence needs no more memory than a short one
 _MOST_BYTES = 10_000_000
@@ -49,11 +67,20 @@ class PendulumCnt91(ScpiDevice):
     answers: ClassVar[Answers] = {
         ":INITiate:CONTinuous?": lambda self: str(int(self.continuous)),
         ":STATus:OPERation:CONDition?": lambda self: str(MEASUREMENT_STARTED if self.running else 0),
+        ":FORMat:SMAX?": lambda self: "10000",
         ":STReam:CLOCk?": lambda self: str(self.clock_Hz),
         ":INPut1:LEVel?": lambda self: f"{self.level_V[1]:+.8E}",
         ":INPut2:LEVel?": lambda self: f"{self.level_V[2]:+.8E}",
         ":INPut1:COUPling?": lambda self: self.coupling[1],
         ":INPut2:COUPling?": lambda self: self.coupling[2],
+    }
+
+    kept: ClassVar[Mapping[str, of_no_effect.Kept]] = {
+        ":FORMat": of_no_effect.word("ASCii", "REAL", "PACKed"),
+        ":ARM:SLOPe": of_no_effect.word("POSitive", "NEGative"),
+        ":ARM:SOURce": of_no_effect.word("IMMediate", "EXT1", "EXT2", "EXT4"),
+        ":CALibration:INTerpolator:AUTO": of_no_effect.switch(True),
+        "[:SENSe]:ACQuisition:APERture": of_no_effect.number(0.01, 20e-9, 1000.0, "S"),
     }
 
     def __init__(self, *arguments: Any) -> None:
@@ -64,8 +91,19 @@ class PendulumCnt91(ScpiDevice):
 
     def reset(self) -> None:
         self.level_V, self.coupling = {1: 0.0, 2: 0.0}, {1: "AC", 2: "AC"}
+        self.inputs = {number: dict(_INPUT) for number in (1, 2)}
         self.clock_Hz, self.continuous, self.running = CLOCKS_HZ[0], False, False
         self.blocks.clear()
+
+    def left_by_another(self, draw: np.random.Generator) -> None:
+        for number in (1, 2):
+            self.level_V[number] = round(float(draw.uniform(-5.0, 5.0)) / _LEVEL_STEP_V) * _LEVEL_STEP_V
+            self.coupling[number] = str(draw.choice(["AC", "DC"]))
+            self.inputs[number] = {node: str(draw.choice(words)) for node, words in _INPUT_WORDS.items()}
+        self.clock_Hz, self.continuous = int(draw.choice(CLOCKS_HZ)), bool(draw.integers(2))
+        super().left_by_another(draw)
+        if draw.integers(2):
+            self._begin()
 
     def outputs(self) -> dict[str, Any]:
         return {"measuring": self.running}
@@ -85,10 +123,27 @@ class PendulumCnt91(ScpiDevice):
         while self.running and self._seen_ns < now_ns:
             self._seen_ns = min(now_ns, self._seen_ns + _SLICE_NS)
             if source is not None:
-                t_ps, channel, level, cosine = source.edges_until(self._seen_ns)
+                t_ps, channel, level, cosine = self._stamped(*source.edges_until(self._seen_ns))
                 flags = level.astype(np.uint32) | cosine.astype(np.uint32) << 1 | channel.astype(np.uint32) << 2
                 self.blocks.add(self._ticks(t_ps), flags)
             self.blocks.close_until(self._tick_now(self._seen_ns))
+
+    def _stamped(self, t_ps: NDArray[np.int64], channel: NDArray[np.uint8], *levels: NDArray[np.uint8]) -> Events:
+        """Return what the inputs make of the edges of comparators that switch between 0 and 5 V.
+
+        A level that they do not cross, a divider by ten, a coupling without dc and a load of 50 ohm lose them all; the
+        other slope turns the levels over, the filter delays the edges.
+        """
+        if all(node == _INPUT for node in self.inputs.values()) and set(self.coupling.values()) == {"DC"}:
+            return t_ps, channel, levels[0], levels[1]
+        kept, late_ps, level = np.ones(t_ps.size, dtype=bool), np.zeros(t_ps.size, np.int64), levels[0].copy()
+        for number, node in self.inputs.items():
+            mine = channel == number - 1
+            crossed = node["IMPedance"] == "1.0E+06" and node["ATTenuation"] == "1" and self.coupling[number] == "DC"
+            kept &= ~mine | (crossed and node["LEVel:AUTO"] == "0")
+            late_ps[mine] = FILTER_PS * (node["FILTer"] == "1")
+            level[mine] ^= np.uint8(node["SLOPe"] == "NEG")
+        return (t_ps + late_ps)[kept], channel[kept], level[kept], levels[1][kept]
 
     @property
     def _source(self) -> EdgeSource | None:
@@ -146,6 +201,28 @@ class PendulumCnt91(ScpiDevice):
     def _lost(self, _: str) -> str:
         self._catch_up()
         return str(self.blocks.dropped)
+
+    def _declared(self) -> list[tuple[re.Pattern[str], Callable[[str], str | None]]]:
+        found = super()._declared()
+        for number in (1, 2):
+            for node in _INPUT_WORDS:
+                header = f":INPut{number}:{node}"
+                found.append((header_expression(header), partial(self._set_input, number, node)))
+                found.append((header_expression(f"{header}?"), partial(self._input, number, node)))
+        return found
+
+    def _set_input(self, number: int, node: str, text: str) -> None:
+        words = _INPUT_WORDS[node]
+        if words == ("0", "1"):
+            self.inputs[number][node] = str(int(self.boolean(text)))
+        elif node == "SLOPe":
+            self.inputs[number][node] = self.word(text, *words)
+        else:
+            value = self.number(text, *sorted(map(float, words)))
+            self.inputs[number][node] = min(words, key=lambda word: abs(float(word) - value))
+
+    def _input(self, number: int, node: str, _: str) -> str:
+        return self.inputs[number][node]
 
     # --- inputs ------------------------------------------------------------------------------------------------
 

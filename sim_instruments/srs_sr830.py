@@ -33,7 +33,7 @@ _MOST = {
     "OFSL": 3, "SYNC": 1, "OUTX": 1,
 }  # fmt: skip
 _AFTER_RESET = {"FMOD": 1, "HARM": 1, "RMOD": 1, "SENS": 26, "OFLT": 8, "OFSL": 1}
-_UNIT = re.compile(r"(\*?[A-Z]+)(\??)\s*(.*)")
+_UNIT = re.compile(r"(\*?[A-Z]+)\s*(\??)\s*(.*)")
 _OTHER = {
     "SRAT": 14, "SEND": 1, "FPOP": 3, "TSTR": 1, "FAST": 2, "OVRM": 1, "KCLK": 1, "ALRM": 1, "LOCL": 2,
     "*ESE": 255, "*SRE": 255, "*PSC": 1, "LIAE": 255, "ERRE": 255,
@@ -225,7 +225,7 @@ class SrsSr830(LiveDevice):
 
 
 def _choice(arguments: list[str], most: int, least: int) -> int:
-    value = int(arguments[0])
+    value = int(float(arguments[0]))  # "0.000000" is a place too
     if not least <= value <= most:
         raise ValueError(arguments)
     return value

@@ -14,6 +14,8 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
+import numpy as np
+
 from bench.model.clock import NS
 from sim_instruments.bus.live import LiveDevice
 from sim_instruments.faults.fault import Fault
@@ -21,7 +23,7 @@ from sim_instruments.faults.fault import Fault
 PAUSE_NS = NS
 LOW_DEGC, HIGH_DEGC = -70.0, 180.0
 FASTEST_DEGC_MIN = 5.0
-MANUAL_RUN, EDIT_STOP, EDIT_HOLD = 16, 2, 8
+PROGRAM_RUN, MANUAL_RUN, EDIT_STOP, EDIT_HOLD = 1, 16, 2, 8
 LOW_PROCESS, HIGH_PROCESS = 16, 32
 DONE, UNKNOWN, NOT_NOW, BAD_VALUE = 0, 1, 2, 5
 SENSOR_OFFSET_SIGMA_DEGC = 0.1
@@ -41,6 +43,14 @@ class Thermotron3800(LiveDevice):
         self._runaway_degC_min = self._shortfall_degC = 0.0
         rng = self.world.rng("chamber sensor offset")
         self._offset_degC = float(rng.normal(0.0, SENSOR_OFFSET_SIGMA_DEGC))
+
+    def left_by_another(self, draw: np.random.Generator) -> None:
+        self.setpoint_degC = round(float(draw.uniform(LOW_DEGC, HIGH_DEGC)), 1)
+        self.rate_degC_min = round(float(draw.uniform(0.0, 20.0)), 1)
+        self.mode = int(draw.choice([EDIT_STOP, MANUAL_RUN, MANUAL_RUN | EDIT_HOLD, PROGRAM_RUN]))
+        if self.mode in (MANUAL_RUN, PROGRAM_RUN):
+            self._apply()
+        super().left_by_another(draw)
 
     def execute(self, message: str) -> None:
         if self.now_ns < self._deaf_until_ns:
@@ -106,7 +116,7 @@ class Thermotron3800(LiveDevice):
             self.world.thermal.hold(self.now_ns)
 
     def outputs(self) -> dict[str, Any]:
-        words = {MANUAL_RUN: "running", MANUAL_RUN | EDIT_HOLD: "holding"}
+        words = {PROGRAM_RUN: "running", MANUAL_RUN: "running", MANUAL_RUN | EDIT_HOLD: "holding"}
         return {"mode": words.get(self.mode, "stopped"), "setpoint_degC": self.setpoint_degC}
 
     def _apply(self) -> None:
@@ -139,6 +149,8 @@ class Thermotron3800(LiveDevice):
         return DONE
 
     def _run(self, _: str, __: str) -> int:
+        if self.mode == PROGRAM_RUN:
+            return NOT_NOW
         self.mode = MANUAL_RUN
         self._apply()
         return DONE

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -11,6 +12,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from bench.model.clock import NS
+from sim_instruments.bus.kept import Kept
 from sim_instruments.bus.live import LiveDevice
 
 UNDEFINED_HEADER = (-113, "Undefined header")
@@ -55,13 +57,13 @@ def command(pattern: str) -> Callable[[Method], Method]:
     return mark
 
 
-def _expression(pattern: str) -> str:
+def header_expression(pattern: str) -> re.Pattern[str]:
     """Return the expression of a header pattern: short and long form of each node, optional nodes in brackets.
 
     Source: SCPI-99 vol. 1, 6.2.5 (forms of a node) and 6.2.5.2 (a numeric suffix that is left out is 1).
     """
     if pattern.startswith("*"):
-        return re.escape(pattern)
+        return re.compile(re.escape(pattern))
     parts = []
     for node in re.findall(r"\[:?[A-Za-z]+\d*\]|:?[A-Za-z]+\d*|\?", pattern):
         if node == "?":
@@ -72,7 +74,7 @@ def _expression(pattern: str) -> str:
         suffix = "1?" if digits in ("", "1") else digits  # a node without a suffix is the first one
         text = f":(?:{short}|{name.upper()}){suffix}"
         parts.append(f"(?:{text})?" if node.startswith("[") else text)
-    return "".join(parts)
+    return re.compile("".join(parts))
 
 
 def words(text: str) -> list[str]:
@@ -102,6 +104,7 @@ class ScpiDevice(LiveDevice):
     """
 
     answers: ClassVar[Answers] = {}
+    kept: ClassVar[Mapping[str, Kept]] = {}  # settings without effect, by header
     no_error = '+0,"No error"'
     scpi_version = "1999.0"
     error_format = '{0:+d},"{1}"'
@@ -114,6 +117,7 @@ class ScpiDevice(LiveDevice):
         self.event_enable = 0
         self.service_enable = 0
         self.busy_until_ns = 0
+        self._settings = {header: setting.told for header, setting in self.kept.items()}
         self._handlers = self._declared()
         self._known: dict[str, Callable[[str], str | None] | None] = {}
         self._reply_after_s = 0.0
@@ -168,8 +172,10 @@ class ScpiDevice(LiveDevice):
         raise ScpiError(*(BAD_WORD if word else MISSING_PARAMETER))
 
     def boolean(self, text: str) -> bool:
-        """Return whether it is ON or 1, not OFF or 0."""
-        return self.word(text, "ON", "OFF", "1", "0") in ("ON", "1")
+        """Return whether it is ON or a number that rounds to another one than 0. Source: SCPI-99 vol. 1, 7.3."""
+        with contextlib.suppress(ValueError):
+            return round(float(text)) != 0
+        return self.word(text, "ON", "OFF") == "ON"
 
     def reply_after(self, seconds: float) -> None:
         """Make the reply of the command being carried out ready that much later (gate time, measurement)."""
@@ -232,8 +238,27 @@ class ScpiDevice(LiveDevice):
             for attribute in sorted(dir(type(self)))
             for pattern in getattr(getattr(type(self), attribute), "_scpi_patterns", ())
         }
+        for header, setting in self.kept.items():
+            handlers[header] = partial(self._keep, header, setting)
+            handlers[f"{header}?"] = partial(self._tell_kept, header, setting)
         handlers |= {pattern: partial(self._told, tell) for pattern, tell in {**_ANSWERS, **self.answers}.items()}
-        return [(re.compile(_expression(pattern)), handler) for pattern, handler in handlers.items()]
+        return [(header_expression(pattern), handler) for pattern, handler in handlers.items()]
+
+    def _keep(self, header: str, setting: Kept, text: str) -> None:
+        value: float | str | bool = text.strip("\"'")
+        if setting.choices:
+            value = self.word(text, *setting.choices)
+        elif isinstance(setting.default, bool):
+            value = self.boolean(text)
+        elif not isinstance(setting.default, str):
+            value = self.number(text, setting.low, setting.high, setting.unit, DEF=setting.default)
+        self._settings[header] = setting.form(value)
+
+    def _tell_kept(self, header: str, setting: Kept, text: str) -> str:
+        """Tell a setting; ``MIN`` and ``MAX`` behind the question ask for its limits."""
+        if text and not isinstance(setting.default, str | bool):
+            return setting.form(self.number(text, setting.low, setting.high, setting.unit, DEF=setting.default))
+        return self._settings[header]
 
     def _told(self, tell: Callable[[Any], str], _: str) -> str:
         return tell(self)
@@ -255,8 +280,17 @@ class ScpiDevice(LiveDevice):
 
     # --- commands every model has ------------------------------------------------------------------------------
 
+    @command("*PSC")
+    def _keep_at_power_on(self, text: str) -> None:
+        self._settings["*PSC"] = str(int(self.boolean(text)))
+
+    @command("*PSC?")
+    def _kept_at_power_on(self, _: str) -> str:
+        return self._settings.get("*PSC", "1")
+
     @command("*RST")
     def _reset(self, _: str) -> None:
+        self._settings = {header: setting.told for header, setting in self.kept.items()}
         self.reset()
 
     @command("*CLS")
@@ -272,6 +306,10 @@ class ScpiDevice(LiveDevice):
     @command("*OPC")
     def _operation_complete(self, _: str) -> None:
         self.event_status |= 1
+
+    @command("*TRG")
+    def _bus_trigger(self, _: str) -> None:
+        self.trigger()
 
     @command("*WAI")
     def _wait(self, _: str) -> None:

@@ -57,10 +57,10 @@ class Fault:
         """Return the values the fault needs. Raises: InputError B-SIM-012."""
         missing = len(self.values) - len(values)
         if missing < 0 or missing > len(self.default):
-            message = f"{name} takes {self.usage or 'nothing'}, not {len(values)} values"
-            raise InputError(
-                "B-SIM-012", message, where=name, next_step="bench sim fault lists all with what they take"
-            )
+            due = f"bench sim fault {' '.join(filter(None, (name, self.usage)))}"
+            extra = f"{values[-1]!r} is one value too many" if missing < 0 else f"{missing} values are missing"
+            next_step = f"{due} switches it on, 'off' behind the name and target switches it off"
+            raise InputError("B-SIM-012", f"{name}: {extra}", where=name, next_step=next_step)
         given = (*values, *self.default[len(self.default) - missing :])
         return tuple(_value(name, what, value) for what, value in zip(self.values, given, strict=True))
 

@@ -128,13 +128,15 @@ class ServedBench:
         world: kind of world.   wiring, options: as for ``open_world``.
         seed: of every random draw.   rate: how many times faster than real time the bench runs.
         folder: holds the terminals, the control socket and the lock; made if it is missing.
+        clean: instruments are as after power-on; else as their last user left them, by the seed.
     Raises: InputError B-SIM-013 (another simulated bench lives in the folder), B-SIM-014 (folder or socket cannot be
         made), and those of ``open_world``.
     """
 
     def __init__(
-        self, world: str, wiring: Mapping[str, Any], options: Mapping[str, str], *, seed: int, rate: float, folder: Path
-    ) -> None:
+        self, world: str, wiring: Mapping[str, Any], options: Mapping[str, str], *, seed: int, rate: float,
+        folder: Path, clean: bool = False,
+    ) -> None:  # fmt: skip
         self.folder = folder
         self._ends = contextlib.ExitStack()
         with contextlib.ExitStack() as opened:
@@ -144,6 +146,8 @@ class ServedBench:
             self.clock = WallClock(rate)
             self._world = open_world(world, clock=self.clock, seed=seed, station=wiring, options=options)
             opened.callback(self._world.close)
+            if not clean:
+                self._world.use_up()
             self._servers = InstrumentServers(self._world)
             opened.callback(self._servers.close)
             self.links = self._open_links(wiring["links"], rate, opened)

@@ -65,6 +65,9 @@ class Instrument(Protocol):
     def outputs(self) -> dict[str, Any]:
         """Return what the instrument puts out or switches at this moment."""
 
+    def left_by_another(self, draw: np.random.Generator) -> None:
+        """Leave it as its last user may have."""
+
 
 class World:
     """One simulated bench. Everything that changes it runs under ``lock``, at a time of ``clock``.
@@ -121,6 +124,12 @@ class World:
         """Put an instrument at a VISA address."""
         self.devices.add_device(resource, device)
         self.instruments[device.role] = device
+
+    def use_up(self) -> None:
+        """Leave every instrument as its last user may have, by the seed."""
+        with self.lock:
+            for role, device in self.instruments.items():
+                device.left_by_another(self.rng(f"last user of the {role}"))
 
     def instrument(self, kind: type) -> Any:
         """Return the first instrument of a class, None if there is none (for the wires between instruments)."""

@@ -11,7 +11,12 @@ NO_EVENT = [(b"*ESR?\n", b"0\n"), (b"ERRS?\n", b"0\n")]
 CONTROLS = "\x16\x02\x03\r\n"  # what frames a telegram
 
 IDENTIFY = {
-    "fluke_5720a": [(b"*IDN?\n", b"FLUKE,5720A,7005201,1.4+1.1+1.0\n"), (b"FAULT?\n", b"0\n")],
+    "fluke_5720a": [
+        (b"*IDN?\n", b"FLUKE,5720A,7005201,1.4+1.1+1.0\n"),
+        (b"FAULT?\n", b"0\n"),
+        (b"CUR_POST?\n", b"NORMAL\n"),
+        (b"EXTGUARD?\n", b"OFF\n"),
+    ],
     "keithley_7002": [(b"*IDN?\n", b"KEITHLEY INSTRUMENTS INC.,MODEL 7002,0654321,B01 /A02\n"), NO_ERROR],
     "hp_3458a": [(b"END ALWAYS\n", None), (b"ID?\n", b"HP3458A\r\n"), (b"ERRSTR?\n", b'0,"NO ERROR"\r\n')],
     "agilent_33250a": [(b"*IDN?\n", b"Agilent Technologies,33250A,0,2.01-1.01-2.00-03-2\n"), NO_ERROR],
@@ -25,9 +30,20 @@ IDENTIFY = {
     ],
     "thermotron_3800": [(b"IDEN?\n", b"3800 REV 3\n"), (b"ALRM1?\n", b"0\n")],
     "hp_6632b": [(b"*IDN?\n", b"HEWLETT-PACKARD,6632B,US36001234,A.01.01\n"), NO_ERROR],
-    "agilent_e3631a": [(b"*IDN?\n", b"HEWLETT-PACKARD,E3631A,0,1.4-5.0-1.0\n"), NO_ERROR],
+    "agilent_e3631a": [
+        (b"*IDN?\n", b"HEWLETT-PACKARD,E3631A,0,1.4-5.0-1.0\n"),
+        NO_ERROR,
+        (b"OUTP:TRAC OFF\n", None),
+        NO_ERROR,
+    ],
     "agilent_34970a": [
         (b"*IDN?\n", b"HEWLETT-PACKARD,34970A,0,13-2-2\n"),
+        NO_ERROR,
+        (b"ABOR\n", None),
+        NO_ERROR,
+        (b"TRIG:SOUR IMM;COUN 1\n", None),
+        NO_ERROR,
+        (b"FORM:READ:UNIT OFF;TIME OFF;CHAN OFF;ALAR OFF\n", None),
         NO_ERROR,
         (b"CONF:TEMP TC,T,(@101,102)\n", None),
         NO_ERROR,
@@ -36,7 +52,13 @@ IDENTIFY = {
     ],
     "agilent_34401a": [(b"*IDN?\n", b"HEWLETT-PACKARD,34401A,0,10-5-2\n"), NO_ERROR],
     "pendulum_cnt_91": [(b"*IDN?\n", b"PENDULUM, CNT-91, 1234567, V1.01 28 Jun 2004\n"), NO_ERROR],
-    "acutrol_3000": [(b"*IDN?\n", b"ACUTRONIC,ACUTROL3000,1201,3.2\n"), (b"*STB?\n", b"0\n")],
+    "acutrol_3000": [
+        (b"*IDN?\n", b"ACUTRONIC,ACUTROL3000,1201,3.2\n"),
+        (b"*STB?\n", b"0\n"),
+        (b":util:form float\n", None),
+        (b"*STB?\n", b"0\n"),
+        (b":util:form?\n", b"FLOAT\n"),
+    ],
     "srs_sr830": [
         (b"OUTX 1\n", None),
         (b"*IDN?\n", b"Stanford_Research_Systems,SR830,s/n48123,ver1.07\n"),

@@ -13,6 +13,7 @@ from pyvisa.errors import VisaIOError
 
 from bench.model.clock import VirtualClock
 from bench.model.errors import InstrumentError
+from bench.model.manual import manual_of
 
 TIMEOUT = object()  # instead of a reply: the read times out
 BUS_ERROR = object()  # instead of a reply: the bus reports an error
@@ -22,7 +23,14 @@ CLEAR = object()  # instead of a command: a device clear
 SILENT = [(POLL, 0), (CLEAR, None)]  # what follows a time-out
 
 LONGEST_CALL_MS = 1500
+BY_HAND = (b"XYZ", b"XXX")  # what a person sends
 _FAILURES = {TIMEOUT: StatusCode.error_timeout, BUS_ERROR: StatusCode.error_connection_lost}
+
+
+def is_documented(name: str, command: str) -> bool:
+    """Whether what a driver sends stands in the table of its manual."""
+    manual = manual_of(name)
+    return manual is not None and manual.find(command) is not None
 
 
 def flatten(pairs: Sequence[tuple[Any, Any]]) -> list[tuple[str, Any]]:
@@ -175,6 +183,9 @@ def make(name: str, pairs: Sequence[tuple[Any, Any]], *, rungs: dict[str, Any] |
     ``rungs``: ``reopen`` and ``interface_clear`` of the driver.
     """
     resource, clock, log = ScriptedResource(pairs), VirtualClock(), Log()
+    for kind, content in resource.events:
+        if kind == "write" and isinstance(content, bytes) and not content.startswith(BY_HAND):
+            assert is_documented(name, content.decode("latin-1")), f"{content!r} is not in instruments/{name}.yaml"
     driver_class = importlib.import_module(f"instruments.{name}").DRIVER
     driver = driver_class(resource, role="unit_of_test", clock=clock, transcript=log, options=options, **(rungs or {}))
     driver.test_resource, driver.test_clock, driver.test_log = resource, clock, log

@@ -23,7 +23,7 @@ class Served:
 
     def __init__(self, folder: Path, *words: str, of: str = "af_rack_sim") -> None:
         self.folder = folder
-        command = [sys.executable, "-m", "bench", "sim", of, "--dir", str(folder), *words]
+        command = [sys.executable, "-m", "bench", "sim", of, "--clean", "--dir", str(folder), *words]
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert self._process.stdout is not None
         for line in self._process.stdout:

@@ -29,7 +29,7 @@ class Served:
 
     def __init__(self, folder: Path, *words: str) -> None:
         self.folder = folder
-        command = [sys.executable, "-m", "bench", "sim", *words, "--dir", str(folder)]
+        command = [sys.executable, "-m", "bench", "sim", *words, "--clean", "--dir", str(folder)]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         assert self.process.stdout is not None
         self.said = []

@@ -270,6 +270,7 @@ def test_unit_stays_off_without_enough_voltage_or_current(bench: Bench, commands
 @pytest.mark.parametrize(("trip", "condition"), [(("VOLT:PROT 16",), "1"), (("CURR:PROT:STAT ON", "CURR 0.3"), "2")])
 def test_protection_latches_until_cleared(bench: Bench, trip: tuple[str, ...], condition: str) -> None:
     bench.send("supply", "CURR 2", *trip, "VOLT 18", "OUTP ON")
+    bench.clock.sleep(0.1)  # the delay of the protection
     assert bench.ask("supply", "STAT:QUES:COND?") == condition
     bench.send("supply", "CURR 2", "VOLT:PROT 20")
     assert abs(float(bench.ask("supply", "MEAS:VOLT?"))) < 0.01

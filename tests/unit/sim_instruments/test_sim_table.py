@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,8 @@ from table_rig import TableRig, open_table
 
 from bench.model.clock import NS
 from bench.model.errors import InputError
+from bench.model.manual import manual_of
+from bench.run.bench.first_contact import Tried, record_of, unproved, walk, write_record
 from sim_instruments.acutrol_3000 import BRAKE_DEG_S2, Acutrol3000
 from sim_instruments.worlds.common.motion import AxisMotion
 
@@ -27,15 +31,16 @@ def rig() -> Iterator[TableRig]:
 def test_reading_the_status_byte_clears_it_and_the_queue_stays(rig: TableRig) -> None:
     rig.send(":lim:rate rate,1,50", ":dem:rate 1,50.1", ":nonsense 1")
     assert [rig.ask("*STB?"), rig.ask("*STB?")] == ["192", "0"]
-    assert [rig.ask(":query:error? 1") for _ in range(3)] == [
-        "103,LIMIT EXCEEDED", "101,COMMAND NOT RECOGNIZED", "0,NO ERROR",
+    assert [rig.ask(":stat:msg? qerror") for _ in range(3)] == [
+        "103,LIMIT EXCEEDED", "101,COMMAND NOT RECOGNIZED", "",
     ]  # fmt: skip
+    assert rig.ask(":query:error? 103") == "LIMIT EXCEEDED"
 
 
 @pytest.mark.parametrize(
     "command",
     [
-        ":dem:rate 1,400.1", ":dem:rate 1,nan", ":dem:rate 4,1", ":dem:pos 1,36000.1", ":lim:rate pos,1,401",
+        ":dem:rate 1,400.1", ":dem:rate 1,nan", ":dem:rate 4,1", ":dem:pos 1,inf", ":lim:rate pos,1,401",
         ":lim:acc rate,1,0", ":lim:rate synt,1,5", ":dem:rate 1", ":int:close", ":dem 1,1", "dem rate", ":",
     ],
 )  # fmt: skip
@@ -74,7 +79,7 @@ def test_commands_that_come_too_fast_are_not_understood(rig: TableRig) -> None:
     rig.resource.write(":dem:rate 1,1")
     rig.resource.write(":dem:rate 2,2")
     assert (rig.ask(":dem:rate? 1"), rig.ask(":dem:rate? 2")) == ("1.000000", "0.000000")
-    assert rig.ask(":query:error? 1") == "101,COMMAND NOT RECOGNIZED"
+    assert rig.ask(":stat:msg? qerror") == "101,COMMAND NOT RECOGNIZED"
 
 
 def test_the_read_out_has_steps_and_the_noise_of_an_arc_second(rig: TableRig) -> None:
@@ -117,7 +122,7 @@ def test_turns_end_exactly_so_much_further(rig: TableRig) -> None:
         began_ns, before = rig.clock.now_ns(), rig.angles()
         driver.turn(3, angle, 270.0, 270.0)
         rig.clock.sleep(8.0)
-        assert rig.angles() == [90.0, -34.2, before[2] + angle]
+        assert rig.angles() == pytest.approx([90.0, -34.2, before[2] + angle], abs=1e-9)
         times = np.linspace(began_ns, rig.clock.now_ns(), 4000).astype(np.int64)
         assert np.abs(rig.table.axes[2].motion.rate_deg_s(times)).max() <= 270.0 + 1e-9
     driver.move(3, 0.0, 45.0)
@@ -159,7 +164,7 @@ def spin(driver: Any, rig: TableRig) -> None:
 
 
 def turn(driver: Any, rig: TableRig) -> None:
-    driver.turn(3, 3600.0, 300.0, 300.0)
+    driver.turn(3, 1800.0, 300.0, 300.0)
 
 
 def drop(driver: Any, rig: TableRig) -> None:
@@ -214,17 +219,92 @@ def test_a_mute_table_is_stopped_and_opened_all_the_same(rig: TableRig) -> None:
 
 def test_a_stalled_axis_is_noticed(rig: TableRig) -> None:
     driver = rig.ready()
-    driver.turn(3, 1080.0, 270.0, 270.0)
+    driver.turn(3, 160.0, 30.0, 270.0)
     rig.world.switches.switch("table_stall", 3)
     assert rig.world.switches.on == ["table_stall 3"]
     rig.clock.sleep(10.0)
     assert rig.rates()[2] == 0.0
-    assert rig.angles()[2] < 1000.0
+    assert rig.angles()[2] < 100.0
     assert not driver.in_position()
     rig.world.switches.switch("table_stall", "off")
     rig.clock.sleep(10.0)
-    assert rig.angles()[2] == pytest.approx(1080.0, abs=0.002)  # from a reading on, which has noise
+    assert rig.angles()[2] == pytest.approx(160.0, abs=0.002)  # from a reading on, which has noise
     assert driver.in_position()
+
+
+def test_an_axis_that_stalls_in_a_long_turn_is_stopped_and_told(rig: TableRig) -> None:
+    driver = rig.ready()
+    rig.world.switches.switch("table_stall", 3)
+    with refused("B-INST-011", "from where it should be"):
+        driver.turn(3, 1080.0, 270.0, 270.0)
+    rig.world.switches.clear()
+    rig.clock.sleep(5.0)
+    assert rig.rates() == [0.0, 0.0, 0.0]
+    driver.open_interlock()
+
+
+def test_positions_roll_over_and_a_demand_is_reached_the_shortest_way(rig: TableRig) -> None:
+    """As on the real table: who sends 1080 deg as one demand turns nothing."""
+    rig.send(":int:close 3", ":mode:pos 3", ":dem:pos 3,1080")
+    rig.clock.sleep(10.0)
+    assert rig.angles()[2] == 0.0
+    rig.send(":dem:pos 3,200")
+    rig.clock.sleep(10.0)
+    assert rig.angles()[2] == -160.0
+    rig.send(":dem:delta 3,-40")
+    rig.clock.sleep(10.0)
+    assert rig.angles()[2] == -200.0
+    assert float(rig.ask(":read:pos? 3")) == pytest.approx(160.0, abs=0.002)
+    assert rig.ask(":dem:pos? 3") == "160.000000"
+
+
+@pytest.mark.parametrize("rate", [2.0, 45.0, 270.0, 400.0])
+@pytest.mark.parametrize("angle", [170.0, 170.1, 180.0, -190.0, 270.0, -360.0, 719.9, 1080.0, -3600.0])
+def test_a_turn_of_any_length_is_exact_or_refused(rig: TableRig, angle: float, rate: float) -> None:
+    driver = rig.ready(400.0, 400.0)
+    driver.move(3, 12.5, 45.0)
+    rig.clock.sleep(5.0)
+    before = rig.angles()[2]
+    began_ns = rig.clock.now_ns()
+    if abs(angle) > 170.0 and (abs(angle) / rate > 9.0 or abs(angle) > 2000.0):
+        with refused("B-INST-008", "nothing was moved"):
+            driver.turn(3, angle, rate, 400.0)
+        assert rig.moved_deg(began_ns) == 0.0
+        return
+    driver.turn(3, angle, rate, 400.0)
+    assert rig.since_s(began_ns) < 18.0
+    rig.clock.sleep(90.0)
+    assert driver.in_position()
+    assert rig.angles()[2] == pytest.approx(before + angle, abs=1e-9)
+    assert rig.moved_deg(began_ns) <= abs(angle) + 1e-6
+
+
+def test_a_wider_range_takes_three_turns_in_one_demand(rig: TableRig) -> None:
+    rig.table.axes[2].range_deg = 7200.0
+    driver = rig.ready()
+    driver.move(3, 0.0, 45.0)
+    began_ns = rig.clock.now_ns()
+    driver.turn(3, 1080.0, 270.0, 270.0)
+    assert rig.since_s(began_ns) < 4.0
+    rig.clock.sleep(8.0)
+    assert driver.in_position()
+    assert rig.angles()[2] == pytest.approx(1080.0, abs=1e-9)
+
+
+def test_a_hand_over_that_is_late_is_told_and_the_axis_stopped(rig: TableRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    driver = rig.ready()
+    write = driver.bus.write
+
+    def held_up(command: str, timeout_s: float) -> None:
+        rig.clock.sleep(0.2 * command.startswith(":mode:pos"))
+        write(command, timeout_s)
+
+    monkeypatch.setattr(driver.bus, "write", held_up)
+    with refused("B-INST-011", "late"):
+        driver.turn(3, 1080.0, 270.0, 270.0)
+    monkeypatch.undo()
+    rig.clock.sleep(5.0)
+    assert rig.rates() == [0.0, 0.0, 0.0]
 
 
 def test_an_axis_that_stands_elsewhere_is_noticed(rig: TableRig) -> None:
@@ -250,7 +330,7 @@ def test_an_interlock_that_drops_is_told_at_the_next_command_and_needs_a_reset(r
     with refused("B-INST-017", "fault"):
         driver.move(1, 0.0, 45.0)
     rig.send(":int:close 1")
-    assert rig.ask(":query:error? 1") == "104,INTERLOCK FAULT"
+    assert rig.ask(":stat:msg? qerror") == "104,INTERLOCK FAULT"
     driver.make_safe()
     driver.close_interlock()
     assert driver.in_position()
@@ -264,3 +344,41 @@ def test_wrong_faults_are_refused(rig: TableRig, words: tuple[Any, ...]) -> None
         rig.world.switches.switch(*words)
     assert caught.value.code == "B-SIM-012"
     assert rig.world.switches.on == []
+
+
+class OlderFirmware(Acutrol3000):
+    """Six limits instead of seven, modes as whole words, messages in quotes: forms that public programs show."""
+
+    identity = "ACUTRONIC,ACUTROL3000,SIM3000,0.9"
+
+    def reply(self, text: str, **more: Any) -> None:
+        modes = {"O": "Off", "P": "Position", "R": "Rate"}
+        fields = text.split(",")
+        text = ",".join(fields[:6]) if len(fields) == len(self.axes[0].absolute) else modes.get(text, text)
+        super().reply(f'"{text}"' if len(fields) == 2 and fields[0].isdigit() else text, **more)
+
+
+def test_a_firmware_that_differs_in_three_replies_is_confirmed_and_used(rig: TableRig, tmp_path: Path) -> None:
+    rig.table.__class__, rig.table.identity = OlderFirmware, OlderFirmware.identity
+    manual = manual_of("acutrol_3000")
+    assert manual is not None
+    identity = rig.driver.introduce()
+    seen: list[Tried] = []
+    tried = walk(rig.driver, manual, lambda text: True, seen.append)
+    said = {one.form: one.said for one in tried}
+    assert said[":mode? {axis}"] in ("Off", "Rate")
+    assert said[":lim:abs? {axis}"].count(",") == 5
+    assert {one.outcome for one in tried} == {"as documented", "not tried"}
+    station = tmp_path / "station.yaml"
+    write_record(station, record_of("turntable", "acutrol_3000", identity, "somebody", "2026-01-02T03:04:05Z", tried))
+    assert unproved(station, "acutrol_3000", manual, identity) == []
+    assert len(unproved(station, "acutrol_3000", manual, replace(identity, firmware="1.0"))) == 2
+    rig.driver = rig.open()
+    driver = rig.ready()
+    driver.turn(3, 1080.0, 270.0, 270.0)
+    rig.clock.sleep(10.0)
+    assert driver.in_position()
+    assert rig.angles()[2] == pytest.approx(1080.0, abs=2e-3)
+    rig.send(":nonsense 1")
+    with refused("B-INST-005", "101,COMMAND NOT RECOGNIZED"):
+        driver.stop(3)
